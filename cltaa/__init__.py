@@ -1,0 +1,1 @@
+"""cltaa: capture, resolve and judge temporal anti-aliasing."""

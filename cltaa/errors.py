@@ -1,0 +1,109 @@
+"""Every error that cltaa raises on purpose, and the exit code each one means.
+
+CltaaError                 base; the command line catches this class, once
+├── UsageError        64   an option, a name or a combination that means nothing (click's own usage errors exit with 2)
+├── DataError         65   a file was read but its content is wrong (truncated, mistyped, NaN matrices ...)
+├── InputMissing      66   a file, frame or folder that should be there is not
+├── DeviceMissing     69   no OpenCL device (or no off-screen OpenGL) can be used here
+├── InternalError     70   a promise of cltaa's own was broken (a kernel that does not build, a bound that does not hold)
+├── OutputError       73   an output folder or file cannot be created
+├── StorageError      74   reading or writing failed half-way (disk full, I/O error)
+└── ResourceError     75   memory or the device was lost; running the same command again resumes
+
+The codes are those of sysexits.h. A message says where, what, expected against found, and what to do about it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar
+
+
+class CltaaError(Exception):
+    """Base of every deliberate error; ``str(error)`` is the one line a user reads.
+
+    ``path``, ``frame`` and ``channel`` say where, ``what`` says what is wrong, ``expected`` and ``found`` are set
+    against each other in brackets, and ``cure`` says what to do. All but ``what`` may be left out.
+    """
+
+    exit_code: ClassVar[int] = 70
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        path: str | Path | None = None,
+        frame: int | None = None,
+        channel: str | None = None,
+        expected: object = None,
+        found: object = None,
+        cure: str | None = None,
+    ) -> None:
+        self.what, self.path, self.frame, self.channel = what, path, frame, channel
+        self.expected, self.found, self.cure = expected, found, cure
+        super().__init__(self._line())
+
+    def _line(self) -> str:
+        place = [] if self.path is None else [str(self.path)]
+        if self.frame is not None:
+            place.append(f"frame {self.frame}")
+        if self.channel is not None:
+            place.append(f"channel {self.channel}")
+        line = f"{' '.join(place)}: {self.what}" if place else self.what
+        against = [
+            f"{name} {value}" for name, value in (("expected", self.expected), ("found", self.found)) if value is not None
+        ]
+        if against:
+            line += f" ({', '.join(against)})"
+        if self.cure is not None:
+            line += f"; {self.cure}"
+        # One line, whatever a file name or a driver's message holds.
+        return " ".join(line.split())
+
+
+class UsageError(CltaaError):
+    """An option, a name or a combination that means nothing."""
+
+    exit_code = 64
+
+
+class DataError(CltaaError):
+    """A file was read but its content is wrong."""
+
+    exit_code = 65
+
+
+class InputMissing(CltaaError):
+    """A file, frame or folder that should be there is not."""
+
+    exit_code = 66
+
+
+class DeviceMissing(CltaaError):
+    """No OpenCL device, or no off-screen OpenGL, can be used here."""
+
+    exit_code = 69
+
+
+class InternalError(CltaaError):
+    """A promise of cltaa's own was broken."""
+
+    exit_code = 70
+
+
+class OutputError(CltaaError):
+    """An output folder or file cannot be created."""
+
+    exit_code = 73
+
+
+class StorageError(CltaaError):
+    """Reading or writing failed half-way."""
+
+    exit_code = 74
+
+
+class ResourceError(CltaaError):
+    """Memory or the device was lost; running the same command again resumes."""
+
+    exit_code = 75

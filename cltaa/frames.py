@@ -1,0 +1,101 @@
+"""One frame of a sequence in memory: what was drawn, where the camera stood, and where the sample was taken.
+
+The meaning of every word here is fixed in ``docs/conventions.md``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[np.float32]
+Matrix = NDArray[np.float64]
+
+
+class Effect(StrEnum):
+    """Something in a sequence that a step of the resolve exists for.
+
+    A sequence that declares its effects (EXR attribute ``cltaa:effects``, comma separated) promises that nothing else
+    happens in it; a sequence that declares none is resolved with every step on.
+    """
+
+    CAMERA = "camera"  # the camera moves, turns or zooms
+    MOTION = "motion"  # something other than the camera moves: channels backward.u, backward.v
+    UNCOVER = "uncover"  # something that was hidden becomes visible
+    THIN = "thin"  # features narrower than a pixel
+    HDR = "hdr"  # values far above 1
+    SHADING = "shading"  # colour changes without motion: moving shadow, flashing light, glints
+    REACTIVE = "reactive"  # see-through or unmodelled motion: channel reactive
+    EXPOSURE = "exposure"  # attribute cltaa:exposure changes
+    CUT = "cut"  # attribute cltaa:cut is set on some frame
+    ALPHA = "alpha"  # channel A
+    SKY = "sky"  # directions at infinity: depth +inf
+
+
+def parse_effects(text: str) -> frozenset[Effect]:
+    """Read the comma-separated list of an EXR header or a command line; raises ValueError for an unknown name."""
+    return frozenset(Effect(name.strip()) for name in text.split(",") if name.strip())
+
+
+def format_effects(effects: Iterable[Effect]) -> str:
+    """Write effects as the sorted, comma-separated list that ``parse_effects`` reads."""
+    return ",".join(sorted(effects))
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """Un-jittered camera of one frame, float64, row-major, column vectors: ``clip = view_to_clip @ world_to_view @ p``."""
+
+    world_to_view: Matrix  # [4, 4]
+    view_to_clip: Matrix  # [4, 4], OpenGL clip space: x right, y up, z in [-1, 1]
+
+    @property
+    def orthographic(self) -> bool:
+        """True when w does not depend on depth (last row of the projection is 0 0 0 1)."""
+        return bool(self.view_to_clip[3, 2] == 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One captured frame: arrays ``[H, W]`` or ``[H, W, C]``, row 0 at the top, linear scene-referred float32.
+
+    ``colour``   [H, W, 3], premultiplied where ``alpha`` exists
+    ``depth``    [H, W], planar distance along the view axis in scene units, sky is +inf
+    ``camera``   un-jittered matrices
+    ``jitter_px`` (x, y): pixel (x, y) was sampled at (x + 0.5 + jx, y + 0.5 + jy); x right, y down
+    ``motion``   [H, W, 2] backward.u, backward.v in pixels, ``prev_px = px + motion``; NaN means "use the depth";
+                 None where nothing but the camera moves
+    ``alpha``, ``reactive``, ``object_id``  [H, W] or None
+    ``effects``  the declared effects, or None where the sequence declares nothing
+    """
+
+    index: int
+    colour: Image
+    depth: Image
+    camera: Camera
+    jitter_px: tuple[float, float] = (0.0, 0.0)
+    motion: Image | None = None
+    alpha: Image | None = None
+    reactive: Image | None = None
+    object_id: Image | None = None
+    normal: Image | None = None
+    cut: bool = False
+    exposure: float = 1.0
+    scene: str = ""
+    effects: frozenset[Effect] | None = None
+    path: Path | None = field(default=None, compare=False)
+
+    @property
+    def height(self) -> int:
+        """Rows."""
+        return int(self.colour.shape[0])
+
+    @property
+    def width(self) -> int:
+        """Columns."""
+        return int(self.colour.shape[1])

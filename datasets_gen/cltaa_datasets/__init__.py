@@ -1,0 +1,1 @@
+"""Scenes as functions of time, each declaring the effects it calls for."""
