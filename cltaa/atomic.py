@@ -1,0 +1,83 @@
+"""Files that are either complete or not there: write beside the final name, flush, rename."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from cltaa.errors import OutputError, StorageError
+
+_TEMPORARY = re.compile(r"\..+\.tmp\.(\d+)")
+
+
+def make_folder(folder: Path) -> Path:
+    """Create an output folder with its parents and return it; raises OutputError where that is impossible."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"the folder cannot be created: {error.strerror}", path=folder, cure="choose another output folder"
+        ) from error
+    return folder
+
+
+@contextmanager
+def atomic_path(path: Path) -> Iterator[Path]:
+    """Yield a temporary name in the folder of ``path``; on a clean exit its content becomes ``path``, durably.
+
+    The order (flush the file, rename, flush the folder) leaves the old file or the new one under the final name
+    whenever the machine stops. A failed flush is final: after one the system may have dropped the pages, so that a
+    second attempt would succeed without having written them. Raises OutputError where the file cannot be created
+    and StorageError where writing fails half-way; nothing temporary is left behind by either.
+    """
+    temporary = path.with_name(f".{path.name}.tmp.{os.getpid()}")
+    try:
+        temporary.touch()
+    except OSError as error:
+        raise OutputError(
+            f"the file cannot be created: {error.strerror}", path=path, cure="check the folder and its permissions"
+        ) from error
+    try:
+        try:
+            yield temporary
+            _flush(temporary)
+            temporary.replace(path)
+            _flush(path.parent)
+        except OSError as error:
+            raise StorageError(
+                f"writing failed: {error.strerror or error}", path=path, cure="free some space and run again"
+            ) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def remove_stale_temporaries(folder: Path) -> int:
+    """Delete what killed processes left half-written in ``folder`` and return how many files that were."""
+    count = 0
+    for entry in folder.iterdir():
+        match = _TEMPORARY.fullmatch(entry.name)
+        if match and not _is_running(int(match[1])):
+            entry.unlink(missing_ok=True)
+            count += 1
+    return count
+
+
+def _flush(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True

@@ -1,0 +1,251 @@
+"""EXR files in and out: frames with everything a resolve needs, and plain images.
+
+Writing is atomic (``cltaa.atomic``). Reading checks the file (``cltaa.exr_layout``) before OpenEXR sees it and the
+header (``cltaa.exr_attributes``) before a number is used, so that wrong input ends in one DataError or InputMissing.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import OpenEXR
+from numpy.typing import NDArray
+
+from cltaa.atomic import atomic_path
+from cltaa.errors import DataError, StorageError, UsageError
+from cltaa.exr_attributes import FrameHeader, frame_attributes
+from cltaa.exr_layout import LARGEST_SIDE, LOSSLESS, Layout, read_layout
+from cltaa.frames import Frame, Image
+from cltaa.quiet import muted_output
+
+Pixels = NDArray[np.float16] | NDArray[np.float32] | NDArray[np.uint32]
+
+COLOUR = ("R", "G", "B")
+MOTION = ("backward.u", "backward.v")
+NORMAL = ("N.X", "N.Y", "N.Z")
+
+# Attributes that describe the file and not the picture: OpenEXR writes them itself.
+_STRUCTURAL = frozenset({"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "tiles", "type"})
+# Attributes that the standard defines as float; every other Python float is written as a double, so none is rounded.
+_STANDARD_FLOATS = frozenset({"pixelAspectRatio", "screenWindowWidth", "whiteLuminance", "xDensity", "expTime"})
+
+# OpenEXR starts with no worker threads and no limit; a second core halves the time of ZIP.
+OpenEXR.set_global_thread_count(len(os.sched_getaffinity(0)))
+OpenEXR.setMaxImageSize(LARGEST_SIDE, LARGEST_SIDE)
+
+
+@dataclass(frozen=True, slots=True)
+class ImageHeader:
+    """A file's layout and its attributes by name, as the OpenEXR module gives them, read without its pixels."""
+
+    layout: Layout
+    attributes: dict[str, object]
+
+
+def write_frame(path: Path, frame: Frame, *, compression: str = "zip") -> None:
+    """Write one frame as a multi-channel EXR of float32 channels (``id`` uint32), atomically.
+
+    Raises DataError for a frame whose arrays, matrices or numbers are wrong, OutputError and StorageError for disks.
+    """
+    height, width = frame.colour.shape[:2]
+    planes: dict[str, Pixels | None] = {
+        **_split(COLOUR, frame.colour), "A": frame.alpha, "Z": frame.depth,
+        **_split(MOTION, frame.motion), "reactive": frame.reactive, **_split(NORMAL, frame.normal),
+    }  # fmt: skip
+    channels: dict[str, Pixels] = {}
+    for name, plane in planes.items():
+        if plane is None:
+            continue
+        if plane.shape != (height, width) or plane.dtype != np.float32:
+            expected, found = f"float32 [{height}, {width}]", f"{plane.dtype} {list(plane.shape)}"
+            raise DataError(
+                "array is wrong", path=path, frame=frame.index, channel=name, expected=expected, found=found
+            )
+        channels[name] = plane
+    if frame.object_id is not None:
+        channels["id"] = _whole_numbers(frame, path)
+    write_image(path, channels, frame_attributes(frame), compression=compression)
+
+
+def read_frame(path: Path) -> Frame:
+    """Read one frame; ``colour`` [H, W, 3] is a view of a C-contiguous planar block [3, H, W], as are all arrays.
+
+    Half-precision channels are widened exactly, but half depth is refused. Channels with other names are left alone.
+    Raises InputMissing and DataError as in the module's text.
+    """
+    layout = read_layout(path)
+    names = _frame_channels(layout)
+    pixels, attributes = _decode(layout)
+    header = FrameHeader(path, attributes)
+    planar: NDArray[np.float32] = np.empty((len(names), layout.height, layout.width), np.float32)
+    for plane, name in zip(planar, names, strict=True):
+        plane[...] = pixels[name]
+
+    def stack(wanted: Sequence[str]) -> Image | None:
+        if wanted[0] not in names:
+            return None
+        first = names.index(wanted[0])
+        return np.moveaxis(planar[first : first + len(wanted)], 0, -1)
+
+    def single(name: str) -> Image | None:
+        return planar[names.index(name)] if name in names else None
+
+    return Frame(
+        index=header.index,
+        colour=cast(Image, stack(COLOUR)),
+        depth=cast(Image, single("Z")),
+        camera=header.camera,
+        jitter_px=header.jitter_px,
+        motion=stack(MOTION),
+        alpha=single("A"),
+        reactive=single("reactive"),
+        # Object numbers stay uint32: float32 would merge neighbours above 2^24.
+        object_id=cast(Image, pixels["id"]) if "id" in pixels else None,
+        normal=stack(NORMAL),
+        cut=header.cut,
+        exposure=header.exposure,
+        scene=header.scene,
+        effects=header.effects,
+        path=path,
+    )
+
+
+def write_image(
+    path: Path,
+    channels: Mapping[str, Pixels],
+    attributes: Mapping[str, object] | None = None,
+    *,
+    compression: str = "zip",
+) -> None:
+    """Write channels ``[H, W]`` (float16, float32 or uint32, as given) and attributes as one EXR, atomically.
+
+    ``compression`` is one that loses nothing. Python floats become doubles; arrays keep their precision.
+    Raises UsageError for arguments that mean nothing, OutputError and StorageError for disks.
+    """
+    if compression not in LOSSLESS:
+        expected = ", ".join(sorted(LOSSLESS))
+        raise UsageError("unknown or lossy compression", path=path, expected=expected, found=compression)
+    shapes = {pixels.shape for pixels in channels.values()}
+    types = {pixels.dtype.name for pixels in channels.values()}
+    if len(shapes) != 1 or len(next(iter(shapes))) != 2 or not types <= {"float16", "float32", "uint32"}:
+        expected = "channels of one shape [H, W], float16, float32 or uint32"
+        raise UsageError("channels do not make an image", path=path, expected=expected, found=(shapes, types))
+    header = {name: _attribute(name, value) for name, value in (attributes or {}).items() if name not in _STRUCTURAL}
+    header["compression"] = getattr(OpenEXR, f"{compression.upper()}_COMPRESSION")
+    header["type"] = OpenEXR.scanlineimage
+    # OpenEXR writes wrong pixels, silently, from an array that is not contiguous.
+    contiguous = {name: np.ascontiguousarray(pixels) for name, pixels in channels.items()}
+    with atomic_path(path) as temporary:
+        try:
+            OpenEXR.File(header, contiguous).write(str(temporary))
+        except (RuntimeError, ValueError, TypeError) as error:
+            raise StorageError(
+                f"OpenEXR could not write it: {error}", path=path, cure="check the free space"
+            ) from error
+
+
+def read_image(path: Path) -> tuple[dict[str, Pixels], dict[str, object]]:
+    """Read every channel ``[H, W]`` in its own type, and the attributes that describe the picture; errors as above."""
+    pixels, attributes = _decode(read_layout(path))
+    return pixels, {name: value for name, value in attributes.items() if name not in _STRUCTURAL}
+
+
+def read_header(path: Path) -> ImageHeader:
+    """Read a file's layout and attributes without decoding pixels; every chunk is known to be inside the file."""
+    layout = read_layout(path)
+    return ImageHeader(layout, _open(layout, header_only=True)[1])
+
+
+def read_colour(path: Path) -> Image:
+    """Read R G B only, as a [H, W, 3] float32 view of a planar block; errors as ``read_frame``."""
+    layout = read_layout(path)
+    check_float_channels(layout, COLOUR)
+    pixels, _ = _decode(layout)
+    return np.moveaxis(np.stack([pixels[name] for name in COLOUR]).astype(np.float32, copy=False), 0, -1)
+
+
+def check_float_channels(layout: Layout, names: Iterable[str]) -> None:
+    """Raise DataError unless every named channel is there and holds half or float numbers."""
+    for name in names:
+        kind = layout.channels.get(name)
+        if kind is None:
+            found = " ".join(sorted(layout.channels)) or "none"
+            cure = "capture or convert the file with this channel"
+            raise DataError("channel is missing", path=layout.path, channel=name, found=found, cure=cure)
+        if kind == "uint":
+            raise DataError("wrong channel type", path=layout.path, channel=name, expected="float", found=kind)
+
+
+def _frame_channels(layout: Layout) -> list[str]:
+    """Channels of a frame in the order of its planar block, checked."""
+    names = list(COLOUR)
+    names += [name for name in ("A",) if name in layout.channels]
+    names += ["Z"]
+    for group in (MOTION, ("reactive",), NORMAL):
+        if any(name in layout.channels for name in group):
+            names += group
+    check_float_channels(layout, names)
+    if layout.channels["Z"] == "half":
+        raise DataError(
+            "half-precision depth is refused: it is wrong by metres at a kilometre", path=layout.path, channel="Z",
+            expected="float", found="half", cure="write depth as 32-bit float",
+        )  # fmt: skip
+    if layout.channels.get("id", "uint") != "uint":
+        found = layout.channels["id"]
+        raise DataError("wrong channel type", path=layout.path, channel="id", expected="uint", found=found)
+    return names
+
+
+def _decode(layout: Layout) -> tuple[dict[str, Pixels], dict[str, object]]:
+    file, attributes = _open(layout, header_only=False)
+    channels = {name: channel.pixels[layout.crop] for name, channel in file.channels().items()}
+    if set(channels) != set(layout.channels):
+        raise DataError("the file changed while it was read", path=layout.path, cure="run again")
+    return channels, attributes
+
+
+def _open(layout: Layout, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:
+    try:
+        # Separate channels: the merging of R, G and B in the module had memory errors, and loses mixed types.
+        with muted_output():
+            file = OpenEXR.File(str(layout.path), separate_channels=True, header_only=header_only)
+        if not file.parts:  # the module's way of saying that decoding failed
+            raise DataError("the pixels are damaged", path=layout.path, cure="write the file again")
+        return file, {name: _scalar(value) for name, value in file.header().items()}
+    except (RuntimeError, ValueError, TypeError) as error:  # UnicodeDecodeError is a ValueError
+        raise DataError(f"OpenEXR cannot read it: {error}", path=layout.path, cure="write the file again") from error
+
+
+def _split(names: Sequence[str], array: Image | None) -> dict[str, Pixels | None]:
+    if array is None:
+        return dict.fromkeys(names)
+    if array.ndim != 3 or array.shape[2] != len(names):
+        raise DataError("array has a wrong number of channels", expected=len(names), found=list(array.shape))
+    return {name: array[..., position] for position, name in enumerate(names)}
+
+
+def _whole_numbers(frame: Frame, path: Path) -> NDArray[np.uint32]:
+    given = np.asarray(frame.object_id)
+    numbers = given.astype(np.uint32)
+    if given.shape != frame.depth.shape or not np.array_equal(numbers, given):
+        expected = f"whole numbers from 0 to 2^32-1, {list(frame.depth.shape)}"
+        raise DataError("array is wrong", path=path, frame=frame.index, channel="id", expected=expected)
+    return numbers
+
+
+def _attribute(name: str, value: object) -> object:
+    if isinstance(value, float) and name not in _STANDARD_FLOATS:
+        return np.array([value], dtype=np.float64)  # a bare float would be rounded to float32
+    return value
+
+
+def _scalar(value: object) -> object:
+    """Undo the array of one that a double arrives as."""
+    if isinstance(value, np.ndarray) and value.shape == (1,) and value.dtype == np.float64:
+        return float(value[0])
+    return value
