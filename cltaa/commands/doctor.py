@@ -1,0 +1,66 @@
+"""``cltaa doctor``: what this machine offers to capture and resolve."""
+
+from __future__ import annotations
+
+import click
+import msgspec
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from cltaa.doctor import Diagnosis, diagnose
+from cltaa.errors import DeviceMissing
+
+
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON and nothing else.")
+@click.pass_context
+def doctor(ctx: click.Context, as_json: bool) -> None:
+    """Look for what capture and resolve need on this machine.
+
+    Each thing is tried in a process of its own, so that a driver that aborts is only a line in the table, and each
+    failure comes with its cure. Capture needs OSMesa or EGL, one of them. The exit code is 0 when capture and resolve
+    both work, else 69.
+    """
+    console = Console(stderr=as_json)
+    with console.status("Trying files, linker, OpenCL and OpenGL ..."):
+        diagnosis = diagnose()
+    if as_json:
+        click.echo(msgspec.json.format(msgspec.json.encode(diagnosis)).decode())
+    else:
+        console.print(_findings(diagnosis))
+        for finding in diagnosis.findings:
+            if finding.devices:
+                console.print(_devices(finding.devices))
+    if not (diagnosis.capture and diagnosis.resolve):
+        ctx.exit(DeviceMissing.exit_code)
+
+
+def _findings(diagnosis: Diagnosis) -> Table:
+    verdict = ", ".join(
+        f"{name} [green]works[/]" if works else f"{name} [red]does not work[/]"
+        for name, works in (("capture", diagnosis.capture), ("resolve", diagnosis.resolve))
+    )
+    table = Table("", "looked for", "found", "cure", title=f"cltaa doctor: {verdict}", title_justify="left")
+    for finding in diagnosis.findings:
+        mark = "[green]✓[/]" if finding.ok else "[red]✗[/]" if diagnosis.hurts(finding) else "[yellow]–[/]"
+        cure = "" if finding.ok or finding.cure is None else finding.cure
+        table.add_row(mark, finding.name, escape(finding.found), escape(cure))
+    return table
+
+
+def _devices(devices: list[dict[str, object]]) -> Table:
+    table = Table(title="OpenCL devices, in the order of choice", title_justify="left")
+    for heading in devices[0]:
+        table.add_column(heading.replace("_bytes", "").replace("_", " "), overflow="fold")
+    for device in devices:
+        table.add_row(*(_cell(name, value) for name, value in device.items()))
+    return table
+
+
+def _cell(name: str, value: object) -> str:
+    if isinstance(value, bool):
+        return "[green]yes[/]" if value else "[dim]no[/]"
+    if name.endswith("_bytes") and isinstance(value, int):
+        return f"{value / 2**30:.1f} GiB"
+    return escape(str(value))

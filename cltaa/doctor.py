@@ -1,0 +1,135 @@
+"""What this machine offers to capture and resolve, each thing probed apart, each failure with its cure."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import msgspec
+
+# A cold build of every kernel takes about 10 s on one core; far beyond that a probe hangs.
+PROBE_SECONDS = 120
+# The kernels that PoCL keeps for one device take about 10 MB.
+CACHE_BYTES = 50_000_000
+
+LINKER_CURE = "sudo apt-get install -y gcc libc6-dev"
+OPENCL_CURE = "python -m pip install 'pyopencl[pocl]'"
+OSMESA_CURE = "sudo apt-get install -y libosmesa6"
+EGL_CURE = "sudo apt-get install -y libegl1 libegl-mesa0 libopengl0"
+RESOLVE_CURE = "see to the lines above first; cltaa resolve --debug shows the whole error"
+PACKAGES_CURE = "sh scripts/setup, or python -m pip install 'cltaa[all]'"
+
+
+class Finding(msgspec.Struct, frozen=True):
+    """One thing looked for: ``found`` says what there is or what went wrong, ``cure`` what to do where it is not ok.
+
+    ``serves`` is what the thing is for, "capture" or "resolve", or "both".
+    """
+
+    name: str
+    serves: str
+    ok: bool
+    found: str
+    cure: str | None = None
+    devices: list[dict[str, object]] = []
+
+
+class Diagnosis(msgspec.Struct, frozen=True):
+    """Every finding, and the two answers that count."""
+
+    capture: bool
+    resolve: bool
+    findings: list[Finding]
+
+    def hurts(self, finding: Finding) -> bool:
+        """Return whether what the finding serves does not work; without EGL, say, capture may still have OSMesa."""
+        works = {"capture": self.capture, "resolve": self.resolve, "both": self.capture and self.resolve}
+        return not finding.ok and not works[finding.serves]
+
+
+def diagnose() -> Diagnosis:
+    """Look at everything, the slow things side by side, and return the findings in a fixed order."""
+    looks: list[Callable[[], Finding]] = [
+        look_at_python,
+        lambda: probe("EXR files", "both", PACKAGES_CURE, "files"),
+        look_at_linker,
+        look_at_cache,
+        lambda: probe("OpenCL devices", "resolve", OPENCL_CURE, "devices"),
+        lambda: probe("resolve", "resolve", RESOLVE_CURE, "resolve"),
+        lambda: probe("capture on OSMesa", "capture", OSMESA_CURE, "capture", "osmesa"),
+        lambda: probe("capture on EGL", "capture", EGL_CURE, "capture", "egl"),
+    ]
+    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
+        findings = list(pool.map(lambda look: look(), looks))
+    ok = {finding.name: finding.ok for finding in findings}
+    return Diagnosis(
+        capture=ok["EXR files"] and (ok["capture on OSMesa"] or ok["capture on EGL"]),
+        resolve=ok["EXR files"] and ok["resolve"],
+        findings=findings,
+    )
+
+
+def probe(name: str, serves: str, cure: str, *arguments: str) -> Finding:
+    """Run ``python -m cltaa.probes ARGUMENTS`` in a process of its own, which may die, and say what came of it."""
+    command = [sys.executable, "-m", "cltaa.probes", *arguments]
+    try:
+        child = subprocess.run(command, capture_output=True, text=True, timeout=PROBE_SECONDS, check=False)
+    except subprocess.TimeoutExpired:
+        return Finding(name, serves, ok=False, found=f"no answer in {PROBE_SECONDS} s", cure=cure)
+    if child.returncode:
+        said = [line for line in child.stderr.splitlines() if line.strip()] or [f"ended with {child.returncode}"]
+        return Finding(name, serves, ok=False, found=said[-1].removeprefix("cltaa: error: "), cure=cure)
+    answer = json.loads(child.stdout.splitlines()[-1])
+    if isinstance(answer, str):
+        return Finding(name, serves, ok=True, found=answer)
+    return Finding(name, serves, ok=bool(answer), found=f"{len(answer)} found", cure=cure, devices=answer)
+
+
+def look_at_python() -> Finding:
+    """Name the interpreter and the machine; an interpreter that is too old could not have been installed into."""
+    return Finding("Python", "both", ok=True, found=f"{platform.python_version()} on {platform.platform(terse=True)}")
+
+
+def look_at_linker() -> Finding:
+    """Link a shared object against the C library, as PoCL does for every kernel."""
+    name = "linker and C files"
+    compiler = shutil.which("gcc")
+    if compiler is None or shutil.which("ld") is None:
+        return Finding(name, "resolve", ok=False, found="gcc or ld is not in PATH", cure=LINKER_CURE)
+    with tempfile.TemporaryDirectory() as folder:
+        command = [compiler, "-shared", "-x", "c", "-o", str(Path(folder, "probe.so")), "-"]
+        source = "#include <math.h>\nint probe(void) { return 0; }\n"
+        child = subprocess.run(command, input=source, capture_output=True, text=True, check=False)
+    if child.returncode:
+        return Finding(name, "resolve", ok=False, found=child.stderr.splitlines()[-1], cure=LINKER_CURE)
+    return Finding(name, "resolve", ok=True, found=f"{compiler} links")
+
+
+def look_at_cache() -> Finding:
+    """Try to write into the folder where PoCL keeps built kernels, and look at the space left there."""
+    name = "kernel cache"
+    folder = kernel_cache()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            free = shutil.disk_usage(folder).free
+    except OSError as error:
+        cure = "make it writable, or set POCL_CACHE_DIR to a folder that is"
+        return Finding(name, "resolve", ok=False, found=f"{folder}: {error.strerror}", cure=cure)
+    cure = f"free at least {CACHE_BYTES / 1e6:.0f} MB, or set POCL_CACHE_DIR to a folder on another disk"
+    return Finding(name, "resolve", ok=free >= CACHE_BYTES, found=f"{folder}, {free / 1e9:.1f} GB free", cure=cure)
+
+
+def kernel_cache() -> Path:
+    """Return PoCL's cache folder: ``POCL_CACHE_DIR``, else ``pocl/kcache`` in the user's cache folder."""
+    if "POCL_CACHE_DIR" in os.environ:
+        return Path(os.environ["POCL_CACHE_DIR"])
+    return Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser() / "pocl" / "kcache"

@@ -1,0 +1,115 @@
+"""One probe a child process: ``python -m cltaa.probes NAME [ARGUMENT]`` prints what it found as one line of JSON.
+
+``cltaa doctor`` starts these, because a driver that is not set up right may end the whole process (PoCL without a
+linker does) and because a choice such as OSMesa or EGL can be made once a process.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cltaa.frames import Camera, Frame
+
+# Bits of cl_device_fp_config (OpenCL 1.2, table 4.3).
+FP_DENORM = 1 << 0
+FP_CORRECTLY_ROUNDED_DIVIDE_SQRT = 1 << 7
+
+# Large enough that every lane of a CPU kernel and its remainder run, small enough to cost nothing.
+WIDTH, HEIGHT = 40, 24
+
+
+def files() -> str:
+    """Write an EXR, read it back and compare; return the version of OpenEXR."""
+    from importlib.metadata import version
+
+    from cltaa.exr import read_image, write_image
+
+    written = np.random.default_rng(0).random((HEIGHT, WIDTH), np.float32)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "probe.exr")
+        write_image(path, {"Y": written})
+        channels, _ = read_image(path)
+    if not np.array_equal(channels["Y"], written):
+        raise SystemExit("OpenEXR does not read back what it wrote")
+    return f"OpenEXR {version('OpenEXR')}, read back what it wrote"
+
+
+def devices() -> list[dict[str, object]]:
+    """Return what each OpenCL device can do, in the order in which they are chosen from."""
+    from cltaa.device import list_devices
+
+    return [_facts(device) for device in list_devices()]
+
+
+def _facts(device: Any) -> dict[str, object]:
+    extensions = device.extensions.split()
+    return {
+        "device": device.name.strip(),
+        "platform": f"{device.platform.name.strip()} ({device.platform.version.strip()})",
+        "version": device.opencl_c_version.strip(),
+        "compute_units": device.max_compute_units,
+        "memory_bytes": device.global_mem_size,
+        "largest_buffer_bytes": device.max_mem_alloc_size,
+        "fp64": "cl_khr_fp64" in extensions,
+        "fp16": "cl_khr_fp16" in extensions,
+        "denormals": bool(device.single_fp_config & FP_DENORM),
+        "rounded_divide": bool(device.single_fp_config & FP_CORRECTLY_ROUNDED_DIVIDE_SQRT),
+    }
+
+
+def resolve() -> str:
+    """Build the production kernel, resolve three frames of noise and look at the result."""
+    from cltaa.resolve import Resolver
+
+    resolver = Resolver()
+    random = np.random.default_rng(0)
+    camera = Camera(world_to_view=np.eye(4), view_to_clip=_projection())
+    for index in range(3):
+        colour = np.moveaxis(random.random((3, HEIGHT, WIDTH), np.float32), 0, -1)
+        frame = Frame(index=index, colour=colour, depth=np.ones((HEIGHT, WIDTH), np.float32), camera=camera)
+        resolved = resolver.resolve(frame)
+        if resolved.shape != colour.shape or not (resolved.min() >= 0.0 and resolved.max() <= 1.0):
+            raise SystemExit("the resolve of three frames of noise in [0, 1] is not in [0, 1]")
+    return "resolved three frames"
+
+
+def _projection() -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Return an OpenGL perspective projection, 90 degrees across, near 0.1, far 100."""
+    near, far = 0.1, 100.0
+    matrix = np.zeros((4, 4))
+    matrix[0, 0], matrix[1, 1] = 1.0, WIDTH / HEIGHT
+    matrix[2, 2], matrix[2, 3] = (far + near) / (near - far), 2.0 * far * near / (near - far)
+    matrix[3, 2] = -1.0
+    return matrix
+
+
+def capture(backend: str) -> str:
+    """Draw one frame of a scene with ``cltaa capture`` on one back end and return what drew it."""
+    from cltaa.cli import main
+
+    with tempfile.TemporaryDirectory() as folder:
+        arguments = ["still", "-o", folder, "--frames", "1", "--size", f"{WIDTH}x{HEIGHT}", "--backend", backend]
+        code = main(["capture", *arguments, "--reference", "0"])
+        if code:
+            raise SystemExit(code)
+        asked: Mapping[str, Any] = json.loads(Path(folder, "sequence.json").read_text())
+    return str(asked.get("versions", {}).get("opengl", "drew one frame"))
+
+
+PROBES: dict[str, Callable[..., object]] = {
+    "capture": capture,
+    "devices": devices,
+    "files": files,
+    "resolve": resolve,
+}
+
+if __name__ == "__main__":
+    found = PROBES[sys.argv[1]](*sys.argv[2:])
+    print("\n" + json.dumps(found))
