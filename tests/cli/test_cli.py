@@ -1,0 +1,133 @@
+"""The command line as a user meets it: help, completion, exit codes and one-line errors, each in a fresh process."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cltaa import cli, errors
+
+# Nothing that draws or computes may be imported to show help: it must work, and quickly, where those are not installed.
+HEAVY = ("pyopencl", "OpenGL", "pyrender", "pyglet", "trimesh", "scipy", "skimage", "flip_evaluator", "av")
+
+
+def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "cltaa.cli", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | environment)
+
+
+def loaded_by(*arguments: str) -> tuple[int, str, set[str]]:
+    """Run the command line in a fresh process; return its code, what it printed and which heavy packages it loaded."""
+    code = (
+        "import sys; from cltaa.cli import main; code = main(sys.argv[1:]);"
+        f"print('LOADED', *(set({HEAVY!r}) & set(sys.modules)), file=sys.stderr); sys.exit(code)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False)
+    loaded = re.search(r"^LOADED(.*)$", done.stderr, re.MULTILINE)
+    assert loaded is not None, done.stderr
+    return done.returncode, done.stdout, set(loaded[1].split())
+
+
+@pytest.mark.parametrize("command", ["", *sorted(cli.COMMANDS)])
+def test_help_needs_nothing_heavy(command: str) -> None:
+    code, printed, loaded = loaded_by(*command.split(), "--help")
+    assert code == 0
+    assert f"Usage: cltaa {command}".strip() in printed
+    assert loaded == set()
+
+
+def test_help_lists_every_command_with_its_line() -> None:
+    printed = run("--help").stdout
+    for name, entry in cli.COMMANDS.items():
+        assert re.search(rf"^  {name}\s+{re.escape(entry.summary)}$", printed, re.MULTILINE)
+
+
+def test_version_is_that_of_the_project() -> None:
+    pyproject = Path(__file__).parents[2] / "pyproject.toml"
+    version = re.search(r'^version = "(.*)"$', pyproject.read_text(), re.MULTILINE)
+    assert version is not None
+    assert run("--version").stdout == f"cltaa, version {version[1]}\n"
+
+
+@pytest.mark.parametrize("shell", ["zsh", "fish"])
+def test_completion_script(shell: str) -> None:
+    done = run(_CLTAA_COMPLETE=f"{shell}_source")
+    assert done.returncode == 0
+    assert "_CLTAA_COMPLETE" in done.stdout
+
+
+def test_completion_of_a_command() -> None:
+    done = run(_CLTAA_COMPLETE="zsh_complete", COMP_WORDS="cltaa re", COMP_CWORD="1")
+    assert done.stdout.splitlines() == ["plain", "resolve", cli.COMMANDS["resolve"].summary]
+
+
+def test_unknown_command_is_a_usage_error() -> None:
+    done = run("relsove")
+    assert done.returncode == 2
+    assert "relsove" in done.stderr
+
+
+@pytest.mark.parametrize("command", ["resolve", "inspect", "compare"])
+def test_a_missing_sequence_is_one_line(command: str, tmp_path: Path) -> None:
+    output = {"resolve": ["-o", str(tmp_path / "out")], "inspect": [], "compare": [str(tmp_path)]}[command]
+    done = run(command, str(tmp_path / "nowhere"), *output)
+    assert done.returncode == errors.InputMissing.exit_code
+    assert done.stderr.startswith("cltaa: error: ")
+    assert "nowhere" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_an_unknown_scene_is_one_line(tmp_path: Path) -> None:
+    done = run("capture", "nonsuch", "-o", str(tmp_path / "out"))
+    assert done.returncode == errors.UsageError.exit_code
+    assert re.fullmatch(r"cltaa: error: .*nonsuch.*\n", done.stderr)
+
+
+def test_debug_shows_the_traceback_wherever_it_stands(tmp_path: Path) -> None:
+    for arguments in (
+        ["--debug", "inspect", str(tmp_path / "nowhere")],
+        ["inspect", str(tmp_path / "nowhere"), "--debug"],
+    ):
+        done = run(*arguments)
+        assert done.returncode == 1
+        assert "Traceback" in done.stderr
+        assert "InputMissing" in done.stderr
+
+
+def run_main_raising(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> int:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr(cli.root, "main", fail)
+    return cli.main(["inspect"])
+
+
+def test_every_error_class_ends_with_its_code(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    classes = errors.CltaaError.__subclasses__()
+    assert sorted(c.exit_code for c in classes) == [64, 65, 66, 69, 70, 73, 74, 75]
+    for error_class in classes:
+        error = error_class("went\nwrong", path="a.exr", frame=3, expected=1, found=2, cure="do this")
+        assert run_main_raising(monkeypatch, error) == error_class.exit_code
+        line = "cltaa: error: a.exr frame 3: went wrong (expected 1, found 2); do this\n"
+        assert capsys.readouterr().err == line
+
+
+def test_an_extra_left_out_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_main_raising(monkeypatch, ModuleNotFoundError("no", name="trimesh")) == errors.UsageError.exit_code
+    assert "trimesh is not installed; run: pip install 'cltaa[all]'" in capsys.readouterr().err
+    with pytest.raises(ModuleNotFoundError):
+        run_main_raising(monkeypatch, ModuleNotFoundError("no", name="cltaa.gone"))
+
+
+def test_an_interrupt_ends_with_130(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_main_raising(monkeypatch, KeyboardInterrupt()) == 130
+    assert "run the same again to go on" in capsys.readouterr().err

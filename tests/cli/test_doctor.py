@@ -1,0 +1,68 @@
+"""``cltaa doctor``: what it finds here, and what it says where something is missing."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cltaa import doctor
+
+
+def run_doctor(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "cltaa.cli", "doctor", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | environment)
+
+
+def findings(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
+    return {finding["name"]: finding for finding in json.loads(done.stdout)["findings"]}
+
+
+def test_the_machine_that_runs_the_tests_can_do_both() -> None:
+    done = run_doctor("--json")
+    assert done.returncode == 0, done.stdout
+    device = findings(done)["OpenCL devices"]["devices"][0]
+    assert device["fp64"] is True
+    assert device["compute_units"] >= 1
+
+
+def test_without_a_linker_the_driver_may_abort_and_doctor_goes_on(tmp_path: Path) -> None:
+    # PoCL calls ld for every kernel that its cache does not hold, and ends the process where there is none.
+    done = run_doctor("--json", PATH=str(tmp_path), POCL_CACHE_DIR=str(tmp_path), PYOPENCL_NO_CACHE="1")
+    assert done.returncode == 69
+    found = findings(done)
+    assert not found["linker and C files"]["ok"]
+    assert found["linker and C files"]["cure"] == doctor.LINKER_CURE
+    assert not found["resolve"]["ok"]
+    assert found["capture on OSMesa"]["ok"] or found["capture on EGL"]["ok"]
+
+
+def test_a_cache_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path / "file" / "cache"))
+    finding = doctor.look_at_cache()
+    assert not finding.ok
+    assert finding.cure is not None
+    assert "POCL_CACHE_DIR" in finding.cure
+
+
+def test_the_cache_folder_follows_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("POCL_CACHE_DIR", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert doctor.kernel_cache() == tmp_path / "pocl" / "kcache"
+
+
+def test_a_probe_that_fails_gives_its_last_line_and_the_cure() -> None:
+    finding = doctor.probe("x", "resolve", "do this", "nonsuch")
+    assert finding == doctor.Finding("x", "resolve", ok=False, found="KeyError: 'nonsuch'", cure="do this")
+
+
+def test_only_what_hurts_is_marked_as_such() -> None:
+    egl = doctor.Finding("capture on EGL", "capture", ok=False, found="no libEGL")
+    assert not doctor.Diagnosis(capture=True, resolve=False, findings=[egl]).hurts(egl)
+    assert doctor.Diagnosis(capture=False, resolve=True, findings=[egl]).hurts(egl)
