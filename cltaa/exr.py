@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cltaa.atomic import atomic_path
 from cltaa.errors import DataError, StorageError, UsageError
 from cltaa.exr_attributes import FrameHeader, frame_attributes
-from cltaa.exr_layout import LARGEST_SIDE, LOSSLESS, Layout, read_layout
+from cltaa.exr_layout import COMPRESSION_NUMBERS, LARGEST_SIDE, LOSSLESS, Layout, read_layout
 from cltaa.frames import Frame, Image
 from cltaa.quiet import muted_output
 
@@ -136,7 +136,7 @@ def write_image(
         expected = "channels of one shape [H, W], float16, float32 or uint32"
         raise UsageError("channels do not make an image", path=path, expected=expected, found=(shapes, types))
     header = {name: _attribute(name, value) for name, value in (attributes or {}).items() if name not in _STRUCTURAL}
-    header["compression"] = getattr(OpenEXR, f"{compression.upper()}_COMPRESSION")
+    header["compression"] = OpenEXR.Compression(COMPRESSION_NUMBERS[compression])
     header["type"] = OpenEXR.scanlineimage
     # OpenEXR writes wrong pixels, silently, from an array that is not contiguous.
     contiguous = {name: np.ascontiguousarray(pixels) for name, pixels in channels.items()}

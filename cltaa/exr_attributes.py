@@ -114,7 +114,10 @@ class FrameHeader:
             raise self._wrong("cltaa:effects", f"names out of {', '.join(Effect)}", text) from error
 
     def _wrong(self, name: str, expected: str, value: object) -> DataError:
-        found = f"{value.dtype}{list(value.shape)}" if isinstance(value, np.ndarray) else f"{value!r}"
+        if isinstance(value, np.ndarray):
+            found = f"{value.dtype}{list(value.shape)}"
+        else:  # an attribute of a type that OpenEXR does not know can fail even to print itself
+            found = repr(value) if isinstance(value, (str, int, float)) else type(value).__name__
         return DataError(f"attribute {name} is wrong", path=self._path, expected=expected, found=found)
 
 

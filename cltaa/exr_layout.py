@@ -25,6 +25,7 @@ COMPRESSIONS = (
     ("none", 1), ("rle", 1), ("zips", 1), ("zip", 16), ("piz", 32), ("pxr24", 16), ("b44", 32), ("b44a", 32),
     ("dwaa", 32), ("dwab", 256), ("htj2k256", 256), ("htj2k32", 32), ("lj2k", 256), ("zstd", 1),
 )  # fmt: skip
+COMPRESSION_NUMBERS = {name: number for number, (name, _) in enumerate(COMPRESSIONS)}
 LOSSLESS = frozenset({"none", "rle", "zips", "zip", "piz", "htj2k256", "htj2k32", "zstd"})
 
 Window = tuple[int, int, int, int]  # x and y of the first pixel, x and y of the last

@@ -1,0 +1,330 @@
+"""Damaged, foreign and impossible files: one DataError or InputMissing each, nothing printed, no wrong picture."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from cltaa.errors import CltaaError, DataError, InputMissing, OutputError, StorageError
+from cltaa.exr import Pixels, read_colour, read_frame, read_header, read_image, write_frame, write_image
+from cltaa.exr_attributes import frame_attributes
+from tests.sequence_factory import HEIGHT, WIDTH, bits, make_frame
+
+
+def planes(**changes: Pixels | None) -> dict[str, Pixels]:
+    """Channels of a sound frame; a change to None leaves the channel out."""
+    sound: dict[str, Pixels | None] = {name: np.ones((HEIGHT, WIDTH), np.float32) for name in "RGBZ"}
+    return {name: plane for name, plane in (sound | changes).items() if plane is not None}
+
+
+def attributes(**changes: object) -> dict[str, object]:
+    """Attributes of a sound frame, with those given by the part of the name behind ``cltaa:`` changed or left out."""
+    sound = frame_attributes(make_frame()) | {f"cltaa:{name}": value for name, value in changes.items()}
+    return {name: value for name, value in sound.items() if value is not None}
+
+
+def refusal(path: Path, read: Callable[[Path], Any] = read_frame, error: type[CltaaError] = DataError) -> str:
+    with pytest.raises(error) as caught:
+        read(path)
+    message = str(caught.value)
+    assert str(path) in message
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize("compression", ["zip", "zips", "none", "piz"])
+def test_truncated_at_every_byte(tmp_path: Path, compression: str, capfd: pytest.CaptureFixture[str]) -> None:
+    """No cut is read, not even by the header alone, and OpenEXR's own words never reach the terminal."""
+    path = tmp_path / "a.exr"
+    write_frame(path, make_frame(width=5, height=17), compression=compression)
+    content = path.read_bytes()
+    for length in range(len(content)):
+        path.write_bytes(content[:length])
+        refusal(path, read_header)
+    for length in range(0, len(content), 97):
+        path.write_bytes(content[:length])
+        refusal(path)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_damaged_bytes_never_give_a_wrong_picture_silently(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """ZIP carries a checksum: a flipped byte in the pixels is an error, or (in the padding) changes nothing."""
+    path = tmp_path / "a.exr"
+    frame = make_frame(width=64, height=64)
+    ramp = np.linspace(0, 1, 64 * 64 * 3, dtype=np.float32).reshape(64, 64, 3)  # compressible: no chunk is stored raw
+    write_image(
+        path, {name: ramp[..., i] for i, name in enumerate("RGB")} | {"Z": ramp[..., 0]}, frame_attributes(frame)
+    )
+    content = path.read_bytes()
+    layout_end = content.index(b"worldToNDC")
+    random = np.random.default_rng(5)
+    refused = 0
+    for place in random.integers(layout_end + 200, len(content), 200):
+        damaged = bytearray(content)
+        damaged[place] ^= int(random.integers(1, 256))
+        path.write_bytes(damaged)
+        try:
+            back = read_frame(path)
+        except DataError:
+            refused += 1
+        else:
+            np.testing.assert_array_equal(bits(back.colour), bits(ramp))
+    assert refused > 190  # the rest hit chunk padding or fields that no reader uses
+    assert capsys.readouterr().out == ""
+
+
+def test_damaged_headers_are_errors_of_ours(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    write_frame(path, make_frame())
+    content = path.read_bytes()
+    random = np.random.default_rng(6)
+    for _ in range(500):
+        damaged = bytearray(content)
+        damaged[int(random.integers(0, 1000))] = int(random.integers(0, 256))
+        path.write_bytes(damaged)
+        try:
+            read_frame(path)
+        except CltaaError:
+            continue
+
+
+def test_chunk_table_of_zeros_is_an_unfinished_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    write_image(path, planes(), attributes())
+    content = bytearray(path.read_bytes())
+    chunks = -(-HEIGHT // 16)
+    table = next(
+        place
+        for place in range(len(content))
+        if int.from_bytes(content[place : place + 8], "little") == place + 8 * chunks
+    )
+    content[table : table + 8 * chunks] = bytes(8 * chunks)
+    path.write_bytes(content)
+    assert "never finished" in refusal(path, read_header)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(b"", "empty"), (b"not an image, but long enough to be one", "not an EXR"), (b"v/1\x01", "not an EXR")],
+)
+def test_garbage(tmp_path: Path, content: bytes, message: str) -> None:
+    path = tmp_path / "a.exr"
+    path.write_bytes(content)
+    for read in (read_frame, read_header, read_image, read_colour):
+        assert message in refusal(path, read)
+
+
+def test_missing_folder_and_dangling_link(tmp_path: Path) -> None:
+    assert "missing" in refusal(tmp_path / "a.exr", error=InputMissing)
+    (tmp_path / "link.exr").symlink_to(tmp_path / "nothing.exr")
+    assert "missing" in refusal(tmp_path / "link.exr", error=InputMissing)
+    (tmp_path / "folder.exr").mkdir()
+    assert "folder" in refusal(tmp_path / "folder.exr")
+
+
+def test_unreadable_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Permission bits do not stop root, so the refusal of the system is injected."""
+    write_image(tmp_path / "a.exr", planes(), attributes())
+
+    def refuse(*_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "open", refuse)
+    assert "permission denied" in refusal(tmp_path / "a.exr", error=InputMissing)
+
+
+@pytest.mark.parametrize("name", ["R", "G", "B", "Z"])
+def test_missing_channel_names_what_exists(tmp_path: Path, name: str) -> None:
+    write_image(tmp_path / "a.exr", planes(**{name: None}), attributes())
+    message = refusal(tmp_path / "a.exr")
+    assert f"channel {name}: channel is missing" in message
+    assert f"found {' '.join(sorted(set('RGBZ') - {name}))}" in message
+
+
+@pytest.mark.parametrize(
+    ("present", "missing"), [("backward.u", "backward.v"), ("backward.v", "backward.u"), ("N.X", "N.Y"), ("N.Z", "N.X")]
+)
+def test_half_a_vector_is_refused(tmp_path: Path, present: str, missing: str) -> None:
+    write_image(tmp_path / "a.exr", planes(**{present: np.ones((HEIGHT, WIDTH), np.float32)}), attributes())
+    assert f"channel {missing}: channel is missing" in refusal(tmp_path / "a.exr")
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "found"),
+    [("G", np.uint32, "uint"), ("A", np.uint32, "uint"), ("id", np.float32, "float"), ("Z", np.float16, "half")],
+)
+def test_wrong_channel_type(tmp_path: Path, name: str, kind: type, found: str) -> None:
+    write_image(tmp_path / "a.exr", planes(**{name: np.ones((HEIGHT, WIDTH), kind)}), attributes())
+    message = refusal(tmp_path / "a.exr")
+    assert f"channel {name}: " in message
+    assert f"found {found}" in message
+
+
+def test_half_colour_is_widened_exactly(tmp_path: Path) -> None:
+    half = np.linspace(-4, 4, HEIGHT * WIDTH).astype(np.float16).reshape(HEIGHT, WIDTH)
+    write_image(tmp_path / "a.exr", planes(R=half), attributes())
+    np.testing.assert_array_equal(read_frame(tmp_path / "a.exr").colour[..., 0], half.astype(np.float32))
+
+
+NAN, EYE = float("nan"), np.eye(4)
+PERSPECTIVE = make_frame().camera.view_to_clip
+CAMERA_IN_FILE = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [3.0, 2.0, 1.0, 1.0]])  # row vectors
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"worldToView": None}, "expected cltaa:worldToView"),
+        ({"viewToClip": None}, "expected cltaa:viewToClip"),
+        ({"jitterPx": None}, "expected cltaa:jitterPx"),
+        ({"worldToView": EYE.astype(np.float32)}, "expected M44d, found float32"),
+        ({"worldToView": "identity"}, "found 'identity'"),
+        ({"worldToView": np.eye(3)}, "expected M44d, found float64[3, 3]"),
+        ({"worldToView": np.where(EYE, NAN, 0.0)}, "worldToView holds NaN or infinity"),
+        ({"viewToClip": np.where(EYE, np.inf, 0.0)}, "viewToClip holds NaN or infinity"),
+        ({"worldToView": np.zeros((4, 4))}, "worldToView cannot be inverted"),
+        ({"viewToClip": np.diag([1.0, 1.0, 0.0, 1.0])}, "viewToClip cannot be inverted"),
+        ({"worldToView": CAMERA_IN_FILE.T.copy()}, "worldToView has a wrong last row"),
+        ({"viewToClip": PERSPECTIVE}, "viewToClip has a wrong last row"),  # not transposed as the file wants it
+        ({"viewToClip": np.diag([1.0, 1.0, -1.0, -1.0])}, "viewToClip has a wrong last row"),
+        ({"worldToView": np.diag([1.0, 1.0, -1.0, 1.0])}, "mirrors the world"),
+        ({"jitterPx": np.array([0.0, 2.5])}, "jitterPx is no jitter"),
+        ({"jitterPx": np.array([NAN, 0.0])}, "jitterPx is no jitter"),
+        ({"jitterPx": np.zeros(2, np.float32)}, "expected V2d"),
+        ({"cut": 2}, "cltaa:cut is wrong (expected 0 or 1, found 2)"),
+        ({"cut": "yes"}, "cltaa:cut is wrong"),
+        ({"frame": "first"}, "cltaa:frame is wrong"),
+        ({"exposure": 0.0}, "no exposure"),
+        ({"exposure": -1.0}, "no exposure"),
+        ({"exposure": NAN}, "no exposure"),
+        ({"exposure": "bright"}, "cltaa:exposure is wrong"),
+        ({"effects": "camera,teleport"}, "found 'camera,teleport'"),
+        ({"scene": 3}, "cltaa:scene is wrong"),
+    ],
+)
+def test_wrong_attribute_is_named(tmp_path: Path, changes: dict[str, object], message: str) -> None:
+    write_image(tmp_path / "a.exr", planes(), attributes(**changes))
+    assert message in refusal(tmp_path / "a.exr")
+
+
+def test_camera_far_from_the_origin_is_sound(tmp_path: Path) -> None:
+    """10^7 m out, the inverse is still exact to 1e-9, a thousandth of what is refused."""
+    far = EYE.copy()
+    far[3, :3] = (1e7, -1e7, 1e7)
+    write_image(tmp_path / "a.exr", planes(), attributes(worldToView=far))
+    np.testing.assert_array_equal(read_frame(tmp_path / "a.exr").camera.world_to_view, far.T)
+
+
+def test_wrong_camera_is_not_written(tmp_path: Path) -> None:
+    frame = make_frame()
+    frame.camera.world_to_view[0, 0] = NAN
+    with pytest.raises(DataError, match="frame 0: matrix cltaa:worldToView holds NaN"):
+        write_frame(tmp_path / "a.exr", frame)
+    assert not list(tmp_path.iterdir())
+
+
+def window(left: int, top: int, right: int, bottom: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([left, top], np.int32), np.array([right, bottom], np.int32)
+
+
+def write_raw(path: Path, header: dict[str, Any], channels: dict[str, Any]) -> None:
+    """Write what our own writer refuses to."""
+    OpenEXR.File(attributes() | header, channels).write(str(path))
+
+
+def test_overscan_is_cropped_to_the_display_window(tmp_path: Path) -> None:
+    columns = np.arange(WIDTH, dtype=np.float32)[None, :] + 100 * np.arange(HEIGHT, dtype=np.float32)[:, None]
+    windows = {
+        "dataWindow": window(-2, -3, WIDTH - 3, HEIGHT - 4),
+        "displayWindow": window(0, 0, WIDTH - 6, HEIGHT - 6),
+    }
+    write_raw(tmp_path / "a.exr", windows, dict.fromkeys("RGBZ", columns))
+    frame = read_frame(tmp_path / "a.exr")
+    np.testing.assert_array_equal(frame.colour[..., 1], columns[3 : 3 + HEIGHT - 5, 2 : 2 + WIDTH - 5])
+
+
+def test_data_window_that_leaves_a_hole_is_refused(tmp_path: Path) -> None:
+    windows = {"dataWindow": window(1, 0, WIDTH, HEIGHT - 1), "displayWindow": window(0, 0, WIDTH - 1, HEIGHT - 1)}
+    write_raw(tmp_path / "a.exr", windows, planes())
+    assert "does not cover" in refusal(tmp_path / "a.exr")
+
+
+def test_tiles_are_read_right(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(7).random((HEIGHT, WIDTH), dtype=np.float32)
+    tiles = OpenEXR.TileDescription()
+    tiles.xSize, tiles.ySize = 16, 8
+    header = {"type": OpenEXR.tiledimage, "tiles": tiles}
+    write_raw(tmp_path / "a.exr", header, dict.fromkeys("RGBZ", pixels))
+    np.testing.assert_array_equal(read_frame(tmp_path / "a.exr").depth, pixels)
+    content = (tmp_path / "a.exr").read_bytes()
+    (tmp_path / "a.exr").write_bytes(content[:-1])
+    assert "truncated" in refusal(tmp_path / "a.exr")
+
+
+def test_deep_multi_part_and_sub_sampled_images_are_refused_by_name(tmp_path: Path) -> None:
+    sound = tmp_path / "a.exr"
+    write_raw(sound, {}, planes())
+    content = sound.read_bytes()
+    for flag, kind in ((0x08, "deep"), (0x10, "multi-part")):
+        sound.write_bytes(content[:5] + bytes([flag]) + content[6:])
+        assert f"{kind} images are not read" in refusal(sound)
+    channel = b"G\0" + (2).to_bytes(4, "little") + bytes(4)
+    sampling = (1).to_bytes(4, "little")
+    assert channel + sampling in content
+    sound.write_bytes(content.replace(channel + sampling, channel + (2).to_bytes(4, "little")))
+    message = refusal(sound)
+    assert "channel G: sub-sampled" in message
+    OpenEXR.File([OpenEXR.Part({}, planes(), name) for name in ("left", "right")]).write(str(sound))
+    assert "multi-part images are not read" in refusal(sound)
+
+
+@pytest.mark.parametrize("side", [16385, 2**31 - 1, -5])
+def test_impossible_sizes_are_refused_before_memory_is_asked_for(tmp_path: Path, side: int) -> None:
+    path = tmp_path / "a.exr"
+    write_raw(path, {}, planes())
+    content = path.read_bytes()
+    sound = b"".join(number.to_bytes(4, "little") for number in (0, 0, WIDTH - 1, HEIGHT - 1))
+    huge = b"".join(number.to_bytes(4, "little", signed=True) for number in (0, 0, side - 1, HEIGHT - 1))
+    path.write_bytes(content.replace(sound, huge))
+    assert "impossible data window" in refusal(path)
+
+
+def test_output_into_nowhere(tmp_path: Path) -> None:
+    for path in (tmp_path / "missing" / "a.exr", tmp_path / "file" / "a.exr"):
+        (tmp_path / "file").touch()
+        with pytest.raises(OutputError, match="cannot be created"):
+            write_frame(path, make_frame())
+
+
+@pytest.mark.parametrize("step", ["fsync", "replace"])
+def test_failure_while_writing_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    path = tmp_path / "a.exr"
+    write_frame(path, make_frame())
+    before = path.read_bytes()
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr({"fsync": os, "replace": Path}[step], step, fail)
+    with pytest.raises(StorageError, match="No space left"):
+        write_frame(path, make_frame(seed=1))
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_full_disk(tmp_path: Path) -> None:
+    """/dev/full refuses every byte, as a full disk does."""
+    link = tmp_path / f".a.exr.tmp.{os.getpid()}"
+    link.symlink_to("/dev/full")
+    with pytest.raises(StorageError, match=r"a\.exr"):
+        write_frame(tmp_path / "a.exr", make_frame())
+    assert not (tmp_path / "a.exr").exists()
+    assert not link.is_symlink()
