@@ -17,10 +17,9 @@ import msgspec
 
 # A cold build of every kernel takes about 10 s on one core; far beyond that a probe hangs.
 PROBE_SECONDS = 120
-# The kernels that PoCL keeps for one device take about 10 MB.
-CACHE_BYTES = 50_000_000
 
 LINKER_CURE = "sudo apt-get install -y gcc libc6-dev"
+CACHE_CURE = "free some space there, or set POCL_CACHE_DIR to a folder that can be written"
 OPENCL_CURE = "python -m pip install 'pyopencl[pocl]'"
 OSMESA_CURE = "sudo apt-get install -y libosmesa6"
 EGL_CURE = "sudo apt-get install -y libegl1 libegl-mesa0 libopengl0"
@@ -61,7 +60,7 @@ def diagnose() -> Diagnosis:
         look_at_python,
         lambda: probe("EXR files", "both", PACKAGES_CURE, "files"),
         look_at_linker,
-        look_at_cache,
+        lambda: probe("kernel cache", "resolve", CACHE_CURE, "cache"),
         lambda: probe("OpenCL devices", "resolve", OPENCL_CURE, "devices"),
         lambda: probe("resolve", "resolve", RESOLVE_CURE, "resolve"),
         lambda: probe("capture on OSMesa", "capture", OSMESA_CURE, "capture", "osmesa"),
@@ -85,6 +84,7 @@ def probe(name: str, serves: str, cure: str, *arguments: str) -> Finding:
     except subprocess.TimeoutExpired:
         return Finding(name, serves, ok=False, found=f"no answer in {PROBE_SECONDS} s", cure=cure)
     if child.returncode:
+        # The last line is the error; a driver that aborts says why in its own words.
         said = [line for line in child.stderr.splitlines() if line.strip()] or [f"ended with {child.returncode}"]
         return Finding(name, serves, ok=False, found=said[-1].removeprefix("cltaa: error: "), cure=cure)
     answer = json.loads(child.stdout.splitlines()[-1])
@@ -111,25 +111,3 @@ def look_at_linker() -> Finding:
     if child.returncode:
         return Finding(name, "resolve", ok=False, found=child.stderr.splitlines()[-1], cure=LINKER_CURE)
     return Finding(name, "resolve", ok=True, found=f"{compiler} links")
-
-
-def look_at_cache() -> Finding:
-    """Try to write into the folder where PoCL keeps built kernels, and look at the space left there."""
-    name = "kernel cache"
-    folder = kernel_cache()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            free = shutil.disk_usage(folder).free
-    except OSError as error:
-        cure = "make it writable, or set POCL_CACHE_DIR to a folder that is"
-        return Finding(name, "resolve", ok=False, found=f"{folder}: {error.strerror}", cure=cure)
-    cure = f"free at least {CACHE_BYTES / 1e6:.0f} MB, or set POCL_CACHE_DIR to a folder on another disk"
-    return Finding(name, "resolve", ok=free >= CACHE_BYTES, found=f"{folder}, {free / 1e9:.1f} GB free", cure=cure)
-
-
-def kernel_cache() -> Path:
-    """Return PoCL's cache folder: ``POCL_CACHE_DIR``, else ``pocl/kcache`` in the user's cache folder."""
-    if "POCL_CACHE_DIR" in os.environ:
-        return Path(os.environ["POCL_CACHE_DIR"])
-    return Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser() / "pocl" / "kcache"

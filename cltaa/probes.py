@@ -6,7 +6,10 @@ linker does) and because a choice such as OSMesa or EGL can be made once a proce
 
 from __future__ import annotations
 
+import importlib
 import json
+import os
+import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
@@ -15,11 +18,15 @@ from typing import Any
 
 import numpy as np
 
+from cltaa.errors import CltaaError
 from cltaa.frames import Camera, Frame
 
 # Bits of cl_device_fp_config (OpenCL 1.2, table 4.3).
 FP_DENORM = 1 << 0
 FP_CORRECTLY_ROUNDED_DIVIDE_SQRT = 1 << 7
+
+# The kernels that PoCL keeps for one device take about 10 MB; what else fills the disk needs room too.
+CACHE_BYTES = 50_000_000
 
 # Large enough that every lane of a CPU kernel and its remainder run, small enough to cost nothing.
 WIDTH, HEIGHT = 40, 24
@@ -41,19 +48,35 @@ def files() -> str:
     return f"OpenEXR {version('OpenEXR')}, read back what it wrote"
 
 
+def cache() -> str:
+    """Write into the folder where the driver keeps built kernels, and look at the space left there."""
+    importlib.import_module("cltaa.device")  # decides where that folder is
+    folder = Path(os.environ["POCL_CACHE_DIR"])
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            free = shutil.disk_usage(folder).free
+    except OSError as error:
+        raise SystemExit(f"{folder}: {error.strerror}") from None
+    if free < CACHE_BYTES:
+        raise SystemExit(f"{folder}: only {free / 1e6:.0f} MB free")
+    return f"{folder}, {free / 1e9:.1f} GB free"
+
+
 def devices() -> list[dict[str, object]]:
     """Return what each OpenCL device can do, in the order in which they are chosen from."""
-    from cltaa.device import list_devices
+    from cltaa.device import devices as found
 
-    return [_facts(device) for device in list_devices()]
+    return [_facts(device) for device in found()]
 
 
 def _facts(device: Any) -> dict[str, object]:
     extensions = device.extensions.split()
     return {
         "device": device.name.strip(),
-        "platform": f"{device.platform.name.strip()} ({device.platform.version.strip()})",
-        "version": device.opencl_c_version.strip(),
+        "platform": device.platform.name.strip(),
+        "driver": device.platform.version.strip(),
+        "language": device.opencl_c_version.strip(),
         "compute_units": device.max_compute_units,
         "memory_bytes": device.global_mem_size,
         "largest_buffer_bytes": device.max_mem_alloc_size,
@@ -104,12 +127,22 @@ def capture(backend: str) -> str:
 
 
 PROBES: dict[str, Callable[..., object]] = {
+    "cache": cache,
     "capture": capture,
     "devices": devices,
     "files": files,
     "resolve": resolve,
 }
 
-if __name__ == "__main__":
-    found = PROBES[sys.argv[1]](*sys.argv[2:])
+
+def main(name: str, *arguments: str) -> None:
+    """Run one probe; what goes wrong ends the process with one line on standard error."""
+    try:
+        found = PROBES[name](*arguments)
+    except CltaaError as error:
+        raise SystemExit(str(error)) from None
     print("\n" + json.dumps(found))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -29,9 +29,8 @@ def doctor(ctx: click.Context, as_json: bool) -> None:
         click.echo(msgspec.json.format(msgspec.json.encode(diagnosis)).decode())
     else:
         console.print(_findings(diagnosis))
-        for finding in diagnosis.findings:
-            if finding.devices:
-                console.print(_devices(finding.devices))
+        for devices in filter(None, (finding.devices for finding in diagnosis.findings)):
+            console.print(_devices(devices))
     if not (diagnosis.capture and diagnosis.resolve):
         ctx.exit(DeviceMissing.exit_code)
 
@@ -50,11 +49,12 @@ def _findings(diagnosis: Diagnosis) -> Table:
 
 
 def _devices(devices: list[dict[str, object]]) -> Table:
-    table = Table(title="OpenCL devices, in the order of choice", title_justify="left")
-    for heading in devices[0]:
-        table.add_column(heading.replace("_bytes", "").replace("_", " "), overflow="fold")
-    for device in devices:
-        table.add_row(*(_cell(name, value) for name, value in device.items()))
+    table = Table("", title="OpenCL devices, in the order of choice", title_justify="left")
+    for index in range(len(devices)):
+        table.add_column(f"--device {index}")
+    for name in devices[0]:
+        heading = name.removesuffix("_bytes").replace("_", " ")
+        table.add_row(heading, *(_cell(name, device[name]) for device in devices))
     return table
 
 

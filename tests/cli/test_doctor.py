@@ -9,8 +9,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from cltaa import doctor
 
 
@@ -42,19 +40,13 @@ def test_without_a_linker_the_driver_may_abort_and_doctor_goes_on(tmp_path: Path
     assert found["capture on OSMesa"]["ok"] or found["capture on EGL"]["ok"]
 
 
-def test_a_cache_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cache_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path / "file" / "cache"))
-    finding = doctor.look_at_cache()
-    assert not finding.ok
-    assert finding.cure is not None
-    assert "POCL_CACHE_DIR" in finding.cure
-
-
-def test_the_cache_folder_follows_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("POCL_CACHE_DIR", raising=False)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert doctor.kernel_cache() == tmp_path / "pocl" / "kcache"
+    done = run_doctor("--json", POCL_CACHE_DIR=str(tmp_path / "file" / "cache"))
+    finding = findings(done)["kernel cache"]
+    assert not finding["ok"]
+    assert finding["found"] == f"{tmp_path}/file/cache: Not a directory"
+    assert finding["cure"] == doctor.CACHE_CURE
 
 
 def test_a_probe_that_fails_gives_its_last_line_and_the_cure() -> None:
