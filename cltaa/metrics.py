@@ -1,0 +1,138 @@
+"""Errors of an image against the truth: MSE, PSNR, SSIM, FLIP; definitions and ranges are in ``docs/metrics.md``.
+
+All functions take the test image first and the reference second, linear [H, W, 3] float32 of one size.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from cltaa.display import luma, to_display
+from cltaa.errors import DataError, UsageError
+from cltaa.extras import import_extra
+from cltaa.frames import Image
+
+SSIM_SIGMA = 1.5  # pixels; Wang et al. 2004, with the 11 x 11 Gaussian window that goes with it
+SSIM_SMALLEST_SIDE = 11
+FLIP_DARKEST = (
+    1e-6  # luminance; FLIP's range of exposures is upside down where the brightest is below float32's epsilon
+)
+FLIP_PIXELS_PER_DEGREE = 67.0  # FLIP's own default: 0.7 m from a 3840 pixel, 0.7 m wide screen
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """A named error measure: ``function(test, reference, stops)``, what it says, and which direction is better."""
+
+    name: str
+    function: Callable[[Image, Image, float], float]
+    title: str
+    higher_is_better: bool
+    digits: int
+
+
+def mse(test: Image, reference: Image) -> float:
+    """Mean squared error over all pixels and channels, in float64; 0 is identical."""
+    return float(np.mean(np.square(test.astype(np.float64) - reference)))
+
+
+def psnr(mean_squared_error: float) -> float:
+    """Peak signal-to-noise ratio in dB for a peak of 1; infinite where the error is 0."""
+    return math.inf if mean_squared_error == 0 else -10 * math.log10(mean_squared_error)
+
+
+def ssim(test: Image, reference: Image, stops: float = 0.0) -> float:
+    """Mean structural similarity of the luma of the display images (Wang et al. 2004, Gaussian window); 1 is identical.
+
+    Raises UsageError without scikit-image and DataError for images smaller than the window.
+    """
+    if min(test.shape[:2]) < SSIM_SMALLEST_SIDE:
+        expected = f"at least {SSIM_SMALLEST_SIDE} pixels a side"
+        raise DataError("image too small for SSIM", expected=expected, found=f"{test.shape[1]} x {test.shape[0]}")
+    module = import_extra("skimage.metrics", package="scikit-image", extra="metrics", purpose="metric ssim")
+    value = module.structural_similarity(
+        luma(to_display(test, stops)), luma(to_display(reference, stops)),
+        gaussian_weights=True, sigma=SSIM_SIGMA, use_sample_covariance=False, data_range=1.0,
+    )  # fmt: skip
+    return float(value)
+
+
+def flip_map(test: Image, reference: Image, stops: float = 0.0, *, hdr: bool = False) -> Image:
+    """Per-pixel FLIP error [H, W] in [0, 1] (Andersson et al. 2020), or HDR-FLIP (2021), at 67 pixels per degree.
+
+    LDR: of the display images. HDR: of the linear images without negative values, the largest error over the range
+    of exposures that FLIP derives from the reference, with its ACES curve. Raises UsageError without flip-evaluator.
+    """
+    module = import_extra("flip_evaluator", package="flip-evaluator", extra="metrics", purpose="metric flip")
+    light = [np.maximum(image, 0.0) * np.float32(2.0**stops) for image in (reference, test)]
+    if hdr and float(luma(light[0]).max()) < FLIP_DARKEST:
+        hdr = False  # too dark for its range of exposures; the module would end the program
+    pair = light if hdr else [to_display(image, stops) for image in (reference, test)]
+    reference_image, test_image = (np.ascontiguousarray(image, dtype=np.float32) for image in pair)
+    error, _, _ = module.evaluate(
+        reference_image, test_image, "HDR" if hdr else "LDR",
+        applyMagma=False, computeMeanError=False, parameters={"ppd": FLIP_PIXELS_PER_DEGREE},
+    )  # fmt: skip
+    per_pixel: Image = np.asarray(error, dtype=np.float32)[..., 0]
+    return per_pixel
+
+
+def _display_psnr(test: Image, reference: Image, stops: float) -> float:
+    return psnr(mse(to_display(test, stops), to_display(reference, stops)))
+
+
+METRICS = {
+    metric.name: metric
+    for metric in (
+        Metric("mse", lambda a, b, _: mse(a, b), "mean squared error, linear", False, 6),
+        Metric("psnr", _display_psnr, "PSNR of the display images, dB", True, 2),
+        Metric("psnr-linear", lambda a, b, _: psnr(mse(a, b)), "PSNR of linear colour for a peak of 1, dB", True, 2),
+        Metric("ssim", ssim, "SSIM of display luma", True, 4),
+        Metric("flip", lambda a, b, s: float(flip_map(a, b, s).mean()), "mean FLIP of the display images", False, 4),
+        Metric("flip-hdr", lambda a, b, s: float(flip_map(a, b, s, hdr=True).mean()), "mean HDR-FLIP", False, 4),
+    )
+}
+DEFAULT_METRICS = ("mse", "psnr", "ssim", "flip")
+
+
+def parse_metrics(text: str) -> tuple[Metric, ...]:
+    """Metrics named in a comma-separated list, or all of them for ``all``; raises UsageError for an unknown name."""
+    names = list(METRICS) if text == "all" else [name.strip() for name in text.split(",") if name.strip()]
+    for name in names:
+        if name not in METRICS:
+            raise UsageError("unknown metric", expected=", ".join(METRICS), found=name)
+    if not names:
+        raise UsageError("no metric is named", expected=", ".join(METRICS))
+    return tuple(METRICS[name] for name in dict.fromkeys(names))
+
+
+def measure(
+    test: Image, reference: Image, metrics: Iterable[Metric] | None = None, stops: float = 0.0
+) -> dict[str, float]:
+    """Value of every metric for one pair of images; raises DataError for sizes that differ and for NaN or infinity."""
+    if test.shape != reference.shape:
+        raise DataError("images differ in size", expected=list(reference.shape), found=list(test.shape))
+    for name, image in (("test", test), ("reference", reference)):
+        bad = image.size - int(np.isfinite(image).sum())
+        if bad:
+            raise DataError(f"{bad} values of the {name} image are NaN or infinite", cure="no error can be stated")
+    if metrics is None:
+        metrics = (METRICS[name] for name in DEFAULT_METRICS)
+    return {metric.name: metric.function(test, reference, stops) for metric in metrics}
+
+
+def mean(frames: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    """Mean of each metric over frames; that of a PSNR is the PSNR of the mean squared error, and so stays finite."""
+    rows = list(frames)
+    result: dict[str, float] = {}
+    for name in rows[0] if rows else ():
+        values = [row[name] for row in rows]
+        if name.startswith("psnr"):
+            result[name] = psnr(math.fsum(10 ** (-value / 10) for value in values) / len(values))
+        else:
+            result[name] = math.fsum(values) / len(values)
+    return result

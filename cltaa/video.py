@@ -1,0 +1,109 @@
+"""MP4 films of a sequence, H.264 for any player, encoded a frame at a time in constant memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cltaa.atomic import atomic_path
+from cltaa.display import Picture, to_picture
+from cltaa.errors import DataError, StorageError
+from cltaa.extras import import_extra
+from cltaa.frames import Image
+from cltaa.pictures import side_by_side
+
+QUALITY = 16  # x264's constant rate factor: finer than its default of 23, whose blocks would hide what is compared
+BT709 = 1  # number of ITU-R BT.709 in the tables of H.264, for primaries, curve and matrix
+
+
+class Video:
+    """An MP4 file that is being written; every picture has the size of the first."""
+
+    def __init__(self, container: Any, rate: Fraction, path: Path) -> None:
+        self._container, self._rate, self._path = container, rate, path
+        self._stream: Any = None
+        self._size: tuple[int, ...] = ()
+        self.count = 0
+
+    def add(self, picture: Picture) -> None:
+        """Encode one 8-bit picture [H, W, 3]; an odd side is made even by repeating its last row or column."""
+        if self._stream is None:
+            self._start(picture)
+        elif picture.shape != self._size:
+            expected, found = list(self._size), list(picture.shape)
+            raise DataError("picture size differs", path=self._path, frame=self.count, expected=expected, found=found)
+        odd = [(0, side % 2) for side in picture.shape[:2]]
+        padded = np.ascontiguousarray(np.pad(picture, [*odd, (0, 0)], mode="edge"))
+        av = import_av()
+        frame = av.VideoFrame.from_ndarray(padded, format="rgb24")
+        frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG")
+        frame.pts = self.count
+        frame.time_base = 1 / self._rate
+        self._container.mux(self._stream.encode(frame))
+        self.count += 1
+
+    def finish(self) -> None:
+        """Encode what the encoder still holds back; raises DataError where no picture was added."""
+        if self._stream is None:
+            raise DataError("a film of no frames", path=self._path)
+        self._container.mux(self._stream.encode(None))
+
+    def _start(self, picture: Picture) -> None:
+        self._size = picture.shape
+        self._stream = self._container.add_stream("libx264", rate=self._rate, options={"crf": str(QUALITY)})
+        self._stream.height, self._stream.width = (side + side % 2 for side in picture.shape[:2])
+        self._stream.pix_fmt = "yuv420p"
+        context = self._stream.codec_context
+        context.colorspace = context.color_primaries = context.color_trc = BT709
+
+
+def import_av() -> Any:
+    """Import PyAV; raises UsageError that says what to install."""
+    return import_extra("av", package="PyAV", extra="video", purpose="writing MP4")
+
+
+@contextmanager
+def open_video(path: Path, rate: Fraction | int = 24) -> Iterator[Video]:
+    """Open an MP4 file for pictures at ``rate`` frames a second; it appears under its name when the block ends well.
+
+    Its index lies at the front, so that it plays while it loads. Raises UsageError without PyAV, OutputError where
+    the file cannot be created and StorageError where writing fails.
+    """
+    av = import_av()
+    with atomic_path(path) as temporary:
+        try:
+            with av.open(str(temporary), "w", format="mp4", options={"movflags": "faststart"}) as container:
+                video = Video(container, Fraction(rate), path)
+                yield video
+                video.finish()
+        except av.FFmpegError as error:
+            raise StorageError(f"encoding failed: {error}", path=path, cure="check the free space") from error
+
+
+def write_video(path: Path, images: Iterable[Image], *, rate: Fraction | int = 24, stops: float = 0.0) -> int:
+    """Write linear images [H, W, 3] as an MP4 through the display transform and return their count; errors as above."""
+    with open_video(path, rate) as video:
+        for image in images:
+            video.add(to_picture(image, stops))
+    return video.count
+
+
+def write_side_by_side(
+    path: Path,
+    before: Iterable[Image],
+    after: Iterable[Image],
+    *,
+    labels: tuple[str, str] = ("before", "after"),
+    rate: Fraction | int = 24,
+    stops: float = 0.0,
+) -> int:
+    """Write two sequences of equal length and size next to each other, labelled; errors as above."""
+    with open_video(path, rate) as video:
+        for left, right in zip(before, after, strict=True):
+            video.add(side_by_side(left, right, labels, stops))
+    return video.count
