@@ -1,0 +1,86 @@
+"""Sample positions inside a pixel, in pixels from its centre: x right, y down, in [-0.5, 0.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import isqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.errors import InternalError, UsageError
+
+Offsets = NDArray[np.float64]  # [N, 2]
+
+# The plastic number, root of x^3 = x + 1: Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences" (2018).
+PLASTIC = 1.3247179572447460
+
+
+def radical_inverse(index: int, base: int) -> float:
+    """Mirror the digits of ``index`` about the point (van der Corput)."""
+    value, digit = 0.0, 1.0
+    while index > 0:
+        digit /= base
+        value += digit * (index % base)
+        index //= base
+    return value
+
+
+def halton(count: int) -> Offsets:
+    """Halton points in bases 2 and 3, from index 1, as games use them."""
+    return np.array([[radical_inverse(i, 2), radical_inverse(i, 3)] for i in range(1, count + 1)])
+
+
+def r2(count: int) -> Offsets:
+    """Roberts' R2 sequence, the plane's counterpart of the golden ratio."""
+    steps = np.array([1.0 / PLASTIC, 1.0 / PLASTIC**2])
+    return np.asarray((np.arange(1, count + 1)[:, None] * steps) % 1.0)
+
+
+def grid(count: int) -> Offsets:
+    """Centres of a square grid, row by row; raises UsageError where ``count`` is no square."""
+    side = isqrt(count)
+    if side * side != count:
+        raise UsageError(f"grid:{count} is not a square number of samples", cure=f"use grid:{(side + 1) ** 2}")
+    down, across = np.divmod(np.arange(count), side)
+    return (np.stack([across, down], 1) + 0.5) / side
+
+
+def hammersley(count: int) -> Offsets:
+    """Hammersley points in base 2: one point in each of N columns; for a power of two a (0, m, 2)-net.
+
+    Every way of cutting the pixel into N equal dyadic boxes then has one point a box (Niederreiter 1992, ch. 4),
+    so that an edge of any of those directions is integrated with an error of 1/N, where a grid's is 1/sqrt(N).
+    """
+    return np.array([[(i + 0.5) / count, radical_inverse(i, 2)] for i in range(count)])
+
+
+PATTERNS: dict[str, Callable[[int], Offsets]] = {"halton": halton, "r2": r2, "grid": grid, "hammersley": hammersley}
+
+
+def centred(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Turn points [N] of the unit circle [0, 1) so that as offsets in [-0.5, 0.5) their mean is zero.
+
+    A mean left in would shift the picture for good. Subtracting it may push k points over the edge, where they come
+    in again at the other side and change the mean by k/N; so the turn that we look for is -mean + k/N for some k.
+    One exists: the mean rises steadily with the turn, falls only by jumps of 1/N, and averages zero over a full turn.
+    """
+    offsets, count = points - 0.5, len(points)
+    for wrapped in sorted(range(-count, count + 1), key=abs):
+        turned = offsets + (wrapped / count - offsets.mean())
+        turned -= np.floor(turned + 0.5)
+        if abs(turned.mean()) < 0.5 / count:
+            return np.asarray(turned)
+    raise InternalError(f"no turn centres a jitter of {count} points")
+
+
+def jitter_sequence(text: str) -> Offsets:
+    """Read ``none`` or ``PATTERN:N`` into N centred offsets [N, 2]; raises UsageError for anything else."""
+    if text == "none":
+        return np.zeros((1, 2))
+    name, _, period = text.partition(":")
+    if name not in PATTERNS or not period.isascii() or not period.isdigit() or int(period) < 1:
+        known = ", ".join(f"{pattern}:N" for pattern in PATTERNS)
+        raise UsageError(f"no such jitter: {text}", cure=f"use none or one of {known}, N at least 1")
+    points = PATTERNS[name](int(period))
+    return np.stack([centred(points[:, 0]), centred(points[:, 1])], axis=1)

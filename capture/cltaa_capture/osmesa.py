@@ -1,0 +1,171 @@
+"""Off-screen OpenGL without a display: OSMesa where it can be loaded, else surfaceless EGL.
+
+PyOpenGL binds to its platform when it is first imported, so ``choose_backend`` comes before any ``import OpenGL``.
+pyrender 0.1.45 pins PyOpenGL 3.1.0; ``_mend_pyrender`` supplies the four things that this pair lacks.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+import types
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cltaa.errors import DeviceMissing, UsageError
+
+BACKENDS = ("auto", "osmesa", "egl")
+INSTALL = "install libosmesa6 (Debian, Ubuntu: apt-get install libosmesa6), or libegl1 and libegl-mesa0"
+
+# Newest first. PyOpenGL asks the linker's cache only, which knows nothing of LD_LIBRARY_PATH.
+OSMESA_LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
+EGL_LIBRARIES = ("libEGL.so.1", "libEGL.so")
+
+# GL/osmesa.h
+OSMESA_CONSTANTS = {
+    "OSMESA_DEPTH_BITS": 0x30,
+    "OSMESA_PROFILE": 0x33,
+    "OSMESA_CORE_PROFILE": 0x34,
+    "OSMESA_CONTEXT_MAJOR_VERSION": 0x36,
+    "OSMESA_CONTEXT_MINOR_VERSION": 0x37,
+}
+EGL_PLATFORM_SURFACELESS_MESA = 0x31DD  # EGL_MESA_platform_surfaceless
+
+
+def _first_library(names: tuple[str, ...]) -> str | None:
+    """Return the first of some shared libraries that can be loaded."""
+    for name in names:
+        try:
+            ctypes.CDLL(name, mode=ctypes.RTLD_GLOBAL)
+        except OSError:
+            continue
+        return name
+    return None
+
+
+def choose_backend(backend: str = "auto") -> str:
+    """Decide between ``osmesa`` and ``egl`` and tell PyOpenGL; raises DeviceMissing where neither can be loaded."""
+    if backend not in BACKENDS:
+        raise UsageError(f"no such backend: {backend}", cure=f"use one of {', '.join(BACKENDS)}")
+    bound = os.environ.get("PYOPENGL_PLATFORM") if "OpenGL" in sys.modules else None
+    if bound is not None and backend in ("auto", bound):
+        return bound
+    if "OpenGL" in sys.modules:
+        raise UsageError(
+            f"OpenGL is already bound to {bound or 'a display'}", cure="choose the backend in a new process"
+        )
+    if backend in ("auto", "osmesa") and _first_library(OSMESA_LIBRARIES):
+        chosen = "osmesa"
+    elif backend in ("auto", "egl") and _first_library(EGL_LIBRARIES):
+        chosen = "egl"
+    else:
+        wanted = "OSMesa or EGL" if backend == "auto" else {"osmesa": "OSMesa", "egl": "EGL"}[backend]
+        raise DeviceMissing(f"no off-screen OpenGL: {wanted} cannot be loaded", cure=INSTALL)
+    os.environ["PYOPENGL_PLATFORM"] = chosen
+    return chosen
+
+
+def _mend_pyrender(backend: str) -> None:
+    """Supply what pyrender 0.1.45 with PyOpenGL 3.1.0 lacks; safe to call twice."""
+    if not hasattr(np, "infty"):  # gone in NumPy 2, used for bounds
+        setattr(np, "infty", np.inf)  # noqa: B010 (NumPy's types know of no such name)
+    # pyrender's viewer needs pyglet and an X server, both for nothing here.
+    viewer: Any = types.ModuleType("pyrender.viewer")
+    viewer.Viewer = None
+    sys.modules.setdefault("pyrender.viewer", viewer)
+    if backend == "osmesa":
+        _mend_osmesa()
+    import OpenGL.contextdata as contextdata
+
+    if not hasattr(contextdata, "cltaa_get_context"):
+        contextdata.cltaa_get_context = contextdata.getContext
+        contextdata.getContext = _hashable_context
+
+
+def _hashable_context(context: Any = None) -> int:
+    """Return the context's address: OSMesa gives a new pointer object a call, which as a key is never found again."""
+    import OpenGL.contextdata as contextdata
+
+    pointer = contextdata.cltaa_get_context(context)
+    return pointer if isinstance(pointer, int) else ctypes.cast(pointer, ctypes.c_void_p).value or 0
+
+
+def _mend_osmesa() -> None:
+    """Load OSMesa by its real name and declare OSMesaCreateContextAttribs, which PyOpenGL 3.1.0 does not know."""
+    from OpenGL import platform as gl_platform
+    from OpenGL.platform import ctypesloader
+
+    load = ctypesloader.loadLibrary
+    if not hasattr(ctypesloader, "cltaa_load"):
+        ctypesloader.cltaa_load = load
+        named = {"OSMesa": _first_library(OSMESA_LIBRARIES) or "OSMesa"}
+        ctypesloader.loadLibrary = lambda kind, name, mode=ctypes.RTLD_GLOBAL: (
+            ctypes.CDLL(named[name], mode) if name in named else load(kind, name, mode)
+        )
+    import OpenGL.osmesa as osmesa
+
+    if not hasattr(osmesa, "OSMesaCreateContextAttribs"):
+        create = gl_platform.PLATFORM.OSMesa.OSMesaCreateContextAttribs
+        create.restype = osmesa.OSMesaContext
+        create.argtypes = [ctypes.POINTER(ctypes.c_int), osmesa.OSMesaContext]
+        osmesa.OSMesaCreateContextAttribs = lambda attributes, share: create(
+            (ctypes.c_int * len(attributes))(*map(int, attributes)), share
+        )
+    for name, value in OSMESA_CONSTANTS.items():
+        if not hasattr(osmesa, name):
+            setattr(osmesa, name, value)
+
+
+@dataclass(slots=True)
+class Context:
+    """A current OpenGL context; ``close`` it when every object in it has been deleted."""
+
+    backend: str  # osmesa or egl
+    version: str  # GL_VERSION
+    renderer: str  # GL_RENDERER
+    _platform: Any
+
+    def close(self) -> None:
+        """Destroy the context."""
+        self._platform.delete_context()
+
+
+def open_context(backend: str = "auto") -> Context:
+    """Open an off-screen OpenGL context and make it current; raises DeviceMissing where there is none."""
+    chosen = choose_backend(backend)
+    try:
+        _mend_pyrender(chosen)
+        platform = _egl_platform() if chosen == "egl" else _osmesa_platform()
+        platform.init_context()
+        platform.make_current()
+        from OpenGL import GL
+
+        strings = [GL.glGetString(name) for name in (GL.GL_VERSION, GL.GL_RENDERER)]
+    except (ImportError, AttributeError, AssertionError, OSError, RuntimeError) as error:
+        reason = str(error) or type(error).__name__
+        raise DeviceMissing(f"no off-screen OpenGL: {chosen} gave no context ({reason})", cure=INSTALL) from error
+    if None in strings:
+        raise DeviceMissing(f"no off-screen OpenGL: {chosen} gave no current context", cure=INSTALL)
+    version, renderer = (string.decode() for string in strings)
+    return Context(chosen, version, renderer, platform)
+
+
+def _osmesa_platform() -> Any:
+    """Return pyrender's OSMesa platform; its own buffer is never drawn to, so one pixel will do."""
+    from pyrender.platforms.osmesa import OSMesaPlatform
+
+    return OSMesaPlatform(1, 1)
+
+
+def _egl_platform() -> Any:
+    """Return pyrender's EGL platform on a display that needs neither a device file nor an X server."""
+    from pyrender.platforms import egl
+
+    class Surfaceless(egl.EGLDevice):  # type: ignore[misc]
+        def get_display(self) -> Any:
+            return egl._eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA, None, None)
+
+    return egl.EGLPlatform(1, 1, device=Surfaceless())

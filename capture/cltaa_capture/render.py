@@ -1,0 +1,123 @@
+"""Draws one instant of a scene: linear float32 colour, planar depth, and motion where the scene calls for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import pyrender
+from OpenGL import GL
+
+from cltaa.frames import Effect, Image
+from cltaa_capture.cameras import planar_depth
+from cltaa_capture.jitter import Offsets
+from cltaa_capture.programs import ProgramShelf, Uniforms
+from cltaa_capture.stage import Placed, Staged, jitter_uniforms, stage
+from cltaa_capture.targets import Target, use_reversed_depth
+from cltaa_capture.upload import upload
+from cltaa_datasets.scene import Instant, Scene
+
+# Output of a target -> effect that calls for it; colour is always drawn.
+CALLED_FOR_BY = {"motion": Effect.MOTION, "reactive": Effect.REACTIVE}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Drawn:
+    """One sample a pixel of one instant, row 0 at the top; what the scene does not call for is None."""
+
+    colour: Image  # [H, W, 4], premultiplied, alpha last
+    depth: Image  # [H, W], planar, +inf where nothing was drawn
+    motion: Image | None  # [H, W, 2], pixels, y down, NaN where nothing but the camera moves
+    reactive: Image | None  # [H, W], share of the colour that depth and motion know nothing of
+
+
+class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]
+    """Draws the instants of one scene, which is uploaded once; needs a current context (``open_context``).
+
+    pyrender keeps meshes and textures in the context; shaders, targets and the drawing itself are this package's.
+    """
+
+    def __init__(self, scene: Scene, width: int, height: int) -> None:
+        """Upload ``scene`` and allocate a picture of ``width`` x ``height`` pixels."""
+        super().__init__(width, height)
+        self._scene, self._size = scene, (width, height)
+        self._programs = ProgramShelf()
+        self._target = Target(width, height, ["colour", *(o for o, e in CALLED_FOR_BY.items() if e in scene.effects)])
+        self._colour_target = Target(width, height, ["colour"])
+        use_reversed_depth()
+        holder, self._drawables = upload(scene)
+        self._update_context(holder, pyrender.RenderFlags.NONE)
+        self._no_vertices = GL.glGenVertexArrays(1)
+
+    def delete(self) -> None:
+        """Free everything that this renderer put into the context."""
+        self._programs.delete()
+        GL.glDeleteVertexArrays(1, [self._no_vertices])
+        super().delete()
+
+    def _delete_main_framebuffer(self) -> None:
+        # Called by pyrender's delete; pyrender's own framebuffer is never made.
+        self._target.delete()
+        self._colour_target.delete()
+
+    def draw(self, now: Instant, before: Instant, jitter_px: tuple[float, float]) -> Drawn:
+        """Draw ``now`` with one sample a pixel; motion leads to ``before``."""
+        target = self._target
+        self._paint(target, stage(self._scene, self._drawables, now, before, self._size), jitter_px)
+        return Drawn(
+            colour=target.read("colour"),
+            depth=planar_depth(target.read_depth(), now.lens),
+            motion=target.read("motion") if "motion" in target.outputs else None,
+            reactive=target.read("reactive") if "reactive" in target.outputs else None,
+        )
+
+    def draw_reference(self, now: Instant, offsets: Offsets) -> Image:
+        """Draw the mean of the samples at ``offsets`` [N, 2] pixels: colour [H, W, 4], summed in float64."""
+        staged = stage(self._scene, self._drawables, now, now, self._size)
+        total = np.zeros((self._size[1], self._size[0], 4))
+        for jx, jy in offsets.tolist():
+            self._paint(self._colour_target, staged, (jx, jy))
+            total += self._colour_target.read("colour")
+        return np.asarray(total / len(offsets), np.float32)
+
+    def _paint(self, target: Target, staged: Staged, jitter_px: tuple[float, float]) -> None:
+        """Draw into ``target``: what hides, then the sky behind it, then what can be seen through."""
+        outputs = {output.upper(): place for place, output in enumerate(target.outputs) if place > 0}
+        jitter = jitter_uniforms(jitter_px, self._size)
+        target.begin()
+        GL.glDisable(GL.GL_BLEND)
+        self._draw_parts(staged.solid, staged.defines | outputs, (staged.uniforms, jitter))
+        if staged.has_sky:
+            self._draw_sky(outputs, (staged.uniforms, jitter))
+        if staged.glassy:
+            # Premultiplied colour over what is there, whose depth and motion stay.
+            GL.glEnable(GL.GL_BLEND)
+            GL.glBlendFunc(GL.GL_ONE, GL.GL_ONE_MINUS_SRC_ALPHA)
+            target.keep_geometry(True)
+            self._draw_parts(staged.glassy, staged.defines | outputs, (staged.uniforms, jitter))
+            target.keep_geometry(False)
+
+    def _draw_parts(self, items: Iterable[Placed], defines: dict[str, int], frame: tuple[Uniforms, ...]) -> None:
+        for item in items:
+            drawable = item.drawable
+            moving = {"MOVING": 1} if item.moves and "MOTION" in defines else {}
+            for unit, texels in enumerate(drawable.textures):
+                GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
+                texels._bind()
+            program = self._programs.get("mesh.vert", "mesh.frag", defines | drawable.defines | moving)
+            program.bind(item.uniforms, drawable.uniforms, *frame)
+            (GL.glDisable if drawable.part.material.double_sided else GL.glEnable)(GL.GL_CULL_FACE)
+            # A mirroring pose turns the triangles round (glTF 2.0 section 3.7.4).
+            GL.glFrontFace(GL.GL_CW if item.mirrored else GL.GL_CCW)
+            drawable.primitive._bind()
+            GL.glDrawElements(GL.GL_TRIANGLES, drawable.primitive.indices.size, GL.GL_UNSIGNED_INT, None)
+
+    def _draw_sky(self, outputs: dict[str, int], frame: tuple[Uniforms, ...]) -> None:
+        self._programs.get("sky.vert", "sky.frag", outputs).bind(*frame)
+        GL.glDisable(GL.GL_CULL_FACE)
+        # At infinity, reversed depth is 0 as cleared: only "greater or equal" lets the sky through.
+        GL.glDepthFunc(GL.GL_GEQUAL)
+        GL.glBindVertexArray(self._no_vertices)
+        GL.glDrawArrays(GL.GL_TRIANGLES, 0, 3)
+        GL.glDepthFunc(GL.GL_GREATER)

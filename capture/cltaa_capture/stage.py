@@ -1,0 +1,131 @@
+"""What the device is told about one instant: every matrix composed in float64, relative to the camera, rounded once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.errors import InternalError
+from cltaa.frames import Effect, Matrix
+from cltaa_capture.cameras import camera_at, clip_to_world_direction, jitter_ndc, reversed_projection
+from cltaa_capture.upload import Drawable
+from cltaa_datasets.scene import AlphaMode, Instant, Orthographic, Scene, Sky, Sun
+
+NO_SKY = Sky(zenith=(0.0, 0.0, 0.0), horizon=(0.0, 0.0, 0.0), ground=(0.0, 0.0, 0.0), ambient=0.0)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Placed:
+    """A drawable at one instant."""
+
+    drawable: Drawable
+    depth: float  # of its centre: the order of drawing
+    moves: bool
+    mirrored: bool
+    uniforms: dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Staged:
+    """An instant ready to be drawn any number of times, each with its own jitter."""
+
+    solid: list[Placed]  # near to far: what is hidden is not shaded
+    glassy: list[Placed]  # far to near
+    has_sky: bool
+    defines: dict[str, int]
+    uniforms: dict[str, Any]
+
+
+def float32(values: Any) -> NDArray[np.float32]:
+    """Round a vector or matrix once, to what the device works with."""
+    return np.ascontiguousarray(values, np.float32)
+
+
+def stage(scene: Scene, drawables: Sequence[Drawable], now: Instant, before: Instant, size: tuple[int, int]) -> Staged:
+    """Prepare ``now`` for a picture of ``size`` (width, height) pixels; motion leads to ``before``.
+
+    Raises InternalError where something moves in a scene that declares no motion.
+    """
+    placed = _place(scene, drawables, now, before, size[0] / size[1])
+    solid = [item for item in placed if item.drawable.part.material.alpha_mode is not AlphaMode.BLEND]
+    glassy = [item for item in placed if item.drawable.part.material.alpha_mode is AlphaMode.BLEND]
+    suns = sum(isinstance(light, Sun) for light in now.lights)
+    defines = {"SUNS": suns, "LAMPS": len(now.lights) - suns}
+    if now.sky is not None and now.sky.fog > 0.0:
+        defines["FOG"] = 1
+    if isinstance(now.lens, Orthographic):
+        defines["PARALLEL"] = 1
+    return Staged(
+        solid=sorted(solid, key=lambda item: item.depth),
+        glassy=sorted(glassy, key=lambda item: -item.depth),
+        has_sky=now.sky is not None,
+        defines=defines,
+        uniforms=_frame_uniforms(now, size),
+    )
+
+
+def _place(scene: Scene, drawables: Sequence[Drawable], now: Instant, before: Instant, aspect: float) -> list[Placed]:
+    projection, earlier_projection = (reversed_projection(instant.lens, aspect) for instant in (now, before))
+    placed = []
+    for drawable, pose, earlier in zip(drawables, now.poses, before.poses, strict=True):
+        if pose is None:
+            continue
+        model_to_view = now.world_to_view @ pose
+        model_to_clip = projection @ model_to_view
+        uniforms = {
+            "model_to_clip": float32(model_to_clip),
+            "model_to_view": float32(model_to_view),
+            "normal_to_world": float32(normal_matrix(pose)),
+        }
+        moves = earlier is not None and not np.array_equal(pose, earlier)
+        if earlier is not None and moves:
+            if Effect.MOTION not in scene.effects:
+                raise InternalError(f"scene {scene.name} declares no motion, but {drawable.part.name} moves")
+            earlier_clip = earlier_projection @ (before.world_to_view @ earlier)
+            uniforms["clip_displacement"] = float32(earlier_clip - model_to_clip)
+        depth = float(-(model_to_view @ drawable.centre)[2])
+        placed.append(Placed(drawable, depth, moves, bool(np.linalg.det(pose[:3, :3]) < 0.0), uniforms))
+    return placed
+
+
+def _frame_uniforms(now: Instant, size: tuple[int, int]) -> dict[str, Any]:
+    sky = now.sky or NO_SKY
+    uniforms = {
+        "half_size": float32(size) / np.float32(2.0),
+        "exposure": now.exposure,
+        "view_to_world": float32(now.world_to_view[:3, :3].T),
+        "ndc_to_world": float32(clip_to_world_direction(camera_at(now, size[0] / size[1]))),
+        "sky.ambient": sky.ambient,
+        "sky.fog": sky.fog,
+    }
+    for name in ("zenith", "horizon", "ground", "glow", "glow_direction"):
+        uniforms[f"sky.{name}"] = float32(getattr(sky, name))
+    suns = lamps = 0
+    for light in now.lights:
+        if isinstance(light, Sun):
+            uniforms[f"suns[{suns}].direction"] = float32(light.direction)
+            uniforms[f"suns[{suns}].irradiance"] = float32(light.irradiance)
+            suns += 1
+        else:
+            position = now.world_to_view @ np.append(light.position, 1.0)
+            uniforms[f"lamps[{lamps}].view_position"] = float32(position[:3])
+            uniforms[f"lamps[{lamps}].intensity"] = float32(light.intensity)
+            lamps += 1
+    return uniforms
+
+
+def jitter_uniforms(jitter_px: tuple[float, float], size: tuple[int, int]) -> dict[str, Any]:
+    """Shift of the picture, and of the sample in it, in NDC."""
+    shift = float32(jitter_ndc(jitter_px, *size))
+    return {"jitter_ndc": shift, "sample_shift": -shift}
+
+
+def normal_matrix(pose: Matrix) -> Matrix:
+    """Inverse transpose of a pose's upper 3x3, up to a positive factor: the cofactors, which exist for any pose."""
+    a, b, c = pose[:3, :3]
+    cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
+    return np.asarray(cofactors * np.sign(np.linalg.det(pose[:3, :3])))

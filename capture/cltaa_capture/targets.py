@@ -1,0 +1,98 @@
+"""Where pixels land: one sample a pixel, float32 from the shader to the array, no default framebuffer involved."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from OpenGL import GL, platform
+
+from cltaa.errors import DeviceMissing, ResourceError
+
+GL_ZERO_TO_ONE = 0x935F  # GL_ARB_clip_control, which PyOpenGL 3.1.0 does not know
+
+# Output -> (internal format, format read back, channels). Their order is that of the shaders' output locations.
+FORMATS = {
+    "colour": (GL.GL_RGBA32F, GL.GL_RGBA, 4),
+    "motion": (GL.GL_RG32F, GL.GL_RG, 2),
+    "reactive": (GL.GL_R32F, GL.GL_RED, 1),
+}
+CLEARED = {"colour": 0.0, "motion": np.nan, "reactive": 0.0}
+FAR = 0.0  # reversed depth of infinity
+
+
+def use_reversed_depth() -> None:
+    """Make clip space z run over [0, 1] and nearer mean greater; raises DeviceMissing without GL_ARB_clip_control."""
+    address = platform.PLATFORM.getExtensionProcedure(b"glClipControl")
+    pointer = ctypes.cast(address, ctypes.c_void_p).value
+    if pointer is None:
+        raise DeviceMissing(
+            "this OpenGL has no GL_ARB_clip_control",
+            expected="OpenGL 4.5",
+            found=GL.glGetString(GL.GL_VERSION).decode(),
+        )
+    ctypes.CFUNCTYPE(None, ctypes.c_uint, ctypes.c_uint)(pointer)(GL.GL_LOWER_LEFT, GL_ZERO_TO_ONE)
+    GL.glEnable(GL.GL_DEPTH_TEST)
+    GL.glDepthFunc(GL.GL_GREATER)
+
+
+class Target:
+    """A framebuffer of single-sample float textures and a 32-bit float depth buffer."""
+
+    def __init__(self, width: int, height: int, outputs: Sequence[str]) -> None:
+        """Allocate; ``outputs`` are keys of FORMATS in order. Raises ResourceError where the driver will not."""
+        self.width, self.height, self.outputs = width, height, tuple(outputs)
+        self._framebuffer = GL.glGenFramebuffers(1)
+        self._textures = [int(name) for name in np.atleast_1d(GL.glGenTextures(len(self.outputs) + 1))]
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffer)
+        for index, output in enumerate(self.outputs):
+            internal, layout, _ = FORMATS[output]
+            self._attach(self._textures[index], GL.GL_COLOR_ATTACHMENT0 + index, internal, layout)
+        self._attach(self._textures[-1], GL.GL_DEPTH_ATTACHMENT, GL.GL_DEPTH_COMPONENT32F, GL.GL_DEPTH_COMPONENT)
+        GL.glDrawBuffers(len(self.outputs), [GL.GL_COLOR_ATTACHMENT0 + i for i in range(len(self.outputs))])
+        if GL.glCheckFramebufferStatus(GL.GL_FRAMEBUFFER) != GL.GL_FRAMEBUFFER_COMPLETE:
+            raise ResourceError(f"OpenGL refuses a float framebuffer of {width}x{height}", cure="use a smaller --size")
+
+    def _attach(self, texture: int, attachment: int, internal: int, layout: int) -> None:
+        GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
+        GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, internal, self.width, self.height, 0, layout, GL.GL_FLOAT, None)
+        GL.glFramebufferTexture2D(GL.GL_FRAMEBUFFER, attachment, GL.GL_TEXTURE_2D, texture, 0)
+
+    def begin(self) -> None:
+        """Draw here from now on, over a cleared picture."""
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffer)
+        GL.glViewport(0, 0, self.width, self.height)
+        GL.glDepthMask(GL.GL_TRUE)
+        for index, output in enumerate(self.outputs):
+            GL.glClearBufferfv(GL.GL_COLOR, index, np.full(4, CLEARED[output], np.float32))
+        GL.glClearBufferfv(GL.GL_DEPTH, 0, np.full(1, FAR, np.float32))
+
+    def keep_geometry(self, keep: bool) -> None:
+        """Leave depth and motion as they are from now on, or (False) write them again."""
+        write = GL.GL_FALSE if keep else GL.GL_TRUE
+        GL.glDepthMask(write)
+        if "motion" in self.outputs:
+            GL.glColorMaski(self.outputs.index("motion"), write, write, write, write)
+
+    def read(self, output: str) -> NDArray[np.float32]:
+        """Read one output [H, W] or [H, W, C], row 0 at the top: the one place where OpenGL's rows are turned over."""
+        _, layout, channels = FORMATS[output]
+        GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT0 + self.outputs.index(output))
+        shape = (self.height, self.width) if channels == 1 else (self.height, self.width, channels)
+        return self._read(layout, np.empty(shape, np.float32))
+
+    def read_depth(self) -> NDArray[np.float32]:
+        """Read reversed device depth [H, W], row 0 at the top."""
+        return self._read(GL.GL_DEPTH_COMPONENT, np.empty((self.height, self.width), np.float32))
+
+    def _read(self, layout: int, pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._framebuffer)
+        GL.glReadPixels(0, 0, self.width, self.height, layout, GL.GL_FLOAT, pixels)
+        return pixels[::-1]
+
+    def delete(self) -> None:
+        """Free the framebuffer and its textures."""
+        GL.glDeleteFramebuffers(1, [self._framebuffer])
+        GL.glDeleteTextures(self._textures)

@@ -1,0 +1,123 @@
+"""From a scene's parts to pyrender's meshes and textures, which know how to enter and leave an OpenGL context."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyrender
+from OpenGL import GL
+
+from cltaa.frames import Matrix
+from cltaa_datasets.meshes import texture_coordinates
+from cltaa_datasets.scene import AlphaMode, Material, Part, Scene, Texture
+
+
+class Texels(pyrender.Texture):  # type: ignore[misc]
+    """A texture that is decoded before it is filtered, and has no mipmaps (see ``cltaa_datasets.scene.Texture``)."""
+
+    def __init__(self, texture: Texture) -> None:
+        """Take the texels; nothing is uploaded yet."""
+        super().__init__(source=texture.texels, source_channels="RGBA")
+        self._texture = texture
+
+    def _add_to_context(self) -> None:
+        # OpenGL's first row is v = 0, the bottom.
+        rows = np.ascontiguousarray(self._texture.texels[::-1])
+        self._texid = GL.glGenTextures(1)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self._texid)
+        internal = GL.GL_SRGB8_ALPHA8 if self._texture.srgb else GL.GL_RGBA8
+        height, width = rows.shape[:2]
+        GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, internal, width, height, 0, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, rows)
+        filtering = GL.GL_LINEAR if self._texture.smooth else GL.GL_NEAREST
+        for parameter, value in (
+            (GL.GL_TEXTURE_MIN_FILTER, filtering),
+            (GL.GL_TEXTURE_MAG_FILTER, filtering),
+            (GL.GL_TEXTURE_WRAP_S, GL.GL_REPEAT),
+            (GL.GL_TEXTURE_WRAP_T, GL.GL_REPEAT),
+        ):
+            GL.glTexParameteri(GL.GL_TEXTURE_2D, parameter, value)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, 0)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Drawable:
+    """One part on the device: what to draw, the defines that its shader needs, and its constant uniforms."""
+
+    part: Part
+    primitive: Any  # pyrender.Primitive
+    defines: dict[str, int]
+    uniforms: dict[str, Any]
+    textures: tuple[Texels, ...]  # texture unit = place in this tuple
+    centre: Matrix  # [4], of the bounding box, homogeneous
+
+
+def _texture_slots(material: Material) -> dict[str, Texture]:
+    candidates = {
+        "base_texture": material.base_texture,
+        "metallic_roughness_texture": material.metallic_roughness_texture,
+        "emissive_texture": material.emissive_texture,
+    }
+    return {name: texture for name, texture in candidates.items() if texture is not None}
+
+
+def _primitive(part: Part, textures: dict[str, Texels]) -> tuple[Any, dict[str, int]]:
+    """Return pyrender's primitive and the attribute slots that its buffer is laid out in."""
+    mesh = part.mesh
+    uv = texture_coordinates(mesh)
+    material = pyrender.MetallicRoughnessMaterial(
+        # pyrender's own names; only used to decide what enters and leaves the context.
+        baseColorTexture=textures.get("base_texture"),
+        metallicRoughnessTexture=textures.get("metallic_roughness_texture"),
+        emissiveTexture=textures.get("emissive_texture"),
+    )
+    primitive = pyrender.Primitive(
+        positions=mesh.vertices,
+        normals=mesh.vertex_normals,
+        texcoord_0=uv if len(uv) else None,
+        color_0=part.colours,
+        material=material,
+        mode=pyrender.GLTF.TRIANGLES,
+    )
+    # pyrender's setter stores indices as float32, which is wrong from 2^24 on.
+    primitive._indices = np.ascontiguousarray(mesh.faces, np.uint32)
+    slots = {"NORMAL_SLOT": 1}
+    if len(uv):
+        slots["TEXCOORD_SLOT"] = len(slots) + 1
+    if part.colours is not None:
+        slots["COLOUR_SLOT"] = len(slots) + 1
+    return primitive, slots
+
+
+def _drawable(part: Part, shared: dict[int, Texels]) -> Drawable:
+    material = part.material
+    textures = _texture_slots(material) if len(texture_coordinates(part.mesh)) else {}
+    texels = {name: shared.setdefault(id(texture), Texels(texture)) for name, texture in textures.items()}
+    primitive, defines = _primitive(part, texels)
+    defines |= {name.upper(): 1 for name in texels}
+    if material.metallic == 0.0 and material.specular == 0.0:
+        defines["MATT"] = 1
+    if material.alpha_mode is not AlphaMode.OPAQUE:
+        defines[material.alpha_mode.value] = 1
+    uniforms: dict[str, Any] = {
+        "material.base_colour": np.array(material.base_colour, np.float32),
+        "material.emissive": np.array(material.emissive, np.float32),
+        "material.metallic": material.metallic,
+        "material.roughness": material.roughness,
+        "material.specular": material.specular,
+        "material.alpha_cutoff": material.alpha_cutoff,
+    }
+    uniforms |= {name: unit for unit, name in enumerate(texels)}
+    centre = np.append(part.mesh.bounds.mean(axis=0), 1.0)
+    return Drawable(part, primitive, defines, uniforms, tuple(texels.values()), centre)
+
+
+def upload(scene: Scene) -> tuple[Any, list[Drawable]]:
+    """Prepare a scene's parts: the pyrender scene that holds them, and what to draw; textures are shared."""
+    shared: dict[int, Texels] = {}
+    drawables = [_drawable(part, shared) for part in scene.parts]
+    holder = pyrender.Scene()
+    for drawable in drawables:
+        holder.add(pyrender.Mesh([drawable.primitive], name=drawable.part.name))
+    return holder, drawables

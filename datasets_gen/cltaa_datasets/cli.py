@@ -1,0 +1,29 @@
+"""``cltaa scenes``: what can be captured."""
+
+from __future__ import annotations
+
+import json
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from cltaa.frames import format_effects
+from cltaa_datasets.model_files import FORMATS, MOTIONS
+from cltaa_datasets.scenes import registered
+
+
+@click.command()
+@click.option("--json", "as_json", is_flag=True, help="Print the list as JSON on stdout.")
+def scenes(as_json: bool) -> None:
+    """List the scenes that ``cltaa capture`` knows, and the effects that each calls for."""
+    entries = registered()
+    if as_json:
+        listed = [{"name": e.name, "description": e.description, "effects": sorted(e.effects)} for e in entries]
+        click.echo(json.dumps({"scenes": listed, "file": {"formats": FORMATS, "motions": MOTIONS}}, indent=2))
+        return
+    table = Table("scene", "what it shows", "effects", box=None, padding=(0, 2, 0, 0))
+    for entry in entries:
+        table.add_row(entry.name, entry.description, format_effects(entry.effects).replace(",", " "))
+    table.add_row("file:PATH", f"your own model ({' '.join(FORMATS)}), --motion {' or '.join(MOTIONS)}", "by motion")
+    Console().print(table)

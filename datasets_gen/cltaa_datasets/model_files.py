@@ -1,0 +1,160 @@
+"""Anybody's model as a scene: what trimesh reads, with its textures, on a turntable or seen from an orbit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.frames import Effect
+from cltaa_datasets import animation, meshes, textures
+from cltaa_datasets.scene import AlphaMode, Instant, Material, Matrix, Part, Perspective, Scene, Sky, Sun, Texture
+
+MOTIONS = ("turntable", "orbit")
+FORMATS = (".glb", ".gltf", ".obj", ".ply", ".stl")
+
+TURNS = 0.05  # a second: 18 degrees
+CREASE = np.radians(30.0)  # edges sharper than this stay sharp where a file has no normals
+SUN = animation.direction(125.0, 45.0)
+SKY = Sky(zenith=(0.12, 0.22, 0.46), horizon=(0.66, 0.72, 0.80), ground=(0.26, 0.23, 0.20), fog=0.01, ambient=0.6)
+
+# Nothing is known of a stranger's model, so all that may happen is declared.
+ALWAYS = frozenset({Effect.UNCOVER, Effect.THIN, Effect.HDR, Effect.SHADING, Effect.SKY})
+
+
+def model_scene(path: str, motion: str, seed: int) -> Scene:
+    """Put a model of radius 1 on a tiled floor; the seed changes the tiles and where the turn begins.
+
+    Raises UsageError for an unknown motion or kind of file, InputMissing and DataError for the file.
+    """
+    if motion not in MOTIONS:
+        raise UsageError(f"no such motion: {motion}", cure=f"use one of {', '.join(MOTIONS)}")
+    rng = np.random.default_rng(seed)
+    model, poses = load_model(Path(path))
+    tiles = textures.blocks(rng, (0.50, 0.48, 0.45), (0.20, 0.19, 0.18), 4, 4, 0.02, bonded=False)
+    parts = (*model, Part("floor", meshes.floor(40.0, 1.2, 24), Material(base_texture=tiles, specular=0.0)))
+    effects = ALWAYS | {Effect.MOTION if motion == "turntable" else Effect.CAMERA}
+    if any(part.material.alpha_mode is AlphaMode.BLEND for part in model):
+        effects |= {Effect.REACTIVE}
+    name = re.sub(r"[^A-Za-z0-9_-]+", "_", Path(path).stem) or "model"
+    start = float(rng.uniform(0.0, 2.0 * np.pi))
+    return Scene(name=name, effects=effects, parts=parts, at=_presentation(poses, motion, start))
+
+
+def _presentation(poses: list[Matrix], motion: str, start: float) -> Callable[[float], Instant]:
+    lights = (Sun(SUN, (3.2, 3.0, 2.6)),)
+    top = max(float(pose[1, 3]) for pose in poses)
+    target = (0.0, 0.45 + 0.1 * min(top, 1.0), 0.0)
+
+    def at(time: float) -> Instant:
+        angle = start + 2.0 * np.pi * TURNS * time
+        turn = animation.rotation(animation.UP, angle if motion == "turntable" else start)
+        around = angle - start if motion == "orbit" else 0.0
+        eye = (2.9 * float(np.sin(around)), 1.35, 2.9 * float(np.cos(around)))
+        stand = (*(turn @ pose for pose in poses), np.eye(4))
+        return Instant(animation.look_at(eye, target), Perspective(np.radians(44.0)), stand, lights, SKY)
+
+    return at
+
+
+def load_model(path: Path) -> tuple[tuple[Part, ...], list[Matrix]]:
+    """Read a model and stand it on the ground with a bounding radius of 1: its parts, and a pose for each.
+
+    Read are base colour, metallic-roughness and emissive textures, alpha modes and vertex colours; normal maps,
+    occlusion, animation, skins and lights are not. Raises UsageError, InputMissing and DataError.
+    """
+    loaded = _read(path)
+    shared: dict[int, Texture] = {}
+    parts, poses = [], []
+    for node in loaded.graph.nodes_geometry:
+        pose, name = loaded.graph[node]
+        mesh = loaded.geometry[name]
+        if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+            parts.append(_part(str(node), mesh, path, shared))
+            poses.append(np.asarray(pose, np.float64))
+    if not parts:
+        raise DataError("no triangles in it", path=path, cure="export the model as a mesh")
+    low, high = np.asarray(loaded.bounds, np.float64)
+    radius = float(np.linalg.norm(high - low)) / 2.0
+    if not np.isfinite(radius) or radius == 0.0:
+        raise DataError("the model has no size", path=path, expected="finite bounds", found=loaded.bounds.tolist())
+    centre = (low + high) / 2.0
+    stand = animation.scaling(1.0 / radius) @ animation.translation((-centre[0], -low[1], -centre[2]))
+    return tuple(parts), [stand @ pose for pose in poses]
+
+
+def _read(path: Path) -> trimesh.Scene:
+    if path.suffix.lower() not in FORMATS:
+        raise UsageError(
+            f"no reader for {path.suffix or 'a file without suffix'}", path=path, expected=" ".join(FORMATS)
+        )
+    if not path.is_file():
+        raise InputMissing("there is no such model", path=path, cure="check the path behind file:")
+    try:
+        return trimesh.load_scene(path)
+    except Exception as error:  # any parser of trimesh's, each with exceptions of its own
+        reason = f"{type(error).__name__}: {error}"
+        raise DataError(f"trimesh cannot read it ({reason})", path=path, cure="export the model again") from error
+
+
+def _part(name: str, mesh: trimesh.Trimesh, path: Path, shared: dict[int, Texture]) -> Part:
+    visual: Any = mesh.visual
+    # trimesh computes missing normals when asked; only its cache knows whether the file had them.
+    if "vertex_normals" not in mesh._cache and visual.kind in (None, "face"):
+        mesh = trimesh.graph.smooth_shade(mesh, angle=CREASE)
+        visual = mesh.visual
+    if not (np.isfinite(mesh.vertices).all() and np.isfinite(mesh.vertex_normals).all()):
+        raise DataError(f"mesh {name} has vertices or normals that are not finite", path=path)
+    if visual.kind == "face":
+        flat = mesh.copy()
+        flat.unmerge_vertices()
+        return Part(name, flat, Material(), np.repeat(_linear(visual.face_colors), 3, axis=0))
+    if visual.kind == "vertex":
+        return Part(name, mesh, Material(), _linear(visual.vertex_colors))
+    if visual.kind == "texture":
+        return Part(name, mesh, _material(visual.material, shared))
+    return Part(name, mesh, Material(base_colour=(0.6, 0.6, 0.6, 1.0), roughness=0.5))
+
+
+def _linear(colours: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Decode sRGB-encoded vertex colours [N, 4]; alpha is linear."""
+    values = np.asarray(colours, np.float64) / 255.0
+    rgb = values[:, :3]
+    values[:, :3] = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return values.astype(np.float32)
+
+
+def _material(found: Any, shared: dict[int, Texture]) -> Material:
+    """Translate trimesh's material; a property that the file leaves out has glTF's default."""
+    pbr = found if isinstance(found, trimesh.visual.material.PBRMaterial) else found.to_pbr()
+    base = (255, 255, 255, 255) if pbr.baseColorFactor is None else pbr.baseColorFactor
+    mode = AlphaMode(pbr.alphaMode or "OPAQUE")
+    return Material(
+        base_colour=tuple((np.asarray(base, np.float64) / 255.0).tolist()),
+        base_texture=_texture(pbr.baseColorTexture, shared),
+        metallic=1.0 if pbr.metallicFactor is None else float(pbr.metallicFactor),
+        roughness=1.0 if pbr.roughnessFactor is None else float(pbr.roughnessFactor),
+        metallic_roughness_texture=_texture(pbr.metallicRoughnessTexture, shared, srgb=False),
+        emissive=(0.0, 0.0, 0.0)
+        if pbr.emissiveFactor is None
+        else tuple(np.asarray(pbr.emissiveFactor, float).tolist()),
+        emissive_texture=_texture(pbr.emissiveTexture, shared),
+        alpha_mode=mode,
+        alpha_cutoff=0.5 if pbr.alphaCutoff is None else float(pbr.alphaCutoff),
+        double_sided=bool(pbr.doubleSided),
+    )
+
+
+def _texture(image: Any, shared: dict[int, Texture], *, srgb: bool = True) -> Texture | None:
+    """Turn a Pillow image into a texture; an image used twice becomes one texture."""
+    if image is None:
+        return None
+    if id(image) not in shared:
+        shared[id(image)] = Texture(np.asarray(image.convert("RGBA"), np.uint8), srgb=srgb)
+    return shared[id(image)]

@@ -1,0 +1,145 @@
+"""What a scene is made of: parts that are uploaded once, and a function of time that says how they stand.
+
+Nothing here knows how a picture is drawn. Lengths are metres, angles radians, colours linear Rec. 709, world y is up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from cltaa.frames import Effect
+
+Colour = tuple[float, float, float]
+Vector = tuple[float, float, float]
+Matrix = NDArray[np.float64]
+Texels = NDArray[np.uint8]
+
+
+class AlphaMode(StrEnum):
+    """How coverage is read from the base colour's alpha; names and meaning of glTF 2.0 section 3.9.4."""
+
+    OPAQUE = "OPAQUE"
+    MASK = "MASK"
+    BLEND = "BLEND"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Texture:
+    """Texels [H, W, 4] uint8, row 0 at the top; repeated in both directions, without mipmaps.
+
+    A mipmap level depends on the pixel grid; a picture without mipmaps is a function of position alone, so that
+    the supersampled reference integrates the very function that the single samples are taken from.
+    """
+
+    texels: Texels
+    srgb: bool = True  # colour channels are sRGB-encoded and decoded before filtering; alpha is always linear
+    smooth: bool = True  # bilinear, or the nearest texel
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Material:
+    """Metallic-roughness material as in glTF 2.0 section 3.9, with ``specular`` of KHR_materials_specular.
+
+    A material with ``metallic`` 0 and ``specular`` 0 is matt: its colour does not depend on where it is seen from.
+    """
+
+    base_colour: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    base_texture: Texture | None = None
+    metallic: float = 0.0
+    roughness: float = 1.0
+    metallic_roughness_texture: Texture | None = None  # roughness in green, metallic in blue
+    specular: float = 1.0
+    emissive: Colour = (0.0, 0.0, 0.0)  # radiance, any size
+    emissive_texture: Texture | None = None
+    alpha_mode: AlphaMode = AlphaMode.OPAQUE
+    alpha_cutoff: float = 0.5
+    double_sided: bool = False
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Part:
+    """One mesh of one material, uploaded once; texture coordinates are those of ``mesh.visual.uv``."""
+
+    name: str
+    mesh: trimesh.Trimesh
+    material: Material
+    colours: NDArray[np.float32] | None = None  # [vertices, 4] linear, multiplied with the base colour
+
+
+@dataclass(frozen=True, slots=True)
+class Sun:
+    """Light from infinity: ``direction`` points from the surface to the light; ``irradiance`` at normal incidence."""
+
+    direction: Vector
+    irradiance: Colour
+
+
+@dataclass(frozen=True, slots=True)
+class Lamp:
+    """Light from a point: ``intensity`` is the irradiance at normal incidence one metre away."""
+
+    position: Vector
+    intensity: Colour
+
+
+@dataclass(frozen=True, slots=True)
+class Sky:
+    """Radiance from infinity as a function of direction alone; it is also the ambient light and the colour of fog."""
+
+    zenith: Colour = (0.18, 0.34, 0.70)
+    horizon: Colour = (0.72, 0.80, 0.88)
+    ground: Colour = (0.20, 0.18, 0.16)
+    glow: Colour = (0.0, 0.0, 0.0)  # added towards ``glow_direction``
+    glow_direction: Vector = (0.0, 1.0, 0.0)
+    ambient: float = 1.0  # share of the sky's light that reaches a surface
+    fog: float = 0.0  # extinction, 1/metre
+
+
+@dataclass(frozen=True, slots=True)
+class Perspective:
+    """Pinhole lens: vertical field of view in radians; ``near`` clips, nothing else does."""
+
+    field_of_view: float
+    near: float = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Orthographic:
+    """Parallel lens: the picture is ``2 * half_height`` metres high; drawn between ``near`` and ``far``."""
+
+    half_height: float
+    near: float
+    far: float
+
+
+Light = Sun | Lamp
+Lens = Perspective | Orthographic
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Instant:
+    """A scene at one time: where the camera and the parts stand, and what shines."""
+
+    world_to_view: Matrix  # [4, 4], camera looks along -z, y up
+    lens: Lens
+    poses: tuple[Matrix | None, ...]  # model_to_world [4, 4] of each part; None where it is not there
+    lights: tuple[Light, ...]
+    sky: Sky | None  # None: black, transparent background
+    exposure: float = 1.0  # factor on every colour
+    cut: bool = False  # the camera jumped here
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Scene:
+    """A function of time. The previous pose of anything is ``at(previous time)``: motion needs no memory."""
+
+    name: str
+    effects: frozenset[Effect]
+    parts: tuple[Part, ...]
+    at: Callable[[float], Instant]  # seconds -> Instant

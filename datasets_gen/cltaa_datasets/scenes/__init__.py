@@ -1,0 +1,37 @@
+"""The registry of scenes: name -> what it shows, the effects it calls for, and the function that builds it.
+
+To add a scene: write a module here with a function ``stage(seed)`` under ``@register(...)``, and import it below.
+"""
+
+from __future__ import annotations
+
+import difflib
+
+from cltaa.errors import UsageError
+from cltaa_datasets import model_files
+from cltaa_datasets.registry import SCENES, Entry
+from cltaa_datasets.scene import Scene
+from cltaa_datasets.scenes import corridor, occluder, spinner, still, wires  # noqa: F401 (importing registers)
+
+FILE_PREFIX = "file:"
+
+
+def registered() -> list[Entry]:
+    """Return all scenes in the order of their names."""
+    return [SCENES[name] for name in sorted(SCENES)]
+
+
+def build_scene(name: str, seed: int = 0, motion: str | None = None) -> Scene:
+    """Build a registered scene, or ``file:PATH`` with ``motion`` ``turntable`` (default) or ``orbit``.
+
+    Raises UsageError for an unknown name, and what ``model_files.load_model`` raises for a file.
+    """
+    if name.startswith(FILE_PREFIX):
+        return model_files.model_scene(name.removeprefix(FILE_PREFIX), motion or "turntable", seed)
+    if motion is not None:
+        raise UsageError(f"--motion {motion} applies to file:PATH, not to scene {name}", cure="leave it out")
+    if name not in SCENES:
+        close = difflib.get_close_matches(name, SCENES, 1)
+        known = f"did you mean {close[0]}?" if close else f"known: {', '.join(sorted(SCENES))}, file:PATH"
+        raise UsageError(f"no such scene: {name}", cure=f"{known} (see cltaa scenes)")
+    return SCENES[name].build(seed)

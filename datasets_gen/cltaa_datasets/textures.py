@@ -1,0 +1,154 @@
+"""Procedural textures, all tileable, all from a seeded generator; colours are given linear and stored sRGB-encoded."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from cltaa_datasets.scene import Colour, Texture
+
+Floats = NDArray[np.float64]
+Generator = np.random.Generator
+
+SIZE = 512  # texels a side
+
+
+def encode_srgb(linear: Floats) -> NDArray[np.uint8]:
+    """Encode linear [0, 1] as 8-bit sRGB (IEC 61966-2-1)."""
+    linear = np.clip(linear, 0.0, 1.0)
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)
+    return np.asarray(np.rint(encoded * 255.0), np.uint8)
+
+
+def make_texture(colour: Floats, alpha: Floats | None = None, *, smooth: bool = True) -> Texture:
+    """Make a texture of linear ``colour`` [H, W, 3] and ``alpha`` [H, W], row 0 at the top."""
+    opaque = np.ones(colour.shape[:2]) if alpha is None else alpha
+    coverage = np.rint(np.clip(opaque, 0.0, 1.0) * 255.0).astype(np.uint8)
+    return Texture(np.ascontiguousarray(np.dstack([encode_srgb(colour), coverage])), smooth=smooth)
+
+
+def paint(mask: Floats, off: Colour | Floats, on: Colour | Floats) -> Floats:
+    """Mix two colours by ``mask`` [H, W] in [0, 1] into [H, W, 3]."""
+    low, high = np.asarray(off, np.float64), np.asarray(on, np.float64)
+    return low + mask[..., None] * (high - low)
+
+
+def noise(rng: Generator, cells: int, octaves: int = 5, size: int = SIZE) -> Floats:
+    """Tileable fractal value noise in [0, 1]: each octave doubles the cells and halves the share."""
+    total, share = np.zeros((size, size)), 1.0
+    for octave in range(octaves):
+        count = min(cells << octave, size)
+        grid = rng.random((count, count))
+        total += share * ndimage.zoom(grid, size / count, order=3, mode="grid-wrap", grid_mode=True)
+        share *= 0.5
+    return np.asarray((total - total.min()) / (total.max() - total.min()))
+
+
+def coordinates(size: int = SIZE) -> tuple[Floats, Floats]:
+    """Texel centres (across, down) in [0, 1), each [size, size]."""
+    centre = (np.arange(size) + 0.5) / size
+    across, down = np.meshgrid(centre, centre)
+    return across, down
+
+
+def checker(light: Colour, dark: Colour, cells: int = 8, rng: Generator | None = None) -> Texture:
+    """Checkerboard with hard edges, the shades varied a little from field to field where a generator is given."""
+    across, down = coordinates()
+    field = (np.floor(across * cells) + np.floor(down * cells)) % 2.0
+    colour = paint(field, dark, light)
+    if rng is not None:
+        shade = np.kron(rng.uniform(0.75, 1.0, (cells, cells)), np.ones((SIZE // cells, SIZE // cells)))
+        colour = colour * (shade * (0.88 + 0.12 * noise(rng, 8)))[..., None]
+    return make_texture(colour, smooth=rng is not None)
+
+
+def blocks(
+    rng: Generator, colour: Colour, mortar: Colour, columns: int, rows: int, gap: float, *, bonded: bool = True
+) -> Texture:
+    """Bricks (``bonded``: every other row shifted by half) or tiles, each of its own shade, in mortar."""
+    across, down = coordinates()
+    row = np.floor(down * rows)
+    shifted = (across * columns + (0.5 * (row % 2.0) if bonded else 0.0)) % columns
+    column = np.floor(shifted)
+    inside_x, inside_y = shifted - column, down * rows - row
+    edge_x = np.minimum(inside_x, 1.0 - inside_x) / columns
+    edge_y = np.minimum(inside_y, 1.0 - inside_y) / rows
+    body = np.clip((np.minimum(edge_x, edge_y) - gap / 2.0) * SIZE / 2.0, 0.0, 1.0)
+    shade = rng.uniform(0.55, 1.0, (rows, columns))[row.astype(int), column.astype(int)]
+    warmth = rng.uniform(-0.12, 0.12, (rows, columns))[row.astype(int), column.astype(int)]
+    tint = np.stack([1.0 + warmth, np.ones_like(warmth), 1.0 - warmth], -1)
+    grain = 0.7 + 0.3 * noise(rng, 16)
+    face = np.asarray(colour) * tint * (shade * grain)[..., None]
+    return make_texture(paint(body, np.asarray(mortar) * grain[..., None], face))
+
+
+def planks(rng: Generator, colour: Colour, boards: int = 6) -> Texture:
+    """Wooden boards along u with grain and dark joints."""
+    _, down = coordinates()
+    board = np.floor(down * boards).astype(int)
+    across_grain = ndimage.zoom(rng.random((SIZE // 2, 8)), (2, SIZE / 8), order=3, mode="grid-wrap", grid_mode=True)
+    shade = rng.uniform(0.6, 1.0, boards)[board] * (0.65 + 0.5 * across_grain) * (0.85 + 0.15 * noise(rng, 4))
+    inside = down * boards - board
+    joint = np.clip((np.minimum(inside, 1.0 - inside) / boards) * SIZE / 2.0, 0.25, 1.0)
+    return make_texture(np.asarray(colour) * (shade * joint)[..., None])
+
+
+def mottle(rng: Generator, low: Colour, high: Colour, cells: int = 8) -> Texture:
+    """Two colours mixed by fractal noise: ground, plaster, stone."""
+    return make_texture(paint(noise(rng, cells, 6), low, high))
+
+
+def stripes(first: Colour, second: Colour, count: int = 8, slant: int = 0) -> Texture:
+    """Hard stripes across u; ``slant`` whole repeats of shear along v."""
+    across, down = coordinates()
+    return make_texture(paint(np.floor((across * count + down * slant) % 1.0 * 2.0), first, second))
+
+
+def lettering(rng: Generator, ink: Colour, paper: Colour, lines: int = 24) -> Texture:
+    """A page of made-up letters: rows of five-by-seven dot glyphs, words apart; sharp and legible only close by."""
+    cell_w, cell_h = 6, 9
+    columns = lines * cell_h // cell_w
+    page = np.zeros((lines * cell_h, columns * cell_w))
+    alphabet = rng.random((26, 7, 5)) < 0.5
+    alphabet[:, :, 0] |= rng.random((26, 7)) < 0.6
+    for line in range(lines):
+        letters = rng.integers(0, 26, columns)
+        spaces = rng.random(columns) < 0.18
+        for column in np.flatnonzero(~spaces):
+            top, left = line * cell_h + 1, column * cell_w
+            page[top : top + 7, left : left + 5] = alphabet[letters[column]]
+    across, down = coordinates()
+    rows, columns_ = (down * page.shape[0]).astype(int), (across * page.shape[1]).astype(int)
+    margin = (np.abs(across - 0.5) < 0.45) & (np.abs(down - 0.5) < 0.45)
+    return make_texture(paint(page[rows, columns_] * margin, paper, ink))
+
+
+def lattice(colour: Colour, cells: int = 8, bar: float = 0.3) -> Texture:
+    """Diagonal lattice; what lies between the bars is cut out (alpha 0)."""
+    across, down = coordinates()
+    first = np.abs(((across + down) * cells) % 1.0 - 0.5)
+    second = np.abs(((across - down) * cells) % 1.0 - 0.5)
+    # A slope of a few texels keeps the cut-out's edge smooth when alpha is filtered.
+    alpha = np.clip((bar / 2.0 - np.minimum(first, second)) * SIZE / (4.0 * cells) + 0.5, 0.0, 1.0)
+    shade = 0.7 + 0.3 * (first < second)
+    return make_texture(np.asarray(colour) * shade[..., None], alpha)
+
+
+def leaves(rng: Generator, low: Colour, high: Colour, count: int = 320) -> Texture:
+    """Foliage: overlapping leaf shapes of different greens on a cut-out ground (alpha 0)."""
+    colour, alpha = np.ones((SIZE, SIZE, 3)) * np.asarray(low), np.zeros((SIZE, SIZE))
+    reach = np.arange(-40, 41)  # texels around a leaf's centre; the longest leaf is 36 long
+    for _ in range(count):
+        x, y, turn, shade = rng.random(4)
+        length = rng.uniform(0.03, 0.07)
+        patch = np.ix_((int(y * SIZE) + reach) % SIZE, (int(x * SIZE) + reach) % SIZE)
+        dx, dy = reach / SIZE, reach[:, None] / SIZE
+        along = (dx * np.cos(2 * np.pi * turn) + dy * np.sin(2 * np.pi * turn)) / length
+        aside = (dy * np.cos(2 * np.pi * turn) - dx * np.sin(2 * np.pi * turn)) / (0.4 * length)
+        cover = np.clip((1.0 - along**2 - np.abs(aside)) * length * SIZE / 4.0 + 0.5, 0.0, 1.0)
+        rib = 0.75 + 0.25 * np.clip(np.abs(aside) * 6.0, 0.0, 1.0)
+        leaf = (np.asarray(low) + shade * (np.asarray(high) - np.asarray(low))) * rib[..., None]
+        colour[patch] = np.where((cover > 0.5)[..., None], leaf, colour[patch])
+        alpha[patch] = np.maximum(alpha[patch], cover)
+    return make_texture(colour, alpha)
