@@ -7,7 +7,7 @@ header (``cltaa.exr_attributes``) before a number is used, so that wrong input e
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -19,15 +19,10 @@ from numpy.typing import NDArray
 from cltaa.atomic import atomic_path
 from cltaa.errors import DataError, StorageError, UsageError
 from cltaa.exr_attributes import FrameHeader, frame_attributes
+from cltaa.exr_channels import COLOUR, MOTION, NORMAL, Pixels, check_float_channels, frame_channels, frame_planes
 from cltaa.exr_layout import COMPRESSION_NUMBERS, LARGEST_SIDE, LOSSLESS, Layout, read_layout
 from cltaa.frames import Frame, Image
 from cltaa.quiet import muted_output
-
-Pixels = NDArray[np.float16] | NDArray[np.float32] | NDArray[np.uint32]
-
-COLOUR = ("R", "G", "B")
-MOTION = ("backward.u", "backward.v")
-NORMAL = ("N.X", "N.Y", "N.Z")
 
 # Attributes that describe the file and not the picture: OpenEXR writes them itself.
 _STRUCTURAL = frozenset({"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "tiles", "type"})
@@ -52,24 +47,7 @@ def write_frame(path: Path, frame: Frame, *, compression: str = "zip") -> None:
 
     Raises DataError for a frame whose arrays, matrices or numbers are wrong, OutputError and StorageError for disks.
     """
-    height, width = frame.colour.shape[:2]
-    planes: dict[str, Pixels | None] = {
-        **_split(COLOUR, frame.colour), "A": frame.alpha, "Z": frame.depth,
-        **_split(MOTION, frame.motion), "reactive": frame.reactive, **_split(NORMAL, frame.normal),
-    }  # fmt: skip
-    channels: dict[str, Pixels] = {}
-    for name, plane in planes.items():
-        if plane is None:
-            continue
-        if plane.shape != (height, width) or plane.dtype != np.float32:
-            expected, found = f"float32 [{height}, {width}]", f"{plane.dtype} {list(plane.shape)}"
-            raise DataError(
-                "array is wrong", path=path, frame=frame.index, channel=name, expected=expected, found=found
-            )
-        channels[name] = plane
-    if frame.object_id is not None:
-        channels["id"] = _whole_numbers(frame, path)
-    write_image(path, channels, frame_attributes(frame), compression=compression)
+    write_image(path, frame_planes(frame, path), frame_attributes(frame), compression=compression)
 
 
 def read_frame(path: Path) -> Frame:
@@ -79,7 +57,7 @@ def read_frame(path: Path) -> Frame:
     Raises InputMissing and DataError as in the module's text.
     """
     layout = read_layout(path)
-    names = _frame_channels(layout)
+    names = frame_channels(layout)
     pixels, attributes = _decode(layout)
     header = FrameHeader(path, attributes)
     planar: NDArray[np.float32] = np.empty((len(names), layout.height, layout.width), np.float32)
@@ -169,38 +147,6 @@ def read_colour(path: Path) -> Image:
     return np.moveaxis(np.stack([pixels[name] for name in COLOUR]).astype(np.float32, copy=False), 0, -1)
 
 
-def check_float_channels(layout: Layout, names: Iterable[str]) -> None:
-    """Raise DataError unless every named channel is there and holds half or float numbers."""
-    for name in names:
-        kind = layout.channels.get(name)
-        if kind is None:
-            found = " ".join(sorted(layout.channels)) or "none"
-            cure = "capture or convert the file with this channel"
-            raise DataError("channel is missing", path=layout.path, channel=name, found=found, cure=cure)
-        if kind == "uint":
-            raise DataError("wrong channel type", path=layout.path, channel=name, expected="float", found=kind)
-
-
-def _frame_channels(layout: Layout) -> list[str]:
-    """Channels of a frame in the order of its planar block, checked."""
-    names = list(COLOUR)
-    names += [name for name in ("A",) if name in layout.channels]
-    names += ["Z"]
-    for group in (MOTION, ("reactive",), NORMAL):
-        if any(name in layout.channels for name in group):
-            names += group
-    check_float_channels(layout, names)
-    if layout.channels["Z"] == "half":
-        raise DataError(
-            "half-precision depth is refused: it is wrong by metres at a kilometre", path=layout.path, channel="Z",
-            expected="float", found="half", cure="write depth as 32-bit float",
-        )  # fmt: skip
-    if layout.channels.get("id", "uint") != "uint":
-        found = layout.channels["id"]
-        raise DataError("wrong channel type", path=layout.path, channel="id", expected="uint", found=found)
-    return names
-
-
 def _decode(layout: Layout) -> tuple[dict[str, Pixels], dict[str, object]]:
     file, attributes = _open(layout, header_only=False)
     channels = {name: channel.pixels[layout.crop] for name, channel in file.channels().items()}
@@ -219,23 +165,6 @@ def _open(layout: Layout, *, header_only: bool) -> tuple[OpenEXR.File, dict[str,
         return file, {name: _scalar(value) for name, value in file.header().items()}
     except (RuntimeError, ValueError, TypeError) as error:  # UnicodeDecodeError is a ValueError
         raise DataError(f"OpenEXR cannot read it: {error}", path=layout.path, cure="write the file again") from error
-
-
-def _split(names: Sequence[str], array: Image | None) -> dict[str, Pixels | None]:
-    if array is None:
-        return dict.fromkeys(names)
-    if array.ndim != 3 or array.shape[2] != len(names):
-        raise DataError("array has a wrong number of channels", expected=len(names), found=list(array.shape))
-    return {name: array[..., position] for position, name in enumerate(names)}
-
-
-def _whole_numbers(frame: Frame, path: Path) -> NDArray[np.uint32]:
-    given = np.asarray(frame.object_id)
-    numbers = given.astype(np.uint32)
-    if given.shape != frame.depth.shape or not np.array_equal(numbers, given):
-        expected = f"whole numbers from 0 to 2^32-1, {list(frame.depth.shape)}"
-        raise DataError("array is wrong", path=path, frame=frame.index, channel="id", expected=expected)
-    return numbers
 
 
 def _attribute(name: str, value: object) -> object:

@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any, Self
 
 from cltaa.errors import DataError, InputMissing, UsageError
-from cltaa.exr import ImageHeader, check_float_channels, read_colour, read_frame, read_header
+from cltaa.exr import ImageHeader, read_colour, read_frame, read_header
 from cltaa.exr_attributes import FrameHeader
+from cltaa.exr_channels import check_float_channels
 from cltaa.exr_layout import Layout, read_layout
 from cltaa.frames import Effect, Frame, Image
 

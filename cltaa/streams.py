@@ -16,7 +16,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
-from cltaa.exr import Pixels, write_image
+from cltaa.exr import write_image
+from cltaa.exr_channels import Pixels
 
 Item = TypeVar("Item")
 

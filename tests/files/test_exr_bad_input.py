@@ -12,8 +12,9 @@ import OpenEXR
 import pytest
 
 from cltaa.errors import CltaaError, DataError, InputMissing, OutputError, StorageError
-from cltaa.exr import Pixels, read_colour, read_frame, read_header, read_image, write_frame, write_image
+from cltaa.exr import read_colour, read_frame, read_header, read_image, write_frame, write_image
 from cltaa.exr_attributes import frame_attributes
+from cltaa.exr_channels import Pixels
 from tests.sequence_factory import HEIGHT, WIDTH, bits, make_frame
 
 

@@ -12,7 +12,8 @@ import OpenEXR
 import pytest
 
 from cltaa.errors import DataError, UsageError
-from cltaa.exr import Pixels, read_frame, read_header, read_image, write_frame, write_image
+from cltaa.exr import read_frame, read_header, read_image, write_frame, write_image
+from cltaa.exr_channels import Pixels
 from cltaa.exr_layout import COMPRESSION_NUMBERS, COMPRESSIONS, LOSSLESS, read_layout
 from cltaa.frames import Camera, Frame
 from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame, special_values
