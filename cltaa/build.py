@@ -1,0 +1,140 @@
+"""What a kernel is built from beside its source: the prelude with structs, constants and choices."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import msgspec
+import numpy as np
+
+from cltaa.constants import CONSTANTS, PAD_X, PAD_Y
+from cltaa.params import Choices, Settings
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+class Real(StrEnum):
+    """The number that the stages compute with."""
+
+    FLOAT = "float"
+    DOUBLE = "double"
+
+
+class Storage(StrEnum):
+    """The number that the history is kept in."""
+
+    FLOAT = "float"
+    HALF = "half"
+
+
+class Steps(msgspec.Struct, frozen=True, kw_only=True):
+    """Which optional steps a frame calls for; each one left out is not even compiled."""
+
+    camera_motion: bool = True
+    own_motion: bool = True
+    orthographic: bool = False
+    exposure: bool = True
+    alpha: bool = False
+    reactive: bool = False
+
+
+class Build(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything that decides a kernel's text and flags, apart from its source files."""
+
+    choices: Choices = Choices()
+    steps: Steps = Steps()
+    real: Real = Real.FLOAT
+    storage: Storage = Storage.FLOAT
+    lanes: int = 0  # 0: what suits the device
+    rows: int = 0
+    strict: bool = False
+
+    def flags(self) -> tuple[str, ...]:
+        """Options of the OpenCL compiler."""
+        always = ("-cl-std=CL1.2", "-Werror", "-cl-kernel-arg-info")
+        return (*always, "-cl-fp32-correctly-rounded-divide-sqrt") if self.strict else always
+
+
+# The per-frame struct: name -> (C type, meaning). All members have 4 bytes, so that every compiler lays it out alike.
+FRAME_FIELDS: dict[str, tuple[str, str]] = {
+    "width": ("int", "pixels a row"),
+    "height": ("int", "rows"),
+    "stride": ("int", "floats from one row to the next"),
+    "reset": ("int", "1: there is no history"),
+    "origin_x": ("float", "px of pixel x's sample = x + origin_x: 0.5 + jitter - width / 2"),
+    "origin_y": ("float", "py of pixel y's sample = y + origin_y: 0.5 + jitter - height / 2"),
+    "xx": ("float", "row x of D, by px"),
+    "xy": ("float", "row x of D, by py"),
+    "xq": ("float", "row x of D, by closeness"),
+    "x1": ("float", "row x of D, constant"),
+    "yx": ("float", "row y of D, by px"),
+    "yy": ("float", "row y of D, by py"),
+    "yq": ("float", "row y of D, by closeness"),
+    "y1": ("float", "row y of D, constant"),
+    "wx": ("float", "row w of D, by px"),
+    "wy": ("float", "row w of D, by py"),
+    "wq": ("float", "row w of D, by closeness"),
+    "w1": ("float", "row w of D, constant"),
+    "zx": ("float", "change of closeness by px (orthographic)"),
+    "zy": ("float", "change of closeness by py (orthographic)"),
+    "zq": ("float", "change of closeness by closeness (orthographic)"),
+    "z1": ("float", "change of closeness, constant (orthographic)"),
+    "sky_closeness": ("float", "closeness of the sky"),
+    "exposure_ratio": ("float", "exposure now over exposure then"),
+}
+
+_NUMPY_TYPES = {"int": np.int32, "float": np.float32}
+FRAME_DTYPE = np.dtype([(name, _NUMPY_TYPES[kind]) for name, (kind, _) in FRAME_FIELDS.items()])
+SETTINGS_DTYPE = np.dtype([(name, np.float32) for name in Settings.__struct_fields__])
+
+
+def settings_record(settings: Settings) -> np.void:
+    """The settings as the struct that a kernel receives, every value rounded to float32."""
+    record = np.zeros((), SETTINGS_DTYPE)
+    for name in Settings.__struct_fields__:
+        record[name] = getattr(settings, name)
+    return record[()]  # type: ignore[no-any-return]
+
+
+def _macro(name: str) -> str:
+    return name.upper().replace("-", "_")
+
+
+def _enum_lines(name: str, value: StrEnum) -> Iterator[str]:
+    macro = _macro(name)
+    for number, member in enumerate(type(value)):
+        yield f"#define {macro}_{_macro(member.value)} {number}"
+    yield f"#define {macro} {macro}_{_macro(value.value)}"
+
+
+def _literal(value: float, real: Real) -> str:
+    return f"{float(np.float32(value)).hex()}f" if real is Real.FLOAT else value.hex()
+
+
+def _struct_lines(name: str, fields: dict[str, str]) -> Iterator[str]:
+    yield "typedef struct {"
+    yield from (f"    {kind} {field};" for field, kind in fields.items())
+    yield f"}} {name};"
+
+
+def prelude(build: Build) -> str:
+    """The text in front of every kernel: build constants, choices, named constants and structs."""
+    numbers = {
+        "LANES": build.lanes,
+        "ROWS": build.rows,
+        "REAL_DOUBLE": int(build.real is Real.DOUBLE),
+        "STORAGE_HALF": int(build.storage is Storage.HALF),
+        "STRICT": int(build.strict),
+        "PAD_X": PAD_X,
+        "PAD_Y": PAD_Y,
+        **{_macro(name): int(getattr(build.steps, name)) for name in Steps.__struct_fields__},
+    }
+    lines = [f"#define {name} {value}" for name, value in numbers.items()]
+    for name in Choices.__struct_fields__:
+        lines.extend(_enum_lines(name, getattr(build.choices, name)))
+    lines.extend(f"#define {name} {_literal(constant.value, build.real)}" for name, constant in CONSTANTS.items())
+    lines.extend(_struct_lines("frame_t", {name: kind for name, (kind, _) in FRAME_FIELDS.items()}))
+    lines.extend(_struct_lines("settings_t", dict.fromkeys(Settings.__struct_fields__, "float")))
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,108 @@
+"""Camera motion between two frames as the displacement matrix that the kernels apply (docs/conventions.md, Matrices)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.frames import Camera, Matrix
+
+# Depth of the sky as closeness: 1/Z is exactly 0; -Z has no such value, so the farthest usable one stands for it.
+SKY_PERSPECTIVE = 0.0
+SKY_ORTHOGRAPHIC = -(2.0**50)
+
+
+class Displacement(NamedTuple):
+    """Rows x, y, w of D (columns px, py, closeness, 1) and the change of closeness, float64; all zero for no motion."""
+
+    rows: NDArray[np.float64]  # [3, 4]
+    closeness: NDArray[np.float64]  # [4], orthographic cameras only
+
+
+def sky_closeness(camera: Camera) -> float:
+    """The closeness that stands for a direction at infinity."""
+    return SKY_ORTHOGRAPHIC if camera.orthographic else SKY_PERSPECTIVE
+
+
+def closeness(depth: NDArray[np.float32], camera: Camera, out: NDArray[np.float32]) -> None:
+    """Planar depth [H, W] as closeness, into ``out``: 1/Z, or -Z for an orthographic camera; sky as ``sky_closeness``.
+
+    Depth that is no distance (NaN; 0 or less before a perspective camera) counts as sky.
+    """
+    if camera.orthographic:
+        np.negative(depth, out=out)
+        out[~np.isfinite(depth)] = SKY_ORTHOGRAPHIC
+        return
+    with np.errstate(divide="ignore", invalid="ignore"):
+        np.divide(np.float32(1.0), depth, out=out)
+    # 1/inf is 0 already; one comparison finds NaN, negative and infinite values.
+    wrong = ~((out >= 0.0) & (out < np.inf))
+    if wrong.any():
+        out[wrong] = SKY_PERSPECTIVE
+
+
+def is_still(camera: Camera, previous: Camera) -> bool:
+    """True when both matrices are the same, to the bit: then nothing moves, and D is exactly zero."""
+    return np.array_equal(camera.world_to_view, previous.world_to_view) and np.array_equal(
+        camera.view_to_clip, previous.view_to_clip
+    )
+
+
+def displacement(camera: Camera, previous: Camera, width: int, height: int) -> Displacement:
+    """D between two frames, in pixels from the image centre (x right, y down), computed camera-relative in float64.
+
+    With p = (px, py, closeness, 1) the previous position is (p_xy + D_xy p) / (1 + D_w p).
+    """
+    if is_still(camera, previous):
+        return Displacement(np.zeros((3, 4)), np.zeros(4))
+    to_ndc = np.diag([2.0 / width, -2.0 / height, 1.0, 1.0])
+    view = _view_position(camera) @ to_ndc
+    earlier = _relative_motion(camera, previous, view)
+    clip = previous.view_to_clip[[0, 1, 3]] @ earlier
+    clip[0] *= width / 2.0
+    clip[1] *= -height / 2.0
+    rows = clip - np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
+    change = np.zeros(4)
+    if camera.orthographic:
+        change = earlier[2] - np.array([0, 0, 1.0, 0])
+    return Displacement(rows, change)
+
+
+def _view_position(camera: Camera) -> Matrix:
+    """Homogeneous view-space position as a linear function of (n_x, n_y, closeness, 1), n in NDC: [4, 4].
+
+    Perspective: the position divided by depth, (ray, -1) with w = closeness. Orthographic: the position itself, w = 1.
+    """
+    projection = camera.view_to_clip
+    across = np.linalg.inv(projection[:2, :2])
+    by_z, constant = projection[:2, 2], projection[:2, 3]
+    position = np.zeros((4, 4))
+    position[:2, :2] = across
+    if camera.orthographic:
+        position[:2, 2] = -across @ by_z
+        position[:2, 3] = -across @ constant
+        position[2, 2] = 1.0
+        position[3, 3] = 1.0
+    else:
+        position[:2, 2] = -across @ constant
+        position[:2, 3] = across @ by_z
+        position[2, 3] = -1.0
+        position[3, 2] = 1.0
+    return position
+
+
+def _relative_motion(camera: Camera, previous: Camera, view: Matrix) -> Matrix:
+    """The previous camera's view-space position of what ``view`` describes; world positions never appear."""
+    turn = previous.world_to_view[:3, :3] @ np.linalg.inv(camera.world_to_view[:3, :3])
+    shift = previous.world_to_view[:3, :3] @ (_centre(camera) - _centre(previous))
+    step = np.eye(4)
+    step[:3, :3], step[:3, 3] = turn, shift
+    return step @ view
+
+
+def _centre(camera: Camera) -> NDArray[np.float64]:
+    """The camera's position in the world."""
+    rotation, translation = camera.world_to_view[:3, :3], camera.world_to_view[:3, 3]
+    return -np.linalg.solve(rotation, translation)

@@ -1,0 +1,35 @@
+"""Named constants of the kernels and of their NumPy twins: one table of name, value and source."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+
+class Constant(NamedTuple):
+    """One row of the table."""
+
+    value: float
+    source: str
+
+
+CONSTANTS: Final[dict[str, Constant]] = {
+    "DOMAIN_LIMIT": Constant(2.0**50, "largest usable magnitude: nine squares of it stay below the largest float32"),
+    "TINY": Constant(2.0**-100, "smaller magnitudes are stored as 0: well above the denormals, below any light"),
+    "MOTION_LIMIT": Constant(2.0**20, "largest displacement in pixels; larger ones, and NaN, mean no history"),
+    "LEAST_W": Constant(2.0**-6, "least previous w over current w: nearer to the camera plane nothing was seen"),
+    "ONE_THIRD": Constant(1.0 / 3.0, "mean of a row of three"),
+    "ONE_FIFTH": Constant(1.0 / 5.0, "mean of the cross"),
+    "ONE_NINTH": Constant(1.0 / 9.0, "mean of the 3x3"),
+}
+
+# Halo of every plane, in texels. A 4x4 history filter of an on-screen position reads 2 texels past the edge, and a segment
+# of 16 lanes that starts inside the image reads up to 15 + 2 past it; 16 + 16 covers both and keeps rows aligned.
+PAD_X: Final = 16
+PAD_Y: Final = 4
+# Rows begin on a multiple of this many floats, the widest vector of any device.
+ROW_ALIGNMENT: Final = 16
+
+
+def value(name: str) -> float:
+    """The value of a constant of the table."""
+    return CONSTANTS[name].value

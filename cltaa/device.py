@@ -1,0 +1,169 @@
+"""OpenCL devices: which there are, which one to use, and memory on it that the host can fill and read."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+# PoCL shares one kernel cache between all its users and is not safe when several processes fill it at once; a folder of
+# our own keeps other programs out of it. Set before pyopencl loads the driver.
+os.environ.setdefault(
+    "POCL_CACHE_DIR", str(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "cltaa" / "pocl")
+)
+
+import pyopencl as cl
+
+from cltaa.errors import DeviceMissing, ResourceError, UsageError
+
+
+def devices() -> list[cl.Device]:
+    """Every OpenCL device of this machine, GPUs first."""
+    try:
+        platforms = cl.get_platforms()
+    except cl.LogicError:
+        return []
+    found: list[cl.Device] = []
+    for platform in platforms:
+        try:
+            found.extend(platform.get_devices())
+        except cl.Error:
+            continue
+    return sorted(found, key=lambda device: device.type & cl.device_type.GPU == 0)
+
+
+def describe(device: cl.Device) -> str:
+    """Name, platform and driver version in a line."""
+    return f"{device.name.strip()} ({device.platform.name.strip()}, driver {device.driver_version.strip()})"
+
+
+def choose_device(wish: str | None = None) -> cl.Device:
+    """The device for a wish: an index, a part of its description, or None for the first (GPUs come first).
+
+    The variable CLTAA_DEVICE is the wish where none is given. Raises DeviceMissing without any device and UsageError
+    where none matches.
+    """
+    found = devices()
+    if not found:
+        raise DeviceMissing(
+            "no OpenCL device found",
+            cure="install PoCL with: pip install 'pyopencl[pocl]', look closer with: cltaa doctor, or use --device numpy",
+        )
+    wish = wish or os.environ.get("CLTAA_DEVICE")
+    if not wish:
+        return found[0]
+    matching = [
+        device
+        for index, device in enumerate(found)
+        if wish == str(index) or (not wish.isdigit() and wish.lower() in describe(device).lower())
+    ]
+    if not matching:
+        listed = "; ".join(f"{index}: {describe(device)}" for index, device in enumerate(found))
+        raise UsageError(f"no OpenCL device matches {wish}", found=listed, cure="name one of them, or numpy")
+    return matching[0]
+
+
+class Memory:
+    """A buffer on the device that the host fills or reads through ``mapped``.
+
+    On devices that share the host's memory mapping copies nothing; on others a pinned copy is moved by ``mapped``.
+    """
+
+    def __init__(self, device: Device, shape: tuple[int, ...], dtype: Any) -> None:
+        self._device, self.shape, self.dtype = device, shape, np.dtype(dtype)
+        self.size = int(np.prod(shape)) * self.dtype.itemsize
+        flags = cl.mem_flags.READ_WRITE
+        with _memory_errors(self.size, device):
+            if device.shares_memory:
+                self.buffer = cl.Buffer(device.context, flags | cl.mem_flags.ALLOC_HOST_PTR, self.size)
+            else:
+                self.buffer = cl.Buffer(device.context, flags, self.size)
+            # Drivers allocate on first use: touch the memory now, so that a lack of it shows before any work is done.
+            cl.enqueue_fill(device.queue, self.buffer, np.zeros(1, np.uint8), self.size).wait()
+        self._staging: NDArray[Any] | None = None
+
+    @contextmanager
+    def mapped(self, *, write: bool) -> Iterator[NDArray[Any]]:
+        """The contents as an array, for writing all of it (``write``) or for reading."""
+        queue = self._device.queue
+        if self._device.shares_memory:
+            flags = cl.map_flags.WRITE if write else cl.map_flags.READ
+            array, _ = cl.enqueue_map_buffer(queue, self.buffer, flags, 0, self.shape, self.dtype)
+            try:
+                yield array
+            finally:
+                array.base.release(queue)
+            return
+        if self._staging is None:
+            self._staging = self._pinned()
+        if not write:
+            cl.enqueue_copy(queue, self._staging, self.buffer)
+        yield self._staging
+        if write:
+            cl.enqueue_copy(queue, self.buffer, self._staging)
+
+    def _pinned(self) -> NDArray[Any]:
+        queue, context = self._device.queue, self._device.context
+        host = cl.Buffer(context, cl.mem_flags.READ_WRITE | cl.mem_flags.ALLOC_HOST_PTR, self.size)
+        flags = cl.map_flags.WRITE | cl.map_flags.READ
+        array, _ = cl.enqueue_map_buffer(queue, host, flags, 0, self.shape, self.dtype)
+        return array  # type: ignore[no-any-return]
+
+
+class Device:
+    """One OpenCL device with its context and queue, and how the kernels are shaped for it."""
+
+    def __init__(self, wish: str | None = None) -> None:
+        self.cl_device = choose_device(wish)
+        self.context = cl.Context([self.cl_device])
+        self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
+        self.is_cpu = bool(self.cl_device.type & cl.device_type.CPU)
+        self.shares_memory = bool(self.cl_device.host_unified_memory)
+
+    @property
+    def description(self) -> str:
+        """Name, platform and driver version in a line."""
+        return describe(self.cl_device)
+
+    @property
+    def lanes(self) -> int:
+        """Pixels a work-item computes side by side: a vector of a CPU, one on a GPU."""
+        if not self.is_cpu:
+            return 1
+        return 8
+
+    @property
+    def rows(self) -> int:
+        """Rows a work-item slides down: long on a CPU, short on a GPU, which needs many work-items."""
+        return 32 if self.is_cpu else 4
+
+    @property
+    def group(self) -> tuple[int, int]:
+        """Work-items a group."""
+        return (1, 1) if self.is_cpu else (32, 4)
+
+    def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Memory:
+        """Zeroed device memory; raises ResourceError where there is not enough."""
+        return Memory(self, shape, dtype)
+
+    def finish(self) -> None:
+        """Wait until the queue is empty."""
+        self.queue.finish()
+
+
+@contextmanager
+def _memory_errors(needed: int, device: Device) -> Iterator[None]:
+    try:
+        yield
+    except (cl.MemoryError, cl.RuntimeError, cl.LogicError) as error:
+        raise ResourceError(
+            f"not enough memory on {device.description}",
+            expected=f"{needed / 2**20:.0f} MiB in one buffer",
+            found=f"largest buffer {device.cl_device.max_mem_alloc_size / 2**20:.0f} MiB",
+            cure="use a smaller size or another --device",
+        ) from error

@@ -1,0 +1,141 @@
+"""Where the kernels run: an OpenCL device, or NumPy (the float32 oracle, which is also the fallback without OpenCL)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.build import Build, Storage
+from cltaa.layout import Layout
+
+if TYPE_CHECKING:
+    from cltaa.program import Kernel
+
+
+class Buffer(Protocol):
+    """Memory of a launcher that the host can fill or read."""
+
+    def mapped(self, *, write: bool) -> AbstractContextManager[NDArray[Any]]:
+        """The contents as an array, for writing all of it or for reading."""
+
+
+class Launcher(Protocol):
+    """Allocates memory and runs kernels by name."""
+
+    description: str
+
+    def build(self, plan_build: Build) -> Build:
+        """The build shaped for this launcher (lanes, rows)."""
+
+    def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
+        """Zeroed memory."""
+
+    def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
+        """Run a kernel over an image of ``layout``; arguments are buffers, struct records, whole numbers or None."""
+
+    def finish(self) -> None:
+        """Wait for everything that was started."""
+
+
+def storage_dtype(build: Build) -> Any:
+    """NumPy type of the history."""
+    return np.float16 if build.storage is Storage.HALF else np.float32
+
+
+class DeviceLauncher:
+    """Runs kernels on an OpenCL device, building each once."""
+
+    def __init__(self, wish: str | None = None) -> None:
+        from cltaa.device import Device  # here, so that --device numpy needs no OpenCL
+
+        self.device = Device(wish)
+        self.description = self.device.description
+        self._kernels: dict[tuple[str, Build], Kernel] = {}
+
+    def build(self, plan_build: Build) -> Build:
+        """The build with lanes and rows for this device, unless it states its own."""
+        import msgspec
+
+        lanes = plan_build.lanes or self.device.lanes
+        rows = plan_build.rows or self.device.rows
+        return msgspec.structs.replace(plan_build, lanes=lanes, rows=rows)
+
+    def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
+        """Zeroed device memory."""
+        return self.device.allocate(shape, dtype)
+
+    def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
+        """Enqueue a kernel; it runs in the order of the queue."""
+        built = self.kernel(kernel, build)
+        given = {name: getattr(value, "buffer", value) for name, value in arguments.items()}
+        size, group = self._range(kernel, build, layout, given)
+        built.enqueue(self.device.queue, size, group, given)
+
+    def kernel(self, name: str, build: Build) -> Kernel:
+        """The built kernel, from the cache of this launcher."""
+        from cltaa.program import Kernel
+
+        key = (name, build)
+        if key not in self._kernels:
+            self._kernels[key] = Kernel(self.device.context, name, build)
+        return self._kernels[key]
+
+    def _range(
+        self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]
+    ) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
+        if kernel == "extend_edges":
+            return (layout.stride, layout.rows, int(arguments["planes"])), None
+        rows = build.rows if kernel == "resolve" else 1
+        columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
+        group = self.device.group
+        return (-(-columns // group[0]) * group[0], -(-steps // group[1]) * group[1]), group
+
+    def finish(self) -> None:
+        """Wait until the device has done everything."""
+        self.device.finish()
+
+
+class _Array:
+    """Memory of the NumPy launcher."""
+
+    def __init__(self, shape: tuple[int, ...], dtype: Any) -> None:
+        self.array = np.zeros(shape, dtype)
+
+    @contextmanager
+    def mapped(self, *, write: bool) -> Iterator[NDArray[Any]]:  # noqa: ARG002 - the protocol's argument
+        yield self.array
+
+
+class NumpyLauncher:
+    """Runs the NumPy twins of the kernels, float32 in the same order."""
+
+    description = "NumPy (float32 oracle)"
+
+    def build(self, plan_build: Build) -> Build:
+        """The build as it is: the oracle has no lanes."""
+        return plan_build
+
+    def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
+        """Zeroed arrays."""
+        return _Array(shape, dtype)
+
+    def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
+        """Run the twin of a kernel at once."""
+        from cltaa.reference import KERNELS
+
+        given = {
+            name: value.array if isinstance(value, _Array) else value for name, value in arguments.items()
+        }
+        KERNELS[kernel](build, layout, **given)
+
+    def finish(self) -> None:
+        """Nothing is ever pending."""
+
+
+def launcher_for(wish: str | None) -> Launcher:
+    """The launcher for ``--device``: ``numpy``, or a wish that ``device.choose_device`` understands."""
+    return NumpyLauncher() if wish == "numpy" else DeviceLauncher(wish)

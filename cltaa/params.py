@@ -1,0 +1,177 @@
+"""Every parameter of the resolve, declared once: type, range, unit, meaning and source.
+
+From these declarations come the range check, the TOML key, the ``--set`` option, the row in the docs, the C struct that a
+kernel receives and the ``#define`` lines of its prelude.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
+
+from cltaa.errors import UsageError
+
+
+class HistoryFilter(StrEnum):
+    """How the history is read between its texels."""
+
+    NEAREST = "nearest"
+    BILINEAR = "bilinear"
+    CATMULL_ROM = "catmull-rom"
+
+
+class Neighbourhood(StrEnum):
+    """Which texels around a pixel its statistics are taken over."""
+
+    CROSS = "cross"
+    SQUARE = "square"
+
+
+class Box(StrEnum):
+    """What the history is held against."""
+
+    VARIANCE = "variance"  # mean +- gamma standard deviations
+    EXTREMES = "extremes"  # least and greatest value of each channel
+    BOTH = "both"  # the intersection of the two
+
+
+class BoxSpace(StrEnum):
+    """The colour space of the box."""
+
+    RGB = "rgb"
+    YCOCG = "ycocg"
+
+
+class Rectify(StrEnum):
+    """How implausible history is moved into the box."""
+
+    NONE = "none"
+    CLAMP = "clamp"  # each channel on its own; moves no further than the history moved
+    CLIP = "clip"  # along the line to the centre, extents floored
+    CLIP_UNGUARDED = "clip-unguarded"  # the popular form without the floor: discontinuous for flat boxes
+    ELLIPSOID = "ellipsoid"  # along the line to the centre, onto the ellipsoid inside the box
+
+
+class Dilation(StrEnum):
+    """Whose motion a pixel follows."""
+
+    NONE = "none"  # its own
+    CLOSEST = "closest"  # that of the nearest surface in its 3x3
+    EDGE = "edge"  # the same, but only across a depth edge
+
+
+class Reject(StrEnum):
+    """How history of another surface is recognised."""
+
+    NONE = "none"
+    DEPTH = "depth"  # by the closeness that the previous frame should have had there
+
+
+class Accumulate(StrEnum):
+    """How the weight of the current sample follows from the number of samples in the history."""
+
+    COUNT = "count"  # running mean: 1 / (count + 1)
+    EXPONENTIAL = "exponential"  # the same, but never below blend_weight
+
+
+class Weighting(StrEnum):
+    """What else weighs in the blend."""
+
+    NONE = "none"
+    LUMINANCE = "luminance"  # 1 / (1 + Y): one firefly does not outweigh a pixel's whole past
+
+
+def _number(meaning: str, low: float, high: float, unit: str, source: str) -> Meta:
+    return Meta(ge=low, le=high, description=meaning, extra={"unit": unit, "source": source})
+
+
+class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Continuous parameters; they reach the kernels as one struct by value and cost nothing to change."""
+
+    blend_weight: Annotated[
+        float, _number("least weight of the current sample (exponential)", 1e-6, 1.0, "1", "Karis 2014: 0.1")
+    ] = 0.1
+    sample_limit: Annotated[
+        float, _number("most samples that the history counts for", 1.0, 2.0**20, "samples", "measured")
+    ] = 64.0
+    resample_cost: Annotated[
+        float, _number("loss of count per fraction f(1-f) read between texels", 0.0, 16.0, "1", "measured")
+    ] = 0.25
+    pull_cost: Annotated[
+        float, _number("loss of count per half extent that rectification moved the history", 0.0, 64.0, "1", "measured")
+    ] = 0.25
+    gamma_still: Annotated[
+        float, _number("half width of the box where nothing moves", 0.0, 64.0, "standard deviations", "measured")
+    ] = 3.0
+    gamma_moving: Annotated[
+        float, _number("half width of the box in motion", 0.0, 64.0, "standard deviations", "Salvi 2016: 0.75 to 1.25")
+    ] = 1.25
+    motion_px: Annotated[
+        float, _number("motion from which gamma_moving holds", 1e-3, 1e6, "pixels a frame", "measured")
+    ] = 1.0
+    box_floor: Annotated[
+        float,
+        _number("least half extent of the box over its size (clip, ellipsoid)", 0.0, 1.0, "1", "2^-10: NUMERICS D2"),
+    ] = 2.0**-10
+    depth_tolerance: Annotated[
+        float, _number("relative slack of the depth test", 0.0, 1.0, "1", "0.02, two engines' value")
+    ] = 0.02
+    edge_tolerance: Annotated[
+        float, _number("relative skew of closeness in the 3x3 that makes a depth edge", 0.0, 1.0, "1", "measured")
+    ] = 0.01
+    fresh_blur: Annotated[
+        float, _number("share of the 3x3 mean in a pixel without history", 0.0, 1.0, "1", "measured")
+    ] = 0.0
+
+
+class Choices(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Parameters that shape the code; they reach the kernels as ``#define`` lines and cost one cached build."""
+
+    history_filter: HistoryFilter = HistoryFilter.CATMULL_ROM
+    neighbourhood: Neighbourhood = Neighbourhood.SQUARE
+    box: Box = Box.VARIANCE
+    box_space: BoxSpace = BoxSpace.YCOCG
+    rectify: Rectify = Rectify.CLAMP
+    dilation: Dilation = Dilation.EDGE
+    reject: Reject = Reject.DEPTH
+    accumulate: Accumulate = Accumulate.COUNT
+    weighting: Weighting = Weighting.LUMINANCE
+
+
+class Preset(msgspec.Struct, frozen=True, kw_only=True):
+    """A named set of choices and settings."""
+
+    name: str
+    description: str
+    choices: Choices = Choices()
+    settings: Settings = Settings()
+
+
+FIELDS: dict[str, type[Settings] | type[Choices]] = {
+    **dict.fromkeys(Settings.__struct_fields__, Settings),
+    **dict.fromkeys(Choices.__struct_fields__, Choices),
+}
+
+
+def override(preset: Preset, values: Mapping[str, object], origin: str = "--set") -> Preset:
+    """``preset`` with some keys replaced; text is converted to the key's type.
+
+    ``origin`` names where the values came from in errors. Raises UsageError for an unknown key or a value out of range.
+    """
+    for key in values:
+        if key not in FIELDS:
+            raise UsageError(f"{origin}: unknown key {key}", cure=f"known keys: {', '.join(sorted(FIELDS))}")
+    parts: dict[str, Any] = {}
+    for part in ("choices", "settings"):
+        current = getattr(preset, part)
+        merged = msgspec.to_builtins(current)
+        merged.update({key: value for key, value in values.items() if FIELDS[key] is type(current)})
+        try:
+            parts[part] = msgspec.convert(merged, type(current), strict=False)
+        except msgspec.ValidationError as error:
+            raise UsageError(f"{origin}: {error}".replace("`$.", "`")) from None
+    return Preset(name=preset.name, description=preset.description, **parts)

@@ -1,0 +1,75 @@
+"""The plan: which steps of the resolve a frame calls for, each with its reason.
+
+A sequence that declares its effects promises that nothing else happens in it; one that declares none gets every step.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import msgspec
+
+from cltaa.build import Steps
+from cltaa.cameras import is_still
+from cltaa.frames import Camera, Effect, Frame
+from cltaa.params import Choices, Dilation, Preset, Rectify, Reject, Settings, Weighting
+
+
+class Reason(NamedTuple):
+    """One decision of the plan."""
+
+    step: str
+    on: bool
+    why: str
+
+
+class Plan(NamedTuple):
+    """What is compiled and with which settings, for one frame."""
+
+    choices: Choices
+    settings: Settings
+    steps: Steps
+    reasons: tuple[Reason, ...]
+
+
+# Effects that can make a pixel's history wrong although the camera stands still.
+_CHANGING = frozenset({Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.REACTIVE, Effect.EXPOSURE})
+
+
+def plan_frame(preset: Preset, frame: Frame, previous: Camera | None) -> Plan:
+    """The plan of ``frame`` whose predecessor was seen by ``previous`` (None at the start and after a cut)."""
+    declared = frame.effects
+    camera_moves = previous is not None and not is_still(frame.camera, previous)
+    steps = Steps(
+        camera_motion=camera_moves,
+        own_motion=frame.motion is not None,
+        orthographic=frame.camera.orthographic,
+        exposure=declared is None or Effect.EXPOSURE in declared,
+        alpha=frame.alpha is not None,
+        reactive=frame.reactive is not None,
+    )
+    reasons = [
+        Reason("reprojection", steps.camera_motion, "the camera matrices differ" if camera_moves else "the camera stands"),
+        Reason("own motion", steps.own_motion, "channel backward.u" if steps.own_motion else "no motion channel"),
+        Reason("exposure", steps.exposure, _declared_or_not(Effect.EXPOSURE, declared)),
+        Reason("alpha", steps.alpha, "channel A" if steps.alpha else "no alpha channel"),
+        Reason("reactive", steps.reactive, "channel reactive" if steps.reactive else "no reactive channel"),
+    ]
+    choices, settings = preset.choices, preset.settings
+    if declared is not None and not declared & (_CHANGING | {Effect.CAMERA}):
+        # Nothing can make history wrong: the plain mean of all samples is the best estimate there is.
+        choices = msgspec.structs.replace(choices, rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE)
+        settings = msgspec.structs.replace(settings, sample_limit=2.0**20)
+        reasons.append(Reason("rectification", False, "declared still: plain mean of all samples"))
+    if declared is not None and Effect.HDR not in declared:
+        choices = msgspec.structs.replace(choices, weighting=Weighting.NONE)
+    reasons.append(
+        Reason("luminance weights", choices.weighting is Weighting.LUMINANCE, _declared_or_not(Effect.HDR, declared))
+    )
+    return Plan(choices, settings, steps, tuple(reasons))
+
+
+def _declared_or_not(effect: Effect, declared: frozenset[Effect] | None) -> str:
+    if declared is None:
+        return "the sequence declares no effects, so any may occur"
+    return f"effect {effect} is {'declared' if effect in declared else 'not declared'}"

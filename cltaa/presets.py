@@ -1,0 +1,47 @@
+"""Named presets: TOML files beside this module, each a set of choices and settings that differ from the defaults."""
+
+from __future__ import annotations
+
+import tomllib
+from importlib import resources
+from pathlib import Path
+
+from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.params import Preset, override
+
+_FOLDER = resources.files("cltaa") / "presets"
+
+
+def preset_names() -> list[str]:
+    """Names of the presets that come with cltaa, sorted."""
+    return sorted(Path(entry.name).stem for entry in _FOLDER.iterdir() if entry.name.endswith(".toml"))
+
+
+def load_preset(name: str = "default") -> Preset:
+    """The preset of that name; raises UsageError where there is none."""
+    if name not in preset_names():
+        raise UsageError(f"unknown preset {name}", cure=f"known presets: {', '.join(preset_names())}")
+    return _parse(name, (_FOLDER / f"{name}.toml").read_text(encoding="utf-8"), origin=f"preset {name}")
+
+
+def load_config(path: Path, base: Preset) -> Preset:
+    """``base`` with the keys of a TOML file; its optional key ``preset`` names another base."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputMissing("no such configuration file", path=path) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"configuration file cannot be read: {error}", path=path) from None
+    return _parse(base.name, text, origin=str(path), base=base)
+
+
+def _parse(name: str, text: str, origin: str, base: Preset | None = None) -> Preset:
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise DataError(f"not TOML: {error}", path=origin) from None
+    if "preset" in values:
+        base = load_preset(str(values.pop("preset")))
+    description = str(values.pop("description", base.description if base else ""))
+    base = base or Preset(name=name, description=description)
+    return override(Preset(name=name, description=description, choices=base.choices, settings=base.settings), values, origin)

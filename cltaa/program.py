@@ -1,0 +1,114 @@
+"""OpenCL programs: source assembled from ``kernels/``, built once, arguments bound by name."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+
+from cltaa.build import Build, prelude
+from cltaa.errors import InternalError, UsageError
+
+
+@cache
+def kernel_folder() -> Path:
+    """Where the kernels are: inside the installed package, or beside it in a checkout."""
+    packaged = Path(str(resources.files("cltaa"))) / "kernels"
+    if packaged.is_dir():
+        return packaged
+    return Path(__file__).resolve().parent.parent / "kernels"
+
+
+def kernel_names() -> list[str]:
+    """Names of all kernels, sorted."""
+    return sorted(path.stem for path in kernel_folder().glob("*.cl"))
+
+
+def _pasted(name: str, seen: set[str]) -> list[str]:
+    path = kernel_folder() / name
+    if not path.is_file():
+        raise UsageError(f"unknown kernel {path.stem}", cure=f"known kernels: {', '.join(kernel_names())}")
+    lines = [f'#line 1 "{name}"']
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        if line.startswith("#include"):
+            included = line.split('"')[1]
+            if included not in seen:
+                seen.add(included)
+                lines.extend(_pasted(included, seen))
+                lines.append(f'#line {number + 1} "{name}"')
+        else:
+            lines.append(line)
+    return lines
+
+
+@cache
+def source(kernel: str, build: Build) -> str:
+    """The whole text of a kernel as the compiler sees it: prelude, then the file with its includes pasted."""
+    return prelude(build) + "\n".join(_pasted(f"{kernel}.cl", set())) + "\n"
+
+
+def source_hash(kernel: str, build: Build) -> str:
+    """SHA-256 of text and flags: what a result depends on, beside the device."""
+    return hashlib.sha256("\0".join([source(kernel, build), *build.flags()]).encode()).hexdigest()
+
+
+class Kernel:
+    """One built kernel; call ``enqueue`` with its arguments by name."""
+
+    def __init__(self, context: cl.Context, name: str, build: Build) -> None:
+        self.name, self.build = name, build
+        try:
+            program = cl.Program(context, source(name, build)).build(options=list(build.flags()))
+        except cl.RuntimeError as error:
+            lines = [line for line in str(error).splitlines() if "error" in line] or str(error).splitlines()
+            raise InternalError(
+                f"kernel {name} does not build: {lines[0].strip() if lines else 'no build log'}",
+                cure=f"see its text with: cltaa kernels --show {name}; check the OpenCL driver with: cltaa doctor",
+            ) from error
+        # A kernel's function is its file's name and _kernel, so that stage functions can have the plain name.
+        self._kernel = cl.Kernel(program, f"{name}_kernel")
+        count = self._kernel.num_args
+        self._types = {
+            self._kernel.get_arg_info(i, cl.kernel_arg_info.NAME): self._kernel.get_arg_info(
+                i, cl.kernel_arg_info.TYPE_NAME
+            )
+            for i in range(count)
+        }
+
+    @property
+    def arguments(self) -> list[str]:
+        """Names of the arguments, in order."""
+        return list(self._types)
+
+    def enqueue(
+        self,
+        queue: cl.CommandQueue,
+        size: tuple[int, ...],
+        group: tuple[int, ...] | None,
+        arguments: Mapping[str, Any],
+    ) -> cl.Event:
+        """Start the kernel over ``size`` work-items in groups of ``group``; raises InternalError for a wrong name."""
+        if set(arguments) != set(self._types):
+            raise InternalError(
+                f"kernel {self.name}: arguments do not match",
+                expected=", ".join(self._types),
+                found=", ".join(arguments),
+            )
+        for index, (name, kind) in enumerate(self._types.items()):
+            self._kernel.set_arg(index, _as_argument(arguments[name], kind))
+        return cl.enqueue_nd_range_kernel(queue, self._kernel, size, group)
+
+
+def _as_argument(value: Any, kind: str) -> Any:
+    """A host value in the form that pyopencl passes by value; buffers and None pass through."""
+    if kind == "int":
+        return np.int32(value)
+    if isinstance(value, np.void):
+        return value.tobytes()
+    return value

@@ -1,0 +1,17 @@
+"""The oracle: a NumPy twin of every kernel, same names, same order of operations, whole arrays at a time.
+
+In float32 the twins give the bits that a strict kernel gives; in float64 they give the value that both approximate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from cltaa.reference import resolve
+
+# Kernel name -> twin; called with (build, layout, **arguments by the kernel's own names).
+KERNELS: dict[str, Callable[..., Any]] = {
+    "extend_edges": resolve.extend_edges,
+    "resolve": resolve.resolve,
+}

@@ -1,0 +1,67 @@
+"""Twin of ``reject.h`` and ``history.h``: the history of each pixel and whether it can be used."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cltaa.build import Build
+from cltaa.layout import Layout
+from cltaa.params import Reject
+from cltaa.reference.colour import Colour, colour_outside_domain
+from cltaa.reference.neighbourhood import Surface
+from cltaa.reference.projection import Motion, on_screen
+from cltaa.reference.real import Array, Mask, greater, limit, number
+from cltaa.reference.sampling import Quad, bilinear, footprint_of, history_weights, sample_plane, sample_quad
+
+
+class History(NamedTuple):
+    """Colour, alpha and sample count at the history position, its fractions, and whether it can be used."""
+
+    rgb: Colour
+    alpha: Array
+    count: Array
+    fx: Array
+    fy: Array
+    valid: Mask
+
+
+def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: float) -> Mask:
+    """True where one of four texels of the previous closeness lies in the range of the current 3x3."""
+    near, far = s.nearest * m.scale + m.shift, s.farthest * m.scale + m.shift
+    slack = number(tolerance, near) * greater(np.abs(near), np.abs(far))
+    high, low = near + slack, far - slack
+    matches = [(p <= high) & (p >= low) for p in previous]
+    result: Mask = matches[0] | matches[1] | matches[2] | matches[3]
+    return result
+
+
+def sample_history(
+    history: Array,
+    history_count: Array,
+    previous_closeness: Array,
+    m: Motion,
+    s: Surface,
+    build: Build,
+    layout: Layout,
+    frame: np.void,
+    settings: np.void,
+) -> History:
+    """History planes [3 or 4, rows, stride], their count and the previous closeness [1, rows, stride] at the motion."""
+    real: Any = m.u.dtype
+    valid = on_screen(m, layout) & np.bool_(frame["reset"] == 0)
+    f = footprint_of(m, valid, layout)
+    wx, wy = history_weights(f.fx, build), history_weights(f.fy, build)
+    r, g, b = (sample_plane(history[channel], f, wx, wy, build, real) for channel in range(3))
+    valid &= ~colour_outside_domain((r, g, b))
+    if build.steps.exposure:
+        ratio = number(frame["exposure_ratio"], r)
+        r, g, b = r * ratio, g * ratio, b * ratio
+    alpha = np.ones_like(r)
+    if build.steps.alpha:
+        alpha = limit(sample_plane(history[3], f, wx, wy, build, real), number(0, r), number(1, r))
+    count = bilinear(sample_quad(history_count[0], f, real), f)
+    if build.choices.reject is Reject.DEPTH:
+        valid &= same_surface(sample_quad(previous_closeness[0], f, real), s, m, settings["depth_tolerance"])
+    return History((r, g, b), alpha, count, f.fx, f.fy, valid)

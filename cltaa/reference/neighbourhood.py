@@ -1,0 +1,192 @@
+"""Twin of ``neighbourhood.h``: the 3x3 row by row. A row here is all rows of the image at one vertical offset."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cltaa.build import Build
+from cltaa.constants import PAD_X, PAD_Y
+from cltaa.layout import Layout
+from cltaa.params import Dilation, Neighbourhood
+from cltaa.reference.colour import Colour, to_box_space
+from cltaa.reference.real import Array, constant, greater, lesser, number, outside_domain
+
+
+class Moments(NamedTuple):
+    """Shifted moments: mean = shift + offset, spread = sum of squared distances from the mean."""
+
+    shift: Array
+    offset: Array
+    spread: Array
+    low: Array
+    high: Array
+
+
+class Row(NamedTuple):
+    """What the three texels of a row contribute."""
+
+    channels: tuple[Moments, Moments, Moments]
+    centre: Colour
+    nearest: Array
+    nearest_x: Array
+    farthest: Array
+    closeness: Array
+    u: Array
+    v: Array
+    centre_u: Array
+    centre_v: Array
+
+
+class Statistics(NamedTuple):
+    """Of the neighbourhood, in the box space; four colours."""
+
+    mean: Colour
+    deviation: Colour
+    low: Colour
+    high: Colour
+
+
+class Surface(NamedTuple):
+    """The surface whose motion a pixel follows."""
+
+    x: Array
+    y: Array
+    closeness: Array
+    u: Array
+    v: Array
+    centre: Array
+    nearest: Array
+    farthest: Array
+
+
+def row_moments(left: Array, centre: Array, right: Array) -> Moments:
+    """Three texels, shifted by the centre one."""
+    dl, dr = left - centre, right - centre
+    total = dl + dr
+    offset = total * constant("ONE_THIRD", centre)
+    spread = (dl * dl + dr * dr) - total * offset
+    return Moments(
+        centre, offset, spread, lesser(lesser(left, right), centre), greater(greater(left, right), centre)
+    )
+
+
+def window_moments(above: Moments, centre: Moments, below: Moments) -> Moments:
+    """Three rows of three (Chan, Golub and LeVeque 1983)."""
+    da = (above.shift - centre.shift) + (above.offset - centre.offset)
+    db = (below.shift - centre.shift) + (below.offset - centre.offset)
+    total = da + db
+    offset = total * constant("ONE_THIRD", total)
+    between = number(3.0, total) * ((da * da + db * db) - total * offset)
+    return Moments(
+        centre.shift,
+        centre.offset + offset,
+        ((above.spread + below.spread) + centre.spread) + between,
+        lesser(lesser(above.low, below.low), centre.low),
+        greater(greater(above.high, below.high), centre.high),
+    )
+
+
+def cross_moments(above: Moments, centre: Moments, below: Moments) -> Moments:
+    """The centre row and the texels above and below its middle."""
+    du, dd = above.shift - centre.shift, below.shift - centre.shift
+    across = number(3.0, du) * centre.offset
+    total = across + (du + dd)
+    squares = (centre.spread + across * centre.offset) + (du * du + dd * dd)
+    offset = total * constant("ONE_FIFTH", du)
+    return Moments(
+        centre.shift,
+        offset,
+        squares - total * offset,
+        lesser(lesser(above.shift, below.shift), centre.low),
+        greater(greater(above.shift, below.shift), centre.high),
+    )
+
+
+def neighbourhood_statistics(above: Row, centre: Row, below: Row, build: Build) -> Statistics:
+    """Mean, deviation and extremes of each channel."""
+    cross = build.choices.neighbourhood is Neighbourhood.CROSS
+    combine = cross_moments if cross else window_moments
+    parts = [combine(*rows) for rows in zip(above.channels, centre.channels, below.channels, strict=True)]
+    share = "ONE_FIFTH" if cross else "ONE_NINTH"
+    deviation = [np.sqrt(greater(m.spread * constant(share, m.spread), number(0.0, m.spread))) for m in parts]
+    mean = [m.shift + m.offset for m in parts]
+    return Statistics(_three(mean), _three(deviation), _three([m.low for m in parts]), _three([m.high for m in parts]))
+
+
+def read_row(
+    colour: Array, closeness: Array, motion: Array | None, dy: int, build: Build, layout: Layout, sky: float
+) -> Row:
+    """Rows y + ``dy`` of repaired colour planes, closeness [1, rows, stride] and motion [2, rows, stride]."""
+
+    def window(plane: Array, dx: int) -> Array:
+        top, left = PAD_Y + dy, PAD_X + dx
+        return plane[top : top + layout.height, left : left + layout.width]
+
+    def texels(dx: int) -> Colour:
+        return window(colour[0], dx), window(colour[1], dx), window(colour[2], dx)
+
+    left, centre, right = (to_box_space(texels(dx), build) for dx in (-1, 0, 1))
+    channels = [row_moments(left[k], centre[k], right[k]) for k in range(3)]
+    usable = np.where(outside_domain(closeness[0]), number(sky, closeness), closeness[0])
+    zl, zc, zr = (window(usable, dx) for dx in (-1, 0, 1))
+    to_left = zl > zc
+    nearest = np.where(to_left, zl, zc)
+    to_right = zr > nearest
+    nearest = np.where(to_right, zr, nearest)
+    nearest_x = np.where(to_right, number(1, zc), np.where(to_left, number(-1, zc), number(0, zc)))
+    zero = np.zeros_like(zc)
+    u = v = centre_u = centre_v = zero
+    if build.steps.own_motion and motion is not None:
+        u, v = (
+            np.where(to_right, window(plane, 1), np.where(to_left, window(plane, -1), window(plane, 0)))
+            for plane in motion
+        )
+        centre_u, centre_v = (window(plane, 0) for plane in motion)
+    return Row(
+        (channels[0], channels[1], channels[2]),
+        texels(0),
+        nearest,
+        nearest_x,
+        lesser(lesser(zl, zr), zc),
+        zc,
+        u,
+        v,
+        centre_u,
+        centre_v,
+    )
+
+
+def nearest_surface(above: Row, centre: Row, below: Row, build: Build, edge_tolerance: float) -> Surface:
+    """The nearest surface of the 3x3, or the pixel's own, as the build's dilation says."""
+    zero = np.zeros_like(centre.closeness)
+    nearest = greater(greater(above.nearest, below.nearest), centre.nearest)
+    farthest = lesser(lesser(above.farthest, below.farthest), centre.farthest)
+    own = Surface(
+        zero, zero, centre.closeness, centre.centre_u, centre.centre_v, centre.closeness, nearest, farthest
+    )
+    if build.choices.dilation is Dilation.NONE:
+        return own
+    up = above.nearest > centre.nearest
+    down = below.nearest > np.where(up, above.nearest, centre.nearest)
+    across = np.ones_like(up)
+    if build.choices.dilation is Dilation.EDGE:
+        skew = (nearest - centre.closeness) - (centre.closeness - farthest)
+        across = np.abs(skew) > number(edge_tolerance, zero) * np.abs(nearest)
+
+    def pick(a: Array, c: Array, b: Array, otherwise: Array) -> Array:
+        return np.where(across, np.where(down, b, np.where(up, a, c)), otherwise)
+
+    one = np.ones_like(zero)
+    return own._replace(
+        closeness=np.where(across, nearest, own.closeness),
+        x=pick(above.nearest_x, centre.nearest_x, below.nearest_x, zero),
+        y=pick(-one, zero, one, zero),
+        u=pick(above.u, centre.u, below.u, own.u),
+        v=pick(above.v, centre.v, below.v, own.v),
+    )
+
+
+def _three(parts: list[Array]) -> Colour:
+    return parts[0], parts[1], parts[2]

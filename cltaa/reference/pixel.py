@@ -1,0 +1,109 @@
+"""Twin of ``blend.h`` and ``pixel.h``: how much the current sample counts, and what is stored."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cltaa.build import Build
+from cltaa.params import Accumulate, Weighting
+from cltaa.reference.colour import Colour, from_box_space, luminance
+from cltaa.reference.history import History
+from cltaa.reference.projection import Motion
+from cltaa.reference.real import Array, constant, greater, lesser, limit, number, outside_domain
+from cltaa.reference.rectify import Rectification
+from cltaa.reference.sampling import between_texels
+
+
+class Resolved(NamedTuple):
+    """What one frame leaves at each pixel."""
+
+    rgb: Colour
+    alpha: Array
+    count: Array
+
+
+def sample_weight(count: Array, build: Build, settings: np.void) -> Array:
+    """Weight of the current sample beside ``count`` earlier ones."""
+    mean: Array = number(1.0, count) / (count + number(1.0, count))
+    if build.choices.accumulate is Accumulate.COUNT:
+        return mean
+    return greater(mean, number(settings["blend_weight"], count))
+
+
+def believed_count(count: Array, fx: Array, fy: Array, pull: Array, settings: np.void) -> Array:
+    """Samples that the history still stands for after resampling and rectification."""
+    one = number(1.0, count)
+    between = between_texels(fx, fy)
+    most = one / (one / number(settings["sample_limit"], count) + number(settings["resample_cost"], count) * between)
+    believed = count / (one + number(settings["pull_cost"], count) * pull)
+    return lesser(believed, most)
+
+
+def luminance_weight(weight: Array, current: Colour, history: Colour, build: Build) -> Array:
+    """Weights 1 / (1 + Y) (Karis 2014) as one weight of the current sample."""
+    if build.choices.weighting is Weighting.NONE:
+        return weight
+    one, zero = number(1.0, weight), number(0.0, weight)
+    x = one + greater(luminance(current), zero)
+    h = one + greater(luminance(history), zero)
+    for_current, for_history = weight * h, (one - weight) * x
+    result: Array = for_current / (for_current + for_history)
+    return result
+
+
+def box_gamma(m: Motion, settings: np.void) -> Array:
+    """Half width of the box in standard deviations: wide where nothing moves."""
+    k = m.u.dtype.type
+    speed = greater(np.abs(m.u), np.abs(m.v)) / k(settings["motion_px"])
+    still = greater(k(1.0) - speed, k(0.0))
+    result: Array = k(settings["gamma_moving"]) + still * (k(settings["gamma_still"]) - k(settings["gamma_moving"]))
+    return result
+
+
+def storable(v: Array, floor_value: Array) -> Array:
+    """Inside the domain, no denormal, no -0, not below the least of 0 and the current sample."""
+    raised = greater(v, floor_value)
+    bad = outside_domain(raised) | (np.abs(raised) < constant("TINY", v))
+    return np.where(bad, number(0.0, v), raised)
+
+
+def load_share(plane: Array, otherwise: float) -> Array:
+    """Alpha or reactivity limited to [0, 1]; no number means ``otherwise``."""
+    return np.where(
+        outside_domain(plane), number(otherwise, plane), limit(plane, number(0, plane), number(1, plane))
+    )
+
+
+def resolve_pixel(
+    current: Colour,
+    alpha: Array,
+    reactivity: Array,
+    mean: Colour,
+    h: History,
+    r: Rectification,
+    build: Build,
+    settings: np.void,
+) -> Resolved:
+    """The current sample blended with the rectified history, or a fresh start where there is none."""
+    one, zero = number(1.0, h.count), number(0.0, h.count)
+    past = (h.rgb[0] + r.change[0], h.rgb[1] + r.change[1], h.rgb[2] + r.change[2])
+    count = believed_count(h.count, h.fx, h.fy, r.pull, settings)
+    if build.steps.reactive:
+        count = count * (one - reactivity)
+    weight = sample_weight(count, build, settings)
+    if build.steps.reactive:
+        weight = weight + reactivity * (one - weight)
+    weight = luminance_weight(weight, current, past, build)
+    blur = number(settings["fresh_blur"], h.count)
+    channels = []
+    for past_k, current_k, around in zip(past, current, from_box_space(mean, build), strict=True):
+        fresh = current_k + blur * (around - current_k)
+        blended = past_k + weight * (current_k - past_k)
+        channels.append(storable(np.where(h.valid, blended, fresh), lesser(current_k, zero)))
+    return Resolved(
+        (channels[0], channels[1], channels[2]),
+        np.where(h.valid, h.alpha + weight * (alpha - h.alpha), alpha),
+        np.where(h.valid, count + one, one),
+    )

@@ -1,0 +1,43 @@
+"""Twin of ``real.h``: the guards and comparisons that every stage uses, on arrays of float32 or float64."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.constants import value
+
+Array = NDArray[Any]  # [H, W] of the stage's real
+Mask = NDArray[np.bool_]  # [H, W]
+
+
+def constant(name: str, like: Array) -> Any:
+    """A named constant in the precision of ``like``."""
+    return like.dtype.type(value(name))
+
+
+def number(v: Any, like: Array) -> Any:
+    """A coefficient or a struct member in the precision of ``like``."""
+    return like.dtype.type(v)
+
+
+def greater(a: Array, b: Any) -> Array:
+    """``a > b ? a : b``."""
+    return np.where(a > b, a, b)
+
+
+def lesser(a: Array, b: Any) -> Array:
+    """``a < b ? a : b``."""
+    return np.where(a < b, a, b)
+
+
+def limit(v: Array, lo: Any, hi: Any) -> Array:
+    """``v`` limited to [lo, hi]."""
+    return lesser(greater(v, lo), hi)
+
+
+def outside_domain(v: Array) -> Mask:
+    """NaN, infinite or beyond DOMAIN_LIMIT."""
+    return ~(np.abs(v) <= constant("DOMAIN_LIMIT", v))

@@ -1,0 +1,97 @@
+"""Twin of ``resolve.cl`` and ``extend_edges.cl``: the whole resolve of one frame."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cltaa.build import Build, Real
+from cltaa.layout import Layout
+from cltaa.reference.history import sample_history
+from cltaa.reference.neighbourhood import Row, nearest_surface, neighbourhood_statistics, read_row
+from cltaa.reference.pixel import Resolved, box_gamma, load_share, resolve_pixel
+from cltaa.reference.projection import surface_motion
+from cltaa.reference.real import Array
+from cltaa.reference.rectify import rectify
+from cltaa.reference.repair import repaired_planes
+
+
+def real_type(build: Build) -> Any:
+    """NumPy type of the build's real."""
+    return np.float64 if build.real is Real.DOUBLE else np.float32
+
+
+def read_rows(
+    current: Array, closeness: Array, motion: Array | None, build: Build, layout: Layout, frame: np.void
+) -> tuple[Row, Row, Row]:
+    """The rows above, at and below each pixel, from padded planes in the build's real."""
+    real = real_type(build)
+    colour = repaired_planes(current, layout).astype(real)
+    near = closeness.astype(real)
+    moved = None if motion is None else motion.astype(real)
+    above, centre, below = (
+        read_row(colour, near, moved, dy, build, layout, frame["sky_closeness"]) for dy in (-1, 0, 1)
+    )
+    return above, centre, below
+
+
+def resolve(
+    build: Build,
+    layout: Layout,
+    *,
+    current: Array,
+    closeness: Array,
+    motion: Array | None,
+    alpha: Array | None,
+    reactive: Array | None,
+    history: Array,
+    history_count: Array,
+    previous_closeness: Array,
+    output: Array,
+    output_count: Array,
+    frame: np.void,
+    settings: np.void,
+) -> None:
+    """Resolve one frame from padded planes into ``output`` [3 or 4, rows, stride] and ``output_count``."""
+    with np.errstate(over="ignore", invalid="ignore"):  # values that are then not selected may overflow, as on a device
+        above, centre, below = read_rows(current, closeness, motion, build, layout, frame)
+        near = neighbourhood_statistics(above, centre, below, build)
+        s = nearest_surface(above, centre, below, build, settings["edge_tolerance"])
+        m = surface_motion(s, build, layout, frame)
+        h = sample_history(
+            history, history_count, previous_closeness, m, s, build, layout, frame, settings
+        )
+        r = rectify(h.rgb, near, box_gamma(m, settings), build, settings)
+        resolved = resolve_pixel(
+            centre.centre,
+            _share(alpha, 1.0, build.steps.alpha, h.count, layout),
+            _share(reactive, 0.0, build.steps.reactive, h.count, layout),
+            near.mean,
+            h,
+            r,
+            build,
+            settings,
+        )
+    store_resolved(resolved, build, layout, output, output_count)
+
+
+def _share(plane: Array | None, otherwise: float, wanted: bool, like: Array, layout: Layout) -> Array:
+    if not wanted or plane is None:
+        return np.full_like(like, otherwise)
+    return load_share(layout.inside(plane)[0].astype(like.dtype), otherwise)
+
+
+def store_resolved(resolved: Resolved, build: Build, layout: Layout, output: Array, output_count: Array) -> None:
+    """Write a resolved frame into padded planes; halves round to the nearest, as ``vstore_half_rte`` does."""
+    target = layout.inside(output)
+    for channel in range(3):
+        target[channel] = resolved.rgb[channel]
+    if build.steps.alpha:
+        target[3] = resolved.alpha
+    layout.inside(output_count)[0] = resolved.count
+
+
+def extend_edges(build: Build, layout: Layout, *, image: Array, frame: np.void, planes: int) -> None:  # noqa: ARG001
+    """Repeat the edge of the first ``planes`` planes into the halo."""
+    layout.extend_edges(image[:planes])

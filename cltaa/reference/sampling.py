@@ -1,0 +1,94 @@
+"""Twin of ``sampling.h``: reading the previous frame between its texels."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.build import Build
+from cltaa.constants import PAD_X, PAD_Y
+from cltaa.layout import Layout
+from cltaa.params import HistoryFilter
+from cltaa.reference.projection import Motion
+from cltaa.reference.real import Array, Mask, number
+
+Weights = tuple[Array, Array, Array]  # of taps 0, 2 and 3; tap 1 is what the others are compared with
+
+
+class Footprint(NamedTuple):
+    """Whole texel (row, column in the padded plane) and fraction of each pixel's history position."""
+
+    row: NDArray[np.int64]
+    column: NDArray[np.int64]
+    fx: Array
+    fy: Array
+
+
+class Quad(NamedTuple):
+    """The four texels around a footprint."""
+
+    p00: Array
+    p10: Array
+    p01: Array
+    p11: Array
+
+
+def footprint_of(m: Motion, valid: Mask, layout: Layout) -> Footprint:
+    """Where the history of each valid pixel lies; others look at their own texel."""
+    zero = np.zeros_like(m.u)
+    u, v = np.where(valid, m.u, zero), np.where(valid, m.v, zero)
+    dx, dy = np.floor(u), np.floor(v)
+    y, x = np.mgrid[: layout.height, : layout.width]
+    return Footprint(y + dy.astype(np.int64) + PAD_Y, x + dx.astype(np.int64) + PAD_X, u - dx, v - dy)
+
+
+def history_weights(t: Array, build: Build) -> Weights:
+    """Weights at fraction ``t`` of the build's history filter."""
+    k = t.dtype.type
+    zero = np.zeros_like(t)
+    if build.choices.history_filter is HistoryFilter.NEAREST:
+        return zero, np.where(t >= k(0.5), k(1.0), k(0.0)), zero
+    if build.choices.history_filter is HistoryFilter.BILINEAR:
+        return zero, t, zero
+    w0 = t * (k(-0.5) + t * (k(1.0) - k(0.5) * t))
+    w2 = t * (k(0.5) + t * (k(2.0) - k(1.5) * t))
+    w3 = (t * t) * (k(-0.5) + k(0.5) * t)
+    return w0, w2, w3
+
+
+def weigh(p: list[Array], w: Weights, build: Build) -> Array:
+    """Four taps as tap 1 plus weighted differences from it (Catmull and Rom 1974)."""
+    w0, w2, w3 = w
+    if build.choices.history_filter is HistoryFilter.CATMULL_ROM:
+        return p[1] + ((w0 * (p[0] - p[1]) + w2 * (p[2] - p[1])) + w3 * (p[3] - p[1]))
+    return p[1] + w2 * (p[2] - p[1])
+
+
+def sample_plane(plane: Array, f: Footprint, wx: Weights, wy: Weights, build: Build, real: Any) -> Array:
+    """The padded plane [rows, stride] filtered at the footprint, along x first."""
+    rows = []
+    for j in (-1, 0, 1, 2):
+        taps = [plane[f.row + j, f.column + i].astype(real) for i in (-1, 0, 1, 2)]
+        rows.append(weigh(taps, wx, build))
+    return weigh(rows, wy, build)
+
+
+def sample_quad(plane: Array, f: Footprint, real: Any) -> Quad:
+    """The four texels around the footprint."""
+    return Quad(*(plane[f.row + j, f.column + i].astype(real) for j in (0, 1) for i in (0, 1)))
+
+
+def bilinear(q: Quad, f: Footprint) -> Array:
+    """The quad interpolated at the footprint's fraction."""
+    top, bottom = q.p00 + f.fx * (q.p10 - q.p00), q.p01 + f.fx * (q.p11 - q.p01)
+    result: Array = top + f.fy * (bottom - top)
+    return result
+
+
+def between_texels(fx: Array, fy: Array) -> Array:
+    """f (1 - f), summed over both axes: how far a position lies from the texels it is read from."""
+    one = number(1.0, fx)
+    result: Array = fx * (one - fx) + fy * (one - fy)
+    return result

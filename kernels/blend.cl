@@ -1,0 +1,39 @@
+// Stage 6 on its own: the current sample blended with the rectified history. Writes the output and its count.
+#include "real.h"
+#include "image.h"
+#include "colour.h"
+#include "repair.h"
+#include "neighbourhood.h"
+#include "projection.h"
+#include "sampling.h"
+#include "reject.h"
+#include "history.h"
+#include "rectify.h"
+#include "blend.h"
+#include "pixel.h"
+
+__kernel void blend_kernel(plane_in repaired, plane_in alpha, plane_in reactive, plane_in statistics_in,
+    plane_in history_at, plane_in change_in, history_out output, plane_out output_count, const frame_t frame,
+    const settings_t settings)
+{
+    const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
+    if (x >= frame.width || y >= frame.height)
+        return;
+    const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
+    plane_in q = history_at + at, c = change_in + at;
+    history_t h;
+    h.rgb = load_colour(q, plane);
+    h.alpha = load(q + 3 * plane);
+    h.count = load(q + 4 * plane);
+    h.fx = load(q + 5 * plane);
+    h.fy = load(q + 6 * plane);
+    h.valid = load(q + 7 * plane) > SPLAT(0.5);
+    rectification r = { load_colour(c, plane), load(c + 3 * plane) };
+    const colour mean = load_colour(statistics_in + at, plane);
+    const boxed mean_at = { mean.r, mean.g, mean.b };
+    const real a = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
+    const real reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
+    const resolved out
+        = resolve_pixel(load_colour(repaired + at, plane), a, reactivity, mean_at, h, r, settings);
+    store_resolved(output + at, output_count + at, out, plane);
+}

@@ -1,0 +1,75 @@
+// Colour: three reals, as RGB, or in the space in which history is compared with the neighbourhood (the box space).
+#if !defined(BOX_SPACE)
+#error "colour.h needs BOX_SPACE from the prelude"
+#endif
+
+typedef struct
+{
+    real r, g, b;
+} colour;
+
+// Coordinates in the box space: Y, Co, Cg or R, G, B.
+typedef struct
+{
+    real a, b, c;
+} boxed;
+
+// Malvar and Sullivan 2003: all coefficients are powers of two, so that greys have exactly no chroma.
+static inline boxed to_box_space(colour v)
+{
+    boxed out = { v.r, v.g, v.b };
+    if (BOX_SPACE == BOX_SPACE_YCOCG) {
+        const real rb = K(0.25) * (v.r + v.b);
+        out.a = rb + K(0.5) * v.g;
+        out.b = K(0.5) * (v.r - v.b);
+        out.c = K(0.5) * v.g - rb;
+    }
+    return out;
+}
+
+static inline colour from_box_space(boxed v)
+{
+    colour out = { v.a, v.b, v.c };
+    if (BOX_SPACE == BOX_SPACE_YCOCG) {
+        const real t = v.a - v.c;
+        out.r = t + v.b;
+        out.g = v.a + v.c;
+        out.b = t - v.b;
+    }
+    return out;
+}
+
+// Y of YCoCg, whatever the box space: R/4 + G/2 + B/4.
+static inline real luminance(colour v) { return K(0.25) * (v.r + v.b) + K(0.5) * v.g; }
+
+static inline mask colour_outside_domain(colour v)
+{
+    return outside_domain(v.r) | outside_domain(v.g) | outside_domain(v.b);
+}
+
+static inline colour load_colour(plane_in p, size_t plane)
+{
+    colour v;
+    v.r = load(p);
+    v.g = load(p + plane);
+    v.b = load(p + 2 * plane);
+    return v;
+}
+
+static inline colour choose_colour(mask m, colour a, colour b)
+{
+    colour v;
+    v.r = m ? a.r : b.r;
+    v.g = m ? a.g : b.g;
+    v.b = m ? a.b : b.b;
+    return v;
+}
+
+static inline boxed choose_boxed(mask m, boxed a, boxed b)
+{
+    boxed v;
+    v.a = m ? a.a : b.a;
+    v.b = m ? a.b : b.b;
+    v.c = m ? a.c : b.c;
+    return v;
+}

@@ -1,0 +1,46 @@
+// The history of a pixel: its colour at the place where the surface was, and whether it can be used at all.
+#if !defined(EXPOSURE) || !defined(ALPHA) || !defined(REJECT)
+#error "history.h needs EXPOSURE, ALPHA and REJECT from the prelude"
+#endif
+
+typedef struct
+{
+    colour rgb;
+    real alpha, count, fx, fy;
+    mask valid;
+} history_t;
+
+static inline colour sample_colour(history_in p, footprint f, weights wx, weights wy, size_t plane, int stride)
+{
+    colour v;
+    v.r = sample_plane(p, f, wx, wy, stride);
+    v.g = sample_plane(p + plane, f, wx, wy, stride);
+    v.b = sample_plane(p + 2 * plane, f, wx, wy, stride);
+    return v;
+}
+
+static inline history_t sample_history(history_in history, plane_in count, plane_in previous_closeness, motion_t m,
+    surface s, int x, int y, frame_t frame, settings_t settings)
+{
+    const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
+    history_t h;
+    h.valid = on_screen(m, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
+    const footprint f = footprint_of(m, h.valid, frame);
+    const weights wx = history_weights(f.fx), wy = history_weights(f.fy);
+    h.rgb = sample_colour(history + at, f, wx, wy, plane, frame.stride);
+    h.valid = h.valid & !colour_outside_domain(h.rgb);
+    if (EXPOSURE) {
+        h.rgb.r *= K(frame.exposure_ratio);
+        h.rgb.g *= K(frame.exposure_ratio);
+        h.rgb.b *= K(frame.exposure_ratio);
+    }
+    h.alpha = SPLAT(1.0);
+    if (ALPHA)
+        h.alpha = limit(sample_plane(history + at + 3 * plane, f, wx, wy, frame.stride), SPLAT(0.0), SPLAT(1.0));
+    h.count = bilinear(sample_quad(count + at, f, frame.stride), f);
+    if (REJECT == REJECT_DEPTH)
+        h.valid = h.valid & same_surface(sample_quad(previous_closeness + at, f, frame.stride), s, m, settings);
+    h.fx = f.fx;
+    h.fy = f.fy;
+    return h;
+}

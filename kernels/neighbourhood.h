@@ -1,0 +1,175 @@
+// The 3x3 neighbourhood, gathered row by row so that a window sliding down a column reads and converts each row once.
+#if !defined(BOX) || !defined(DILATION) || !defined(OWN_MOTION) || !defined(NEIGHBOURHOOD)
+#error "neighbourhood.h needs BOX, DILATION, OWN_MOTION and NEIGHBOURHOOD from the prelude"
+#endif
+
+// Shifted first and second moments: mean = shift + offset, spread = sum of squared distances from the mean.
+typedef struct
+{
+    real shift, offset, spread, low, high;
+} moments;
+
+// Three texels of a row. The shift is the centre texel, so the differences are exact for neighbours within a factor of 2
+// (Sterbenz) and a flat row has exactly no spread, whatever its level. sum (d - mean)^2 = sum d^2 - (sum d)^2 / 3.
+static inline moments row_moments(real left, real centre, real right)
+{
+    const real dl = left - centre, dr = right - centre, sum = dl + dr;
+    moments m;
+    m.shift = centre;
+    m.offset = sum * K(ONE_THIRD);
+    m.spread = (dl * dl + dr * dr) - sum * m.offset;
+    m.low = lesser(lesser(left, right), centre);
+    m.high = greater(greater(left, right), centre);
+    return m;
+}
+
+// Three rows of three (Chan, Golub and LeVeque 1983, pairwise update for equal counts): the spread of the whole is the
+// spread inside the rows plus three times the spread of the row means about their mean.
+static inline moments window_moments(moments above, moments centre, moments below)
+{
+    const real da = (above.shift - centre.shift) + (above.offset - centre.offset);
+    const real db = (below.shift - centre.shift) + (below.offset - centre.offset);
+    const real sum = da + db, offset = sum * K(ONE_THIRD);
+    moments m;
+    m.shift = centre.shift;
+    m.offset = centre.offset + offset;
+    m.spread = ((above.spread + below.spread) + centre.spread) + K(3.0) * ((da * da + db * db) - sum * offset);
+    m.low = lesser(lesser(above.low, below.low), centre.low);
+    m.high = greater(greater(above.high, below.high), centre.high);
+    return m;
+}
+
+// The cross: the centre row of three and the texels above and below. Five values, the same shifted form.
+static inline moments cross_moments(moments above, moments centre, moments below)
+{
+    const real du = above.shift - centre.shift, dd = below.shift - centre.shift;
+    const real across = K(3.0) * centre.offset, sum = across + (du + dd);
+    const real squares = (centre.spread + across * centre.offset) + (du * du + dd * dd);
+    moments m;
+    m.shift = centre.shift;
+    m.offset = sum * K(ONE_FIFTH);
+    m.spread = squares - sum * m.offset;
+    m.low = lesser(lesser(above.shift, below.shift), centre.low);
+    m.high = greater(greater(above.shift, below.shift), centre.high);
+    return m;
+}
+
+// What one row contributes: moments a channel, and the nearest surface of the three texels. Closeness is 1/Z (-Z for an
+// orthographic camera): the greater, the nearer.
+typedef struct
+{
+    moments a, b, c;
+    colour centre;
+    real nearest, nearest_x, farthest, closeness;
+    real u, v; // own motion of the nearest texel
+    real centre_u, centre_v;
+} row_t;
+
+// Mean, standard deviation and extremes of the neighbourhood in the box space.
+typedef struct
+{
+    boxed mean, deviation, low, high;
+} statistics;
+
+static inline real deviation_of(moments m)
+{
+    const real variance = m.spread * K(NEIGHBOURHOOD == NEIGHBOURHOOD_CROSS ? ONE_FIFTH : ONE_NINTH);
+    return square_root(greater(variance, SPLAT(0.0)));
+}
+
+static inline moments neighbourhood_moments(moments above, moments centre, moments below)
+{
+    return NEIGHBOURHOOD == NEIGHBOURHOOD_CROSS ? cross_moments(above, centre, below)
+                                                : window_moments(above, centre, below);
+}
+
+static inline statistics neighbourhood_statistics(row_t above, row_t centre, row_t below)
+{
+    const moments a = neighbourhood_moments(above.a, centre.a, below.a);
+    const moments b = neighbourhood_moments(above.b, centre.b, below.b);
+    const moments c = neighbourhood_moments(above.c, centre.c, below.c);
+    statistics s;
+    s.mean = (boxed) { a.shift + a.offset, b.shift + b.offset, c.shift + c.offset };
+    s.deviation = (boxed) { deviation_of(a), deviation_of(b), deviation_of(c) };
+    s.low = (boxed) { a.low, b.low, c.low };
+    s.high = (boxed) { a.high, b.high, c.high };
+    return s;
+}
+
+// Closeness outside the domain (no depth, infinite) is the sky's.
+static inline real usable_closeness(real v, frame_t frame)
+{
+    return outside_domain(v) ? (real)((scalar)frame.sky_closeness) : v;
+}
+
+static inline row_t read_row(plane_in image, plane_in closeness, plane_in motion, int x, int y, frame_t frame)
+{
+    const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
+    plane_in p = image + at;
+    colour l = load_colour(p - 1, plane), c = load_colour(p, plane), r = load_colour(p + 1, plane);
+    if (any_of(colour_outside_domain(l) | colour_outside_domain(c) | colour_outside_domain(r))) {
+        l = repaired_colour(image, plane, x - 1, y, frame);
+        c = repaired_colour(image, plane, x, y, frame);
+        r = repaired_colour(image, plane, x + 1, y, frame);
+    }
+    const boxed bl = to_box_space(l), bc = to_box_space(c), br = to_box_space(r);
+    row_t row;
+    row.a = row_moments(bl.a, bc.a, br.a);
+    row.b = row_moments(bl.b, bc.b, br.b);
+    row.c = row_moments(bl.c, bc.c, br.c);
+    row.centre = c;
+
+    plane_in z = closeness + at;
+    const real zl = usable_closeness(load(z - 1), frame), zc = usable_closeness(load(z), frame),
+               zr = usable_closeness(load(z + 1), frame);
+    const mask left = zl > zc;
+    row.closeness = zc;
+    row.nearest = left ? zl : zc;
+    row.nearest_x = left ? SPLAT(-1.0) : SPLAT(0.0);
+    const mask right = zr > row.nearest;
+    row.nearest = right ? zr : row.nearest;
+    row.nearest_x = right ? SPLAT(1.0) : row.nearest_x;
+    row.farthest = lesser(lesser(zl, zr), zc);
+    row.u = row.v = row.centre_u = row.centre_v = SPLAT(0.0);
+    if (OWN_MOTION) {
+        plane_in m = motion + at;
+        row.centre_u = load(m);
+        row.centre_v = load(m + plane);
+        row.u = right ? load(m + 1) : (left ? load(m - 1) : row.centre_u);
+        row.v = right ? load(m + plane + 1) : (left ? load(m + plane - 1) : row.centre_v);
+    }
+    return row;
+}
+
+// The surface whose motion a pixel follows: where it lies relative to the pixel, how close it is, and its own motion.
+typedef struct
+{
+    real x, y, closeness, u, v;
+    real centre, nearest, farthest; // closeness: of the pixel itself, and the range in its 3x3
+} surface;
+
+static inline surface nearest_surface(row_t above, row_t centre, row_t below, settings_t settings)
+{
+    surface s = { SPLAT(0.0), SPLAT(0.0), centre.closeness, centre.centre_u, centre.centre_v, centre.closeness,
+        greater(greater(above.nearest, below.nearest), centre.nearest),
+        lesser(lesser(above.farthest, below.farthest), centre.farthest) };
+    if (DILATION == DILATION_NONE)
+        return s;
+    const mask up = above.nearest > centre.nearest;
+    real z = up ? above.nearest : centre.nearest;
+    const mask down = below.nearest > z;
+    mask across = (z == z);
+    if (DILATION == DILATION_EDGE) {
+        // Closeness is linear in the pixel coordinates on every plane, so there the window is symmetric about its centre:
+        // nearest + farthest = 2 centre. Only where it is not does an edge pass through, and only there is the motion of
+        // the nearer side borrowed; on a smooth receding surface it would be wrong by the slope.
+        const real skew = (s.nearest - s.centre) - (s.centre - s.farthest);
+        across = absolute(skew) > K(settings.edge_tolerance) * absolute(s.nearest);
+    }
+    s.closeness = across ? s.nearest : s.closeness;
+    s.x = across ? (down ? below.nearest_x : (up ? above.nearest_x : centre.nearest_x)) : s.x;
+    s.y = across ? (down ? SPLAT(1.0) : (up ? SPLAT(-1.0) : SPLAT(0.0))) : s.y;
+    s.u = across ? (down ? below.u : (up ? above.u : centre.u)) : s.u;
+    s.v = across ? (down ? below.v : (up ? above.v : centre.v)) : s.v;
+    return s;
+}

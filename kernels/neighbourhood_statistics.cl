@@ -1,0 +1,29 @@
+// Stage 2 on its own: mean, standard deviation and extremes of the 3x3, 12 planes in the box space. See neighbourhood.h.
+#include "real.h"
+#include "image.h"
+#include "colour.h"
+#include "repair.h"
+#include "neighbourhood.h"
+
+static inline void store_boxed(plane_out p, boxed v, size_t plane)
+{
+    store(p, v.a);
+    store(p + plane, v.b);
+    store(p + 2 * plane, v.c);
+}
+
+__kernel void neighbourhood_statistics_kernel(plane_in current, plane_in closeness, plane_in motion,
+    plane_out statistics_out, const frame_t frame)
+{
+    const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
+    if (x >= frame.width || y >= frame.height)
+        return;
+    const size_t plane = plane_size(frame);
+    const statistics s = neighbourhood_statistics(read_row(current, closeness, motion, x, y - 1, frame),
+        read_row(current, closeness, motion, x, y, frame), read_row(current, closeness, motion, x, y + 1, frame));
+    plane_out p = statistics_out + texel_offset(frame, x, y);
+    store_boxed(p, s.mean, plane);
+    store_boxed(p + 3 * plane, s.deviation, plane);
+    store_boxed(p + 6 * plane, s.low, plane);
+    store_boxed(p + 9 * plane, s.high, plane);
+}

@@ -1,0 +1,64 @@
+// Where a surface was in the previous frame.
+#if !defined(CAMERA_MOTION) || !defined(OWN_MOTION) || !defined(ORTHOGRAPHIC)
+#error "projection.h needs CAMERA_MOTION, OWN_MOTION and ORTHOGRAPHIC from the prelude"
+#endif
+
+// Displacement to the previous frame in pixels, x right, y down; visible = 0 where the previous frame did not see the
+// point; closeness then = closeness now * scale + shift (shift is 0 for a perspective camera).
+typedef struct
+{
+    real u, v, scale, shift;
+    mask visible;
+} motion_t;
+
+// Camera motion. With p = (px, py, 1, closeness), px and py in pixels from the image centre, the previous position is
+// (p + D_xy p) / (1 + D_w p), so the displacement is (D_xy p - p_xy (D_w p)) / (1 + D_w p). The host builds D in float64
+// and rounds it once; it is exactly 0 for a still camera, and so is the displacement. docs/conventions.md, Matrices.
+static inline motion_t motion_from_depth(surface s, real x, real y, frame_t frame)
+{
+    motion_t m = { SPLAT(0.0), SPLAT(0.0), SPLAT(1.0), SPLAT(0.0), s.centre == s.centre };
+    if (!CAMERA_MOTION)
+        return m;
+    const real px = (x + s.x) + K(frame.origin_x), py = (y + s.y) + K(frame.origin_y), q = s.closeness;
+    const real dx = ((K(frame.xx) * px + K(frame.xy) * py) + K(frame.xq) * q) + K(frame.x1);
+    const real dy = ((K(frame.yx) * px + K(frame.yy) * py) + K(frame.yq) * q) + K(frame.y1);
+    const real dw = ((K(frame.wx) * px + K(frame.wy) * py) + K(frame.wq) * q) + K(frame.w1);
+    const real w = SPLAT(1.0) + dw;
+    // Behind the previous camera, or so near its plane that the division means nothing: it cannot have been seen.
+    m.visible = w > SPLAT(LEAST_W);
+    const real safe_w = m.visible ? w : SPLAT(1.0);
+    m.u = (dx - px * dw) / safe_w;
+    m.v = (dy - py * dw) / safe_w;
+    if (ORTHOGRAPHIC) {
+        m.scale = SPLAT(1.0) + K(frame.zq);
+        m.shift = (K(frame.zx) * px + K(frame.zy) * py) + K(frame.z1);
+    } else {
+        m.scale = SPLAT(1.0) / safe_w;
+    }
+    return m;
+}
+
+// The surface's motion: its own where the motion channel holds a vector, the camera's elsewhere.
+static inline motion_t surface_motion(surface s, real x, real y, frame_t frame)
+{
+    motion_t m = motion_from_depth(s, x, y, frame);
+    if (OWN_MOTION) {
+        const mask camera_only = outside_domain(s.u) | outside_domain(s.v);
+        m.u = camera_only ? m.u : s.u;
+        m.v = camera_only ? m.v : s.v;
+        m.scale = camera_only ? m.scale : SPLAT(1.0);
+        m.shift = camera_only ? m.shift : SPLAT(0.0);
+        m.visible = m.visible | !camera_only;
+    }
+    return m;
+}
+
+// True where the previous frame saw the point: inside its image (half a texel of margin) and by less than MOTION_LIMIT.
+// Every comparison is false for NaN.
+static inline mask on_screen(motion_t m, real x, real y, frame_t frame)
+{
+    const real hx = x + m.u, hy = y + m.v;
+    return m.visible & (hx >= SPLAT(-0.5)) & (hy >= SPLAT(-0.5)) & (hx <= SPLAT(frame.width) - K(0.5))
+        & (hy <= SPLAT(frame.height) - K(0.5)) & (absolute(m.u) < SPLAT(MOTION_LIMIT))
+        & (absolute(m.v) < SPLAT(MOTION_LIMIT));
+}

@@ -1,0 +1,159 @@
+// real: the number that every stage computes with. One float (or double) a work-item on GPUs, a vector of LANES
+// neighbouring pixels on CPUs. The same source serves both: comparisons give masks, masks are combined with & and |, and
+// values are chosen with `mask ? a : b`, which selects lane by lane on vectors.
+//
+// No max, min, clamp or mix on reals: they are undefined or inexact for NaN in OpenCL C, and calls on some CPU drivers.
+#if !defined(LANES) || !defined(REAL_DOUBLE) || !defined(STORAGE_HALF) || !defined(STRICT)
+#error "real.h needs LANES, REAL_DOUBLE, STORAGE_HALF and STRICT from the prelude"
+#endif
+#ifdef __FAST_RELAXED_MATH__
+#error "finite-math flags remove the guards against NaN: build without -cl-fast-relaxed-math"
+#endif
+#if STRICT
+#pragma OPENCL FP_CONTRACT OFF
+#else
+#pragma OPENCL FP_CONTRACT ON
+#endif
+
+#ifdef __clang__
+// Vectors wider than the CPU's registers are passed in memory; every function here is inlined, so no ABI is at stake.
+#pragma clang diagnostic ignored "-Wpsabi"
+#endif
+
+#define PASTE_(a, b) a##b
+#define PASTE(a, b) PASTE_(a, b)
+#if LANES == 1
+#define LANED(type) type
+#else
+#define LANED(type) PASTE(type, LANES)
+#endif
+
+#if REAL_DOUBLE
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+typedef double scalar;
+typedef long scalar_whole;
+typedef LANED(double) real;
+typedef LANED(long) whole;
+#define AS_WHOLE PASTE(as_, LANED(long))
+#define TO_WHOLE PASTE(PASTE(convert_, LANED(long)), _rtz)
+#define TO_REAL PASTE(convert_, LANED(double))
+#define MAGNITUDE_BITS 0x7fffffffffffffffL
+#else
+typedef float scalar;
+typedef int scalar_whole;
+typedef LANED(float) real;
+typedef LANED(int) whole;
+#define AS_WHOLE PASTE(as_, LANED(int))
+#define TO_WHOLE PASTE(PASTE(convert_, LANED(int)), _rtz)
+#define TO_REAL PASTE(convert_, LANED(float))
+#define MAGNITUDE_BITS 0x7fffffff
+#endif
+typedef whole mask;
+
+// Literals: the formula's coefficient in the precision of real.
+#define K(value) ((scalar)(value))
+#define SPLAT(value) ((real)(K(value)))
+
+// Planes hold floats; only the history may be stored in half.
+typedef __global const float* restrict plane_in;
+typedef __global float* restrict plane_out;
+#if STORAGE_HALF
+typedef __global const half* restrict history_in;
+typedef __global half* restrict history_out;
+#else
+typedef __global const float* restrict history_in;
+typedef __global float* restrict history_out;
+#endif
+
+#if LANES == 1
+static inline real load(plane_in p) { return *p; }
+static inline void store(plane_out p, real v) { *p = (float)v; }
+static inline int any_of(mask m) { return m != 0; }
+static inline scalar_whole first_lane(whole v) { return v; }
+#define LANE_INDEX ((real)(0))
+#if STORAGE_HALF
+static inline real load_history(history_in p) { return vload_half(0, p); }
+static inline void store_history(history_out p, real v) { vstore_half_rte(v, 0, p); }
+#endif
+#else
+#if REAL_DOUBLE
+static inline real load(plane_in p) { return PASTE(convert_, LANED(double))(PASTE(vload, LANES)(0, p)); }
+static inline void store(plane_out p, real v)
+{
+    PASTE(vstore, LANES)(PASTE(convert_, LANED(float))(v), 0, p);
+}
+#else
+static inline real load(plane_in p) { return PASTE(vload, LANES)(0, p); }
+static inline void store(plane_out p, real v) { PASTE(vstore, LANES)(v, 0, p); }
+#endif
+#if STORAGE_HALF
+static inline real load_history(history_in p) { return TO_REAL(PASTE(vload_half, LANES)(0, p)); }
+static inline void store_history(history_out p, real v)
+{
+    PASTE(PASTE(vstore_half, LANES), _rte)(PASTE(convert_, LANED(float))(v), 0, p);
+}
+#endif
+#if LANES == 16
+#define HALVES(m) ((m).lo.lo | (m).lo.hi | (m).hi.lo | (m).hi.hi)
+#define LANE_INDEX ((real)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15))
+#elif LANES == 8
+#define HALVES(m) ((m).lo | (m).hi)
+#define LANE_INDEX ((real)(0, 1, 2, 3, 4, 5, 6, 7))
+#elif LANES == 4
+#define HALVES(m) (m)
+#define LANE_INDEX ((real)(0, 1, 2, 3))
+#else
+#error "LANES is 1, 4, 8 or 16"
+#endif
+static inline int any_of(mask m) { return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0; }
+static inline scalar_whole first_lane(whole v) { return v.s0; }
+#endif
+#if !STORAGE_HALF
+static inline real load_history(history_in p) { return load(p); }
+static inline void store_history(history_out p, real v) { store(p, v); }
+#endif
+
+static inline real absolute(real v)
+{
+#if REAL_DOUBLE
+    return PASTE(as_, LANED(double))(AS_WHOLE(v) & MAGNITUDE_BITS);
+#else
+    return PASTE(as_, LANED(float))(AS_WHOLE(v) & MAGNITUDE_BITS);
+#endif
+}
+
+// Greater and lesser of two finite reals.
+static inline real greater(real a, real b) { return a > b ? a : b; }
+static inline real lesser(real a, real b) { return a < b ? a : b; }
+// v limited to [lo, hi]; the caller makes sure that lo <= hi.
+static inline real limit(real v, real lo, real hi) { return lesser(greater(v, lo), hi); }
+
+// Correctly rounded in a strict build (IEEE 754 square root), within 3 ulp otherwise.
+static inline real square_root(real v)
+{
+#if LANES == 1
+    return sqrt(v);
+#else
+    real root;
+    for (int lane = 0; lane < LANES; ++lane)
+        ((scalar*)&root)[lane] = sqrt(((const scalar*)&v)[lane]);
+    return root;
+#endif
+}
+
+// Largest whole number not above v; |v| < 2^22, which the caller has tested.
+static inline whole floor_whole(real v)
+{
+    const whole cut = TO_WHOLE(v);
+    return cut - (TO_REAL(cut) > v ? (whole)(1) : (whole)(0));
+}
+
+// Usable input: finite and |v| <= DOMAIN_LIMIT. Tested on the bits, so that no compiler flag can remove it.
+static inline mask outside_domain(real v)
+{
+#if REAL_DOUBLE
+    return (AS_WHOLE(v) & MAGNITUDE_BITS) > as_long(DOMAIN_LIMIT);
+#else
+    return (AS_WHOLE(v) & MAGNITUDE_BITS) > as_int(DOMAIN_LIMIT);
+#endif
+}

@@ -1,0 +1,40 @@
+// Stage 5 on its own: the change that moves the history of stage 4 into the box of stage 2. 4 planes: r, g, b, pull.
+#include "real.h"
+#include "image.h"
+#include "colour.h"
+#include "repair.h"
+#include "neighbourhood.h"
+#include "projection.h"
+#include "sampling.h"
+#include "reject.h"
+#include "history.h"
+#include "rectify.h"
+#include "blend.h"
+#include "pixel.h"
+
+static inline boxed load_boxed(plane_in p, size_t plane)
+{
+    boxed v = { load(p), load(p + plane), load(p + 2 * plane) };
+    return v;
+}
+
+__kernel void rectify_history_kernel(plane_in statistics_in, plane_in motion_in, plane_in history_at, plane_out change_out,
+    const frame_t frame, const settings_t settings)
+{
+    const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
+    if (x >= frame.width || y >= frame.height)
+        return;
+    const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
+    plane_in q = statistics_in + at;
+    const statistics near = { load_boxed(q, plane), load_boxed(q + 3 * plane, plane), load_boxed(q + 6 * plane, plane),
+        load_boxed(q + 9 * plane, plane) };
+    motion_t m;
+    m.u = load(motion_in + at);
+    m.v = load(motion_in + at + plane);
+    const rectification r = rectify(load_colour(history_at + at, plane), near, box_gamma(m, settings), settings);
+    plane_out p = change_out + at;
+    store(p, r.change.r);
+    store(p + plane, r.change.g);
+    store(p + 2 * plane, r.change.b);
+    store(p + 3 * plane, r.pull);
+}

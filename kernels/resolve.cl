@@ -1,0 +1,41 @@
+// The temporal resolve, fused. One work-item slides a segment of LANES pixels down ROWS rows, so that each row of the
+// neighbourhood is read and converted once.
+#include "real.h"
+#include "image.h"
+#include "colour.h"
+#include "repair.h"
+#include "neighbourhood.h"
+#include "projection.h"
+#include "sampling.h"
+#include "reject.h"
+#include "history.h"
+#include "rectify.h"
+#include "blend.h"
+#include "pixel.h"
+
+__kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha, plane_in reactive,
+    history_in history, plane_in history_count, plane_in previous_closeness, history_out output,
+    plane_out output_count, const frame_t frame, const settings_t settings)
+{
+    const int x = (int)get_global_id(0) * LANES, first = (int)get_global_id(1) * ROWS;
+    if (x >= frame.width || first >= frame.height)
+        return;
+    const int last = first + ROWS < frame.height ? first + ROWS : frame.height;
+    row_t above = read_row(current, closeness, motion, x, first - 1, frame);
+    row_t centre = read_row(current, closeness, motion, x, first, frame);
+    for (int y = first; y < last; ++y) {
+        const size_t at = texel_offset(frame, x, y);
+        const row_t below = read_row(current, closeness, motion, x, y + 1, frame);
+        const statistics near = neighbourhood_statistics(above, centre, below);
+        const surface s = nearest_surface(above, centre, below, settings);
+        const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
+        const history_t h = sample_history(history, history_count, previous_closeness, m, s, x, y, frame, settings);
+        const rectification r = rectify(h.rgb, near, box_gamma(m, settings), settings);
+        const real a = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
+        const real reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
+        const resolved out = resolve_pixel(centre.centre, a, reactivity, near.mean, h, r, settings);
+        store_resolved(output + at, output_count + at, out, plane_size(frame));
+        above = centre;
+        centre = below;
+    }
+}

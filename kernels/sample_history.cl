@@ -1,0 +1,35 @@
+// Stage 4 on its own: the history at the motion of stage 3. 8 planes: r, g, b, alpha, count, fx, fy, valid (1 or 0).
+#include "real.h"
+#include "image.h"
+#include "colour.h"
+#include "repair.h"
+#include "neighbourhood.h"
+#include "projection.h"
+#include "sampling.h"
+#include "reject.h"
+#include "history.h"
+
+__kernel void sample_history_kernel(plane_in motion_in, history_in history, plane_in history_count,
+    plane_in previous_closeness, plane_out history_at, const frame_t frame, const settings_t settings)
+{
+    const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
+    if (x >= frame.width || y >= frame.height)
+        return;
+    const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
+    plane_in q = motion_in + at;
+    const motion_t m = { load(q), load(q + plane), load(q + 2 * plane), load(q + 3 * plane),
+        load(q + 4 * plane) > SPLAT(0.5) };
+    surface s;
+    s.nearest = load(q + 5 * plane);
+    s.farthest = load(q + 6 * plane);
+    const history_t h = sample_history(history, history_count, previous_closeness, m, s, x, y, frame, settings);
+    plane_out p = history_at + at;
+    store(p, h.rgb.r);
+    store(p + plane, h.rgb.g);
+    store(p + 2 * plane, h.rgb.b);
+    store(p + 3 * plane, h.alpha);
+    store(p + 4 * plane, h.count);
+    store(p + 5 * plane, h.fx);
+    store(p + 6 * plane, h.fy);
+    store(p + 7 * plane, h.valid ? SPLAT(1.0) : SPLAT(0.0));
+}
