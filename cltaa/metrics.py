@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -32,7 +33,7 @@ class Metric:
     function: Callable[[Image, Image, float], float]
     title: str
     higher_is_better: bool
-    digits: int
+    form: str  # format of a value in a table
 
 
 def mse(test: Image, reference: Image) -> float:
@@ -88,12 +89,16 @@ def _display_psnr(test: Image, reference: Image, stops: float) -> float:
 METRICS = {
     metric.name: metric
     for metric in (
-        Metric("mse", lambda a, b, _: mse(a, b), "mean squared error, linear", False, 6),
-        Metric("psnr", _display_psnr, "PSNR of the display images, dB", True, 2),
-        Metric("psnr-linear", lambda a, b, _: psnr(mse(a, b)), "PSNR of linear colour for a peak of 1, dB", True, 2),
-        Metric("ssim", ssim, "SSIM of display luma", True, 4),
-        Metric("flip", lambda a, b, s: float(flip_map(a, b, s).mean()), "mean FLIP of the display images", False, 4),
-        Metric("flip-hdr", lambda a, b, s: float(flip_map(a, b, s, hdr=True).mean()), "mean HDR-FLIP", False, 4),
+        Metric("mse", lambda a, b, _: mse(a, b), "mean squared error, linear", False, ".4g"),
+        Metric("psnr", _display_psnr, "PSNR of the display images, dB", True, ".2f"),
+        Metric(
+            "psnr-linear", lambda a, b, _: psnr(mse(a, b)), "PSNR of linear colour for a peak of 1, dB", True, ".2f"
+        ),
+        Metric("ssim", ssim, "SSIM of display luma", True, ".4f"),
+        Metric(
+            "flip", lambda a, b, s: float(flip_map(a, b, s).mean()), "mean FLIP of the display images", False, ".4f"
+        ),
+        Metric("flip-hdr", lambda a, b, s: float(flip_map(a, b, s, hdr=True).mean()), "mean HDR-FLIP", False, ".4f"),
     )
 }
 DEFAULT_METRICS = ("mse", "psnr", "ssim", "flip")
@@ -111,15 +116,26 @@ def parse_metrics(text: str) -> tuple[Metric, ...]:
 
 
 def measure(
-    test: Image, reference: Image, metrics: Iterable[Metric] | None = None, stops: float = 0.0
+    test: Image,
+    reference: Image,
+    metrics: Iterable[Metric] | None = None,
+    stops: float = 0.0,
+    *,
+    path: Path | None = None,
+    frame: int | None = None,
 ) -> dict[str, float]:
-    """Value of every metric for one pair of images; raises DataError for sizes that differ and for NaN or infinity."""
+    """Value of every metric (``DEFAULT_METRICS`` unless given) for one pair of images.
+
+    Raises DataError, with ``path`` and ``frame`` in its text, for sizes that differ and for NaN or infinity.
+    """
     if test.shape != reference.shape:
-        raise DataError("images differ in size", expected=list(reference.shape), found=list(test.shape))
-    for name, image in (("test", test), ("reference", reference)):
+        expected, found = list(reference.shape), list(test.shape)
+        raise DataError("images differ in size", path=path, frame=frame, expected=expected, found=found)
+    for name, image in (("image", test), ("reference", reference)):
         bad = image.size - int(np.isfinite(image).sum())
         if bad:
-            raise DataError(f"{bad} values of the {name} image are NaN or infinite", cure="no error can be stated")
+            what = f"{bad} values of the {name} are NaN or infinite"
+            raise DataError(what, path=path, frame=frame, cure="there is no error to state; look for their cause")
     if metrics is None:
         metrics = (METRICS[name] for name in DEFAULT_METRICS)
     return {metric.name: metric.function(test, reference, stops) for metric in metrics}

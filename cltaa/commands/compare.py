@@ -1,0 +1,177 @@
+"""``cltaa compare``: errors of images against the truth."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from cltaa.atomic import make_folder
+from cltaa.comparison import Comparison, equal_quality, pair_up, select
+from cltaa.errors import UsageError
+from cltaa.frames import Image
+from cltaa.metrics import DEFAULT_METRICS, METRICS, Metric, flip_map, mean, measure, parse_metrics
+from cltaa.progress import track
+from cltaa.streams import read_ahead
+
+Values = dict[str, float]
+
+
+@click.command()
+@click.argument("test", metavar="A", type=click.Path(path_type=Path))
+@click.argument("reference", metavar="[B]", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "--metrics",
+    "metric_names",
+    default=",".join(DEFAULT_METRICS),
+    show_default=True,
+    metavar="LIST",
+    help=f"Comma-separated, or all: {', '.join(METRICS)}.",
+)
+@click.option("--frames", metavar="FIRST-LAST", help="Only these frame numbers, both included.")
+@click.option("--stops", default=0.0, show_default=True, help="Exposure before the display transform, in stops.")
+@click.option("--heatmap", type=click.Path(path_type=Path), metavar="DIR", help="Write an error map a frame as PNG.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
+def compare(
+    test: Path,
+    reference: Path | None,
+    metric_names: str,
+    frames: str | None,
+    stops: float,
+    heatmap: Path | None,
+    as_json: bool,
+) -> None:
+    """Judge A against B, frame by frame and in the mean.
+
+    A and B are folders of numbered EXR frames or single EXR files. Where B is a captured sequence, A is judged against
+    the truth in its folder reference/, beside the single samples that were captured, and the equal-quality samples are
+    stated: how many samples a pixel a supersampler needs for the same error. Where B is left out, A is a captured
+    sequence and its single samples are judged against its own truth.
+
+    Heat maps run from black over red and yellow to white; they show FLIP where it is among the metrics, else the
+    absolute difference on the display.
+    """
+    shown = parse_metrics(metric_names)
+    metrics = tuple(dict.fromkeys((*shown, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
+    comparison = pair_up(test, reference)
+    if frames is not None:
+        comparison = select(comparison, *_parse_range(frames))
+    if heatmap is not None:
+        make_folder(heatmap)
+    rows = _measure_all(comparison, metrics, stops, heatmap)
+    result = {
+        "test": str(test),
+        "reference": str(comparison.reference.folder if comparison.capture else reference),
+        "stops": stops,
+    }
+    result |= _summary(comparison, rows, metrics)
+    if as_json:
+        click.echo(json.dumps(_without_infinity(result), indent=2))
+    else:
+        _print(result, shown)
+
+
+def _parse_range(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d+)(?:-(\d+))?", text)
+    if match is None:
+        raise UsageError("wrong range of frames", expected="FIRST-LAST, such as 8-47, or one number", found=text)
+    return int(match[1]), int(match[2] or match[1])
+
+
+def _measure_all(
+    comparison: Comparison, metrics: tuple[Metric, ...], stops: float, heatmap: Path | None
+) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = []
+    single = None if comparison.of_itself else comparison.capture
+    with read_ahead(comparison.pairs()) as pairs:
+        for number, test, reference in track(pairs, len(comparison.test), "comparing"):
+            path = comparison.test.path(number)
+            values, error_map = _measure(test, reference, metrics, stops, path, number, heatmap is not None)
+            rows.append({"frame": number, "metrics": values})
+            if single is not None:
+                sample = single.frame(number)
+                rows[-1]["one_sample"] = measure(
+                    sample.colour, reference, metrics, stops, path=sample.path, frame=number
+                )
+            if heatmap is not None and error_map is not None:
+                _write_heat(heatmap / f"{path.stem}.png", error_map)
+    return rows
+
+
+def _measure(
+    test: Image, reference: Image, metrics: tuple[Metric, ...], stops: float, path: Path, frame: int, wants_map: bool
+) -> tuple[Values, Image | None]:
+    """Metrics of one frame, and its error map where one is wanted; FLIP is slow, so it is not worked out twice."""
+    if not wants_map:
+        return measure(test, reference, metrics, stops, path=path, frame=frame), None
+    from cltaa.pictures import error_map
+
+    others = [metric for metric in metrics if metric.name != "flip"]
+    values = measure(test, reference, others, stops, path=path, frame=frame)
+    if len(others) == len(metrics):
+        return values, error_map(test, reference, stops)
+    errors = flip_map(test, reference, stops)
+    values["flip"] = float(errors.mean())
+    return {metric.name: values[metric.name] for metric in metrics}, errors
+
+
+def _write_heat(path: Path, errors: Image) -> None:
+    from cltaa.pictures import heat, write_png
+
+    write_png(path, heat(errors))
+
+
+def _summary(comparison: Comparison, rows: list[dict[str, Any]], metrics: tuple[Metric, ...]) -> dict[str, Any]:
+    result: dict[str, Any] = {
+        "definitions": {metric.name: metric.title for metric in metrics},
+        "mean": mean(row["metrics"] for row in rows),
+        "frames": rows,
+    }
+    if "one_sample" in rows[0]:
+        result["mean_one_sample"] = mean(row["one_sample"] for row in rows)
+        one_sample_mse = result["mean_one_sample"]["mse"]
+        if one_sample_mse > 0:  # a picture that one sample gets right has no such number
+            samples, method = equal_quality(comparison, result["mean"]["mse"], one_sample_mse)
+            result["equal_quality_samples"] = {"samples": samples, "method": method}
+    return result
+
+
+def _without_infinity(value: Any) -> Any:
+    """JSON has no infinity: the PSNR of identical images becomes null."""
+    if isinstance(value, dict):
+        return {key: _without_infinity(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_without_infinity(item) for item in value]
+    return None if isinstance(value, float) and math.isinf(value) else value
+
+
+def _print(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
+    console = Console()
+    console.print(f"{escape(result['test'])} against {escape(result['reference'])}", soft_wrap=True, highlight=False)
+    table = Table()
+    table.add_column("frame", justify="right")
+    for metric in metrics:
+        table.add_column(f"{metric.name} {'↑' if metric.higher_is_better else '↓'}", justify="right")
+    for row in result["frames"]:
+        table.add_row(str(row["frame"]), *_cells(row["metrics"], metrics))
+    table.add_section()
+    table.add_row("mean", *_cells(result["mean"], metrics), style="bold")
+    if "mean_one_sample" in result:
+        table.add_row("one sample", *_cells(result["mean_one_sample"], metrics), style="dim")
+    console.print(table)
+    for metric in metrics:
+        console.print(f"  {metric.name}: {metric.title}", style="dim", highlight=False)
+    if "equal_quality_samples" in result:
+        equal = result["equal_quality_samples"]
+        console.print(f"equal-quality samples: [bold]{equal['samples']:.1f}[/] a pixel ({equal['method']})")
+
+
+def _cells(values: Values, metrics: tuple[Metric, ...]) -> list[str]:
+    return ["identical" if math.isinf(v) else format(v, m.form) for m in metrics for v in (values[m.name],)]

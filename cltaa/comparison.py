@@ -1,0 +1,108 @@
+"""Which image is judged against which: a test, its truth, and the single samples that it was made from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from cltaa.equal_quality import equal_quality_samples, samples_on_curve
+from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.frames import Image
+from cltaa.metrics import mse
+from cltaa.sources import ImageSequence, Sequence, check_same_size, open_images, open_sequence
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A test sequence and its truth, paired by frame number, and the capture that both come from, where it is known."""
+
+    test: ImageSequence
+    reference: ImageSequence
+    capture: Sequence | None
+
+    @property
+    def of_itself(self) -> bool:
+        """True where the test is the capture's own single samples."""
+        return self.capture is not None and self.test.paths == self.capture.paths
+
+    def pairs(self) -> Iterator[tuple[int, Image, Image]]:
+        """Yield frame number, test and reference, a frame at a time."""
+        single = len(self.test) == len(self.reference) == 1
+        for number in self.test.numbers:
+            yield number, self.test.image(number), self.reference.image(self.reference.first if single else number)
+
+
+def pair_up(test: Path, reference: Path | None) -> Comparison:
+    """Open a test (folder or file) and its reference (folder or file, or a capture that holds one).
+
+    Without a reference the test must be a capture, and its single samples are judged against its own truth.
+    Raises UsageError, InputMissing and DataError where the two do not belong together.
+    """
+    capture = _capture(test if reference is None else reference)
+    images = open_images(test)
+    if capture is not None and capture.reference is not None:
+        truth = capture.reference
+    elif reference is None:
+        cure = "name the reference: cltaa compare TEST REFERENCE"
+        raise UsageError("nothing to compare with: no folder reference/ in it", path=test, cure=cure)
+    else:
+        truth = open_images(reference)
+    check_same_size(images, truth)
+    if not len(images) == len(truth) == 1:
+        for number in images.numbers:
+            if number not in truth.layouts:
+                found = f"{truth.first} to {truth.last}"
+                cure = "choose frames that both have with --frames"
+                raise InputMissing(
+                    "no reference for this frame", path=truth.folder, frame=number, found=found, cure=cure
+                )
+    return Comparison(images, truth, capture)
+
+
+def select(comparison: Comparison, first: int, last: int) -> Comparison:
+    """Return the frames ``first`` to ``last`` of a comparison; raises UsageError unless the test has them."""
+    return Comparison(comparison.test.select(first, last), comparison.reference, comparison.capture)
+
+
+def _capture(path: Path) -> Sequence | None:
+    return open_sequence(path) if (path / "reference").is_dir() else None
+
+
+def truth_samples(capture: Sequence) -> int | None:
+    """Samples a pixel of a capture's truth as ``sequence.json`` tells (``"reference": N``), or None."""
+    count = capture.sequence_json.get("reference")
+    if count is None or (isinstance(count, int) and count > 0):
+        return count
+    path = capture.folder / "sequence.json"
+    raise DataError("wrong number of reference samples", path=path, expected="a positive integer", found=count)
+
+
+def supersampling_curve(capture: Sequence, numbers: range, one_sample_mse: float) -> list[tuple[int, float]]:
+    """Measured mean squared error against samples a pixel, from the folders ``reference-<n>/`` of a capture.
+
+    Such a folder holds the same frames drawn with n samples. Empty where there is none; else it begins with the
+    single samples. Raises InputMissing and DataError where such a folder does not fit the capture.
+    """
+    truth = capture.reference
+    curve = [(1, one_sample_mse)]
+    for folder in sorted(capture.folder.glob("reference-*")):
+        count = folder.name.removeprefix("reference-")
+        if truth is None or not count.isdecimal():
+            continue
+        images = open_images(folder)
+        check_same_size(capture, images)
+        errors = [mse(images.image(number), truth.image(number)) for number in numbers]
+        curve.append((int(count), sum(errors) / len(errors)))
+    return curve if len(curve) > 1 else []
+
+
+def equal_quality(comparison: Comparison, test_mse: float, one_sample_mse: float) -> tuple[float, str]:
+    """Equal-quality samples of a test and how they were found: "measured", or by the "n^-1.5 law"."""
+    capture = comparison.capture
+    if capture is None:
+        raise UsageError("equal-quality samples need the capture", cure="give the captured sequence as the reference")
+    curve = supersampling_curve(capture, comparison.test.numbers, one_sample_mse)
+    if curve:
+        return samples_on_curve(test_mse, curve), "measured"
+    return equal_quality_samples(test_mse, one_sample_mse, truth_samples=truth_samples(capture)), "n^-1.5 law"
