@@ -1,1 +1,63 @@
-"""cltaa: capture, resolve and judge temporal anti-aliasing."""
+"""cltaa: capture, resolve and judge temporal anti-aliasing.
+
+import cltaa
+
+resolver = cltaa.Resolver()
+for frame in cltaa.open_sequence("sequence"):
+    image = resolver.resolve(frame)  # [H, W, 3] float32, linear
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cltaa.errors import CltaaError
+    from cltaa.frames import Camera, Effect, Frame
+    from cltaa.params import Choices, Preset, Settings
+    from cltaa.presets import load_preset
+    from cltaa.resolve import Resolver
+    from cltaa.sources import Sequence, open_sequence
+
+# Public name -> module. Imported on first use, so that ``import cltaa`` loads neither OpenCL nor OpenEXR.
+_HOMES = {
+    "Camera": "cltaa.frames",
+    "Choices": "cltaa.params",
+    "CltaaError": "cltaa.errors",
+    "Effect": "cltaa.frames",
+    "Frame": "cltaa.frames",
+    "Preset": "cltaa.params",
+    "Resolver": "cltaa.resolve",
+    "Sequence": "cltaa.sources",
+    "Settings": "cltaa.params",
+    "load_preset": "cltaa.presets",
+    "open_sequence": "cltaa.sources",
+}
+
+__all__ = [
+    "Camera",
+    "Choices",
+    "CltaaError",
+    "Effect",
+    "Frame",
+    "Preset",
+    "Resolver",
+    "Sequence",
+    "Settings",
+    "load_preset",
+    "open_sequence",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from its module when it is first used."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    """The public names."""
+    return sorted(__all__)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from cltaa.constants import CONSTANTS, PAD_X, PAD_Y
 from cltaa.params import Choices, Settings
@@ -85,17 +86,20 @@ FRAME_FIELDS: dict[str, tuple[str, str]] = {
     "exposure_ratio": ("float", "exposure now over exposure then"),
 }
 
+# A struct of a kernel as a 0-dimensional structured array.
+Record = NDArray[np.void]
+
 _NUMPY_TYPES = {"int": np.int32, "float": np.float32}
 FRAME_DTYPE = np.dtype([(name, _NUMPY_TYPES[kind]) for name, (kind, _) in FRAME_FIELDS.items()])
 SETTINGS_DTYPE = np.dtype([(name, np.float32) for name in Settings.__struct_fields__])
 
 
-def settings_record(settings: Settings) -> np.void:
+def settings_record(settings: Settings) -> Record:
     """The settings as the struct that a kernel receives, every value rounded to float32."""
     record = np.zeros((), SETTINGS_DTYPE)
     for name in Settings.__struct_fields__:
         record[name] = getattr(settings, name)
-    return record[()]  # type: ignore[no-any-return]
+    return record
 
 
 def _macro(name: str) -> str:

@@ -1,4 +1,4 @@
-"""Camera motion between two frames as the displacement matrix that the kernels apply (docs/conventions.md, Matrices)."""
+"""Camera motion between two frames as the matrix that the kernels apply (docs/conventions.md, Matrices)."""
 
 from __future__ import annotations
 
@@ -105,4 +105,4 @@ def _relative_motion(camera: Camera, previous: Camera, view: Matrix) -> Matrix:
 def _centre(camera: Camera) -> NDArray[np.float64]:
     """The camera's position in the world."""
     rotation, translation = camera.world_to_view[:3, :3], camera.world_to_view[:3, 3]
-    return -np.linalg.solve(rotation, translation)
+    return -np.linalg.solve(rotation, translation).astype(np.float64)

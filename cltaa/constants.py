@@ -22,8 +22,9 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "ONE_NINTH": Constant(1.0 / 9.0, "mean of the 3x3"),
 }
 
-# Halo of every plane, in texels. A 4x4 history filter of an on-screen position reads 2 texels past the edge, and a segment
-# of 16 lanes that starts inside the image reads up to 15 + 2 past it; 16 + 16 covers both and keeps rows aligned.
+# Halo of every plane, in texels. A 4x4 history filter of an on-screen position reads 2 texels past the edge, and a
+# segment of 16 lanes that starts inside the image reads up to 15 + 2 past it; rounding rows up to ROW_ALIGNMENT and
+# 16 more covers both and keeps rows aligned.
 PAD_X: Final = 16
 PAD_Y: Final = 4
 # Rows begin on a multiple of this many floats, the widest vector of any device.

@@ -52,7 +52,7 @@ def choose_device(wish: str | None = None) -> cl.Device:
     if not found:
         raise DeviceMissing(
             "no OpenCL device found",
-            cure="install PoCL with: pip install 'pyopencl[pocl]', look closer with: cltaa doctor, or use --device numpy",
+            cure="install one with: pip install 'pyopencl[pocl]', look closer with: cltaa doctor, or use --device numpy",
         )
     wish = wish or os.environ.get("CLTAA_DEVICE")
     if not wish:
@@ -110,7 +110,7 @@ class Memory:
     def _pinned(self) -> NDArray[Any]:
         queue, context = self._device.queue, self._device.context
         host = cl.Buffer(context, cl.mem_flags.READ_WRITE | cl.mem_flags.ALLOC_HOST_PTR, self.size)
-        flags = cl.map_flags.WRITE | cl.map_flags.READ
+        flags = cl.map_flags(cl.map_flags.WRITE | cl.map_flags.READ)
         array, _ = cl.enqueue_map_buffer(queue, host, flags, 0, self.shape, self.dtype)
         return array  # type: ignore[no-any-return]
 

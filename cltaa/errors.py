@@ -5,7 +5,7 @@ CltaaError                 base; the command line catches this class, once
 ├── DataError         65   a file was read but its content is wrong (truncated, mistyped, NaN matrices ...)
 ├── InputMissing      66   a file, frame or folder that should be there is not
 ├── DeviceMissing     69   no OpenCL device (or no off-screen OpenGL) can be used here
-├── InternalError     70   a promise of cltaa's own was broken (a kernel that does not build, a bound that does not hold)
+├── InternalError     70   a promise of cltaa's own was broken (a kernel that does not build)
 ├── OutputError       73   an output folder or file cannot be created
 ├── StorageError      74   reading or writing failed half-way (disk full, I/O error)
 └── ResourceError     75   memory or the device was lost; running the same command again resumes
@@ -51,7 +51,9 @@ class CltaaError(Exception):
             place.append(f"channel {self.channel}")
         line = f"{' '.join(place)}: {self.what}" if place else self.what
         against = [
-            f"{name} {value}" for name, value in (("expected", self.expected), ("found", self.found)) if value is not None
+            f"{name} {value}"
+            for name, value in (("expected", self.expected), ("found", self.found))
+            if value is not None
         ]
         if against:
             line += f" ({', '.join(against)})"

@@ -106,7 +106,7 @@ class _Array:
         self.array = np.zeros(shape, dtype)
 
     @contextmanager
-    def mapped(self, *, write: bool) -> Iterator[NDArray[Any]]:  # noqa: ARG002 - the protocol's argument
+    def mapped(self, *, write: bool) -> Iterator[NDArray[Any]]:
         yield self.array
 
 
@@ -127,9 +127,7 @@ class NumpyLauncher:
         """Run the twin of a kernel at once."""
         from cltaa.reference import KERNELS
 
-        given = {
-            name: value.array if isinstance(value, _Array) else value for name, value in arguments.items()
-        }
+        given = {name: value.array if isinstance(value, _Array) else value for name, value in arguments.items()}
         KERNELS[kernel](build, layout, **given)
 
     def finish(self) -> None:

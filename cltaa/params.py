@@ -1,7 +1,7 @@
 """Every parameter of the resolve, declared once: type, range, unit, meaning and source.
 
-From these declarations come the range check, the TOML key, the ``--set`` option, the row in the docs, the C struct that a
-kernel receives and the ``#define`` lines of its prelude.
+From these declarations come the range check, the TOML key, the ``--set`` option, the row in the docs, the C struct that
+a kernel receives and the ``#define`` lines of its prelude.
 """
 
 from __future__ import annotations

@@ -74,9 +74,9 @@ class Kernel:
         # A kernel's function is its file's name and _kernel, so that stage functions can have the plain name.
         self._kernel = cl.Kernel(program, f"{name}_kernel")
         count = self._kernel.num_args
-        self._types = {
-            self._kernel.get_arg_info(i, cl.kernel_arg_info.NAME): self._kernel.get_arg_info(
-                i, cl.kernel_arg_info.TYPE_NAME
+        self._types: dict[str, str] = {
+            str(self._kernel.get_arg_info(i, cl.kernel_arg_info.NAME)): str(
+                self._kernel.get_arg_info(i, cl.kernel_arg_info.TYPE_NAME)
             )
             for i in range(count)
         }
@@ -109,6 +109,6 @@ def _as_argument(value: Any, kind: str) -> Any:
     """A host value in the form that pyopencl passes by value; buffers and None pass through."""
     if kind == "int":
         return np.int32(value)
-    if isinstance(value, np.void):
+    if isinstance(value, np.ndarray):
         return value.tobytes()
     return value

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.build import FRAME_DTYPE, Build, Storage, settings_record
+from cltaa.build import FRAME_DTYPE, Build, Record, Storage, settings_record
 from cltaa.cameras import Displacement, closeness, displacement, sky_closeness
 from cltaa.errors import DataError
 from cltaa.frames import Camera, Frame, Image
@@ -188,7 +188,7 @@ class _Buffers:
         self.closeness, self.previous_closeness = self.previous_closeness, self.closeness
 
 
-def frame_record(frame: Frame, previous: Frame | None, layout: Layout) -> np.void:
+def frame_record(frame: Frame, previous: Frame | None, layout: Layout) -> Record:
     """The per-frame struct of the kernels for ``frame``, whose history is that of ``previous`` (None: none)."""
     earlier: Camera = frame.camera if previous is None else previous.camera
     moved: Displacement = displacement(frame.camera, earlier, layout.width, layout.height)
@@ -204,7 +204,7 @@ def frame_record(frame: Frame, previous: Frame | None, layout: Layout) -> np.voi
         record["z" + by] = moved.closeness[column]
     record["sky_closeness"] = sky_closeness(frame.camera)
     record["exposure_ratio"] = 1.0 if previous is None else frame.exposure / previous.exposure
-    return record[()]  # type: ignore[no-any-return]
+    return record
 
 
 def _fill(buffer: Buffer, layout: Layout, planes: NDArray[np.float32]) -> None:

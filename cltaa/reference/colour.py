@@ -31,7 +31,8 @@ def from_box_space(v: Colour, build: Build) -> Colour:
 def luminance(v: Colour) -> Array:
     """R/4 + G/2 + B/4."""
     r, g, b = v
-    return number(0.25, r) * (r + b) + number(0.5, r) * g
+    y: Array = number(0.25, r) * (r + b) + number(0.5, r) * g
+    return y
 
 
 def colour_outside_domain(v: Colour) -> Mask:

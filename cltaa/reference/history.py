@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from cltaa.build import Build
+from cltaa.build import Build, Record
 from cltaa.layout import Layout
 from cltaa.params import Reject
 from cltaa.reference.colour import Colour, colour_outside_domain
@@ -16,7 +17,8 @@ from cltaa.reference.real import Array, Mask, greater, limit, number
 from cltaa.reference.sampling import Quad, bilinear, footprint_of, history_weights, sample_plane, sample_quad
 
 
-class History(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class History:
     """Colour, alpha and sample count at the history position, its fractions, and whether it can be used."""
 
     rgb: Colour
@@ -27,7 +29,7 @@ class History(NamedTuple):
     valid: Mask
 
 
-def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: float) -> Mask:
+def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
     """True where one of four texels of the previous closeness lies in the range of the current 3x3."""
     near, far = s.nearest * m.scale + m.shift, s.farthest * m.scale + m.shift
     slack = number(tolerance, near) * greater(np.abs(near), np.abs(far))
@@ -45,8 +47,8 @@ def sample_history(
     s: Surface,
     build: Build,
     layout: Layout,
-    frame: np.void,
-    settings: np.void,
+    frame: Record,
+    settings: Record,
 ) -> History:
     """History planes [3 or 4, rows, stride], their count and the previous closeness [1, rows, stride] at the motion."""
     real: Any = m.u.dtype

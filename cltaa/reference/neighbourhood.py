@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -67,9 +67,7 @@ def row_moments(left: Array, centre: Array, right: Array) -> Moments:
     total = dl + dr
     offset = total * constant("ONE_THIRD", centre)
     spread = (dl * dl + dr * dr) - total * offset
-    return Moments(
-        centre, offset, spread, lesser(lesser(left, right), centre), greater(greater(left, right), centre)
-    )
+    return Moments(centre, offset, spread, lesser(lesser(left, right), centre), greater(greater(left, right), centre))
 
 
 def window_moments(above: Moments, centre: Moments, below: Moments) -> Moments:
@@ -116,7 +114,7 @@ def neighbourhood_statistics(above: Row, centre: Row, below: Row, build: Build) 
 
 
 def read_row(
-    colour: Array, closeness: Array, motion: Array | None, dy: int, build: Build, layout: Layout, sky: float
+    colour: Array, closeness: Array, motion: Array | None, dy: int, build: Build, layout: Layout, sky: Any
 ) -> Row:
     """Rows y + ``dy`` of repaired colour planes, closeness [1, rows, stride] and motion [2, rows, stride]."""
 
@@ -158,14 +156,12 @@ def read_row(
     )
 
 
-def nearest_surface(above: Row, centre: Row, below: Row, build: Build, edge_tolerance: float) -> Surface:
+def nearest_surface(above: Row, centre: Row, below: Row, build: Build, edge_tolerance: Any) -> Surface:
     """The nearest surface of the 3x3, or the pixel's own, as the build's dilation says."""
     zero = np.zeros_like(centre.closeness)
     nearest = greater(greater(above.nearest, below.nearest), centre.nearest)
     farthest = lesser(lesser(above.farthest, below.farthest), centre.farthest)
-    own = Surface(
-        zero, zero, centre.closeness, centre.centre_u, centre.centre_v, centre.closeness, nearest, farthest
-    )
+    own = Surface(zero, zero, centre.closeness, centre.centre_u, centre.centre_v, centre.closeness, nearest, farthest)
     if build.choices.dilation is Dilation.NONE:
         return own
     up = above.nearest > centre.nearest

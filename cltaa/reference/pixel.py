@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
-from cltaa.build import Build
+from cltaa.build import Build, Record
 from cltaa.params import Accumulate, Weighting
 from cltaa.reference.colour import Colour, from_box_space, luminance
 from cltaa.reference.history import History
@@ -16,7 +16,8 @@ from cltaa.reference.rectify import Rectification
 from cltaa.reference.sampling import between_texels
 
 
-class Resolved(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Resolved:
     """What one frame leaves at each pixel."""
 
     rgb: Colour
@@ -24,7 +25,7 @@ class Resolved(NamedTuple):
     count: Array
 
 
-def sample_weight(count: Array, build: Build, settings: np.void) -> Array:
+def sample_weight(count: Array, build: Build, settings: Record) -> Array:
     """Weight of the current sample beside ``count`` earlier ones."""
     mean: Array = number(1.0, count) / (count + number(1.0, count))
     if build.choices.accumulate is Accumulate.COUNT:
@@ -32,7 +33,7 @@ def sample_weight(count: Array, build: Build, settings: np.void) -> Array:
     return greater(mean, number(settings["blend_weight"], count))
 
 
-def believed_count(count: Array, fx: Array, fy: Array, pull: Array, settings: np.void) -> Array:
+def believed_count(count: Array, fx: Array, fy: Array, pull: Array, settings: Record) -> Array:
     """Samples that the history still stands for after resampling and rectification."""
     one = number(1.0, count)
     between = between_texels(fx, fy)
@@ -53,7 +54,7 @@ def luminance_weight(weight: Array, current: Colour, history: Colour, build: Bui
     return result
 
 
-def box_gamma(m: Motion, settings: np.void) -> Array:
+def box_gamma(m: Motion, settings: Record) -> Array:
     """Half width of the box in standard deviations: wide where nothing moves."""
     k = m.u.dtype.type
     speed = greater(np.abs(m.u), np.abs(m.v)) / k(settings["motion_px"])
@@ -71,9 +72,7 @@ def storable(v: Array, floor_value: Array) -> Array:
 
 def load_share(plane: Array, otherwise: float) -> Array:
     """Alpha or reactivity limited to [0, 1]; no number means ``otherwise``."""
-    return np.where(
-        outside_domain(plane), number(otherwise, plane), limit(plane, number(0, plane), number(1, plane))
-    )
+    return np.where(outside_domain(plane), number(otherwise, plane), limit(plane, number(0, plane), number(1, plane)))
 
 
 def resolve_pixel(
@@ -84,7 +83,7 @@ def resolve_pixel(
     h: History,
     r: Rectification,
     build: Build,
-    settings: np.void,
+    settings: Record,
 ) -> Resolved:
     """The current sample blended with the rectified history, or a fresh start where there is none."""
     one, zero = number(1.0, h.count), number(0.0, h.count)

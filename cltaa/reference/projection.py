@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cltaa.build import Build
+from cltaa.build import Build, Record
 from cltaa.layout import Layout
 from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.real import Array, Mask, constant, number, outside_domain
@@ -28,13 +28,13 @@ def pixel_grid(layout: Layout, like: Array) -> tuple[Array, Array]:
     return x.astype(like.dtype), y.astype(like.dtype)
 
 
-def motion_from_depth(s: Surface, build: Build, layout: Layout, frame: np.void) -> Motion:
+def motion_from_depth(s: Surface, build: Build, layout: Layout, frame: Record) -> Motion:
     """Camera motion by the displacement matrix of the frame."""
     zero, one = np.zeros_like(s.centre), np.ones_like(s.centre)
     if not build.steps.camera_motion:
         return Motion(zero, zero, one, zero, np.ones(zero.shape, bool))
     x, y = pixel_grid(layout, zero)
-    f = {name: number(frame[name], zero) for name in frame.dtype.names}
+    f = {name: number(frame[name], zero) for name in frame.dtype.fields or ()}
     px, py, q = (x + s.x) + f["origin_x"], (y + s.y) + f["origin_y"], s.closeness
     dx = ((f["xx"] * px + f["xy"] * py) + f["xq"] * q) + f["x1"]
     dy = ((f["yx"] * px + f["yy"] * py) + f["yq"] * q) + f["y1"]
@@ -49,7 +49,7 @@ def motion_from_depth(s: Surface, build: Build, layout: Layout, frame: np.void) 
     return Motion(u, v, one / safe_w, zero, visible)
 
 
-def surface_motion(s: Surface, build: Build, layout: Layout, frame: np.void) -> Motion:
+def surface_motion(s: Surface, build: Build, layout: Layout, frame: Record) -> Motion:
     """The motion channel where it holds a vector, the camera's motion elsewhere."""
     m = motion_from_depth(s, build, layout, frame)
     if not build.steps.own_motion:

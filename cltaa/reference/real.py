@@ -40,4 +40,5 @@ def limit(v: Array, lo: Any, hi: Any) -> Array:
 
 def outside_domain(v: Array) -> Mask:
     """NaN, infinite or beyond DOMAIN_LIMIT."""
-    return ~(np.abs(v) <= constant("DOMAIN_LIMIT", v))
+    inside: Mask = np.abs(v) <= constant("DOMAIN_LIMIT", v)
+    return ~inside

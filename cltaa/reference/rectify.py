@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.build import Build
+from cltaa.build import Build, Record
 from cltaa.params import Box, Rectify
 from cltaa.reference.colour import Colour, from_box_space, to_box_space
 from cltaa.reference.neighbourhood import Statistics
@@ -31,7 +31,7 @@ def _floored(parts: list[Array], least: Array) -> Colour:
     return greater(parts[0], least), greater(parts[1], least), greater(parts[2], least)
 
 
-def neighbourhood_box(s: Statistics, gamma: Array, build: Build, box_floor: float) -> BoxOf:
+def neighbourhood_box(s: Statistics, gamma: Array, build: Build, box_floor: Any) -> BoxOf:
     """The box of the build's kind; its extents floored where the way into it divides by them."""
     wide = [gamma * d for d in s.deviation]
     if build.choices.box is Box.VARIANCE:
@@ -66,7 +66,9 @@ def rectify_history(history: Colour, box: BoxOf, build: Build) -> Colour:
         a, b, c = (limit(h, m - e, m + e) for h, m, e in zip(history, box.centre, box.extent, strict=True))
         return a, b, c
     d = [h - m for h, m in zip(history, box.centre, strict=True)]
-    with np.errstate(divide="ignore", invalid="ignore"):  # the unguarded clip divides by flat extents, as it is known for
+    with np.errstate(
+        divide="ignore", invalid="ignore"
+    ):  # the unguarded clip divides by flat extents, as it is known for
         t = _outsideness(d, box.extent, build)
         one = number(1.0, t)
         out = t > one
@@ -75,7 +77,7 @@ def rectify_history(history: Colour, box: BoxOf, build: Build) -> Colour:
     return a, b, c
 
 
-def rectify(history: Colour, s: Statistics, gamma: Array, build: Build, settings: np.void) -> Rectification:
+def rectify(history: Colour, s: Statistics, gamma: Array, build: Build, settings: Record) -> Rectification:
     """The change that rectification makes, in RGB: history inside its box keeps its bits."""
     h = to_box_space(history, build)
     box = neighbourhood_box(s, gamma, build, settings["box_floor"])

@@ -30,4 +30,3 @@ def repaired_planes(planes: Array, layout: Layout) -> Array:
                 repaired[channel, row, column] = total / count
         layout.extend_edges(repaired)
     return repaired
-

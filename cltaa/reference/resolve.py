@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.build import Build, Real
+from cltaa.build import Build, Real, Record
 from cltaa.layout import Layout
 from cltaa.reference.history import sample_history
 from cltaa.reference.neighbourhood import Row, nearest_surface, neighbourhood_statistics, read_row
@@ -23,7 +23,7 @@ def real_type(build: Build) -> Any:
 
 
 def read_rows(
-    current: Array, closeness: Array, motion: Array | None, build: Build, layout: Layout, frame: np.void
+    current: Array, closeness: Array, motion: Array | None, build: Build, layout: Layout, frame: Record
 ) -> tuple[Row, Row, Row]:
     """The rows above, at and below each pixel, from padded planes in the build's real."""
     real = real_type(build)
@@ -50,8 +50,8 @@ def resolve(
     previous_closeness: Array,
     output: Array,
     output_count: Array,
-    frame: np.void,
-    settings: np.void,
+    frame: Record,
+    settings: Record,
 ) -> None:
     """Resolve one frame from padded planes into ``output`` [3 or 4, rows, stride] and ``output_count``."""
     with np.errstate(over="ignore", invalid="ignore"):  # values that are then not selected may overflow, as on a device
@@ -59,9 +59,7 @@ def resolve(
         near = neighbourhood_statistics(above, centre, below, build)
         s = nearest_surface(above, centre, below, build, settings["edge_tolerance"])
         m = surface_motion(s, build, layout, frame)
-        h = sample_history(
-            history, history_count, previous_closeness, m, s, build, layout, frame, settings
-        )
+        h = sample_history(history, history_count, previous_closeness, m, s, build, layout, frame, settings)
         r = rectify(h.rgb, near, box_gamma(m, settings), build, settings)
         resolved = resolve_pixel(
             centre.centre,
@@ -92,6 +90,6 @@ def store_resolved(resolved: Resolved, build: Build, layout: Layout, output: Arr
     layout.inside(output_count)[0] = resolved.count
 
 
-def extend_edges(build: Build, layout: Layout, *, image: Array, frame: np.void, planes: int) -> None:  # noqa: ARG001
+def extend_edges(build: Build, layout: Layout, *, image: Array, frame: Record, planes: int) -> None:  # noqa: ARG001
     """Repeat the edge of the first ``planes`` planes into the halo."""
     layout.extend_edges(image[:planes])

@@ -62,8 +62,10 @@ def weigh(p: list[Array], w: Weights, build: Build) -> Array:
     """Four taps as tap 1 plus weighted differences from it (Catmull and Rom 1974)."""
     w0, w2, w3 = w
     if build.choices.history_filter is HistoryFilter.CATMULL_ROM:
-        return p[1] + ((w0 * (p[0] - p[1]) + w2 * (p[2] - p[1])) + w3 * (p[3] - p[1]))
-    return p[1] + w2 * (p[2] - p[1])
+        sharp: Array = p[1] + ((w0 * (p[0] - p[1]) + w2 * (p[2] - p[1])) + w3 * (p[3] - p[1]))
+        return sharp
+    soft: Array = p[1] + w2 * (p[2] - p[1])
+    return soft
 
 
 def sample_plane(plane: Array, f: Footprint, wx: Weights, wy: Weights, build: Build, real: Any) -> Array:

@@ -1,0 +1,125 @@
+"""``cltaa resolve``: anti-alias a captured sequence over time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import click
+import msgspec
+from rich.console import Console
+from rich.table import Table
+
+from cltaa.build import Storage
+from cltaa.errors import UsageError
+from cltaa.frames import Effect, parse_effects
+from cltaa.params import Preset, override
+from cltaa.pipeline import Outcome, resolve_sequence, stage_rows
+from cltaa.presets import load_config, load_preset
+from cltaa.resolve import Resolver
+from cltaa.sources import open_sequence
+
+
+@click.command("resolve", epilog="Parameters for --set and --config, with their ranges: cltaa presets --parameters")
+@click.argument("sequence", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for the resolved EXRs.")
+@click.option("--preset", default="default", show_default=True, help="Named settings; list them with: cltaa presets")
+@click.option("--config", type=click.Path(path_type=Path), help="TOML file of parameters, over the preset.")
+@click.option("--set", "assignments", multiple=True, metavar="KEY=VALUE", help="One parameter; may be repeated.")
+@click.option("--device", help="Part of an OpenCL device's name, its index, or numpy.  [default: first, GPUs first]")
+@click.option(
+    "--effects", default="auto", show_default=True, help="auto (as declared), all, or a comma-separated list."
+)
+@click.option("--frames", metavar="A-B", help="Only the frames A to B, both included.")
+@click.option("--preview", type=click.Path(path_type=Path), help="Also write the result as an MP4.")
+@click.option("--half", is_flag=True, help="Write half-precision EXRs (values saturate at 65504).")
+@click.option("--compression", default="zip", show_default=True, help="EXR compression that loses nothing.")
+@click.option("--storage", type=click.Choice([*Storage]), default=Storage.FLOAT.value, show_default=True,
+              help="Number that the history is kept in.")  # fmt: skip
+@click.option("--strict", is_flag=True, help="Kernels that match the NumPy oracle bit for bit.")
+@click.option("--json", "as_json", is_flag=True, help="Print the outcome as JSON.")
+def resolve(
+    sequence: Path,
+    output: Path,
+    preset: str,
+    config: Path | None,
+    assignments: tuple[str, ...],
+    device: str | None,
+    effects: str,
+    frames: str | None,
+    preview: Path | None,
+    half: bool,
+    compression: str,
+    storage: str,
+    strict: bool,
+    as_json: bool,
+) -> None:
+    """Anti-alias SEQUENCE, a folder of captured EXR frames, over time.
+
+    Reading, the kernels and writing overlap, and only a few frames are in memory at a time.
+    """
+    source = open_sequence(sequence)
+    if frames is not None:
+        source = source.select(*_frame_range(frames))
+    resolver = Resolver(chosen_preset(preset, config, assignments), device, strict=strict, storage=Storage(storage))
+    outcome = resolve_sequence(
+        source,
+        output,
+        resolver,
+        effects=chosen_effects(effects),
+        half=half,
+        compression=compression,
+        preview=preview,
+    )
+    if as_json:
+        click.echo(msgspec.json.encode(outcome).decode())
+    else:
+        _print_outcome(outcome)
+
+
+def chosen_preset(name: str, config: Path | None, assignments: tuple[str, ...]) -> Preset:
+    """The preset of that name with a TOML file over it and ``KEY=VALUE`` assignments over both."""
+    preset = load_preset(name)
+    if config is not None:
+        preset = load_config(config, preset)
+    values: dict[str, str] = {}
+    for assignment in assignments:
+        key, equals, value = assignment.partition("=")
+        if not equals:
+            raise UsageError(f"--set {assignment}: no value", expected="KEY=VALUE", found=assignment)
+        values[key.strip()] = value.strip()
+    return override(preset, values)
+
+
+def chosen_effects(text: str) -> frozenset[Effect] | Literal["auto", "all"]:
+    """``auto``, ``all``, or the effects of a comma-separated list."""
+    if text == "auto":
+        return "auto"
+    if text == "all":
+        return "all"
+    try:
+        return parse_effects(text)
+    except ValueError:
+        raise UsageError(
+            "--effects: unknown effect", expected=f"auto, all or {', '.join(Effect)}", found=text
+        ) from None
+
+
+def _frame_range(text: str) -> tuple[int, int]:
+    first, dash, last = text.partition("-")
+    try:
+        return int(first), int(last if dash else first)
+    except ValueError:
+        raise UsageError("--frames: no range", expected="A-B or A", found=text) from None
+
+
+def _print_outcome(outcome: Outcome) -> None:
+    console = Console()
+    table = Table(title=f"{outcome.frames} frames, {outcome.width} x {outcome.height}, preset {outcome.preset}")
+    table.add_column("stage")
+    table.add_column("ms a frame", justify="right")
+    for name, milliseconds in stage_rows(outcome.seconds):
+        table.add_row(name, f"{milliseconds:.1f}", end_section=name == "write")
+    console.print(table)
+    console.print(f"on {outcome.device}", highlight=False)
+    console.print(f"written to {outcome.output}", highlight=False)
