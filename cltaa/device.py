@@ -52,7 +52,7 @@ def choose_device(wish: str | None = None) -> cl.Device:
     if not found:
         raise DeviceMissing(
             "no OpenCL device found",
-            cure="install one with: pip install 'pyopencl[pocl]', look closer with: cltaa doctor, or use --device numpy",
+            cure="install one with: pip install 'pyopencl[pocl]', or use --device numpy; see: cltaa doctor",
         )
     wish = wish or os.environ.get("CLTAA_DEVICE")
     if not wish:

@@ -49,7 +49,7 @@ def format_effects(effects: Iterable[Effect]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """Un-jittered camera of a frame, float64, row-major, column vectors: ``clip = view_to_clip @ world_to_view @ p``."""
+    """Un-jittered camera, float64, row-major, column vectors: ``clip = view_to_clip @ world_to_view @ p``."""
 
     world_to_view: Matrix  # [4, 4]
     view_to_clip: Matrix  # [4, 4], OpenGL clip space: x right, y up, z in [-1, 1]
