@@ -1,0 +1,148 @@
+"""``cltaa capture``: draw a scene into an EXR sequence."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from cltaa.errors import UsageError
+from cltaa_capture.explain import ALWAYS, explain
+from cltaa_capture.osmesa import BACKENDS
+from cltaa_capture.sequence import Captured, Request, capture_sequence
+from cltaa_datasets.model_files import MOTIONS
+from cltaa_datasets.scenes import build_scene
+
+PLAIN_EVERY = 10.0  # seconds between lines of progress where there is no terminal
+
+
+def read_size(_context: click.Context, _parameter: click.Parameter, text: str) -> tuple[int, int]:
+    """Read ``640x360`` as (640, 360)."""
+    match = re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", text)
+    if not match:
+        raise click.BadParameter(f"{text!r} is not WIDTHxHEIGHT, such as 640x360")
+    return int(match[1]), int(match[2])
+
+
+@contextmanager
+def progress_display(label: str) -> Iterator[Callable[[int, int], None]]:
+    """Show done, total and frames/s on stderr: a bar on a terminal, else a line now and then."""
+    console, begin = Console(stderr=True), time.perf_counter()
+
+    def rate(done: int) -> str:
+        return f"{done / max(time.perf_counter() - begin, 1e-9):.1f} frames/s"
+
+    if console.is_terminal:
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[rate]}"),
+        )
+        with Progress(*columns, TimeRemainingColumn(), console=console) as bar:
+            task = bar.add_task(label, total=None, rate="")
+            yield lambda done, total: bar.update(task, completed=done, total=total, rate=rate(done))
+        return
+    said = begin
+
+    def say(done: int, total: int) -> None:
+        nonlocal said
+        if done == total or time.perf_counter() - said >= PLAIN_EVERY:
+            said = time.perf_counter()
+            click.echo(f"{label}: frame {done} of {total}, {rate(done)}", err=True)
+
+    yield say
+
+
+@click.command(short_help="Draw a scene into a jittered EXR sequence.")
+@click.argument("scene")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Folder of the sequence; made if need be.")
+@click.option("--frames", type=click.IntRange(1), default=48, show_default=True, help="Number of frames.")
+@click.option(
+    "--size", callback=read_size, default="640x360", metavar="WxH", show_default=True, help="Size of a frame in pixels."
+)
+@click.option(
+    "--jitter",
+    default="halton:16",
+    show_default=True,
+    help="Sample positions: none, halton:N, r2:N, grid:N or hammersley:N with period N; always centred.",
+)
+@click.option(
+    "--reference",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="Also draw the truth of the same instants, N samples a pixel, into reference/.",
+)
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Changes textures, placement, phase."
+)
+@click.option(
+    "--fps", type=click.FloatRange(0.0, min_open=True), default=30.0, show_default=True, help="Frames a second."
+)
+@click.option("--motion", type=click.Choice(MOTIONS), help="How a model of file:PATH is shown.  [default: turntable]")
+@click.option("--backend", type=click.Choice(BACKENDS), default="auto", show_default=True, help="Off-screen OpenGL.")
+@click.option("--restart", is_flag=True, help="Begin anew in a folder begun with other settings.")
+@click.option("--explain", "explained", is_flag=True, help="Say what is drawn for each effect; without -o, only that.")
+@click.option("--json", "as_json", is_flag=True, help="Print a summary as JSON on stdout.")
+def capture(
+    scene: str, output: Path | None, size: tuple[int, int], explained: bool, as_json: bool, **options: Any
+) -> None:  # fmt: skip
+    """Draw SCENE (a name of ``cltaa scenes``, or file:PATH) into a jittered EXR sequence.
+
+    Every frame holds one sample a pixel: linear HDR colour, planar depth, un-jittered matrices, the jitter, and only
+    the channels that the scene's effects call for. A capture that was cut short goes on where it stopped.
+    """
+    if output is None and not explained:
+        raise UsageError("no output folder", cure="say where with -o DIR")
+    if explained:
+        _print_explanation(scene, options["seed"], options["motion"], size, as_json and output is None)
+    if output is None:
+        return
+    request = Request(scene=scene, output=output, width=size[0], height=size[1], **options)
+    begin = time.perf_counter()
+    with progress_display(scene.rpartition("/")[2]) as progress:
+        captured = capture_sequence(request, progress)
+    _print_summary(request, captured, time.perf_counter() - begin, as_json)
+
+
+def _print_explanation(scene: str, seed: int, motion: str | None, size: tuple[int, int], as_json: bool) -> None:
+    rows = explain(build_scene(scene, seed, motion), *size)
+    if as_json:
+        click.echo(json.dumps({"channels": ALWAYS, "effects": [asdict(row) for row in rows]}, indent=2))
+        return
+    table = Table("effect", "drawn", "why", "channels", "MB a frame", box=None, padding=(0, 2, 0, 0))
+    for row in rows:
+        size_text = f"{row.bytes_a_frame / 1e6:.2f}" if row.channels else ""
+        table.add_row(row.effect, "yes" if row.on else "no", row.reason, " ".join(row.channels), size_text)
+    Console(stderr=True).print(table)
+
+
+def _print_summary(request: Request, captured: Captured, seconds: float, as_json: bool) -> None:
+    if as_json:
+        summary = {
+            "folder": str(request.output), "scene": captured.scene.name, "effects": sorted(captured.scene.effects),
+            "frames": request.frames, "drawn": captured.drawn, "kept": captured.kept, "width": request.width,
+            "height": request.height, "reference": request.reference, "backend": captured.backend,
+            "opengl": captured.opengl, "seconds": round(seconds, 3),
+        }  # fmt: skip
+        click.echo(json.dumps(summary, indent=2))
+        return
+    kept = f", {captured.kept} kept" if captured.kept else ""
+    print(
+        f"{request.output}: {captured.drawn} frames drawn{kept} in {seconds:.1f} s"
+        f" with {captured.backend} ({captured.opengl})",
+        file=sys.stderr,
+    )

@@ -1,0 +1,49 @@
+"""What a capture draws and writes for each effect, and what it leaves out because the scene does not call for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cltaa.frames import Effect
+from cltaa_datasets.scene import Scene
+
+BYTES_A_CHANNEL = 4  # float32
+
+# Effect -> (what it is drawn as, channels that it adds to a frame)
+DRAWN_AS: dict[Effect, tuple[str, tuple[str, ...]]] = {
+    Effect.CAMERA: ("another world_to_view or view_to_clip every frame", ()),
+    Effect.MOTION: ("previous poses; motion of what moves by itself", ("backward.u", "backward.v")),
+    Effect.UNCOVER: ("nothing of its own: depth tells", ()),
+    Effect.THIN: ("nothing of its own: depth tells", ()),
+    Effect.HDR: ("nothing of its own: colour is never clamped", ()),
+    Effect.SHADING: ("nothing of its own: it is in the colour", ()),
+    Effect.REACTIVE: ("share of see-through surfaces", ("reactive",)),
+    Effect.EXPOSURE: ("attribute cltaa:exposure", ()),
+    Effect.CUT: ("attribute cltaa:cut", ()),
+    Effect.ALPHA: ("coverage", ("A",)),
+    Effect.SKY: ("a full-screen pass behind everything; its depth is +inf", ()),
+}
+ALWAYS = ("R", "G", "B", "Z")
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """One effect of one scene."""
+
+    effect: Effect
+    on: bool
+    reason: str
+    channels: tuple[str, ...]
+    bytes_a_frame: int  # uncompressed
+
+
+def explain(scene: Scene, width: int, height: int) -> list[Explanation]:
+    """Say of every effect whether ``scene`` calls for it, and what that adds to a frame of this size."""
+    explanations = []
+    for effect, (drawn_as, channels) in DRAWN_AS.items():
+        on = effect in scene.effects
+        reason = f"declared by the scene: {drawn_as}" if on else "not declared: not drawn, not stored"
+        added = channels if on else ()
+        size = len(added) * BYTES_A_CHANNEL * width * height
+        explanations.append(Explanation(effect, on, reason, added, size))
+    return explanations

@@ -1,0 +1,141 @@
+"""``sequence.json``: what a capture was asked for, what drew it, and a SHA-256 for every finished file.
+
+It is written before the first frame and again as frames are finished; a frame that it does not vouch for is drawn
+again, to the same bits, so that a capture may be killed at any moment.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import time
+from contextlib import suppress
+from importlib.metadata import version
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any
+
+from cltaa.atomic import atomic_path, make_folder, remove_stale_temporaries
+from cltaa.errors import DataError, StorageError, UsageError
+
+NAME = "sequence.json"
+REFERENCE = "reference"
+FORMAT = 1
+LIBRARIES = ("cltaa", "numpy", "OpenEXR", "pyrender", "PyOpenGL", "trimesh", "scipy", "Pillow")
+SAVE_EVERY = 1.0  # seconds; what a kill can cost
+CODE_SUFFIXES = (".py", ".vert", ".frag", ".glsl")
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file, in hexadecimal."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def code_sha256() -> str:
+    """SHA-256 over the code and shaders of capture and scenes: other code may draw other pixels."""
+    digest = hashlib.sha256()
+    for package in ("cltaa_capture", "cltaa_datasets"):
+        for name, content in sorted(_code_files(files(package), package)):
+            digest.update(name.encode() + b"\0" + hashlib.sha256(content).digest())
+    return digest.hexdigest()
+
+
+def _code_files(folder: Traversable, prefix: str) -> list[tuple[str, bytes]]:
+    found = []
+    for entry in folder.iterdir():
+        name = f"{prefix}/{entry.name}"
+        if entry.is_dir():
+            found += _code_files(entry, name)
+        elif entry.name.endswith(CODE_SUFFIXES):
+            found.append((name, entry.read_bytes()))
+    return found
+
+
+def versions(opengl: str) -> dict[str, str]:
+    """Return the versions of what draws and writes; ``opengl`` is the driver's own words."""
+    return {"python": platform.python_version(), "opengl": opengl, **{name: version(name) for name in LIBRARIES}}
+
+
+class Manifest:
+    """The finished files of one capture folder."""
+
+    def __init__(self, folder: Path, settings: dict[str, Any], facts: dict[str, Any], *, restart: bool = False) -> None:
+        """Open or begin the manifest of ``folder``.
+
+        ``settings`` decide the pixels: a folder begun with others is refused by a UsageError that names the
+        difference, unless ``restart``, which deletes what the folder's own manifest began. ``facts`` are only noted.
+        Raises OutputError for a folder that cannot be made, DataError for a damaged manifest.
+        """
+        self._folder, self._settings, self._facts = make_folder(folder), settings, facts
+        self._files: dict[str, str] = {}
+        self._saved = float("-inf")
+        found = folder / NAME
+        if restart and found.exists():
+            self._clear()
+        elif found.exists():
+            self._resume(found)
+        elif any(folder.glob("*.exr")):
+            raise UsageError(
+                "holds EXR files of another origin", path=folder, expected=NAME, cure="choose an empty folder"
+            )
+        remove_stale_temporaries(folder)
+        self.save()
+
+    def _resume(self, path: Path) -> None:
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            settings, files_ = content["settings"], content["files"]
+            if content["format"] != FORMAT or not isinstance(settings, dict) or not isinstance(files_, dict):
+                raise ValueError("not of this format")
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise DataError(
+                f"cannot be resumed from ({error})", path=path, cure="use --restart to begin anew"
+            ) from error
+        for key in sorted(settings.keys() | self._settings.keys()):
+            asked, begun = self._settings.get(key), settings.get(key)
+            if asked != begun:
+                cure = "use --restart to begin anew, or another folder"
+                raise UsageError(f"was begun with another {key}", path=path, expected=begun, found=asked, cure=cure)
+        self._files = files_
+
+    def _clear(self) -> None:
+        (self._folder / NAME).unlink()
+        for folder in (self._folder, self._folder / REFERENCE):
+            for path in folder.glob("*.[0-9][0-9][0-9][0-9]*.exr"):
+                path.unlink()
+        # An empty reference folder would say that there is a truth.
+        with suppress(OSError):
+            (self._folder / REFERENCE).rmdir()
+
+    def vouches_for(self, path: Path) -> bool:
+        """Tell whether a file is finished: it is listed, and its content has the SHA-256 that is listed."""
+        expected = self._files.get(self._key(path))
+        return expected is not None and path.is_file() and file_sha256(path) == expected
+
+    def add(self, path: Path, digest: str) -> None:
+        """List a finished file; the manifest on disk follows at most ``SAVE_EVERY`` seconds later."""
+        self._files[self._key(path)] = digest
+        if time.monotonic() - self._saved >= SAVE_EVERY:
+            self.save()
+
+    def save(self) -> None:
+        """Write the manifest, atomically; raises OutputError and StorageError."""
+        content = {
+            "format": FORMAT,
+            **self._facts,
+            "settings": self._settings,
+            "files": dict(sorted(self._files.items())),
+        }
+        path = self._folder / NAME
+        with atomic_path(path) as temporary:
+            try:
+                temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+            except OSError as error:
+                raise StorageError(f"writing failed: {error.strerror}", path=path, cure="free some space") from error
+        self._saved = time.monotonic()
+
+    def _key(self, path: Path) -> str:
+        return path.relative_to(self._folder).as_posix()

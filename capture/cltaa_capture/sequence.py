@@ -1,0 +1,190 @@
+"""Captures a sequence: draws the frames that are not there yet, writes them in a thread, and keeps the manifest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from cltaa.atomic import make_folder
+from cltaa.errors import CltaaError, UsageError
+from cltaa.exr import write_frame, write_image
+from cltaa.frames import Effect, Frame, format_effects
+from cltaa_capture.cameras import camera_at
+from cltaa_capture.jitter import jitter_sequence
+from cltaa_capture.manifest import REFERENCE, Manifest, code_sha256, file_sha256, versions
+from cltaa_capture.osmesa import Context, open_context
+from cltaa_datasets.scene import Instant, Scene
+from cltaa_datasets.scenes import FILE_PREFIX, build_scene
+
+if TYPE_CHECKING:
+    from cltaa_capture.render import SceneRenderer
+
+WAITING_WRITES = 2  # finished pictures in memory behind the one that is being drawn
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What a capture is asked for."""
+
+    scene: str  # registered name or file:PATH
+    output: Path
+    frames: int = 48
+    width: int = 640
+    height: int = 360
+    jitter: str = "halton:16"
+    reference: int = 0  # samples a pixel of the reference; 0 draws none
+    seed: int = 0
+    fps: float = 30.0
+    motion: str | None = None  # of file:PATH
+    backend: str = "auto"
+    restart: bool = False
+
+    def settings(self) -> dict[str, Any]:
+        """Return everything that decides the pixels of a frame; the number of frames does not, so it may grow."""
+        settings = {
+            "scene": self.scene, "seed": self.seed, "motion": self.motion, "width": self.width, "height": self.height,
+            "fps": self.fps, "jitter": self.jitter, "reference": self.reference, "code_sha256": code_sha256(),
+        }  # fmt: skip
+        if self.scene.startswith(FILE_PREFIX):
+            settings["model_sha256"] = file_sha256(Path(self.scene.removeprefix(FILE_PREFIX)))
+        return settings
+
+
+@dataclass(frozen=True, slots=True)
+class Captured:
+    """What a capture did."""
+
+    scene: Scene
+    backend: str  # osmesa or egl
+    opengl: str
+    drawn: int  # frames drawn in this run
+    kept: int  # frames that were there already
+
+
+class _Writing:
+    """One thread that runs a task a file and hands its SHA-256 to the manifest; at most WAITING_WRITES wait."""
+
+    def __init__(self, manifest: Manifest) -> None:
+        self._manifest = manifest
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="cltaa capture writes")
+        self._waiting: list[tuple[Path, Future[str]]] = []
+
+    def submit(self, path: Path, write: Callable[[], None]) -> None:
+        def write_and_digest() -> str:
+            write()
+            return file_sha256(path)
+
+        self._waiting.append((path, self._pool.submit(write_and_digest)))
+        self._settle(WAITING_WRITES)
+
+    def _settle(self, waiting: int) -> None:
+        while len(self._waiting) > waiting:
+            path, future = self._waiting.pop(0)
+            self._manifest.add(path, future.result())
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            # What is finished is worth keeping; an error that already ended the run is the one to show.
+            with suppress(*(() if error is None else (CltaaError,))):
+                self._settle(0)
+                self._manifest.save()
+        finally:
+            self._pool.shutdown()
+
+
+def capture_sequence(request: Request, progress: Callable[[int, int], None] | None = None) -> Captured:
+    """Capture ``request``; ``progress(done, total)`` is called as frames are finished, those kept included.
+
+    The output folder then holds ``<scene>.<frame:04d>.exr``, ``reference/`` with the same names, and
+    ``sequence.json``. A run that was cut short goes on where it stopped; two runs of one request are bit-identical.
+    Raises UsageError, InputMissing, DataError, DeviceMissing, OutputError, StorageError and ResourceError.
+    """
+    if request.frames < 1 or request.width < 1 or request.height < 1 or not request.fps > 0.0:
+        raise UsageError("frames, width, height and fps must be positive", found=request)
+    jitter_sequence(request.jitter)  # refuse a wrong one before anything is opened
+    scene = build_scene(request.scene, request.seed, request.motion)
+    make_folder(request.output)
+    context = open_context(request.backend)
+    try:
+        return _capture(request, scene, context, progress)
+    finally:
+        context.close()
+
+
+def _capture(request: Request, scene: Scene, context: Context, progress: Callable[[int, int], None] | None) -> Captured:
+    from cltaa_capture.render import SceneRenderer  # binds PyOpenGL to the platform, which is chosen only now
+
+    opengl = f"{context.version}, {context.renderer}"
+    facts = {
+        "scene": scene.name, "effects": format_effects(scene.effects), "frames": request.frames,
+        "versions": versions(f"{opengl} ({context.backend})"),
+    }  # fmt: skip
+    settings = request.settings() | {"opengl": opengl}
+    manifest = Manifest(request.output, settings, facts, restart=request.restart)
+    drawn = 0
+    renderer = SceneRenderer(scene, request.width, request.height)
+    try:
+        with _Writing(manifest) as writing:
+            for index in range(request.frames):
+                tasks = 0
+                for path, write in _missing_files(request, scene, index, renderer, manifest):
+                    writing.submit(path, write)
+                    tasks += 1
+                drawn += tasks > 0
+                if progress is not None:
+                    progress(index + 1, request.frames)
+    finally:
+        renderer.delete()
+    return Captured(scene, context.backend, opengl, drawn, request.frames - drawn)
+
+
+def _missing_files(
+    request: Request, scene: Scene, index: int, renderer: SceneRenderer, manifest: Manifest
+) -> Iterator[tuple[Path, Callable[[], None]]]:
+    """Draw what the manifest does not vouch for of one frame; yield each file with the call that writes it."""
+    name = f"{scene.name}.{index:04d}.exr"
+    path, reference_path = request.output / name, request.output / REFERENCE / name
+    now, before = scene.at(index / request.fps), scene.at((index - 1) / request.fps)
+    if not manifest.vouches_for(path):
+        frame = _frame(request, scene, index, now, before, renderer)
+        yield path, lambda: write_frame(path, frame)
+    if request.reference and not manifest.vouches_for(reference_path):
+        make_folder(reference_path.parent)
+        truth = renderer.draw_reference(now, jitter_sequence(f"hammersley:{request.reference}"))
+        channels = {channel: truth[..., place] for place, channel in enumerate("RGBA")}
+        if Effect.ALPHA not in scene.effects:
+            del channels["A"]
+        attributes = {"cltaa:frame": index, "cltaa:scene": scene.name, "cltaa:samples": request.reference}
+        yield reference_path, lambda: write_image(reference_path, channels, attributes)
+
+
+def _frame(request: Request, scene: Scene, index: int, now: Instant, before: Instant, renderer: SceneRenderer) -> Frame:
+    jitter = jitter_sequence(request.jitter)
+    x, y = jitter[index % len(jitter)].tolist()
+    drawn = renderer.draw(now, before, (x, y))
+    return Frame(
+        index=index,
+        colour=np.ascontiguousarray(drawn.colour[..., :3]),
+        depth=drawn.depth,
+        camera=camera_at(now, request.width / request.height),
+        jitter_px=(x, y),
+        motion=drawn.motion,
+        alpha=np.ascontiguousarray(drawn.colour[..., 3]) if Effect.ALPHA in scene.effects else None,
+        reactive=drawn.reactive,
+        cut=now.cut,
+        exposure=now.exposure,
+        scene=scene.name,
+        effects=scene.effects,
+    )
