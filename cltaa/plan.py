@@ -49,7 +49,9 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None) -> Plan:
         reactive=frame.reactive is not None,
     )
     reasons = [
-        Reason("reprojection", steps.camera_motion, "the camera matrices differ" if camera_moves else "the camera stands"),
+        Reason(
+            "reprojection", steps.camera_motion, "the camera matrices differ" if camera_moves else "the camera stands"
+        ),
         Reason("own motion", steps.own_motion, "channel backward.u" if steps.own_motion else "no motion channel"),
         Reason("exposure", steps.exposure, _declared_or_not(Effect.EXPOSURE, declared)),
         Reason("alpha", steps.alpha, "channel A" if steps.alpha else "no alpha channel"),

@@ -44,4 +44,6 @@ def _parse(name: str, text: str, origin: str, base: Preset | None = None) -> Pre
         base = load_preset(str(values.pop("preset")))
     description = str(values.pop("description", base.description if base else ""))
     base = base or Preset(name=name, description=description)
-    return override(Preset(name=name, description=description, choices=base.choices, settings=base.settings), values, origin)
+    return override(
+        Preset(name=name, description=description, choices=base.choices, settings=base.settings), values, origin
+    )
