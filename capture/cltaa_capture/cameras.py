@@ -51,7 +51,8 @@ def planar_depth(device_depth: NDArray[np.float32], lens: Lens) -> NDArray[np.fl
         if isinstance(lens, Orthographic):
             planar = np.where(device == 0.0, np.inf, lens.far - device * (lens.far - lens.near))
         else:
-            planar = lens.near / device
+            # The device was given the near distance rounded; to divide by anything else would shift every depth.
+            planar = np.float64(np.float32(lens.near)) / device
     return planar.astype(np.float32)
 
 

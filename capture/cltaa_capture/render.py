@@ -56,6 +56,9 @@ class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]
         GL.glDeleteVertexArrays(1, [self._no_vertices])
         super().delete()
 
+    def __del__(self) -> None:
+        """Do nothing: pyrender's own would free the same numbers again, in whichever context is current by then."""
+
     def _delete_main_framebuffer(self) -> None:
         # Called by pyrender's delete; pyrender's own framebuffer is never made.
         self._target.delete()
