@@ -1,0 +1,123 @@
+"""``cltaa resolve`` and its neighbours ``presets`` and ``kernels``, called as a user calls them."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cltaa.cli import main
+from cltaa.exr import read_frame, read_image, write_frame
+from cltaa.params import FIELDS
+from cltaa.presets import load_config, load_preset, preset_names
+from cltaa.resolve import Resolver
+from cltaa.sources import open_sequence
+from tests.sequence_factory import bits, write_sequence
+
+
+def test_resolved_files_hold_what_the_resolver_returns(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_sequence(tmp_path / "in", 4)
+    assert main(["resolve", str(folder), "-o", str(tmp_path / "out"), "--json"]) == 0
+    outcome = json.loads(capsys.readouterr().out)
+    assert (outcome["frames"], outcome["width"], outcome["height"]) == (4, 37, 23)
+    assert set(outcome["seconds"]) == {"read", "upload", "kernels", "read_back", "write", "whole"}
+    resolver = Resolver()
+    for frame in open_sequence(folder):
+        assert frame.path is not None
+        channels, attributes = read_image(tmp_path / "out" / frame.path.name)
+        expected = resolver.resolve(frame)
+        for position, name in enumerate("RGB"):
+            assert np.array_equal(bits(channels[name]), bits(expected[..., position]))
+        assert attributes["cltaa:preset"] == "default"
+        assert attributes["cltaa:frame"] == frame.index
+
+
+def test_half_output_saturates(tmp_path: Path) -> None:
+    folder = write_sequence(tmp_path / "in", 1)
+    assert main(["resolve", str(folder), "-o", str(tmp_path / "out"), "--half"]) == 0
+    channels, _ = read_image(next((tmp_path / "out").glob("*.exr")))
+    assert channels["R"].dtype == np.float16
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["--preset", "nonsense"], 64, "unknown preset nonsense; known presets: .*default"),
+        (["--set", "nonsense=1"], 64, "--set: unknown key nonsense; known keys: .*gamma_still"),
+        (["--set", "gamma_still=-1"], 64, "gamma_still"),
+        (["--set", "gamma_still"], 64, r"no value \(expected KEY=VALUE, found gamma_still\)"),
+        (["--set", "rectify=maybe"], 64, "rectify"),
+        (["--config", "/nonexistent.toml"], 66, "/nonexistent.toml: no such configuration file"),
+        (["--device", "nonsense"], 64, "no OpenCL device matches nonsense"),
+        (["--effects", "nonsense"], 64, "--effects: unknown effect .*found nonsense"),
+        (["--frames", "x"], 64, "--frames: no range"),
+        (["--frames", "7-9"], 64, "7"),
+        (["--compression", "dwaa"], 64, "compression"),
+    ],
+)
+def test_wrong_options_are_one_line(
+    arguments: list[str], code: int, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_sequence(tmp_path / "in", 2)
+    assert main(["resolve", str(folder), "-o", str(tmp_path / "out"), *arguments]) == code
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("cltaa: error: ")]
+    assert len(lines) == 1
+    assert re.search(message, lines[0]), lines[0]
+
+
+def test_missing_sequence_and_bad_output(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_sequence(tmp_path / "in", 2)
+    (tmp_path / "file").write_text("in the way")
+    assert main(["resolve", str(tmp_path / "none"), "-o", str(tmp_path / "out")]) == 66
+    assert main(["resolve", str(folder), "-o", str(tmp_path / "file" / "out")]) == 73
+    assert main(["resolve", str(folder), "-o", str(folder)]) == 64
+    assert capsys.readouterr().err.count("cltaa: error: ") == 3
+
+
+def test_finished_frames_survive_a_bad_one(tmp_path: Path) -> None:
+    folder = write_sequence(tmp_path / "in", 4)
+    last = sorted(folder.glob("*.exr"))[-1]
+    # Pixels that ZIP can pack carry its checksum; random ones are stored as they are, without.
+    frame = read_frame(last)
+    write_frame(last, replace(frame, colour=np.zeros_like(frame.colour), depth=np.ones_like(frame.depth)))
+    data = bytearray(last.read_bytes())
+    data[-20:-10] = bytes(10)
+    last.write_bytes(data)
+    assert main(["resolve", str(folder), "-o", str(tmp_path / "out")]) == 65
+    written = sorted((tmp_path / "out").glob("*.exr"))
+    assert [path.name for path in written] == [path.name for path in sorted(folder.glob("*.exr"))[:3]]
+    for path in written:
+        read_image(path)
+
+
+def test_numpy_is_a_fallback_without_opencl(tmp_path: Path) -> None:
+    folder = write_sequence(tmp_path / "in", 2)
+    assert main(["resolve", str(folder), "-o", str(tmp_path / "out"), "--device", "numpy"]) == 0
+
+
+def test_printed_preset_is_a_configuration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in preset_names():
+        assert main(["presets", name]) == 0
+        path = tmp_path / f"{name}.toml"
+        path.write_text(capsys.readouterr().out)
+        loaded, preset = load_config(path, load_preset()), load_preset(name)
+        assert (loaded.choices, loaded.settings) == (preset.choices, preset.settings)
+
+
+def test_every_parameter_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["presets", "--parameters", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert {row["parameter"] for row in rows} == set(FIELDS)
+    assert all(row["meaning"] for row in rows)
+
+
+def test_kernel_text_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["kernels", "--show", "resolve"]) == 0
+    text = capsys.readouterr().out
+    assert "__kernel void resolve_kernel" in text
+    assert "typedef struct {" in text
+    assert main(["kernels", "--show", "nonsense"]) == 64

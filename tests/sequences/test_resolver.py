@@ -1,0 +1,123 @@
+"""The resolver looked at in time: what accumulates, what starts anew, what never changes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cltaa.errors import DataError, UsageError
+from cltaa.frames import Camera, Effect, Frame
+from cltaa.params import override
+from cltaa.presets import load_preset
+from cltaa.resolve import Resolver
+from tests.sequence_factory import bits, make_camera, make_frame
+
+STILL = frozenset({Effect.SKY})
+UNIT_ROUNDOFF = 2.0**-24
+
+
+def still_frame(index: int, **changes: object) -> Frame:
+    """A frame whose camera stands; its colours are new in every frame, as if each had another jitter."""
+    camera = make_camera()
+    return replace(make_frame(index, camera=camera, effects=STILL), **changes)  # type: ignore[arg-type]
+
+
+def panned(camera: Camera, pixels: int, width: int) -> Camera:
+    """The camera shifted off-axis so that everything moves by whole pixels, whatever its depth."""
+    clip = camera.view_to_clip.copy()
+    clip[0, 2] += 2.0 * pixels / width
+    return Camera(camera.world_to_view, clip)
+
+
+def test_first_frame_is_the_current_one() -> None:
+    frame = still_frame(0)
+    assert np.array_equal(bits(Resolver().resolve(frame)), bits(frame.colour))
+
+
+def test_still_sequence_is_the_mean_of_its_samples() -> None:
+    resolver, total = Resolver(), np.zeros_like(still_frame(0).colour, np.float64)
+    for index in range(64):
+        frame = still_frame(index)
+        total += frame.colour
+        resolved = resolver.resolve(frame)
+        largest = 4.0  # of the factory's colours
+        # Each step h + w (x - h) rounds three times (3 u of the largest value) and later steps shrink what came before.
+        assert np.abs(resolved - total / (index + 1)).max() <= 3 * UNIT_ROUNDOFF * largest * (index + 1)
+
+
+@pytest.mark.parametrize("effects", [STILL, None])
+def test_constant_image_keeps_its_bits(effects: frozenset[Effect] | None) -> None:
+    colour = np.full_like(still_frame(0).colour, (0.3, 0.7, 0.1))
+    resolver = Resolver()
+    for index in range(20):
+        resolved = resolver.resolve(still_frame(index, colour=colour, effects=effects))
+        assert np.array_equal(bits(resolved), bits(colour))
+
+
+@pytest.mark.parametrize("change", ["cut", "gap", "reset", "size"])
+def test_history_starts_anew(change: str) -> None:
+    resolver = Resolver()
+    for index in range(3):
+        resolver.resolve(still_frame(index))
+    frame = still_frame(3, cut=True) if change == "cut" else still_frame(9 if change == "gap" else 3)
+    if change == "size":
+        frame = replace(make_frame(3, width=50, height=20, camera=make_camera(), effects=STILL))
+    if change == "reset":
+        resolver.reset()
+    assert np.array_equal(bits(resolver.resolve(frame)), bits(frame.colour))
+
+
+def test_whole_pixel_motion_is_lossless() -> None:
+    preset = override(load_preset(), {"rectify": "none", "reject": "none", "sample_limit": 2.0**20})
+    resolver, shift = Resolver(preset), 3
+    first = make_frame(0)  # declares the camera's motion only, so that no luminance weights enter
+    first = replace(first, depth=np.full_like(first.depth, 4.0))
+    resolver.resolve(first)
+    second = replace(make_frame(1), depth=first.depth, camera=panned(first.camera, shift, first.width))
+    resolved = resolver.resolve(second)
+    # The off-axis term moved everything to the left, so the history of column x is column x + shift, weighing a half.
+    history = first.colour[:, shift:]
+    current = second.colour[:, :-shift]
+    assert np.array_equal(bits(resolved[:, :-shift]), bits(history + np.float32(0.5) * (current - history)))
+
+
+def test_what_comes_into_view_is_the_current_sample() -> None:
+    resolver, shift = Resolver(), 5
+    first = make_frame(0, effects=None)
+    flat = np.full_like(first.depth, 4.0)
+    resolver.resolve(replace(first, depth=flat))
+    second = replace(make_frame(1, effects=None), depth=flat, camera=panned(first.camera, shift, first.width))
+    resolved = resolver.resolve(second)
+    fresh = (resolved == second.colour).all(axis=-1)
+    assert list(np.flatnonzero(fresh.all(axis=0))) == list(range(first.width - shift, first.width))
+
+
+def test_strict_device_matches_numpy_bit_for_bit() -> None:
+    device, oracle = Resolver(strict=True), Resolver(device="numpy")
+    for index in range(4):
+        frame = make_frame(index, motion=True, alpha=True, reactive=True, effects=None)
+        assert np.array_equal(bits(device.resolve(frame)), bits(oracle.resolve(frame)))
+
+
+def test_alpha_is_resolved_with_colour() -> None:
+    resolver = Resolver()
+    for index in range(3):
+        resolved = resolver.resolve(make_frame(index, alpha=True, effects=None))
+    assert resolved.shape[-1] == 4
+    assert resolved[..., 3].min() >= 0.0
+    assert resolved[..., 3].max() <= 1.0
+
+
+def test_wrong_shapes_are_refused() -> None:
+    frame = still_frame(0)
+    with pytest.raises(DataError, match=r"depth has the wrong shape .*expected \(23, 37\), found \(22, 37\)"):
+        Resolver().resolve(replace(frame, depth=frame.depth[1:]))
+
+
+def test_unknown_names_are_refused() -> None:
+    with pytest.raises(UsageError, match=r"unknown preset nonsense; known presets: .*default"):
+        Resolver("nonsense")
+    with pytest.raises(UsageError, match="no OpenCL device matches nonsense"):
+        Resolver(device="nonsense")
