@@ -19,10 +19,12 @@ from cltaa_datasets.scene import AlphaMode, Instant, Material, Matrix, Part, Per
 MOTIONS = ("turntable", "orbit")
 FORMATS = (".glb", ".gltf", ".obj", ".ply", ".stl")
 
+DISTANCE, RISE, FIELD_OF_VIEW = 2.3, 0.6, np.radians(44.0)  # of the camera, from a model of radius 1
 TURNS = 0.05  # a second: 18 degrees
+START = np.radians(40.0)  # the front of a glTF model looks along +z, to the camera; it is shown within this angle
 CREASE = np.radians(30.0)  # edges sharper than this stay sharp where a file has no normals
 SUN = animation.direction(125.0, 45.0)
-SKY = Sky(zenith=(0.12, 0.22, 0.46), horizon=(0.66, 0.72, 0.80), ground=(0.26, 0.23, 0.20), fog=0.01, ambient=0.6)
+SKY = Sky(zenith=(0.12, 0.22, 0.46), horizon=(0.66, 0.72, 0.80), ground=(0.26, 0.23, 0.20), fog=0.04, ambient=0.6)
 
 # Nothing is known of a stranger's model, so all that may happen is declared.
 ALWAYS = frozenset({Effect.UNCOVER, Effect.THIN, Effect.HDR, Effect.SHADING, Effect.SKY})
@@ -36,35 +38,34 @@ def model_scene(path: str, motion: str, seed: int) -> Scene:
     if motion not in MOTIONS:
         raise UsageError(f"no such motion: {motion}", cure=f"use one of {', '.join(MOTIONS)}")
     rng = np.random.default_rng(seed)
-    model, poses = load_model(Path(path))
+    model, poses, height = load_model(Path(path))
     tiles = textures.blocks(rng, (0.50, 0.48, 0.45), (0.20, 0.19, 0.18), 4, 4, 0.02, bonded=False)
-    parts = (*model, Part("floor", meshes.floor(40.0, 1.2, 24), Material(base_texture=tiles, specular=0.0)))
+    parts = (*model, Part("floor", meshes.floor(80.0, 1.2, 48), Material(base_texture=tiles, specular=0.0)))
     effects = ALWAYS | {Effect.MOTION if motion == "turntable" else Effect.CAMERA}
     if any(part.material.alpha_mode is AlphaMode.BLEND for part in model):
         effects |= {Effect.REACTIVE}
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", Path(path).stem) or "model"
-    start = float(rng.uniform(0.0, 2.0 * np.pi))
-    return Scene(name=name, effects=effects, parts=parts, at=_presentation(poses, motion, start))
+    start = float(rng.uniform(-START, START))
+    return Scene(name=name, effects=effects, parts=parts, at=_presentation(poses, height, motion, start))
 
 
-def _presentation(poses: list[Matrix], motion: str, start: float) -> Callable[[float], Instant]:
+def _presentation(poses: list[Matrix], height: float, motion: str, start: float) -> Callable[[float], Instant]:
     lights = (Sun(SUN, (3.2, 3.0, 2.6)),)
-    top = max(float(pose[1, 3]) for pose in poses)
-    target = (0.0, 0.45 + 0.1 * min(top, 1.0), 0.0)
+    target = (0.0, height / 2.0, 0.0)
 
     def at(time: float) -> Instant:
         angle = start + 2.0 * np.pi * TURNS * time
         turn = animation.rotation(animation.UP, angle if motion == "turntable" else start)
         around = angle - start if motion == "orbit" else 0.0
-        eye = (2.9 * float(np.sin(around)), 1.35, 2.9 * float(np.cos(around)))
+        eye = (DISTANCE * float(np.sin(around)), height / 2.0 + RISE, DISTANCE * float(np.cos(around)))
         stand = (*(turn @ pose for pose in poses), np.eye(4))
-        return Instant(animation.look_at(eye, target), Perspective(np.radians(44.0)), stand, lights, SKY)
+        return Instant(animation.look_at(eye, target), Perspective(FIELD_OF_VIEW), stand, lights, SKY)
 
     return at
 
 
-def load_model(path: Path) -> tuple[tuple[Part, ...], list[Matrix]]:
-    """Read a model and stand it on the ground with a bounding radius of 1: its parts, and a pose for each.
+def load_model(path: Path) -> tuple[tuple[Part, ...], list[Matrix], float]:
+    """Read a model and stand it on the ground with a bounding radius of 1: its parts, a pose for each, its height.
 
     Read are base colour, metallic-roughness and emissive textures, alpha modes and vertex colours; normal maps,
     occlusion, animation, skins and lights are not. Raises UsageError, InputMissing and DataError.
@@ -86,7 +87,7 @@ def load_model(path: Path) -> tuple[tuple[Part, ...], list[Matrix]]:
         raise DataError("the model has no size", path=path, expected="finite bounds", found=loaded.bounds.tolist())
     centre = (low + high) / 2.0
     stand = animation.scaling(1.0 / radius) @ animation.translation((-centre[0], -low[1], -centre[2]))
-    return tuple(parts), [stand @ pose for pose in poses]
+    return tuple(parts), [stand @ pose for pose in poses], float(high[1] - low[1]) / radius
 
 
 def _read(path: Path) -> trimesh.Scene:

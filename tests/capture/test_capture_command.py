@@ -1,0 +1,120 @@
+"""``cltaa capture`` as a user meets it: output, errors in one line, exit codes, back ends."""
+
+from __future__ import annotations
+
+import ctypes.util
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cltaa.cli import main
+from cltaa.sources import open_sequence
+from cltaa_capture import osmesa
+from tests.capture.test_sequence import digests
+
+TINY = ["--frames", "2", "--size", "32x18", "--jitter", "halton:4"]
+MODELS = Path(__file__).parents[3] / "shared" / "data" / "gltf"
+
+
+def run_alone(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the command line in a process of its own: PyOpenGL binds to one platform for good."""
+    command = [sys.executable, "-m", "cltaa.cli", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+
+
+def test_summary_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["capture", "still", "-o", str(tmp_path), *TINY, "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["drawn"] == len(open_sequence(tmp_path)) == 2
+    assert summary["backend"] in ("osmesa", "egl")
+
+
+def test_nothing_but_what_was_asked_for_on_stdout(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["capture", "still", "-o", str(tmp_path), *TINY]) == 0
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "frame 2 of 2" in err
+    assert "frames/s" in err
+
+
+def test_explain_draws_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["capture", "occluder", "--explain", "--json", "--size", "10x10"]) == 0
+    effects = {row["effect"]: row for row in json.loads(capsys.readouterr().out)["effects"]}
+    assert effects["motion"]["channels"] == ["backward.u", "backward.v"]
+    assert effects["motion"]["bytes_a_frame"] == 10 * 10 * 2 * 4
+    assert effects["alpha"]["on"] is False
+    assert effects["alpha"]["bytes_a_frame"] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["spiner", "-o", "OUT"], 64, "no such scene: spiner; did you mean spinner?"),
+        (["spinner"], 64, "no output folder"),
+        (["spinner", "-o", "OUT", "--jitter", "grid:5"], 64, "use grid:9"),
+        (["spinner", "-o", "OUT", "--motion", "orbit"], 64, "--motion orbit applies to file:PATH"),
+        (["file:OUT/none.glb", "-o", "OUT"], 66, "there is no such model"),
+        (["file:OUT/model.blend", "-o", "OUT"], 64, "no reader for .blend"),
+        (["file:OUT/broken.glb", "-o", "OUT"], 65, "broken.glb: trimesh cannot read it"),
+        (["spinner", "-o", "/proc/none/such"], 73, "the folder cannot be created"),
+        (["spinner", "-o", "OUT", "--size", "640"], 2, "is not WIDTHxHEIGHT"),
+        (["spinner", "-o", "OUT", "--frames", "0"], 2, "0"),
+    ],
+)
+def test_one_line_and_a_code(
+    arguments: list[str], code: int, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "broken.glb").write_bytes(b"glTF\0\0\0 not really")
+    assert main(["capture", *(argument.replace("OUT", str(tmp_path)) for argument in arguments)]) == code
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert said in err
+    assert "Traceback" not in err
+    if code != 2:
+        assert err.startswith("cltaa: error: ")
+        assert err.count("\n") == 1
+
+
+def test_no_opengl_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delitem(sys.modules, "OpenGL", raising=False)
+    monkeypatch.setattr(osmesa, "OSMESA_LIBRARIES", ("libOSMesa.so.none",))
+    monkeypatch.setattr(osmesa, "EGL_LIBRARIES", ("libEGL.so.none",))
+    assert main(["capture", "still", "-o", str(tmp_path), *TINY]) == 69
+    assert "install libosmesa6" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(
+    not (ctypes.util.find_library("OSMesa") and ctypes.util.find_library("EGL")),
+    reason="needs both OSMesa and EGL on this machine",
+)
+def test_both_back_ends_draw_the_same_bits(tmp_path: Path) -> None:
+    for backend in ("osmesa", "egl"):
+        done = run_alone("capture", "spinner", "-o", str(tmp_path / backend), *TINY, "--backend", backend, "--json")
+        assert done.returncode == 0, done.stderr
+        assert json.loads(done.stdout)["backend"] == backend
+    assert digests(tmp_path / "osmesa") == digests(tmp_path / "egl")
+
+
+@pytest.mark.skipif(not MODELS.is_dir(), reason=f"the sample models are not in {MODELS}")
+@pytest.mark.parametrize("motion", ["turntable", "orbit"])
+def test_a_sample_model(tmp_path: Path, motion: str) -> None:
+    model = f"file:{MODELS / 'CesiumMilkTruck.glb'}"
+    assert main(["capture", model, "-o", str(tmp_path), *TINY, "--motion", motion]) == 0
+    found = open_sequence(tmp_path)
+    assert found.name == "CesiumMilkTruck"
+    assert (found.frame(0).motion is not None) == (motion == "turntable")
+    assert found.frame(0).colour.std() > 0.05  # there is something to see
+
+
+@pytest.mark.skipif(not MODELS.is_dir(), reason=f"the sample models are not in {MODELS}")
+def test_a_see_through_model_has_a_reactive_channel(tmp_path: Path) -> None:
+    assert main(["capture", f"file:{MODELS / 'AlphaBlendModeTest.glb'}", "-o", str(tmp_path), *TINY]) == 0
+    frame = open_sequence(tmp_path).frame(1)
+    assert frame.reactive is not None
+    assert 0.0 < frame.reactive.mean() < 0.5
+    assert frame.reactive.max() <= 1.0

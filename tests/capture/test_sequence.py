@@ -1,0 +1,177 @@
+"""A capture on disk: content, bit-identity, and what a second run does."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cltaa.errors import DataError, OutputError, StorageError, UsageError
+from cltaa.exr import read_image, write_frame
+from cltaa.frames import Effect
+from cltaa.sources import open_sequence
+from cltaa_capture import manifest, sequence
+from cltaa_capture.jitter import jitter_sequence
+from cltaa_capture.manifest import file_sha256
+from cltaa_capture.sequence import Request, capture_sequence
+
+FRAMES = 3
+
+
+def request(folder: Path, scene: str = "occluder") -> Request:
+    return Request(scene, folder, frames=FRAMES, width=48, height=27, jitter="halton:2", reference=4)
+
+
+def digests(folder: Path) -> dict[str, str]:
+    return {path.relative_to(folder).as_posix(): file_sha256(path) for path in sorted(folder.rglob("*.exr"))}
+
+
+@pytest.fixture(scope="module")
+def captured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished capture; tests that change it work on a capture of their own."""
+    folder = tmp_path_factory.mktemp("captured")
+    capture_sequence(request(folder))
+    return folder
+
+
+def test_a_capture_is_a_sequence(captured: Path) -> None:
+    found = open_sequence(captured)
+    assert (found.name, len(found), found.width, found.height) == ("occluder", FRAMES, 48, 27)
+    assert found.effects == frozenset({Effect.MOTION, Effect.UNCOVER})
+    assert found.reference is not None
+    offsets = jitter_sequence("halton:2")
+    for index, (frame, truth) in enumerate(zip(found, found.reference, strict=True)):
+        assert frame.jitter_px == tuple(offsets[index % 2])
+        assert frame.motion is not None
+        assert np.isfinite(frame.motion).any()
+        assert np.isnan(frame.motion).any()
+        assert (frame.alpha, frame.reactive, frame.object_id, frame.normal) == (None, None, None, None)
+        assert np.abs(truth - frame.colour).mean() < 0.1  # the same instant
+        assert not np.array_equal(truth, frame.colour)
+
+
+def test_sequence_json_says_what_was_asked_and_vouches_for_every_file(captured: Path) -> None:
+    content = json.loads((captured / "sequence.json").read_text())
+    assert content["files"] == digests(captured)
+    assert len(content["files"]) == 2 * FRAMES
+    asked = {"scene": "occluder", "seed": 0, "width": 48, "height": 27, "jitter": "halton:2", "reference": 4}
+    assert {key: content["settings"][key] for key in asked} == asked
+    assert content["effects"] == "motion,uncover"
+    assert "Mesa" in content["versions"]["opengl"] or content["versions"]["opengl"]
+
+
+def test_one_seed_gives_one_sequence_and_another_seed_another(captured: Path, tmp_path: Path) -> None:
+    capture_sequence(request(tmp_path / "same"))
+    capture_sequence(replace(request(tmp_path / "other"), seed=1))
+    assert digests(tmp_path / "same") == digests(captured)
+    other = digests(tmp_path / "other")
+    assert all(other[name] != digest for name, digest in digests(captured).items())
+
+
+def test_a_scene_without_motion_writes_no_motion(tmp_path: Path) -> None:
+    capture_sequence(replace(request(tmp_path, "corridor"), reference=0))
+    channels, _ = read_image(tmp_path / "corridor.0001.exr")
+    assert set(channels) == {"R", "G", "B", "Z"}
+    assert not (tmp_path / "reference").exists()
+
+
+def test_a_second_run_keeps_what_is_finished_and_mends_what_is_not(tmp_path: Path, captured: Path) -> None:
+    capture_sequence(request(tmp_path))
+    (tmp_path / "occluder.0001.exr").unlink()
+    with (tmp_path / "reference" / "occluder.0002.exr").open("r+b") as stream:
+        stream.seek(-1, 2)
+        stream.write(b"?")
+    (tmp_path / ".occluder.0001.exr.tmp.999999999").touch()  # left by a killed process
+    untouched = (tmp_path / "occluder.0000.exr").stat().st_mtime_ns
+    again = capture_sequence(request(tmp_path))
+    assert (again.drawn, again.kept) == (2, 1)
+    assert digests(tmp_path) == digests(captured)
+    assert (tmp_path / "occluder.0000.exr").stat().st_mtime_ns == untouched
+    assert not list(tmp_path.glob(".*tmp*"))
+
+
+def test_a_run_that_was_cut_short_goes_on(tmp_path: Path, captured: Path) -> None:
+    def stop(done: int, _: int) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        capture_sequence(request(tmp_path), stop)
+    done = json.loads((tmp_path / "sequence.json").read_text())["files"]
+    assert len(done) == 4  # two frames, two references: what was being written is finished and listed
+    again = capture_sequence(request(tmp_path))
+    assert (again.drawn, again.kept) == (1, 2)
+    assert digests(tmp_path) == digests(captured)
+
+
+def test_a_failed_write_keeps_what_came_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path, *arguments: object) -> None:
+        if "0001" in path.name:
+            raise StorageError("writing failed: No space left on device", path=path)
+        write_frame(path, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(sequence, "write_frame", full)
+    with pytest.raises(StorageError, match="No space left"):
+        capture_sequence(request(tmp_path))
+    assert "occluder.0000.exr" in json.loads((tmp_path / "sequence.json").read_text())["files"]
+    assert not (tmp_path / "occluder.0001.exr").exists()
+
+
+def test_frames_may_be_added(tmp_path: Path) -> None:
+    capture_sequence(replace(request(tmp_path), frames=1))
+    more = capture_sequence(request(tmp_path))
+    assert (more.drawn, more.kept) == (FRAMES - 1, 1)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [({"seed": 2}, "seed"), ({"width": 50}, "width"), ({"jitter": "none"}, "jitter"), ({"reference": 8}, "reference")],
+)
+def test_another_setting_is_refused_by_name(captured: Path, change: dict[str, object], named: str) -> None:
+    before = digests(captured)
+    with pytest.raises(UsageError, match=f"another {named} .*--restart"):
+        capture_sequence(replace(request(captured), **change))  # type: ignore[arg-type]
+    assert digests(captured) == before
+
+
+def test_other_code_is_another_setting(captured: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sequence, "code_sha256", lambda: "0" * 64)
+    with pytest.raises(UsageError, match="another code_sha256"):
+        capture_sequence(request(captured))
+
+
+def test_restart_begins_anew(tmp_path: Path) -> None:
+    capture_sequence(request(tmp_path))
+    begun = replace(request(tmp_path), frames=1, seed=5, reference=0, restart=True)
+    assert capture_sequence(begun).drawn == 1
+    assert [path.name for path in sorted(tmp_path.iterdir())] == ["occluder.0000.exr", "sequence.json"]
+
+
+@pytest.mark.parametrize("restart", [False, True])
+def test_files_of_another_origin_are_left_alone(tmp_path: Path, restart: bool) -> None:
+    stranger = tmp_path / "render.0001.exr"
+    stranger.write_bytes(b"precious")
+    with pytest.raises(UsageError, match="another origin"):
+        capture_sequence(replace(request(tmp_path), restart=restart))
+    assert stranger.read_bytes() == b"precious"
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '{"format": 99, "settings": {}, "files": {}}', '{"format": 1}'])
+def test_a_damaged_manifest_is_refused(tmp_path: Path, content: str) -> None:
+    (tmp_path / manifest.NAME).write_text(content)
+    with pytest.raises(DataError, match=r"sequence\.json: cannot be resumed from .*--restart"):
+        capture_sequence(request(tmp_path))
+
+
+def test_a_file_in_the_way_of_the_folder(tmp_path: Path) -> None:
+    (tmp_path / "taken").touch()
+    with pytest.raises(OutputError):
+        capture_sequence(request(tmp_path / "taken"))
+
+
+def test_sizes_must_be_positive(tmp_path: Path) -> None:
+    with pytest.raises(UsageError):
+        capture_sequence(replace(request(tmp_path), fps=0.0))
