@@ -1,0 +1,113 @@
+"""Models from files: every format, colours, materials, and one line for what cannot be read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.frames import Effect
+from cltaa_datasets import meshes
+from cltaa_datasets.model_files import load_model, model_scene
+from cltaa_datasets.scene import AlphaMode
+
+
+def export(tmp_path: Path, name: str, mesh: Any) -> Path:
+    path = tmp_path / name
+    whole: Any = trimesh.Scene(mesh) if path.suffix == ".glb" else mesh
+    whole.export(path)
+    return path
+
+
+@pytest.mark.parametrize("suffix", ["glb", "obj", "ply", "stl"])
+def test_every_format_stands_on_the_ground_with_radius_one(tmp_path: Path, suffix: str) -> None:
+    mesh = trimesh.creation.box((2.0, 4.0, 6.0))
+    mesh.apply_translation((10.0, 20.0, 30.0))
+    parts, poses, height = load_model(export(tmp_path, f"box.{suffix}", mesh))
+    corners = np.concatenate(
+        [part.mesh.vertices @ pose[:3, :3].T + pose[:3, 3] for part, pose in zip(parts, poses, strict=True)]
+    )
+    radius = np.sqrt(1.0 + 4.0 + 9.0)
+    expected = np.array([[-1.0, 0.0, -3.0], [1.0, 4.0, 3.0]]) / radius
+    # The files hold float32, or decimal text of as many digits, of numbers up to 33.
+    assert np.abs([corners.min(axis=0), corners.max(axis=0)] - expected).max() <= 33.0 * 2.0**-22 / radius
+    assert height == pytest.approx(4.0 / radius, abs=1e-5)
+
+
+def test_a_shape_without_normals_keeps_its_edges(tmp_path: Path) -> None:
+    (part,), _, _ = load_model(export(tmp_path, "box.stl", trimesh.creation.box((2.0, 2.0, 2.0))))
+    assert np.abs(np.abs(part.mesh.vertex_normals).max(axis=1) - 1.0).max() <= 1e-6
+
+
+def test_vertex_colours_are_decoded(tmp_path: Path) -> None:
+    mesh = trimesh.creation.box((1.0, 1.0, 1.0))
+    mesh.visual.vertex_colors = np.tile(np.array([[188, 0, 255, 255]], np.uint8), (len(mesh.vertices), 1))
+    (part,), _, _ = load_model(export(tmp_path, "coloured.ply", mesh))
+    assert part.colours is not None
+    assert part.colours[0] == pytest.approx([((188 / 255 + 0.055) / 1.055) ** 2.4, 0.0, 1.0, 1.0], abs=1e-6)
+
+
+def test_materials_and_textures_of_gltf(tmp_path: Path) -> None:
+    texels = np.random.default_rng(0).integers(0, 256, (8, 4, 4), np.uint8)
+    mesh = meshes.sheet((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    visual: Any = mesh.visual
+    material_class: Any = trimesh.visual.material.PBRMaterial
+    visual.material = material_class(
+        baseColorTexture=Image.fromarray(texels), alphaMode="MASK", alphaCutoff=0.3, doubleSided=True,
+        metallicFactor=0.25, roughnessFactor=0.75, emissiveFactor=[0.5, 0.25, 1.0],
+    )  # fmt: skip
+    (part,), _, _ = load_model(export(tmp_path, "sheet.glb", mesh))
+    material = part.material
+    assert material.base_texture is not None
+    assert np.array_equal(material.base_texture.texels, texels)
+    assert (material.alpha_mode, material.alpha_cutoff, material.double_sided) == (AlphaMode.MASK, 0.3, True)
+    assert (material.metallic, material.roughness, material.emissive) == (0.25, 0.75, (0.5, 0.25, 1.0))
+    assert np.allclose(meshes.texture_coordinates(part.mesh), meshes.texture_coordinates(mesh), atol=1e-6)
+
+
+@pytest.mark.parametrize(("motion", "effect"), [("turntable", Effect.MOTION), ("orbit", Effect.CAMERA)])
+def test_what_moves_is_declared(tmp_path: Path, motion: str, effect: Effect) -> None:
+    path = export(tmp_path, "my box.v2.glb", trimesh.creation.box((1.0, 1.0, 1.0)))
+    scene = model_scene(str(path), motion, 0)
+    assert scene.name == "my_box_v2"  # frames are named <name>.<number>.exr
+    assert {Effect.MOTION, Effect.CAMERA} & scene.effects == frozenset({effect})
+    first, later = scene.at(0.0), scene.at(1.0)
+    first_poses, later_poses = (np.stack([p for p in i.poses if p is not None]) for i in (first, later))
+    assert np.array_equal(first_poses, later_poses) == (motion == "orbit")
+    assert np.array_equal(first.world_to_view, later.world_to_view) == (motion == "turntable")
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(InputMissing, match="there is no such model"):
+        load_model(tmp_path / "none.glb")
+
+
+def test_unknown_kind(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"no reader for \.blend \(expected \.glb"):
+        load_model(tmp_path / "scene.blend")
+
+
+@pytest.mark.parametrize("name", ["a.glb", "a.gltf", "a.obj", "a.ply", "a.stl"])
+@pytest.mark.parametrize("content", [b"", b"\0\1\2 nonsense \xff" * 9], ids=["empty", "nonsense"])
+def test_unreadable_file(tmp_path: Path, name: str, content: bytes) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(DataError) as caught:
+        load_model(tmp_path / name)
+    assert str(caught.value).startswith(f"{tmp_path / name}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_no_size(tmp_path: Path) -> None:
+    (tmp_path / "flat.obj").write_text("v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n")
+    with pytest.raises(DataError):
+        load_model(tmp_path / "flat.obj")
+
+
+def test_unknown_motion(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="no such motion: jump"):
+        model_scene(str(tmp_path / "a.glb"), "jump", 0)

@@ -1,0 +1,91 @@
+"""Every scene keeps its promises: what it declares happens, and nothing else does."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from cltaa.cli import main
+from cltaa.errors import UsageError
+from cltaa.frames import Effect
+from cltaa_datasets.scene import AlphaMode, Instant, Material, Scene
+from cltaa_datasets.scenes import build_scene, registered
+
+NAMES = [entry.name for entry in registered()]
+TIMES = (0.0, 1.0 / 30.0, 0.7, 1.6)
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def scene(request: pytest.FixtureRequest) -> Scene:
+    return build_scene(request.param)
+
+
+def camera_of(instant: Instant) -> tuple[bytes, object]:
+    return instant.world_to_view.tobytes(), instant.lens
+
+
+def glossy(material: Material) -> bool:
+    return material.specular > 0.0 or material.metallic > 0.0
+
+
+def test_the_five_scenes_are_there() -> None:
+    assert {"wires", "spinner", "corridor", "occluder", "still"} <= set(NAMES)
+
+
+def test_what_moves_is_declared(scene: Scene) -> None:
+    instants = [scene.at(time) for time in TIMES]
+    poses = {tuple(None if pose is None else pose.tobytes() for pose in instant.poses) for instant in instants}
+    assert (len(poses) > 1) == (Effect.MOTION in scene.effects)
+    assert (len({camera_of(instant) for instant in instants}) > 1) == (Effect.CAMERA in scene.effects)
+    assert (len({instant.lights for instant in instants}) > 1) <= (Effect.SHADING in scene.effects)
+    assert (len({instant.exposure for instant in instants}) > 1) == (Effect.EXPOSURE in scene.effects)
+    assert any(instant.cut for instant in instants) <= (Effect.CUT in scene.effects)
+
+
+def test_what_else_shows_is_declared(scene: Scene) -> None:
+    materials = [part.material for part in scene.parts]
+    if {Effect.MOTION, Effect.CAMERA} & scene.effects and Effect.SHADING not in scene.effects:
+        # The colour of a shining surface follows the eye.
+        assert not any(glossy(material) for material in materials)
+    assert any(m.alpha_mode is AlphaMode.BLEND for m in materials) == (Effect.REACTIVE in scene.effects)
+    assert (scene.at(0.0).sky is None) == (Effect.ALPHA in scene.effects)
+
+
+def test_a_scene_is_a_function_of_time(scene: Scene) -> None:
+    one, other = scene.at(0.7), scene.at(0.7)
+    assert one.world_to_view.tobytes() == other.world_to_view.tobytes()
+    assert len(one.poses) == len(scene.parts)
+    assert all(
+        np.array_equal(a, b) for a, b in zip(one.poses, other.poses, strict=True) if a is not None and b is not None
+    )
+    assert len({part.name for part in scene.parts}) == len(scene.parts)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_seed_changes_the_scene(name: str) -> None:
+    def texels(seed: int) -> list[bytes]:
+        materials = [part.material for part in build_scene(name, seed).parts]
+        return [m.base_texture.texels.tobytes() for m in materials if m.base_texture is not None]
+
+    assert texels(0) == texels(0)
+    assert texels(0) != texels(1)
+
+
+def test_an_unknown_scene_names_the_nearest() -> None:
+    with pytest.raises(UsageError, match="no such scene: coridor; did you mean corridor"):
+        build_scene("coridor")
+
+
+def test_the_list_as_json(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["scenes", "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)["scenes"]
+    assert [entry["name"] for entry in listed] == NAMES
+    assert all(entry["description"] and entry["effects"] == sorted(entry["effects"]) for entry in listed)
+
+
+def test_the_list_for_people(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["scenes"]) == 0
+    out = capsys.readouterr().out
+    assert all(name in out for name in NAMES)
