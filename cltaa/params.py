@@ -82,7 +82,7 @@ class Weighting(StrEnum):
     """What else weighs in the blend."""
 
     NONE = "none"
-    LUMINANCE = "luminance"  # 1 / (1 + Y): one firefly does not outweigh a pixel's whole past
+    LUMINANCE = "luminance"  # 1 / (knee + Y): one firefly does not outweigh a pixel's whole past
 
 
 def _number(meaning: str, low: float, high: float, unit: str, source: str) -> Meta:
@@ -97,19 +97,19 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     ] = 0.1
     sample_limit: Annotated[
         float, _number("most samples that the history counts for", 1.0, 2.0**20, "samples", "measured")
-    ] = 64.0
+    ] = 24.0
     resample_cost: Annotated[
         float, _number("loss of count per fraction f(1-f) read between texels", 0.0, 16.0, "1", "measured")
-    ] = 0.25
+    ] = 1.5
     pull_cost: Annotated[
         float, _number("loss of count per half extent that rectification moved the history", 0.0, 64.0, "1", "measured")
-    ] = 0.25
+    ] = 0.5
     gamma_still: Annotated[
         float, _number("half width of the box where nothing moves", 0.0, 64.0, "standard deviations", "measured")
-    ] = 3.0
+    ] = 1.0
     gamma_moving: Annotated[
         float, _number("half width of the box in motion", 0.0, 64.0, "standard deviations", "Salvi 2016: 0.75 to 1.25")
-    ] = 1.25
+    ] = 1.0
     motion_px: Annotated[
         float, _number("motion from which gamma_moving holds", 1e-3, 1e6, "pixels a frame", "measured")
     ] = 1.0
@@ -119,13 +119,17 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     ] = 2.0**-10
     depth_tolerance: Annotated[
         float, _number("relative slack of the depth test", 0.0, 1.0, "1", "0.02, two engines' value")
-    ] = 0.02
+    ] = 0.05
     edge_tolerance: Annotated[
         float, _number("relative skew of closeness in the 3x3 that makes a depth edge", 0.0, 1.0, "1", "measured")
-    ] = 0.01
+    ] = 0.03
+    luminance_knee: Annotated[
+        float,
+        _number("luminance from which a sample's weight falls", 1e-3, 1e6, "scene units", "Karis 2014: 1; measured: 4"),
+    ] = 4.0
     fresh_blur: Annotated[
         float, _number("share of the 3x3 mean in a pixel without history", 0.0, 1.0, "1", "measured")
-    ] = 0.0
+    ] = 0.5
 
 
 class Choices(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -133,7 +137,7 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
     history_filter: HistoryFilter = HistoryFilter.CATMULL_ROM
     neighbourhood: Neighbourhood = Neighbourhood.SQUARE
-    box: Box = Box.VARIANCE
+    box: Box = Box.EXTREMES
     box_space: BoxSpace = BoxSpace.YCOCG
     rectify: Rectify = Rectify.CLAMP
     dilation: Dilation = Dilation.EDGE

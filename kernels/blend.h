@@ -24,14 +24,14 @@ static inline real believed_count(real count, real fx, real fy, real pull, setti
     return lesser(believed, most);
 }
 
-// Luminance weights 1 / (1 + Y) (Karis 2014) as one weight of the current sample, so that blending stays a single step from
+// Luminance weights 1 / (knee + Y) (Karis 2014 with knee 1) as one weight of the current sample, so that blending stays a single step from
 // the history: w_x / (w_x + w_h).
-static inline real luminance_weight(real weight, colour current, colour history)
+static inline real luminance_weight(real weight, colour current, colour history, settings_t settings)
 {
     if (WEIGHTING == WEIGHTING_NONE)
         return weight;
-    const real x = SPLAT(1.0) + greater(luminance(current), SPLAT(0.0));
-    const real h = SPLAT(1.0) + greater(luminance(history), SPLAT(0.0));
+    const real x = SPLAT(settings.luminance_knee) + greater(luminance(current), SPLAT(0.0));
+    const real h = SPLAT(settings.luminance_knee) + greater(luminance(history), SPLAT(0.0));
     const real for_current = weight * h, for_history = (SPLAT(1.0) - weight) * x;
     return for_current / (for_current + for_history);
 }

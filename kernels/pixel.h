@@ -38,7 +38,7 @@ static inline resolved resolve_pixel(colour current, real alpha, real reactivity
     real weight = sample_weight(count, settings);
     if (REACTIVE)
         weight += reactivity * (SPLAT(1.0) - weight);
-    weight = luminance_weight(weight, current, past);
+    weight = luminance_weight(weight, current, past, settings);
 
     const colour fresh = fresh_colour(current, mean, settings);
     const real zero = SPLAT(0.0);

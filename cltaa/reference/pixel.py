@@ -42,13 +42,14 @@ def believed_count(count: Array, fx: Array, fy: Array, pull: Array, settings: Re
     return lesser(believed, most)
 
 
-def luminance_weight(weight: Array, current: Colour, history: Colour, build: Build) -> Array:
-    """Weights 1 / (1 + Y) (Karis 2014) as one weight of the current sample."""
+def luminance_weight(weight: Array, current: Colour, history: Colour, build: Build, settings: Record) -> Array:
+    """Weights 1 / (knee + Y) (Karis 2014 with knee 1) as one weight of the current sample."""
     if build.choices.weighting is Weighting.NONE:
         return weight
     one, zero = number(1.0, weight), number(0.0, weight)
-    x = one + greater(luminance(current), zero)
-    h = one + greater(luminance(history), zero)
+    knee = number(settings["luminance_knee"], weight)
+    x = knee + greater(luminance(current), zero)
+    h = knee + greater(luminance(history), zero)
     for_current, for_history = weight * h, (one - weight) * x
     result: Array = for_current / (for_current + for_history)
     return result
@@ -94,7 +95,7 @@ def resolve_pixel(
     weight = sample_weight(count, build, settings)
     if build.steps.reactive:
         weight = weight + reactivity * (one - weight)
-    weight = luminance_weight(weight, current, past, build)
+    weight = luminance_weight(weight, current, past, build, settings)
     blur = number(settings["fresh_blur"], h.count)
     channels = []
     for past_k, current_k, around in zip(past, current, from_box_space(mean, build), strict=True):
