@@ -71,8 +71,8 @@ def _sideways(_: meshes.Floats) -> meshes.Floats:
 def wires(seed: int) -> Staging:
     """Stage the scene; the seed changes posts, masts, textures and where the walk begins."""
     rng = np.random.default_rng(seed)
-    grass = Material(base_texture=textures.mottle(rng, (0.10, 0.14, 0.03), (0.32, 0.36, 0.12), 16), specular=0.0)
-    meadow = Part("meadow", meshes.floor(240.0, 3.0, 48), grass)
+    grass = Material(base_texture=textures.mottle(rng, (0.10, 0.14, 0.03), (0.36, 0.40, 0.14), 32), specular=0.0)
+    meadow = Part("meadow", meshes.floor(240.0, 1.5, 48), grass)
     parts = (*fence(rng), power_line(rng), meadow)
     start = float(rng.uniform(-1.0, 1.0))
     lights = (Sun(SUN, (4.2, 3.7, 3.0)),)
