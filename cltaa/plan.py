@@ -58,6 +58,9 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None) -> Plan:
         Reason("reactive", steps.reactive, "channel reactive" if steps.reactive else "no reactive channel"),
     ]
     choices, settings = preset.choices, preset.settings
+    if previous is None:
+        # A first frame is what was drawn, to the bit; the blur is for pixels that appear amid others with a past.
+        settings = msgspec.structs.replace(settings, fresh_blur=0.0)
     if declared is not None and not declared & (_CHANGING | {Effect.CAMERA}):
         # Nothing can make history wrong: the plain mean of all samples is the best estimate there is.
         choices = msgspec.structs.replace(choices, rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE)

@@ -21,10 +21,11 @@ static inline real box_gamma(motion_t m, settings_t settings)
 // as aliased as an image can be.
 static inline colour fresh_colour(colour current, boxed mean, settings_t settings)
 {
-    const colour around = from_box_space(mean);
+    const boxed c = to_box_space(current);
+    const boxed offset = { mean.a - c.a, mean.b - c.b, mean.c - c.c };
+    const colour change = from_box_space(offset);
     const scalar k = K(settings.fresh_blur);
-    colour v = { current.r + k * (around.r - current.r), current.g + k * (around.g - current.g),
-        current.b + k * (around.b - current.b) };
+    colour v = { current.r + k * change.r, current.g + k * change.g, current.b + k * change.b };
     return v;
 }
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from cltaa.build import Build, Record
 from cltaa.params import Accumulate, Weighting
-from cltaa.reference.colour import Colour, from_box_space, luminance
+from cltaa.reference.colour import Colour, from_box_space, luminance, to_box_space
 from cltaa.reference.history import History
 from cltaa.reference.projection import Motion
 from cltaa.reference.real import Array, constant, greater, lesser, limit, number, outside_domain
@@ -98,8 +98,10 @@ def resolve_pixel(
     weight = luminance_weight(weight, current, past, build, settings)
     blur = number(settings["fresh_blur"], h.count)
     channels = []
-    for past_k, current_k, around in zip(past, current, from_box_space(mean, build), strict=True):
-        fresh = current_k + blur * (around - current_k)
+    c = to_box_space(current, build)
+    change = from_box_space((mean[0] - c[0], mean[1] - c[1], mean[2] - c[2]), build)
+    for past_k, current_k, change_k in zip(past, current, change, strict=True):
+        fresh = current_k + blur * change_k
         blended = past_k + weight * (current_k - past_k)
         channels.append(storable(np.where(h.valid, blended, fresh), lesser(current_k, zero)))
     return Resolved(

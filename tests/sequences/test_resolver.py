@@ -84,7 +84,7 @@ def test_whole_pixel_motion_is_lossless() -> None:
 
 
 def test_what_comes_into_view_is_the_current_sample() -> None:
-    resolver, shift = Resolver(), 5
+    resolver, shift = Resolver(override(load_preset(), {"fresh_blur": 0.0})), 5
     first = make_frame(0, effects=None)
     flat = np.full_like(first.depth, 4.0)
     resolver.resolve(replace(first, depth=flat))
