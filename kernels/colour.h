@@ -15,7 +15,7 @@ typedef struct
 } boxed;
 
 // Malvar and Sullivan 2003: all coefficients are powers of two, so that greys have exactly no chroma.
-static inline boxed to_box_space(colour v)
+STAGE boxed to_box_space(colour v)
 {
     boxed out = { v.r, v.g, v.b };
     if (BOX_SPACE == BOX_SPACE_YCOCG) {
@@ -27,7 +27,7 @@ static inline boxed to_box_space(colour v)
     return out;
 }
 
-static inline colour from_box_space(boxed v)
+STAGE colour from_box_space(boxed v)
 {
     colour out = { v.a, v.b, v.c };
     if (BOX_SPACE == BOX_SPACE_YCOCG) {
@@ -40,14 +40,14 @@ static inline colour from_box_space(boxed v)
 }
 
 // Y of YCoCg, whatever the box space: R/4 + G/2 + B/4.
-static inline real luminance(colour v) { return K(0.25) * (v.r + v.b) + K(0.5) * v.g; }
+STAGE real luminance(colour v) { return K(0.25) * (v.r + v.b) + K(0.5) * v.g; }
 
-static inline mask colour_outside_domain(colour v)
+STAGE mask colour_outside_domain(colour v)
 {
     return outside_domain(v.r) | outside_domain(v.g) | outside_domain(v.b);
 }
 
-static inline colour load_colour(plane_in p, size_t plane)
+STAGE colour load_colour(plane_in p, size_t plane)
 {
     colour v;
     v.r = load(p);
@@ -56,7 +56,7 @@ static inline colour load_colour(plane_in p, size_t plane)
     return v;
 }
 
-static inline colour choose_colour(mask m, colour a, colour b)
+STAGE colour choose_colour(mask m, colour a, colour b)
 {
     colour v;
     v.r = m ? a.r : b.r;
@@ -65,7 +65,7 @@ static inline colour choose_colour(mask m, colour a, colour b)
     return v;
 }
 
-static inline boxed choose_boxed(mask m, boxed a, boxed b)
+STAGE boxed choose_boxed(mask m, boxed a, boxed b)
 {
     boxed v;
     v.a = m ? a.a : b.a;

@@ -3,7 +3,7 @@
 #include "real.h"
 #include "image.h"
 
-static inline int limit_index(int v, int last) { return v < 0 ? 0 : (v > last ? last : v); }
+STAGE int limit_index(int v, int last) { return v < 0 ? 0 : (v > last ? last : v); }
 
 __kernel void extend_edges_kernel(history_out image, const frame_t frame, const int planes)
 {

@@ -10,7 +10,7 @@ typedef struct
     mask valid;
 } history_t;
 
-static inline colour sample_colour(history_in p, footprint f, weights wx, weights wy, size_t plane, int stride)
+STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, size_t plane, int stride)
 {
     colour v;
     v.r = sample_plane(p, f, wx, wy, stride);
@@ -19,7 +19,7 @@ static inline colour sample_colour(history_in p, footprint f, weights wx, weight
     return v;
 }
 
-static inline history_t sample_history(history_in history, plane_in count, plane_in previous_closeness, motion_t m,
+STAGE history_t sample_history(history_in history, plane_in count, plane_in previous_closeness, motion_t m,
     surface s, int x, int y, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);

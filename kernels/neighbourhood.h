@@ -11,7 +11,7 @@ typedef struct
 
 // Three texels of a row. The shift is the centre texel, so the differences are exact for neighbours within a factor of 2
 // (Sterbenz) and a flat row has exactly no spread, whatever its level. sum (d - mean)^2 = sum d^2 - (sum d)^2 / 3.
-static inline moments row_moments(real left, real centre, real right)
+STAGE moments row_moments(real left, real centre, real right)
 {
     const real dl = left - centre, dr = right - centre, sum = dl + dr;
     moments m;
@@ -25,7 +25,7 @@ static inline moments row_moments(real left, real centre, real right)
 
 // Three rows of three (Chan, Golub and LeVeque 1983, pairwise update for equal counts): the spread of the whole is the
 // spread inside the rows plus three times the spread of the row means about their mean.
-static inline moments window_moments(moments above, moments centre, moments below)
+STAGE moments window_moments(moments above, moments centre, moments below)
 {
     const real da = (above.shift - centre.shift) + (above.offset - centre.offset);
     const real db = (below.shift - centre.shift) + (below.offset - centre.offset);
@@ -40,7 +40,7 @@ static inline moments window_moments(moments above, moments centre, moments belo
 }
 
 // The cross: the centre row of three and the texels above and below. Five values, the same shifted form.
-static inline moments cross_moments(moments above, moments centre, moments below)
+STAGE moments cross_moments(moments above, moments centre, moments below)
 {
     const real du = above.shift - centre.shift, dd = below.shift - centre.shift;
     const real across = K(3.0) * centre.offset, sum = across + (du + dd);
@@ -71,19 +71,19 @@ typedef struct
     boxed mean, deviation, low, high;
 } statistics;
 
-static inline real deviation_of(moments m)
+STAGE real deviation_of(moments m)
 {
     const real variance = m.spread * K(NEIGHBOURHOOD == NEIGHBOURHOOD_CROSS ? ONE_FIFTH : ONE_NINTH);
     return square_root(greater(variance, SPLAT(0.0)));
 }
 
-static inline moments neighbourhood_moments(moments above, moments centre, moments below)
+STAGE moments neighbourhood_moments(moments above, moments centre, moments below)
 {
     return NEIGHBOURHOOD == NEIGHBOURHOOD_CROSS ? cross_moments(above, centre, below)
                                                 : window_moments(above, centre, below);
 }
 
-static inline statistics neighbourhood_statistics(row_t above, row_t centre, row_t below)
+STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below)
 {
     const moments a = neighbourhood_moments(above.a, centre.a, below.a);
     const moments b = neighbourhood_moments(above.b, centre.b, below.b);
@@ -97,12 +97,12 @@ static inline statistics neighbourhood_statistics(row_t above, row_t centre, row
 }
 
 // Closeness outside the domain (no depth, infinite) is the sky's.
-static inline real usable_closeness(real v, frame_t frame)
+STAGE real usable_closeness(real v, frame_t frame)
 {
     return outside_domain(v) ? (real)((scalar)frame.sky_closeness) : v;
 }
 
-static inline row_t read_row(plane_in image, plane_in closeness, plane_in motion, int x, int y, frame_t frame)
+STAGE row_t read_row(plane_in image, plane_in closeness, plane_in motion, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
     plane_in p = image + at;
@@ -148,7 +148,7 @@ typedef struct
     real centre, nearest, farthest; // closeness: of the pixel itself, and the range in its 3x3
 } surface;
 
-static inline surface nearest_surface(row_t above, row_t centre, row_t below, settings_t settings)
+STAGE surface nearest_surface(row_t above, row_t centre, row_t below, settings_t settings)
 {
     surface s = { SPLAT(0.0), SPLAT(0.0), centre.closeness, centre.centre_u, centre.centre_v, centre.closeness,
         greater(greater(above.nearest, below.nearest), centre.nearest),

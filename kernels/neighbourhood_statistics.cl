@@ -5,7 +5,7 @@
 #include "repair.h"
 #include "neighbourhood.h"
 
-static inline void store_boxed(plane_out p, boxed v, size_t plane)
+STAGE void store_boxed(plane_out p, boxed v, size_t plane)
 {
     store(p, v.a);
     store(p + plane, v.b);

@@ -10,7 +10,7 @@ typedef struct
 } resolved;
 
 // Half width of the box in standard deviations: wide where nothing moves, narrow from motion_px pixels a frame on.
-static inline real box_gamma(motion_t m, settings_t settings)
+STAGE real box_gamma(motion_t m, settings_t settings)
 {
     const real speed = greater(absolute(m.u), absolute(m.v)) / K(settings.motion_px);
     const real still = greater(SPLAT(1.0) - speed, SPLAT(0.0));
@@ -19,7 +19,7 @@ static inline real box_gamma(motion_t m, settings_t settings)
 
 // The sample of a pixel without history: drawn towards the mean of its neighbourhood by fresh_blur, since one raw sample is
 // as aliased as an image can be.
-static inline colour fresh_colour(colour current, boxed mean, settings_t settings)
+STAGE colour fresh_colour(colour current, boxed mean, settings_t settings)
 {
     const boxed c = to_box_space(current);
     const boxed offset = { mean.a - c.a, mean.b - c.b, mean.c - c.c };
@@ -29,7 +29,7 @@ static inline colour fresh_colour(colour current, boxed mean, settings_t setting
     return v;
 }
 
-static inline resolved resolve_pixel(colour current, real alpha, real reactivity, boxed mean, history_t h,
+STAGE resolved resolve_pixel(colour current, real alpha, real reactivity, boxed mean, history_t h,
     rectification r, settings_t settings)
 {
     const colour past = { h.rgb.r + r.change.r, h.rgb.g + r.change.g, h.rgb.b + r.change.b };
@@ -53,13 +53,13 @@ static inline resolved resolve_pixel(colour current, real alpha, real reactivity
 }
 
 // Alpha and reactivity are shares: outside [0, 1], or no number, means the nearer end (no number: `otherwise`).
-static inline real load_share(plane_in p, real otherwise)
+STAGE real load_share(plane_in p, real otherwise)
 {
     const real v = load(p);
     return outside_domain(v) ? otherwise : limit(v, SPLAT(0.0), SPLAT(1.0));
 }
 
-static inline void store_resolved(history_out colour_at, plane_out count_at, resolved r, size_t plane)
+STAGE void store_resolved(history_out colour_at, plane_out count_at, resolved r, size_t plane)
 {
     store_history(colour_at, r.rgb.r);
     store_history(colour_at + plane, r.rgb.g);

@@ -14,7 +14,7 @@ typedef struct
 // Camera motion. With p = (px, py, 1, closeness), px and py in pixels from the image centre, the previous position is
 // (p + D_xy p) / (1 + D_w p), so the displacement is (D_xy p - p_xy (D_w p)) / (1 + D_w p). The host builds D in float64
 // and rounds it once; it is exactly 0 for a still camera, and so is the displacement. docs/conventions.md, Matrices.
-static inline motion_t motion_from_depth(surface s, real x, real y, frame_t frame)
+STAGE motion_t motion_from_depth(surface s, real x, real y, frame_t frame)
 {
     motion_t m = { SPLAT(0.0), SPLAT(0.0), SPLAT(1.0), SPLAT(0.0), s.centre == s.centre };
     if (!CAMERA_MOTION)
@@ -39,7 +39,7 @@ static inline motion_t motion_from_depth(surface s, real x, real y, frame_t fram
 }
 
 // The surface's motion: its own where the motion channel holds a vector, the camera's elsewhere.
-static inline motion_t surface_motion(surface s, real x, real y, frame_t frame)
+STAGE motion_t surface_motion(surface s, real x, real y, frame_t frame)
 {
     motion_t m = motion_from_depth(s, x, y, frame);
     if (OWN_MOTION) {
@@ -55,7 +55,7 @@ static inline motion_t surface_motion(surface s, real x, real y, frame_t frame)
 
 // True where the previous frame saw the point: inside its image (half a texel of margin) and by less than MOTION_LIMIT.
 // Every comparison is false for NaN.
-static inline mask on_screen(motion_t m, real x, real y, frame_t frame)
+STAGE mask on_screen(motion_t m, real x, real y, frame_t frame)
 {
     const real hx = x + m.u, hy = y + m.v;
     return m.visible & (hx >= SPLAT(-0.5)) & (hy >= SPLAT(-0.5)) & (hx <= SPLAT(frame.width) - K(0.5))

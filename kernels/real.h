@@ -20,6 +20,9 @@
 #pragma clang diagnostic ignored "-Wpsabi"
 #endif
 
+// Every stage function is inlined: a call would pass whole rows of vectors through memory.
+#define STAGE static inline __attribute__((always_inline))
+
 #define PASTE_(a, b) a##b
 #define PASTE(a, b) PASTE_(a, b)
 #if LANES == 1
@@ -66,29 +69,31 @@ typedef __global float* restrict history_out;
 #endif
 
 #if LANES == 1
-static inline real load(plane_in p) { return *p; }
-static inline void store(plane_out p, real v) { *p = (float)v; }
-static inline int any_of(mask m) { return m != 0; }
-static inline scalar_whole first_lane(whole v) { return v; }
+STAGE real load(plane_in p) { return *p; }
+STAGE void store(plane_out p, real v) { *p = (float)v; }
+STAGE int any_of(mask m) { return m != 0; }
+STAGE scalar_whole first_lane(whole v) { return v; }
 #define LANE_INDEX ((real)(0))
 #if STORAGE_HALF
-static inline real load_history(history_in p) { return vload_half(0, p); }
-static inline void store_history(history_out p, real v) { vstore_half_rte(v, 0, p); }
+STAGE real load_history(history_in p) { return vload_half(0, p); }
+STAGE void store_history(history_out p, real v) { vstore_half_rte(v, 0, p); }
 #endif
 #else
 #if REAL_DOUBLE
-static inline real load(plane_in p) { return PASTE(convert_, LANED(double))(PASTE(vload, LANES)(0, p)); }
-static inline void store(plane_out p, real v)
+STAGE real load(plane_in p) { return PASTE(convert_, LANED(double))(PASTE(vload, LANES)(0, p)); }
+STAGE void store(plane_out p, real v)
 {
     PASTE(vstore, LANES)(PASTE(convert_, LANED(float))(v), 0, p);
 }
 #else
-static inline real load(plane_in p) { return PASTE(vload, LANES)(0, p); }
-static inline void store(plane_out p, real v) { PASTE(vstore, LANES)(v, 0, p); }
+// A vector at any float's address; vloadn and vstoren are calls on some CPU drivers.
+typedef real loose_real __attribute__((aligned(4)));
+STAGE real load(plane_in p) { return *(__global const loose_real*)p; }
+STAGE void store(plane_out p, real v) { *(__global loose_real*)p = v; }
 #endif
 #if STORAGE_HALF
-static inline real load_history(history_in p) { return TO_REAL(PASTE(vload_half, LANES)(0, p)); }
-static inline void store_history(history_out p, real v)
+STAGE real load_history(history_in p) { return TO_REAL(PASTE(vload_half, LANES)(0, p)); }
+STAGE void store_history(history_out p, real v)
 {
     PASTE(PASTE(vstore_half, LANES), _rte)(PASTE(convert_, LANED(float))(v), 0, p);
 }
@@ -105,15 +110,15 @@ static inline void store_history(history_out p, real v)
 #else
 #error "LANES is 1, 4, 8 or 16"
 #endif
-static inline int any_of(mask m) { return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0; }
-static inline scalar_whole first_lane(whole v) { return v.s0; }
+STAGE int any_of(mask m) { return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0; }
+STAGE scalar_whole first_lane(whole v) { return v.s0; }
 #endif
 #if !STORAGE_HALF
-static inline real load_history(history_in p) { return load(p); }
-static inline void store_history(history_out p, real v) { store(p, v); }
+STAGE real load_history(history_in p) { return load(p); }
+STAGE void store_history(history_out p, real v) { store(p, v); }
 #endif
 
-static inline real absolute(real v)
+STAGE real absolute(real v)
 {
 #if REAL_DOUBLE
     return PASTE(as_, LANED(double))(AS_WHOLE(v) & MAGNITUDE_BITS);
@@ -123,33 +128,44 @@ static inline real absolute(real v)
 }
 
 // Greater and lesser of two finite reals.
-static inline real greater(real a, real b) { return a > b ? a : b; }
-static inline real lesser(real a, real b) { return a < b ? a : b; }
+STAGE real greater(real a, real b) { return a > b ? a : b; }
+STAGE real lesser(real a, real b) { return a < b ? a : b; }
 // v limited to [lo, hi]; the caller makes sure that lo <= hi.
-static inline real limit(real v, real lo, real hi) { return lesser(greater(v, lo), hi); }
+STAGE real limit(real v, real lo, real hi) { return lesser(greater(v, lo), hi); }
+
+// A lane's root. The compiler's own is one instruction; the library's is a call on some CPU drivers.
+#if defined(__clang__) && LANES > 1
+#if REAL_DOUBLE
+#define SCALAR_ROOT __builtin_sqrt
+#else
+#define SCALAR_ROOT __builtin_sqrtf
+#endif
+#else
+#define SCALAR_ROOT sqrt
+#endif
 
 // Correctly rounded in a strict build (IEEE 754 square root), within 3 ulp otherwise.
-static inline real square_root(real v)
+STAGE real square_root(real v)
 {
 #if LANES == 1
-    return sqrt(v);
+    return SCALAR_ROOT(v);
 #else
     real root;
     for (int lane = 0; lane < LANES; ++lane)
-        ((scalar*)&root)[lane] = sqrt(((const scalar*)&v)[lane]);
+        ((scalar*)&root)[lane] = SCALAR_ROOT(((const scalar*)&v)[lane]);
     return root;
 #endif
 }
 
 // Largest whole number not above v; |v| < 2^22, which the caller has tested.
-static inline whole floor_whole(real v)
+STAGE whole floor_whole(real v)
 {
     const whole cut = TO_WHOLE(v);
     return cut - (TO_REAL(cut) > v ? (whole)(1) : (whole)(0));
 }
 
 // Usable input: finite and |v| <= DOMAIN_LIMIT. Tested on the bits, so that no compiler flag can remove it.
-static inline mask outside_domain(real v)
+STAGE mask outside_domain(real v)
 {
 #if REAL_DOUBLE
     return (AS_WHOLE(v) & MAGNITUDE_BITS) > as_long(DOMAIN_LIMIT);

@@ -10,16 +10,16 @@ typedef struct
     boxed centre, extent;
 } box_t;
 
-static inline real half_width(real low, real high) { return K(0.5) * (high - low); }
+STAGE real half_width(real low, real high) { return K(0.5) * (high - low); }
 
 // Intersection of mean +- gamma deviation with the extremes; never empty, since the mean lies between the extremes.
-static inline void narrow(real* low, real* high, real mean, real width)
+STAGE void narrow(real* low, real* high, real mean, real width)
 {
     *low = greater(mean - width, *low);
     *high = lesser(mean + width, *high);
 }
 
-static inline box_t neighbourhood_box(statistics s, real gamma, settings_t settings)
+STAGE box_t neighbourhood_box(statistics s, real gamma, settings_t settings)
 {
     box_t box;
     if (BOX == BOX_VARIANCE) {
@@ -46,7 +46,7 @@ static inline box_t neighbourhood_box(statistics s, real gamma, settings_t setti
 
 // How far outside: the largest channel's distance from the centre in half extents (box), or the length of the vector of
 // these (ellipsoid). At most 1 means inside.
-static inline real outsideness(boxed d, boxed extent)
+STAGE real outsideness(boxed d, boxed extent)
 {
     const real a = absolute(d.a) / extent.a, b = absolute(d.b) / extent.b, c = absolute(d.c) / extent.c;
     if (RECTIFY == RECTIFY_ELLIPSOID)
@@ -54,7 +54,7 @@ static inline real outsideness(boxed d, boxed extent)
     return greater(a, greater(b, c));
 }
 
-static inline boxed rectify_history(boxed history, box_t box)
+STAGE boxed rectify_history(boxed history, box_t box)
 {
     boxed out = history;
     if (RECTIFY == RECTIFY_CLAMP) {
@@ -81,7 +81,7 @@ typedef struct
     real pull; // how far the first coordinate (luminance) was moved, in half extents of the box
 } rectification;
 
-static inline rectification rectify(colour history, statistics s, real gamma, settings_t settings)
+STAGE rectification rectify(colour history, statistics s, real gamma, settings_t settings)
 {
     const boxed h = to_box_space(history);
     const box_t box = neighbourhood_box(s, gamma, settings);

@@ -12,7 +12,7 @@
 #include "blend.h"
 #include "pixel.h"
 
-static inline boxed load_boxed(plane_in p, size_t plane)
+STAGE boxed load_boxed(plane_in p, size_t plane)
 {
     boxed v = { load(p), load(p + plane), load(p + 2 * plane) };
     return v;

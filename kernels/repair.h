@@ -2,7 +2,7 @@
 // 3x3, or 0 where there are none. Such texels are rare: a whole row segment is tested at once, and only a segment that
 // holds one takes the slow way, texel by texel.
 
-static inline int texel_outside_domain(plane_in p, size_t plane)
+STAGE int texel_outside_domain(plane_in p, size_t plane)
 {
     const int limit = as_int((float)DOMAIN_LIMIT);
     return ((as_int(p[0]) & 0x7fffffff) > limit) | ((as_int(p[plane]) & 0x7fffffff) > limit)
@@ -10,7 +10,7 @@ static inline int texel_outside_domain(plane_in p, size_t plane)
 }
 
 // The repaired channel of the texel at (x, y); coordinates outside the image mean its edge.
-static inline float repaired_texel(plane_in image, size_t plane, int channel, int x, int y, frame_t frame)
+STAGE float repaired_texel(plane_in image, size_t plane, int channel, int x, int y, frame_t frame)
 {
     x = x < 0 ? 0 : (x >= frame.width ? frame.width - 1 : x);
     y = y < 0 ? 0 : (y >= frame.height ? frame.height - 1 : y);
@@ -30,7 +30,7 @@ static inline float repaired_texel(plane_in image, size_t plane, int channel, in
     return usable > 0 ? sum / (float)usable : 0.0f;
 }
 
-static inline real repaired_channel(plane_in image, size_t plane, int channel, int x, int y, frame_t frame)
+STAGE real repaired_channel(plane_in image, size_t plane, int channel, int x, int y, frame_t frame)
 {
 #if LANES == 1
     return repaired_texel(image, plane, channel, x, y, frame);
@@ -43,7 +43,7 @@ static inline real repaired_channel(plane_in image, size_t plane, int channel, i
 }
 
 // The colour at (x, y) and the LANES - 1 texels right of it.
-static inline colour repaired_colour(plane_in image, size_t plane, int x, int y, frame_t frame)
+STAGE colour repaired_colour(plane_in image, size_t plane, int x, int y, frame_t frame)
 {
     colour v;
     v.r = repaired_channel(image, plane, 0, x, y, frame);

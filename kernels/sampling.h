@@ -18,7 +18,7 @@ typedef struct
     int lanes;
 } footprint;
 
-static inline footprint footprint_of(motion_t m, mask valid, frame_t frame)
+STAGE footprint footprint_of(motion_t m, mask valid, frame_t frame)
 {
     footprint f;
     const real u = valid ? m.u : SPLAT(0.0), v = valid ? m.v : SPLAT(0.0);
@@ -49,7 +49,7 @@ typedef struct
     real w0, w2, w3;
 } weights;
 
-static inline weights catmull_rom(real t)
+STAGE weights catmull_rom(real t)
 {
     weights w;
     w.w0 = t * (K(-0.5) + t * (K(1.0) - K(0.5) * t));
@@ -59,19 +59,19 @@ static inline weights catmull_rom(real t)
 }
 
 // Bilinear as the same sum: only tap 2 has a weight.
-static inline weights linear(real t)
+STAGE weights linear(real t)
 {
     weights w = { SPLAT(0.0), t, SPLAT(0.0) };
     return w;
 }
 
-static inline weights nearest(real t)
+STAGE weights nearest(real t)
 {
     weights w = { SPLAT(0.0), t >= SPLAT(0.5) ? SPLAT(1.0) : SPLAT(0.0), SPLAT(0.0) };
     return w;
 }
 
-static inline weights history_weights(real t)
+STAGE weights history_weights(real t)
 {
     if (HISTORY_FILTER == HISTORY_FILTER_NEAREST)
         return nearest(t);
@@ -80,7 +80,7 @@ static inline weights history_weights(real t)
     return catmull_rom(t);
 }
 
-static inline real weigh(real p0, real p1, real p2, real p3, weights w)
+STAGE real weigh(real p0, real p1, real p2, real p3, weights w)
 {
     if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM)
         return p1 + ((w.w0 * (p0 - p1) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p1));
@@ -88,13 +88,13 @@ static inline real weigh(real p0, real p1, real p2, real p3, weights w)
 }
 
 // One row of taps around p, weighed along x. p points at tap 1 of the segment.
-static inline real row_alike(history_in p, weights w)
+STAGE real row_alike(history_in p, weights w)
 {
     return weigh(load_history(p - 1), load_history(p), load_history(p + 1), load_history(p + 2), w);
 }
 
 #if LANES > 1
-static inline real row_close(history_in p, weights w, whole step)
+STAGE real row_close(history_in p, weights w, whole step)
 {
     const mask right = step != 0;
     const real a = load_history(p - 1), b = load_history(p), c = load_history(p + 1), d = load_history(p + 2),
@@ -102,7 +102,7 @@ static inline real row_close(history_in p, weights w, whole step)
     return weigh(right ? b : a, right ? c : b, right ? d : c, right ? e : d, w);
 }
 
-static inline real gather(history_in p, whole dx, whole dy, int stride)
+STAGE real gather(history_in p, whole dx, whole dy, int stride)
 {
     real v;
     for (int lane = 0; lane < LANES; ++lane) {
@@ -116,7 +116,7 @@ static inline real gather(history_in p, whole dx, whole dy, int stride)
     return v;
 }
 
-static inline real row_apart(history_in p, weights w, footprint f, int row, int stride)
+STAGE real row_apart(history_in p, weights w, footprint f, int row, int stride)
 {
     const whole dy = f.dy + row;
     return weigh(gather(p, f.dx - 1, dy, stride), gather(p, f.dx, dy, stride), gather(p, f.dx + 1, dy, stride),
@@ -125,7 +125,7 @@ static inline real row_apart(history_in p, weights w, footprint f, int row, int 
 #endif
 
 // The history plane at the footprint. p points at the segment's own texel.
-static inline real sample_plane(history_in p, footprint f, weights wx, weights wy, int stride)
+STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int stride)
 {
     history_in q = p + f.offset;
 #if LANES > 1
@@ -151,7 +151,7 @@ typedef struct
 } quad;
 
 #if LANES > 1
-static inline real texel_apart(plane_in p, footprint f, int column, int row, int stride)
+STAGE real texel_apart(plane_in p, footprint f, int column, int row, int stride)
 {
     real v;
     for (int lane = 0; lane < LANES; ++lane)
@@ -161,7 +161,7 @@ static inline real texel_apart(plane_in p, footprint f, int column, int row, int
 }
 #endif
 
-static inline quad sample_quad(plane_in p, footprint f, int stride)
+STAGE quad sample_quad(plane_in p, footprint f, int stride)
 {
     plane_in q = p + f.offset;
     quad t;
@@ -190,7 +190,7 @@ static inline quad sample_quad(plane_in p, footprint f, int stride)
     return t;
 }
 
-static inline real bilinear(quad t, footprint f)
+STAGE real bilinear(quad t, footprint f)
 {
     const real top = t.p00 + f.fx * (t.p10 - t.p00), bottom = t.p01 + f.fx * (t.p11 - t.p01);
     return top + f.fy * (bottom - top);
