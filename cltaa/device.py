@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,8 +110,8 @@ class Memory:
     def _pinned(self) -> NDArray[Any]:
         queue, context = self._device.queue, self._device.context
         host = cl.Buffer(context, cl.mem_flags.READ_WRITE | cl.mem_flags.ALLOC_HOST_PTR, self.size)
-        flags = cl.map_flags(cl.map_flags.WRITE | cl.map_flags.READ)
-        array, _ = cl.enqueue_map_buffer(queue, host, flags, 0, self.shape, self.dtype)
+        both = cl.map_flags.WRITE | cl.map_flags.READ
+        array, _ = cl.enqueue_map_buffer(queue, host, cast(cl.map_flags, both), 0, self.shape, self.dtype)
         return array  # type: ignore[no-any-return]
 
 
