@@ -15,7 +15,7 @@
 #pragma OPENCL FP_CONTRACT ON
 #endif
 
-#ifdef __clang__
+#if defined(__clang__) && LANES > 1
 // Vectors wider than the CPU's registers are passed in memory; every function here is inlined, so no ABI is at stake.
 #pragma clang diagnostic ignored "-Wpsabi"
 #endif
