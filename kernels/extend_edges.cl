@@ -3,6 +3,13 @@
 #include "real.h"
 #include "image.h"
 
+// Texels are copied as they are; halves as bits, since a device may lack arithmetic on them.
+#if STORAGE_HALF
+typedef __global ushort* texels;
+#else
+typedef __global float* texels;
+#endif
+
 STAGE int limit_index(int v, int last) { return v < 0 ? 0 : (v > last ? last : v); }
 
 __kernel void extend_edges_kernel(history_out image, const frame_t frame, const int planes)
@@ -15,7 +22,7 @@ __kernel void extend_edges_kernel(history_out image, const frame_t frame, const 
     if (row >= frame.height + 2 * PAD_Y || plane >= planes || i >= columns)
         return;
     const int x = inside_rows ? (i < PAD_X ? i - PAD_X : frame.width + (i - PAD_X)) : i - PAD_X;
-    history_out p = image + (size_t)plane * plane_size(frame);
+    texels p = (texels)image + (size_t)plane * plane_size(frame);
     const size_t from = texel_offset(frame, limit_index(x, frame.width - 1), limit_index(y, frame.height - 1));
     p[texel_offset(frame, x, y)] = p[from];
 }
