@@ -31,7 +31,10 @@ SPEAK_OPENCL = {TOP / "cltaa" / "device.py", TOP / "cltaa" / "program.py"}
 VAGUE_NAME = re.compile(r"(?i)(manager|helper|utils?$|utils?_|^common|_common|_misc|^misc)")
 LONGEST_MODULE, LONGEST_FUNCTION = 250, 40  # lines, docs/design.md
 
-PUBLIC = ["CltaaError", "Frame", "Resolver", "open_sequence"]
+PUBLIC = [
+    "Camera", "Choices", "CltaaError", "Effect", "Frame", "Preset", "Resolver", "Sequence", "Settings", "load_preset",
+    "open_sequence",
+]  # fmt: skip
 
 
 def imported(tree: ast.AST) -> Iterator[str]:

@@ -34,8 +34,8 @@ from cltaa.sources import open_sequence
 @click.option("--preview", type=click.Path(path_type=Path), help="Also write the result as an MP4.")
 @click.option("--half", is_flag=True, help="Write half-precision EXRs (values saturate at 65504).")
 @click.option("--compression", default="zip", show_default=True, help="EXR compression that loses nothing.")
-@click.option("--storage", type=click.Choice([kind.value for kind in Storage]), default=Storage.FLOAT.value, show_default=True,
-              help="Number that the history is kept in.")  # fmt: skip
+@click.option("--storage", type=click.Choice([kind.value for kind in Storage]), default=Storage.FLOAT.value,
+              show_default=True, help="Number that the history is kept in.")  # fmt: skip
 @click.option("--strict", is_flag=True, help="Kernels that match the NumPy oracle bit for bit.")
 @click.option("--json", "as_json", is_flag=True, help="Print the outcome as JSON.")
 def resolve(

@@ -1,0 +1,143 @@
+"""``cltaa demo``: capture a scene, resolve it and show what was gained."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from contextlib import redirect_stdout
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from cltaa.equal_quality import equal_quality_samples
+from cltaa.errors import UsageError
+from cltaa.frames import Image
+from cltaa.metrics import METRICS, mean, measure
+from cltaa.pictures import side_by_side, write_image_png, write_png
+from cltaa.pipeline import Outcome, resolve_sequence
+from cltaa.resolve import Resolver
+from cltaa.sources import ImageSequence, open_images, open_sequence
+from cltaa.video import write_side_by_side
+
+SETTLED = 8  # frames after which the history is full enough to be judged
+FLIP_EVERY = 8  # FLIP takes longer than the resolve, so only every so many-th frame is judged by it
+ZOOM = 4  # of the crop
+TRUTH_SAMPLES = 32
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """What the demo found, means over the frames from ``SETTLED`` on."""
+
+    psnr_one_sample: float
+    psnr_resolved: float
+    flip_one_sample: float
+    flip_resolved: float
+    equal_quality_samples: float
+    resolve_ms: float
+    device: str
+
+
+@click.command("demo")
+@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("demo"), show_default=True,
+              help="Folder for everything that the demo leaves.")  # fmt: skip
+@click.option("--scene", default="spinner", show_default=True, help="What to capture; list scenes with: cltaa scenes")
+@click.option(
+    "--frames", type=click.IntRange(min=SETTLED + 1), default=40, show_default=True, help="Frames to capture."
+)
+@click.option("--device", help="As for cltaa resolve.")
+@click.option("--json", "as_json", is_flag=True, help="Print what was gained as JSON.")
+def demo(output: Path, scene: str, frames: int, device: str | None, as_json: bool) -> None:
+    """Capture a scene with its truth, resolve it, and leave pictures, a film and a table of what was gained.
+
+    A second run keeps the captured frames and only resolves them again.
+    """
+    folder, resolved = output / "sequence", output / "resolved"
+    _capture(scene, folder, frames)
+    sequence = open_sequence(folder).select(0, frames - 1)
+    outcome = resolve_sequence(sequence, resolved, Resolver(device=device))
+    after = open_images(resolved).select(0, frames - 1)
+    assert sequence.reference is not None
+    gain = _judge(open_images(folder).select(0, frames - 1), after, sequence.reference, outcome)
+    _show(output, open_images(folder).select(0, frames - 1), after)
+    if as_json:
+        click.echo(json.dumps(asdict(gain)))
+    else:
+        _print(gain, outcome, output)
+
+
+def _capture(scene: str, folder: Path, frames: int) -> None:
+    """Run ``cltaa capture``, which is known here by its name alone, with what it prints kept off standard output."""
+    context = click.get_current_context()
+    group = context.find_root().command
+    assert isinstance(group, click.Group)
+    capture = group.get_command(context, "capture")
+    assert capture is not None
+    arguments = [scene, "-o", str(folder), "--frames", str(frames), "--reference", str(TRUTH_SAMPLES)]
+    with redirect_stdout(sys.stderr):
+        try:
+            capture.main(arguments, prog_name="cltaa capture", standalone_mode=False)
+        except UsageError:  # begun by another version or with other options; the demo's folder is its own
+            capture.main([*arguments, "--restart"], prog_name="cltaa capture", standalone_mode=False)
+
+
+def _judge(before: ImageSequence, after: ImageSequence, truth: ImageSequence, outcome: Outcome) -> Gain:
+    rows: dict[str, list[dict[str, float]]] = {"before": [], "after": []}
+    for number in range(SETTLED, len(truth)):
+        reference = truth.image(number)
+        names = ("psnr", "flip") if number % FLIP_EVERY == 0 else ("psnr",)
+        for side, images in (("before", before), ("after", after)):
+            rows[side].append(measure(images.image(number), reference, [METRICS[name] for name in names]))
+    means = {}
+    for side, values in rows.items():
+        flip = [row.pop("flip") for row in values if "flip" in row]
+        means[side] = {**mean(values), "flip": float(np.mean(flip))}
+    seconds = outcome.seconds
+    return Gain(
+        psnr_one_sample=means["before"]["psnr"],
+        psnr_resolved=means["after"]["psnr"],
+        flip_one_sample=means["before"]["flip"],
+        flip_resolved=means["after"]["flip"],
+        equal_quality_samples=equal_quality_samples(
+            10 ** (-means["after"]["psnr"] / 10), 10 ** (-means["before"]["psnr"] / 10), truth_samples=TRUTH_SAMPLES
+        ),
+        resolve_ms=1e3 * (seconds.upload + seconds.kernels + seconds.read_back),
+        device=outcome.device,
+    )
+
+
+def _show(output: Path, before: ImageSequence, after: ImageSequence) -> None:
+    """Pictures of the last frame and a film of all."""
+    last = len(after) - 1
+    left, right = before.image(last), after.image(last)
+    write_image_png(output / "before.png", left)
+    write_image_png(output / "after.png", right)
+    write_png(output / "crop.png", side_by_side(_crop(left), _crop(right)))
+    write_side_by_side(output / "side-by-side.mp4", before, after, rate=24)
+
+
+def _crop(image: Image) -> Image:
+    """The middle of an image, ``ZOOM`` times larger, each pixel a square."""
+    height, width = (size // ZOOM for size in image.shape[:2])
+    top, left = (image.shape[0] - height) // 2, (image.shape[1] - width) // 2
+    return image[top : top + height, left : left + width].repeat(ZOOM, axis=0).repeat(ZOOM, axis=1)
+
+
+def _print(gain: Gain, outcome: Outcome, output: Path) -> None:
+    console = Console()
+    table = Table(title=f"{outcome.frames} frames, {outcome.width} x {outcome.height}, judged from frame {SETTLED} on")
+    for column in ("", "one sample", "resolved"):
+        table.add_column(column, justify="left" if not column else "right")
+    table.add_row("PSNR, dB (more is better)", f"{gain.psnr_one_sample:.2f}", f"[bold]{gain.psnr_resolved:.2f}")
+    table.add_row("FLIP (less is better)", f"{gain.flip_one_sample:.4f}", f"[bold]{gain.flip_resolved:.4f}")
+    table.add_row("samples a pixel for the same error", "1", f"[bold]{gain.equal_quality_samples:.1f}")
+    table.add_row("resolve, ms a frame", "", f"{gain.resolve_ms:.1f}")
+    console.print(table)
+    console.print(f"resolved on {gain.device}", highlight=False, soft_wrap=True)
+    for name in ("before.png", "after.png", "crop.png", "side-by-side.mp4", "sequence", "resolved"):
+        console.print(f"  {output / name}{os.sep if (output / name).is_dir() else ''}", highlight=False)
