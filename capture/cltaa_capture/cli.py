@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
@@ -18,11 +18,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from cltaa.errors import UsageError
-from cltaa_capture.explain import ALWAYS, explain
 from cltaa_capture.osmesa import BACKENDS
-from cltaa_capture.sequence import Captured, Request, capture_sequence
-from cltaa_datasets.model_files import MOTIONS
-from cltaa_datasets.scenes import build_scene
+from cltaa_datasets.models import MOTIONS
+
+if TYPE_CHECKING:
+    from cltaa_capture.sequence import Captured, Request
 
 PLAIN_EVERY = 10.0  # seconds between lines of progress where there is no terminal
 
@@ -111,6 +111,8 @@ def capture(
         _print_explanation(scene, options["seed"], options["motion"], size, as_json and output is None)
     if output is None:
         return
+    from cltaa_capture.sequence import Request, capture_sequence  # here: it loads trimesh, and help must not
+
     request = Request(scene=scene, output=output, width=size[0], height=size[1], **options)
     begin = time.perf_counter()
     with progress_display(scene.rpartition("/")[2]) as progress:
@@ -119,6 +121,9 @@ def capture(
 
 
 def _print_explanation(scene: str, seed: int, motion: str | None, size: tuple[int, int], as_json: bool) -> None:
+    from cltaa_capture.explain import ALWAYS, explain
+    from cltaa_datasets.scenes import build_scene
+
     rows = explain(build_scene(scene, seed, motion), *size)
     if as_json:
         click.echo(json.dumps({"channels": ALWAYS, "effects": [asdict(row) for row in rows]}, indent=2))

@@ -9,14 +9,15 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.frames import format_effects
-from cltaa_datasets.model_files import FORMATS, MOTIONS
-from cltaa_datasets.scenes import registered
+from cltaa_datasets.models import FORMATS, MOTIONS
 
 
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Print the list as JSON on stdout.")
 def scenes(as_json: bool) -> None:
     """List the scenes that ``cltaa capture`` knows, and the effects that each calls for."""
+    from cltaa_datasets.scenes import registered  # here: scenes load trimesh, and help must not
+
     entries = registered()
     if as_json:
         listed = [{"name": e.name, "description": e.description, "effects": sorted(e.effects)} for e in entries]

@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.frames import Effect
 from cltaa_datasets import animation, meshes, textures
+from cltaa_datasets.models import FORMATS, MOTIONS
 from cltaa_datasets.scene import AlphaMode, Instant, Material, Matrix, Part, Perspective, Scene, Sky, Sun, Texture
-
-MOTIONS = ("turntable", "orbit")
-FORMATS = (".glb", ".gltf", ".obj", ".ply", ".stl")
 
 DISTANCE, RISE, FIELD_OF_VIEW = 2.3, 0.6, np.radians(44.0)  # of the camera, from a model of radius 1
 TURNS = 0.05  # a second: 18 degrees
