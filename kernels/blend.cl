@@ -33,7 +33,6 @@ __kernel void blend_kernel(plane_in repaired, plane_in alpha, plane_in reactive,
     const boxed mean_at = { mean.r, mean.g, mean.b };
     const real a = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
     const real reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
-    const resolved out
-        = resolve_pixel(load_colour(repaired + at, plane), a, reactivity, mean_at, h, r, settings);
+    const resolved out = resolve_pixel(load_colour(repaired + at, plane), a, reactivity, mean_at, h, r, settings);
     store_resolved(output + at, output_count + at, out, plane);
 }

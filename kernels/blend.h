@@ -13,9 +13,9 @@ STAGE real sample_weight(real count, settings_t settings)
     return greater(mean, SPLAT(settings.blend_weight));
 }
 
-// How many samples the history still stands for. Resampling between texels blurs, the more the further the position lies
-// from a texel, so it limits the count (resample_cost); history that had to be pulled into its box is less to be believed
-// (pull_cost); and sample_limit is the most that is ever counted.
+// How many samples the history still stands for. Resampling between texels blurs, the more the further the position
+// lies from a texel, so it limits the count (resample_cost); history that had to be pulled into its box is less to be
+// believed (pull_cost); and sample_limit is the most that is ever counted.
 STAGE real believed_count(real count, real fx, real fy, real pull, settings_t settings)
 {
     const real between = fx * (SPLAT(1.0) - fx) + fy * (SPLAT(1.0) - fy);
@@ -24,8 +24,8 @@ STAGE real believed_count(real count, real fx, real fy, real pull, settings_t se
     return lesser(believed, most);
 }
 
-// Luminance weights 1 / (knee + Y) (Karis 2014 with knee 1) as one weight of the current sample, so that blending stays a single step from
-// the history: w_x / (w_x + w_h).
+// Luminance weights 1 / (knee + Y) (Karis 2014 with knee 1) as one weight of the current sample, so that blending stays
+// a single step from the history: w_x / (w_x + w_h).
 STAGE real luminance_weight(real weight, colour current, colour history, settings_t settings)
 {
     if (WEIGHTING == WEIGHTING_NONE)
@@ -39,8 +39,8 @@ STAGE real luminance_weight(real weight, colour current, colour history, setting
 // h + w (x - h): equal inputs stay as they are, to the bit. The caller selects x where there is no history.
 STAGE real blend(real history, real current, real weight) { return history + weight * (current - history); }
 
-// A value fit to be stored: inside the domain, never a denormal, never -0. `floor_value` is the least of 0 and the current
-// sample, so that light never turns negative through a negative lobe or a chroma clamp.
+// A value fit to be stored: inside the domain, never a denormal, never -0. `floor_value` is the least of 0 and the
+// current sample, so that light never turns negative through a negative lobe or a chroma clamp.
 STAGE real storable(real v, real floor_value)
 {
     const real raised = greater(v, floor_value);

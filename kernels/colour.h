@@ -42,10 +42,7 @@ STAGE colour from_box_space(boxed v)
 // Y of YCoCg, whatever the box space: R/4 + G/2 + B/4.
 STAGE real luminance(colour v) { return K(0.25) * (v.r + v.b) + K(0.5) * v.g; }
 
-STAGE mask colour_outside_domain(colour v)
-{
-    return outside_domain(v.r) | outside_domain(v.g) | outside_domain(v.b);
-}
+STAGE mask colour_outside_domain(colour v) { return outside_domain(v.r) | outside_domain(v.g) | outside_domain(v.b); }
 
 STAGE colour load_colour(plane_in p, size_t plane)
 {

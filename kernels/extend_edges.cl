@@ -1,5 +1,5 @@
-// Repeats the edge of PLANES planes into their halo, so that filters may read past the image. One work-item a halo texel:
-// first the PAD_Y rows above and below, over the whole stride, then PAD_X columns left and right of each row.
+// Repeats the edge of PLANES planes into their halo, so that filters may read past the image. One work-item a halo
+// texel: first the PAD_Y rows above and below, over the whole stride, then PAD_X columns left and right of each row.
 #include "real.h"
 #include "image.h"
 

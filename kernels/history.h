@@ -19,8 +19,8 @@ STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, si
     return v;
 }
 
-STAGE history_t sample_history(history_in history, plane_in count, plane_in previous_closeness, motion_t m,
-    surface s, int x, int y, frame_t frame, settings_t settings)
+STAGE history_t sample_history(history_in history, plane_in count, plane_in previous_closeness, motion_t m, surface s,
+    int x, int y, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
     history_t h;

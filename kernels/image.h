@@ -1,5 +1,5 @@
-// Images: planes of floats with a halo of PAD_X columns left and right and PAD_Y rows above and below, one stride for all.
-// The halo repeats the edge, so that a 3x3 or 4x4 window needs no clamps and every device reads the same layout.
+// Images: planes of floats with a halo of PAD_X columns left and right and PAD_Y rows above and below, one stride for
+// all. The halo repeats the edge, so that a 3x3 or 4x4 window needs no clamps and every device reads the same layout.
 STAGE size_t plane_size(frame_t frame) { return (size_t)frame.stride * (size_t)(frame.height + 2 * PAD_Y); }
 
 STAGE size_t texel_offset(frame_t frame, int x, int y)

@@ -9,8 +9,8 @@ typedef struct
     real shift, offset, spread, low, high;
 } moments;
 
-// Three texels of a row. The shift is the centre texel, so the differences are exact for neighbours within a factor of 2
-// (Sterbenz) and a flat row has exactly no spread, whatever its level. sum (d - mean)^2 = sum d^2 - (sum d)^2 / 3.
+// Three texels of a row. The shift is the centre texel, so the differences are exact for neighbours within a factor of
+// 2 (Sterbenz) and a flat row has exactly no spread, whatever its level. sum (d - mean)^2 = sum d^2 - (sum d)^2 / 3.
 STAGE moments row_moments(real left, real centre, real right)
 {
     const real dl = left - centre, dr = right - centre, sum = dl + dr;
@@ -160,9 +160,9 @@ STAGE surface nearest_surface(row_t above, row_t centre, row_t below, settings_t
     const mask down = below.nearest > z;
     mask across = (z == z);
     if (DILATION == DILATION_EDGE) {
-        // Closeness is linear in the pixel coordinates on every plane, so there the window is symmetric about its centre:
-        // nearest + farthest = 2 centre. Only where it is not does an edge pass through, and only there is the motion of
-        // the nearer side borrowed; on a smooth receding surface it would be wrong by the slope.
+        // Closeness is linear in the pixel coordinates on every plane, so there the window is symmetric about its
+        // centre: nearest + farthest = 2 centre. Only where it is not does an edge pass through, and only there is the
+        // motion of the nearer side borrowed; on a smooth receding surface it would be wrong by the slope.
         const real skew = (s.nearest - s.centre) - (s.centre - s.farthest);
         across = absolute(skew) > K(settings.edge_tolerance) * absolute(s.nearest);
     }

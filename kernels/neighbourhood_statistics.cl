@@ -1,4 +1,5 @@
-// Stage 2 on its own: mean, standard deviation and extremes of the 3x3, 12 planes in the box space. See neighbourhood.h.
+// Stage 2 on its own: mean, standard deviation and extremes of the 3x3, 12 planes in the box space. See
+// neighbourhood.h.
 #include "real.h"
 #include "image.h"
 #include "colour.h"
@@ -12,8 +13,8 @@ STAGE void store_boxed(plane_out p, boxed v, size_t plane)
     store(p + 2 * plane, v.c);
 }
 
-__kernel void neighbourhood_statistics_kernel(plane_in current, plane_in closeness, plane_in motion,
-    plane_out statistics_out, const frame_t frame)
+__kernel void neighbourhood_statistics_kernel(
+    plane_in current, plane_in closeness, plane_in motion, plane_out statistics_out, const frame_t frame)
 {
     const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
     if (x >= frame.width || y >= frame.height)

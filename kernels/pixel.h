@@ -17,8 +17,8 @@ STAGE real box_gamma(motion_t m, settings_t settings)
     return SPLAT(settings.gamma_moving) + still * (K(settings.gamma_still) - K(settings.gamma_moving));
 }
 
-// The sample of a pixel without history: drawn towards the mean of its neighbourhood by fresh_blur, since one raw sample is
-// as aliased as an image can be.
+// The sample of a pixel without history: drawn towards the mean of its neighbourhood by fresh_blur, since one raw
+// sample is as aliased as an image can be.
 STAGE colour fresh_colour(colour current, boxed mean, settings_t settings)
 {
     const boxed c = to_box_space(current);
@@ -29,8 +29,8 @@ STAGE colour fresh_colour(colour current, boxed mean, settings_t settings)
     return v;
 }
 
-STAGE resolved resolve_pixel(colour current, real alpha, real reactivity, boxed mean, history_t h,
-    rectification r, settings_t settings)
+STAGE resolved resolve_pixel(
+    colour current, real alpha, real reactivity, boxed mean, history_t h, rectification r, settings_t settings)
 {
     const colour past = { h.rgb.r + r.change.r, h.rgb.g + r.change.g, h.rgb.b + r.change.b };
     real count = believed_count(h.count, h.fx, h.fy, r.pull, settings);

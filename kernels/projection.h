@@ -12,8 +12,9 @@ typedef struct
 } motion_t;
 
 // Camera motion. With p = (px, py, 1, closeness), px and py in pixels from the image centre, the previous position is
-// (p + D_xy p) / (1 + D_w p), so the displacement is (D_xy p - p_xy (D_w p)) / (1 + D_w p). The host builds D in float64
-// and rounds it once; it is exactly 0 for a still camera, and so is the displacement. docs/conventions.md, Matrices.
+// (p + D_xy p) / (1 + D_w p), so the displacement is (D_xy p - p_xy (D_w p)) / (1 + D_w p). The host builds D in
+// float64 and rounds it once; it is exactly 0 for a still camera, and so is the displacement. docs/conventions.md,
+// Matrices.
 STAGE motion_t motion_from_depth(surface s, real x, real y, frame_t frame)
 {
     motion_t m = { SPLAT(0.0), SPLAT(0.0), SPLAT(1.0), SPLAT(0.0), s.centre == s.centre };

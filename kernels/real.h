@@ -1,6 +1,6 @@
 // real: the number that every stage computes with. One float (or double) a work-item on GPUs, a vector of LANES
-// neighbouring pixels on CPUs. The same source serves both: comparisons give masks, masks are combined with & and |, and
-// values are chosen with `mask ? a : b`, which selects lane by lane on vectors.
+// neighbouring pixels on CPUs. The same source serves both: comparisons give masks, masks are combined with & and |,
+// and values are chosen with `mask ? a : b`, which selects lane by lane on vectors.
 //
 // No max, min, clamp or mix on reals: they are undefined or inexact for NaN in OpenCL C, and calls on some CPU drivers.
 #if !defined(LANES) || !defined(REAL_DOUBLE) || !defined(STORAGE_HALF) || !defined(STRICT)
@@ -81,10 +81,7 @@ STAGE void store_history(history_out p, real v) { vstore_half_rte(v, 0, p); }
 #else
 #if REAL_DOUBLE
 STAGE real load(plane_in p) { return PASTE(convert_, LANED(double))(PASTE(vload, LANES)(0, p)); }
-STAGE void store(plane_out p, real v)
-{
-    PASTE(vstore, LANES)(PASTE(convert_, LANED(float))(v), 0, p);
-}
+STAGE void store(plane_out p, real v) { PASTE(vstore, LANES)(PASTE(convert_, LANED(float))(v), 0, p); }
 #else
 // A vector at any float's address; vloadn and vstoren are calls on some CPU drivers.
 typedef real loose_real __attribute__((aligned(4)));

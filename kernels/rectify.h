@@ -3,8 +3,9 @@
 #error "rectify.h needs RECTIFY and BOX from the prelude"
 #endif
 
-// The box: centre and half extents a channel, extents floored at box_floor of the box's largest coordinate, because a box
-// that is flat in one channel makes the line clip throw the whole history away for a rounding error in that channel.
+// The box: centre and half extents a channel, extents floored at box_floor of the box's largest coordinate, because a
+// box that is flat in one channel makes the line clip throw the whole history away for a rounding error in that
+// channel.
 typedef struct
 {
     boxed centre, extent;
@@ -31,7 +32,8 @@ STAGE box_t neighbourhood_box(statistics s, real gamma, settings_t settings)
             narrow(&s.low.b, &s.high.b, s.mean.b, gamma * s.deviation.b);
             narrow(&s.low.c, &s.high.c, s.mean.c, gamma * s.deviation.c);
         }
-        box.extent = (boxed) { half_width(s.low.a, s.high.a), half_width(s.low.b, s.high.b), half_width(s.low.c, s.high.c) };
+        box.extent
+            = (boxed) { half_width(s.low.a, s.high.a), half_width(s.low.b, s.high.b), half_width(s.low.c, s.high.c) };
         box.centre = (boxed) { s.low.a + box.extent.a, s.low.b + box.extent.b, s.low.c + box.extent.c };
     }
     if ((RECTIFY == RECTIFY_CLIP) | (RECTIFY == RECTIFY_ELLIPSOID)) {
@@ -73,8 +75,8 @@ STAGE boxed rectify_history(boxed history, box_t box)
     return out;
 }
 
-// The change that rectification makes, in RGB. Added to the history as it is, so that history inside its box keeps its bits
-// (a round trip through the box space would not).
+// The change that rectification makes, in RGB. Added to the history as it is, so that history inside its box keeps its
+// bits (a round trip through the box space would not).
 typedef struct
 {
     colour change;

@@ -18,8 +18,8 @@ STAGE boxed load_boxed(plane_in p, size_t plane)
     return v;
 }
 
-__kernel void rectify_history_kernel(plane_in statistics_in, plane_in motion_in, plane_in history_at, plane_out change_out,
-    const frame_t frame, const settings_t settings)
+__kernel void rectify_history_kernel(plane_in statistics_in, plane_in motion_in, plane_in history_at,
+    plane_out change_out, const frame_t frame, const settings_t settings)
 {
     const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
     if (x >= frame.width || y >= frame.height)

@@ -14,8 +14,8 @@
 #include "pixel.h"
 
 __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha, plane_in reactive,
-    history_in history, plane_in history_count, plane_in previous_closeness, history_out output,
-    plane_out output_count, const frame_t frame, const settings_t settings)
+    history_in history, plane_in history_count, plane_in previous_closeness, history_out output, plane_out output_count,
+    const frame_t frame, const settings_t settings)
 {
     const int x = (int)get_global_id(0) * LANES, first = (int)get_global_id(1) * ROWS;
     if (x >= frame.width || first >= frame.height)

@@ -17,8 +17,8 @@ __kernel void sample_history_kernel(plane_in motion_in, history_in history, plan
         return;
     const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
     plane_in q = motion_in + at;
-    const motion_t m = { load(q), load(q + plane), load(q + 2 * plane), load(q + 3 * plane),
-        load(q + 4 * plane) > SPLAT(0.5) };
+    const motion_t m
+        = { load(q), load(q + plane), load(q + 2 * plane), load(q + 3 * plane), load(q + 4 * plane) > SPLAT(0.5) };
     surface s;
     s.nearest = load(q + 5 * plane);
     s.farthest = load(q + 6 * plane);

@@ -3,8 +3,9 @@
 #error "sampling.h needs HISTORY_FILTER, CAMERA_MOTION and OWN_MOTION from the prelude"
 #endif
 
-// How the lanes of a segment lie in the previous frame: all moved by one whole number of texels (ALIKE), by numbers that
-// differ by at most 1 a axis (CLOSE), or freely (APART). The values read are the same in each case, only the loads differ.
+// How the lanes of a segment lie in the previous frame: all moved by one whole number of texels (ALIKE), by numbers
+// that differ by at most 1 a axis (CLOSE), or freely (APART). The values read are the same in each case, only the loads
+// differ.
 #define LANES_ALIKE 0
 #define LANES_CLOSE 1
 #define LANES_APART 2
@@ -106,7 +107,8 @@ STAGE real gather(history_in p, whole dx, whole dy, int stride)
 {
     real v;
     for (int lane = 0; lane < LANES; ++lane) {
-        history_in q = p + (ptrdiff_t)((const scalar_whole*)&dy)[lane] * stride + ((const scalar_whole*)&dx)[lane] + lane;
+        history_in q
+            = p + (ptrdiff_t)((const scalar_whole*)&dy)[lane] * stride + ((const scalar_whole*)&dx)[lane] + lane;
 #if STORAGE_HALF
         ((scalar*)&v)[lane] = vload_half(0, q);
 #else
