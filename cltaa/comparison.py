@@ -8,6 +8,7 @@ from pathlib import Path
 
 from cltaa.equal_quality import equal_quality_samples, samples_on_curve
 from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.exr import read_header
 from cltaa.frames import Image
 from cltaa.metrics import mse
 from cltaa.sources import ImageSequence, Sequence, check_same_size, open_images, open_sequence
@@ -69,13 +70,14 @@ def _capture(path: Path) -> Sequence | None:
     return open_sequence(path) if (path / "reference").is_dir() else None
 
 
-def truth_samples(capture: Sequence) -> int | None:
-    """Samples a pixel of a capture's truth as ``sequence.json`` tells (``"reference": N``), or None."""
-    count = capture.sequence_json.get("reference")
+def truth_samples(reference: ImageSequence) -> int | None:
+    """Samples a pixel of a truth, as attribute ``cltaa:samples`` of its first frame tells, or None."""
+    path = reference.path(reference.first)
+    count = read_header(path).attributes.get("cltaa:samples")
     if count is None or (isinstance(count, int) and count > 0):
         return count
-    path = capture.folder / "sequence.json"
-    raise DataError("wrong number of reference samples", path=path, expected="a positive integer", found=count)
+    what = "attribute cltaa:samples is wrong"
+    raise DataError(what, path=path, expected="a positive int", found=repr(count), cure="capture the reference again")
 
 
 def supersampling_curve(capture: Sequence, numbers: range, one_sample_mse: float) -> list[tuple[int, float]]:
@@ -105,4 +107,5 @@ def equal_quality(comparison: Comparison, test_mse: float, one_sample_mse: float
     curve = supersampling_curve(capture, comparison.test.numbers, one_sample_mse)
     if curve:
         return samples_on_curve(test_mse, curve), "measured"
-    return equal_quality_samples(test_mse, one_sample_mse, truth_samples=truth_samples(capture)), "n^-1.5 law"
+    count = truth_samples(comparison.reference)
+    return equal_quality_samples(test_mse, one_sample_mse, truth_samples=count), "n^-1.5 law"

@@ -86,12 +86,15 @@ def make_frame(
     )
 
 
-def write_images(folder: Path, images: list[Image], *, name: str = "image", first: int = 0) -> Path:
-    """Write ``[H, W, 3]`` images as ``<name>.<frame:04d>.exr`` and return the folder."""
+def write_images(
+    folder: Path, images: list[Image], *, name: str = "image", first: int = 0, samples: int | None = None
+) -> Path:
+    """Write ``[H, W, 3]`` images as ``<name>.<frame:04d>.exr``, as a truth of ``samples``; return the folder."""
     folder.mkdir(parents=True, exist_ok=True)
     for number, image in enumerate(images, start=first):
         channels = {channel: image[..., position] for position, channel in enumerate("RGB")}
-        write_image(folder / f"{name}.{number:04d}.exr", channels)
+        attributes = {} if samples is None else {"cltaa:samples": samples}
+        write_image(folder / f"{name}.{number:04d}.exr", channels, attributes)
     return folder
 
 
