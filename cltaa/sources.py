@@ -179,7 +179,7 @@ def open_sequence(folder: str | Path) -> Sequence:
     Raises InputMissing where the folder, its frames or a frame in the middle is missing, DataError where files are
     damaged, differ in size or belong to several sequences.
     """
-    return Sequence(*_numbered_files(Path(folder)))
+    return Sequence(*numbered_files(Path(folder)))
 
 
 def open_images(path: str | Path) -> ImageSequence:
@@ -189,7 +189,7 @@ def open_images(path: str | Path) -> ImageSequence:
     """
     path = Path(path)
     if path.is_dir():
-        images = ImageSequence(*_numbered_files(path))
+        images = ImageSequence(*numbered_files(path))
     else:
         match = _NUMBERED.fullmatch(path.name)
         number = int(match["number"]) if match else 0
@@ -207,7 +207,8 @@ def check_same_size(one: NumberedFiles, other: NumberedFiles) -> None:
         raise DataError(f"size differs from {one.folder}", path=path, expected=expected, found=found)
 
 
-def _numbered_files(folder: Path) -> tuple[Path, str, dict[int, Path]]:
+def numbered_files(folder: Path) -> tuple[Path, str, dict[int, Path]]:
+    """Find the frames of a folder: the folder, their name and the file of each number; errors as ``open_sequence``."""
     try:
         files = sorted(entry for entry in folder.iterdir() if entry.suffix == ".exr" and entry.name[0] != ".")
     except FileNotFoundError as error:

@@ -1,0 +1,105 @@
+"""``cltaa inspect``: what is in a sequence, and what is wrong with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import msgspec
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import Progress
+from rich.table import Table
+
+from cltaa.errors import DataError
+from cltaa.inspection import Inspection, inspect_folder
+
+
+@click.command()
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@click.option("--pixels", is_flag=True, help="Decode every frame too: ranges, NaN and infinities of each channel.")
+@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON and nothing else.")
+@click.pass_context
+def inspect(ctx: click.Context, folder: Path, pixels: bool, as_json: bool) -> None:
+    """Say what is in a captured sequence: size, channels, effects, jitter, camera, cuts, truth, and every problem.
+
+    Only headers are read, which takes well under a millisecond a frame; a truncated file is found all the same. The
+    exit code is 0 when nothing is wrong, else 65.
+    """
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("inspecting")
+        found = inspect_folder(
+            folder,
+            pixels=pixels,
+            advance=lambda done, total: progress.update(task, completed=done, total=total),
+        )
+    if as_json:
+        click.echo(msgspec.json.format(msgspec.json.encode(found)).decode())
+    else:
+        _print(found)
+    if found.problems:
+        ctx.exit(DataError.exit_code)
+
+
+def _print(found: Inspection) -> None:
+    console = Console()
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    table.add_column(style="dim")
+    table.add_column()
+    for name, text in _facts(found):
+        table.add_row(name, escape(text))
+    console.print(table)
+    if found.statistics:
+        console.print(_statistics(found))
+    for problem in found.problems:
+        console.print(f"[red]✗[/] {escape(problem)}", soft_wrap=True, highlight=False)
+    if not found.problems:
+        console.print("[green]✓[/] no problem found")
+
+
+def _facts(found: Inspection) -> list[tuple[str, str]]:
+    kinds = sorted(set(found.channels.values()))
+    by_kind = (f"{' '.join(n for n, k in found.channels.items() if k == kind)} ({kind})" for kind in kinds)
+    darkest, brightest = found.exposures
+    return [
+        ("sequence", f"{found.name} in {found.folder}"),
+        ("scene", found.scene or "not named"),
+        ("frames", f"{found.frames}: {found.first} to {found.last}"),
+        ("size", f"{found.width} x {found.height}"),
+        ("channels", ", ".join(by_kind)),
+        ("effects", "not declared" if found.effects is None else ", ".join(found.effects) or "none"),
+        ("jitter", _jitter(found)),
+        ("camera", f"{found.camera}, {'orthographic' if found.orthographic else 'perspective'}"),
+        ("cuts", ", ".join(map(str, found.cuts)) or "none"),
+        ("exposure", f"{darkest:g}" if darkest == brightest else f"{darkest:g} to {brightest:g}"),
+        ("reference", _reference(found)),
+        ("on disk", f"{found.disk_bytes / 1e6:.1f} MB, {found.compression}"),
+    ]
+
+
+def _jitter(found: Inspection) -> str:
+    jitter = found.jitter
+    if jitter is None:
+        return "unknown"
+    if jitter.largest_px == 0:
+        return "none"
+    period = {None: "no repetition", 1: "always the same"}.get(jitter.period, f"repeats after {jitter.period}")
+    x, y = (round(component, 4) + 0.0 for component in jitter.mean_px)  # + 0.0 turns -0 into 0
+    return f"{period}, mean ({x:g}, {y:g}) px, at most {jitter.largest_px:.3f} px"
+
+
+def _reference(found: Inspection) -> str:
+    if found.reference is None:
+        return "none"
+    samples = found.reference.samples
+    return f"{found.reference.frames} frames" + ("" if samples is None else f" of {samples} samples a pixel")
+
+
+def _statistics(found: Inspection) -> Table:
+    table = Table("channel")
+    for heading in ("lowest", "highest", "NaN", "infinite"):
+        table.add_column(heading, justify="right")
+    for name, channel in found.statistics.items():
+        table.add_row(name, f"{channel.lowest:.6g}", f"{channel.highest:.6g}", str(channel.nan), str(channel.infinite))
+    return table
