@@ -76,6 +76,7 @@ def _mend_pyrender(backend: str) -> None:
     viewer: Any = types.ModuleType("pyrender.viewer")
     viewer.Viewer = None
     sys.modules.setdefault("pyrender.viewer", viewer)
+    _mend_arguments()
     if backend == "osmesa":
         _mend_osmesa()
     import OpenGL.contextdata as contextdata
@@ -91,6 +92,17 @@ def _hashable_context(context: Any = None) -> int:
 
     pointer = contextdata.cltaa_get_context(context)
     return pointer if isinstance(pointer, int) else ctypes.cast(pointer, ctypes.c_void_p).value or 0
+
+
+def _mend_arguments() -> None:
+    """Tell PyOpenGL 3.1.0, which finds handlers by a type's name, the name of ctypes.byref's type since Python 3.13."""
+    from OpenGL.plugins import FormatHandler
+
+    by_reference = type(ctypes.byref(ctypes.c_int()))
+    name = f"{by_reference.__module__}.{by_reference.__name__}"
+    handler = FormatHandler.by_name("ctypesparameter")
+    if name not in handler.check:
+        handler.check = [*handler.check, name]
 
 
 def _mend_osmesa() -> None:
