@@ -10,7 +10,7 @@ from cltaa.equal_quality import equal_quality_samples, samples_on_curve
 from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.exr import read_header
 from cltaa.frames import Image
-from cltaa.metrics import mse
+from cltaa.metrics import light_mse
 from cltaa.sources import ImageSequence, Sequence, check_same_size, open_images, open_sequence
 
 
@@ -80,7 +80,9 @@ def truth_samples(reference: ImageSequence) -> int | None:
     raise DataError(what, path=path, expected="a positive int", found=repr(count), cure="capture the reference again")
 
 
-def supersampling_curve(capture: Sequence, numbers: range, one_sample_mse: float) -> list[tuple[int, float]]:
+def supersampling_curve(
+    capture: Sequence, numbers: range, one_sample_mse: float, stops: float = 0.0
+) -> list[tuple[int, float]]:
     """Measured mean squared error against samples a pixel, from the folders ``reference-<n>/`` of a capture.
 
     Such a folder holds the same frames drawn with n samples. Empty where there is none; else it begins with the
@@ -94,17 +96,22 @@ def supersampling_curve(capture: Sequence, numbers: range, one_sample_mse: float
             continue
         images = open_images(folder)
         check_same_size(capture, images)
-        errors = [mse(images.image(number), truth.image(number)) for number in numbers]
+        errors = [light_mse(images.image(number), truth.image(number), stops) for number in numbers]
         curve.append((int(count), sum(errors) / len(errors)))
     return curve if len(curve) > 1 else []
 
 
-def equal_quality(comparison: Comparison, test_mse: float, one_sample_mse: float) -> tuple[float, str]:
-    """Equal-quality samples of a test and how they were found: "measured", or by the "n^-1.5 law"."""
+def equal_quality(
+    comparison: Comparison, test_mse: float, one_sample_mse: float, stops: float = 0.0
+) -> tuple[float, str]:
+    """Equal-quality samples of a test and how they were found: "measured", or by the "n^-1.5 law".
+
+    The errors are means of ``light_mse`` over the frames of the test. Raises UsageError where no capture is known.
+    """
     capture = comparison.capture
     if capture is None:
         raise UsageError("equal-quality samples need the capture", cure="give the captured sequence as the reference")
-    curve = supersampling_curve(capture, comparison.test.numbers, one_sample_mse)
+    curve = supersampling_curve(capture, comparison.test.numbers, one_sample_mse, stops)
     if curve:
         return samples_on_curve(test_mse, curve), "measured"
     count = truth_samples(comparison.reference)

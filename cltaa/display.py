@@ -18,10 +18,16 @@ _KNEE, _SLOPE, _SCALE, _OFFSET, _POWER = 0.0031308, 12.92, 1.055, 0.055, 1 / 2.4
 LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709, for encoded R'G'B'
 
 
+def shown_light(linear: Image, stops: float = 0.0) -> Image:
+    """Linear colour as far as a screen can show it: after ``stops`` of exposure, cut to [0, 1]; NaN shows as black."""
+    exposed = np.multiply(linear, np.float32(2.0**stops), dtype=np.float32)
+    light: Image = np.clip(np.nan_to_num(exposed, nan=0.0), 0.0, 1.0)
+    return light
+
+
 def to_display(linear: Image, stops: float = 0.0) -> Image:
     """Encode linear colour [..., 3] as sRGB in [0, 1], float32, after ``stops`` of exposure; NaN shows as black."""
-    exposed = np.multiply(linear, np.float32(2.0**stops), dtype=np.float32)
-    clipped = np.clip(np.nan_to_num(exposed, nan=0.0), 0.0, 1.0)
+    clipped = shown_light(linear, stops)
     curve = np.float32(_SCALE) * clipped ** np.float32(_POWER) - np.float32(_OFFSET)
     encoded: Image = np.where(clipped <= _KNEE, np.float32(_SLOPE) * clipped, np.clip(curve, 0.0, 1.0))
     return encoded

@@ -20,9 +20,10 @@ STRATIFIED_EXPONENT = 1.5
 def equal_quality_samples(mse: float, one_sample_mse: float, *, truth_samples: int | None = None) -> float:
     """Stratified samples a pixel that give ``mse``, from the error of one sample and MSE(n) = MSE(1) n^(-3/2).
 
-    Both errors are linear-light means against one truth. Where that truth has ``truth_samples`` samples a pixel, its
-    own share of both errors is taken off by the same law, and the result is at most ``truth_samples``: a truth
-    cannot vouch for more. Infinite for no error against an exact truth. Raises DataError for errors that are none.
+    Both errors are means of ``cltaa.metrics.light_mse`` against one truth. Where that truth has ``truth_samples``
+    samples a pixel, its own share of both errors is taken off by the same law, and the result is at most
+    ``truth_samples``: a truth cannot vouch for more. Infinite for no error against an exact truth. Raises DataError
+    for errors that are none.
     """
     if not (one_sample_mse > 0 and mse >= 0 and math.isfinite(one_sample_mse) and math.isfinite(mse)):
         found = f"{mse:g} against {one_sample_mse:g} for one sample"

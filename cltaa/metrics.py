@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cltaa.display import luma, to_display
+from cltaa.display import luma, shown_light, to_display
 from cltaa.errors import DataError, UsageError
 from cltaa.extras import import_extra
 from cltaa.frames import Image
@@ -39,6 +39,15 @@ class Metric:
 def mse(test: Image, reference: Image) -> float:
     """Mean squared error over all pixels and channels, in float64; 0 is identical."""
     return float(np.mean(np.square(test.astype(np.float64) - reference)))
+
+
+def light_mse(test: Image, reference: Image, stops: float = 0.0) -> float:
+    """Mean squared error of the light that a screen can show, linear in [0, 1].
+
+    Linear, so that it falls with the samples of a supersampler by the law of ``cltaa.equal_quality``; cut at white,
+    because otherwise a few highlights far above it decide and the rest of the picture does not count.
+    """
+    return mse(shown_light(test, stops), shown_light(reference, stops))
 
 
 def psnr(mean_squared_error: float) -> float:
@@ -89,10 +98,11 @@ def _display_psnr(test: Image, reference: Image, stops: float) -> float:
 METRICS = {
     metric.name: metric
     for metric in (
-        Metric("mse", lambda a, b, _: mse(a, b), "mean squared error, linear", False, ".4g"),
+        Metric("mse", light_mse, "mean squared error of linear light up to white", False, ".4g"),
+        Metric("mse-linear", lambda a, b, _: mse(a, b), "mean squared error of all linear light", False, ".4g"),
         Metric("psnr", _display_psnr, "PSNR of the display images, dB", True, ".2f"),
         Metric(
-            "psnr-linear", lambda a, b, _: psnr(mse(a, b)), "PSNR of linear colour for a peak of 1, dB", True, ".2f"
+            "psnr-linear", lambda a, b, _: psnr(mse(a, b)), "PSNR of all linear light for a peak of 1, dB", True, ".2f"
         ),
         Metric("ssim", ssim, "SSIM of display luma", True, ".4f"),
         Metric(

@@ -71,7 +71,7 @@ def compare(
         "reference": str(comparison.reference.folder if comparison.capture else reference),
         "stops": stops,
     }
-    result |= _summary(comparison, rows, metrics)
+    result |= _summary(comparison, rows, metrics, stops)
     if as_json:
         click.echo(json.dumps(_without_infinity(result), indent=2))
     else:
@@ -128,7 +128,9 @@ def _write_heat(path: Path, errors: Image) -> None:
     write_png(path, heat(errors))
 
 
-def _summary(comparison: Comparison, rows: list[dict[str, Any]], metrics: tuple[Metric, ...]) -> dict[str, Any]:
+def _summary(
+    comparison: Comparison, rows: list[dict[str, Any]], metrics: tuple[Metric, ...], stops: float
+) -> dict[str, Any]:
     result: dict[str, Any] = {
         "definitions": {metric.name: metric.title for metric in metrics},
         "mean": mean(row["metrics"] for row in rows),
@@ -138,7 +140,7 @@ def _summary(comparison: Comparison, rows: list[dict[str, Any]], metrics: tuple[
         result["mean_one_sample"] = mean(row["one_sample"] for row in rows)
         one_sample_mse = result["mean_one_sample"]["mse"]
         if one_sample_mse > 0:  # a picture that one sample gets right has no such number
-            samples, method = equal_quality(comparison, result["mean"]["mse"], one_sample_mse)
+            samples, method = equal_quality(comparison, result["mean"]["mse"], one_sample_mse, stops)
             result["equal_quality_samples"] = {"samples": samples, "method": method}
     return result
 
