@@ -27,6 +27,21 @@ class Times(NamedTuple):
     read_back: float
 
 
+class Past(NamedTuple):
+    """What the next frame needs to know of this one, without its pixels."""
+
+    index: int
+    camera: Camera
+    exposure: float
+    shape: tuple[int, ...]
+    alpha: bool
+
+    @classmethod
+    def of(cls, frame: Frame) -> Past:
+        """The past that ``frame`` becomes."""
+        return cls(frame.index, frame.camera, frame.exposure, frame.colour.shape, frame.alpha is not None)
+
+
 class Resolver:
     """Accumulates a sequence frame by frame.
 
@@ -49,7 +64,7 @@ class Resolver:
         self.launcher = launcher_for(device) if device is None or isinstance(device, str) else device
         self._shape = Build(strict=strict, storage=storage, lanes=lanes, rows=rows)
         self._buffers: _Buffers | None = None
-        self._previous: Frame | None = None
+        self._previous: Past | None = None
         self.plan: Plan | None = None
         self.times = Times(0.0, 0.0, 0.0)
 
@@ -76,17 +91,17 @@ class Resolver:
         image = buffers.read(frame.alpha is not None)
         self.times = Times(uploaded - started, resolved - uploaded, perf_counter() - resolved)
         buffers.swap()
-        self._previous = frame
+        self._previous = Past.of(frame)
         return image
 
-    def _predecessor(self, frame: Frame) -> Frame | None:
-        """The frame whose history continues into this one."""
+    def _predecessor(self, frame: Frame) -> Past | None:
+        """The past whose history continues into this one."""
         previous = self._previous
         if previous is None or frame.cut or frame.index != previous.index + 1:
             return None
-        same_channels = (frame.alpha is None) == (previous.alpha is None)
+        same_planes = (frame.colour.shape, frame.alpha is not None) == (previous.shape, previous.alpha)
         same_kind = frame.camera.orthographic == previous.camera.orthographic
-        return previous if frame.colour.shape == previous.colour.shape and same_channels and same_kind else None
+        return previous if same_planes and same_kind else None
 
     def _build(self, plan: Plan) -> Build:
         shape = self._shape
@@ -120,7 +135,7 @@ class Resolver:
             if channel is not None:
                 _fill(buffers.optional(name, 1), layout, channel[None])
 
-    def _run(self, frame: Frame, previous: Frame | None, build: Build, buffers: _Buffers) -> None:
+    def _run(self, frame: Frame, previous: Past | None, build: Build, buffers: _Buffers) -> None:
         assert self.plan is not None
         layout, steps = buffers.layout, build.steps
         record = frame_record(frame, previous, layout)
@@ -188,7 +203,7 @@ class _Buffers:
         self.closeness, self.previous_closeness = self.previous_closeness, self.closeness
 
 
-def frame_record(frame: Frame, previous: Frame | None, layout: Layout) -> Record:
+def frame_record(frame: Frame, previous: Past | None, layout: Layout) -> Record:
     """The per-frame struct of the kernels for ``frame``, whose history is that of ``previous`` (None: none)."""
     earlier: Camera = frame.camera if previous is None else previous.camera
     moved: Displacement = displacement(frame.camera, earlier, layout.width, layout.height)
