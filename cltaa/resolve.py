@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -27,7 +28,8 @@ class Times(NamedTuple):
     read_back: float
 
 
-class Past(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Past:
     """What the next frame needs to know of this one, without its pixels."""
 
     index: int
