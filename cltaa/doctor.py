@@ -22,7 +22,7 @@ LINKER_CURE = "sudo apt-get install -y gcc libc6-dev"
 CACHE_CURE = "free some space there, or set POCL_CACHE_DIR to a folder that can be written"
 OPENCL_CURE = "python -m pip install 'pyopencl[pocl]'"
 OSMESA_CURE = "sudo apt-get install -y libosmesa6"
-EGL_CURE = "sudo apt-get install -y libegl1 libegl-mesa0 libopengl0"
+EGL_CURE = "sudo apt-get install -y libegl1 libegl-mesa0 libgl1"
 RESOLVE_CURE = "see to the lines above first; cltaa resolve --debug shows the whole error"
 PACKAGES_CURE = "sh scripts/setup, or python -m pip install 'cltaa[all]'"
 
