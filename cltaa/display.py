@@ -20,7 +20,8 @@ LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709, for encod
 
 def shown_light(linear: Image, stops: float = 0.0) -> Image:
     """Linear colour as far as a screen can show it: after ``stops`` of exposure, cut to [0, 1]; NaN shows as black."""
-    exposed = np.multiply(linear, np.float32(2.0**stops), dtype=np.float32)
+    with np.errstate(over="ignore", invalid="ignore"):  # signalling NaN, and stops that leave float32
+        exposed = np.multiply(linear, np.float32(2.0**stops), dtype=np.float32)
     light: Image = np.clip(np.nan_to_num(exposed, nan=0.0), 0.0, 1.0)
     return light
 
