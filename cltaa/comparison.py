@@ -25,19 +25,36 @@ class Comparison:
     @property
     def of_itself(self) -> bool:
         """True where the test is the capture's own single samples."""
-        return self.capture is not None and self.test.paths == self.capture.paths
+        return self.capture is not None and self.test.folder.samefile(self.capture.folder)
+
+    @property
+    def _two_images(self) -> bool:
+        """True for two single images, whose numbers need not agree."""
+        return self.capture is None and len(self.test) == len(self.reference) == 1
 
     def pairs(self) -> Iterator[tuple[int, Image, Image]]:
         """Yield frame number, test and reference, a frame at a time."""
-        single = len(self.test) == len(self.reference) == 1
         for number in self.test.numbers:
-            yield number, self.test.image(number), self.reference.image(self.reference.first if single else number)
+            other = self.reference.first if self._two_images else number
+            yield number, self.test.image(number), self.reference.image(other)
+
+    def check(self) -> None:
+        """Raise DataError for sizes that differ and InputMissing for a frame without its truth."""
+        check_same_size(self.test, self.reference)
+        for number in self.test.numbers:
+            if not self._two_images and number not in self.reference.layouts:
+                found = f"{self.reference.first} to {self.reference.last}"
+                raise InputMissing(
+                    "no reference for this frame", path=self.reference.folder, frame=number, found=found,
+                    cure="choose frames that both have with --frames",
+                )  # fmt: skip
 
 
-def pair_up(test: Path, reference: Path | None) -> Comparison:
+def pair_up(test: Path, reference: Path | None, frames: tuple[int, int] | None = None) -> Comparison:
     """Open a test (folder or file) and its reference (folder or file, or a capture that holds one).
 
     Without a reference the test must be a capture, and its single samples are judged against its own truth.
+    ``frames`` are the first and the last frame number to take, both included; all unless given.
     Raises UsageError, InputMissing and DataError where the two do not belong together.
     """
     capture = _capture(test if reference is None else reference)
@@ -49,21 +66,9 @@ def pair_up(test: Path, reference: Path | None) -> Comparison:
         raise UsageError("nothing to compare with: no folder reference/ in it", path=test, cure=cure)
     else:
         truth = open_images(reference)
-    check_same_size(images, truth)
-    if not len(images) == len(truth) == 1:
-        for number in images.numbers:
-            if number not in truth.layouts:
-                found = f"{truth.first} to {truth.last}"
-                cure = "choose frames that both have with --frames"
-                raise InputMissing(
-                    "no reference for this frame", path=truth.folder, frame=number, found=found, cure=cure
-                )
-    return Comparison(images, truth, capture)
-
-
-def select(comparison: Comparison, first: int, last: int) -> Comparison:
-    """Return the frames ``first`` to ``last`` of a comparison; raises UsageError unless the test has them."""
-    return Comparison(comparison.test.select(first, last), comparison.reference, comparison.capture)
+    comparison = Comparison(images if frames is None else images.select(*frames), truth, capture)
+    comparison.check()
+    return comparison
 
 
 def _capture(path: Path) -> Sequence | None:

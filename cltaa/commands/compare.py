@@ -14,7 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from cltaa.atomic import make_folder
-from cltaa.comparison import Comparison, equal_quality, pair_up, select
+from cltaa.comparison import Comparison, equal_quality, pair_up
 from cltaa.errors import UsageError
 from cltaa.frames import Image
 from cltaa.metrics import DEFAULT_METRICS, METRICS, Metric, flip_map, mean, measure, parse_metrics
@@ -60,9 +60,7 @@ def compare(
     """
     shown = parse_metrics(metric_names)
     metrics = tuple(dict.fromkeys((*shown, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
-    comparison = pair_up(test, reference)
-    if frames is not None:
-        comparison = select(comparison, *_parse_range(frames))
+    comparison = pair_up(test, reference, None if frames is None else _parse_range(frames))
     if heatmap is not None:
         make_folder(heatmap)
     rows = _measure_all(comparison, metrics, stops, heatmap)

@@ -49,7 +49,7 @@ def test_edges_follow_the_law(side: int, exact: NDArray[np.float64]) -> None:
 
 
 def test_noise_of_the_truth_is_taken_off() -> None:
-    """Against a truth of only 64 samples, 36 samples are found again (observed 33.0); without the correction they look like 26.8."""
+    """Against a truth of 64 samples, 36 are found again (observed 33.0); uncorrected they look like 26.8."""
     draws = [coverage(8, 0, np.random.default_rng((9, frame))) for frame in range(FRAMES)]
     random = np.random.default_rng(3)
     errors = {

@@ -1,0 +1,156 @@
+"""``cltaa compare`` from the outside: what it prints, writes and refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+
+from cltaa.cli import main
+from cltaa.equal_quality import equal_quality_samples
+from cltaa.metrics import light_mse, mean, measure
+from cltaa.sources import open_images, open_sequence
+from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_images, write_sequence
+
+
+@pytest.fixture
+def capture(tmp_path: Path) -> Path:
+    return write_sequence(tmp_path / "capture", 4, reference=True)
+
+
+@pytest.fixture
+def resolved(tmp_path: Path, capture: Path) -> Path:
+    """Halfway between single sample and truth."""
+    sequence = open_sequence(capture)
+    assert sequence.reference is not None
+    images = [
+        (truth + frame.colour) * np.float32(0.5) for truth, frame in zip(sequence.reference, sequence, strict=True)
+    ]
+    return write_images(tmp_path / "resolved", images, name="synthetic")
+
+
+def run_json(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> Any:
+    assert main(["compare", *map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def refusal(capsys: pytest.CaptureFixture[str], code: int, *arguments: str | Path) -> str:
+    assert main(["compare", *map(str, arguments)]) == code
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("cltaa: error: ")
+    assert captured.err.count("\n") == 1
+    return captured.err
+
+
+def test_json_holds_what_the_functions_say(capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path) -> None:
+    result = run_json(capsys, resolved, capture)
+    truth, images, sequence = open_images(capture / "reference"), open_images(resolved), open_sequence(capture)
+    rows = [measure(images.image(n), truth.image(n)) for n in range(4)]
+    singles = [measure(sequence.frame(n).colour, truth.image(n)) for n in range(4)]
+    assert [frame["frame"] for frame in result["frames"]] == [0, 1, 2, 3]
+    for frame, row, single in zip(result["frames"], rows, singles, strict=True):
+        assert frame["metrics"] == pytest.approx(row, rel=1e-12)
+        assert frame["one_sample"] == pytest.approx(single, rel=1e-12)
+    assert result["mean"] == pytest.approx(mean(rows), rel=1e-12)
+    expected = equal_quality_samples(mean(rows)["mse"], mean(singles)["mse"])
+    assert result["equal_quality_samples"] == {"samples": pytest.approx(expected), "method": "n^-1.5 law"}
+
+
+def test_capture_against_its_own_truth(capsys: pytest.CaptureFixture[str], capture: Path) -> None:
+    result = run_json(capsys, capture, "--metrics", "psnr", "--frames", "1-2")
+    assert [frame["frame"] for frame in result["frames"]] == [1, 2]
+    assert set(result["mean"]) == {"psnr", "mse"}
+    assert "mean_one_sample" not in result
+
+
+def test_samples_of_the_truth_limit_the_answer(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path
+) -> None:
+    truth = list(open_images(capture / "reference"))
+    write_images(capture / "reference", truth, name="synthetic", samples=2)
+    assert run_json(capsys, resolved, capture, "--metrics", "mse")["equal_quality_samples"]["samples"] <= 2
+    write_images(resolved, truth, name="synthetic")
+    assert run_json(capsys, resolved, capture, "--metrics", "mse")["equal_quality_samples"]["samples"] == 2
+
+
+def test_measured_curve_is_preferred_to_the_law(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path
+) -> None:
+    """reference-4/ is made to have exactly the error of the resolved images."""
+    write_images(capture / "reference-4", list(open_images(resolved)), name="synthetic")
+    result = run_json(capsys, resolved, capture, "--metrics", "mse")
+    assert result["equal_quality_samples"] == {"samples": pytest.approx(4, rel=1e-12), "method": "measured"}
+
+
+def test_identical_images_give_null_and_no_samples(capsys: pytest.CaptureFixture[str], capture: Path) -> None:
+    truth = capture / "reference"
+    result = run_json(capsys, truth, truth, "--metrics", "psnr,mse")
+    assert result["mean"] == {"psnr": None, "mse": 0.0}
+
+
+def test_single_files_of_different_numbers(capsys: pytest.CaptureFixture[str], capture: Path) -> None:
+    one, other = (capture / "reference" / f"synthetic.000{number}.exr" for number in (0, 1))
+    result = run_json(capsys, one, other, "--metrics", "mse")
+    expected = light_mse(np.full((1, 1, 3), 0.25, np.float32), np.full((1, 1, 3), 0.26, np.float32))
+    assert result["frames"][0]["metrics"]["mse"] == pytest.approx(expected, rel=1e-6)
+
+
+def test_exposure(capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path) -> None:
+    dark = run_json(capsys, resolved, capture, "--metrics", "mse", "--stops", "-40")
+    assert dark["mean"]["mse"] < 1e-20
+
+
+def test_table(capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path) -> None:
+    assert main(["compare", str(resolved), str(capture), "--metrics", "psnr,ssim"]) == 0
+    captured = capsys.readouterr()
+    for word in ("psnr ↑", "ssim ↑", "mean", "one sample", "equal-quality samples", "n^-1.5 law"):
+        assert word in captured.out
+    assert "mse" not in captured.out
+    assert "comparing: 4 of 4 frames" in captured.err
+
+
+@pytest.mark.parametrize("metrics", ["psnr", "psnr,flip"])
+def test_heat_maps(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, tmp_path: Path, metrics: str
+) -> None:
+    plain = run_json(capsys, resolved, capture, "--metrics", metrics)
+    heated = run_json(capsys, resolved, capture, "--metrics", metrics, "--heatmap", tmp_path / "new" / "heat")
+    assert heated == plain
+    names = sorted(path.name for path in (tmp_path / "new" / "heat").iterdir())
+    assert names == [f"synthetic.{number:04d}.png" for number in range(4)]
+    with Pillow.open(tmp_path / "new" / "heat" / names[0]) as picture:
+        assert picture.size == (WIDTH, HEIGHT)
+        assert len(np.unique(np.asarray(picture))) > 10
+
+
+def test_bad_input(capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, tmp_path: Path) -> None:
+    assert "no folder reference/" in refusal(capsys, 64, resolved)
+    assert "unknown metric (expected mse," in refusal(capsys, 64, resolved, capture, "--metrics", "lpips")
+    assert "wrong range of frames" in refusal(capsys, 64, resolved, capture, "--frames", "2..3")
+    assert "no such frame" in refusal(capsys, 64, resolved, capture, "--frames", "2-9")
+    assert "file is missing" in refusal(capsys, 66, tmp_path / "nowhere", capture)
+    (tmp_path / "file").touch()
+    assert "cannot be created" in refusal(capsys, 73, resolved, capture, "--heatmap", tmp_path / "file" / "x")
+    short = write_images(tmp_path / "short", [make_frame().colour] * 2, name="synthetic")
+    assert "frame 2: no reference for this frame" in refusal(capsys, 66, resolved, short)
+    assert main(["compare", str(resolved), str(short), "--frames", "0-1", "--metrics", "mse"]) == 0
+    capsys.readouterr()
+    small = write_images(tmp_path / "small", [make_frame(width=WIDTH - 1).colour] * 4)
+    assert f"expected {WIDTH} x {HEIGHT}, found {WIDTH - 1} x {HEIGHT}" in refusal(capsys, 65, resolved, small)
+    frame = resolved / "synthetic.0002.exr"
+    frame.write_bytes(frame.read_bytes()[:-5])
+    assert "synthetic.0002.exr: the file is truncated" in refusal(capsys, 65, resolved, capture)
+
+
+def test_nan_in_an_image_is_named(capsys: pytest.CaptureFixture[str], capture: Path, tmp_path: Path) -> None:
+    images = [frame.colour.copy() for frame in open_sequence(capture)]
+    images[1][3, 4, 2] = np.nan
+    folder = write_images(tmp_path / "bad", images)
+    assert main(["compare", str(folder), str(capture)]) == 65
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert "image.0001.exr frame 1: 1 values of the image are NaN or infinite" in error
