@@ -35,7 +35,7 @@ def closeness(depth: NDArray[np.float32], camera: Camera, out: NDArray[np.float3
         np.negative(depth, out=out)
         out[~np.isfinite(depth)] = SKY_ORTHOGRAPHIC
         return
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         np.divide(np.float32(1.0), depth, out=out)
     # 1/inf is 0 already; one comparison finds NaN, negative and infinite values.
     wrong = ~((out >= 0.0) & (out < np.inf))

@@ -39,7 +39,11 @@ _CHANGING = frozenset({Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.REA
 def plan_frame(preset: Preset, frame: Frame, previous: Camera | None) -> Plan:
     """The plan of ``frame`` whose predecessor was seen by ``previous`` (None at the start and after a cut)."""
     declared = frame.effects
-    camera_moves = previous is not None and not is_still(frame.camera, previous)
+    if previous is None:
+        # Nothing is read from a history that is not there; the kernel that the next frame needs will do for this one too.
+        camera_moves = declared is None or Effect.CAMERA in declared
+    else:
+        camera_moves = not is_still(frame.camera, previous)
     steps = Steps(
         camera_motion=camera_moves,
         own_motion=frame.motion is not None,
@@ -49,9 +53,7 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None) -> Plan:
         reactive=frame.reactive is not None,
     )
     reasons = [
-        Reason(
-            "reprojection", steps.camera_motion, "the camera matrices differ" if camera_moves else "the camera stands"
-        ),
+        Reason("reprojection", steps.camera_motion, "the camera moves" if camera_moves else "the camera stands"),
         Reason("own motion", steps.own_motion, "channel backward.u" if steps.own_motion else "no motion channel"),
         Reason("exposure", steps.exposure, _declared_or_not(Effect.EXPOSURE, declared)),
         Reason("alpha", steps.alpha, "channel A" if steps.alpha else "no alpha channel"),

@@ -1,0 +1,107 @@
+"""The fused kernel against its NumPy twin: a strict build gives the same bits, whatever is in the frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cltaa.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, prelude
+from cltaa.frames import Camera, Frame
+from cltaa.params import (
+    Accumulate,
+    Box,
+    BoxSpace,
+    Dilation,
+    HistoryFilter,
+    Neighbourhood,
+    Rectify,
+    Reject,
+    Weighting,
+    override,
+)
+from cltaa.presets import load_preset
+from cltaa.resolve import Resolver
+from tests.sequence_factory import bits, make_frame, special_values
+
+CHOICES = {
+    "history_filter": HistoryFilter,
+    "neighbourhood": Neighbourhood,
+    "box": Box,
+    "box_space": BoxSpace,
+    "rectify": Rectify,
+    "dilation": Dilation,
+    "reject": Reject,
+    "accumulate": Accumulate,
+    "weighting": Weighting,
+}
+
+
+def turned(index: int, width: int, height: int) -> Camera:
+    """A camera that turns, zooms in and moves, so that neighbouring pixels move differently."""
+    camera = make_frame(0, width=width, height=height).camera
+    angle = 0.01 * index
+    view = camera.world_to_view.copy()
+    view[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    view[2, 3] += 0.05 * index
+    clip = camera.view_to_clip.copy()
+    clip[[0, 1], [0, 1]] *= 1.01**index
+    return Camera(view, clip)
+
+
+def hard_frames(width: int = 70, height: int = 41, count: int = 3) -> Iterator[Frame]:
+    """Random frames with every optional channel, and numbers that a careless path lets spread."""
+    for index in range(count):
+        random = np.random.default_rng(index)
+        frame = make_frame(
+            index, width=width, height=height, motion=True, alpha=True, reactive=True,
+            camera=turned(index, width, height), effects=None,
+        )  # fmt: skip
+        assert frame.motion is not None
+        colour, depth, motion = frame.colour.copy(), frame.depth.copy(), 8 * frame.motion
+        wild = random.random((height, width)) < 0.03
+        colour[wild] = special_values(height, width)[wild][:, None]
+        depth[random.random((height, width)) < 0.05] = random.choice([np.inf, np.nan, 0.0, -1.0, 1e-40])
+        motion[random.random((height, width)) < 0.6] = np.nan
+        yield replace(frame, colour=colour, depth=depth, motion=motion)
+
+
+def differing(changes: dict[str, object], frames: list[Frame], lanes: int, rows: int) -> int:
+    """Values that differ between the strict kernel and its twin, over all frames."""
+    preset = override(load_preset(), changes)
+    device, twin = Resolver(preset, strict=True, lanes=lanes, rows=rows), Resolver(preset, "numpy")
+    different = 0
+    for frame in frames:
+        resolved = device.resolve(frame)
+        assert np.isfinite(resolved).all()
+        different += int((bits(resolved) != bits(twin.resolve(frame))).sum())
+    return different
+
+
+@pytest.mark.parametrize(("lanes", "rows"), [(1, 1), (1, 5), (4, 3), (8, 32)])
+def test_same_bits_whatever_the_shape_of_the_work(lanes: int, rows: int) -> None:
+    assert differing({}, list(hard_frames()), lanes, rows) == 0
+
+
+@pytest.mark.parametrize(("name", "choice"), [(n, c) for n, kind in CHOICES.items() for c in kind])
+def test_same_bits_for_every_choice(name: str, choice: str) -> None:
+    assert differing({name: choice, "fresh_blur": 0.5}, list(hard_frames()), 8, 7) == 0
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 17), (17, 1), (2, 2), (3, 3), (17, 13), (33, 9)])
+def test_same_bits_at_every_size(size: tuple[int, int]) -> None:
+    assert differing({}, list(hard_frames(*size)), 8, 4) == 0
+
+
+def test_fast_build_is_another_program() -> None:
+    # The test above would say nothing if the strict flag did not reach the compiler.
+    assert prelude(Build(strict=True)) != prelude(Build(strict=False))
+    assert Build(strict=True).flags() != Build(strict=False).flags()
+
+
+def test_structs_have_four_byte_members() -> None:
+    for dtype in (FRAME_DTYPE, SETTINGS_DTYPE):
+        assert dtype.fields is not None
+        assert [field[1] for field in dtype.fields.values()] == list(range(0, dtype.itemsize, 4))
