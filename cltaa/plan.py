@@ -40,7 +40,7 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None) -> Plan:
     """The plan of ``frame`` whose predecessor was seen by ``previous`` (None at the start and after a cut)."""
     declared = frame.effects
     if previous is None:
-        # Nothing is read from a history that is not there; the kernel that the next frame needs will do for this one too.
+        # There is no history to read; the kernel that the next frame needs will do for this one too.
         camera_moves = declared is None or Effect.CAMERA in declared
     else:
         camera_moves = not is_still(frame.camera, previous)
