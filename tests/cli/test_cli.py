@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from cltaa import cli, errors
+from tests.sequence_factory import write_sequence
 
 # Nothing that draws or computes may be imported to show help: it must work, and quickly, where those are not installed.
 HEAVY = ("pyopencl", "OpenGL", "pyrender", "pyglet", "trimesh", "scipy", "skimage", "flip_evaluator", "av")
@@ -39,6 +40,19 @@ def test_help_needs_nothing_heavy(command: str) -> None:
     assert code == 0
     assert f"Usage: cltaa {command}".strip() in printed
     assert loaded == set()
+
+
+def test_resolve_needs_no_extra(tmp_path: Path) -> None:
+    # None in sys.modules makes an import fail as if the package were not installed.
+    folder = write_sequence(tmp_path / "in", 2)
+    extras = ("OpenGL", "pyrender", "trimesh", "scipy", "skimage", "flip_evaluator", "av")
+    code = (
+        f"import sys; sys.modules.update(dict.fromkeys({extras!r}));"
+        "from cltaa.cli import main; sys.exit(main(sys.argv[1:]))"
+    )
+    arguments = [sys.executable, "-c", code, "resolve", str(folder), "-o", str(tmp_path / "out")]
+    done = subprocess.run(arguments, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 def test_help_lists_every_command_with_its_line() -> None:
