@@ -90,7 +90,7 @@ def _judge(before: ImageSequence, after: ImageSequence, truth: ImageSequence, ou
     rows: dict[str, list[dict[str, float]]] = {"before": [], "after": []}
     for number in range(SETTLED, len(truth)):
         reference = truth.image(number)
-        names = ("psnr", "flip") if number % FLIP_EVERY == 0 else ("psnr",)
+        names = ("mse", "psnr", "flip") if number % FLIP_EVERY == 0 else ("mse", "psnr")
         for side, images in (("before", before), ("after", after)):
             rows[side].append(measure(images.image(number), reference, [METRICS[name] for name in names]))
     means = {}
@@ -104,7 +104,7 @@ def _judge(before: ImageSequence, after: ImageSequence, truth: ImageSequence, ou
         flip_one_sample=means["before"]["flip"],
         flip_resolved=means["after"]["flip"],
         equal_quality_samples=equal_quality_samples(
-            10 ** (-means["after"]["psnr"] / 10), 10 ** (-means["before"]["psnr"] / 10), truth_samples=TRUTH_SAMPLES
+            means["after"]["mse"], means["before"]["mse"], truth_samples=TRUTH_SAMPLES
         ),
         resolve_ms=1e3 * (seconds.upload + seconds.kernels + seconds.read_back),
         device=outcome.device,
