@@ -1,4 +1,4 @@
-"""The oracle: a NumPy twin of every kernel, same names, same order of operations, whole arrays at a time.
+"""The oracle: a NumPy twin of every stage function, same names, same order of operations, whole arrays at a time.
 
 In float32 the twins give the bits that a strict kernel gives; in float64 they give the value that both approximate.
 """

@@ -1,0 +1,65 @@
+"""The stage kernels one after another give the bits of the fused kernel."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cltaa.build import settings_record
+from cltaa.launch import Buffer, DeviceLauncher
+from cltaa.params import override
+from cltaa.presets import load_preset
+from cltaa.resolve import Past, Resolver, frame_record
+from tests.kernels.test_resolve import hard_frames
+from tests.sequence_factory import bits
+
+# Planes that each stage leaves, as its file says.
+PLANES = {"repaired": 3, "statistics": 12, "motion": 7, "history": 8, "change": 4, "output": 4, "count": 1}
+
+
+class Kept(Resolver):
+    """A resolver that keeps its buffers as they were before the last frame was swapped in."""
+
+    def chain(self, previous: Past | None, frame: Any) -> np.ndarray[Any, Any]:
+        """Run the stages over what the last resolve read, and return the colour and alpha that they leave."""
+        assert self._buffers is not None
+        assert self.plan is not None
+        assert isinstance(self.launcher, DeviceLauncher)
+        read, build, layout = self._buffers, self._build(self.plan), self._buffers.layout
+        record, settings = frame_record(frame, previous, layout), settings_record(self.plan.settings)
+        made: dict[str, Buffer] = {name: read._planes(count) for name, count in PLANES.items()}
+        # The resolve has swapped already: what it read as history and closeness is now what it will write next.
+        current, closeness, motion = read.current, read.previous_closeness, read.optional("motion", 2)
+        window = {"current": current, "closeness": closeness, "motion": motion}
+        image = {"frame": record}
+        both = {"frame": record, "settings": settings}
+
+        def run(kernel: str, **arguments: Any) -> None:
+            self.launcher.run(kernel, build, layout, arguments)
+
+        run("repair_colour", current=current, repaired=made["repaired"], **image)
+        run("neighbourhood_statistics", **window, statistics_out=made["statistics"], **image)
+        run("surface_motion", **window, motion_out=made["motion"], **both)
+        run("sample_history", motion_in=made["motion"], history=read.output, history_count=read.output_count,
+            previous_closeness=read.closeness, history_at=made["history"], **both)  # fmt: skip
+        run("rectify_history", statistics_in=made["statistics"], motion_in=made["motion"],
+            history_at=made["history"], change_out=made["change"], **both)  # fmt: skip
+        run("blend", repaired=made["repaired"], alpha=read.optional("alpha", 1), reactive=read.optional("reactive", 1),
+            statistics_in=made["statistics"], history_at=made["history"], change_in=made["change"],
+            output=made["output"], output_count=made["count"], **both)  # fmt: skip
+        self.launcher.finish()
+        with made["output"].mapped(write=False) as planes:
+            return np.moveaxis(layout.inside(planes).copy(), 0, -1)
+
+
+@pytest.mark.parametrize("changes", [{}, {"box": "variance", "rectify": "clip", "dilation": "closest"}])
+@pytest.mark.parametrize("lanes", [1, 8])
+def test_chain_of_stages_is_the_fused_kernel(changes: dict[str, object], lanes: int) -> None:
+    resolver = Kept(override(load_preset(), changes), strict=True, lanes=lanes, rows=5)
+    previous = None
+    for frame in hard_frames():
+        fused = resolver.resolve(frame)
+        assert np.array_equal(bits(resolver.chain(previous, frame)), bits(fused))
+        previous = Past.of(frame)
