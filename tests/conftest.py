@@ -1,0 +1,17 @@
+"""What every test may rely on."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+TOP = Path(__file__).parents[1]
+
+
+@pytest.fixture(autouse=True, scope="session")
+def packages_in_child_processes() -> None:
+    """Let child processes find the packages that pytest finds by its setting ``pythonpath``, installed or not."""
+    folders = [str(TOP / name) for name in ("", "capture", "datasets_gen")]
+    os.environ["PYTHONPATH"] = os.pathsep.join([*folders, *filter(None, [os.environ.get("PYTHONPATH")])])
