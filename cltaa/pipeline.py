@@ -14,6 +14,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
+from cltaa.allocator import return_freed_frames
 from cltaa.atomic import atomic_path
 from cltaa.display import to_picture
 from cltaa.errors import OutputError, UsageError
@@ -67,6 +68,7 @@ def resolve_sequence(
     written before an error stay complete. ``preview`` is an MP4 of the result. Raises OutputError where ``output``
     cannot be created and UsageError where it is the sequence's own folder.
     """
+    return_freed_frames()
     _prepare(sequence, output)
     upload, kernels, read_back = [], [], []
     with ExitStack() as stack:
