@@ -19,6 +19,7 @@ from typing import Any
 
 from cltaa.atomic import atomic_path, make_folder, remove_stale_temporaries
 from cltaa.errors import DataError, StorageError, UsageError
+from cltaa.manifest import file_sha256
 
 NAME = "sequence.json"
 REFERENCE = "reference"
@@ -26,12 +27,6 @@ FORMAT = 1
 LIBRARIES = ("cltaa", "numpy", "OpenEXR", "pyrender", "PyOpenGL", "trimesh", "scipy", "Pillow")
 SAVE_EVERY = 1.0  # seconds; what a kill can cost
 CODE_SUFFIXES = (".py", ".vert", ".frag", ".glsl")
-
-
-def file_sha256(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def code_sha256() -> str:

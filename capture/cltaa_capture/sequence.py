@@ -16,9 +16,10 @@ from cltaa.atomic import make_folder
 from cltaa.errors import CltaaError, UsageError
 from cltaa.exr import write_frame, write_image
 from cltaa.frames import Effect, Frame, format_effects
+from cltaa.manifest import file_sha256
 from cltaa_capture.cameras import camera_at
 from cltaa_capture.jitter import jitter_sequence
-from cltaa_capture.manifest import REFERENCE, Manifest, code_sha256, file_sha256, versions
+from cltaa_capture.manifest import REFERENCE, Manifest, code_sha256, versions
 from cltaa_capture.osmesa import Context, open_context
 from cltaa_datasets.scene import Instant, Scene
 from cltaa_datasets.scenes import FILE_PREFIX, build_scene

@@ -12,10 +12,10 @@ import pytest
 from cltaa.errors import DataError, OutputError, StorageError, UsageError
 from cltaa.exr import read_image, write_frame
 from cltaa.frames import Effect
+from cltaa.manifest import file_sha256
 from cltaa.sources import open_sequence
 from cltaa_capture import manifest, sequence
 from cltaa_capture.jitter import jitter_sequence
-from cltaa_capture.manifest import file_sha256
 from cltaa_capture.sequence import Request, capture_sequence
 
 FRAMES = 3

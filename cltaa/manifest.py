@@ -1,0 +1,137 @@
+"""The SHA-256 of every finished file: ``manifest.jsonl`` of a resolve, ``sequence.json`` of a capture.
+
+A manifest is one JSON object a line, each with a checksum of its own: first the settings that decide every pixel of
+the folder, then one line for each finished file, appended after the file has its final name. A line that a kill or a
+full disk tore is no line: what it would have vouched for is made again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from cltaa.atomic import atomic_path
+from cltaa.errors import DataError, StorageError
+
+NAME = "manifest.jsonl"
+CAPTURE = "sequence.json"
+FORMAT = 1
+RESTART_CURE = "use --restart to begin anew, or another folder"
+
+
+class Entry(NamedTuple):
+    """What the manifest says about a finished file: its hash, and that of the input it was made from."""
+
+    sha256: str
+    input_sha256: str
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file, in hexadecimal."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def recorded_hashes(folder: Path) -> dict[str, str]:
+    """SHA-256 by file name (relative to ``folder``) of all that its manifest or ``sequence.json`` vouches for.
+
+    Empty where there is neither; raises DataError for one that cannot be read.
+    """
+    hashes = {name: entry.sha256 for name, entry in Manifest(folder).entries.items()}
+    path = folder / CAPTURE
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        # Files drawn by hand or by other tools may keep a sequence.json without hashes.
+        hashes |= {str(name): str(digest) for name, digest in content.get("files", {}).items()}
+    except FileNotFoundError:
+        pass
+    except (OSError, ValueError, AttributeError) as error:
+        cure = "capture the sequence again"
+        raise DataError(f"not readable as JSON: {error}", path=path, cure=cure) from error
+    return hashes
+
+
+def check_recorded(path: Path, recorded: Mapping[str, str], name: str | None = None) -> None:
+    """Raise DataError where ``path`` has another SHA-256 than is recorded under ``name`` (else its file name).
+
+    A file that nothing vouches for passes.
+    """
+    expected = recorded.get(path.name if name is None else name)
+    if expected is None:
+        return
+    found = file_sha256(path)
+    if found != expected:
+        cure = "the file changed after it was finished: make it again"
+        raise DataError("the SHA-256 is not the recorded one", path=path, expected=expected, found=found, cure=cure)
+
+
+class Manifest:
+    """The manifest of one folder, as far as it can be believed; ``settings`` is None where it was not begun."""
+
+    def __init__(self, folder: Path) -> None:
+        """Read what is there; raises DataError where its first line, which is written atomically, is damaged."""
+        self.path = folder / NAME
+        self.settings: dict[str, Any] | None = None
+        self.entries: dict[str, Entry] = {}
+        try:
+            lines = self.path.read_bytes().splitlines(keepends=True)
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise DataError(f"cannot be read: {error.strerror}", path=self.path) from error
+        begun = _parsed(lines[0]) if lines else None
+        if begun is None or begun.get("format") != FORMAT or not isinstance(begun.get("settings"), dict):
+            raise DataError("the first line is damaged", path=self.path, cure=RESTART_CURE)
+        self.settings = begun["settings"]
+        for line in lines[1:]:
+            record = _parsed(line)
+            if record is not None:
+                self.entries[record["file"]] = Entry(record["sha256"], record["input_sha256"])
+
+    def begin(self, settings: Mapping[str, Any]) -> None:
+        """Write the first line; raises OutputError and StorageError."""
+        with atomic_path(self.path) as temporary:
+            temporary.write_bytes(_line({"format": FORMAT, "settings": dict(settings)}))
+        self.settings, self.entries = dict(settings), {}
+
+    def append(self, name: str, entry: Entry) -> None:
+        """Vouch, durably, for a file that has its final name; raises StorageError."""
+        line = _line({"file": name, "sha256": entry.sha256, "input_sha256": entry.input_sha256})
+        try:
+            with self.path.open("r+b") as stream:
+                # A torn last line would swallow this one: end it first.
+                if stream.seek(0, os.SEEK_END) and stream.seek(-1, os.SEEK_END) and stream.read(1) != b"\n":
+                    line = b"\n" + line
+                stream.write(line)
+                stream.flush()
+                os.fsync(stream.fileno())
+        except OSError as error:
+            cure = "free some space and run again"
+            raise StorageError(f"writing failed: {error.strerror}", path=self.path, cure=cure) from error
+        self.entries[name] = entry
+
+    def vouches_for(self, path: Path) -> bool:
+        """Tell whether a file is finished: it is listed, and its content has the SHA-256 that is listed."""
+        entry = self.entries.get(path.name)
+        return entry is not None and path.is_file() and file_sha256(path) == entry.sha256
+
+
+def _line(record: Mapping[str, Any]) -> bytes:
+    body = json.dumps(record, sort_keys=True)
+    return f'{body[:-1]}, "crc32": "{zlib.crc32(body.encode()):08x}"}}\n'.encode()
+
+
+def _parsed(line: bytes) -> dict[str, Any] | None:
+    """Return the record of a line, or None for one that is torn or damaged."""
+    try:
+        record = json.loads(line)
+        claimed = record.pop("crc32")
+    except (ValueError, AttributeError, KeyError):
+        return None
+    computed = f"{zlib.crc32(json.dumps(record, sort_keys=True).encode()):08x}"
+    return record if computed == claimed else None
