@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-import importlib
 import sys
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
-from click.shell_completion import CompletionItem
 
 from cltaa.errors import CltaaError, UsageError
-
-
-class Entry(NamedTuple):
-    """Where a subcommand lives and the line that ``cltaa --help`` says about it."""
-
-    module: str
-    command: str
-    summary: str
-
+from cltaa.lazy import Entry, LazyGroup
 
 # A module is imported when its command runs, and not to list it: ``cltaa resolve`` needs no OpenGL, ``cltaa capture``
 # no OpenCL, and ``cltaa --help`` neither.
 COMMANDS = {
+    "bench": Entry("cltaa.commands.bench", "bench", "Measure time, and what accuracy costs in it."),
     "capture": Entry("cltaa_capture.cli", "capture", "Draw a scene as a jittered EXR sequence, and its reference."),
     "compare": Entry("cltaa.commands.compare", "compare", "Measure the error of one sequence against another."),
     "demo": Entry("cltaa.commands.demo", "demo", "Capture a scene, resolve it and show what was gained."),
@@ -35,33 +26,11 @@ COMMANDS = {
 }
 
 
-class LazyGroup(click.Group):
-    """A click group that imports a subcommand's module only when the subcommand is used."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return every name, sorted."""
-        return sorted(COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import and return one subcommand, or None for an unknown name."""
-        if cmd_name not in COMMANDS:
-            return None
-        entry = COMMANDS[cmd_name]
-        command: click.Command = getattr(importlib.import_module(entry.module), entry.command)
-        return command
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the table of subcommands without importing them."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, COMMANDS[name].summary) for name in self.list_commands(ctx)])
-
-    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Complete subcommands without importing them, then options."""
-        names = [CompletionItem(n, help=e.summary) for n, e in sorted(COMMANDS.items()) if n.startswith(incomplete)]
-        return names + click.Command.shell_complete(self, ctx, incomplete)
-
-
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(
+    cls=LazyGroup,
+    entries=COMMANDS,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
 @click.version_option(package_name="cltaa")
 @click.option("--debug", is_flag=True, help="Show the whole traceback of an error.")
 @click.pass_context
