@@ -20,6 +20,9 @@ os.environ.setdefault(
 import pyopencl as cl
 
 from cltaa.errors import DeviceMissing, ResourceError, UsageError
+from cltaa.unknown_cpu import name_unknown_cpu
+
+POCL = "Portable Computing Language"  # the platform's name
 
 
 def devices() -> list[cl.Device]:
@@ -31,9 +34,13 @@ def devices() -> list[cl.Device]:
     found: list[cl.Device] = []
     for platform in platforms:
         try:
-            found.extend(platform.get_devices())
+            here = platform.get_devices()
         except cl.Error:
             continue
+        if platform.name == POCL:
+            for device in here:
+                name_unknown_cpu(device.int_ptr)
+        found.extend(here)
     return sorted(found, key=lambda device: device.type & cl.device_type.GPU == 0)
 
 

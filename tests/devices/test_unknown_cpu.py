@@ -1,0 +1,34 @@
+"""The name that a CPU younger than PoCL's compiler gets, and that nothing else is touched."""
+
+from __future__ import annotations
+
+import ctypes
+import platform
+
+import pytest
+
+from cltaa.unknown_cpu import LEVELS, cpu_flags, level_of, name_unknown_cpu
+
+FLAGS = dict(LEVELS)
+needs_linux = pytest.mark.skipif(
+    (platform.system(), platform.machine()) != ("Linux", "x86_64"), reason="PoCL's record is only touched there"
+)
+
+
+@pytest.mark.parametrize("level", FLAGS)
+def test_a_level_needs_all_its_flags(level: bytes) -> None:
+    assert level_of(FLAGS[level]) == level
+    for missing in FLAGS[level]:
+        assert level_of(FLAGS[level] - {missing}) != level
+
+
+@needs_linux
+def test_only_the_refused_name_is_replaced() -> None:
+    texts = [ctypes.create_string_buffer(text) for text in (b"generically", b"znver2", b"generic", b"pthread")]
+    addresses = [0, 1, *map(ctypes.addressof, texts)]  # 0 and 1 are no addresses: they must not be followed
+    record = (ctypes.c_uint64 * 512)(*addresses)
+    assert name_unknown_cpu(ctypes.addressof(record))
+    assert list(record[:4]) == addresses[:4]
+    assert ctypes.string_at(record[4]) == level_of(cpu_flags())
+    assert record[5] == addresses[5]
+    assert not name_unknown_cpu(ctypes.addressof(record))
