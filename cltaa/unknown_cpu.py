@@ -1,8 +1,8 @@
 """A name for a CPU that is newer than the compiler inside PoCL (docs/decisions/0008).
 
 PoCL asks its LLVM for the host's name. For a CPU younger than itself LLVM answers "generic", which PoCL hands on as the
-target and its compiler then refuses: "unknown target CPU 'generic'", whatever is built (PoCL's issue 1049). PoCL
-3.0, the newest that is published as a wheel, has no setting for it, so the name is put right where PoCL keeps it: in the
+target and its compiler then refuses: "unknown target CPU 'generic'", whatever is built (PoCL's issue 1049). PoCL 3.0,
+the newest that is published as a wheel, has no setting for it, so the name is put right where PoCL keeps it: in the
 record of the device.
 """
 
