@@ -77,7 +77,8 @@ def store(image: Array, storage: str) -> Array:
     if storage == "half":
         return image.astype(np.float16).astype(image.dtype)
     if storage == "unorm8":
-        return np.rint(np.clip(image, 0, 1) * 255) / image.dtype.type(255)
+        rounded: Array = np.rint(np.clip(image, 0, 1) * 255) / image.dtype.type(255)
+        return rounded
     assert storage == "float", storage
     return image
 
