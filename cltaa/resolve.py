@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cltaa.buffers import Buffers, fill
 from cltaa.build import FRAME_DTYPE, Build, Record, Storage, settings_record
 from cltaa.cameras import Displacement, closeness, displacement, sky_closeness
 from cltaa.errors import DataError
@@ -65,7 +65,7 @@ class Resolver:
         self.preset = load_preset(preset) if isinstance(preset, str) else preset
         self.launcher = launcher_for(device) if device is None or isinstance(device, str) else device
         self._shape = Build(strict=strict, storage=storage, lanes=lanes, rows=rows)
-        self._buffers: _Buffers | None = None
+        self._buffers: Buffers | None = None
         self._previous: Past | None = None
         self.plan: Plan | None = None
         self.times = Times(0.0, 0.0, 0.0)
@@ -73,6 +73,23 @@ class Resolver:
     def reset(self) -> None:
         """Forget the history: the next frame starts a new one."""
         self._previous = None
+
+    def recurrent(self) -> tuple[Past, dict[str, Buffer]]:
+        """What the next frame depends on: facts about the last one, and the memory that holds its result.
+
+        Raises ValueError before the first frame and after ``reset``.
+        """
+        if self._previous is None or self._buffers is None:
+            raise ValueError("there is no history")
+        return self._previous, self._buffers.recurrent()
+
+    def restore(self, past: Past) -> dict[str, Buffer]:
+        """Go on after ``past``; returns the memory to fill with what ``recurrent`` gave then, by the same names."""
+        layout = Layout(past.shape[1], past.shape[0])
+        self._buffers = None  # released before the new ones are allocated
+        self._buffers = Buffers(self.launcher, layout, past.alpha, storage_dtype(self._shape))
+        self._previous = past
+        return self._buffers.recurrent()
 
     def resolve(self, frame: Frame) -> Image:
         """The resolved colour of ``frame``, [H, W, 3] float32, or [H, W, 4] where the frame has alpha.
@@ -118,26 +135,26 @@ class Resolver:
         )
         return self.launcher.build(build)
 
-    def _prepare(self, frame: Frame, build: Build) -> _Buffers:
+    def _prepare(self, frame: Frame, build: Build) -> Buffers:
         layout = Layout(frame.width, frame.height)
-        if self._buffers is None or not self._buffers.fit(layout, build):
+        if self._buffers is None or not self._buffers.fit(layout, build.steps.alpha):
             self._buffers = None  # released before the new ones are allocated
-            self._buffers = _Buffers(self.launcher, layout, build)
+            self._buffers = Buffers(self.launcher, layout, build.steps.alpha, storage_dtype(build))
         return self._buffers
 
-    def _upload(self, frame: Frame, buffers: _Buffers) -> None:
+    def _upload(self, frame: Frame, buffers: Buffers) -> None:
         layout = buffers.layout
-        _fill(buffers.current, layout, np.moveaxis(frame.colour, -1, 0))
+        fill(buffers.current, layout, np.moveaxis(frame.colour, -1, 0))
         with buffers.closeness.mapped(write=True) as planes:
             closeness(frame.depth, frame.camera, out=layout.inside(planes)[0])
             layout.extend_edges(planes)
         if frame.motion is not None:
-            _fill(buffers.optional("motion", 2), layout, np.moveaxis(frame.motion, -1, 0))
+            fill(buffers.optional("motion", 2), layout, np.moveaxis(frame.motion, -1, 0))
         for name, channel in (("alpha", frame.alpha), ("reactive", frame.reactive)):
             if channel is not None:
-                _fill(buffers.optional(name, 1), layout, channel[None])
+                fill(buffers.optional(name, 1), layout, channel[None])
 
-    def _run(self, frame: Frame, previous: Past | None, build: Build, buffers: _Buffers) -> None:
+    def _run(self, frame: Frame, previous: Past | None, build: Build, buffers: Buffers) -> None:
         assert self.plan is not None
         layout, steps = buffers.layout, build.steps
         record = frame_record(frame, previous, layout)
@@ -165,46 +182,6 @@ class Resolver:
         )
 
 
-class _Buffers:
-    """Device memory of one image size; history and output, and closeness now and then, change places each frame."""
-
-    def __init__(self, launcher: Launcher, layout: Layout, build: Build) -> None:
-        self.layout, self._launcher = layout, launcher
-        self._history_planes = 4 if build.steps.alpha else 3
-        self._dtype = storage_dtype(build)
-        self.current = self._planes(3)
-        self.closeness, self.previous_closeness = self._planes(1), self._planes(1)
-        self.history = self._planes(self._history_planes, self._dtype)
-        self.output = self._planes(self._history_planes, self._dtype)
-        self.history_count, self.output_count = self._planes(1), self._planes(1)
-        self._optional: dict[str, Buffer] = {}
-
-    def _planes(self, count: int, dtype: Any = np.float32) -> Buffer:
-        return self._launcher.allocate((count, self.layout.rows, self.layout.stride), dtype)
-
-    def fit(self, layout: Layout, build: Build) -> bool:
-        """True when these buffers serve a frame of that size and build."""
-        return layout == self.layout and (4 if build.steps.alpha else 3) == self._history_planes
-
-    def optional(self, name: str, planes: int) -> Buffer:
-        """A buffer that only some sequences need, allocated when first asked for."""
-        if name not in self._optional:
-            self._optional[name] = self._planes(planes)
-        return self._optional[name]
-
-    def read(self, alpha: bool) -> Image:
-        """The output as [H, W, 3 or 4] float32, planar in memory."""
-        with self.output.mapped(write=False) as planes:
-            image: NDArray[np.float32] = self.layout.inside(planes)[: 4 if alpha else 3].astype(np.float32)
-        return np.moveaxis(image, 0, -1)
-
-    def swap(self) -> None:
-        """What was written becomes what is read."""
-        self.history, self.output = self.output, self.history
-        self.history_count, self.output_count = self.output_count, self.history_count
-        self.closeness, self.previous_closeness = self.previous_closeness, self.closeness
-
-
 def frame_record(frame: Frame, previous: Past | None, layout: Layout) -> Record:
     """The per-frame struct of the kernels for ``frame``, whose history is that of ``previous`` (None: none)."""
     earlier: Camera = frame.camera if previous is None else previous.camera
@@ -222,12 +199,6 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout) -> Record:
     record["sky_closeness"] = sky_closeness(frame.camera)
     record["exposure_ratio"] = 1.0 if previous is None else frame.exposure / previous.exposure
     return record
-
-
-def _fill(buffer: Buffer, layout: Layout, planes: NDArray[np.float32]) -> None:
-    with buffer.mapped(write=True) as target:
-        layout.inside(target)[: len(planes)] = planes
-        layout.extend_edges(target)
 
 
 def _check_shapes(frame: Frame) -> None:

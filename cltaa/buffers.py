@@ -1,0 +1,68 @@
+"""Device memory of a resolve: the planes of the frame that arrives, of the history, and of the result."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.frames import Image
+from cltaa.launch import Buffer, Launcher
+from cltaa.layout import Layout
+
+
+class Buffers:
+    """Device memory of one image size; history and output, and closeness now and then, change places each frame."""
+
+    def __init__(self, launcher: Launcher, layout: Layout, alpha: bool, dtype: Any) -> None:
+        """``alpha`` adds a plane to the history, ``dtype`` is the number that the history is kept in."""
+        self.layout, self._launcher = layout, launcher
+        self._history_planes = 4 if alpha else 3
+        self._dtype = dtype
+        self.current = self._planes(3)
+        self.closeness, self.previous_closeness = self._planes(1), self._planes(1)
+        self.history = self._planes(self._history_planes, self._dtype)
+        self.output = self._planes(self._history_planes, self._dtype)
+        self.history_count, self.output_count = self._planes(1), self._planes(1)
+        self._optional: dict[str, Buffer] = {}
+
+    def _planes(self, count: int, dtype: Any = np.float32) -> Buffer:
+        return self._launcher.allocate((count, self.layout.rows, self.layout.stride), dtype)
+
+    def fit(self, layout: Layout, alpha: bool) -> bool:
+        """True when these buffers serve a frame of that size, with or without alpha."""
+        return layout == self.layout and (4 if alpha else 3) == self._history_planes
+
+    def optional(self, name: str, planes: int) -> Buffer:
+        """A buffer that only some sequences need, allocated when first asked for."""
+        if name not in self._optional:
+            self._optional[name] = self._planes(planes)
+        return self._optional[name]
+
+    def read(self, alpha: bool) -> Image:
+        """The output as [H, W, 3 or 4] float32, planar in memory."""
+        with self.output.mapped(write=False) as planes:
+            image: NDArray[np.float32] = self.layout.inside(planes)[: 4 if alpha else 3].astype(np.float32)
+        return np.moveaxis(image, 0, -1)
+
+    def swap(self) -> None:
+        """What was written becomes what is read."""
+        self.history, self.output = self.output, self.history
+        self.history_count, self.output_count = self.output_count, self.history_count
+        self.closeness, self.previous_closeness = self.previous_closeness, self.closeness
+
+    def recurrent(self) -> dict[str, Buffer]:
+        """The memory that the next frame reads beside its own input, by name; valid until the next ``swap``."""
+        return {
+            "history": self.history,
+            "history_count": self.history_count,
+            "previous_closeness": self.previous_closeness,
+        }
+
+
+def fill(buffer: Buffer, layout: Layout, planes: NDArray[np.float32]) -> None:
+    """Copy planes [C, H, W] into a buffer and repeat their edge into its halo."""
+    with buffer.mapped(write=True) as target:
+        layout.inside(target)[: len(planes)] = planes
+        layout.extend_edges(target)
