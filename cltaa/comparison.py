@@ -50,29 +50,32 @@ class Comparison:
                 )  # fmt: skip
 
 
-def pair_up(test: Path, reference: Path | None, frames: tuple[int, int] | None = None) -> Comparison:
+def pair_up(
+    test: Path, reference: Path | None, frames: tuple[int, int] | None = None, *, verify: bool = True
+) -> Comparison:
     """Open a test (folder or file) and its reference (folder or file, or a capture that holds one).
 
     Without a reference the test must be a capture, and its single samples are judged against its own truth.
     ``frames`` are the first and the last frame number to take, both included; all unless given.
+    ``verify`` is that of ``open_sequence``.
     Raises UsageError, InputMissing and DataError where the two do not belong together.
     """
-    capture = _capture(test if reference is None else reference)
-    images = open_images(test)
+    capture = _capture(test if reference is None else reference, verify)
+    images = open_images(test, verify=verify)
     if capture is not None and capture.reference is not None:
         truth = capture.reference
     elif reference is None:
         cure = "name the reference: cltaa compare TEST REFERENCE"
         raise UsageError("nothing to compare with: no folder reference/ in it", path=test, cure=cure)
     else:
-        truth = open_images(reference)
+        truth = open_images(reference, verify=verify)
     comparison = Comparison(images if frames is None else images.select(*frames), truth, capture)
     comparison.check()
     return comparison
 
 
-def _capture(path: Path) -> Sequence | None:
-    return open_sequence(path) if (path / "reference").is_dir() else None
+def _capture(path: Path, verify: bool) -> Sequence | None:
+    return open_sequence(path, verify=verify) if (path / "reference").is_dir() else None
 
 
 def truth_samples(reference: ImageSequence) -> int | None:
@@ -99,7 +102,7 @@ def supersampling_curve(
         count = folder.name.removeprefix("reference-")
         if truth is None or not count.isdecimal():
             continue
-        images = open_images(folder)
+        images = open_images(folder, verify=capture.verify)
         check_same_size(capture, images)
         errors = [light_mse(images.image(number), truth.image(number), stops) for number in numbers]
         curve.append((int(count), sum(errors) / len(errors)))

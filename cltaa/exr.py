@@ -1,16 +1,18 @@
 """EXR files in and out: frames with everything a resolve needs, and plain images.
 
-Writing is atomic (``cltaa.atomic``). Reading checks the file (``cltaa.exr_layout``) before OpenEXR sees it and the
-header (``cltaa.exr_attributes``) before a number is used, so that wrong input ends in one DataError or InputMissing.
+Writing is atomic (``cltaa.atomic``). Reading checks the file (``cltaa.exr_layout``) before OpenEXR sees it, its SHA-256
+(``cltaa.file_content``) where one is known, and the header (``cltaa.exr_attributes``) before a number is used, so that
+wrong input ends in one DataError or InputMissing.
 """
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import BinaryIO, cast
 
 import numpy as np
 import OpenEXR
@@ -20,7 +22,8 @@ from cltaa.atomic import atomic_path
 from cltaa.errors import DataError, StorageError, UsageError
 from cltaa.exr_attributes import FrameHeader, frame_attributes
 from cltaa.exr_channels import COLOUR, MOTION, NORMAL, Pixels, check_float_channels, frame_channels, frame_planes
-from cltaa.exr_layout import COMPRESSION_NUMBERS, LARGEST_SIDE, LOSSLESS, Layout, read_layout
+from cltaa.exr_layout import COMPRESSION_NUMBERS, LARGEST_SIDE, LOSSLESS, Layout, parse_layout
+from cltaa.file_content import check_memory, file_size, open_regular, read_all
 from cltaa.frames import Frame, Image
 from cltaa.quiet import muted_output
 
@@ -50,15 +53,16 @@ def write_frame(path: Path, frame: Frame, *, compression: str = "zip") -> None:
     write_image(path, frame_planes(frame, path), frame_attributes(frame), compression=compression)
 
 
-def read_frame(path: Path) -> Frame:
+def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
     """Read one frame; ``colour`` [H, W, 3] is a view of a C-contiguous planar block [3, H, W], as are all arrays.
 
     Half-precision channels are widened exactly, but half depth is refused. Channels with other names are left alone.
-    Raises InputMissing and DataError as in the module's text.
+    ``sha256`` is what the file's content must have, in hexadecimal. Raises InputMissing, DataError, StorageError and
+    ResourceError as in the module's text.
     """
-    layout = read_layout(path)
+    layout, content = _load(path, sha256)
     names = frame_channels(layout)
-    pixels, attributes = _decode(layout)
+    pixels, attributes = _decode(layout, content)
     header = FrameHeader(path, attributes)
     planar: NDArray[np.float32] = np.empty((len(names), layout.height, layout.width), np.float32)
     for plane, name in zip(planar, names, strict=True):
@@ -127,39 +131,53 @@ def write_image(
             ) from error
 
 
-def read_image(path: Path) -> tuple[dict[str, Pixels], dict[str, object]]:
+def read_image(path: Path, *, sha256: str | None = None) -> tuple[dict[str, Pixels], dict[str, object]]:
     """Read every channel ``[H, W]`` in its own type, and the attributes that describe the picture; errors as above."""
-    pixels, attributes = _decode(read_layout(path))
+    pixels, attributes = _decode(*_load(path, sha256))
     return pixels, {name: value for name, value in attributes.items() if name not in _STRUCTURAL}
 
 
 def read_header(path: Path) -> ImageHeader:
     """Read a file's layout and attributes without decoding pixels; every chunk is known to be inside the file."""
-    layout = read_layout(path)
-    return ImageHeader(layout, _open(layout, header_only=True)[1])
+    with open_regular(path) as file:
+        layout = parse_layout(path, file)
+        file.seek(0)
+        return ImageHeader(layout, _open(layout, file, header_only=True)[1])
 
 
-def read_colour(path: Path) -> Image:
-    """Read R G B only, as a [H, W, 3] float32 view of a planar block; errors as ``read_frame``."""
-    layout = read_layout(path)
+def read_colour(path: Path, *, sha256: str | None = None) -> Image:
+    """Read R G B only, as a [H, W, 3] float32 view of a planar block; errors and ``sha256`` as ``read_frame``."""
+    layout, content = _load(path, sha256)
     check_float_channels(layout, COLOUR)
-    pixels, _ = _decode(layout)
+    pixels, _ = _decode(layout, content)
     return np.moveaxis(np.stack([pixels[name] for name in COLOUR]).astype(np.float32, copy=False), 0, -1)
 
 
-def _decode(layout: Layout) -> tuple[dict[str, Pixels], dict[str, object]]:
-    file, attributes = _open(layout, header_only=False)
-    channels = {name: channel.pixels[layout.crop] for name, channel in file.channels().items()}
-    if set(channels) != set(layout.channels):
+def _load(path: Path, sha256: str | None) -> tuple[Layout, bytes]:
+    """Check the layout, and only then read the whole file, so that what was checked is what is decoded."""
+    with open_regular(path) as file:
+        layout = parse_layout(path, file)
+        columns, rows = layout.data_size
+        # The pixels stand in memory twice: as decoded, and in the frame.
+        check_memory(path, file_size(file) + 2 * columns * rows * layout.bytes_a_pixel)
+        return layout, read_all(path, file, sha256)
+
+
+def _decode(layout: Layout, content: bytes) -> tuple[dict[str, Pixels], dict[str, object]]:
+    file, attributes = _open(layout, io.BytesIO(content), header_only=False)
+    channels = {name: channel.pixels for name, channel in file.channels().items()}
+    columns, rows = layout.data_size
+    if set(channels) != set(layout.channels) or any(plane.shape != (rows, columns) for plane in channels.values()):
         raise DataError("the file changed while it was read", path=layout.path, cure="run again")
-    return channels, attributes
+    return {name: plane[layout.crop] for name, plane in channels.items()}, attributes
 
 
-def _open(layout: Layout, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:
+def _open(layout: Layout, stream: BinaryIO, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:
     try:
-        # Separate channels: the merging of R, G and B in the module had memory errors, and loses mixed types.
+        # Separate channels: the merging of R, G and B in the module had memory errors, and loses mixed types. A stream
+        # instead of a name: names need not be UTF-8, and what OpenEXR itself prints would hold them raw.
         with muted_output():
-            file = OpenEXR.File(str(layout.path), separate_channels=True, header_only=header_only)
+            file = OpenEXR.File(stream, separate_channels=True, header_only=header_only)
         if not file.parts:  # the module's way of saying that decoding failed
             raise DataError("the pixels are damaged", path=layout.path, cure="write the file again")
         return file, {name: _scalar(value) for name, value in file.header().items()}

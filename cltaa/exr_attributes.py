@@ -24,7 +24,7 @@ EXPOSURE_STOPS = 32.0  # largest |log2(exposure)|; from starlight to the sun's d
 _FLIP_Z = np.diag([1.0, 1.0, -1.0, 1.0])
 # Clip space (x right, y up, -1..1) to the standard's NDC: (0, 0) upper left, (1, 1) lower right, depth 0..1.
 _CLIP_TO_NDC = np.array([[0.5, 0, 0, 0.5], [0, -0.5, 0, 0.5], [0, 0, 0.5, 0.5], [0, 0, 0, 1.0]])
-_FRAME_NUMBER = re.compile(r"(?:.*\.)?(\d+)")
+_FRAME_NUMBER = re.compile(r"(?:.*\.)?([0-9]{1,9})", re.DOTALL)
 
 
 def frame_attributes(frame: Frame) -> dict[str, object]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from itertools import pairwise
 from pathlib import Path
 
 import msgspec
@@ -14,6 +15,7 @@ from cltaa.exr_attributes import FrameHeader
 from cltaa.exr_channels import frame_channels
 from cltaa.exr_layout import LOSSLESS, Layout
 from cltaa.frames import Effect, Matrix
+from cltaa.manifest import recorded_hashes
 from cltaa.pixel_statistics import ChannelStatistics, pixel_problems
 from cltaa.sources import numbered_files, open_images
 
@@ -65,16 +67,22 @@ class Inspection(msgspec.Struct, kw_only=True):
 def inspect_folder(
     folder: Path, *, pixels: bool = False, advance: Callable[[int, int], None] | None = None
 ) -> Inspection:
-    """Look at every file of a sequence; with ``pixels`` also decode them. What is wrong is listed, not raised.
+    """Look at every file of a sequence. What is wrong is listed, not raised.
 
+    With ``pixels`` the files are also decoded, and held against the SHA-256 that is recorded for them.
     ``advance(done, total)`` is called after every file. Raises InputMissing or DataError only where there is no one
     sequence to look at.
     """
     _, name, paths = numbered_files(folder)
     result = Inspection(folder=str(folder), name=name, first=min(paths), last=max(paths), frames=len(paths))
-    missing = sorted(set(range(result.first, result.last + 1)) - set(paths))
-    if missing:
-        result.problems.append(f"frames missing: {_ranges(missing)}")
+    gaps = [_range(one + 1, other - 1) for one, other in pairwise(sorted(paths)) if other > one + 1]
+    if gaps:
+        result.problems.append(f"frames missing: {', '.join(gaps)}")
+    recorded: dict[str, str] = {}
+    try:
+        recorded = recorded_hashes(folder) if pixels else recorded
+    except CltaaError as error:
+        result.problems.append(str(error))
     layouts: dict[int, Layout] = {}
     headers: dict[int, FrameHeader] = {}
     for done, (number, path) in enumerate(sorted(paths.items()), start=1):
@@ -84,7 +92,7 @@ def inspect_folder(
             frame_channels(header.layout)  # refuses a frame without the channels it needs
             headers[number] = FrameHeader(path, header.attributes)
             if pixels:
-                for channel, plane in read_image(path)[0].items():
+                for channel, plane in read_image(path, sha256=recorded.get(path.name))[0].items():
                     result.statistics.setdefault(channel, ChannelStatistics()).add(plane)
         except CltaaError as error:
             result.problems.append(str(error))
@@ -202,4 +210,8 @@ def _ranges(numbers: list[int]) -> str:
             runs[-1][1] = number
         else:
             runs.append([number, number])
-    return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in runs)
+    return ", ".join(_range(first, last) for first, last in runs)
+
+
+def _range(first: int, last: int) -> str:
+    return str(first) if first == last else f"{first}-{last}"

@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,7 +21,9 @@ from cltaa.errors import DataError, StorageError
 
 NAME = "manifest.jsonl"
 CAPTURE = "sequence.json"
+REFERENCE = re.compile(r"reference(-\d+)?")  # folders inside a capture
 FORMAT = 1
+_SHA256 = re.compile(r"[0-9a-f]{64}")
 RESTART_CURE = "use --restart to begin anew, or another folder"
 
 
@@ -40,20 +43,38 @@ def file_sha256(path: Path) -> str:
 def recorded_hashes(folder: Path) -> dict[str, str]:
     """SHA-256 by file name (relative to ``folder``) of all that its manifest or ``sequence.json`` vouches for.
 
-    Empty where there is neither; raises DataError for one that cannot be read.
+    A folder ``reference`` inside a capture is vouched for by the capture. Empty where nothing is recorded; raises
+    DataError for a record that cannot be read.
     """
     hashes = {name: entry.sha256 for name, entry in Manifest(folder).entries.items()}
+    # Files drawn by hand or by other tools may keep a sequence.json without hashes.
+    hashes |= _checked_hashes(read_capture_record(folder).get("files", {}), folder / CAPTURE)
+    folder = folder.resolve()
+    if not hashes and REFERENCE.fullmatch(folder.name):
+        capture, inside = recorded_hashes(folder.parent), f"{folder.name}/"
+        hashes = {name.removeprefix(inside): digest for name, digest in capture.items() if name.startswith(inside)}
+    return hashes
+
+
+def read_capture_record(folder: Path) -> dict[str, Any]:
+    """Content of the ``sequence.json`` of a folder, empty where there is none; raises DataError for a damaged one."""
     path = folder / CAPTURE
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        # Files drawn by hand or by other tools may keep a sequence.json without hashes.
-        hashes |= {str(name): str(digest) for name, digest in content.get("files", {}).items()}
     except FileNotFoundError:
-        pass
-    except (OSError, ValueError, AttributeError) as error:
-        cure = "capture the sequence again"
-        raise DataError(f"not readable as JSON: {error}", path=path, cure=cure) from error
-    return hashes
+        return {}
+    except (OSError, ValueError, RecursionError) as error:
+        raise DataError(f"not readable as JSON: {error}", path=path, cure="capture the sequence again") from error
+    if not isinstance(content, dict):
+        raise DataError("wrong content", path=path, expected="a JSON object", found=type(content).__name__)
+    return content
+
+
+def _checked_hashes(files: Any, path: Path) -> dict[str, str]:
+    if not isinstance(files, dict) or not all(_SHA256.fullmatch(str(digest)) for digest in files.values()):
+        expected = "a SHA-256 in hexadecimal for each of the files"
+        raise DataError("wrong content", path=path, expected=expected, cure="capture the sequence again")
+    return files
 
 
 def check_recorded(path: Path, recorded: Mapping[str, str], name: str | None = None) -> None:

@@ -6,7 +6,6 @@ the first frame is worked on. Only one frame is in memory at a time, unless the 
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator
 from functools import cached_property
@@ -19,16 +18,20 @@ from cltaa.exr_attributes import FrameHeader
 from cltaa.exr_channels import check_float_channels
 from cltaa.exr_layout import Layout, read_layout
 from cltaa.frames import Effect, Frame, Image
+from cltaa.manifest import read_capture_record, recorded_hashes
 
-_NUMBERED = re.compile(r"(?P<name>.+)\.(?P<number>\d+)\.exr")
+_NUMBERED = re.compile(r"(?P<name>.+)\.(?P<number>[0-9]{1,9})\.exr", re.DOTALL)  # nine digits fit cltaa:frame, an int
 
 
 class NumberedFiles:
-    """EXR files of one name and size, numbered without a gap; frame numbers are those in the file names."""
+    """EXR files of one name and size, numbered without a gap; frame numbers are those in the file names.
 
-    def __init__(self, folder: Path, name: str, paths: dict[int, Path]) -> None:
+    Each file that is read must have the SHA-256 that is recorded for it, if one is; ``verify`` False leaves that out.
+    """
+
+    def __init__(self, folder: Path, name: str, paths: dict[int, Path], *, verify: bool = True) -> None:
         """Read every layout; raises InputMissing for a gap and DataError for damaged files or sizes that differ."""
-        self.folder, self.name = folder, name
+        self.folder, self.name, self.verify = folder, name, verify
         self._paths = dict(sorted(paths.items()))
         for number in range(self.first, self.last + 1):
             if number not in self._paths:
@@ -84,12 +87,21 @@ class NumberedFiles:
             raise UsageError("no such frame", path=self.folder, frame=number, expected=expected)
         return self._paths[number]
 
+    def sha256(self, number: int) -> str | None:
+        """Return the SHA-256 that a frame's file must have, or None where none is recorded or is to be verified."""
+        return self._recorded.get(self.path(number).name) if self.verify else None
+
+    @cached_property
+    def _recorded(self) -> dict[str, str]:
+        return recorded_hashes(self.folder)
+
     def select(self, first: int, last: int) -> Self:
         """Return the frames ``first`` to ``last``, both included; raises UsageError unless all are there."""
         self.path(first), self.path(last)
         if first > last:
             raise UsageError("the range of frames is empty", path=self.folder, found=f"{first}-{last}")
-        return type(self)(self.folder, self.name, {number: self._paths[number] for number in range(first, last + 1)})
+        paths = {number: self._paths[number] for number in range(first, last + 1)}
+        return type(self)(self.folder, self.name, paths, verify=self.verify)
 
 
 class ImageSequence(NumberedFiles):
@@ -97,7 +109,7 @@ class ImageSequence(NumberedFiles):
 
     def image(self, number: int) -> Image:
         """Read the colour of one frame number, [H, W, 3] linear float32."""
-        return read_colour(self.path(number))
+        return read_colour(self.path(number), sha256=self.sha256(number))
 
     def __iter__(self) -> Iterator[Image]:
         """Read the frames one after another."""
@@ -127,7 +139,7 @@ class Sequence(NumberedFiles):
         folder = self.folder / "reference"
         if not folder.exists():
             return None
-        reference = open_images(folder)
+        reference = open_images(folder, verify=self.verify)
         for number in self.numbers:
             if number not in reference.layouts:
                 missing = folder / self.path(number).name
@@ -138,16 +150,7 @@ class Sequence(NumberedFiles):
     @cached_property
     def sequence_json(self) -> dict[str, Any]:
         """Content of ``sequence.json``, or an empty dict where there is none."""
-        path = self.folder / "sequence.json"
-        try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            return {}
-        except (OSError, ValueError) as error:
-            raise DataError(f"not readable as JSON: {error}", path=path, cure="capture the sequence again") from error
-        if not isinstance(content, dict):
-            raise DataError("wrong content", path=path, expected="a JSON object", found=type(content).__name__)
-        return content
+        return read_capture_record(self.folder)
 
     def frame_header(self, number: int) -> FrameHeader:
         """Camera, jitter, cut and exposure of one frame number, checked, read without its pixels."""
@@ -156,7 +159,7 @@ class Sequence(NumberedFiles):
 
     def frame(self, number: int) -> Frame:
         """Read one frame by its number; raises DataError where header and sequence disagree."""
-        frame = read_frame(self.path(number))
+        frame = read_frame(self.path(number), sha256=self.sha256(number))
         if frame.index != number:
             raise DataError(
                 "the file name and attribute cltaa:frame disagree", path=frame.path,
@@ -173,27 +176,30 @@ class Sequence(NumberedFiles):
         return (self.frame(number) for number in self.numbers)
 
 
-def open_sequence(folder: str | Path) -> Sequence:
+def open_sequence(folder: str | Path, *, verify: bool = True) -> Sequence:
     """Open a folder of ``<name>.<frame:04d>.exr`` files, reading layouts but no pixels.
 
+    With ``verify`` every file that is read later must have the SHA-256 that ``sequence.json`` records for it.
     Raises InputMissing where the folder, its frames or a frame in the middle is missing, DataError where files are
     damaged, differ in size or belong to several sequences.
     """
-    return Sequence(*numbered_files(Path(folder)))
+    return Sequence(*numbered_files(Path(folder)), verify=verify)
 
 
-def open_images(path: str | Path) -> ImageSequence:
+def open_images(path: str | Path, *, verify: bool = True) -> ImageSequence:
     """Open resolved or reference images: a folder as ``open_sequence`` takes it, or one EXR file.
 
-    A single file without a number is frame 0. Raises as ``open_sequence``, and DataError where R, G or B is missing.
+    A single file without a number is frame 0. ``verify`` and errors are those of ``open_sequence``,
+    and DataError is raised where R, G or B is missing.
     """
     path = Path(path)
     if path.is_dir():
-        images = ImageSequence(*numbered_files(path))
+        images = ImageSequence(*numbered_files(path), verify=verify)
     else:
         match = _NUMBERED.fullmatch(path.name)
         number = int(match["number"]) if match else 0
-        images = ImageSequence(path.parent, match["name"] if match else path.stem, {number: path})
+        name = match["name"] if match else path.stem
+        images = ImageSequence(path.parent, name, {number: path}, verify=verify)
     for layout in images.layouts.values():
         check_float_channels(layout, ("R", "G", "B"))
     return images

@@ -14,6 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from cltaa.atomic import make_folder
+from cltaa.commands.options import verify_option
 from cltaa.comparison import Comparison, equal_quality, pair_up
 from cltaa.errors import UsageError
 from cltaa.frames import Image
@@ -38,6 +39,7 @@ Values = dict[str, float]
 @click.option("--frames", metavar="FIRST-LAST", help="Only these frame numbers, both included.")
 @click.option("--stops", default=0.0, show_default=True, help="Exposure before the display transform, in stops.")
 @click.option("--heatmap", type=click.Path(path_type=Path), metavar="DIR", help="Write an error map a frame as PNG.")
+@verify_option
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
 def compare(
     test: Path,
@@ -46,6 +48,7 @@ def compare(
     frames: str | None,
     stops: float,
     heatmap: Path | None,
+    verify: bool,
     as_json: bool,
 ) -> None:
     """Judge A against B, frame by frame and in the mean.
@@ -60,7 +63,7 @@ def compare(
     """
     shown = parse_metrics(metric_names)
     metrics = tuple(dict.fromkeys((*shown, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
-    comparison = pair_up(test, reference, None if frames is None else _parse_range(frames))
+    comparison = pair_up(test, reference, None if frames is None else _parse_range(frames), verify=verify)
     if heatmap is not None:
         make_folder(heatmap)
     rows = _measure_all(comparison, metrics, stops, heatmap)

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.build import Storage
+from cltaa.commands.options import verify_option
 from cltaa.errors import UsageError
 from cltaa.frames import Effect, parse_effects
 from cltaa.params import Preset, override
@@ -37,6 +38,7 @@ from cltaa.sources import open_sequence
 @click.option("--storage", type=click.Choice([kind.value for kind in Storage]), default=Storage.FLOAT.value,
               show_default=True, help="Number that the history is kept in.")  # fmt: skip
 @click.option("--strict", is_flag=True, help="Kernels that match the NumPy oracle bit for bit.")
+@verify_option
 @click.option("--json", "as_json", is_flag=True, help="Print the outcome as JSON.")
 def resolve(
     sequence: Path,
@@ -52,13 +54,14 @@ def resolve(
     compression: str,
     storage: str,
     strict: bool,
+    verify: bool,
     as_json: bool,
 ) -> None:
     """Anti-alias SEQUENCE, a folder of captured EXR frames, over time.
 
     Reading, the kernels and writing overlap, and only a few frames are in memory at a time.
     """
-    source = open_sequence(sequence)
+    source = open_sequence(sequence, verify=verify)
     if frames is not None:
         source = source.select(*_frame_range(frames))
     resolver = Resolver(chosen_preset(preset, config, assignments), device, strict=strict, storage=Storage(storage))

@@ -219,3 +219,21 @@ def test_nothing_to_inspect(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
     write_sequence(tmp_path, 1)
     write_sequence(tmp_path, 1, name="other")
     assert main(["inspect", str(tmp_path)]) == 65
+
+
+def test_gap_of_half_a_billion_frames_is_told_at_once(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """A name may hold any number; the numbers between must not be counted out in memory."""
+    write(tmp_path, [sound(0)])
+    (tmp_path / "synthetic.0000.exr").rename(tmp_path / "synthetic.500000000.exr")
+    write(tmp_path, [sound(0), sound(1)])
+    found = findings(capsys, tmp_path)["problems"]
+    assert found[0] == "frames missing: 2-499999999"
+
+
+def test_pixels_are_held_against_the_record(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    write(tmp_path, [sound(i) for i in range(4)])
+    (tmp_path / "sequence.json").write_text(json.dumps({"files": {"synthetic.0002.exr": "0" * 64}}))
+    findings(capsys, tmp_path, code=0)  # headers alone do not tell
+    assert "synthetic.0002.exr: the content is not what was recorded" in problems(capsys, tmp_path, "--pixels")
+    (tmp_path / "sequence.json").write_text("{")
+    assert "sequence.json: not readable as JSON" in problems(capsys, tmp_path, "--pixels")

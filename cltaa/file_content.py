@@ -1,0 +1,90 @@
+"""The bytes of an input file: opened without surprises, read once, checked against the SHA-256 that was recorded.
+
+A name in a folder may be anything: a folder, a pipe that never answers, a device without an end. Only regular files are
+read. They are read, not mapped: a mapped file that somebody cuts short kills the process that looks at it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from cltaa.errors import DataError, InputMissing, ResourceError, StorageError
+
+_CGROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")
+
+
+@contextmanager
+def open_regular(path: Path) -> Iterator[BinaryIO]:
+    """Open a file that is no folder, pipe or device and not empty, for reading bytes.
+
+    Raises InputMissing where there is no such file or it may not be read, DataError where it is of another kind or
+    empty, and StorageError where reading fails, in the block too.
+    """
+    try:
+        # O_NONBLOCK: to open a pipe that nobody writes into would wait for ever.
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        try:
+            _check_kind(path, os.fstat(descriptor))
+            with os.fdopen(descriptor, "rb", closefd=False) as file:
+                yield file
+        finally:
+            os.close(descriptor)
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise InputMissing("the file is missing", path=path, cure="check the name") from error
+    except PermissionError as error:
+        raise InputMissing("the file cannot be read: permission denied", path=path) from error
+    except OSError as error:
+        raise StorageError(f"reading failed: {error.strerror or error}", path=path) from error
+
+
+def read_all(path: Path, file: BinaryIO, sha256: str | None) -> bytes:
+    """Read the whole file; raises DataError where its SHA-256, in hexadecimal, is not the given one."""
+    file.seek(0)
+    content = file.read(file_size(file))
+    if sha256 is not None:
+        found = hashlib.sha256(content).hexdigest()
+        if found != sha256:
+            raise DataError(
+                "the content is not what was recorded when it was written", path=path,
+                expected=f"SHA-256 {sha256[:12]}...", found=f"{found[:12]}...", cure="capture or copy the file again",
+            )  # fmt: skip
+    return content
+
+
+def file_size(file: BinaryIO) -> int:
+    """Size of an open file in bytes."""
+    return os.fstat(file.fileno()).st_size
+
+
+def check_memory(path: Path, needed: int) -> None:
+    """Raise ResourceError where ``needed`` bytes are more than all the memory that there is."""
+    limit = memory_limit()
+    if needed > limit:
+        raise ResourceError(
+            "the picture does not fit into memory", path=path, expected=f"at most {limit / 1e9:.1f} GB",
+            found=f"{needed / 1e9:.1f} GB", cure="use smaller frames or a machine with more memory",
+        )  # fmt: skip
+
+
+def memory_limit() -> int:
+    """Bytes of memory that this process may ever have: those of the machine, or fewer where its group is limited."""
+    machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    try:
+        return min(machine, int(_CGROUP_LIMIT.read_text()))
+    except (OSError, ValueError):  # no such group, or "max"
+        return machine
+
+
+def _check_kind(path: Path, status: os.stat_result) -> None:
+    if stat.S_ISDIR(status.st_mode):
+        raise DataError("this is a folder", path=path, expected="an EXR file")
+    if not stat.S_ISREG(status.st_mode):
+        raise DataError("this is a pipe or a device", path=path, expected="an EXR file")
+    if status.st_size == 0:
+        raise DataError("the file is empty", path=path, expected="an EXR image", cure="write it again")
