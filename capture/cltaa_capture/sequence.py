@@ -184,7 +184,7 @@ def _frame(request: Request, scene: Scene, index: int, now: Instant, before: Ins
         motion=drawn.motion,
         alpha=np.ascontiguousarray(drawn.colour[..., 3]) if Effect.ALPHA in scene.effects else None,
         reactive=drawn.reactive,
-        cut=now.cut,
+        cut=index > 0 and now.shot != before.shot,
         exposure=now.exposure,
         scene=scene.name,
         effects=scene.effects,

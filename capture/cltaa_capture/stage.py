@@ -62,7 +62,7 @@ def stage(scene: Scene, drawables: Sequence[Drawable], now: Instant, before: Ins
     return Staged(
         solid=sorted(solid, key=lambda item: item.depth),
         glassy=sorted(glassy, key=lambda item: -item.depth),
-        has_sky=now.sky is not None,
+        has_sky=now.sky is not None and Effect.SKY in scene.effects,
         defines=defines,
         uniforms=_frame_uniforms(now, size),
     )
@@ -81,7 +81,9 @@ def _place(scene: Scene, drawables: Sequence[Drawable], now: Instant, before: In
             "model_to_view": float32(model_to_view),
             "normal_to_world": float32(normal_matrix(pose)),
         }
-        moves = earlier is not None and not np.array_equal(pose, earlier)
+        # What can be seen through writes no motion, and so may move undeclared: the channel reactive tells.
+        solid = drawable.part.material.alpha_mode is not AlphaMode.BLEND
+        moves = solid and earlier is not None and not np.array_equal(pose, earlier)
         if earlier is not None and moves:
             if Effect.MOTION not in scene.effects:
                 raise InternalError(f"scene {scene.name} declares no motion, but {drawable.part.name} moves")

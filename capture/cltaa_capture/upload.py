@@ -98,6 +98,8 @@ def _drawable(part: Part, shared: dict[int, Texels]) -> Drawable:
     defines |= {name.upper(): 1 for name in texels}
     if material.metallic == 0.0 and material.specular == 0.0:
         defines["MATT"] = 1
+        if not any(material.base_colour[:3]):
+            defines["UNLIT"] = 1
     if material.alpha_mode is not AlphaMode.OPAQUE:
         defines[material.alpha_mode.value] = 1
     uniforms: dict[str, Any] = {

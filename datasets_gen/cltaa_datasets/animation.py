@@ -7,6 +7,7 @@ import numpy as np
 from cltaa_datasets.scene import Matrix, Vector
 
 UP: Vector = (0.0, 1.0, 0.0)
+ON_BOUNDARY = 1e-6  # periods; frame times are quotients, rounded once or twice
 
 
 def translation(offset: Vector) -> Matrix:
@@ -46,6 +47,11 @@ def look_at(eye: Vector, target: Vector, up: Vector = UP) -> Matrix:
 def swing(time: float, period: float, phase: float = 0.0) -> float:
     """Swing between -1 and 1 once a ``period`` seconds."""
     return float(np.sin(2.0 * np.pi * (time / period + phase)))
+
+
+def whole_periods(time: float, period: float) -> int:
+    """How many periods have passed; a time meant to lie on a boundary is on its later side, however it was rounded."""
+    return int(np.floor(time / period + ON_BOUNDARY))
 
 
 def direction(azimuth_degrees: float, elevation_degrees: float) -> Vector:

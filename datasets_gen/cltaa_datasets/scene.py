@@ -132,7 +132,7 @@ class Instant:
     lights: tuple[Light, ...]
     sky: Sky | None  # None: black, transparent background
     exposure: float = 1.0  # factor on every colour
-    cut: bool = False  # the camera jumped here
+    shot: int = 0  # number of the take: between two instants of different shots lies a cut
 
 
 @dataclass(frozen=True, eq=False, slots=True)

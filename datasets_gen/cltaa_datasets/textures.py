@@ -152,3 +152,10 @@ def leaves(rng: Generator, low: Colour, high: Colour, count: int = 320) -> Textu
         colour[patch] = np.where((cover > 0.5)[..., None], leaf, colour[patch])
         alpha[patch] = np.maximum(alpha[patch], cover)
     return make_texture(colour, alpha)
+
+
+def zone_plate(size: int = SIZE) -> Texture:
+    """Rings whose frequency grows outwards, from 0 in the middle to half a texel's at the edge: cos(pi r^2 / size)."""
+    across, down = coordinates(size)
+    squared = ((across - 0.5) ** 2 + (down - 0.5) ** 2) * size**2
+    return make_texture(paint(0.5 + 0.5 * np.cos(np.pi * squared / size), (0.02, 0.02, 0.02), (0.9, 0.9, 0.9)))

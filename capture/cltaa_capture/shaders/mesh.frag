@@ -134,6 +134,9 @@ Surface surface_of(vec4 base)
 
 vec3 shade(Surface s)
 {
+#ifdef UNLIT
+    vec3 radiance = vec3(0.0);
+#else
     vec3 radiance = reflected_sky(s);
 #if SUNS > 0
     for (int i = 0; i < SUNS; ++i) radiance += reflected(s, suns[i].direction, suns[i].irradiance);
@@ -144,6 +147,7 @@ vec3 shade(Surface s)
         vec3 to_light = view_to_world * normalize(offset);
         radiance += reflected(s, to_light, lamps[i].intensity / dot(offset, offset));
     }
+#endif
 #endif
     vec3 emissive = material.emissive;
 #ifdef EMISSIVE_TEXTURE

@@ -11,7 +11,20 @@ from cltaa.errors import UsageError
 from cltaa_datasets import model_files
 from cltaa_datasets.registry import SCENES, Entry
 from cltaa_datasets.scene import Scene
-from cltaa_datasets.scenes import corridor, occluder, spinner, still, wires  # noqa: F401 (importing registers)
+from cltaa_datasets.scenes import (  # noqa: F401 (importing registers)
+    cameras,
+    charts,
+    conveyor,
+    corridor,
+    distances,
+    glass,
+    lights,
+    occluder,
+    plants,
+    spinner,
+    still,
+    wires,
+)
 
 FILE_PREFIX = "file:"
 

@@ -1,0 +1,77 @@
+"""Where numbers run out: a million metres from the origin, and from a hand's breadth to the horizon in one picture."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cltaa.frames import Effect
+from cltaa_datasets import animation, meshes, textures
+from cltaa_datasets.registry import Staging, register
+from cltaa_datasets.scene import AlphaMode, Instant, Material, Part, Perspective, Sky, Sun
+from cltaa_datasets.sets import EYE, TARGET, gallery, standing
+
+FAR_OFF = (1.0e6, 2.0e5, -1.0e6)  # metres
+SWING, REACH = 4.0, 0.8  # seconds, metres
+NEAREST, FARTHEST = 0.1, 3.0e5  # metres
+EYE_HEIGHT, SIDEWAYS = 30.0, 0.04  # metres
+TURN = np.radians(2.0)
+
+
+@register("far_off", "A dolly through a gallery a million metres from the origin", (Effect.CAMERA, Effect.UNCOVER))
+def far_off(seed: int) -> Staging:
+    """The scene ``dolly`` moved away from the origin: float32 world space would be hundreds of pixels off."""
+    parts = gallery(seed)
+    there = animation.translation(FAR_OFF)
+    back = animation.translation((-FAR_OFF[0], -FAR_OFF[1], -FAR_OFF[2]))
+    start = float(np.random.default_rng(seed).random()) * SWING
+
+    def at(time: float) -> Instant:
+        x = REACH * animation.swing(time + start, SWING)
+        view = animation.look_at((EYE[0] + x, EYE[1], EYE[2]), (TARGET[0] + x, TARGET[1], TARGET[2]))
+        return standing(parts, view @ back, moving=(there,) * len(parts))
+
+    return parts, at
+
+
+@register(
+    "depth_range",
+    "A lattice ten centimetres from the lens, towers, and hills three hundred kilometres away",
+    (Effect.CAMERA, Effect.UNCOVER, Effect.THIN, Effect.SKY),
+)
+def depth_range(seed: int) -> Staging:
+    """Sway behind a lattice: it runs across the picture while the hills only turn with the camera."""
+    rng = np.random.default_rng(seed)
+    net = Material(
+        base_texture=textures.lattice((0.12, 0.10, 0.08), 6, 0.16), specular=0.0, alpha_mode=AlphaMode.MASK,
+        double_sided=True,
+    )  # fmt: skip
+    grass = Material(base_texture=textures.mottle(rng, (0.10, 0.16, 0.04), (0.34, 0.38, 0.14), 16), specular=0.0)
+    brick = Material(
+        base_texture=textures.blocks(rng, (0.66, 0.32, 0.20), (0.60, 0.56, 0.50), 6, 12, 0.012), specular=0.0
+    )
+    towers = [
+        meshes.moved(meshes.box((9.0, h, 9.0), 6.0), animation.translation((x, h / 2.0, z)))
+        for x, z, h in zip(rng.uniform(-160, 200, 24), rng.uniform(-700, -60, 24), rng.uniform(15, 70, 24), strict=True)
+    ]
+    hills = [
+        meshes.moved(meshes.sphere(size, (60.0, 30.0), 16), animation.translation((x, -0.55 * size, -FARTHEST)))
+        for x, size in zip(np.linspace(-2.2e5, 2.2e5, 9), rng.uniform(2.5e4, 4.5e4, 9), strict=True)
+    ]
+    corner = (-0.03, EYE_HEIGHT - 0.1, -NEAREST)
+    parts = (
+        Part("net", meshes.sheet(corner, (0.06, 0.0, 0.0), (0.0, 0.2, 0.0), (1.0, 3.0)), net),
+        Part("towers", meshes.merge(towers), brick),
+        Part("hills", meshes.merge(hills), grass),
+        Part("plain", meshes.floor(FARTHEST, 40.0, 64), grass),
+    )
+    lens, sky = Perspective(np.radians(50.0), NEAREST / 2.0), Sky(ambient=0.6)
+    phase = float(rng.random()) * SWING
+    lights = (Sun(animation.direction(110.0, 35.0), (3.6, 3.3, 2.8)),)
+
+    def at(time: float) -> Instant:
+        x = SIDEWAYS * animation.swing(time + phase, SWING)
+        view = animation.rotation(animation.UP, TURN * animation.swing(time + phase, SWING))
+        view = view @ animation.look_at((x, EYE_HEIGHT, 0.0), (x, EYE_HEIGHT - 2.0, -100.0))
+        return standing(parts, view, lens=lens, lights=lights, sky=sky)
+
+    return parts, at

@@ -1,0 +1,74 @@
+"""Foliage: cut-outs smaller than a pixel, seen in passing and swaying."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from cltaa.frames import Effect
+from cltaa_datasets import animation, meshes, textures
+from cltaa_datasets.registry import Staging, register
+from cltaa_datasets.scene import AlphaMode, Instant, Material, Matrix, Part
+from cltaa_datasets.sets import EYE, KEPT, TARGET, poster_wall, standing
+
+SWING, REACH = 4.0, 0.7  # seconds, metres
+SWAY = 0.09  # metres aside a metre up
+
+
+@lru_cache(KEPT)
+def hedge(seed: int, rows: int = 3) -> tuple[Part, ...]:
+    """Rows of crossed leafy sheets before the poster wall, a part a row; each leaf is a few pixels wide or less."""
+    rng = np.random.default_rng(seed)
+    leaves = textures.leaves(rng, (0.04, 0.12, 0.03), (0.24, 0.40, 0.10), 170)
+    # Shining by itself, a leaf that sways keeps its colour.
+    green = Material(
+        base_colour=(0.0, 0.0, 0.0, 1.0), base_texture=leaves, emissive=(1.0, 1.0, 1.0), emissive_texture=leaves,
+        specular=0.0, alpha_mode=AlphaMode.MASK, double_sided=True,
+    )  # fmt: skip
+    sheet = meshes.sheet((-0.5, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.1, 0.0), (1.5, 1.6))
+    grown = []
+    for row in range(rows):
+        bushes = [
+            meshes.moved(
+                sheet,
+                animation.translation((x + float(rng.uniform(-0.2, 0.2)), 0.0, 0.1 - 0.7 * row))
+                @ animation.rotation(animation.UP, float(rng.uniform(-0.6, 0.6)) + cross),
+            )
+            for x in np.linspace(-2.4, 2.4, 6).tolist()
+            for cross in (0.0, 1.4)
+        ]
+        grown.append(Part(f"row {row}", meshes.merge(bushes), green))
+    return (*grown, *poster_wall(rng))
+
+
+@register("foliage", "A camera slides past hedges of cut-out leaves", (Effect.CAMERA, Effect.THIN, Effect.UNCOVER))
+def foliage(seed: int) -> Staging:
+    """Slide sideways: every leaf uncovers something."""
+    parts = hedge(seed)
+    start = float(np.random.default_rng(seed).random()) * SWING
+
+    def at(time: float) -> Instant:
+        x = REACH * animation.swing(time + start, SWING)
+        view = animation.look_at((EYE[0] + x, EYE[1], EYE[2]), (TARGET[0] + x, TARGET[1], TARGET[2]))
+        return standing(parts, view)
+
+    return parts, at
+
+
+@register("swaying", "Hedges of cut-out leaves sway before a wall", (Effect.MOTION, Effect.THIN, Effect.UNCOVER))
+def swaying(seed: int) -> Staging:
+    """Shear each row by the wind: previous poses that are not rigid."""
+    parts = hedge(seed)
+    phase = np.random.default_rng(seed).random(3)
+
+    def at(time: float) -> Instant:
+        return standing(parts, moving=tuple(_leaning(time, 2.0 + 0.7 * i, float(p)) for i, p in enumerate(phase)))
+
+    return parts, at
+
+
+def _leaning(time: float, period: float, phase: float) -> Matrix:
+    pose = np.eye(4)
+    pose[0, 1] = SWAY * animation.swing(time, period, phase)
+    return pose

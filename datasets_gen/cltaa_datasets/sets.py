@@ -1,0 +1,96 @@
+"""Stage sets that several scenes share, so that scenes which differ in one effect differ in nothing else.
+
+All of it is matt: its colour does not depend on where it is seen from, and a moving camera changes nothing but where
+things are.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from cltaa_datasets import animation, meshes, textures
+from cltaa_datasets.scene import AlphaMode, Instant, Lens, Light, Material, Matrix, Part, Perspective, Sky, Sun
+
+SUN = animation.direction(150.0, 40.0)
+LIGHTS = (Sun(SUN, (3.6, 3.3, 2.9)),)
+SKY = Sky(ambient=0.55)
+LENS = Perspective(np.radians(40.0))
+EYE, TARGET = (0.0, 1.45, 3.4), (0.0, 1.25, -2.0)
+VIEW = animation.look_at(EYE, TARGET)
+KEPT = 4  # sets in memory: tests and sweeps build many scenes of one seed
+
+
+def poster_wall(rng: np.random.Generator) -> tuple[Part, ...]:
+    """A brick wall with printed posters, over a boarded floor."""
+    brick = textures.blocks(rng, (0.70, 0.36, 0.24), (0.64, 0.60, 0.54), 6, 12, 0.012)
+    inks = (
+        ((0.04, 0.05, 0.10), (0.85, 0.80, 0.68)),
+        ((0.55, 0.07, 0.06), (0.90, 0.88, 0.80)),
+        ((0.9, 0.85, 0.6), (0.05, 0.16, 0.22)),
+    )
+    posters = [
+        Part(
+            f"poster {i}",
+            meshes.sheet((x, 0.75 + 0.12 * i, -1.98), (1.15, 0.0, 0.0), (0.0, 1.15, 0.0)),
+            Material(base_texture=textures.lettering(rng, *inks[i], 22 + 4 * i), specular=0.0),
+        )
+        for i, x in enumerate((-2.35, -0.55, 1.3))
+    ]
+    boards = Material(base_texture=textures.planks(rng, (0.50, 0.34, 0.20)), specular=0.0)
+    return (
+        Part(
+            "wall",
+            meshes.sheet((-6.0, 0.0, -2.0), (12.0, 0.0, 0.0), (0.0, 5.0, 0.0), (6.0, 2.5), 4),
+            Material(base_texture=brick, specular=0.0),
+        ),
+        Part("floor", meshes.sheet((-6.0, 0.0, 5.0), (12.0, 0.0, 0.0), (0.0, 0.0, -7.0), (6.0, 5.0), 4), boards),
+        *posters,
+    )
+
+
+def exhibits(rng: np.random.Generator) -> tuple[Part, ...]:
+    """A glazed knot, a striped block and a cut-out grille, standing before the wall."""
+    glaze = textures.checker((0.08, 0.34, 0.44), (0.84, 0.80, 0.66), 8, rng)
+    striped = textures.stripes((0.70, 0.14, 0.08), (0.84, 0.80, 0.72), 6)
+    net = Material(
+        base_texture=textures.lattice((0.10, 0.32, 0.26), 5), specular=0.0, alpha_mode=AlphaMode.MASK, double_sided=True
+    )
+    turn = animation.rotation(animation.UP, float(rng.uniform(0.0, 2.0 * np.pi)))
+    return (
+        Part(
+            "knot",
+            meshes.moved(meshes.knot(0.6, 0.12), animation.translation((-1.1, 0.95, -0.6)) @ turn),
+            Material(base_texture=glaze, specular=0.0),
+        ),
+        Part(
+            "block",
+            meshes.moved(meshes.box((0.6, 0.6, 0.6)), animation.translation((0.95, 0.3, 0.3)) @ turn),
+            Material(base_texture=striped, specular=0.0),
+        ),
+        Part("grille", meshes.sheet((0.2, 0.05, -1.1), (1.2, 0.0, 0.0), (0.0, 1.7, 0.0), (1.2, 1.7)), net),
+    )
+
+
+@lru_cache(KEPT)
+def gallery(seed: int) -> tuple[Part, ...]:
+    """Return the wall with its posters, and the exhibits before it: fine texture at two to six metres."""
+    rng = np.random.default_rng(seed)
+    return (*poster_wall(rng), *exhibits(rng))
+
+
+def standing(
+    parts: tuple[Part, ...],
+    view: Matrix = VIEW,
+    *,
+    moving: tuple[Matrix | None, ...] = (),
+    lens: Lens = LENS,
+    lights: tuple[Light, ...] = LIGHTS,
+    sky: Sky | None = SKY,
+    exposure: float = 1.0,
+    shot: int = 0,
+) -> Instant:
+    """Return an instant at which the first parts stand as ``moving`` says and all others where they were built."""
+    poses = (*moving, *((np.eye(4),) * (len(parts) - len(moving))))
+    return Instant(view, lens, poses, lights, sky, exposure, shot)
