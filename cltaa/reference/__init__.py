@@ -8,10 +8,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from cltaa.reference import resolve
+from cltaa.reference import resolve, stages
 
 # Kernel name -> twin; called with (build, layout, **arguments by the kernel's own names).
 KERNELS: dict[str, Callable[..., Any]] = {
+    "blend": stages.blend_kernel,
     "extend_edges": resolve.extend_edges,
+    "neighbourhood_statistics": stages.neighbourhood_statistics_kernel,
+    "rectify_history": stages.rectify_history_kernel,
+    "repair_colour": stages.repair_colour_kernel,
     "resolve": resolve.resolve,
+    "sample_history": stages.sample_history_kernel,
+    "surface_motion": stages.surface_motion_kernel,
 }

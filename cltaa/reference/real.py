@@ -12,6 +12,9 @@ from cltaa.constants import value
 Array = NDArray[Any]  # [H, W] of the stage's real
 Mask = NDArray[np.bool_]  # [H, W]
 
+# Values that are then not selected may overflow, as on a device.
+quiet = np.errstate(over="ignore", invalid="ignore")
+
 
 def constant(name: str, like: Array) -> Any:
     """A named constant in the precision of ``like``."""

@@ -7,9 +7,10 @@ import numpy as np
 from cltaa.constants import PAD_X, PAD_Y
 from cltaa.layout import Layout
 from cltaa.reference.colour import colour_outside_domain
-from cltaa.reference.real import Array
+from cltaa.reference.real import Array, greater, number, quiet
 
 
+@quiet
 def repaired_planes(planes: Array, layout: Layout) -> Array:
     """Repaired copy of colour planes [3, rows, stride], halo included (the edge repeated).
 
@@ -17,16 +18,16 @@ def repaired_planes(planes: Array, layout: Layout) -> Array:
     """
     bad = colour_outside_domain((planes[0], planes[1], planes[2]))
     repaired = planes.copy()
-    if bad.any():
-        for y, x in np.argwhere(layout.inside(bad)):
-            row, column = y + PAD_Y, x + PAD_X
-            window = np.s_[row - 1 : row + 2, column - 1 : column + 2]
-            usable = ~bad[window]
-            for channel in range(3):
-                total = planes.dtype.type(0.0)
-                for texel in planes[channel][window][usable]:
-                    total = total + texel
-                count = planes.dtype.type(max(int(usable.sum()), 1))
-                repaired[channel, row, column] = total / count
+    rows, columns = np.nonzero(layout.inside(bad))
+    if rows.size:
+        rows, columns = rows + PAD_Y, columns + PAD_X
+        zero = np.zeros_like(planes[:3, rows, columns])
+        total, count = zero, zero[0]
+        for j in (-1, 0, 1):
+            for i in (-1, 0, 1):
+                usable = ~bad[rows + j, columns + i]
+                total = np.where(usable, total + planes[:3, rows + j, columns + i], total)
+                count = np.where(usable, count + number(1.0, count), count)
+        repaired[:3, rows, columns] = np.where(count > number(0.0, count), total / greater(count, 1.0), zero)
         layout.extend_edges(repaired)
     return repaired

@@ -12,7 +12,7 @@ from cltaa.reference.history import sample_history
 from cltaa.reference.neighbourhood import Row, nearest_surface, neighbourhood_statistics, read_row
 from cltaa.reference.pixel import Resolved, box_gamma, load_share, resolve_pixel
 from cltaa.reference.projection import surface_motion
-from cltaa.reference.real import Array
+from cltaa.reference.real import Array, quiet
 from cltaa.reference.rectify import rectify
 from cltaa.reference.repair import repaired_planes
 
@@ -36,6 +36,7 @@ def read_rows(
     return above, centre, below
 
 
+@quiet
 def resolve(
     build: Build,
     layout: Layout,
@@ -54,30 +55,36 @@ def resolve(
     settings: Record,
 ) -> None:
     """Resolve one frame from padded planes into ``output`` [3 or 4, rows, stride] and ``output_count``."""
-    with np.errstate(over="ignore", invalid="ignore"):  # values that are then not selected may overflow, as on a device
-        above, centre, below = read_rows(current, closeness, motion, build, layout, frame)
-        near = neighbourhood_statistics(above, centre, below, build)
-        s = nearest_surface(above, centre, below, build, settings["edge_tolerance"])
-        m = surface_motion(s, build, layout, frame)
-        h = sample_history(history, history_count, previous_closeness, m, s, build, layout, frame, settings)
-        r = rectify(h.rgb, near, box_gamma(m, settings), build, settings)
-        resolved = resolve_pixel(
-            centre.centre,
-            _share(alpha, 1.0, build.steps.alpha, h.count, layout),
-            _share(reactive, 0.0, build.steps.reactive, h.count, layout),
-            near.mean,
-            h,
-            r,
-            build,
-            settings,
-        )
+    above, centre, below = read_rows(current, closeness, motion, build, layout, frame)
+    near = neighbourhood_statistics(above, centre, below, build)
+    s = nearest_surface(above, centre, below, build, settings["edge_tolerance"])
+    m = surface_motion(s, build, layout, frame)
+    h = sample_history(history, history_count, previous_closeness, m, s, build, layout, frame, settings)
+    r = rectify(h.rgb, near, box_gamma(m, settings), build, settings)
+    resolved = resolve_pixel(
+        centre.centre,
+        *load_shares(alpha, reactive, h.count, build, layout),
+        near.mean,
+        h,
+        r,
+        build,
+        settings,
+    )
     store_resolved(resolved, build, layout, output, output_count)
 
 
-def _share(plane: Array | None, otherwise: float, wanted: bool, like: Array, layout: Layout) -> Array:
-    if not wanted or plane is None:
-        return np.full_like(like, otherwise)
-    return load_share(layout.inside(plane)[0].astype(like.dtype), otherwise)
+def load_shares(
+    alpha: Array | None, reactive: Array | None, like: Array, build: Build, layout: Layout
+) -> tuple[Array, Array]:
+    """Alpha and reactivity of each pixel from padded planes [1, rows, stride]; 1 and 0 where a build has none."""
+    one, zero = np.ones_like(like), np.zeros_like(like)
+    steps = build.steps
+    return (
+        load_share(layout.inside(alpha)[0].astype(like.dtype), 1.0) if steps.alpha and alpha is not None else one,
+        load_share(layout.inside(reactive)[0].astype(like.dtype), 0.0)
+        if steps.reactive and reactive is not None
+        else zero,
+    )
 
 
 def store_resolved(resolved: Resolved, build: Build, layout: Layout, output: Array, output_count: Array) -> None:

@@ -1,0 +1,146 @@
+"""Twins of the stage kernels: thin wrappers that read planes, call the stage and write planes, as each ``.cl`` does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from cltaa.build import Build, Record
+from cltaa.layout import Layout
+from cltaa.reference.history import History, sample_history
+from cltaa.reference.neighbourhood import Statistics, Surface, nearest_surface, neighbourhood_statistics
+from cltaa.reference.pixel import box_gamma, resolve_pixel
+from cltaa.reference.projection import Motion, surface_motion
+from cltaa.reference.real import Array, number, quiet
+from cltaa.reference.rectify import Rectification, rectify
+from cltaa.reference.repair import repaired_planes
+from cltaa.reference.resolve import load_shares, read_rows, real_type, store_resolved
+
+
+def repair_colour_kernel(build: Build, layout: Layout, *, current: Array, repaired: Array, frame: Record) -> None:  # noqa: ARG001
+    """``repaired`` [3, rows, stride]: ``current`` with every texel outside the domain replaced."""
+    layout.inside(repaired)[:] = layout.inside(repaired_planes(current, layout))
+
+
+@quiet
+def neighbourhood_statistics_kernel(
+    build: Build,
+    layout: Layout,
+    *,
+    current: Array,
+    closeness: Array,
+    motion: Array | None,
+    statistics_out: Array,
+    frame: Record,
+) -> None:
+    """``statistics_out`` [12, rows, stride]: mean, deviation, low and high of the neighbourhood in the box space."""
+    rows = read_rows(current, closeness, motion, build, layout, frame)
+    _store(statistics_out, layout, (part for colour in neighbourhood_statistics(*rows, build) for part in colour))
+
+
+@quiet
+def surface_motion_kernel(
+    build: Build,
+    layout: Layout,
+    *,
+    current: Array,
+    closeness: Array,
+    motion: Array | None,
+    motion_out: Array,
+    frame: Record,
+    settings: Record,
+) -> None:
+    """``motion_out`` [7, rows, stride]: u, v, scale, shift, visible, nearest and farthest closeness."""
+    rows = read_rows(current, closeness, motion, build, layout, frame)
+    s = nearest_surface(*rows, build, settings["edge_tolerance"])
+    m = surface_motion(s, build, layout, frame)
+    one = number(1.0, m.u)
+    visible = np.where(m.visible, one, number(0.0, m.u))
+    _store(motion_out, layout, (m.u, m.v, m.scale, m.shift, visible, s.nearest, s.farthest))
+
+
+@quiet
+def sample_history_kernel(
+    build: Build,
+    layout: Layout,
+    *,
+    motion_in: Array,
+    history: Array,
+    history_count: Array,
+    previous_closeness: Array,
+    history_at: Array,
+    frame: Record,
+    settings: Record,
+) -> None:
+    """``history_at`` [8, rows, stride]: r, g, b, alpha, count, fx, fy, valid."""
+    u, v, scale, shift, visible, nearest, farthest = _load(motion_in, build, layout)
+    m = Motion(u, v, scale, shift, visible > number(0.5, u))
+    s = Surface(u, u, u, u, u, u, nearest, farthest)  # of the surface, only its range of closeness is looked at
+    h = sample_history(history, history_count, previous_closeness, m, s, build, layout, frame, settings)
+    one = number(1.0, u)
+    _store(history_at, layout, (*h.rgb, h.alpha, h.count, h.fx, h.fy, np.where(h.valid, one, number(0.0, u))))
+
+
+@quiet
+def rectify_history_kernel(
+    build: Build,
+    layout: Layout,
+    *,
+    statistics_in: Array,
+    motion_in: Array,
+    history_at: Array,
+    change_out: Array,
+    frame: Record,  # noqa: ARG001
+    settings: Record,
+) -> None:
+    """``change_out`` [4, rows, stride]: change of r, g, b, and the pull."""
+    s, m = _load(statistics_in, build, layout), _load(motion_in, build, layout)
+    near = Statistics((s[0], s[1], s[2]), (s[3], s[4], s[5]), (s[6], s[7], s[8]), (s[9], s[10], s[11]))
+    moved = Motion(m[0], m[1], m[2], m[3], m[4] > number(0.5, m[4]))
+    r, g, b = _load(history_at[:3], build, layout)
+    change = rectify((r, g, b), near, box_gamma(moved, settings), build, settings)
+    _store(change_out, layout, (*change.change, change.pull))
+
+
+@quiet
+def blend_kernel(
+    build: Build,
+    layout: Layout,
+    *,
+    repaired: Array,
+    alpha: Array | None,
+    reactive: Array | None,
+    statistics_in: Array,
+    history_at: Array,
+    change_in: Array,
+    output: Array,
+    output_count: Array,
+    frame: Record,  # noqa: ARG001
+    settings: Record,
+) -> None:
+    """``output`` [3 or 4, rows, stride] and ``output_count``: what the frame leaves."""
+    r, g, b, past_alpha, count, fx, fy, valid = _load(history_at, build, layout)
+    h = History((r, g, b), past_alpha, count, fx, fy, valid > number(0.5, valid))
+    change_r, change_g, change_b, pull = _load(change_in, build, layout)
+    current_r, current_g, current_b = _load(repaired[:3], build, layout)
+    mean_a, mean_b, mean_c = _load(statistics_in[:3], build, layout)
+    resolved = resolve_pixel(
+        (current_r, current_g, current_b),
+        *load_shares(alpha, reactive, count, build, layout),
+        (mean_a, mean_b, mean_c),
+        h,
+        Rectification((change_r, change_g, change_b), pull),
+        build,
+        settings,
+    )
+    store_resolved(resolved, build, layout, output, output_count)
+
+
+def _load(planes: Array, build: Build, layout: Layout) -> list[Array]:
+    return [layout.inside(plane).astype(real_type(build)) for plane in planes]
+
+
+def _store(planes: Array, layout: Layout, values: Iterable[Array]) -> None:
+    for plane, value in zip(planes, values, strict=True):
+        layout.inside(plane)[:] = value

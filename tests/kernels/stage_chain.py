@@ -1,0 +1,196 @@
+"""One stage kernel at a time, on a device or on its twin, fed with planes that hold every hard case at once.
+
+``hard_planes`` makes what a frame reads; ``run_stage`` runs one kernel of the chain on a launcher and returns what it
+wrote. What a stage needs is read from the signature of its twin, so that a new argument or choice needs no line here.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from cltaa.build import Build, Record, Steps, settings_record
+from cltaa.constants import value as value_of
+from cltaa.launch import Buffer, Launcher, NumpyLauncher
+from cltaa.layout import Layout
+from cltaa.params import Choices, Settings
+from cltaa.reference import KERNELS
+from cltaa.resolve import Past, frame_record
+from tests.kernels.test_resolve import turned
+from tests.sequence_factory import SPECIAL_BITS, bits, make_frame
+
+Planes = dict[str, NDArray[Any]]
+
+# Kernel -> the planes that it writes: the stages in the order of the chain, and the fused kernel.
+WRITES: dict[str, dict[str, int]] = {
+    "repair_colour": {"repaired": 3},
+    "neighbourhood_statistics": {"statistics_out": 12},
+    "surface_motion": {"motion_out": 7},
+    "sample_history": {"history_at": 8},
+    "rectify_history": {"change_out": 4},
+    "blend": {"output": 4, "output_count": 1},
+    "resolve": {"output": 4, "output_count": 1},
+}
+STAGES = [kernel for kernel in WRITES if kernel != "resolve"]
+# The choices and steps that each stage's code looks at.
+LOOKS_AT: dict[str, tuple[str, ...]] = {
+    "repair_colour": (),
+    "neighbourhood_statistics": ("neighbourhood", "box_space"),
+    "surface_motion": ("dilation", "camera_motion", "own_motion", "orthographic"),
+    "sample_history": ("history_filter", "reject", "exposure", "alpha"),
+    "rectify_history": ("box", "box_space", "rectify"),
+    "blend": ("box_space", "accumulate", "weighting", "alpha", "reactive"),
+}
+DOMAIN_LIMIT = value_of("DOMAIN_LIMIT")
+UNWRITTEN = np.float32(-77.0)  # what no stage writes into a plane by itself
+ALL_STEPS = Steps(alpha=True, reactive=True)
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a frame of one size reads: planes, and the two structs."""
+
+    layout: Layout
+    planes: Planes
+    frame: Record
+    settings: Record
+
+
+def hard_work(width: int = 70, height: int = 41, seed: int = 0, settings: Settings | None = None) -> Work:
+    """A frame whose planes hold every hard case, with a camera that turns, zooms and moves."""
+    layout = Layout(width, height)
+    before, now = (
+        make_frame(i, width=width, height=height, camera=turned(i + seed % 7, width, height), exposure=1.0 + 0.3 * i)
+        for i in (0, 1)
+    )
+    return Work(
+        layout,
+        hard_planes(layout, seed),
+        frame_record(now, Past.of(before), layout),
+        settings_record(Settings() if settings is None else settings),
+    )
+
+
+def hard_planes(layout: Layout, seed: int = 0) -> Planes:
+    """Padded planes by the names of the fused kernel's arguments.
+
+    Tiles of 8x8 have their own mean (1e-2 to 1e6) and relative spread (1e-7 to 1: nearly and wholly flat ones among
+    them), so that sums cancel; bit patterns that a careless path lets spread are strewn over all of it.
+    """
+    random = np.random.default_rng(seed)
+    shape = (layout.height, layout.width)
+    mean, spread = 10 ** tiles(random, shape, -2, 6), 10 ** tiles(random, shape, -7, 0)
+    spread[tiles(random, shape, 0, 1) < 0.1] = 0.0
+
+    def near_mean(planes: int) -> NDArray[np.float32]:
+        return (mean * (1 + spread * random.normal(size=(planes, *shape)))).astype(np.float32)
+
+    colour, closeness = near_mean(3), 10 ** tiles(random, shape, -3, 1)
+    closeness = closeness * (1 + spread * random.normal(size=shape))
+    motion = random.choice([np.nan, np.nan, 0.0, 0.0, 1.0, -2.0, 0.5, 1e-7, 1e6, 1e30], (2, *shape))
+    motion += random.choice([0.0, 1.0], shape) * random.normal(0, 3, (2, *shape))
+    history = np.concatenate([near_mean(3), random.uniform(-0.2, 1.2, (1, *shape))])
+    earlier = closeness * random.choice([1.0, 1.02, 1.3], shape)
+    strewn = (
+        strew(colour, random, 0.01),
+        strew(closeness[None], random, 0.02),
+        strew(motion, random, 0.02),
+        strew(random.uniform(-0.2, 1.2, (1, *shape)), random, 0.02),
+        strew(random.choice([0.0, 1.0, 0.3], (1, *shape)), random, 0.02),
+        strew(history, random, 0.002),
+        random.choice([0.0, 1.0, 7.0, 24.0, 1000.0], (1, *shape)),
+        strew(earlier[None], random, 0.02),
+    )
+    names = ("current", "closeness", "motion", "alpha", "reactive", "history", "history_count", "previous_closeness")
+    return {name: padded(planes, layout) for name, planes in zip(names, strewn, strict=True)}
+
+
+def tiles(random: np.random.Generator, shape: tuple[int, int], low: float, high: float) -> NDArray[np.float64]:
+    """[H, W] uniform in [low, high], one value a tile of 8x8."""
+    coarse = random.uniform(low, high, (-(-shape[0] // 8), -(-shape[1] // 8)))
+    return np.repeat(np.repeat(coarse, 8, 0), 8, 1)[: shape[0], : shape[1]]
+
+
+def strew(planes: NDArray[Any], random: np.random.Generator, share: float) -> NDArray[np.float32]:
+    """``planes`` as float32 with ``SPECIAL_BITS``, the ends of the domain and fireflies at a share of the texels."""
+    beyond = np.nextafter(np.float32(DOMAIN_LIMIT), np.float32(np.inf))
+    numbers = [0.0, -1.0, 65504, 65520, 1e5, 1e30, -1e30, DOMAIN_LIMIT, beyond]
+    hard = np.concatenate([np.array(SPECIAL_BITS, np.uint32).view(np.float32), np.array(numbers, np.float32)])
+    single = planes.astype(np.float32)
+    return np.where(random.random(planes.shape) < share, random.choice(hard, planes.shape), single)
+
+
+def padded(planes: NDArray[Any], layout: Layout) -> NDArray[np.float32]:
+    """[C, H, W] with its halo, the edge repeated."""
+    out = layout.empty(len(planes))
+    layout.inside(out)[:] = planes
+    layout.extend_edges(out)
+    return out
+
+
+def arguments_of(kernel: str) -> list[str]:
+    """Names of a kernel's arguments, from its twin."""
+    return [p.name for p in inspect.signature(KERNELS[kernel]).parameters.values() if p.kind is p.KEYWORD_ONLY]
+
+
+def stage_input(name: str, planes: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+    """The planes that an argument reads: what an earlier stage wrote as ``x_out`` is read as ``x_in``."""
+    return planes[name.replace("_in", "_out") if name.endswith("_in") else name]
+
+
+def run_stage(kernel: str, build: Build, work: Work, launcher: Launcher) -> Planes:
+    """Run one kernel over the planes of ``work``; returns the padded planes that it wrote, UNWRITTEN elsewhere."""
+    planes = work.planes
+    buffers: dict[str, Buffer] = {}
+    for name in arguments_of(kernel):
+        if name not in ("frame", "settings"):
+            made = WRITES[kernel].get(name)
+            source = stage_input(name, planes) if made is None else np.full_like(work.layout.empty(made), UNWRITTEN)
+            buffers[name] = launcher.allocate(source.shape, source.dtype)
+            with buffers[name].mapped(write=True) as target:
+                target[:] = source
+    structs = {"frame": work.frame, "settings": work.settings}
+    launcher.run(kernel, build, work.layout, {name: {**structs, **buffers}[name] for name in arguments_of(kernel)})
+    launcher.finish()
+    written: Planes = {}
+    for name in WRITES[kernel]:
+        with buffers[name].mapped(write=False) as planes_of:
+            written[name] = planes_of.copy()
+    return written
+
+
+@cache
+def chain_work(width: int = 70, height: int = 41, seed: int = 0) -> Work:
+    """Hard work whose planes also hold what each stage's twin makes of them: every stage finds its input there."""
+    work = hard_work(width, height, seed)
+    for kernel in STAGES:
+        work.planes.update(run_stage(kernel, Build(steps=ALL_STEPS), work, NumpyLauncher()))
+    return work
+
+
+def differing(work: Work, a: Planes, b: Planes) -> int:
+    """Values inside the image that differ in their bits; any NaN is as good as another."""
+    count = 0
+    for name in a:
+        ours, theirs = work.layout.inside(a[name]), work.layout.inside(b[name])
+        count += int(((bits(ours) != bits(theirs)) & ~(np.isnan(ours) & np.isnan(theirs))).sum())
+    return count
+
+
+def variants(kernel: str, build: Build) -> dict[str, Build]:
+    """``build`` with each choice or step that a stage looks at changed on its own, by name."""
+    named = {"default": build}
+    for name in LOOKS_AT[kernel]:
+        part = "choices" if name in Choices.__struct_fields__ else "steps"
+        before = getattr(getattr(build, part), name)
+        for value in [not before] if isinstance(before, bool) else [v for v in type(before) if v is not before]:
+            changed = replace(getattr(build, part), **{name: value})
+            named[f"{name}={value}"] = replace(build, **{part: changed})
+    return named

@@ -1,0 +1,130 @@
+"""Every stage kernel against its NumPy twin: a strict build gives the same bits, however the work is cut up."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+import pytest
+
+from cltaa.build import Build, Steps
+from cltaa.launch import DeviceLauncher, NumpyLauncher
+from cltaa.layout import Layout
+from cltaa.params import Choices
+from tests.kernels.stage_chain import (
+    ALL_STEPS,
+    LOOKS_AT,
+    STAGES,
+    UNWRITTEN,
+    WRITES,
+    chain_work,
+    differing,
+    run_stage,
+    variants,
+)
+
+
+class CutUp(DeviceLauncher):
+    """A device that runs each kernel in groups of a given size, as bands of rows of work-items, last band first."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.group: tuple[int, int] | None = (1, 1)
+        self.bands = 1
+
+    def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
+        rows = build.rows if kernel == "resolve" else 1
+        columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
+        wide, high = self.group or (1, 1)
+        band = -(-steps // self.bands)
+        size = (-(-columns // wide) * wide, -(-band // high) * high)
+        built = self.kernel(kernel, build)
+        given = {name: getattr(value, "buffer", value) for name, value in arguments.items()}
+        first = built.enqueue(self.device.queue, size, self.group, given)
+        for number in reversed(range(1, self.bands)):
+            offset = (0, number * band)
+            cl.enqueue_nd_range_kernel(self.device.queue, built._kernel, size, self.group, offset, wait_for=[first])
+
+
+@cache
+def device() -> CutUp:
+    return CutUp()
+
+
+def strict(lanes: int = 8, rows: int = 4) -> Build:
+    return Build(steps=ALL_STEPS, strict=True, lanes=lanes, rows=rows)
+
+
+def compared(kernel: str, build: Build, size: tuple[int, int] = (70, 41)) -> int:
+    work = chain_work(*size)
+    return differing(work, run_stage(kernel, build, work, device()), run_stage(kernel, build, work, NumpyLauncher()))
+
+
+@pytest.fixture(autouse=True)
+def whole() -> None:
+    device().group, device().bands = (1, 1), 1
+
+
+@pytest.mark.parametrize("lanes", [1, 4, 8])
+@pytest.mark.parametrize("kernel", STAGES)
+def test_a_stage_gives_the_bits_of_its_twin(kernel: str, lanes: int) -> None:
+    assert compared(kernel, strict(lanes)) == 0
+
+
+@pytest.mark.parametrize(
+    ("kernel", "name"), [(k, name) for k in STAGES for name in variants(k, strict()) if name != "default"]
+)
+def test_a_stage_gives_the_bits_of_its_twin_for_every_choice(kernel: str, name: str) -> None:
+    assert compared(kernel, variants(kernel, strict())[name]) == 0
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 17), (17, 1), (2, 2), (3, 3), (33, 9), (131, 64)])
+def test_stages_give_the_bits_of_their_twins_at_every_size(size: tuple[int, int]) -> None:
+    assert {kernel: compared(kernel, strict(), size) for kernel in STAGES} == dict.fromkeys(STAGES, 0)
+
+
+@pytest.mark.parametrize("kernel", WRITES)
+def test_results_do_not_depend_on_groups_or_bands(kernel: str) -> None:
+    work = chain_work()
+    expected = run_stage(kernel, strict(1), work, NumpyLauncher())
+    for group, bands in [(None, 1), ((7, 3), 2), ((1, 16), 1), ((1, 1), 5)]:
+        device().group, device().bands = group, bands
+        assert differing(work, run_stage(kernel, strict(1), work, device()), expected) == 0, (group, bands)
+
+
+@pytest.mark.parametrize("kernel", WRITES)
+def test_a_kernel_writes_its_pixels_and_at_most_the_rest_of_a_segment(kernel: str) -> None:
+    work, lanes = chain_work(), 8
+    for name, planes in run_stage(kernel, strict(lanes), work, device()).items():
+        written = planes != UNWRITTEN
+        assert work.layout.inside(written).all(), name
+        work.layout.inside(written)[:] = False
+        rows, columns = np.nonzero(written.any(0))
+        inside = work.layout.inside(np.indices(written.shape[1:]))
+        assert set(rows) <= set(inside[0].flat)
+        first = inside[1].max() + 1
+        assert set(columns) <= set(range(first, first + -work.layout.width % lanes)), name
+
+
+def test_every_choice_and_step_is_looked_at_by_a_stage() -> None:
+    assert {name for names in LOOKS_AT.values() for name in names} == {
+        *Choices.__struct_fields__,
+        *Steps.__struct_fields__,
+    }
+
+
+def test_sixteen_lanes_give_the_same_bits() -> None:
+    # PoCL 3.0 cannot build 16 lanes for every CPU: LLVM may end the whole process, so it is tried in one of its own.
+    code = (
+        "from tests.kernels.test_twins import STAGES, compared, strict\n"
+        "print({kernel: compared(kernel, strict(16)) for kernel in STAGES})"
+    )
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    if child.returncode and ("LLVM ERROR" in child.stderr or child.returncode < 0 or "does not build" in child.stderr):
+        pytest.skip(f"the driver cannot build 16 lanes here: {child.stderr.strip().splitlines()[-1:]}")
+    assert child.stdout.strip() == str(dict.fromkeys(STAGES, 0)), child.stderr
