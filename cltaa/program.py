@@ -72,7 +72,7 @@ class Kernel:
                 cure=f"see its text with: cltaa kernels --show {name}; check the OpenCL driver with: cltaa doctor",
             ) from error
         # A kernel's function is its file's name and _kernel, so that stage functions can have the plain name.
-        self._kernel = cl.Kernel(program, f"{name}_kernel")
+        self._kernel = cl.Kernel(program, f"{Path(name).name}_kernel")
         count = self._kernel.num_args
         self._types: dict[str, str] = {
             str(self._kernel.get_arg_info(i, cl.kernel_arg_info.NAME)): str(

@@ -16,25 +16,29 @@ SECONDS_BETWEEN_LINES = 10.0  # in a log
 
 
 class _RateColumn(ProgressColumn):
-    """Frames a second since the start."""
+    """Frames (or whatever ``unit`` says) a second since the start."""
+
+    def __init__(self, unit: str) -> None:
+        super().__init__()
+        self._unit = unit
 
     def render(self, task: Task) -> Text:
         """Format the rate, or nothing before the first frame."""
         rate = task.finished_speed or task.speed
-        return Text("" if rate is None else f"{rate:.1f} frames/s", style="progress.data.speed")
+        return Text("" if rate is None else f"{rate:.1f} {self._unit}/s", style="progress.data.speed")
 
 
-def track(frames: Iterable[Item], total: int, action: str) -> Iterator[Item]:
+def track(frames: Iterable[Item], total: int, action: str, unit: str = "frames") -> Iterator[Item]:
     """Iterate ``frames`` and show how many of ``total`` are through, frames a second and the time left.
 
     On a terminal that is a bar which vanishes at the end; elsewhere a line every ten seconds and one at the end.
-    ``action`` is what is being done, in the present: "resolving".
+    ``action`` is what is being done, in the present: "resolving"; ``unit`` is what is counted.
     """
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield from _lines(frames, total, action, console)
+        yield from _lines(frames, total, action, unit, console)
         return
-    columns = (TextColumn(action), BarColumn(), MofNCompleteColumn(), _RateColumn(), TimeRemainingColumn())
+    columns = (TextColumn(action), BarColumn(), MofNCompleteColumn(), _RateColumn(unit), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task(action, total=total)
         for frame in frames:
@@ -42,7 +46,7 @@ def track(frames: Iterable[Item], total: int, action: str) -> Iterator[Item]:
             progress.advance(task)
 
 
-def _lines(frames: Iterable[Item], total: int, action: str, console: Console) -> Iterator[Item]:
+def _lines(frames: Iterable[Item], total: int, action: str, unit: str, console: Console) -> Iterator[Item]:
     begin = last = time.monotonic()
     for done, frame in enumerate(frames, start=1):
         yield frame
@@ -50,4 +54,5 @@ def _lines(frames: Iterable[Item], total: int, action: str, console: Console) ->
         if now - last >= SECONDS_BETWEEN_LINES or done == total:
             last = now
             rate = done / max(now - begin, 1e-9)
-            console.print(f"{action}: {done} of {total} frames, {rate:.1f} frames/s", highlight=False, soft_wrap=True)
+            line = f"{action}: {done} of {total} {unit}, {rate:.1f} {unit}/s"
+            console.print(line, highlight=False, soft_wrap=True)

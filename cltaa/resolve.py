@@ -113,6 +113,18 @@ class Resolver:
         self._previous = Past.of(frame)
         return image
 
+    def run_again(self, frame: Frame, previous: Frame) -> None:
+        """Run the kernels of the last frame once more, to the same result, and wait for them: something to time.
+
+        ``frame`` is what was resolved last and ``previous`` what was resolved before it.
+        """
+        assert self.plan is not None
+        assert self._buffers is not None
+        self._buffers.swap()
+        self._run(frame, Past.of(previous), self._build(self.plan), self._buffers)
+        self._buffers.swap()
+        self.launcher.finish()
+
     def _predecessor(self, frame: Frame) -> Past | None:
         """The past whose history continues into this one."""
         previous = self._previous

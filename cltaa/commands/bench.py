@@ -6,7 +6,9 @@ import click
 
 from cltaa.lazy import Entry, LazyGroup
 
-MEASUREMENTS: dict[str, Entry] = {}
+MEASUREMENTS = {
+    "kernels": Entry("cltaa.commands.bench_kernels", "kernels", "Time the kernels against the alternatives."),
+}
 
 
 @click.group(cls=LazyGroup, entries=MEASUREMENTS)

@@ -1,0 +1,1 @@
+"""Measuring: time against the alternatives and the floor, and error against time."""

@@ -1,0 +1,73 @@
+"""What a measurement depends on beside the code: kept beside the numbers, so that nobody compares apples and pears."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import time
+from importlib.metadata import version
+from pathlib import Path
+
+import msgspec
+
+from cltaa.unknown_cpu import cpu_flags
+
+# What of the CPU decides the speed of vector code, among its hundred flags.
+TELLING_FLAGS = ("sse4_2", "avx", "avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512_fp16", "asimd", "sve")
+LIBRARIES = ("cltaa", "numpy", "pyopencl")
+
+
+class Environment(msgspec.Struct, frozen=True, kw_only=True):
+    """Where and when something was measured."""
+
+    date: str  # UTC
+    system: str
+    cpu: str
+    cores: int
+    cpu_flags: list[str]
+    load_before: float  # runnable processes, mean of a minute
+    load_after: float
+    device: str
+    libraries: dict[str, str]
+    kernels_sha256: str
+    options: list[str]  # of the OpenCL compiler
+
+
+def load() -> float:
+    """Runnable processes, mean of the last minute; 0 where the system does not say."""
+    return os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
+
+
+def kernels_sha256(folder: Path) -> str:
+    """One SHA-256 over every kernel file and its name."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*.[ch]*")):
+        digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def environment(device: str, load_before: float, options: tuple[str, ...], folder: Path) -> Environment:
+    """The environment of a measurement that has just ended and began at ``load_before``."""
+    flags = cpu_flags()
+    return Environment(
+        date=time.strftime("%Y-%m-%d %H:%M", time.gmtime()),
+        system=platform.platform(terse=True),
+        cpu=_cpu_name(),
+        cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        cpu_flags=[flag for flag in TELLING_FLAGS if flag in flags],
+        load_before=round(load_before, 2),
+        load_after=round(load(), 2),
+        device=device,
+        libraries={name: version(name) for name in LIBRARIES},
+        kernels_sha256=kernels_sha256(folder),
+        options=list(options),
+    )
+
+
+def _cpu_name() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())

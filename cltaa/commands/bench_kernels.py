@@ -1,0 +1,119 @@
+"""``cltaa bench kernels``: time the kernels against the alternatives and the floor."""
+
+from __future__ import annotations
+
+import click
+import msgspec
+from rich.console import Console
+from rich.table import Table
+
+from cltaa.bench.frames import Motion
+from cltaa.bench.kernels import KernelBench, Row, Timing, bench_kernels
+from cltaa.bench.timing import Interval
+from cltaa.build import Storage
+from cltaa.errors import UsageError
+from cltaa.presets import load_preset
+from cltaa.progress import track
+
+
+@click.command("kernels")
+@click.option("--preset", "presets", multiple=True, default=["default"], show_default=True, help="To time; repeatable.")
+@click.option("--size", default="1920x1080", show_default=True, metavar="WxH", help="Pixels.")
+@click.option("--device", metavar="NAME", help="OpenCL device: its index or a part of its name; see cltaa doctor.")
+@click.option("--motion", "motions", multiple=True, type=click.Choice([kind.value for kind in Motion]),
+              help="Camera motion: uniform, or turn (rotation with zoom, another displacement at each pixel); "
+                   "repeatable; both unless given.")  # fmt: skip
+@click.option("--storage", type=click.Choice([kind.value for kind in Storage]), default=Storage.FLOAT.value,
+              show_default=True, help="Number that the history is kept in.")  # fmt: skip
+@click.option("--rounds", default=31, show_default=True, type=click.IntRange(min=3), help="Rounds of all contenders.")
+@click.option("--oracle/--no-oracle", default=True, show_default=True, help="Also time the NumPy oracle, in 3 rounds.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
+def kernels(
+    presets: tuple[str, ...],
+    size: str,
+    device: str | None,
+    motions: tuple[str, ...],
+    storage: str,
+    rounds: int,
+    oracle: bool,
+    as_json: bool,
+) -> None:
+    """Time the resolve's kernels against a shader, a plain port, the NumPy oracle and the floor.
+
+    The core is the algorithm that all of them compute: 3x3 variance, the nearest surface's motion, 16 taps of
+    Catmull-Rom, clip, weighted blend, a counter. Every round runs all contenders in a new order; ratios are medians
+    over rounds with 95 % intervals, by the device's clock where it has one (column device, ns a pixel), else by the
+    host's (ns/px). "floor" is the share of the copy bandwidth that is reached. "core again" is a copy of the core:
+    where its ratio is not 1, or its interval wide, the machine is too noisy to rank anything.
+    """
+    width, height = parse_size(size)
+    bench = bench_kernels(
+        [load_preset(name) for name in presets],
+        device,
+        width=width,
+        height=height,
+        motions=[Motion(name) for name in motions] or list(Motion),
+        rounds=rounds,
+        storage=Storage(storage),
+        oracle=oracle,
+        progress=lambda numbers, total: track(numbers, total, "timing", unit="rounds"),
+    )
+    if as_json:
+        click.echo(msgspec.json.encode(bench).decode())
+    else:
+        print_bench(bench)
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Width and height of ``WxH``; raises UsageError for anything else."""
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal() and int(width) and int(height)):
+        raise UsageError("--size: no size", expected="WxH, as 1920x1080", found=text)
+    return int(width), int(height)
+
+
+def print_bench(bench: KernelBench) -> None:
+    """Print one table for each kind of motion, and where it was measured."""
+    console = Console()
+    for timing in bench.timings:
+        console.print(_table(bench, timing))
+        console.print(f"floor {timing.floor_ns:.3g} ns a pixel: {timing.copy_gigabytes_a_second:.3g} GB/s by copying")
+        if timing.opengl is not None:
+            console.print(f"GLSL by {timing.opengl}", highlight=False)
+        for name, why in timing.absent.items():
+            console.print(f"{name} is absent: {why}", markup=False, highlight=False, soft_wrap=True)
+        if timing.noisy:
+            console.print("too noisy to rank: the core differs from its own copy, or by more than 2 % either way")
+    where = bench.environment
+    console.print(
+        f"{where.device}; {where.cpu}, {where.cores} cores, {' '.join(where.cpu_flags)}; load {where.load_before} to "
+        f"{where.load_after}; {where.date} UTC; kernels {where.kernels_sha256[:12]}",
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
+def _table(bench: KernelBench, timing: Timing) -> Table:
+    title = f"{bench.width} x {bench.height}, {timing.motion} motion, {bench.storage} history, {bench.rounds} rounds"
+    table = Table(title=title)
+    table.add_column("contender", no_wrap=True)
+    for heading in ("ns/px", "least", "device", "GB/s", "floor", "x core", "95 %"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in timing.rows:
+        ratio = _fairest(row)
+        table.add_row(
+            row.name,
+            f"{row.wall_ns.median:.3g}",
+            f"{row.least_wall_ns:.3g}",
+            "–" if row.device_ns is None else f"{row.device_ns.median:.3g}",
+            f"{row.gigabytes_a_second:.3g}",
+            f"{row.of_floor:.1%}",
+            "noisy" if timing.noisy else f"{ratio.median:.3g}",
+            f"{ratio.low:.3g}–{ratio.high:.3g}",
+        )
+    return table
+
+
+def _fairest(row: Row) -> Interval:
+    """The ratio by the device's clock, where it has one, else by the host's."""
+    return row.ratio if row.device_ratio is None else row.device_ratio

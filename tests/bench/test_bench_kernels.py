@@ -1,0 +1,121 @@
+"""``cltaa bench kernels``: that the contenders compute one thing, and that the numbers hang together."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from cltaa.bench.baseline import BASELINE, PlainPort, check_same, least_bytes
+from cltaa.bench.frames import SHIFT_PX, Motion, camera_at, make_frames
+from cltaa.bench.kernels import AGAIN, CORE
+from cltaa.build import Storage
+from cltaa.cameras import displacement
+from cltaa.errors import InternalError, UsageError
+from cltaa.launch import DeviceLauncher
+from cltaa.resolve import Resolver
+
+SIZE = ["--size", "72x40", "--rounds", "3"]
+
+
+def run(*arguments: str, without: str | None = None) -> subprocess.CompletedProcess[str]:
+    """Run the command in a process of its own: two rasterisers and PoCL do not share one well."""
+    hide = "" if without is None else f"sys.modules[{without!r}] = None;"
+    code = f"import sys; {hide} from cltaa.cli import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", code, "bench", "kernels", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_everything_in_one_run() -> None:
+    done = run(*SIZE, "--json")
+    assert done.returncode == 0, done.stderr
+    bench = json.loads(done.stdout)
+    assert [timing["motion"] for timing in bench["timings"]] == ["uniform", "turn"]
+    assert len(bench["environment"]["kernels_sha256"]) == 64
+    for timing in bench["timings"]:
+        rows = {row["name"]: row for row in timing["rows"]}
+        assert list(rows)[:4] == [CORE, AGAIN, "default", "plain port"]
+        assert {"oracle", "copy"} <= set(rows)
+        assert rows["copy"]["of_floor"] == pytest.approx(1.0)
+        assert rows[CORE]["ratio"]["median"] == 1.0
+        for row in rows.values():
+            assert row["least_wall_ns"] <= row["wall_ns"]["median"]
+            assert row["wall_ns"]["low"] <= row["wall_ns"]["median"] <= row["wall_ns"]["high"]
+            if row["device_ns"] is not None:
+                assert row["device_ns"]["median"] <= row["wall_ns"]["median"]
+
+
+def test_a_machine_without_the_shader_is_told_so() -> None:
+    done = run(*SIZE, "--motion", "turn", "--no-oracle", without="moderngl")
+    assert done.returncode == 0, done.stderr
+    assert "GLSL, 16 reads is absent" in done.stdout
+    assert "pip install 'cltaa[bench]'" in done.stdout
+    assert "plain port" in done.stdout
+    assert "oracle" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [(("--size", "12"), 64, "expected WxH"), (("--device", "numpy"), 64, "OpenCL"), (("--rounds", "1"), 2, "x>=3")],
+)
+def test_wrong_use_is_one_line(arguments: tuple[str, ...], code: int, said: str) -> None:
+    done = run(*arguments)
+    assert done.returncode == code
+    assert said in done.stderr.splitlines()[-1]
+
+
+def test_motion_is_what_it_says() -> None:
+    now, before = (camera_at(index, Motion.UNIFORM, 64, 36) for index in (1, 0))
+    uniform = displacement(now, before, 64, 36).rows
+    assert np.abs(np.abs(uniform[:2, 2] / 5.0) - np.abs(SHIFT_PX)).max() < 1e-12
+    now, before = (camera_at(index, Motion.TURN, 64, 36) for index in (1, 0))
+    turn = displacement(now, before, 64, 36).rows
+    assert np.abs(turn[:2, :2]).min() > 1e-3
+
+
+@pytest.mark.parametrize("storage", list(Storage))
+@pytest.mark.parametrize("motion", list(Motion))
+def test_plain_port_computes_the_core(motion: Motion, storage: Storage) -> None:
+    frames = make_frames(131, 67, motion)
+    launcher = DeviceLauncher()
+    port = PlainPort(launcher, storage, 131, 67)
+    resolver = Resolver(BASELINE, launcher, storage=storage)
+    for index, frame in enumerate(frames):
+        image = port.resolve(frame, frames[index - 1] if index else None)
+        expected = resolver.resolve(frame)
+    check_same("plain port", image, expected, storage)
+    with pytest.raises(InternalError, match="does not compute what the resolve computes"):
+        check_same("another frame", frames[0].colour, expected, storage)
+
+
+def test_running_again_gives_the_same() -> None:
+    frames = make_frames(61, 33, Motion.TURN)
+    resolver = Resolver("default", "numpy")
+    for frame in frames:
+        image = resolver.resolve(frame)
+    for _ in range(2):
+        resolver.run_again(frames[-1], frames[-2])
+        assert resolver._buffers is not None
+        resolver._buffers.swap()
+        np.testing.assert_array_equal(resolver._buffers.read(alpha=False), image)
+        resolver._buffers.swap()
+
+
+@pytest.mark.parametrize(("storage", "expected"), [(Storage.FLOAT, 52), (Storage.HALF, 40)])
+def test_least_bytes(storage: Storage, expected: int) -> None:
+    # Read: colour 12, closeness 4, last closeness 4, history 12 (half: 6), count 4. Written: history and count again.
+    resolver = Resolver("default", "numpy", storage=storage)
+    for frame in make_frames(16, 9, Motion.TURN):
+        resolver.resolve(frame)
+    assert least_bytes(resolver, storage) == expected
+
+
+def test_no_such_size_is_a_usage_error() -> None:
+    from cltaa.commands.bench_kernels import parse_size
+
+    assert parse_size("640X360") == (640, 360)
+    with pytest.raises(UsageError):
+        parse_size("0x4")

@@ -1,0 +1,79 @@
+"""The statistics of timing, on made-up times whose answer is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cltaa.bench.timing import WIDEST, Interval, Job, Sample, Samples, interval, measure, too_noisy
+
+
+def paired(load: np.ndarray, slower: float, noise: float = 0.0) -> Samples:
+    """Two jobs under one load that comes and goes; b takes ``slower`` times as long as a."""
+    random = np.random.default_rng(1)
+    samples = Samples()
+    for number, now in enumerate(load):
+        a, b = 1 + noise * random.standard_normal(2)
+        samples.add("a", number, Sample(now * a, device=now * a / 2))
+        samples.add("b", number, Sample(now * slower * b, device=now * slower * b / 2))
+    return samples
+
+
+def test_load_that_both_share_leaves_the_ratio_alone() -> None:
+    load = np.random.default_rng(0).choice([1.0, 2.1, 3.7], 31)
+    ratio = paired(load, 1.5).ratio("b", "a")
+    assert (ratio.low, ratio.median, ratio.high) == pytest.approx((1.5, 1.5, 1.5))
+    assert paired(load, 1.5).interval("a").half_width > 0.1  # what unpaired times would have said
+
+
+def test_interval_holds_the_truth_about_as_often_as_it_says() -> None:
+    # 95 % of 400 is 380; the percentile bootstrap of a median of 31 is known to be a little conservative or liberal.
+    held = 0
+    for seed in range(400):
+        found = interval(np.random.default_rng(seed).normal(5.0, 1.0, 31), seed)
+        held += found.low <= 5.0 <= found.high
+    assert 365 <= held <= 398  # seen: 379
+
+
+def test_interval_is_the_same_each_time() -> None:
+    values = np.random.default_rng(3).random(21)
+    assert interval(values) == interval(values)
+
+
+@pytest.mark.parametrize(
+    ("control", "noisy"),
+    [
+        (Interval(median=1.0, low=0.99, high=1.01), False),
+        (Interval(median=1.01, low=1.001, high=1.02), True),  # a copy that differs from itself
+        (Interval(median=1.0, low=1 - 1.2 * WIDEST, high=1 + 1.2 * WIDEST), True),  # too wide
+    ],
+)
+def test_a_copy_tells_when_nothing_can_be_ranked(control: Interval, noisy: bool) -> None:
+    assert too_noisy(control) is noisy
+
+
+def test_every_round_runs_every_job_once_in_an_order_of_its_own() -> None:
+    ran: list[str] = []
+    jobs = [Job(name, lambda name=name: ran.append(name)) for name in "abc"]  # type: ignore[misc]
+    jobs.append(Job("slow", lambda: ran.append("slow"), rounds=2))
+    samples = measure(jobs, 8, warm_up=3, seed=5)
+    assert ran[:10] == ["a"] * 3 + ["b"] * 3 + ["c"] * 3 + ["slow"]
+    rounds = [ran[10:14], ran[14:18], *(ran[i : i + 3] for i in range(18, 36, 3))]
+    assert [sorted(names) for names in rounds] == [["a", "b", "c", "slow"]] * 2 + [["a", "b", "c"]] * 6
+    assert len({tuple(name for name in names if name != "slow") for names in rounds}) > 1
+    assert [len(samples.by_job[name]) for name in ("a", "slow")] == [8, 2]
+
+
+def test_pairs_only_rounds_that_both_ran_in() -> None:
+    samples = paired(np.ones(6), 2.0)
+    samples.add("few", 4, Sample(10.0))
+    assert samples.ratio("few", "a").median == 10.0
+
+
+def test_device_times_are_used_where_there_are_any() -> None:
+    samples = paired(np.ones(4), 3.0)
+    assert samples.interval("b").median == 3.0
+    assert samples.interval("b", device=True).median == 1.5
+    assert samples.has_device_times("b")
+    samples.add("shader", 0, Sample(1.0))
+    assert not samples.has_device_times("shader")
