@@ -1,0 +1,115 @@
+"""Damaged files: cut off at every byte, and thousands with random bytes. NUMERICS 3.2, rows 1 and 2."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cltaa.errors import DataError
+from cltaa.exr import read_frame, read_header, write_frame
+from cltaa.frames import Frame
+from tests.faults import reading_process
+from tests.sequence_factory import make_frame
+
+
+def smooth_frame(width: int, height: int) -> Frame:
+    """A frame that compresses, so that ZIP stores no chunk raw, without its checksum."""
+    frame = make_frame(width=width, height=height)
+    y, x = np.mgrid[0:height, 0:width].astype(np.float32)
+    frame.colour[...] = np.floor(4 * np.sin(x / 9) * np.cos(y / 7) + 4)[..., None]
+    frame.depth[...] = np.floor(x / 4) + 1
+    return frame
+
+
+COMPRESSIONS = pytest.mark.parametrize("compression", ["zip", "zips", "none", "piz"])
+
+
+def cut_off_at_every_byte(path: Path, frame: Frame, compression: str) -> None:
+    write_frame(path, frame, compression=compression)
+    for length in reversed(range(path.stat().st_size)):
+        os.truncate(path, length)
+        with pytest.raises(DataError, match=r"a\.exr: .*(truncated|cut off|empty|not an EXR)"):
+            read_frame(path)
+
+
+@COMPRESSIONS
+def test_cut_off_at_every_byte(tmp_path: Path, compression: str, capfd: pytest.CaptureFixture[str]) -> None:
+    """No cut is read, and OpenEXR's own words never reach the terminal."""
+    cut_off_at_every_byte(tmp_path / "a.exr", make_frame(width=5, height=17), compression)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.big
+@pytest.mark.parametrize("channels", [("motion", "alpha"), ("object_id", "normal", "reactive")], ids="-".join)
+@COMPRESSIONS
+def test_other_channels_cut_off_at_every_byte(tmp_path: Path, compression: str, channels: tuple[str, ...]) -> None:
+    frame = make_frame(width=5, height=17, **dict.fromkeys(channels, True))  # type: ignore[arg-type]
+    cut_off_at_every_byte(tmp_path / "a.exr", frame, compression)
+
+
+@COMPRESSIONS
+def test_larger_file_cut_off_at_1500_places(tmp_path: Path, compression: str) -> None:
+    path = tmp_path / "a.exr"
+    write_frame(path, make_frame(width=64, height=52), compression=compression)
+    size = path.stat().st_size
+    assert size > 40_000
+    for length in np.linspace(size - 1, 0, 1500).astype(int):
+        os.truncate(path, length)
+        for read in (read_frame, read_header):
+            with pytest.raises(DataError, match=r"a\.exr"):
+                read(path)
+
+
+def read_damaged(folder: Path, compression: str, count: int, step: int) -> Counter[str]:
+    """Read each ``step``-th of ``count`` damaged copies of a file in a process of its own; count what came of them."""
+    path = folder / "sound.exr"
+    write_frame(path, smooth_frame(48, 32), compression=compression)
+    totals: Counter[str] = Counter()
+    first = 0
+    while first < count:
+        job = {"path": str(path), "seed": 11, "numbers": [first, count, step]}
+        command = [sys.executable, reading_process.__file__]
+        child = subprocess.run(command, input=json.dumps(job), capture_output=True, text=True, check=False)
+        lines = child.stdout.splitlines()
+        if child.returncode == 0:
+            answer = json.loads(lines[-1])
+            assert answer["peak"] < 2 * answer["usual"], "memory"
+            return totals + Counter(answer["counts"])
+        totals["hangs" if "Timeout" in child.stderr else "crashes"] += 1
+        first = int(lines[-1]) + step
+    return totals
+
+
+def check(counts: Counter[str], compression: str, tries: int) -> None:
+    print(compression, dict(counts))
+    assert counts["crashes"] == counts["hangs"] == 0
+    # With a recorded hash nothing passes, in whatever way it was damaged.
+    assert counts["passed its hash"] == 0
+    assert counts["stopped by its hash"] == tries - counts["not damaged"] > 0.99 * tries
+    # Without one, ZIP has a checksum for each chunk; PIZ has none, and uncompressed pixels have nothing to check.
+    if compression == "zip":
+        assert counts["other pixels"] == 0
+
+
+@pytest.mark.parametrize("compression", ["zip", "piz", "none"])
+def test_damaged_bytes(tmp_path: Path, compression: str) -> None:
+    check(read_damaged(tmp_path, compression, 8000, 10), compression, 800)
+
+
+@pytest.mark.big
+@pytest.mark.parametrize("compression", ["zip", "piz", "none"])
+def test_twenty_four_thousand_damaged_files(tmp_path: Path, compression: str) -> None:
+    check(read_damaged(tmp_path, compression, 8000, 1), compression, 8000)
+
+
+@pytest.mark.big
+@pytest.mark.parametrize("compression", ["zip", "piz", "none"])
+def test_a_million_damaged_files(tmp_path: Path, compression: str) -> None:
+    check(read_damaged(tmp_path, compression, 336_000, 1), compression, 336_000)
