@@ -27,7 +27,8 @@ class Storage(StrEnum):
     """The number that the history is kept in."""
 
     FLOAT = "float"
-    HALF = "half"
+    HALF = "half"  # rounded to the nearest: an old history stands still within ulp / (2 weight) of its goal
+    HALF_STOCHASTIC = "half-stochastic"  # rounded up or down at random: true on average, at the price of noise
 
 
 class Steps(msgspec.Struct, frozen=True, kw_only=True):
@@ -64,6 +65,7 @@ FRAME_FIELDS: dict[str, tuple[str, str]] = {
     "height": ("int", "rows"),
     "stride": ("int", "floats from one row to the next"),
     "reset": ("int", "1: there is no history"),
+    "number": ("int", "number of the frame, for what differs from frame to frame"),
     "origin_x": ("float", "px of pixel x's sample = x + origin_x: 0.5 + jitter - width / 2"),
     "origin_y": ("float", "py of pixel y's sample = y + origin_y: 0.5 + jitter - height / 2"),
     "xx": ("float", "row x of D, by px"),
@@ -129,7 +131,8 @@ def prelude(build: Build) -> str:
         "LANES": build.lanes,
         "ROWS": build.rows,
         "REAL_DOUBLE": int(build.real is Real.DOUBLE),
-        "STORAGE_HALF": int(build.storage is Storage.HALF),
+        "STORAGE_HALF": int(build.storage is not Storage.FLOAT),
+        "STORAGE_STOCHASTIC": int(build.storage is Storage.HALF_STOCHASTIC),
         "STRICT": int(build.strict),
         "PAD_X": PAD_X,
         "PAD_Y": PAD_Y,

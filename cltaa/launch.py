@@ -43,7 +43,7 @@ class Launcher(Protocol):
 
 def storage_dtype(build: Build) -> Any:
     """NumPy type of the history."""
-    return np.float16 if build.storage is Storage.HALF else np.float32
+    return np.float32 if build.storage is Storage.FLOAT else np.float16
 
 
 class DeviceLauncher:

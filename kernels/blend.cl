@@ -1,6 +1,7 @@
 // Stage 6 on its own: the current sample blended with the rectified history. Writes the output and its count.
 #include "real.h"
 #include "image.h"
+#include "storage.h"
 #include "colour.h"
 #include "repair.h"
 #include "neighbourhood.h"
@@ -34,5 +35,5 @@ __kernel void blend_kernel(plane_in repaired, plane_in alpha, plane_in reactive,
     const real a = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
     const real reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
     const resolved out = resolve_pixel(load_colour(repaired + at, plane), a, reactivity, mean_at, h, r, settings);
-    store_resolved(output + at, output_count + at, out, plane);
+    store_resolved(output + at, output_count + at, out, x, y, frame);
 }

@@ -59,12 +59,13 @@ STAGE real load_share(plane_in p, real otherwise)
     return outside_domain(v) ? otherwise : limit(v, SPLAT(0.0), SPLAT(1.0));
 }
 
-STAGE void store_resolved(history_out colour_at, plane_out count_at, resolved r, size_t plane)
+STAGE void store_resolved(history_out colour_at, plane_out count_at, resolved r, int x, int y, frame_t frame)
 {
-    store_history(colour_at, r.rgb.r);
-    store_history(colour_at + plane, r.rgb.g);
-    store_history(colour_at + 2 * plane, r.rgb.b);
+    const size_t plane = plane_size(frame);
+    store_history(colour_at, r.rgb.r, x, y, frame);
+    store_history(colour_at + plane, r.rgb.g, x, y, frame);
+    store_history(colour_at + 2 * plane, r.rgb.b, x, y, frame);
     if (ALPHA)
-        store_history(colour_at + 3 * plane, r.alpha);
+        store_history(colour_at + 3 * plane, r.alpha < SPLAT(TINY) ? SPLAT(0.0) : r.alpha, x, y, frame);
     store(count_at, r.count);
 }

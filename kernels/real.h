@@ -74,10 +74,6 @@ STAGE void store(plane_out p, real v) { *p = (float)v; }
 STAGE int any_of(mask m) { return m != 0; }
 STAGE scalar_whole first_lane(whole v) { return v; }
 #define LANE_INDEX ((real)(0))
-#if STORAGE_HALF
-STAGE real load_history(history_in p) { return vload_half(0, p); }
-STAGE void store_history(history_out p, real v) { vstore_half_rte(v, 0, p); }
-#endif
 #else
 #if REAL_DOUBLE
 STAGE real load(plane_in p) { return PASTE(convert_, LANED(double))(PASTE(vload, LANES)(0, p)); }
@@ -87,13 +83,6 @@ STAGE void store(plane_out p, real v) { PASTE(vstore, LANES)(PASTE(convert_, LAN
 typedef real loose_real __attribute__((aligned(4)));
 STAGE real load(plane_in p) { return *(__global const loose_real*)p; }
 STAGE void store(plane_out p, real v) { *(__global loose_real*)p = v; }
-#endif
-#if STORAGE_HALF
-STAGE real load_history(history_in p) { return TO_REAL(PASTE(vload_half, LANES)(0, p)); }
-STAGE void store_history(history_out p, real v)
-{
-    PASTE(PASTE(vstore_half, LANES), _rte)(PASTE(convert_, LANED(float))(v), 0, p);
-}
 #endif
 #if LANES == 16
 #define HALVES(m) ((m).lo.lo | (m).lo.hi | (m).hi.lo | (m).hi.hi)
@@ -109,10 +98,6 @@ STAGE void store_history(history_out p, real v)
 #endif
 STAGE int any_of(mask m) { return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0; }
 STAGE scalar_whole first_lane(whole v) { return v.s0; }
-#endif
-#if !STORAGE_HALF
-STAGE real load_history(history_in p) { return load(p); }
-STAGE void store_history(history_out p, real v) { store(p, v); }
 #endif
 
 STAGE real absolute(real v)

@@ -1,6 +1,7 @@
 // Stage 5 on its own: the change that moves the history of stage 4 into the box of stage 2. 4 planes: r, g, b, pull.
 #include "real.h"
 #include "image.h"
+#include "storage.h"
 #include "colour.h"
 #include "repair.h"
 #include "neighbourhood.h"

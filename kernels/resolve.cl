@@ -2,6 +2,7 @@
 // neighbourhood is read and converted once.
 #include "real.h"
 #include "image.h"
+#include "storage.h"
 #include "colour.h"
 #include "repair.h"
 #include "neighbourhood.h"
@@ -34,7 +35,7 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
         const real a = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
         const real reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
         const resolved out = resolve_pixel(centre.centre, a, reactivity, near.mean, h, r, settings);
-        store_resolved(output + at, output_count + at, out, plane_size(frame));
+        store_resolved(output + at, output_count + at, out, x, y, frame);
         above = centre;
         centre = below;
     }

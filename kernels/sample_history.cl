@@ -1,6 +1,7 @@
 // Stage 4 on its own: the history at the motion of stage 3. 8 planes: r, g, b, alpha, count, fx, fy, valid (1 or 0).
 #include "real.h"
 #include "image.h"
+#include "storage.h"
 #include "colour.h"
 #include "repair.h"
 #include "neighbourhood.h"

@@ -12,9 +12,10 @@ from cltaa.reference.history import sample_history
 from cltaa.reference.neighbourhood import Row, nearest_surface, neighbourhood_statistics, read_row
 from cltaa.reference.pixel import Resolved, box_gamma, load_share, resolve_pixel
 from cltaa.reference.projection import surface_motion
-from cltaa.reference.real import Array, quiet
+from cltaa.reference.real import Array, constant, quiet
 from cltaa.reference.rectify import rectify
 from cltaa.reference.repair import repaired_planes
+from cltaa.reference.storage import stored_history
 
 
 def real_type(build: Build) -> Any:
@@ -70,7 +71,7 @@ def resolve(
         build,
         settings,
     )
-    store_resolved(resolved, build, layout, output, output_count)
+    store_resolved(resolved, build, layout, frame, output, output_count)
 
 
 def load_shares(
@@ -87,13 +88,16 @@ def load_shares(
     )
 
 
-def store_resolved(resolved: Resolved, build: Build, layout: Layout, output: Array, output_count: Array) -> None:
-    """Write a resolved frame into padded planes; halves round to the nearest, as ``vstore_half_rte`` does."""
+def store_resolved(
+    resolved: Resolved, build: Build, layout: Layout, frame: Record, output: Array, output_count: Array
+) -> None:
+    """Write a resolved frame into padded planes, in the numbers of the build's storage."""
     target = layout.inside(output)
     for channel in range(3):
-        target[channel] = resolved.rgb[channel]
+        target[channel] = stored_history(resolved.rgb[channel], build, layout, frame)
     if build.steps.alpha:
-        target[3] = resolved.alpha
+        alpha = np.where(resolved.alpha < constant("TINY", resolved.alpha), 0, resolved.alpha)
+        target[3] = stored_history(alpha, build, layout, frame)
     layout.inside(output_count)[0] = resolved.count
 
 

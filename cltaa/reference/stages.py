@@ -116,7 +116,7 @@ def blend_kernel(
     change_in: Array,
     output: Array,
     output_count: Array,
-    frame: Record,  # noqa: ARG001
+    frame: Record,
     settings: Record,
 ) -> None:
     """``output`` [3 or 4, rows, stride] and ``output_count``: what the frame leaves."""
@@ -134,7 +134,7 @@ def blend_kernel(
         build,
         settings,
     )
-    store_resolved(resolved, build, layout, output, output_count)
+    store_resolved(resolved, build, layout, frame, output, output_count)
 
 
 def _load(planes: Array, build: Build, layout: Layout) -> list[Array]:

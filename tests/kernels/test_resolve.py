@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cltaa.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, prelude
+from cltaa.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Storage, prelude
 from cltaa.frames import Camera, Frame
 from cltaa.params import (
     Accumulate,
@@ -93,6 +93,15 @@ def test_same_bits_for_every_choice(name: str, choice: str) -> None:
 @pytest.mark.parametrize("size", [(1, 1), (1, 17), (17, 1), (2, 2), (3, 3), (17, 13), (33, 9)])
 def test_same_bits_at_every_size(size: tuple[int, int]) -> None:
     assert differing({}, list(hard_frames(*size)), 8, 4) == 0
+
+
+@pytest.mark.parametrize("storage", [Storage.HALF, Storage.HALF_STOCHASTIC])
+def test_same_bits_for_every_storage(storage: Storage) -> None:
+    device, twin = Resolver(strict=True, storage=storage), Resolver(device="numpy", storage=storage)
+    for frame in hard_frames():
+        resolved = device.resolve(frame)
+        assert np.array_equal(resolved, resolved.astype(np.float16))
+        assert np.array_equal(bits(resolved), bits(twin.resolve(frame)))
 
 
 def test_fast_build_is_another_program() -> None:

@@ -1,0 +1,77 @@
+// The numbers that the history is kept in: floats, halves rounded to the nearest, or halves rounded at random.
+#if !defined(STORAGE_HALF) || !defined(STORAGE_STOCHASTIC)
+#error "storage.h needs STORAGE_HALF and STORAGE_STOCHASTIC from the prelude"
+#endif
+
+#if STORAGE_HALF
+typedef LANED(float) floats;
+typedef LANED(int) ints;
+typedef LANED(uint) words;
+#define AS_INTS PASTE(as_, LANED(int))
+#define AS_FLOATS PASTE(as_, LANED(float))
+#define TO_INTS PASTE(PASTE(convert_, LANED(int)), _rtz)
+#define TO_FLOATS PASTE(convert_, LANED(float))
+#define TO_WORDS PASTE(convert_, LANED(uint))
+
+// Within the range of halves, and +0 rather than what would round to -0.
+STAGE floats half_storable(floats v)
+{
+    const floats most = (floats)((float)HALF_LIMIT), tiny = (floats)((float)HALF_TINY);
+    const floats limited = v > most ? most : (v < -most ? -most : v);
+    return ((limited <= tiny) & (limited >= -tiny)) ? (floats)(0.0f) : limited;
+}
+
+// 32 well spread bits from a number (the integer hash "lowbias32", Wellons 2018).
+STAGE words spread_bits(words v)
+{
+    v = (v ^ (v >> 16)) * (words)(0x7feb352du);
+    v = (v ^ (v >> 15)) * (words)(0x846ca68bu);
+    return v ^ (v >> 16);
+}
+
+// A number in [0, 1) that is new for every pixel and frame and the same for every run. The channels of a pixel share
+// it, so that greys stay grey.
+STAGE floats storage_dither(int x, int y, frame_t frame)
+{
+    const words row = spread_bits((words)((uint)y) + spread_bits((words)((uint)frame.number)));
+    const words bits = spread_bits((TO_WORDS(LANE_INDEX) + (words)((uint)x)) ^ row);
+    return TO_FLOATS(bits >> 8) * (floats)((float)DITHER_STEP);
+}
+
+// One of the two halves around v, the upper one with the probability of v's fraction between them, so that the mean
+// over many dithers is v. Their distance is 2^-10 of the power of two below |v|, that of the least normal half at
+// least; scaling by a power of two is exact.
+STAGE floats stochastic_half(floats v, floats dither)
+{
+    const floats power = AS_FLOATS(AS_INTS(v) & 0x7f800000), least = (floats)((float)HALF_NORMAL);
+    const floats step = (power > least ? power : least) * (floats)((float)HALF_STEP);
+    // The bits of 1 / 2^e: the biased exponents of a power of two and its reciprocal add up to 254.
+    const floats scaled = v * AS_FLOATS((ints)(0x7f000000) - AS_INTS(step));
+    const ints cut = TO_INTS(scaled);
+    const floats low = TO_FLOATS(cut - (TO_FLOATS(cut) > scaled ? (ints)(1) : (ints)(0)));
+    return (scaled - low > dither ? low + (floats)(1.0f) : low) * step;
+}
+
+STAGE floats stored_half(real v, int x, int y, frame_t frame)
+{
+    const floats kept = half_storable(TO_FLOATS(v));
+    return STORAGE_STOCHASTIC ? stochastic_half(kept, storage_dither(x, y, frame)) : kept;
+}
+#endif
+
+#if !STORAGE_HALF
+STAGE real load_history(history_in p) { return load(p); }
+STAGE void store_history(history_out p, real v, int x, int y, frame_t frame) { store(p, v); }
+#elif LANES == 1
+STAGE real load_history(history_in p) { return vload_half(0, p); }
+STAGE void store_history(history_out p, real v, int x, int y, frame_t frame)
+{
+    vstore_half_rte(stored_half(v, x, y, frame), 0, p);
+}
+#else
+STAGE real load_history(history_in p) { return TO_REAL(PASTE(vload_half, LANES)(0, p)); }
+STAGE void store_history(history_out p, real v, int x, int y, frame_t frame)
+{
+    PASTE(PASTE(vstore_half, LANES), _rte)(stored_half(v, x, y, frame), 0, p);
+}
+#endif

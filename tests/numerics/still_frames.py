@@ -1,0 +1,48 @@
+"""Frames in which nothing moves, and resolvers that only accumulate: the recursion of the history and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from cltaa.build import Storage
+from cltaa.frames import Effect, Frame, Image
+from cltaa.launch import Launcher
+from cltaa.params import override
+from cltaa.presets import load_preset
+from cltaa.resolve import Resolver
+from tests.sequence_factory import make_camera
+
+UNIT_ROUNDOFF = 2.0**-24  # of float32
+STILL = frozenset({Effect.SKY})  # declares that nothing moves and nothing changes: plain accumulation
+CAMERA = make_camera()
+
+
+def still_frame(index: int, colour: Image, effects: frozenset[Effect] | None = STILL, **channels: Any) -> Frame:
+    """A frame of ``colour`` [H, W, 3] seen by a camera that stands before a wall."""
+    depth = np.full(colour.shape[:2], 4.0, np.float32)
+    return Frame(index=index, colour=colour, depth=depth, camera=CAMERA, effects=effects, **channels)
+
+
+def grey(values: Any) -> Image:
+    """[H, W] as grey [H, W, 3] float32."""
+    return np.repeat(np.asarray(values, np.float32)[..., None], 3, axis=-1)
+
+
+def accumulator(launcher: Launcher, weight: float = 0.0, storage: Storage = Storage.FLOAT, **changes: Any) -> Resolver:
+    """A resolver of still frames: exponential with ``weight`` for the current sample, or the plain mean (0)."""
+    values: dict[str, object] = {"accumulate": "count"}
+    if weight:
+        values = {"accumulate": "exponential", "blend_weight": weight}
+    return Resolver(override(load_preset(), {**values, **changes}), launcher, strict=True, storage=storage)
+
+
+def last_of(resolver: Resolver, images: Iterable[Image]) -> Image:
+    """The result after the last of ``images``, which follow one another from frame 0."""
+    result = None
+    for index, image in enumerate(images):
+        result = resolver.resolve(still_frame(index, image))
+    assert result is not None
+    return result
