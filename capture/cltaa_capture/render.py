@@ -67,7 +67,7 @@ class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]
     def draw(self, now: Instant, before: Instant, jitter_px: tuple[float, float]) -> Drawn:
         """Draw ``now`` with one sample a pixel; motion leads to ``before``."""
         target = self._target
-        self._paint(target, stage(self._scene, self._drawables, now, before, self._size), jitter_px)
+        self._paint(target, self._stage(now, before), jitter_px)
         return Drawn(
             colour=target.read("colour"),
             depth=planar_depth(target.read_depth(), now.lens),
@@ -77,12 +77,20 @@ class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]
 
     def draw_reference(self, now: Instant, offsets: Offsets) -> Image:
         """Draw the mean of the samples at ``offsets`` [N, 2] pixels: colour [H, W, 4], summed in float64."""
-        staged = stage(self._scene, self._drawables, now, now, self._size)
+        staged = self._stage(now, now)
         total = np.zeros((self._size[1], self._size[0], 4))
         for jx, jy in offsets.tolist():
             self._paint(self._colour_target, staged, (jx, jy))
             total += self._colour_target.read("colour")
         return np.asarray(total / len(offsets), np.float32)
+
+    def _stage(self, now: Instant, before: Instant) -> Staged:
+        """Compose an instant and send what every drawing of it shares."""
+        staged = stage(self._scene, self._drawables, now, before, self._size)
+        for item in (*staged.solid, *staged.glassy):
+            if item.vertices is not None and item.drawable.vertices is not None:
+                item.drawable.vertices.fill(item.vertices)
+        return staged
 
     def _paint(self, target: Target, staged: Staged, jitter_px: tuple[float, float]) -> None:
         """Draw into ``target``: what hides, then the sky behind it, then what can be seen through."""

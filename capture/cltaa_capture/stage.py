@@ -13,7 +13,7 @@ from cltaa.errors import InternalError
 from cltaa.frames import Effect, Matrix
 from cltaa_capture.cameras import camera_at, clip_to_world_direction, jitter_ndc, reversed_projection
 from cltaa_capture.upload import Drawable
-from cltaa_datasets.scene import AlphaMode, Instant, Orthographic, Scene, Sky, Sun
+from cltaa_datasets.scene import AlphaMode, Instant, Orthographic, Part, Scene, Shape, Sky, Sun
 
 NO_SKY = Sky(zenith=(0.0, 0.0, 0.0), horizon=(0.0, 0.0, 0.0), ground=(0.0, 0.0, 0.0), ambient=0.0)
 
@@ -27,6 +27,7 @@ class Placed:
     moves: bool
     mirrored: bool
     uniforms: dict[str, Any]
+    vertices: NDArray[np.float32] | None = None  # [V, 9] of a part that deforms: position, normal, step to before
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -83,15 +84,42 @@ def _place(scene: Scene, drawables: Sequence[Drawable], now: Instant, before: In
         }
         # What can be seen through writes no motion, and so may move undeclared: the channel reactive tells.
         solid = drawable.part.material.alpha_mode is not AlphaMode.BLEND
-        moves = solid and earlier is not None and not np.array_equal(pose, earlier)
+        shapes = _shapes(drawable.part, now, before)
+        changes = shapes is not None and shapes[0] is not shapes[1]
+        moves = solid and earlier is not None and (changes or not np.array_equal(pose, earlier))
         if earlier is not None and moves:
             if Effect.MOTION not in scene.effects:
                 raise InternalError(f"scene {scene.name} declares no motion, but {drawable.part.name} moves")
             earlier_clip = earlier_projection @ (before.world_to_view @ earlier)
             uniforms["clip_displacement"] = float32(earlier_clip - model_to_clip)
-        depth = float(-(model_to_view @ drawable.centre)[2])
-        placed.append(Placed(drawable, depth, moves, bool(np.linalg.det(pose[:3, :3]) < 0.0), uniforms))
+            uniforms["previous_model_to_clip"] = float32(earlier_clip)
+        centre = drawable.centre if shapes is None else np.append(shapes[0].positions.mean(axis=0), 1.0)
+        depth = float(-(model_to_view @ centre)[2])
+        mirrored = bool(np.linalg.det(pose[:3, :3]) < 0.0)
+        vertices = None if shapes is None else vertex_data(*shapes)
+        placed.append(Placed(drawable, depth, moves, mirrored, uniforms, vertices))
     return placed
+
+
+def _shapes(part: Part, now: Instant, before: Instant) -> tuple[Shape, Shape] | None:
+    """The shapes of a part that deforms, now and before; one that was not there before stands as it is now."""
+    if not part.deforms:
+        return None
+    if part.name not in now.shapes:
+        raise InternalError(f"part {part.name} deforms, but an instant does not say how it stands")
+    shape = now.shapes[part.name]
+    return shape, before.shapes.get(part.name, shape)
+
+
+def vertex_data(now: Shape, before: Shape) -> NDArray[np.float32]:
+    """What the device is given of a deformed part: position, normal, and the step to the previous position.
+
+    The step is subtracted between the positions as they were and are drawn, rounded to float32, so that a vertex that
+    stays has a step of exactly 0.
+    """
+    position, previous = float32(now.positions), float32(before.positions)
+    step = previous.astype(np.float64) - position
+    return float32(np.concatenate([position, now.normals, step], axis=1))
 
 
 def _frame_uniforms(now: Instant, size: tuple[int, int]) -> dict[str, Any]:

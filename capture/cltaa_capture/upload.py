@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pyrender
+from numpy.typing import NDArray
 from OpenGL import GL
 
 from cltaa.frames import Matrix
 from cltaa_datasets.meshes import texture_coordinates
 from cltaa_datasets.scene import AlphaMode, Material, Part, Scene, Texture
+
+POSE_SLOTS = 4
 
 
 class Texels(pyrender.Texture):  # type: ignore[misc]
@@ -41,6 +45,28 @@ class Texels(pyrender.Texture):  # type: ignore[misc]
         GL.glBindTexture(GL.GL_TEXTURE_2D, 0)
 
 
+class Vertices:
+    """Positions, normals and steps of a part that deforms: they lie over pyrender's own, and change every instant."""
+
+    def __init__(self, primitive: Any, slots: tuple[int, int, int]) -> None:
+        """Know where they go; nothing is allocated before they are filled."""
+        self._primitive, self._slots, self._buffer = primitive, slots, 0
+
+    def fill(self, vertices: NDArray[np.float32]) -> None:
+        """Send [V, 9] to the device."""
+        self._primitive._bind()
+        if not self._buffer:
+            self._buffer = int(GL.glGenBuffers(1))
+            self._primitive._buffers.append(self._buffer)  # pyrender frees it with its own
+            GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._buffer)
+            for place, slot in enumerate(self._slots):
+                offset = ctypes.c_void_p(place * 3 * vertices.itemsize)
+                GL.glVertexAttribPointer(slot, 3, GL.GL_FLOAT, GL.GL_FALSE, vertices.strides[0], offset)
+                GL.glEnableVertexAttribArray(slot)
+        GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._buffer)
+        GL.glBufferData(GL.GL_ARRAY_BUFFER, vertices.nbytes, vertices, GL.GL_STREAM_DRAW)
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Drawable:
     """One part on the device: what to draw, the defines that its shader needs, and its constant uniforms."""
@@ -51,6 +77,7 @@ class Drawable:
     uniforms: dict[str, Any]
     textures: tuple[Texels, ...]  # texture unit = place in this tuple
     centre: Matrix  # [4], of the bounding box, homogeneous
+    vertices: Vertices | None  # of a part that deforms
 
 
 def _texture_slots(material: Material) -> dict[str, Texture]:
@@ -112,7 +139,12 @@ def _drawable(part: Part, shared: dict[int, Texels]) -> Drawable:
     }
     uniforms |= {name: unit for unit, name in enumerate(texels)}
     centre = np.append(part.mesh.bounds.mean(axis=0), 1.0)
-    return Drawable(part, primitive, defines, uniforms, tuple(texels.values()), centre)
+    vertices = None
+    if part.deforms:
+        # pyrender keeps four slots behind its own attributes for the pose of an instance.
+        defines["STEP_SLOT"] = sum(name.endswith("_SLOT") for name in defines) + 1 + POSE_SLOTS
+        vertices = Vertices(primitive, (0, defines["NORMAL_SLOT"], defines["STEP_SLOT"]))
+    return Drawable(part, primitive, defines, uniforms, tuple(texels.values()), centre, vertices)
 
 
 def upload(scene: Scene) -> tuple[Any, list[Drawable]]:

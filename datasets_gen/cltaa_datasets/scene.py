@@ -5,8 +5,8 @@ Nothing here knows how a picture is drawn. Lengths are metres, angles radians, c
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -70,6 +70,27 @@ class Part:
     mesh: trimesh.Trimesh
     material: Material
     colours: NDArray[np.float32] | None = None  # [vertices, 4] linear, multiplied with the base colour
+    deforms: bool = False  # every instant says where its vertices are
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Shape:
+    """Where the vertices of a part that deforms are at one time; its faces and texture coordinates stay."""
+
+    positions: NDArray[np.float64]  # [vertices, 3], in the part's own space
+    normals: NDArray[np.float64]  # [vertices, 3], unit
+
+
+@dataclass(frozen=True, slots=True)
+class Shadow:
+    """A map of what a sun sees: the ball around ``centre`` that casts and catches its shadow, in square texels.
+
+    The map stands in the world, not in the picture, so that shadows are a function of position alone.
+    """
+
+    centre: Vector
+    radius: float
+    texels: int = 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +99,7 @@ class Sun:
 
     direction: Vector
     irradiance: Colour
+    shadow: Shadow | None = None  # of one sun at most
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +121,7 @@ class Sky:
     glow_direction: Vector = (0.0, 1.0, 0.0)
     ambient: float = 1.0  # share of the sky's light that reaches a surface
     fog: float = 0.0  # extinction, 1/metre
+    stars: float = 0.0  # radiance of points of light, a milliradian or two wide
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +156,7 @@ class Instant:
     sky: Sky | None  # None: black, transparent background
     exposure: float = 1.0  # factor on every colour
     shot: int = 0  # number of the take: between two instants of different shots lies a cut
+    shapes: Mapping[str, Shape] = field(default_factory=dict)  # of the parts that deform, by name
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -6,12 +6,14 @@ things are.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
+from types import MappingProxyType
 
 import numpy as np
 
 from cltaa_datasets import animation, meshes, textures
-from cltaa_datasets.scene import AlphaMode, Instant, Lens, Light, Material, Matrix, Part, Perspective, Sky, Sun
+from cltaa_datasets.scene import AlphaMode, Instant, Lens, Light, Material, Matrix, Part, Perspective, Shape, Sky, Sun
 
 SUN = animation.direction(150.0, 40.0)
 LIGHTS = (Sun(SUN, (3.6, 3.3, 2.9)),)
@@ -19,6 +21,7 @@ SKY = Sky(ambient=0.55)
 LENS = Perspective(np.radians(40.0))
 EYE, TARGET = (0.0, 1.45, 3.4), (0.0, 1.25, -2.0)
 VIEW = animation.look_at(EYE, TARGET)
+NO_SHAPES: Mapping[str, Shape] = MappingProxyType({})
 KEPT = 4  # sets in memory: tests and sweeps build many scenes of one seed
 
 
@@ -90,7 +93,8 @@ def standing(
     sky: Sky | None = SKY,
     exposure: float = 1.0,
     shot: int = 0,
+    shapes: Mapping[str, Shape] = NO_SHAPES,
 ) -> Instant:
     """Return an instant at which the first parts stand as ``moving`` says and all others where they were built."""
     poses = (*moving, *((np.eye(4),) * (len(parts) - len(moving))))
-    return Instant(view, lens, poses, lights, sky, exposure, shot)
+    return Instant(view, lens, poses, lights, sky, exposure, shot, shapes)

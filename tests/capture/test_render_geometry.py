@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cltaa.errors import InternalError
+from cltaa.frames import Effect
 from cltaa_datasets.animation import rotation
-from cltaa_datasets.scene import Matrix
+from cltaa_datasets.scene import Matrix, Part, Scene, Shape
 from tests.capture.analytic_scenes import (
     HEIGHT,
     LENS,
@@ -157,3 +160,43 @@ def test_a_broken_promise_of_stillness_is_an_error() -> None:
         pytest.raises(InternalError, match="declares no motion, but part 0 moves"),
     ):
         renderer.draw(now, before, (0.0, 0.0))
+
+
+def test_motion_of_a_shape_that_deforms() -> None:
+    # A quad whose corners go their own ways: its motion is bilinear over the quad, linear over each triangle.
+    mesh, up = quad(8.0), np.tile([0.0, 0.0, 1.0], (4, 1))
+    rest = np.asarray(mesh.vertices, np.float64)
+    step = np.array([[0.5, -0.25, 0.0], [0.5, -0.25, 0.0], [2.0, 1.0, 0.0], [2.0, 1.0, 0.0]])
+    part = Part("sheet", mesh, WHITE, deforms=True)
+    now, before = (replace(instant(STILL), shapes={"sheet": Shape(positions, up)}) for positions in (rest, rest + step))
+    with drawing(Scene("analytic", frozenset({Effect.MOTION}), (part,), lambda _: now)) as renderer:
+        motion = renderer.draw(now, before, (0.0, 0.0)).motion
+    assert motion is not None
+    rows, columns = np.nonzero(np.isfinite(motion[..., 0]))
+    assert len(rows) == 16 * 16
+    # Vertices 0 and 1 are the lower ones of ``meshes.sheet``: the share of the upper pair grows upwards.
+    share = (HEIGHT / 2.0 + 8.0 - (rows + 0.5)) / 16.0
+    expected = np.stack([0.5 + 1.5 * share, -(-0.25 + 1.25 * share)], -1)
+    assert np.abs(motion[rows, columns] - expected).max() <= 2.0 * MOTION_ERROR
+
+
+def test_a_shape_that_stays_has_no_motion_of_its_own() -> None:
+    mesh = quad(8.0)
+    shape = Shape(np.asarray(mesh.vertices) / 3.0, np.tile([0.0, 0.0, 1.0], (4, 1)))
+    part = Part("sheet", mesh, WHITE, deforms=True)
+    now = replace(instant(STILL), shapes={"sheet": shape})
+    same = Shape(shape.positions.copy(), shape.normals)
+    before = replace(instant(STILL), shapes={"sheet": same})
+    with drawing(Scene("analytic", frozenset({Effect.MOTION}), (part,), lambda _: now)) as renderer:
+        motion = renderer.draw(now, before, (0.0, 0.0)).motion
+    assert motion is not None
+    assert np.all(np.isnan(motion) | (motion == 0.0))
+
+
+def test_a_deforming_part_without_a_shape_is_an_error() -> None:
+    part = Part("sheet", quad(), WHITE, deforms=True)
+    with (
+        drawing(Scene("analytic", frozenset(), (part,), lambda _: instant(STILL))) as renderer,
+        pytest.raises(InternalError, match="part sheet deforms, but an instant does not say how it stands"),
+    ):
+        renderer.draw(instant(STILL), instant(STILL), (0.0, 0.0))

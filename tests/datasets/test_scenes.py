@@ -30,8 +30,14 @@ def glossy(material: Material) -> bool:
     return material.specular > 0.0 or material.metallic > 0.0
 
 
-def test_the_five_scenes_are_there() -> None:
-    assert {"wires", "spinner", "corridor", "occluder", "still"} <= set(NAMES)
+def test_every_effect_has_a_scene_of_its_own() -> None:
+    shape = {Effect.UNCOVER, Effect.THIN}  # what comes with the things that are shown
+    effects = [entry.effects - shape for entry in registered()]
+    # Highlights that do not move or flash are only bright, and a cut is a move of the camera.
+    alone = set(Effect) - shape - {Effect.HDR, Effect.CUT}
+    assert {effect for effect in alone if frozenset({effect}) in effects} == alone
+    assert set().union(*(entry.effects for entry in registered())) == set(Effect)
+    assert frozenset() in effects
 
 
 def test_what_moves_is_declared(scene: Scene) -> None:
@@ -44,7 +50,9 @@ def test_what_moves_is_declared(scene: Scene) -> None:
         )
         for instant in instants
     }
-    assert (len(poses) > 1) == (Effect.MOTION in scene.effects)
+    bodies = {part.name for part, hides in zip(scene.parts, solid, strict=True) if hides and part.deforms}
+    shapes = {tuple(i.shapes[name].positions.tobytes() for name in sorted(bodies)) for i in instants}
+    assert (len(poses) > 1 or len(shapes) > 1) == (Effect.MOTION in scene.effects)
     assert (len({camera_of(instant) for instant in instants}) > 1) == (Effect.CAMERA in scene.effects)
     assert (len({instant.lights for instant in instants}) > 1) <= (Effect.SHADING in scene.effects)
     assert (len({instant.exposure for instant in instants}) > 1) == (Effect.EXPOSURE in scene.effects)
@@ -68,6 +76,8 @@ def test_a_scene_is_a_function_of_time(scene: Scene) -> None:
         np.array_equal(a, b) for a, b in zip(one.poses, other.poses, strict=True) if a is not None and b is not None
     )
     assert len({part.name for part in scene.parts}) == len(scene.parts)
+    assert set(one.shapes) == {part.name for part in scene.parts if part.deforms}
+    assert all(np.array_equal(one.shapes[name].positions, other.shapes[name].positions) for name in one.shapes)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -25,6 +25,10 @@ out vec4 vertex_colour;
 #ifdef MOVING
 uniform mat4 clip_displacement;  // previous model_to_clip - current, subtracted in float64
 out vec3 displacement;           // its x, y, w
+#ifdef STEP_SLOT
+layout(location = STEP_SLOT) in vec3 step_back;  // previous position - current
+uniform mat4 previous_model_to_clip;
+#endif
 #endif
 
 void main()
@@ -40,6 +44,11 @@ void main()
     vertex_colour = colour;
 #endif
 #ifdef MOVING
-    displacement = (clip_displacement * vec4(position, 1.0)).xyw;
+    vec4 back = clip_displacement * vec4(position, 1.0);
+#ifdef STEP_SLOT
+    // M' p' - M p = (M' - M) p + M' (p' - p)
+    back += previous_model_to_clip * vec4(step_back, 0.0);
+#endif
+    displacement = back.xyw;
 #endif
 }

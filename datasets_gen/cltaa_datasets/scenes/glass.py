@@ -5,11 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from cltaa.frames import Effect
-from cltaa_datasets import animation, meshes
+from cltaa_datasets import animation, meshes, swarms, textures
 from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import AlphaMode, Instant, Material, Part
 from cltaa_datasets.sets import gallery, standing
 
+PUFFS, SIZE, GROWTH = 40, 0.10, 0.14  # of smoke; metres, metres a second
+LIFE, REST = 2.4, 0.2  # seconds
+SPEEDS = np.array([-0.35, 0.3, -0.1]), np.array([0.35, 0.7, 0.3])
+RISE = np.array([0.12, 0.2, 0.0])
+CHIMNEY = animation.translation((0.1, 0.4, 0.8))
 PANES = (  # colour and opacity, place, metres either way, period
     ((0.75, 0.12, 0.10, 0.45), (-0.9, 0.35, 0.9), 0.7, 2.6),
     ((0.10, 0.55, 0.20, 0.30), (0.5, 0.55, 1.2), 0.6, 3.4),
@@ -38,5 +43,35 @@ def panes(seed: int) -> Staging:
             for i, (_, (x, y, z), reach, period) in enumerate(PANES)
         )
         return standing(parts, moving=slid)
+
+    return parts, at
+
+
+def puffs() -> Part:
+    """Return a swarm of soft grey discs that face +z."""
+    across, down = textures.coordinates(64)
+    density = np.clip(1.0 - 2.0 * np.hypot(across - 0.5, down - 0.5), 0.0, 1.0)
+    soft = textures.make_texture(np.ones((64, 64, 3)), density)
+    # They shine by themselves and alike, so that it does not matter in which order they are drawn.
+    grey = Material(
+        base_colour=(0.0, 0.0, 0.0, 0.5), base_texture=soft, specular=0.0, emissive=(0.45, 0.45, 0.47),
+        alpha_mode=AlphaMode.BLEND, double_sided=True,
+    )  # fmt: skip
+    return Part("smoke", swarms.repeated(swarms.CARD, swarms.HALVES, PUFFS), grey, deforms=True)
+
+
+def rising(rng: np.random.Generator) -> swarms.Path:
+    """Return the paths of the puffs from their chimney."""
+    return swarms.fountain(rng, PUFFS, life=LIFE, rest=REST, speeds=SPEEDS, pull=RISE, growth=GROWTH, size=SIZE)
+
+
+@register("smoke", "Smoke of soft particles rises before a still gallery", (Effect.REACTIVE,))
+def smoke(seed: int) -> Staging:
+    """Let particles rise that no depth and no motion vector belongs to."""
+    path = rising(np.random.default_rng(seed))
+    parts = (puffs(), *gallery(seed))
+
+    def at(time: float) -> Instant:
+        return standing(parts, moving=(CHIMNEY,), shapes={"smoke": swarms.placed(swarms.CARD, *path(time))})
 
     return parts, at
