@@ -54,12 +54,15 @@ def atomic_path(path: Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def remove_stale_temporaries(folder: Path) -> int:
-    """Delete what killed processes left half-written in ``folder`` and return how many files that were."""
+def remove_stale_temporaries(folder: Path, *, owned: bool = False) -> int:
+    """Delete what killed processes left half-written in ``folder`` and return how many files that were.
+
+    ``owned`` says that no other process writes there, so that every such file is stale, whoever has its number now.
+    """
     count = 0
     for entry in folder.iterdir():
         match = _TEMPORARY.fullmatch(entry.name)
-        if match and not _is_running(int(match[1])):
+        if match and (owned or not _is_running(int(match[1]))):
             entry.unlink(missing_ok=True)
             count += 1
     return count

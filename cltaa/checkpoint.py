@@ -19,6 +19,7 @@ import numpy as np
 from cltaa.atomic import atomic_path
 from cltaa.resolve import Past, Resolver
 
+CHECKPOINT_EVERY = 32  # frames; what an interruption without a warning can cost
 SLOTS = (".checkpoint-0.npz", ".checkpoint-1.npz")
 # What a damaged slot raises, whichever of its bytes is wrong.
 _DAMAGED = (

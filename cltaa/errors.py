@@ -8,7 +8,8 @@ CltaaError                 base; the command line catches this class, once
 ├── InternalError     70   a promise of cltaa's own was broken (a kernel that does not build)
 ├── OutputError       73   an output folder or file cannot be created
 ├── StorageError      74   reading or writing failed half-way (disk full, I/O error)
-└── ResourceError     75   memory or the device was lost; running the same command again resumes
+└── ResourceError     75   there is not enough memory; running the same command again resumes
+    └── DeviceLost    75   the device stopped answering
 
 The codes are those of sysexits.h. A message says where, what, expected against found, and what to do about it.
 """
@@ -106,6 +107,10 @@ class StorageError(CltaaError):
 
 
 class ResourceError(CltaaError):
-    """Memory or the device was lost; running the same command again resumes."""
+    """There is not enough memory; running the same command again resumes."""
 
     exit_code = 75
+
+
+class DeviceLost(ResourceError):
+    """The device stopped answering; running the same command again resumes."""

@@ -35,9 +35,12 @@ class Entry(NamedTuple):
 
 
 def file_sha256(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+    """SHA-256 of a file, in hexadecimal; raises StorageError where it cannot be read."""
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise StorageError(f"cannot be read: {error.strerror}", path=path) from error
 
 
 def recorded_hashes(folder: Path) -> dict[str, str]:
@@ -95,7 +98,7 @@ class Manifest:
     """The manifest of one folder, as far as it can be believed; ``settings`` is None where it was not begun."""
 
     def __init__(self, folder: Path) -> None:
-        """Read what is there; raises DataError where its first line, which is written atomically, is damaged."""
+        """Read what is there; raises DataError for a damaged first line, StorageError where it cannot be read."""
         self.path = folder / NAME
         self.settings: dict[str, Any] | None = None
         self.entries: dict[str, Entry] = {}
@@ -104,15 +107,16 @@ class Manifest:
         except FileNotFoundError:
             return
         except OSError as error:
-            raise DataError(f"cannot be read: {error.strerror}", path=self.path) from error
+            raise StorageError(f"cannot be read: {error.strerror}", path=self.path) from error
         begun = _parsed(lines[0]) if lines else None
         if begun is None or begun.get("format") != FORMAT or not isinstance(begun.get("settings"), dict):
             raise DataError("the first line is damaged", path=self.path, cure=RESTART_CURE)
         self.settings = begun["settings"]
         for line in lines[1:]:
-            record = _parsed(line)
-            if record is not None:
-                self.entries[record["file"]] = Entry(record["sha256"], record["input_sha256"])
+            record = _parsed(line) or {}
+            name = str(record.get("file", ""))
+            if name and Path(name).name == name:  # never a way out of the folder
+                self.entries[name] = Entry(str(record.get("sha256")), str(record.get("input_sha256")))
 
     def begin(self, settings: Mapping[str, Any]) -> None:
         """Write the first line; raises OutputError and StorageError."""

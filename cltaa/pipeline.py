@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterable, Mapping
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
@@ -16,17 +15,20 @@ import numpy as np
 
 from cltaa.allocator import return_freed_frames
 from cltaa.atomic import atomic_path
-from cltaa.display import to_picture
-from cltaa.errors import OutputError, UsageError
+from cltaa.checkpoint import CHECKPOINT_EVERY, Checkpoints
+from cltaa.errors import DeviceLost, UsageError
 from cltaa.exr_attributes import frame_attributes
 from cltaa.exr_channels import Pixels
 from cltaa.frames import Effect, Frame, Image
+from cltaa.interrupt import Stop, stop_signals
+from cltaa.manifest import file_sha256
+from cltaa.output import OutputFolder, owned
 from cltaa.params import Preset
 from cltaa.progress import track
-from cltaa.resolve import Resolver
-from cltaa.sources import Sequence
+from cltaa.resolve import Resolver, Times
+from cltaa.sources import Sequence, open_images
 from cltaa.streams import Writer, read_ahead
-from cltaa.video import open_video
+from cltaa.video import import_av, write_video
 
 
 class StageTimes(msgspec.Struct, kw_only=True):
@@ -41,10 +43,11 @@ class StageTimes(msgspec.Struct, kw_only=True):
 
 
 class Outcome(msgspec.Struct, kw_only=True):
-    """What a run of ``resolve_sequence`` did."""
+    """What a run of ``resolve_sequence`` did: of ``frames``, ``resolved`` were written now, the others before."""
 
     output: str
     frames: int
+    resolved: int
     width: int
     height: int
     device: str
@@ -61,53 +64,122 @@ def resolve_sequence(
     half: bool = False,
     compression: str = "zip",
     preview: Path | None = None,
+    restart: bool = False,
+    checkpoint_every: int = CHECKPOINT_EVERY,
 ) -> Outcome:
     """Resolve every frame of ``sequence`` into ``output``, one EXR a frame under the same names.
 
-    ``effects`` overrides what the sequence declares: ``auto`` keeps it, ``all`` turns every step on. Frames
-    written before an error stay complete. ``preview`` is an MP4 of the result. Raises OutputError where ``output``
-    cannot be created and UsageError where it is the sequence's own folder.
+    ``effects`` overrides what the sequence declares: ``auto`` keeps it, ``all`` turns every step on. ``preview`` is an
+    MP4 of the result. A run that was cut short goes on where it stopped, to the same bits; SIGINT and SIGTERM finish
+    the frame in work, save the state and raise KeyboardInterrupt. A device that is lost is opened once more.
+
+    Raises UsageError where ``output`` is the sequence's own folder or was begun with other settings (unless
+    ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
+    what reading, resolving and writing raise; finished frames stay complete.
     """
     return_freed_frames()
-    _prepare(sequence, output)
-    upload, kernels, read_back = [], [], []
-    with ExitStack() as stack:
-        video = stack.enter_context(open_video(preview)) if preview is not None else None
-        writer = stack.enter_context(Writer(compression=compression))
-        frames = stack.enter_context(read_ahead(sequence))
-        started = time.perf_counter()
-        for frame in track(frames, len(sequence), "resolving"):
-            image = resolver.resolve(_with_effects(frame, effects))
-            assert frame.path is not None
-            writer.write(
-                output / frame.path.name, image_channels(image, half=half), resolved_attributes(frame, resolver)
-            )
-            if video is not None:
-                video.add(to_picture(image[..., :3]))
-            upload.append(resolver.times.upload)
-            kernels.append(resolver.times.kernels)
-            read_back.append(resolver.times.read_back)
-        writer.close()
-        whole = (time.perf_counter() - started) / len(sequence)
-        seconds = StageTimes(
-            read=median(frames.seconds),
-            upload=median(upload),
-            kernels=median(kernels),
-            read_back=median(read_back),
-            write=median(writer.seconds),
-            whole=whole,
-        )
-    outcome = Outcome(
-        output=str(output),
-        frames=len(sequence),
-        width=sequence.width,
-        height=sequence.height,
-        device=resolver.launcher.description,
-        preset=resolver.preset.name,
-        seconds=seconds,
-    )
-    _write_record(output, outcome, resolver.preset)
+    if output.resolve() == sequence.folder.resolve():
+        raise UsageError("the output would overwrite the sequence", path=output, cure="name another folder with -o")
+    if preview is not None:
+        import_av()  # told before the work, not after it
+    options = {"effects": effects if isinstance(effects, str) else sorted(effects), "half": half}
+    settings = {**resolver.settings(), **options, "compression": compression, **sequence_settings(sequence)}
+    with owned(output), stop_signals() as stop:
+        folder = OutputFolder(output, settings, restart=restart)
+        checkpoints = Checkpoints(output, folder.key)
+        if restart:
+            checkpoints.clear()
+        run = _Run(sequence, folder, checkpoints, resolver, effects, stop)
+        try:
+            run.resolve(half, compression, checkpoint_every)
+        except DeviceLost:
+            resolver.reopen()
+            run.resolve(half, compression, checkpoint_every)
+        outcome = run.outcome()
+        _write_record(output, outcome, resolver.preset)
+        checkpoints.clear()
+    if preview is not None:
+        write_video(preview, open_images(output).select(sequence.first, sequence.last))
     return outcome
+
+
+def sequence_settings(sequence: Sequence) -> dict[str, Any]:
+    """What of a sequence decides the bits of all its frames; their files are held against their hashes one by one."""
+    return {"sequence": sequence.name, "first_frame": sequence.first, "size": [sequence.width, sequence.height]}
+
+
+class _Run:
+    """One run over a sequence; ``resolve`` may be called again after the device was lost."""
+
+    def __init__(
+        self,
+        sequence: Sequence,
+        folder: OutputFolder,
+        checkpoints: Checkpoints,
+        resolver: Resolver,
+        effects: frozenset[Effect] | Literal["auto", "all"],
+        stop: Stop,
+    ) -> None:
+        self._sequence, self._folder, self._checkpoints = sequence, folder, checkpoints
+        self._resolver, self._effects, self._stop = resolver, effects, stop
+        self._seconds: dict[str, list[float]] = {name: [] for name in StageTimes.__struct_fields__}
+        self._written: set[int] = set()
+
+    def resolve(self, half: bool, compression: str, checkpoint_every: int) -> None:
+        """Resolve the frames that are missing, after those that their history needs."""
+        missing = self._folder.missing(self._sequence)
+        if not missing:
+            return
+        after = self._checkpoints.restore(self._resolver, before=missing[0])
+        numbers = [n for n in self._sequence.numbers if (after is None or n > after) and n <= missing[-1]]
+        wanted = frozenset(missing)
+        part = self._sequence.select(numbers[0], numbers[-1])
+        started = time.perf_counter()
+        with Writer(compression=compression) as writer, read_ahead(_with_hashes(part)) as frames:
+            for frame, digest in track(frames, len(numbers), "resolving"):
+                image = self._resolver.resolve(_with_effects(frame, self._effects))
+                if frame.index in wanted:
+                    self._write(writer, frame, digest, image_channels(image, half=half))
+                self._note(self._resolver.times)
+                if self._stop.requested or (frame.index + 1) % checkpoint_every == 0:
+                    self._checkpoints.save(self._resolver)
+                if self._stop.requested:
+                    raise KeyboardInterrupt
+            writer.close()
+            self._seconds["read"] += frames.seconds
+            self._seconds["write"] += writer.seconds
+        self._seconds["whole"].append((time.perf_counter() - started) / len(numbers))
+
+    def _write(self, writer: Writer, frame: Frame, digest: str, channels: dict[str, Pixels]) -> None:
+        assert frame.path is not None
+        path = self._folder.folder / frame.path.name
+        attributes = resolved_attributes(frame, self._resolver)
+        writer.write(path, channels, attributes, then=lambda: self._folder.finish(path, digest))
+        self._written.add(frame.index)
+
+    def _note(self, times: Times) -> None:
+        for name, seconds in times._asdict().items():
+            self._seconds[name].append(seconds)
+
+    def outcome(self) -> Outcome:
+        """What was done; stages that nothing had to be done in took no time."""
+        return Outcome(
+            output=str(self._folder.folder),
+            frames=len(self._sequence),
+            resolved=len(self._written),
+            width=self._sequence.width,
+            height=self._sequence.height,
+            device=self._resolver.launcher.description,
+            preset=self._resolver.preset.name,
+            seconds=StageTimes(**{name: median(seconds or [0.0]) for name, seconds in self._seconds.items()}),
+        )
+
+
+def _with_hashes(sequence: Sequence) -> Iterator[tuple[Frame, str]]:
+    """Each frame with the SHA-256 of the file that it was read from."""
+    for number in sequence.numbers:
+        digest = file_sha256(sequence.path(number))
+        yield sequence.frame(number), digest
 
 
 def image_channels(image: Image, *, half: bool = False) -> dict[str, Pixels]:
@@ -131,17 +203,6 @@ def _with_effects(frame: Frame, effects: frozenset[Effect] | Literal["auto", "al
     if effects == "auto":
         return frame
     return replace(frame, effects=None if effects == "all" else effects)
-
-
-def _prepare(sequence: Sequence, output: Path) -> None:
-    if output.resolve() == sequence.folder.resolve():
-        raise UsageError("the output would overwrite the sequence", path=output, cure="name another folder with -o")
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            f"cannot create the output folder: {error.strerror}", path=output, cure="name a folder you may write to"
-        ) from None
 
 
 def _write_record(output: Path, outcome: Outcome, preset: Preset) -> None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from functools import cache
-from importlib import resources
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,15 +12,7 @@ import pyopencl as cl
 
 from cltaa.build import Build, prelude
 from cltaa.errors import InternalError, UsageError
-
-
-@cache
-def kernel_folder() -> Path:
-    """Where the kernels are: inside the installed package, or beside it in a checkout."""
-    packaged = Path(str(resources.files("cltaa"))) / "kernels"
-    if packaged.is_dir():
-        return packaged
-    return Path(__file__).resolve().parent.parent / "kernels"
+from cltaa.kernel_files import kernel_folder
 
 
 def kernel_names() -> list[str]:

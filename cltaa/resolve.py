@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from time import perf_counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 
 from cltaa.buffers import Buffers, fill
@@ -13,6 +14,7 @@ from cltaa.build import FRAME_DTYPE, Build, Record, Storage, settings_record
 from cltaa.cameras import Displacement, closeness, displacement, sky_closeness
 from cltaa.errors import DataError
 from cltaa.frames import Camera, Frame, Image
+from cltaa.kernel_files import code_sha256
 from cltaa.launch import Buffer, Launcher, launcher_for, storage_dtype
 from cltaa.layout import Layout
 from cltaa.params import Preset
@@ -63,6 +65,7 @@ class Resolver:
         rows: int = 0,
     ) -> None:
         self.preset = load_preset(preset) if isinstance(preset, str) else preset
+        self._device = device
         self.launcher = launcher_for(device) if device is None or isinstance(device, str) else device
         self._shape = Build(strict=strict, storage=storage, lanes=lanes, rows=rows)
         self._buffers: Buffers | None = None
@@ -73,6 +76,21 @@ class Resolver:
     def reset(self) -> None:
         """Forget the history: the next frame starts a new one."""
         self._previous = None
+
+    def settings(self) -> dict[str, Any]:
+        """Everything that decides the bits of a result, beside the frames."""
+        return {
+            "code_sha256": code_sha256(),
+            "device": self.launcher.description,
+            "preset": msgspec.to_builtins(self.preset),
+            "build": msgspec.to_builtins(self._shape),
+        }
+
+    def reopen(self) -> None:
+        """Open the device again after it was lost, without a history; raises what opening it raises."""
+        self._buffers, self._previous = None, None
+        if self._device is None or isinstance(self._device, str):
+            self.launcher = launcher_for(self._device)
 
     def recurrent(self) -> tuple[Past, dict[str, Buffer]]:
         """What the next frame depends on: facts about the last one, and the memory that holds its result.

@@ -158,15 +158,27 @@ class Writer:
         """Busy seconds of the thread for each image written so far."""
         return self._desk.seconds
 
-    def write(self, path: Path, channels: Mapping[str, Pixels], attributes: Mapping[str, object] | None = None) -> None:
-        """Queue one image for ``cltaa.exr.write_image``; raises the failure of an earlier one."""
+    def write(
+        self,
+        path: Path,
+        channels: Mapping[str, Pixels],
+        attributes: Mapping[str, object] | None = None,
+        then: Callable[[], None] | None = None,
+    ) -> None:
+        """Queue one image for ``cltaa.exr.write_image``, and what is to be done ``then``; raises an earlier failure."""
         if not self._finalizer.alive:
             raise ValueError("the writer is closed")
         self._desk.places.acquire()
         if self._desk.failure is not None:
             self.close()
         compression = self._compression
-        self._desk.tasks.put(lambda: write_image(path, channels, attributes, compression=compression))
+
+        def task() -> None:
+            write_image(path, channels, attributes, compression=compression)
+            if then is not None:
+                then()
+
+        self._desk.tasks.put(task)
 
     def close(self) -> None:
         """Finish the queued images and stop the thread; raises the first failure, once."""

@@ -60,7 +60,7 @@ def demo(output: Path, scene: str, frames: int, device: str | None, as_json: boo
     folder, resolved = output / "sequence", output / "resolved"
     _capture(scene, folder, frames)
     sequence = open_sequence(folder).select(0, frames - 1)
-    outcome = resolve_sequence(sequence, resolved, Resolver(device=device))
+    outcome = resolve_sequence(sequence, resolved, Resolver(device=device), restart=True)
     after = open_images(resolved).select(0, frames - 1)
     assert sequence.reference is not None
     gain = _judge(open_images(folder).select(0, frames - 1), after, sequence.reference, outcome)

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.build import Storage
+from cltaa.checkpoint import CHECKPOINT_EVERY
 from cltaa.commands.options import verify_option
 from cltaa.errors import UsageError
 from cltaa.frames import Effect, parse_effects
@@ -39,6 +40,9 @@ from cltaa.sources import open_sequence
               show_default=True, help="Number that the history is kept in.")  # fmt: skip
 @click.option("--strict", is_flag=True, help="Kernels that match the NumPy oracle bit for bit.")
 @verify_option
+@click.option("--restart", is_flag=True, help="Begin the output folder anew, whatever it was begun with.")
+@click.option("--checkpoint", type=click.IntRange(min=1), default=CHECKPOINT_EVERY, show_default=True,
+              metavar="N", help="Save the state every N frames, for a run that goes on after a kill.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the outcome as JSON.")
 def resolve(
     sequence: Path,
@@ -55,11 +59,14 @@ def resolve(
     storage: str,
     strict: bool,
     verify: bool,
+    restart: bool,
+    checkpoint: int,
     as_json: bool,
 ) -> None:
     """Anti-alias SEQUENCE, a folder of captured EXR frames, over time.
 
-    Reading, the kernels and writing overlap, and only a few frames are in memory at a time.
+    Reading, the kernels and writing overlap, and only a few frames are in memory at a time. A run that was
+    interrupted goes on where it stopped when the same command is given again, to the same bits.
     """
     source = open_sequence(sequence, verify=verify)
     if frames is not None:
@@ -73,6 +80,8 @@ def resolve(
         half=half,
         compression=compression,
         preview=preview,
+        restart=restart,
+        checkpoint_every=checkpoint,
     )
     if as_json:
         click.echo(msgspec.json.encode(outcome).decode())
@@ -124,5 +133,7 @@ def _print_outcome(outcome: Outcome) -> None:
     for name, milliseconds in stage_rows(outcome.seconds):
         table.add_row(name, f"{milliseconds:.1f}", end_section=name == "write")
     console.print(table)
+    if outcome.resolved < outcome.frames:
+        console.print(f"{outcome.frames - outcome.resolved} frames were finished already", highlight=False)
     console.print(f"on {outcome.device}", highlight=False)
     console.print(f"written to {outcome.output}", highlight=False)

@@ -1,0 +1,29 @@
+"""Where the kernels lie, and one number for all the code that decides a result."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from importlib import resources
+from pathlib import Path
+
+
+@cache
+def kernel_folder() -> Path:
+    """Where the kernels are: inside the installed package, or beside it in a checkout."""
+    packaged = Path(str(resources.files("cltaa"))) / "kernels"
+    if packaged.is_dir():
+        return packaged
+    return Path(__file__).resolve().parent.parent / "kernels"
+
+
+@cache
+def code_sha256() -> str:
+    """SHA-256 over the kernels and this package (its commands left out): other code may give other bits."""
+    package = Path(__file__).resolve().parent
+    files = [*kernel_folder().glob("*.cl"), *kernel_folder().glob("*.h"), *package.glob("*.py")]
+    files += (package / "reference").glob("*.py")
+    digest = hashlib.sha256()
+    for path in sorted(files, key=lambda path: (path.parent.name, path.name)):
+        digest.update(f"{path.parent.name}/{path.name}".encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()

@@ -1,0 +1,113 @@
+"""The output folder of a resolve: owned by one run at a time, and never a mixture of two kinds of result."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from cltaa.atomic import make_folder, remove_stale_temporaries
+from cltaa.errors import DataError, OutputError, UsageError
+from cltaa.manifest import NAME, RESTART_CURE, Entry, Manifest, file_sha256
+from cltaa.progress import track
+from cltaa.sources import Sequence
+
+
+@contextmanager
+def owned(folder: Path) -> Iterator[None]:
+    """Lock ``folder`` for this process, whose end, however sudden, unlocks it; raises OutputError where it is taken."""
+    descriptor = os.open(make_folder(folder), os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            cure = "wait until it has ended, or name another folder"
+            raise OutputError("another process is writing into the folder", path=folder, cure=cure) from error
+        yield
+    finally:
+        os.close(descriptor)
+
+
+class OutputFolder:
+    """Which frames are finished, by what settings they were made, and their hashes. Use it inside ``owned``."""
+
+    def __init__(self, folder: Path, settings: Mapping[str, Any], *, restart: bool = False) -> None:
+        """Begin the folder, or go on with it; ``restart`` deletes what its manifest lists first.
+
+        Raises UsageError where the folder was begun with other settings or holds EXR files that no manifest lists,
+        DataError for a damaged manifest, OutputError and StorageError.
+        """
+        self.folder = folder
+        asked = json.loads(json.dumps(settings))
+        remove_stale_temporaries(folder, owned=True)
+        if restart:
+            _clear(folder)
+        self.manifest = Manifest(folder)
+        if self.manifest.settings is None:
+            if not restart and any(folder.glob("*.exr")):
+                cure = "choose an empty folder, or use --restart to replace files of the same names"
+                raise UsageError("holds EXR files of another origin", path=folder, expected=NAME, cure=cure)
+            self.manifest.begin(asked)
+        else:
+            _refuse_difference(self.manifest.settings, asked, self.manifest.path)
+        self.key = hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
+
+    def missing(self, sequence: Sequence) -> list[int]:
+        """Return the frames that are not finished, after a look at every file of those that are.
+
+        Raises DataError where the input of a finished frame is another than it was made from.
+        """
+        if not self.manifest.entries:
+            return list(sequence.numbers)
+        return [
+            number
+            for number in track(sequence.numbers, len(sequence), "checking")
+            if not self._finished(sequence.path(number), number)
+        ]
+
+    def _finished(self, source: Path, number: int) -> bool:
+        if not self.manifest.vouches_for(self.folder / source.name):
+            return False
+        expected, found = self.manifest.entries[source.name].input_sha256, file_sha256(source)
+        if found != expected:
+            what = "the input is not the one that this frame of the output was made from"
+            raise DataError(what, path=source, frame=number, expected=expected, found=found, cure=RESTART_CURE)
+        return True
+
+    def finish(self, path: Path, input_sha256: str) -> None:
+        """Vouch for a frame that has its final name; raises StorageError."""
+        self.manifest.append(path.name, Entry(file_sha256(path), input_sha256))
+
+
+def _clear(folder: Path) -> None:
+    """Delete what a manifest lists, and then the manifest; one that is damaged is deleted alone."""
+    try:
+        names = list(Manifest(folder).entries)
+    except DataError:
+        names = []
+    for name in names:
+        (folder / name).unlink(missing_ok=True)
+    (folder / NAME).unlink(missing_ok=True)
+
+
+def _refuse_difference(begun: Mapping[str, Any], asked: Mapping[str, Any], path: Path) -> None:
+    before, now = dict(_flat(begun)), dict(_flat(asked))
+    for key in sorted(before.keys() | now.keys()):
+        if before.get(key) != now.get(key):
+            raise UsageError(
+                f"was begun with another {key}", path=path,
+                expected=before.get(key, "none"), found=now.get(key, "none"), cure=RESTART_CURE,
+            )  # fmt: skip
+
+
+def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in settings.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield prefix + key, value
