@@ -22,7 +22,7 @@ from cltaa.atomic import atomic_path
 from cltaa.errors import DataError, StorageError, UsageError
 from cltaa.exr_attributes import FrameHeader, frame_attributes
 from cltaa.exr_channels import COLOUR, MOTION, NORMAL, Pixels, check_float_channels, frame_channels, frame_planes
-from cltaa.exr_layout import COMPRESSION_NUMBERS, LARGEST_SIDE, LOSSLESS, Layout, parse_layout
+from cltaa.exr_layout import COMPRESSION_NUMBERS, LARGEST_SIDE, LOSSLESS, Layout, parse_layout, read_layout
 from cltaa.file_content import check_memory, file_size, open_regular, read_all
 from cltaa.frames import Frame, Image
 from cltaa.quiet import muted_output
@@ -125,7 +125,9 @@ def write_image(
     with atomic_path(path) as temporary:
         try:
             OpenEXR.File(header, contiguous).write(str(temporary))
-        except (RuntimeError, ValueError, TypeError) as error:
+            # A write that fails when OpenEXR closes the file goes unsaid; then the table of chunks is not whole.
+            read_layout(temporary)
+        except (RuntimeError, ValueError, TypeError, DataError) as error:
             raise StorageError(
                 f"OpenEXR could not write it: {error}", path=path, cure="check the free space"
             ) from error

@@ -21,7 +21,7 @@ def kernel_folder() -> Path:
 def code_sha256() -> str:
     """SHA-256 over the kernels and this package (its commands left out): other code may give other bits."""
     package = Path(__file__).resolve().parent
-    files = [*kernel_folder().glob("*.cl"), *kernel_folder().glob("*.h"), *package.glob("*.py")]
+    files = [*kernel_folder().rglob("*.cl"), *kernel_folder().rglob("*.h"), *package.glob("*.py")]
     files += (package / "reference").glob("*.py")
     digest = hashlib.sha256()
     for path in sorted(files, key=lambda path: (path.parent.name, path.name)):

@@ -21,7 +21,10 @@ from cltaa.sources import Sequence
 @contextmanager
 def owned(folder: Path) -> Iterator[None]:
     """Lock ``folder`` for this process, whose end, however sudden, unlocks it; raises OutputError where it is taken."""
-    descriptor = os.open(make_folder(folder), os.O_RDONLY)
+    try:
+        descriptor = os.open(make_folder(folder), os.O_RDONLY)
+    except OSError as error:
+        raise OutputError(f"the folder cannot be opened: {error.strerror}", path=folder) from error
     try:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

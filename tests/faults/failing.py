@@ -1,0 +1,59 @@
+"""``python -m tests.faults.failing TOP SHIM ACTION STRIDE``: the n-th call on the output fails, for n = 1, 2, ...
+
+Runs under the preloaded shim (``shim.c``), resolves into a fresh folder with the n-th call failing, checks the
+invariants, runs the same command again without a fault and checks that every frame has the bits of a run that met
+none. Ends with the first n that no run reaches. Prints one line of JSON for each n.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import errno
+import io
+import json
+import shutil
+import sys
+import warnings
+from pathlib import Path
+
+from cltaa.cli import main
+from tests.faults.runs import arguments, check_after_fault, check_finished, prepare
+
+FRAMES = 4
+ACTIONS = {"once": 1, "from then on": 2}
+
+
+def run(command: list[str]) -> tuple[int, str]:
+    """Exit code and standard error of one run in this process."""
+    said = io.StringIO()
+    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
+        code = main(command)
+    return code, said.getvalue()
+
+
+def fail_each_call(top: Path, shim: ctypes.CDLL, action: str, stride: int) -> None:
+    """Try every ``stride``-th call; every assertion that fails ends the process."""
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        folder, whole = prepare(top, FRAMES)
+    at, output = 1, top / "out"
+    while True:
+        shutil.rmtree(output, ignore_errors=True)
+        shim.fault_arm(str(output).encode(), at, ACTIONS[action], (errno.ENOSPC, errno.EIO)[at % 2])
+        code, said = run(arguments(folder, output))
+        reached = shim.fault_calls() >= at
+        shim.fault_arm(b"", 0, 0, 0)
+        kept = check_after_fault(output, whole)
+        assert (code in (73, 74) and str(output) in said) if reached and code else code == 0, (at, code, said)
+        again, said_again = run(arguments(folder, output))
+        assert again == 0, (at, said, said_again)
+        check_finished(output, whole)
+        print(json.dumps({"at": at, "reached": reached, "code": code, "kept": kept, "said": said[-200:]}), flush=True)
+        if not reached:
+            return
+        at += stride
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("error")
+    fail_each_call(Path(sys.argv[1]), ctypes.CDLL(sys.argv[2]), sys.argv[3], int(sys.argv[4]))

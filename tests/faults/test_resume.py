@@ -1,0 +1,183 @@
+"""A resolve that is killed, interrupted or refused: finished frames stay, and the same command finishes the rest."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from cltaa.checkpoint import SLOTS
+from cltaa.cli import main
+from cltaa.exr import write_frame
+from cltaa.presets import load_preset
+from tests.faults.runs import FRAMES, arguments, check_after_fault, check_finished, prepare, start
+from tests.sequence_factory import make_frame, write_sequence
+
+PATIENCE = 60.0  # seconds after which a run of a few small frames counts as hung
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
+    return prepare(tmp_path_factory.mktemp("whole"))
+
+
+def finish(folder: Path, output: Path, expected: dict[str, str]) -> None:
+    assert main(arguments(folder, output)) == 0
+    check_finished(output, expected)
+
+
+def begun(folder: Path, output: Path, frames: int) -> None:
+    """Resolve until ``frames`` images are there, then interrupt."""
+    process = start(arguments(folder, output))
+    wait_for_frames(process, output, frames)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=PATIENCE)
+
+
+def wait_for_frames(process: subprocess.Popen[str], output: Path, frames: int) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while process.poll() is None and len(list(output.glob("[!.]*.exr"))) < frames:
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signal_ends_with_130_and_a_checkpoint(tmp_path: Path, number: signal.Signals) -> None:
+    count = 60
+    folder, expected = prepare(tmp_path, count)
+    output = tmp_path / "out"
+    process = start(arguments(folder, output))
+    wait_for_frames(process, output, 5)
+    process.send_signal(number)
+    _, said = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 130
+    assert said.splitlines()[-1].startswith("cltaa: interrupted")
+    kept = check_after_fault(output, expected)
+    assert 5 <= kept < count
+    assert any((output / name).exists() for name in SLOTS)
+    finish(folder, output, expected)
+
+
+@pytest.mark.parametrize("trials", [6, pytest.param(200, marks=pytest.mark.big)])
+def test_killed_at_random_times(tmp_path: Path, whole: tuple[Path, dict[str, str]], trials: int) -> None:
+    """SIGKILL at a random instant of a run, again and again on one folder until it is finished, then anew."""
+    folder, expected = whole
+    chance, output, kept, torn = random.Random(0), tmp_path / "out", 0, 0
+    begin = time.monotonic()
+    process = start(arguments(folder, tmp_path / "timed"))
+    process.communicate(timeout=PATIENCE)
+    longest = time.monotonic() - begin
+    for _ in range(trials):
+        process = start(arguments(folder, output))
+        try:
+            process.communicate(timeout=chance.uniform(0.3 * longest, longest))
+        except subprocess.TimeoutExpired:
+            torn += 1
+        process.kill()
+        process.communicate()
+        now = check_after_fault(output, expected)
+        assert now >= kept, "a finished frame was lost"
+        kept = now
+        if kept == len(expected):
+            finish(folder, output, expected)
+            output, kept = tmp_path / f"out{torn}", 0
+    assert torn > trials // 4
+    finish(folder, output, expected)
+
+
+def test_other_settings_device_and_inputs_are_refused_by_name(
+    tmp_path: Path, whole: tuple[Path, dict[str, str]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, expected = tmp_path / "in", whole[1]
+    write_sequence(folder, FRAMES, width=9, height=7, motion=True)
+    output = tmp_path / "out"
+    begun(folder, output, 3)
+    kept = check_after_fault(output, expected)
+    capsys.readouterr()
+    gamma = load_preset().settings.gamma_still
+    for more, difference in (
+        (["--set", "gamma_still=1.5"], f"preset.settings.gamma_still (expected {gamma}, found 1.5)"),
+        (["--device", "0"], "device (expected NumPy (float32 oracle), found "),
+        (["--half"], "half (expected False, found True)"),
+        (["--effects", "all"], "effects (expected auto, found all)"),
+        (["--storage", "half"], "build.storage (expected float, found half)"),
+        (["--frames", "1-6"], "first_frame (expected 0, found 1)"),
+    ):
+        assert main([*arguments(folder, output), *more]) == 64
+        assert f"was begun with another {difference}" in capsys.readouterr().err
+    write_frame(folder / "synthetic.0001.exr", make_frame(1, width=9, height=7, motion=True, seed=1))
+    assert main(arguments(folder, output)) == 65
+    assert "synthetic.0001.exr frame 1: the input is not the one" in capsys.readouterr().err
+    assert check_after_fault(output, expected) == kept
+
+
+def test_restart_begins_anew(tmp_path: Path, whole: tuple[Path, dict[str, str]]) -> None:
+    folder, expected = whole
+    output = tmp_path / "out"
+    begun(folder, output, 3)
+    assert main(arguments(folder, output, "--half", "--frames", "0-1", "--restart")) == 0
+    assert sorted(path.name for path in output.glob("*.exr")) == ["synthetic.0000.exr", "synthetic.0001.exr"]
+    assert main(arguments(folder, output, "--restart")) == 0
+    check_finished(output, expected)
+
+
+def test_frames_of_another_origin_are_not_mixed(tmp_path: Path, whole: tuple[Path, dict[str, str]]) -> None:
+    output = tmp_path / "out"
+    write_sequence(output, 1)
+    assert main(arguments(whole[0], output)) == 64
+    assert sorted(path.name for path in output.iterdir()) == ["synthetic.0000.exr"]
+    assert main(arguments(whole[0], output, "--restart")) == 0
+    check_finished(output, whole[1])
+
+
+def test_only_what_is_missing_is_made(
+    tmp_path: Path, whole: tuple[Path, dict[str, str]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, expected = whole
+    output = tmp_path / "out"
+    assert main(arguments(folder, output)) == 0
+    stamps = {path.name: path.stat().st_mtime_ns for path in output.glob("*.exr")}
+    (output / "synthetic.0003.exr").unlink()
+    (output / "synthetic.0004.exr").write_bytes(b"changed")
+    capsys.readouterr()
+    assert main([*arguments(folder, output), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["resolved"] == 2
+    check_finished(output, expected)
+    touched = [path.name for path in output.glob("*.exr") if path.stat().st_mtime_ns != stamps[path.name]]
+    assert sorted(touched) == ["synthetic.0003.exr", "synthetic.0004.exr"]
+    assert main([*arguments(folder, output), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["resolved"] == 0
+
+
+def test_sequence_may_grow(tmp_path: Path, whole: tuple[Path, dict[str, str]]) -> None:
+    folder, expected = whole
+    output = tmp_path / "out"
+    assert main(arguments(folder, output, "--frames", "0-3")) == 0
+    finish(folder, output, expected)
+
+
+def test_second_process_on_one_folder_is_refused(tmp_path: Path) -> None:
+    folder, expected = prepare(tmp_path, 60)
+    output = tmp_path / "out"
+    process = start(arguments(folder, output))
+    wait_for_frames(process, output, 2)
+    assert main(arguments(folder, output)) == 73
+    process.send_signal(signal.SIGTERM)
+    process.communicate(timeout=PATIENCE)
+    assert process.returncode == 130
+    finish(folder, output, expected)
+
+
+def test_stale_temporaries_go(tmp_path: Path, whole: tuple[Path, dict[str, str]]) -> None:
+    output = tmp_path / "out"
+    output.mkdir()
+    # A process that runs has the number of the one that was killed: this very one, as in a container.
+    (output / f".synthetic.0002.exr.tmp.{os.getpid()}").write_bytes(b"half")
+    (output / ".synthetic.0003.exr.tmp.1").write_bytes(b"half")
+    finish(whole[0], output, whole[1])
