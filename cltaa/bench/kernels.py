@@ -14,9 +14,9 @@ from cltaa.bench.timing import Interval, Job, Samples, measure, too_noisy
 from cltaa.build import Build, Storage
 from cltaa.errors import CltaaError, UsageError
 from cltaa.frames import Frame, Image
+from cltaa.kernel_files import kernel_folder
 from cltaa.launch import DeviceLauncher
 from cltaa.params import Preset
-from cltaa.program import kernel_folder
 from cltaa.resolve import Resolver
 
 CORE, COPY, ORACLE = "core", "copy", "oracle"
