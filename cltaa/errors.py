@@ -19,6 +19,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar
 
+from cltaa.printable import printable
+
+LONGEST_VALUE = 200  # characters of what was expected or found; an attribute can hold a megabyte
+
 
 class CltaaError(Exception):
     """Base of every deliberate error; ``str(error)`` is the one line a user reads.
@@ -45,14 +49,14 @@ class CltaaError(Exception):
         super().__init__(self._line())
 
     def _line(self) -> str:
-        place = [] if self.path is None else [str(self.path)]
+        place = [] if self.path is None else [printable(self.path)]
         if self.frame is not None:
             place.append(f"frame {self.frame}")
         if self.channel is not None:
             place.append(f"channel {self.channel}")
         line = f"{' '.join(place)}: {self.what}" if place else self.what
         against = [
-            f"{name} {value}"
+            f"{name} {printable(str(value), longest=LONGEST_VALUE)}"
             for name, value in (("expected", self.expected), ("found", self.found))
             if value is not None
         ]
@@ -60,8 +64,8 @@ class CltaaError(Exception):
             line += f" ({', '.join(against)})"
         if self.cure is not None:
             line += f"; {self.cure}"
-        # One line, whatever a file name or a driver's message holds.
-        return " ".join(line.split())
+        # One line that leaves the terminal alone, whatever a driver's message holds.
+        return printable(" ".join(line.split()))
 
 
 class UsageError(CltaaError):

@@ -1,0 +1,150 @@
+"""Headers that say what cannot be: the attribute and the test that it failed are named. NUMERICS 3.2, row 7, and F7."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cltaa.errors import DataError
+from cltaa.exr import read_frame, write_image
+from cltaa.exr_attributes import frame_attributes
+from cltaa.frames import Camera, Matrix
+from cltaa.resolve import Resolver
+from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame
+
+NAN, INF, EYE = float("nan"), float("inf"), np.eye(4)
+VIEW = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [3.0, 2.0, 1.0, 1.0]])  # as in a file: row vectors
+CLIP = make_frame().camera.view_to_clip.T.copy()
+
+
+def perspective(near: float, far: float) -> Matrix:
+    """An OpenGL projection as a file holds it, for planes that need not make sense."""
+    scale = 1.0 / np.tan(np.radians(30.0))
+    with np.errstate(all="ignore"):
+        depth = [np.float64(far + near) / (near - far), np.float64(2 * far * near) / (near - far)]
+    rows = [[scale * HEIGHT / WIDTH, 0, 0, 0], [0, scale, 0, 0], [0, 0, *depth], [0, 0, -1, 0]]
+    return np.array(rows, np.float64).T.copy()
+
+
+def with_entry(matrix: Matrix, row: int, column: int, value: float) -> Matrix:
+    copy = matrix.copy()
+    copy[row, column] = value
+    return copy
+
+
+def attributes(**changes: object) -> dict[str, object]:
+    """Attributes of a sound frame, with those given by the part of the name behind ``cltaa:`` changed or left out."""
+    sound = frame_attributes(make_frame()) | {f"cltaa:{name}": value for name, value in changes.items()}
+    return {name: value for name, value in sound.items() if value is not None}
+
+
+def written(folder: Path, **changes: object) -> Path:
+    planes = {name: np.ones((HEIGHT, WIDTH), np.float32) for name in "RGBZ"}
+    write_image(folder / "a.0000.exr", planes, attributes(**changes))
+    return folder / "a.0000.exr"
+
+
+CASES: list[tuple[dict[str, object], str]] = [
+    ({"worldToView": None}, "expected cltaa:worldToView"),
+    ({"viewToClip": None}, "expected cltaa:viewToClip"),
+    ({"jitterPx": None}, "expected cltaa:jitterPx"),
+    ({"worldToView": EYE.astype(np.float32)}, "worldToView is wrong (expected M44d, found float32"),
+    ({"viewToClip": EYE.astype(np.float32)}, "viewToClip is wrong (expected M44d, found float32"),
+    ({"worldToView": "identity"}, "worldToView is wrong (expected M44d, found 'identity'"),
+    ({"viewToClip": 60.0}, "viewToClip is wrong"),
+    ({"worldToView": np.eye(3)}, "expected M44d, found float64[3, 3]"),
+    ({"worldToView": with_entry(VIEW, 3, 0, NAN)}, "worldToView holds NaN or infinity"),
+    ({"worldToView": with_entry(VIEW, 0, 0, INF)}, "worldToView holds NaN or infinity"),
+    ({"worldToView": with_entry(VIEW, 3, 3, NAN)}, "worldToView holds NaN or infinity"),
+    ({"viewToClip": with_entry(CLIP, 2, 2, NAN)}, "viewToClip holds NaN or infinity"),
+    ({"viewToClip": with_entry(CLIP, 0, 0, -INF)}, "viewToClip holds NaN or infinity"),
+    ({"worldToView": np.zeros((4, 4))}, "worldToView cannot be inverted"),
+    ({"worldToView": with_entry(VIEW, 1, 1, 0.0)}, "worldToView cannot be inverted"),
+    ({"worldToView": np.ones((4, 4))}, "worldToView cannot be inverted"),
+    ({"viewToClip": np.diag([1.0, 1.0, 0.0, 1.0])}, "viewToClip cannot be inverted"),
+    ({"viewToClip": with_entry(CLIP, 0, 0, 0.0)}, "viewToClip cannot be inverted"),
+    ({"viewToClip": perspective(5.0, 5.0)}, "viewToClip holds NaN or infinity"),  # near = far
+    ({"viewToClip": perspective(0.0, 100.0)}, "viewToClip cannot be inverted"),  # near = 0
+    ({"viewToClip": perspective(0.1, INF)}, "viewToClip holds NaN or infinity"),  # inf / inf
+    ({"worldToView": VIEW.T.copy()}, "worldToView has a wrong last row"),
+    ({"viewToClip": CLIP.T.copy()}, "viewToClip has a wrong last row"),
+    ({"viewToClip": np.diag([1.0, 1.0, -1.0, -1.0])}, "viewToClip has a wrong last row"),
+    ({"viewToClip": -CLIP}, "viewToClip has a wrong last row"),  # everything in front would be behind
+    ({"worldToView": np.diag([1.0, 1.0, -1.0, 1.0])}, "mirrors the world"),
+    ({"jitterPx": np.array([0.0, 2.5])}, "jitterPx is no jitter"),
+    ({"jitterPx": np.array([-2.001, 0.0])}, "jitterPx is no jitter"),
+    ({"jitterPx": np.array([NAN, 0.0])}, "jitterPx is no jitter"),
+    ({"jitterPx": np.array([0.0, -INF])}, "jitterPx is no jitter"),
+    ({"jitterPx": np.zeros(2, np.float32)}, "jitterPx is wrong (expected V2d"),
+    ({"jitterPx": "0.25 0.25"}, "jitterPx is wrong"),
+    ({"jitterPx": 0.25}, "jitterPx is wrong"),
+    ({"cut": 2}, "cltaa:cut is wrong (expected 0 or 1, found 2)"),
+    ({"cut": -1}, "cltaa:cut is wrong"),
+    ({"cut": "yes"}, "cltaa:cut is wrong"),
+    ({"frame": "first"}, "cltaa:frame is wrong"),
+    ({"frame": 0.0}, "cltaa:frame is wrong"),
+    ({"exposure": 0.0}, "no exposure"),
+    ({"exposure": -1.0}, "no exposure"),
+    ({"exposure": NAN}, "no exposure"),
+    ({"exposure": INF}, "no exposure"),
+    ({"exposure": 1e300}, "no exposure"),
+    ({"exposure": 5e-324}, "no exposure"),
+    ({"exposure": "bright"}, "cltaa:exposure is wrong"),
+    ({"exposure": 1}, "cltaa:exposure is wrong"),
+    ({"effects": "camera,teleport"}, "found 'camera,teleport'"),
+    ({"effects": 7}, "cltaa:effects is wrong"),
+    ({"scene": 3}, "cltaa:scene is wrong"),
+    ({"scene": np.zeros(2)}, "cltaa:scene is wrong"),
+]
+
+
+@pytest.mark.parametrize(("changes", "message"), CASES, ids=[str(number) for number in range(len(CASES))])
+def test_wrong_attribute_is_named(tmp_path: Path, changes: dict[str, object], message: str) -> None:
+    path = written(tmp_path, **changes)
+    with pytest.raises(DataError) as caught:
+        read_frame(path)
+    line = str(caught.value)
+    assert message in line
+    assert str(path) in line
+    assert "\n" not in line
+    assert len(line) < 500
+
+
+def test_text_of_a_megabyte_is_not_repeated_in_the_message(tmp_path: Path) -> None:
+    for name in ("effects", "worldToView"):
+        with pytest.raises(DataError, match=name) as caught:
+            read_frame(written(tmp_path, **{name: "x" * 2**20}))
+        assert len(str(caught.value)) < 500
+
+
+def test_camera_far_from_the_origin_is_sound(tmp_path: Path) -> None:
+    """10^7 m out, the inverse is still exact to 1e-9, a thousandth of what is refused."""
+    far = EYE.copy()
+    far[3, :3] = (1e7, -1e7, 1e7)
+    np.testing.assert_array_equal(read_frame(written(tmp_path, worldToView=far)).camera.world_to_view, far.T)
+
+
+@pytest.mark.parametrize("clip", [perspective(100.0, 0.1), perspective(0.1, 1e30), perspective(-0.1, -100.0)])
+def test_near_and_far_planes_do_not_reach_the_resolve(clip: Matrix) -> None:
+    """Near beyond far is a reversed device depth. ``Z`` is a distance, so the planes cannot matter, and do not."""
+
+    def resolved(view_to_clip: Matrix) -> np.ndarray:
+        resolver = Resolver(device="numpy")
+        for index in range(3):
+            camera = Camera(make_camera((0.1 * index, 0.0, 5.0)).world_to_view, view_to_clip)
+            image = resolver.resolve(make_frame(index, camera=camera))
+        return image
+
+    np.testing.assert_array_equal(bits(resolved(clip.T)), bits(resolved(perspective(0.1, 100.0).T)))
+
+
+def test_frame_number_comes_from_the_name_where_the_header_has_none(tmp_path: Path) -> None:
+    written(tmp_path, frame=None).rename(tmp_path / "a.0012.exr")
+    assert read_frame(tmp_path / "a.0012.exr").index == 12
+
+
+def test_what_need_not_be_there(tmp_path: Path) -> None:
+    frame = read_frame(written(tmp_path, frame=None, cut=None, exposure=None, scene=None, effects=None))
+    assert (frame.index, frame.cut, frame.exposure, frame.scene, frame.effects) == (0, False, 1.0, "", None)
