@@ -35,6 +35,14 @@ def read_size(_context: click.Context, _parameter: click.Parameter, text: str) -
     return int(match[1]), int(match[2])
 
 
+def read_counts(_context: click.Context, _parameter: click.Parameter, text: str) -> tuple[int, ...]:
+    """Read ``2,4,8`` as (2, 4, 8)."""
+    counts = [part.strip() for part in text.split(",") if part.strip()]
+    if not all(part.isdecimal() and int(part) > 1 for part in counts):
+        raise click.BadParameter(f"{text!r} is not a list of numbers above 1, such as 2,4,8")
+    return tuple(sorted({int(part) for part in counts}))
+
+
 @contextmanager
 def progress_display(label: str) -> Iterator[Callable[[int, int], None]]:
     """Show done, total and frames/s on stderr: a bar on a terminal, else a line now and then."""
@@ -85,6 +93,13 @@ def progress_display(label: str) -> Iterator[Callable[[int, int], None]]:
     show_default=True,
     metavar="N",
     help="Also draw the truth of the same instants, N samples a pixel, into reference/.",
+)
+@click.option(
+    "--yardstick",
+    callback=read_counts,
+    default="",
+    metavar="N,N...",
+    help="Also draw the frames with N samples a pixel into reference-N/ and note the time, for bench accuracy.",
 )
 @click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Changes textures, placement, phase."

@@ -66,6 +66,7 @@ class Manifest:
         """
         self._folder, self._settings, self._facts = make_folder(folder), settings, facts
         self._files: dict[str, str] = {}
+        self._seconds: dict[str, float] = {}  # by samples a pixel
         self._saved = float("-inf")
         found = folder / NAME
         if restart and found.exists():
@@ -95,15 +96,18 @@ class Manifest:
                 cure = "use --restart to begin anew, or another folder"
                 raise UsageError(f"was begun with another {key}", path=path, expected=begun, found=asked, cure=cure)
         self._files = files_
+        self._seconds = dict(content.get("seconds_a_frame", {}))
 
     def _clear(self) -> None:
         (self._folder / NAME).unlink()
-        for folder in (self._folder, self._folder / REFERENCE):
+        truths = [self._folder / REFERENCE, *self._folder.glob(f"{REFERENCE}-[0-9]*")]
+        for folder in (self._folder, *truths):
             for path in folder.glob("*.[0-9][0-9][0-9][0-9]*.exr"):
                 path.unlink()
         # An empty reference folder would say that there is a truth.
-        with suppress(OSError):
-            (self._folder / REFERENCE).rmdir()
+        for folder in truths:
+            with suppress(OSError):
+                folder.rmdir()
 
     def vouches_for(self, path: Path) -> bool:
         """Tell whether a file is finished: it is listed, and its content has the SHA-256 that is listed."""
@@ -116,11 +120,16 @@ class Manifest:
         if time.monotonic() - self._saved >= SAVE_EVERY:
             self.save()
 
+    def note_seconds(self, samples: int, seconds: float) -> None:
+        """Note what drawing a frame of so many samples a pixel took, read-back included: a median of this run."""
+        self._seconds[str(samples)] = round(seconds, 6)
+
     def save(self) -> None:
         """Write the manifest, atomically; raises OutputError and StorageError."""
         content = {
             "format": FORMAT,
             **self._facts,
+            "seconds_a_frame": dict(sorted(self._seconds.items(), key=lambda item: int(item[0]))),
             "settings": self._settings,
             "files": dict(sorted(self._files.items())),
         }

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
+from time import perf_counter
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -15,7 +17,7 @@ import numpy as np
 from cltaa.atomic import make_folder
 from cltaa.errors import CltaaError, UsageError
 from cltaa.exr import write_frame, write_image
-from cltaa.frames import Effect, Frame, format_effects
+from cltaa.frames import Effect, Frame, Image, format_effects
 from cltaa.manifest import file_sha256
 from cltaa_capture.cameras import camera_at
 from cltaa_capture.jitter import jitter_sequence
@@ -41,6 +43,7 @@ class Request:
     height: int = 360
     jitter: str = "halton:16"
     reference: int = 0  # samples a pixel of the reference; 0 draws none
+    yardstick: tuple[int, ...] = ()  # samples a pixel of supersampled sequences to measure against
     seed: int = 0
     fps: float = 30.0
     motion: str | None = None  # of file:PATH
@@ -48,7 +51,7 @@ class Request:
     restart: bool = False
 
     def settings(self) -> dict[str, Any]:
-        """Return everything that decides the pixels of a frame; the number of frames does not, so it may grow."""
+        """Return everything that decides the pixels of a frame; frames and yardstick do not, so they may grow."""
         settings = {
             "scene": self.scene, "seed": self.seed, "motion": self.motion, "width": self.width, "height": self.height,
             "fps": self.fps, "jitter": self.jitter, "reference": self.reference, "code_sha256": code_sha256(),
@@ -135,40 +138,70 @@ def _capture(request: Request, scene: Scene, context: Context, progress: Callabl
     settings = request.settings() | {"opengl": opengl}
     manifest = Manifest(request.output, settings, facts, restart=request.restart)
     drawn = 0
+    seconds = _Seconds()
     renderer = SceneRenderer(scene, request.width, request.height)
     try:
         with _Writing(manifest) as writing:
             for index in range(request.frames):
                 tasks = 0
-                for path, write in _missing_files(request, scene, index, renderer, manifest):
+                for path, write in _missing_files(request, scene, index, renderer, manifest, seconds):
                     writing.submit(path, write)
                     tasks += 1
                 drawn += tasks > 0
                 if progress is not None:
                     progress(index + 1, request.frames)
+            seconds.note(manifest)
     finally:
         renderer.delete()
     return Captured(scene, context.backend, opengl, drawn, request.frames - drawn)
 
 
+class _Seconds:
+    """What drawing took, by samples a pixel: what the time of a resolve is compared with."""
+
+    def __init__(self) -> None:
+        self._spent: dict[int, list[float]] = {}
+
+    @contextmanager
+    def of(self, samples: int) -> Iterator[None]:
+        begin = perf_counter()
+        yield
+        self._spent.setdefault(samples, []).append(perf_counter() - begin)
+
+    def note(self, manifest: Manifest) -> None:
+        for samples, spent in self._spent.items():
+            manifest.note_seconds(samples, median(spent))
+
+
 def _missing_files(
-    request: Request, scene: Scene, index: int, renderer: SceneRenderer, manifest: Manifest
+    request: Request, scene: Scene, index: int, renderer: SceneRenderer, manifest: Manifest, seconds: _Seconds
 ) -> Iterator[tuple[Path, Callable[[], None]]]:
     """Draw what the manifest does not vouch for of one frame; yield each file with the call that writes it."""
     name = f"{scene.name}.{index:04d}.exr"
-    path, reference_path = request.output / name, request.output / REFERENCE / name
     now, before = scene.at(index / request.fps), scene.at((index - 1) / request.fps)
+    path = request.output / name
     if not manifest.vouches_for(path):
-        frame = _frame(request, scene, index, now, before, renderer)
+        with seconds.of(1):
+            frame = _frame(request, scene, index, now, before, renderer)
         yield path, lambda: write_frame(path, frame)
-    if request.reference and not manifest.vouches_for(reference_path):
-        make_folder(reference_path.parent)
-        truth = renderer.draw_reference(now, jitter_sequence(f"hammersley:{request.reference}"))
-        channels = {channel: truth[..., place] for place, channel in enumerate("RGBA")}
-        if Effect.ALPHA not in scene.effects:
-            del channels["A"]
-        attributes = {"cltaa:frame": index, "cltaa:scene": scene.name, "cltaa:samples": request.reference}
-        yield reference_path, lambda: write_image(reference_path, channels, attributes)
+    folders = {f"{REFERENCE}-{samples}": samples for samples in request.yardstick}
+    if request.reference:
+        folders[REFERENCE] = request.reference
+    for folder, samples in folders.items():
+        truth_path = request.output / folder / name
+        if not manifest.vouches_for(truth_path):
+            make_folder(truth_path.parent)
+            with seconds.of(samples):
+                truth = renderer.draw_reference(now, jitter_sequence(f"hammersley:{samples}"))
+            yield truth_path, _writing(truth_path, truth, scene, index, samples)
+
+
+def _writing(path: Path, truth: Image, scene: Scene, index: int, samples: int) -> Callable[[], None]:
+    channels = {channel: truth[..., place] for place, channel in enumerate("RGBA")}
+    if Effect.ALPHA not in scene.effects:
+        del channels["A"]
+    attributes = {"cltaa:frame": index, "cltaa:scene": scene.name, "cltaa:samples": samples}
+    return lambda: write_image(path, channels, attributes)
 
 
 def _frame(request: Request, scene: Scene, index: int, now: Instant, before: Instant, renderer: SceneRenderer) -> Frame:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cltaa.errors import DataError, OutputError, StorageError, UsageError
-from cltaa.exr import read_image, write_frame
+from cltaa.exr import read_colour, read_image, write_frame
 from cltaa.frames import Effect
 from cltaa.manifest import file_sha256
 from cltaa.sources import open_sequence
@@ -175,3 +175,23 @@ def test_a_file_in_the_way_of_the_folder(tmp_path: Path) -> None:
 def test_sizes_must_be_positive(tmp_path: Path) -> None:
     with pytest.raises(UsageError):
         capture_sequence(replace(request(tmp_path), fps=0.0))
+
+
+def test_a_yardstick_is_drawn_later_and_its_time_is_kept(tmp_path: Path) -> None:
+    asked = replace(request(tmp_path), frames=2)
+    capture_sequence(asked)
+    times = json.loads((tmp_path / "sequence.json").read_text())["seconds_a_frame"]
+    assert list(times) == ["1", "4"]
+    again = capture_sequence(replace(asked, yardstick=(2, 4)))
+    assert (again.drawn, again.kept) == (2, 0)
+    content = json.loads((tmp_path / "sequence.json").read_text())
+    assert len(content["files"]) == 2 * 4
+    seconds = content["seconds_a_frame"]
+    assert list(seconds) == ["1", "2", "4"]
+    assert seconds["1"] == times["1"]  # drawn in the first run
+    assert all(value > 0 for value in seconds.values())
+    for name in ("occluder.0000.exr", "occluder.0001.exr"):  # four samples are four samples
+        expected, found = (read_colour(tmp_path / folder / name) for folder in ("reference", "reference-4"))
+        np.testing.assert_array_equal(found, expected)
+    capture_sequence(replace(asked, seed=1, restart=True))
+    assert not (tmp_path / "reference-2").exists()
