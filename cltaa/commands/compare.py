@@ -21,6 +21,7 @@ from cltaa.frames import Image
 from cltaa.metrics import DEFAULT_METRICS, METRICS, Metric, flip_map, mean, measure, parse_metrics
 from cltaa.progress import track
 from cltaa.streams import read_ahead
+from cltaa.video_scores import SCORES, VideoScores
 
 Values = dict[str, float]
 
@@ -39,6 +40,12 @@ Values = dict[str, float]
 @click.option("--frames", metavar="FIRST-LAST", help="Only these frame numbers, both included.")
 @click.option("--stops", default=0.0, show_default=True, help="Exposure before the display transform, in stops.")
 @click.option("--heatmap", type=click.Path(path_type=Path), metavar="DIR", help="Write an error map a frame as PNG.")
+@click.option(
+    "--video",
+    "in_time",
+    is_flag=True,
+    help=f"Also judge A as moving pictures: {', '.join(score.name for score in SCORES)}.",
+)
 @verify_option
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
 def compare(
@@ -48,6 +55,7 @@ def compare(
     frames: str | None,
     stops: float,
     heatmap: Path | None,
+    in_time: bool,
     verify: bool,
     as_json: bool,
 ) -> None:
@@ -58,6 +66,10 @@ def compare(
     stated: how many samples a pixel a supersampler needs for the same error. Where B is left out, A is a captured
     sequence and its single samples are judged against its own truth.
 
+    --video needs the capture, for the motion in it, and tells apart what an error of single images cannot: ghosting
+    (the past shows at uncovered pixels), flicker (changes that are not in the truth), blur (fine detail lost) and
+    aliasing (fine detail that is false). docs/metrics.md has the formulas.
+
     Heat maps run from black over red and yellow to white; they show FLIP where it is among the metrics, else the
     absolute difference on the display.
     """
@@ -66,17 +78,28 @@ def compare(
     comparison = pair_up(test, reference, None if frames is None else _parse_range(frames), verify=verify)
     if heatmap is not None:
         make_folder(heatmap)
-    rows = _measure_all(comparison, metrics, stops, heatmap)
-    result = {
+    video = _video_scores(comparison, stops) if in_time else None
+    rows = _measure_all(comparison, metrics, stops, heatmap, video)
+    result: dict[str, Any] = {
         "test": str(test),
         "reference": str(comparison.reference.folder if comparison.capture else reference),
         "stops": stops,
     }
     result |= _summary(comparison, rows, metrics, stops)
+    if video is not None:
+        names = ("video", "video_one_sample")
+        result["definitions"] |= {score.name: score.title for score in SCORES}
+        result |= {name: sums.scores() for name, sums in zip(names, video.totals, strict=False)}
     if as_json:
-        click.echo(json.dumps(_without_infinity(result), indent=2))
+        click.echo(json.dumps(_finite(result), indent=2))
     else:
         _print(result, shown)
+
+
+def _video_scores(comparison: Comparison, stops: float) -> VideoScores:
+    if comparison.capture is None:
+        raise UsageError("--video needs the capture", cure="give the captured sequence as B, or alone as A")
+    return VideoScores(1 if comparison.of_itself else 2, stops)
 
 
 def _parse_range(text: str) -> tuple[int, int]:
@@ -87,20 +110,29 @@ def _parse_range(text: str) -> tuple[int, int]:
 
 
 def _measure_all(
-    comparison: Comparison, metrics: tuple[Metric, ...], stops: float, heatmap: Path | None
+    comparison: Comparison,
+    metrics: tuple[Metric, ...],
+    stops: float,
+    heatmap: Path | None,
+    video: VideoScores | None,
 ) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
-    single = None if comparison.of_itself else comparison.capture
+    capture = comparison.capture
     with read_ahead(comparison.pairs()) as pairs:
         for number, test, reference in track(pairs, len(comparison.test), "comparing"):
             path = comparison.test.path(number)
             values, error_map = _measure(test, reference, metrics, stops, path, number, heatmap is not None)
             rows.append({"frame": number, "metrics": values})
-            if single is not None:
-                sample = single.frame(number)
-                rows[-1]["one_sample"] = measure(
-                    sample.colour, reference, metrics, stops, path=sample.path, frame=number
-                )
+            if capture is not None and (video is not None or not comparison.of_itself):
+                sample = capture.frame(number)
+                images = [test]
+                if not comparison.of_itself:
+                    images.append(sample.colour)
+                    rows[-1]["one_sample"] = measure(
+                        sample.colour, reference, metrics, stops, path=sample.path, frame=number
+                    )
+                if video is not None:
+                    rows[-1]["video"] = video.add(sample, reference, images)[0].scores()
             if heatmap is not None and error_map is not None:
                 _write_heat(heatmap / f"{path.stem}.png", error_map)
     return rows
@@ -146,13 +178,13 @@ def _summary(
     return result
 
 
-def _without_infinity(value: Any) -> Any:
-    """JSON has no infinity: the PSNR of identical images becomes null."""
+def _finite(value: Any) -> Any:
+    """JSON has no infinity and no NaN: the PSNR of identical images, and a score of nothing, become null."""
     if isinstance(value, dict):
-        return {key: _without_infinity(item) for key, item in value.items()}
+        return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list):
-        return [_without_infinity(item) for item in value]
-    return None if isinstance(value, float) and math.isinf(value) else value
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _print(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
@@ -171,9 +203,25 @@ def _print(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
     console.print(table)
     for metric in metrics:
         console.print(f"  {metric.name}: {metric.title}", style="dim", highlight=False)
+    if "video" in result:
+        _print_video(console, result)
     if "equal_quality_samples" in result:
         equal = result["equal_quality_samples"]
         console.print(f"equal-quality samples: [bold]{equal['samples']:.1f}[/] a pixel ({equal['method']})")
+
+
+def _print_video(console: Console, result: dict[str, Any]) -> None:
+    table = Table(title="as moving pictures")
+    table.add_column("")
+    for score in SCORES:
+        table.add_column(f"{score.name} ↓", justify="right")
+    for label, name in (("A", "video"), ("one sample", "video_one_sample")):
+        if name in result:
+            cells = ("–" if math.isnan(v) else format(v, s.form) for s in SCORES for v in (result[name][s.name],))
+            table.add_row(label, *cells, style="bold" if name == "video" else "dim")
+    console.print(table)
+    for score in SCORES:
+        console.print(f"  {score.name}: {score.title}", style="dim", highlight=False)
 
 
 def _cells(values: Values, metrics: tuple[Metric, ...]) -> list[str]:

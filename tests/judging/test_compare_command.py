@@ -14,6 +14,7 @@ from cltaa.cli import main
 from cltaa.equal_quality import equal_quality_samples
 from cltaa.metrics import light_mse, mean, measure
 from cltaa.sources import open_images, open_sequence
+from cltaa.video_scores import VideoScores
 from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_images, write_sequence
 
 
@@ -128,12 +129,37 @@ def test_heat_maps(
         assert len(np.unique(np.asarray(picture))) > 10
 
 
+def test_video_scores_are_those_of_the_functions(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path
+) -> None:
+    result = run_json(capsys, resolved, capture, "--metrics", "mse", "--video")
+    sequence, images = open_sequence(capture), open_images(resolved)
+    scores = VideoScores(2)
+    assert sequence.reference is not None
+    for frame, truth, image in zip(sequence, sequence.reference, images, strict=True):
+        scores.add(frame, truth, [image, frame.colour])
+    for name, sums in zip(("video", "video_one_sample"), scores.totals, strict=True):
+        found = {key: np.nan if value is None else value for key, value in result[name].items()}
+        assert found == pytest.approx(sums.scores(), rel=1e-9, nan_ok=True)
+    assert not np.isnan(scores.totals[0].scores()["aliasing"])
+    names = {"ghosting", "flicker", "blur", "aliasing"}
+    assert names == set(result["frames"][1]["video"])
+    assert names <= set(result["definitions"])
+    alone = run_json(capsys, capture, "--metrics", "mse", "--video")
+    assert alone["video"]["aliasing"] == pytest.approx(result["video_one_sample"]["aliasing"], rel=1e-9)
+    assert "video_one_sample" not in alone
+    assert main(["compare", str(resolved), str(capture), "--metrics", "mse", "--video"]) == 0
+    assert "as moving pictures" in capsys.readouterr().out
+
+
 def test_bad_input(capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, tmp_path: Path) -> None:
     assert "no folder reference/" in refusal(capsys, 64, resolved)
     assert "unknown metric (expected mse," in refusal(capsys, 64, resolved, capture, "--metrics", "lpips")
     assert "wrong range of frames" in refusal(capsys, 64, resolved, capture, "--frames", "2..3")
     assert "no such frame" in refusal(capsys, 64, resolved, capture, "--frames", "2-9")
     assert "file is missing" in refusal(capsys, 66, tmp_path / "nowhere", capture)
+    truth = capture / "reference"
+    assert "--video needs the capture" in refusal(capsys, 64, resolved, truth, "--video")
     (tmp_path / "file").touch()
     assert "cannot be created" in refusal(capsys, 73, resolved, capture, "--heatmap", tmp_path / "file" / "x")
     short = write_images(tmp_path / "short", [make_frame().colour] * 2, name="synthetic")

@@ -1,0 +1,188 @@
+"""Scores that tell the faults of a resolve apart: ghosting, flicker, blur, aliasing; formulas in ``docs/metrics.md``.
+
+All are worked out on the display images, so that a fault counts as it shows, and all against the truth.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.correspondence import Correspondence, Mask, correspondence
+from cltaa.detail import REACH, blurred, import_ndimage, judge_detail
+from cltaa.display import to_display
+from cltaa.frames import Frame, Image
+
+Array = NDArray[np.float64]
+
+TRAIL = 8  # frames for which an uncovered pixel is watched for what stood before it
+LEAST_CHANGE = 0.1  # of a display value, by which the truth changes where something was uncovered
+LEAST_WATCHED = 128  # pixels, of all frames together, below which chance decides about a ghost
+STEADY_PX = 0.5  # most that the motion may differ within 3x3 where a pixel is followed from frame to frame
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """A named score of a sequence; lower is better for all of them."""
+
+    name: str
+    title: str
+    form: str = ".4f"
+
+
+SCORES = (
+    Score("ghosting", "share of what stood there before that still shows at uncovered pixels", ".3f"),
+    Score("flicker", "change from frame to frame that is not in the truth, rms of display values"),
+    Score("blur", "share of the truth's finest detail that is lost", ".3f"),
+    Score("aliasing", "fine detail that no filter of the truth explains, rms of display values"),
+)
+
+
+@dataclass(slots=True)
+class Sums:
+    """What the scores of some frames are ratios of; those of all frames together are the ratios of the totals."""
+
+    stale_product: float = 0.0
+    stale_square: float = 0.0
+    stale_pixels: int = 0
+    flicker_square: float = 0.0
+    flicker_count: int = 0
+    detail_product: float = 0.0
+    detail_square: float = 0.0
+    false_square: float = 0.0
+    false_count: int = 0
+
+    def __iadd__(self, other: Sums) -> Sums:
+        """Add the sums of other frames."""
+        for field in fields(self):
+            setattr(self, field.name, getattr(self, field.name) + getattr(other, field.name))
+        return self
+
+    def scores(self) -> dict[str, float]:
+        """Value of each score; NaN where there was nothing to judge: nothing uncovered, no frame before, no detail."""
+        return {
+            "ghosting": _ratio(self.stale_product, self.stale_square * (self.stale_pixels >= LEAST_WATCHED)),
+            "flicker": math.sqrt(_ratio(self.flicker_square, self.flicker_count)),
+            "blur": 1 - _ratio(self.detail_product, self.detail_square),
+            "aliasing": math.sqrt(_ratio(self.false_square, self.false_count)),
+        }
+
+
+def _ratio(part: float, whole: float) -> float:
+    return part / whole if whole > 0 else math.nan
+
+
+@dataclass(slots=True)
+class _Past:
+    """What the frame before leaves for the next."""
+
+    frame: Frame
+    truth: Array
+    errors: list[Array]
+    stale: Array
+    age: NDArray[np.int64]
+    watched: Mask
+
+
+class VideoScores:
+    """Judges tests against one truth, frame by frame in order; a cut or a gap in the numbers starts anew.
+
+    Several tests can be judged at once, because most of the work is the truth's. Raises UsageError without scipy.
+    """
+
+    def __init__(self, tests: int = 1, stops: float = 0.0) -> None:
+        self.totals = [Sums() for _ in range(tests)]
+        self._stops = stops
+        self._past: _Past | None = None
+
+    def add(self, frame: Frame, truth: Image, tests: list[Image]) -> list[Sums]:
+        """Judge one frame: ``frame`` as captured, the truth and each test, linear [H, W, 3]."""
+        shown = to_display(truth, self._stops).astype(np.float64)
+        errors = [to_display(test, self._stops).astype(np.float64) - shown for test in tests]
+        past = self._past
+        if past is not None and (frame.cut or frame.index != past.frame.index + 1):
+            past = None
+        found = None if past is None else correspondence(frame, past.frame)
+        stale, age = _follow_stale(shown, past, found)
+        watched = age > 0
+        steady = None if past is None or found is None else _steady(found, watched, past.watched)
+        details = judge_detail(shown, [shown + error for error in errors], ~_grown(watched))
+        results = []
+        for number, (error, detail) in enumerate(zip(errors, details, strict=True)):
+            sums = Sums(
+                detail_product=detail.product, detail_square=detail.square,
+                false_square=detail.false_square, false_count=detail.false_count,
+            )  # fmt: skip
+            if past is not None and found is not None and steady is not None:
+                sums += _ghosting(error, shown, stale, watched, ~found.edge)
+                sums += _flicker(error, past.errors[number], found, steady)
+            self.totals[number] += sums
+            results.append(sums)
+        self._past = _Past(frame, shown, errors, stale, age, watched)
+        return results
+
+
+def _follow_stale(truth: Array, past: _Past | None, found: Correspondence | None) -> tuple[Array, NDArray[np.int64]]:
+    """The colour that stood before each uncovered pixel [H, W, 3], and the frames since, from 1 (0: none) [H, W]."""
+    if past is None or found is None:
+        return truth, np.zeros(truth.shape[:2], np.int64)
+    before = past.truth[found.row, found.column]
+    fresh = found.uncovered & (np.abs(before - truth).max(-1) >= LEAST_CHANGE)
+    carried = past.age[found.row, found.column] + 1
+    carried[~found.same | (carried == 1) | (carried > TRAIL)] = 0
+    age = np.where(fresh, 1, carried)
+    stale = np.where(fresh[..., None], before, past.stale[found.row, found.column])
+    return np.where((age > 0)[..., None], stale, truth), age
+
+
+def _ghosting(error: Array, truth: Array, stale: Array, watched: Mask, whole: Mask) -> Sums:
+    """Regression of the error on what stood there before, beside what a blur of the truth would do.
+
+    An error of the whole picture (all of it too bright) is no ghost: its mean over the other pixels is taken off.
+    Only pixels that show ``whole`` surfaces count: where an edge runs through a pixel, that its one captured sample
+    fell behind the edge already says which way the error of this frame points.
+    """
+    judged = watched & whole
+    if not judged.any():
+        return Sums()
+    ghost = (stale - truth)[judged].ravel()
+    blur = (blurred(truth) - truth)[judged].ravel()
+    elsewhere = error[~watched].mean(0) if not watched.all() else 0.0
+    wrong = (error[judged] - elsewhere).ravel()
+    # What a blur explains is taken off both sides (Frisch-Waugh), so that the rest is a plain ratio of sums.
+    square = float(blur @ blur)
+    if square > 0:
+        ghost = ghost - blur * (float(ghost @ blur) / square)
+        wrong = wrong - blur * (float(wrong @ blur) / square)
+    return Sums(stale_product=float(wrong @ ghost), stale_square=float(ghost @ ghost), stale_pixels=int(judged.sum()))
+
+
+def _steady(found: Correspondence, watched: Mask, watched_before: Mask) -> Mask:
+    """Pixels that can be followed from the frame before: one surface, one motion all around, nothing uncovered."""
+    ndimage = import_ndimage()
+    motion = found.motion
+    spread = ndimage.maximum_filter(motion, (3, 3, 1)) - ndimage.minimum_filter(motion, (3, 3, 1))
+    before = _grown(watched_before)[found.row, found.column]
+    steady: Mask = found.same & (spread.max(-1) <= STEADY_PX) & ~_grown(watched) & ~before
+    return steady
+
+
+def _flicker(error: Array, before: Array, found: Correspondence, steady: Mask) -> Sums:
+    """Change of the error along the motion: what the test changed and the truth did not."""
+    at = [found.y[steady] - 0.5, found.x[steady] - 0.5]
+    if np.abs(found.motion[steady]).max(initial=0.0) == 0.0:
+        moved = before[steady]
+    else:
+        sampled = [import_ndimage().map_coordinates(before[..., k], at, order=3, mode="nearest") for k in range(3)]
+        moved = np.stack(sampled, axis=-1)
+    change = error[steady] - moved
+    return Sums(flicker_square=float((change**2).sum()), flicker_count=change.size)
+
+
+def _grown(mask: Mask) -> Mask:
+    """The mask and every pixel whose fine detail reaches into it."""
+    grown: Mask = import_ndimage().maximum_filter(mask, 2 * REACH + 1)
+    return grown
