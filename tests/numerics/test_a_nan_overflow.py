@@ -2,12 +2,176 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import msgspec
 import numpy as np
 import pytest
 
-from cltaa.build import Storage
-from cltaa.launch import DeviceLauncher
+from cltaa.build import Build, Steps, Storage
+from cltaa.constants import value
+from cltaa.errors import InternalError
+from cltaa.frames import Frame, Image
+from cltaa.launch import DeviceLauncher, NumpyLauncher
+from cltaa.layout import Layout
+from cltaa.params import Box, Choices, Neighbourhood, override
+from cltaa.presets import load_preset
+from cltaa.program import Kernel, source_hash
+from cltaa.reference.projection import Motion, on_screen
+from cltaa.reference.sampling import footprint_of
+from cltaa.resolve import Resolver
+from tests.kernels.stage_chain import Work, chain_work, differing, hard_work, padded, run_stage
+from tests.kernels.test_resolve import turned
+from tests.numerics.kernel_text import calls_of, kernel_files
 from tests.numerics.still_frames import accumulator, grey, still_frame
+from tests.sequence_factory import bits, make_frame
+
+WIDTH, HEIGHT = 48, 40
+ROW, COLUMN = 20, 24
+BAD = [np.nan, np.inf, -np.inf, 1e30, -3e38]
+
+
+def moving(index: int) -> Frame:
+    """Random colour on a surface that moves by a fraction of a pixel, so that every filter tap counts."""
+    frame = make_frame(index, width=WIDTH, height=HEIGHT, effects=None, camera=turned(0, WIDTH, HEIGHT))
+    return replace(
+        frame,
+        depth=np.full_like(frame.depth, 4.0),
+        motion=np.broadcast_to(np.array([0.3, 0.2], np.float32), (HEIGHT, WIDTH, 2)),
+    )
+
+
+def with_texel(frame: Frame, colour: object) -> Frame:
+    changed = frame.colour.copy()
+    changed[ROW, COLUMN] = colour
+    return replace(frame, colour=changed)
+
+
+def mean_of_neighbours(image: Image) -> Image:
+    """What a bad texel becomes: the mean of the other eight, summed row by row."""
+    total = np.zeros(3, np.float32)
+    for y in (ROW - 1, ROW, ROW + 1):
+        for x in (COLUMN - 1, COLUMN, COLUMN + 1):
+            if (y, x) != (ROW, COLUMN):
+                total = total + image[y, x]
+    return total / np.float32(8.0)
+
+
+@pytest.mark.parametrize("when", [0, 3])
+@pytest.mark.parametrize("bad", BAD)
+def test_a1_nan_dies_in_its_own_frame(launcher: DeviceLauncher, bad: float, when: int) -> None:
+    ill, mended, sound = (Resolver(device=launcher, strict=True) for _ in range(3))
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    distance = np.maximum(np.abs(y - ROW), np.abs(x - COLUMN))
+    for index in range(when + 8):
+        frame = moving(index)
+        own = index == when
+        resolved = ill.resolve(with_texel(frame, (1.0, bad, 0.5)) if own else frame)
+        assert np.isfinite(resolved).all()
+        # Nothing is left of it: everything is as if the texel had been what its neighbours are.
+        healed = mended.resolve(with_texel(frame, mean_of_neighbours(frame.colour)) if own else frame)
+        assert np.array_equal(bits(resolved), bits(healed))
+        # The 3x3 around it in its own frame; later its place, as far as a filter of 2 texels a frame can carry it.
+        touched = (bits(resolved) != bits(sound.resolve(frame))).any(axis=-1)
+        assert distance[touched].max(initial=0) <= 1 + 2 * max(index - when, 0)
+        assert touched.any() == (index >= when)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a1_any_bits_of_input_give_finite_output(launcher: DeviceLauncher, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    resolver = Resolver(device=launcher)  # the fast build, as it is used
+
+    def any_bits(like: Image) -> Image:
+        wild = random.integers(0, 2**32, like.shape, np.uint32).view(np.float32)
+        return np.where(random.random(like.shape) < random.choice([0.01, 0.5, 1.0]), wild, like)
+
+    for index in range(4):
+        frame = make_frame(
+            index, width=WIDTH, height=HEIGHT, motion=True, alpha=True, reactive=True,
+            camera=turned(index, WIDTH, HEIGHT), effects=None,
+        )  # fmt: skip
+        channels: dict[str, Any] = {
+            name: any_bits(getattr(frame, name)) for name in ("colour", "depth", "motion", "alpha", "reactive")
+        }
+        assert np.isfinite(resolver.resolve(replace(frame, **channels))).all()
+
+
+NOT_FOR_REALS = ("f?max", "f?min", "clamp", "mix", "fdim", "step", "smoothstep", "isnan", "isinf", "isfinite")
+
+
+def test_a2_no_builtin_stands_guard_against_nan() -> None:
+    # max, min and clamp are undefined for NaN in OpenCL C, and isnan may be folded to 0.
+    found = {name: calls_of(text, *NOT_FOR_REALS) for name, text in kernel_files().items()}
+    assert {name: calls for name, calls in found.items() if calls} == {}
+
+
+def test_a2_the_search_finds_what_it_looks_for() -> None:
+    assert calls_of("v = max (0.0f, v); // min(a, b)\nw = clamp(v, lo, hi); s.max(1)", *NOT_FOR_REALS) == [
+        "max (",
+        "clamp(",
+    ]
+
+
+@pytest.mark.parametrize("neighbourhood", list(Neighbourhood))
+@pytest.mark.parametrize("box", list(Box))
+def test_a2_no_box_is_inside_out(box: Box, neighbourhood: Neighbourhood) -> None:
+    from cltaa.reference.neighbourhood import Statistics
+    from cltaa.reference.rectify import neighbourhood_box
+
+    build = Build(choices=Choices(box=box, neighbourhood=neighbourhood), steps=Steps(alpha=True, reactive=True))
+    work = hard_work(160, 120)
+    written = run_stage("neighbourhood_statistics", build, work, NumpyLauncher())["statistics_out"]
+    s = work.layout.inside(written)
+    near = Statistics((s[0], s[1], s[2]), (s[3], s[4], s[5]), (s[6], s[7], s[8]), (s[9], s[10], s[11]))
+    for gamma in (0.0, 1e-6, 1.0):
+        made = neighbourhood_box(near, np.full_like(s[0], gamma), build, np.float32(0.0))
+        assert all((extent >= 0).all() for extent in made.extent)
+
+
+class Flagged(Build, frozen=True, kw_only=True):
+    """A build with more compiler options."""
+
+    more: tuple[str, ...] = ()
+
+    def flags(self) -> tuple[str, ...]:
+        return (*Build.flags(self), *self.more)
+
+
+class FlaggedLauncher(DeviceLauncher):
+    """A device whose compiler gets more options."""
+
+    def __init__(self, *more: str) -> None:
+        super().__init__()
+        self.more = more
+
+    def kernel(self, name: str, build: Build) -> Kernel:
+        fields = {field: getattr(build, field) for field in Build.__struct_fields__}
+        return super().kernel(name, Flagged(**fields, more=self.more))
+
+
+def test_a3_fast_math_is_refused() -> None:
+    with pytest.raises(InternalError, match="does not build"):
+        Resolver(device=FlaggedLauncher("-cl-fast-relaxed-math")).resolve(moving(0))
+
+
+def test_a3_the_guards_outlive_finite_math() -> None:
+    careless = Resolver(device=FlaggedLauncher("-cl-finite-math-only"), strict=True)
+    twin = Resolver(device="numpy")
+    for index in range(3):
+        frame = moving(index)
+        frame.colour[::7, ::5] = np.resize(np.array(BAD, np.float32), frame.colour[::7, ::5].shape)
+        resolved = careless.resolve(frame)
+        assert np.isfinite(resolved).all()
+        assert np.array_equal(bits(resolved), bits(twin.resolve(frame)))
+
+
+def test_a3_the_options_are_part_of_what_is_built() -> None:
+    build = Build(lanes=1, rows=1)
+    assert source_hash("resolve", build) != source_hash("resolve", msgspec.structs.replace(build, strict=True))
+    assert not [flag for flag in (*build.flags(), *Build(strict=True).flags()) if "fast" in flag or "finite" in flag]
 
 
 @pytest.mark.parametrize("storage", [Storage.HALF, Storage.HALF_STOCHASTIC])
@@ -17,5 +181,68 @@ def test_a4_half_history_saturates(launcher: DeviceLauncher, storage: Storage) -
     for index in range(4):
         resolved = resolver.resolve(still_frame(index, grey(values)))
         assert np.isfinite(resolved).all()
-        assert resolved[0, [0, 1, 2, 3, 4], 0].tolist() == [65504.0] * 5
-        assert resolved[0, [6, 7, 8], 0].tolist() == [-65504.0, -65504.0, 1.0]
+        # 1e30 is outside the domain: it becomes the mean of 1e15 and -65520, which saturates as well.
+        assert resolved[0, :6, 0].tolist() == [65504.0] * 6
+        assert resolved[0, 6:, 0].tolist() == [-65504.0, -65504.0, 1.0]
+
+
+@pytest.mark.parametrize("box", list(Box))
+@pytest.mark.parametrize("rectify", ["clamp", "clip", "ellipsoid"])
+def test_a5_the_largest_numbers_give_finite_output(box: Box, rectify: str) -> None:
+    # Nine squares of the largest usable number stay below the largest float32; what is larger is repaired.
+    limit = value("DOMAIN_LIMIT")
+    large = np.array([0.99 * limit, -0.99 * limit, limit, 1.01 * limit, 1e20, 3e38, -3e38, 0.0, 1.0], np.float32)
+    resolver = Resolver(override(load_preset(), {"box": box, "rectify": rectify}), "numpy")
+    for index in range(4):
+        random = np.random.default_rng(index)
+        frame = moving(index)
+        with np.errstate(all="raise", under="ignore"):
+            resolved = resolver.resolve(replace(frame, colour=random.choice(large, frame.colour.shape)))
+        assert np.isfinite(resolved).all()
+        assert np.abs(resolved).max() <= 1.6 * limit  # YCoCg and back, clamped a channel: at most half as much again
+
+
+def motions(layout: Layout, seed: int) -> Iterator[Image]:
+    """Displacements of any bits, and of any size around the edges of the image."""
+    random = np.random.default_rng(seed)
+    shape = (2, layout.height, layout.width)
+    yield random.integers(0, 2**32, shape, np.uint32).view(np.float32)
+    yield random.uniform(-2, 2, shape).astype(np.float32) * np.float32(max(layout))
+    special = [np.nan, np.inf, -np.inf, 1e7, 2.0**31, 2.0**63, -(2.0**31), 0.5, -0.5, np.nextafter(0.5, 1)]
+    yield random.choice(special, shape).astype(np.float32)
+    y, x = np.mgrid[: layout.height, : layout.width]
+    ends = random.choice([-0.5, layout.width - 0.5], shape[1:]) - x, random.choice([-0.5, layout.height - 0.5]) - y
+    yield np.nextafter(np.array(ends, np.float32), random.choice([-9, 9], shape).astype(np.float32))
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 9), (17, 13), (300, 4)])
+def test_a6_no_displacement_reads_outside_the_planes(size: tuple[int, int]) -> None:
+    layout = Layout(*size)
+    for seed in range(20):
+        for u, v in motions(layout, seed):
+            m = Motion(u, v, u, v, np.ones(u.shape, bool))
+            with np.errstate(all="ignore"):
+                f = footprint_of(m, on_screen(m, layout), layout)
+            assert f.row.min() >= 1
+            assert f.row.max() + 2 < layout.rows
+            assert f.column.min() >= 1
+            assert f.column.max() + 2 < layout.stride
+            assert ((f.fx >= 0) & (f.fx <= 1) & (f.fy >= 0) & (f.fy <= 1)).all()
+
+
+@pytest.mark.parametrize("lanes", [1, 8])
+def test_a6_any_displacement_reads_what_its_twin_reads(launcher: DeviceLauncher, lanes: int) -> None:
+    base = chain_work()
+    build = Build(steps=Steps(alpha=True, reactive=True), strict=True, lanes=lanes, rows=1)
+    for motion in motions(base.layout, 1):
+        moved = base.planes["motion_out"].copy()
+        moved[:2] = padded(motion, base.layout)
+        work = Work(base.layout, {**base.planes, "motion_out": moved}, base.frame, base.settings)
+        ours, theirs = (run_stage("sample_history", build, work, where) for where in (launcher, NumpyLauncher()))
+        assert differing(work, ours, theirs) == 0
+
+
+def test_a7_no_image_no_sampler() -> None:
+    # What a sampler gives for NaN, and how precisely it filters, is not defined.
+    words = ("image2d_t", "sampler_t", "read_image", "write_image")
+    assert [(name, word) for name, text in kernel_files().items() for word in words if word in text] == []
