@@ -43,7 +43,7 @@ def moving(index: int) -> Frame:
     )
 
 
-def with_texel(frame: Frame, colour: object) -> Frame:
+def with_texel(frame: Frame, colour: Any) -> Frame:
     changed = frame.colour.copy()
     changed[ROW, COLUMN] = colour
     return replace(frame, colour=changed)
