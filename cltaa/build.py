@@ -86,6 +86,10 @@ FRAME_FIELDS: dict[str, tuple[str, str]] = {
     "z1": ("float", "change of closeness, constant (orthographic)"),
     "sky_closeness": ("float", "closeness of the sky"),
     "exposure_ratio": ("float", "exposure now over exposure then"),
+    "left_weight": ("float", "weight of the left column in the current filter"),
+    "right_weight": ("float", "weight of the right column"),
+    "above_weight": ("float", "weight of the row above"),
+    "below_weight": ("float", "weight of the row below"),
 }
 
 # A struct of a kernel as a 0-dimensional structured array.

@@ -22,6 +22,7 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "HALF_STEP": Constant(2.0**-10, "distance of halves over the power of two below them"),
     "HALF_TINY": Constant(2.0**-25, "half the least half: smaller magnitudes round to 0, and are stored as +0"),
     "DITHER_STEP": Constant(2.0**-24, "24 bits as a number in [0, 1)"),
+    "LEAST_HEADROOM": Constant(2.0**-16, "least 1 - peak when a tonemap is undone: half's largest number, 65504"),
     "ONE_THIRD": Constant(1.0 / 3.0, "mean of a row of three"),
     "ONE_FIFTH": Constant(1.0 / 5.0, "mean of the cross"),
     "ONE_NINTH": Constant(1.0 / 9.0, "mean of the 3x3"),

@@ -24,6 +24,58 @@ class HistoryFilter(StrEnum):
     CATMULL_ROM = "catmull-rom"
 
 
+class CurrentFilter(StrEnum):
+    """How the sample at the pixel's centre is rebuilt from the jittered samples of its 3x3."""
+
+    NONE = "none"  # the pixel's own sample stands for the pixel
+    BILINEAR = "bilinear"  # read between the samples, as a texture unit would at the unjittered place
+    GAUSSIAN = "gaussian"  # exp(-filter_falloff d^2), d in pixels from the centre
+    LANCZOS = "lanczos"  # windowed sinc of radius 2, its ringing held inside the extremes of the 3x3
+
+
+class Tonemap(StrEnum):
+    """The range in which everything is compared and blended."""
+
+    NONE = "none"
+    PEAK = "peak"  # c / (1 + max(r, g, b)), undone when the result is stored
+
+
+class Reproject(StrEnum):
+    """What the history position follows."""
+
+    FULL = "full"  # camera and own motion
+    CAMERA = "camera"  # the camera alone
+    NONE = "none"  # nothing: the same pixel
+
+
+class OnCameraMove(StrEnum):
+    """What happens to the history when the camera moves."""
+
+    KEEP = "keep"
+    RESET = "reset"
+
+
+class OffScreen(StrEnum):
+    """What a history position outside the previous image means."""
+
+    FRESH = "fresh"  # no history
+    EDGE = "edge"  # the nearest texel of the edge
+
+
+class AlphaFrom(StrEnum):
+    """Where the alpha of the result comes from."""
+
+    BLEND = "blend"  # accumulated like colour
+    CURRENT = "current"  # the current frame's
+
+
+class Negatives(StrEnum):
+    """What happens to light that a negative lobe or a chroma clamp made negative."""
+
+    RAISE = "raise"  # to 0, or to the current sample where that is negative itself
+    KEEP = "keep"
+
+
 class Neighbourhood(StrEnum):
     """Which texels around a pixel its statistics are taken over."""
 
@@ -37,6 +89,8 @@ class Box(StrEnum):
     VARIANCE = "variance"  # mean +- gamma standard deviations
     EXTREMES = "extremes"  # least and greatest value of each channel
     BOTH = "both"  # the intersection of the two
+    ROUNDED = "rounded"  # the mean of the extremes of the 3x3 and of the cross
+    UNIT = "unit"  # the extremes, but at least [0, 1] is inside; alpha is held in its own
 
 
 class BoxSpace(StrEnum):
@@ -53,6 +107,7 @@ class Rectify(StrEnum):
     CLAMP = "clamp"  # each channel on its own; moves no further than the history moved
     CLIP = "clip"  # along the line to the centre, extents floored
     CLIP_UNGUARDED = "clip-unguarded"  # the popular form without the floor: discontinuous for flat boxes
+    CLIP_CURRENT = "clip-current"  # along the line to the current sample, itself clamped
     ELLIPSOID = "ellipsoid"  # along the line to the centre, onto the ellipsoid inside the box
 
 
@@ -76,6 +131,8 @@ class Accumulate(StrEnum):
 
     COUNT = "count"  # running mean: 1 / (count + 1)
     EXPONENTIAL = "exponential"  # the same, but never below blend_weight
+    CONSTANT = "constant"  # blend_weight from the second frame on
+    ADAPTIVE = "adaptive"  # from blend_weight to moving_weight, by motion and by what rectification moved
 
 
 class Weighting(StrEnum):
@@ -83,6 +140,14 @@ class Weighting(StrEnum):
 
     NONE = "none"
     LUMINANCE = "luminance"  # 1 / (knee + Y): one firefly does not outweigh a pixel's whole past
+
+
+class AntiFlicker(StrEnum):
+    """What lowers the weight of the current sample where the picture is likely to flicker."""
+
+    NONE = "none"
+    DIFFERENCE = "difference"  # by the luminance difference between the sample and its history (Lottes)
+    CLAMP_DISTANCE = "clamp-distance"  # by the distance of the history from the ends of its box (Karis 2014)
 
 
 def _number(meaning: str, low: float, high: float, unit: str, source: str) -> Meta:
@@ -95,6 +160,27 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     blend_weight: Annotated[
         float, _number("least weight of the current sample (exponential)", 1e-6, 1.0, "1", "Karis 2014: 0.1")
     ] = 0.1
+    moving_weight: Annotated[
+        float, _number("greatest weight of the current sample (adaptive)", 1e-6, 1.0, "1", "the Vireo article: 0.25")
+    ] = 0.25
+    motion_rate: Annotated[
+        float, _number("rise of that weight by motion (adaptive)", 0.0, 1e6, "1 / screens a frame", "the same: 30")
+    ] = 30.0
+    clip_rate: Annotated[
+        float, _number("rise of that weight by the rectified distance (adaptive)", 0.0, 1e6, "1 / scene unit", "3")
+    ] = 3.0
+    differing_share: Annotated[
+        float, _number("factor of the weight where luminances differ (difference)", 0.0, 1.0, "1", "INSIDE 2016: 0.12")
+    ] = 0.12
+    agreeing_share: Annotated[
+        float, _number("factor of the weight where luminances agree (difference)", 0.0, 1.0, "1", "INSIDE 2016: 0.03")
+    ] = 0.03
+    difference_knee: Annotated[
+        float, _number("least luminance that a difference is held against", 1e-3, 1e6, "scene units", "INSIDE: 0.2")
+    ] = 0.2
+    filter_falloff: Annotated[
+        float, _number("falloff of the gaussian current filter", 0.0, 64.0, "1 / pixel^2", "2.29: Blackman-Harris, 3.3")
+    ] = 2.29
     sample_limit: Annotated[
         float, _number("most samples that the history counts for", 1.0, 2.0**20, "samples", "measured")
     ] = 24.0
@@ -136,6 +222,11 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """Parameters that shape the code; they reach the kernels as ``#define`` lines and cost one cached build."""
 
     history_filter: HistoryFilter = HistoryFilter.CATMULL_ROM
+    current_filter: CurrentFilter = CurrentFilter.NONE
+    tonemap: Tonemap = Tonemap.NONE
+    reproject: Reproject = Reproject.FULL
+    on_camera_move: OnCameraMove = OnCameraMove.KEEP
+    off_screen: OffScreen = OffScreen.FRESH
     neighbourhood: Neighbourhood = Neighbourhood.SQUARE
     box: Box = Box.EXTREMES
     box_space: BoxSpace = BoxSpace.YCOCG
@@ -144,6 +235,9 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     reject: Reject = Reject.DEPTH
     accumulate: Accumulate = Accumulate.COUNT
     weighting: Weighting = Weighting.LUMINANCE
+    anti_flicker: AntiFlicker = AntiFlicker.NONE
+    alpha_from: AlphaFrom = AlphaFrom.BLEND
+    negatives: Negatives = Negatives.RAISE
 
 
 class Preset(msgspec.Struct, frozen=True, kw_only=True):

@@ -12,7 +12,7 @@ import msgspec
 from cltaa.build import Steps
 from cltaa.cameras import is_still
 from cltaa.frames import Camera, Effect, Frame
-from cltaa.params import Choices, Dilation, Preset, Rectify, Reject, Settings, Weighting
+from cltaa.params import Accumulate, Choices, Dilation, Preset, Rectify, Reject, Reproject, Settings, Weighting
 
 
 class Reason(NamedTuple):
@@ -44,17 +44,28 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None) -> Plan:
         camera_moves = declared is None or Effect.CAMERA in declared
     else:
         camera_moves = not is_still(frame.camera, previous)
+    reproject = preset.choices.reproject
     steps = Steps(
-        camera_motion=camera_moves,
-        own_motion=frame.motion is not None,
+        camera_motion=camera_moves and reproject is not Reproject.NONE,
+        own_motion=frame.motion is not None and reproject is Reproject.FULL,
         orthographic=frame.camera.orthographic,
         exposure=declared is None or Effect.EXPOSURE in declared,
         alpha=frame.alpha is not None,
         reactive=frame.reactive is not None,
     )
     reasons = [
-        Reason("reprojection", steps.camera_motion, "the camera moves" if camera_moves else "the camera stands"),
-        Reason("own motion", steps.own_motion, "channel backward.u" if steps.own_motion else "no motion channel"),
+        Reason(
+            "reprojection",
+            steps.camera_motion,
+            _of_preset(reproject, Reproject.CAMERA, Reproject.FULL)
+            or ("the camera moves" if camera_moves else "the camera stands"),
+        ),
+        Reason(
+            "own motion",
+            steps.own_motion,
+            _of_preset(reproject, Reproject.FULL)
+            or ("channel backward.u" if steps.own_motion else "no motion channel"),
+        ),
         Reason("exposure", steps.exposure, _declared_or_not(Effect.EXPOSURE, declared)),
         Reason("alpha", steps.alpha, "channel A" if steps.alpha else "no alpha channel"),
         Reason("reactive", steps.reactive, "channel reactive" if steps.reactive else "no reactive channel"),
@@ -63,17 +74,24 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None) -> Plan:
     if previous is None:
         # A first frame is what was drawn, to the bit; the blur is for pixels that appear amid others with a past.
         settings = msgspec.structs.replace(settings, fresh_blur=0.0)
-    if declared is not None and not declared & (_CHANGING | {Effect.CAMERA}):
+    # A fixed weight is part of a published resolve; what it does without cause it does there too, so it stays.
+    free = choices.accumulate is Accumulate.COUNT
+    if free and declared is not None and not declared & (_CHANGING | {Effect.CAMERA}):
         # Nothing can make history wrong: the plain mean of all samples is the best estimate there is.
         choices = msgspec.structs.replace(choices, rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE)
         settings = msgspec.structs.replace(settings, sample_limit=2.0**20)
         reasons.append(Reason("rectification", False, "declared still: plain mean of all samples"))
-    if declared is not None and Effect.HDR not in declared:
+    if free and declared is not None and Effect.HDR not in declared:
         choices = msgspec.structs.replace(choices, weighting=Weighting.NONE)
     reasons.append(
         Reason("luminance weights", choices.weighting is Weighting.LUMINANCE, _declared_or_not(Effect.HDR, declared))
     )
     return Plan(choices, settings, steps, tuple(reasons))
+
+
+def _of_preset(reproject: Reproject, *wanted: Reproject) -> str:
+    """Why a step of reprojection is off whatever the frame holds; empty where the preset allows it."""
+    return "" if reproject in wanted else f"the preset says reproject = {reproject}"
 
 
 def _declared_or_not(effect: Effect, declared: frozenset[Effect] | None) -> str:

@@ -11,13 +11,14 @@ import numpy as np
 
 from cltaa.buffers import Buffers, fill
 from cltaa.build import FRAME_DTYPE, Build, Record, Storage, settings_record
-from cltaa.cameras import Displacement, closeness, displacement, sky_closeness
+from cltaa.cameras import Displacement, closeness, displacement, is_still, sky_closeness
+from cltaa.current_filter import axis_weights
 from cltaa.errors import DataError
 from cltaa.frames import Camera, Frame, Image
 from cltaa.kernel_files import code_sha256
 from cltaa.launch import Buffer, Launcher, launcher_for, storage_dtype
 from cltaa.layout import Layout
-from cltaa.params import Preset
+from cltaa.params import OnCameraMove, Preset
 from cltaa.plan import Plan, plan_frame
 from cltaa.presets import load_preset
 
@@ -150,7 +151,11 @@ class Resolver:
             return None
         same_planes = (frame.colour.shape, frame.alpha is not None) == (previous.shape, previous.alpha)
         same_kind = frame.camera.orthographic == previous.camera.orthographic
-        return previous if same_planes and same_kind else None
+        if not (same_planes and same_kind):
+            return None
+        if self.preset.choices.on_camera_move is OnCameraMove.RESET and not is_still(frame.camera, previous.camera):
+            return None
+        return previous
 
     def _build(self, plan: Plan) -> Build:
         shape = self._shape
@@ -187,7 +192,7 @@ class Resolver:
     def _run(self, frame: Frame, previous: Past | None, build: Build, buffers: Buffers) -> None:
         assert self.plan is not None
         layout, steps = buffers.layout, build.steps
-        record = frame_record(frame, previous, layout)
+        record = frame_record(frame, previous, layout, self.plan)
         arguments = {
             "current": buffers.current,
             "closeness": buffers.closeness,
@@ -212,8 +217,11 @@ class Resolver:
         )
 
 
-def frame_record(frame: Frame, previous: Past | None, layout: Layout) -> Record:
-    """The per-frame struct of the kernels for ``frame``, whose history is that of ``previous`` (None: none)."""
+def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan | None = None) -> Record:
+    """The per-frame struct of the kernels for ``frame``, whose history is that of ``previous`` (None: none).
+
+    Without a ``plan`` the current filter has no weights.
+    """
     earlier: Camera = frame.camera if previous is None else previous.camera
     moved: Displacement = displacement(frame.camera, earlier, layout.width, layout.height)
     record = np.zeros((), FRAME_DTYPE)
@@ -229,6 +237,9 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout) -> Record:
         record["z" + by] = moved.closeness[column]
     record["sky_closeness"] = sky_closeness(frame.camera)
     record["exposure_ratio"] = 1.0 if previous is None else frame.exposure / previous.exposure
+    if plan is not None:
+        axes = (axis_weights(jitter, plan.choices, plan.settings) for jitter in frame.jitter_px)
+        (record["left_weight"], record["right_weight"]), (record["above_weight"], record["below_weight"]) = axes
     return record
 
 

@@ -13,9 +13,8 @@
 #include "blend.h"
 #include "pixel.h"
 
-__kernel void blend_kernel(plane_in repaired, plane_in alpha, plane_in reactive, plane_in statistics_in,
-    plane_in history_at, plane_in change_in, history_out output, plane_out output_count, const frame_t frame,
-    const settings_t settings)
+__kernel void blend_kernel(plane_in alpha, plane_in reactive, plane_in statistics_in, plane_in history_at,
+    plane_in change_in, history_out output, plane_out output_count, const frame_t frame, const settings_t settings)
 {
     const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
     if (x >= frame.width || y >= frame.height)
@@ -29,11 +28,14 @@ __kernel void blend_kernel(plane_in repaired, plane_in alpha, plane_in reactive,
     h.fx = load(q + 5 * plane);
     h.fy = load(q + 6 * plane);
     h.valid = load(q + 7 * plane) > SPLAT(0.5);
-    rectification r = { load_colour(c, plane), load(c + 3 * plane) };
+    const rectification r = { load_colour(c, plane), load(c + 3 * plane), load(c + 4 * plane), load(c + 5 * plane) };
+    if (ALPHA)
+        h.alpha = past_alpha(alpha + at, h.alpha, frame);
     const colour mean = load_colour(statistics_in + at, plane);
     const boxed mean_at = { mean.r, mean.g, mean.b };
     const real a = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
     const real reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
-    const resolved out = resolve_pixel(load_colour(repaired + at, plane), a, reactivity, mean_at, h, r, settings);
+    const resolved out
+        = resolve_pixel(load_colour(statistics_in + at + 12 * plane, plane), a, reactivity, mean_at, h, r, settings);
     store_resolved(output + at, output_count + at, out, x, y, frame);
 }

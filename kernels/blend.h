@@ -1,12 +1,17 @@
 // Blending: how much the current sample counts against the history.
-#if !defined(ACCUMULATE) || !defined(WEIGHTING) || !defined(REACTIVE)
-#error "blend.h needs ACCUMULATE, WEIGHTING and REACTIVE from the prelude"
+#if !defined(ACCUMULATE) || !defined(WEIGHTING) || !defined(ANTI_FLICKER) || !defined(NEGATIVES)
+#error "blend.h needs ACCUMULATE, WEIGHTING, ANTI_FLICKER and NEGATIVES from the prelude"
 #endif
 
-// Weight of the current sample when the history already holds `count` samples: 1 / (count + 1) for the running mean, a
-// constant once the history is older than its reciprocal for the exponential one.
-STAGE real sample_weight(real count, settings_t settings)
+// Weight of the current sample when the history already holds `count` samples: 1 / (count + 1) for the running mean;
+// never below blend_weight for the exponential one, always that for the constant one, and between it and moving_weight
+// for the adaptive one.
+STAGE real sample_weight(real count, real unrest, settings_t settings)
 {
+    if (ACCUMULATE == ACCUMULATE_CONSTANT)
+        return SPLAT(settings.blend_weight);
+    if (ACCUMULATE == ACCUMULATE_ADAPTIVE)
+        return K(settings.blend_weight) + unrest * (K(settings.moving_weight) - K(settings.blend_weight));
     const real mean = SPLAT(1.0) / (count + K(1.0));
     if (ACCUMULATE == ACCUMULATE_COUNT)
         return mean;
@@ -36,6 +41,16 @@ STAGE real luminance_weight(real weight, colour current, colour history, setting
     return for_current / (for_current + for_history);
 }
 
+// Lottes' measure u = 1 - |dY| / max(Y, Y, knee): the weight is scaled by a share that goes with u^2 from that of
+// luminances that differ to that of luminances that agree.
+STAGE real difference_share(colour current, colour history, settings_t settings)
+{
+    const real x = luminance(current), h = luminance(history);
+    const real size = greater(greater(x, h), SPLAT(settings.difference_knee));
+    const real u = SPLAT(1.0) - absolute(x - h) / size;
+    return K(settings.differing_share) + (u * u) * (K(settings.agreeing_share) - K(settings.differing_share));
+}
+
 // h + w (x - h): equal inputs stay as they are, to the bit. The caller selects x where there is no history.
 STAGE real blend(real history, real current, real weight) { return history + weight * (current - history); }
 
@@ -43,7 +58,7 @@ STAGE real blend(real history, real current, real weight) { return history + wei
 // current sample, so that light never turns negative through a negative lobe or a chroma clamp.
 STAGE real storable(real v, real floor_value)
 {
-    const real raised = greater(v, floor_value);
+    const real raised = NEGATIVES == NEGATIVES_RAISE ? greater(v, floor_value) : v;
     const mask bad = outside_domain(raised) | (absolute(raised) < SPLAT(TINY));
     return bad ? SPLAT(0.0) : raised;
 }

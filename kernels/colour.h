@@ -1,6 +1,6 @@
 // Colour: three reals, as RGB, or in the space in which history is compared with the neighbourhood (the box space).
-#if !defined(BOX_SPACE)
-#error "colour.h needs BOX_SPACE from the prelude"
+#if !defined(BOX_SPACE) || !defined(TONEMAP)
+#error "colour.h needs BOX_SPACE and TONEMAP from the prelude"
 #endif
 
 typedef struct
@@ -41,6 +41,31 @@ STAGE colour from_box_space(boxed v)
 
 // Y of YCoCg, whatever the box space: R/4 + G/2 + B/4.
 STAGE real luminance(colour v) { return K(0.25) * (v.r + v.b) + K(0.5) * v.g; }
+
+// Greatest of the three and 0.
+STAGE real peak(colour v) { return greater(greater(greater(v.r, v.g), v.b), SPLAT(0.0)); }
+
+STAGE colour scaled(colour v, real k)
+{
+    const colour out = { v.r * k, v.g * k, v.b * k };
+    return out;
+}
+
+// Scene-referred colour in the range in which it is compared and blended, and back. The way back is limited to
+// LEAST_HEADROOM of headroom: 1 - peak of a colour near white is all rounding.
+STAGE colour to_range(colour v)
+{
+    if (TONEMAP == TONEMAP_NONE)
+        return v;
+    return scaled(v, SPLAT(1.0) / (SPLAT(1.0) + peak(v)));
+}
+
+STAGE colour from_range(colour v)
+{
+    if (TONEMAP == TONEMAP_NONE)
+        return v;
+    return scaled(v, SPLAT(1.0) / greater(SPLAT(1.0) - peak(v), SPLAT(LEAST_HEADROOM)));
+}
 
 STAGE mask colour_outside_domain(colour v) { return outside_domain(v.r) | outside_domain(v.g) | outside_domain(v.b); }
 

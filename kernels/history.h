@@ -24,8 +24,9 @@ STAGE history_t sample_history(history_in history, plane_in count, plane_in prev
 {
     const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
     history_t h;
-    h.valid = on_screen(m, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
-    const footprint f = footprint_of(m, h.valid, frame);
+    const motion_t seen = motion_to_edge(m, LANE_INDEX + K(x), SPLAT(y), frame);
+    h.valid = on_screen(seen, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
+    const footprint f = footprint_of(seen, h.valid, frame);
     const weights wx = history_weights(f.fx), wy = history_weights(f.fy);
     h.rgb = sample_colour(history + at, f, wx, wy, plane, frame.stride);
     h.valid = h.valid & !colour_outside_domain(h.rgb);
@@ -34,6 +35,7 @@ STAGE history_t sample_history(history_in history, plane_in count, plane_in prev
         h.rgb.g *= K(frame.exposure_ratio);
         h.rgb.b *= K(frame.exposure_ratio);
     }
+    h.rgb = to_range(h.rgb);
     h.alpha = SPLAT(1.0);
     if (ALPHA)
         h.alpha = limit(sample_plane(history + at + 3 * plane, f, wx, wy, frame.stride), SPLAT(0.0), SPLAT(1.0));

@@ -1,6 +1,6 @@
 // The 3x3 neighbourhood, gathered row by row so that a window sliding down a column reads and converts each row once.
-#if !defined(BOX) || !defined(DILATION) || !defined(OWN_MOTION) || !defined(NEIGHBOURHOOD)
-#error "neighbourhood.h needs BOX, DILATION, OWN_MOTION and NEIGHBOURHOOD from the prelude"
+#if !defined(BOX) || !defined(DILATION) || !defined(OWN_MOTION) || !defined(NEIGHBOURHOOD) || !defined(CURRENT_FILTER)
+#error "neighbourhood.h needs BOX, DILATION, OWN_MOTION, NEIGHBOURHOOD and CURRENT_FILTER from the prelude"
 #endif
 
 // Shifted first and second moments: mean = shift + offset, spread = sum of squared distances from the mean.
@@ -60,6 +60,7 @@ typedef struct
 {
     moments a, b, c;
     colour centre;
+    colour across; // the three texels weighed by the current filter along x
     real nearest, nearest_x, farthest, closeness;
     real u, v; // own motion of the nearest texel
     real centre_u, centre_v;
@@ -79,8 +80,14 @@ STAGE real deviation_of(moments m)
 
 STAGE moments neighbourhood_moments(moments above, moments centre, moments below)
 {
-    return NEIGHBOURHOOD == NEIGHBOURHOOD_CROSS ? cross_moments(above, centre, below)
-                                                : window_moments(above, centre, below);
+    if (NEIGHBOURHOOD == NEIGHBOURHOOD_CROSS)
+        return cross_moments(above, centre, below);
+    moments m = window_moments(above, centre, below);
+    if (BOX == BOX_ROUNDED) {
+        m.low = K(0.5) * (m.low + lesser(lesser(above.shift, below.shift), centre.low));
+        m.high = K(0.5) * (m.high + greater(greater(above.shift, below.shift), centre.high));
+    }
+    return m;
 }
 
 STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below)
@@ -102,6 +109,18 @@ STAGE real usable_closeness(real v, frame_t frame)
     return outside_domain(v) ? (real)((scalar)frame.sky_closeness) : v;
 }
 
+// Three colours weighed as the middle one plus weighted differences from it: equal colours keep their bits.
+STAGE colour weigh_line(colour before, colour middle, colour after, scalar first, scalar last)
+{
+    colour v = middle;
+    if (CURRENT_FILTER != CURRENT_FILTER_NONE) {
+        v.r = middle.r + (first * (before.r - middle.r) + last * (after.r - middle.r));
+        v.g = middle.g + (first * (before.g - middle.g) + last * (after.g - middle.g));
+        v.b = middle.b + (first * (before.b - middle.b) + last * (after.b - middle.b));
+    }
+    return v;
+}
+
 STAGE row_t read_row(plane_in image, plane_in closeness, plane_in motion, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
@@ -112,12 +131,14 @@ STAGE row_t read_row(plane_in image, plane_in closeness, plane_in motion, int x,
         c = repaired_colour(image, plane, x, y, frame);
         r = repaired_colour(image, plane, x + 1, y, frame);
     }
+    l = to_range(l), c = to_range(c), r = to_range(r);
     const boxed bl = to_box_space(l), bc = to_box_space(c), br = to_box_space(r);
     row_t row;
     row.a = row_moments(bl.a, bc.a, br.a);
     row.b = row_moments(bl.b, bc.b, br.b);
     row.c = row_moments(bl.c, bc.c, br.c);
     row.centre = c;
+    row.across = weigh_line(l, c, r, K(frame.left_weight), K(frame.right_weight));
 
     plane_in z = closeness + at;
     const real zl = usable_closeness(load(z - 1), frame), zc = usable_closeness(load(z), frame),
@@ -172,4 +193,21 @@ STAGE surface nearest_surface(row_t above, row_t centre, row_t below, settings_t
     s.u = across ? (down ? below.u : (up ? above.u : centre.u)) : s.u;
     s.v = across ? (down ? below.v : (up ? above.v : centre.v)) : s.v;
     return s;
+}
+
+// The current sample: the pixel's own, or the one that the current filter rebuilds at the pixel's centre from the 3x3.
+// A filter with negative lobes is held inside the extremes.
+STAGE colour current_sample(row_t above, row_t centre, row_t below, statistics near, frame_t frame)
+{
+    if (CURRENT_FILTER == CURRENT_FILTER_NONE)
+        return centre.centre;
+    colour v = weigh_line(above.across, centre.across, below.across, K(frame.above_weight), K(frame.below_weight));
+    if (CURRENT_FILTER == CURRENT_FILTER_LANCZOS) {
+        const boxed b = to_box_space(v);
+        const boxed over = { limit(b.a, near.low.a, near.high.a) - b.a, limit(b.b, near.low.b, near.high.b) - b.b,
+            limit(b.c, near.low.c, near.high.c) - b.c };
+        const colour change = from_box_space(over);
+        v.r += change.r, v.g += change.g, v.b += change.b;
+    }
+    return v;
 }

@@ -1,5 +1,5 @@
-// Stage 2 on its own: mean, standard deviation and extremes of the 3x3, 12 planes in the box space. See
-// neighbourhood.h.
+// Stage 2 on its own: mean, standard deviation and extremes of the 3x3, and the current sample. 15 planes: 12 in the
+// box space, 3 of colour. See neighbourhood.h.
 #include "real.h"
 #include "image.h"
 #include "colour.h"
@@ -20,11 +20,15 @@ __kernel void neighbourhood_statistics_kernel(
     if (x >= frame.width || y >= frame.height)
         return;
     const size_t plane = plane_size(frame);
-    const statistics s = neighbourhood_statistics(read_row(current, closeness, motion, x, y - 1, frame),
-        read_row(current, closeness, motion, x, y, frame), read_row(current, closeness, motion, x, y + 1, frame));
+    const row_t above = read_row(current, closeness, motion, x, y - 1, frame),
+                centre = read_row(current, closeness, motion, x, y, frame),
+                below = read_row(current, closeness, motion, x, y + 1, frame);
+    const statistics s = neighbourhood_statistics(above, centre, below);
+    const colour sample = current_sample(above, centre, below, s, frame);
     plane_out p = statistics_out + texel_offset(frame, x, y);
     store_boxed(p, s.mean, plane);
     store_boxed(p + 3 * plane, s.deviation, plane);
     store_boxed(p + 6 * plane, s.low, plane);
     store_boxed(p + 9 * plane, s.high, plane);
+    store_boxed(p + 12 * plane, (boxed) { sample.r, sample.g, sample.b }, plane);
 }

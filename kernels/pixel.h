@@ -1,6 +1,6 @@
 // One output pixel from its current sample, its neighbourhood and its history.
-#if !defined(ALPHA)
-#error "pixel.h needs ALPHA from the prelude"
+#if !defined(ALPHA) || !defined(REACTIVE) || !defined(ALPHA_FROM)
+#error "pixel.h needs ALPHA, REACTIVE and ALPHA_FROM from the prelude"
 #endif
 
 typedef struct
@@ -36,18 +36,26 @@ STAGE resolved resolve_pixel(
     real count = believed_count(h.count, h.fx, h.fy, r.pull, settings);
     if (REACTIVE)
         count *= SPLAT(1.0) - reactivity;
-    real weight = sample_weight(count, settings);
+    real weight = sample_weight(count, r.unrest, settings);
     if (REACTIVE)
         weight += reactivity * (SPLAT(1.0) - weight);
     weight = luminance_weight(weight, current, past, settings);
+    if (ANTI_FLICKER == ANTI_FLICKER_DIFFERENCE)
+        weight *= difference_share(current, past, settings);
+    if (ANTI_FLICKER == ANTI_FLICKER_CLAMP_DISTANCE)
+        weight *= r.calm;
 
-    const colour fresh = fresh_colour(current, mean, settings);
+    const colour mixed
+        = { blend(past.r, current.r, weight), blend(past.g, current.g, weight), blend(past.b, current.b, weight) };
+    const colour v = from_range(choose_colour(h.valid, mixed, fresh_colour(current, mean, settings)));
     const real zero = SPLAT(0.0);
     resolved out;
-    out.rgb.r = storable(h.valid ? blend(past.r, current.r, weight) : fresh.r, lesser(current.r, zero));
-    out.rgb.g = storable(h.valid ? blend(past.g, current.g, weight) : fresh.g, lesser(current.g, zero));
-    out.rgb.b = storable(h.valid ? blend(past.b, current.b, weight) : fresh.b, lesser(current.b, zero));
-    out.alpha = h.valid ? blend(h.alpha, alpha, weight) : alpha;
+    out.rgb.r = storable(v.r, lesser(current.r, zero));
+    out.rgb.g = storable(v.g, lesser(current.g, zero));
+    out.rgb.b = storable(v.b, lesser(current.b, zero));
+    out.alpha = alpha;
+    if (ALPHA_FROM == ALPHA_FROM_BLEND)
+        out.alpha = h.valid ? blend(h.alpha, alpha, weight) : alpha;
     out.count = h.valid ? count + K(1.0) : SPLAT(1.0);
     return out;
 }
@@ -57,6 +65,21 @@ STAGE real load_share(plane_in p, real otherwise)
 {
     const real v = load(p);
     return outside_domain(v) ? otherwise : limit(v, SPLAT(0.0), SPLAT(1.0));
+}
+
+// The alpha of the history; where the box is `unit`, held in the extremes of the current 3x3 as colour is.
+STAGE real past_alpha(plane_in alpha_at, real past, frame_t frame)
+{
+    if (BOX != BOX_UNIT)
+        return past;
+    real low = SPLAT(1.0), high = SPLAT(0.0);
+    for (int dy = -1; dy <= 1; ++dy)
+        for (int dx = -1; dx <= 1; ++dx) {
+            const real a = load_share(alpha_at + dy * (ptrdiff_t)frame.stride + dx, SPLAT(1.0));
+            low = lesser(a, low);
+            high = greater(a, high);
+        }
+    return limit(past, low, high);
 }
 
 STAGE void store_resolved(history_out colour_at, plane_out count_at, resolved r, int x, int y, frame_t frame)

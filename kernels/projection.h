@@ -1,6 +1,6 @@
 // Where a surface was in the previous frame.
-#if !defined(CAMERA_MOTION) || !defined(OWN_MOTION) || !defined(ORTHOGRAPHIC)
-#error "projection.h needs CAMERA_MOTION, OWN_MOTION and ORTHOGRAPHIC from the prelude"
+#if !defined(CAMERA_MOTION) || !defined(OWN_MOTION) || !defined(ORTHOGRAPHIC) || !defined(OFF_SCREEN)
+#error "projection.h needs CAMERA_MOTION, OWN_MOTION, ORTHOGRAPHIC and OFF_SCREEN from the prelude"
 #endif
 
 // Displacement to the previous frame in pixels, x right, y down; visible = 0 where the previous frame did not see the
@@ -51,6 +51,25 @@ STAGE motion_t surface_motion(surface s, real x, real y, frame_t frame)
         m.shift = camera_only ? m.shift : SPLAT(0.0);
         m.visible = m.visible | !camera_only;
     }
+    return m;
+}
+
+// A displacement that ends outside [0, last] of its axis, shortened so that it ends on the edge; others keep their
+// bits.
+STAGE real to_edge(real position, real by, real last)
+{
+    const real there = position + by, inside = limit(there, SPLAT(0.0), last);
+    return there == inside ? by : inside - position;
+}
+
+// Where the previous image is said to go on beyond its edge as the edge does, history is read there.
+STAGE motion_t motion_to_edge(motion_t m, real x, real y, frame_t frame)
+{
+    if (OFF_SCREEN == OFF_SCREEN_FRESH)
+        return m;
+    const mask near = (absolute(m.u) < SPLAT(MOTION_LIMIT)) & (absolute(m.v) < SPLAT(MOTION_LIMIT));
+    m.u = near ? to_edge(x, m.u, SPLAT(frame.width) - K(1.0)) : m.u;
+    m.v = near ? to_edge(y, m.v, SPLAT(frame.height) - K(1.0)) : m.v;
     return m;
 }
 

@@ -1,6 +1,6 @@
 // Rectification: history that the current neighbourhood makes implausible is moved into its box.
-#if !defined(RECTIFY) || !defined(BOX)
-#error "rectify.h needs RECTIFY and BOX from the prelude"
+#if !defined(RECTIFY) || !defined(BOX) || !defined(ACCUMULATE) || !defined(ANTI_FLICKER)
+#error "rectify.h needs RECTIFY, BOX, ACCUMULATE and ANTI_FLICKER from the prelude"
 #endif
 
 // The box: centre and half extents a channel, extents floored at box_floor of the box's largest coordinate, because a
@@ -32,6 +32,11 @@ STAGE box_t neighbourhood_box(statistics s, real gamma, settings_t settings)
             narrow(&s.low.b, &s.high.b, s.mean.b, gamma * s.deviation.b);
             narrow(&s.low.c, &s.high.c, s.mean.c, gamma * s.deviation.c);
         }
+        if (BOX == BOX_UNIT) {
+            const real zero = SPLAT(0.0), one = SPLAT(1.0);
+            s.low = (boxed) { lesser(s.low.a, one), lesser(s.low.b, one), lesser(s.low.c, one) };
+            s.high = (boxed) { greater(s.high.a, zero), greater(s.high.b, zero), greater(s.high.c, zero) };
+        }
         box.extent
             = (boxed) { half_width(s.low.a, s.high.a), half_width(s.low.b, s.high.b), half_width(s.low.c, s.high.c) };
         box.centre = (boxed) { s.low.a + box.extent.a, s.low.b + box.extent.b, s.low.c + box.extent.c };
@@ -56,13 +61,41 @@ STAGE real outsideness(boxed d, boxed extent)
     return greater(a, greater(b, c));
 }
 
-STAGE boxed rectify_history(boxed history, box_t box)
+// Share of the way from h to its target, itself inside the box, at which one coordinate enters the box; 0 inside.
+STAGE real entry(real h, real way, real centre, real extent)
+{
+    const mask still = way == SPLAT(0.0);
+    const real safe = still ? SPLAT(1.0) : way;
+    const real to_low = ((centre - extent) - h) / safe, to_high = ((centre + extent) - h) / safe;
+    return still ? SPLAT(0.0) : lesser(to_low, to_high);
+}
+
+STAGE boxed clamp_to_box(boxed v, box_t box)
+{
+    boxed out;
+    out.a = limit(v.a, box.centre.a - box.extent.a, box.centre.a + box.extent.a);
+    out.b = limit(v.b, box.centre.b - box.extent.b, box.centre.b + box.extent.b);
+    out.c = limit(v.c, box.centre.c - box.extent.c, box.centre.c + box.extent.c);
+    return out;
+}
+
+STAGE boxed clip_towards(boxed history, boxed target, box_t box)
+{
+    const boxed way = { target.a - history.a, target.b - history.b, target.c - history.c };
+    const real first = greater(
+        entry(history.a, way.a, box.centre.a, box.extent.a), entry(history.b, way.b, box.centre.b, box.extent.b));
+    const real t = limit(greater(first, entry(history.c, way.c, box.centre.c, box.extent.c)), SPLAT(0.0), SPLAT(1.0));
+    const boxed out = { history.a + t * way.a, history.b + t * way.b, history.c + t * way.c };
+    return out;
+}
+
+STAGE boxed rectify_history(boxed history, boxed current, box_t box)
 {
     boxed out = history;
     if (RECTIFY == RECTIFY_CLAMP) {
-        out.a = limit(history.a, box.centre.a - box.extent.a, box.centre.a + box.extent.a);
-        out.b = limit(history.b, box.centre.b - box.extent.b, box.centre.b + box.extent.b);
-        out.c = limit(history.c, box.centre.c - box.extent.c, box.centre.c + box.extent.c);
+        out = clamp_to_box(history, box);
+    } else if (RECTIFY == RECTIFY_CLIP_CURRENT) {
+        out = clip_towards(history, clamp_to_box(current, box), box);
     } else if (RECTIFY != RECTIFY_NONE) {
         const boxed d = { history.a - box.centre.a, history.b - box.centre.b, history.c - box.centre.c };
         const real t = outsideness(d, box.extent);
@@ -81,17 +114,40 @@ typedef struct
 {
     colour change;
     real pull; // how far the first coordinate (luminance) was moved, in half extents of the box
+    real unrest; // 0 to 1: motion, or the distance that the history was moved, whichever is more (adaptive)
+    real calm; // factor of the current sample's weight (clamp-distance)
 } rectification;
 
-STAGE rectification rectify(colour history, statistics s, real gamma, settings_t settings)
+// The larger of two shares: motion in screens a frame by motion_rate, distance moved in the box space by clip_rate.
+STAGE real unrest_of(motion_t m, boxed moved, frame_t frame, settings_t settings)
+{
+    const real across = m.u / SPLAT(frame.width), down = m.v / SPLAT(frame.height);
+    const real speed = square_root(across * across + down * down);
+    const real distance = square_root((moved.a * moved.a + moved.b * moved.b) + moved.c * moved.c);
+    const real by_motion = K(settings.motion_rate) * speed, by_distance = K(settings.clip_rate) * distance;
+    return lesser(greater(by_motion, by_distance), SPLAT(1.0));
+}
+
+// d / (d + range) with d the distance of the history's first coordinate from the nearer end of the box: history that
+// lies on an end of a wide box flickers between the ends (Karis 2014).
+STAGE real calm_of(real history, real centre, real extent)
+{
+    const real d = lesser(absolute(history - (centre - extent)), absolute(history - (centre + extent)));
+    return d / ((d + (extent + extent)) + SPLAT(TINY));
+}
+
+STAGE rectification rectify(
+    colour history, colour current, statistics s, motion_t m, real gamma, frame_t frame, settings_t settings)
 {
     const boxed h = to_box_space(history);
     const box_t box = neighbourhood_box(s, gamma, settings);
-    const boxed r = rectify_history(h, box);
+    const boxed r = rectify_history(h, to_box_space(current), box);
     const boxed moved = { r.a - h.a, r.b - h.b, r.c - h.c };
     rectification out;
     out.change = from_box_space(moved);
     const real least = K(settings.box_floor) * absolute(box.centre.a) + K(TINY);
     out.pull = absolute(moved.a) / greater(box.extent.a, least);
+    out.unrest = ACCUMULATE == ACCUMULATE_ADAPTIVE ? unrest_of(m, moved, frame, settings) : SPLAT(0.0);
+    out.calm = ANTI_FLICKER == ANTI_FLICKER_CLAMP_DISTANCE ? calm_of(h.a, box.centre.a, box.extent.a) : SPLAT(1.0);
     return out;
 }

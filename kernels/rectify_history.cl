@@ -1,4 +1,5 @@
-// Stage 5 on its own: the change that moves the history of stage 4 into the box of stage 2. 4 planes: r, g, b, pull.
+// Stage 5 on its own: the change that moves the history of stage 4 into the box of stage 2. 6 planes: r, g, b, pull,
+// unrest, calm.
 #include "real.h"
 #include "image.h"
 #include "storage.h"
@@ -32,10 +33,13 @@ __kernel void rectify_history_kernel(plane_in statistics_in, plane_in motion_in,
     motion_t m;
     m.u = load(motion_in + at);
     m.v = load(motion_in + at + plane);
-    const rectification r = rectify(load_colour(history_at + at, plane), near, box_gamma(m, settings), settings);
+    const rectification r = rectify(load_colour(history_at + at, plane), load_colour(q + 12 * plane, plane), near, m,
+        box_gamma(m, settings), frame, settings);
     plane_out p = change_out + at;
     store(p, r.change.r);
     store(p + plane, r.change.g);
     store(p + 2 * plane, r.change.b);
     store(p + 3 * plane, r.pull);
+    store(p + 4 * plane, r.unrest);
+    store(p + 5 * plane, r.calm);
 }

@@ -30,11 +30,14 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
         const statistics near = neighbourhood_statistics(above, centre, below);
         const surface s = nearest_surface(above, centre, below, settings);
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
-        const history_t h = sample_history(history, history_count, previous_closeness, m, s, x, y, frame, settings);
-        const rectification r = rectify(h.rgb, near, box_gamma(m, settings), settings);
+        const colour sample = current_sample(above, centre, below, near, frame);
+        history_t h = sample_history(history, history_count, previous_closeness, m, s, x, y, frame, settings);
+        const rectification r = rectify(h.rgb, sample, near, m, box_gamma(m, settings), frame, settings);
+        if (ALPHA)
+            h.alpha = past_alpha(alpha + at, h.alpha, frame);
         const real a = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
         const real reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
-        const resolved out = resolve_pixel(centre.centre, a, reactivity, near.mean, h, r, settings);
+        const resolved out = resolve_pixel(sample, a, reactivity, near.mean, h, r, settings);
         store_resolved(output + at, output_count + at, out, x, y, frame);
         above = centre;
         centre = below;

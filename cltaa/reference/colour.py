@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from cltaa.build import Build
-from cltaa.params import BoxSpace
-from cltaa.reference.real import Array, Mask, number, outside_domain
+from cltaa.params import BoxSpace, Tonemap
+from cltaa.reference.real import Array, Mask, constant, greater, number, outside_domain
 
 Colour = tuple[Array, Array, Array]
 
@@ -33,6 +33,29 @@ def luminance(v: Colour) -> Array:
     r, g, b = v
     y: Array = number(0.25, r) * (r + b) + number(0.5, r) * g
     return y
+
+
+def peak(v: Colour) -> Array:
+    """Greatest of the three and 0."""
+    return greater(greater(greater(v[0], v[1]), v[2]), number(0.0, v[0]))
+
+
+def to_range(v: Colour, build: Build) -> Colour:
+    """Scene-referred colour in the range in which it is compared and blended."""
+    if build.choices.tonemap is Tonemap.NONE:
+        return v
+    one = number(1.0, v[0])
+    k = one / (one + peak(v))
+    return v[0] * k, v[1] * k, v[2] * k
+
+
+def from_range(v: Colour, build: Build) -> Colour:
+    """The inverse of ``to_range``, its headroom limited."""
+    if build.choices.tonemap is Tonemap.NONE:
+        return v
+    one = number(1.0, v[0])
+    k = one / greater(one - peak(v), constant("LEAST_HEADROOM", v[0]))
+    return v[0] * k, v[1] * k, v[2] * k
 
 
 def colour_outside_domain(v: Colour) -> Mask:

@@ -10,9 +10,9 @@ import numpy as np
 from cltaa.build import Build, Record
 from cltaa.layout import Layout
 from cltaa.params import Reject
-from cltaa.reference.colour import Colour, colour_outside_domain
+from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.neighbourhood import Surface
-from cltaa.reference.projection import Motion, on_screen
+from cltaa.reference.projection import Motion, motion_to_edge, on_screen
 from cltaa.reference.real import Array, Mask, greater, limit, number
 from cltaa.reference.sampling import Quad, bilinear, footprint_of, history_weights, sample_plane, sample_quad
 
@@ -52,8 +52,9 @@ def sample_history(
 ) -> History:
     """History planes [3 or 4, rows, stride], their count and the previous closeness [1, rows, stride] at the motion."""
     real: Any = m.u.dtype
-    valid = on_screen(m, layout) & np.bool_(frame["reset"] == 0)
-    f = footprint_of(m, valid, layout)
+    seen = motion_to_edge(m, build, layout)
+    valid = on_screen(seen, layout) & np.bool_(frame["reset"] == 0)
+    f = footprint_of(seen, valid, layout)
     wx, wy = history_weights(f.fx, build), history_weights(f.fy, build)
     r, g, b = (sample_plane(history[channel], f, wx, wy, build, real) for channel in range(3))
     valid &= ~colour_outside_domain((r, g, b))
@@ -66,4 +67,4 @@ def sample_history(
     count = bilinear(sample_quad(history_count[0], f, real), f)
     if build.choices.reject is Reject.DEPTH:
         valid &= same_surface(sample_quad(previous_closeness[0], f, real), s, m, settings["depth_tolerance"])
-    return History((r, g, b), alpha, count, f.fx, f.fy, valid)
+    return History(to_range((r, g, b), build), alpha, count, f.fx, f.fy, valid)

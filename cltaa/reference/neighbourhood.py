@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.build import Build
+from cltaa.build import Build, Record
 from cltaa.constants import PAD_X, PAD_Y
 from cltaa.layout import Layout
-from cltaa.params import Dilation, Neighbourhood
-from cltaa.reference.colour import Colour, to_box_space
-from cltaa.reference.real import Array, constant, greater, lesser, number, outside_domain
+from cltaa.params import Box, CurrentFilter, Dilation, Neighbourhood
+from cltaa.reference.colour import Colour, from_box_space, to_box_space, to_range
+from cltaa.reference.real import Array, constant, greater, lesser, limit, number, outside_domain
 
 
 class Moments(NamedTuple):
@@ -29,6 +29,7 @@ class Row(NamedTuple):
 
     channels: tuple[Moments, Moments, Moments]
     centre: Colour
+    across: Colour
     nearest: Array
     nearest_x: Array
     farthest: Array
@@ -107,25 +108,59 @@ def neighbourhood_statistics(above: Row, centre: Row, below: Row, build: Build) 
     cross = build.choices.neighbourhood is Neighbourhood.CROSS
     combine = cross_moments if cross else window_moments
     parts = [combine(*rows) for rows in zip(above.channels, centre.channels, below.channels, strict=True)]
+    if build.choices.box is Box.ROUNDED and not cross:
+        rows = zip(parts, above.channels, centre.channels, below.channels, strict=True)
+        parts = [_rounded(m, a, c, b) for m, a, c, b in rows]
     share = "ONE_FIFTH" if cross else "ONE_NINTH"
     deviation = [np.sqrt(greater(m.spread * constant(share, m.spread), number(0.0, m.spread))) for m in parts]
     mean = [m.shift + m.offset for m in parts]
     return Statistics(_three(mean), _three(deviation), _three([m.low for m in parts]), _three([m.high for m in parts]))
 
 
+def _rounded(m: Moments, above: Moments, centre: Moments, below: Moments) -> Moments:
+    """``m`` with the mean of the extremes of the 3x3 and of the cross."""
+    half = number(0.5, m.low)
+    low = half * (m.low + lesser(lesser(above.shift, below.shift), centre.low))
+    high = half * (m.high + greater(greater(above.shift, below.shift), centre.high))
+    return m._replace(low=low, high=high)
+
+
+def weigh_line(before: Colour, middle: Colour, after: Colour, first: Any, last: Any, build: Build) -> Colour:
+    """Three colours weighed as the middle one plus weighted differences from it."""
+    if build.choices.current_filter is CurrentFilter.NONE:
+        return middle
+    k, n = number(first, middle[0]), number(last, middle[0])
+    parts = [m + (k * (b - m) + n * (a - m)) for b, m, a in zip(before, middle, after, strict=True)]
+    return _three(parts)
+
+
+def current_sample(above: Row, centre: Row, below: Row, near: Statistics, build: Build, frame: Record) -> Colour:
+    """The pixel's own sample, or the one that the current filter rebuilds at its centre."""
+    if build.choices.current_filter is CurrentFilter.NONE:
+        return centre.centre
+    v = weigh_line(above.across, centre.across, below.across, frame["above_weight"], frame["below_weight"], build)
+    if build.choices.current_filter is not CurrentFilter.LANCZOS:
+        return v
+    over = [limit(b, lo, hi) - b for b, lo, hi in zip(to_box_space(v, build), near.low, near.high, strict=True)]
+    change = from_box_space(_three(over), build)
+    return v[0] + change[0], v[1] + change[1], v[2] + change[2]
+
+
 def read_row(
-    colour: Array, closeness: Array, motion: Array | None, dy: int, build: Build, layout: Layout, sky: Any
+    colour: Array, closeness: Array, motion: Array | None, dy: int, build: Build, layout: Layout, frame: Record
 ) -> Row:
     """Rows y + ``dy`` of repaired colour planes, closeness [1, rows, stride] and motion [2, rows, stride]."""
+    sky = frame["sky_closeness"]
 
     def window(plane: Array, dx: int) -> Array:
         top, left = PAD_Y + dy, PAD_X + dx
         return plane[top : top + layout.height, left : left + layout.width]
 
     def texels(dx: int) -> Colour:
-        return window(colour[0], dx), window(colour[1], dx), window(colour[2], dx)
+        return to_range((window(colour[0], dx), window(colour[1], dx), window(colour[2], dx)), build)
 
-    left, centre, right = (to_box_space(texels(dx), build) for dx in (-1, 0, 1))
+    line = texels(-1), texels(0), texels(1)
+    left, centre, right = (to_box_space(v, build) for v in line)
     channels = [row_moments(left[k], centre[k], right[k]) for k in range(3)]
     usable = np.where(outside_domain(closeness[0]), number(sky, closeness), closeness[0])
     zl, zc, zr = (window(usable, dx) for dx in (-1, 0, 1))
@@ -144,7 +179,8 @@ def read_row(
         centre_u, centre_v = (window(plane, 0) for plane in motion)
     return Row(
         (channels[0], channels[1], channels[2]),
-        texels(0),
+        line[1],
+        weigh_line(*line, frame["left_weight"], frame["right_weight"], build),
         nearest,
         nearest_x,
         lesser(lesser(zl, zr), zc),

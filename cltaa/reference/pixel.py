@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from cltaa.build import Build, Record
-from cltaa.params import Accumulate, Weighting
-from cltaa.reference.colour import Colour, from_box_space, luminance, to_box_space
+from cltaa.constants import PAD_X, PAD_Y
+from cltaa.layout import Layout
+from cltaa.params import Accumulate, AlphaFrom, AntiFlicker, Box, Negatives, Weighting
+from cltaa.reference.colour import Colour, from_box_space, from_range, luminance, to_box_space
 from cltaa.reference.history import History
 from cltaa.reference.projection import Motion
 from cltaa.reference.real import Array, constant, greater, lesser, limit, number, outside_domain
@@ -25,12 +27,18 @@ class Resolved:
     count: Array
 
 
-def sample_weight(count: Array, build: Build, settings: Record) -> Array:
+def sample_weight(count: Array, unrest: Array, build: Build, settings: Record) -> Array:
     """Weight of the current sample beside ``count`` earlier ones."""
+    least = number(settings["blend_weight"], count)
+    if build.choices.accumulate is Accumulate.CONSTANT:
+        return np.full_like(count, least)
+    if build.choices.accumulate is Accumulate.ADAPTIVE:
+        adaptive: Array = least + unrest * (number(settings["moving_weight"], count) - least)
+        return adaptive
     mean: Array = number(1.0, count) / (count + number(1.0, count))
     if build.choices.accumulate is Accumulate.COUNT:
         return mean
-    return greater(mean, number(settings["blend_weight"], count))
+    return greater(mean, least)
 
 
 def believed_count(count: Array, fx: Array, fy: Array, pull: Array, settings: Record) -> Array:
@@ -55,6 +63,16 @@ def luminance_weight(weight: Array, current: Colour, history: Colour, build: Bui
     return result
 
 
+def difference_share(current: Colour, history: Colour, settings: Record) -> Array:
+    """Factor of the weight by how much the luminances differ (Lottes)."""
+    x, h = luminance(current), luminance(history)
+    size = greater(greater(x, h), number(settings["difference_knee"], x))
+    u = number(1.0, x) - np.abs(x - h) / size
+    differing, agreeing = number(settings["differing_share"], x), number(settings["agreeing_share"], x)
+    share: Array = differing + (u * u) * (agreeing - differing)
+    return share
+
+
 def box_gamma(m: Motion, settings: Record) -> Array:
     """Half width of the box in standard deviations: wide where nothing moves."""
     k = m.u.dtype.type
@@ -64,9 +82,9 @@ def box_gamma(m: Motion, settings: Record) -> Array:
     return result
 
 
-def storable(v: Array, floor_value: Array) -> Array:
+def storable(v: Array, floor_value: Array, build: Build) -> Array:
     """Inside the domain, no denormal, no -0, not below the least of 0 and the current sample."""
-    raised = greater(v, floor_value)
+    raised = greater(v, floor_value) if build.choices.negatives is Negatives.RAISE else v
     bad = outside_domain(raised) | (np.abs(raised) < constant("TINY", v))
     return np.where(bad, number(0.0, v), raised)
 
@@ -74,6 +92,28 @@ def storable(v: Array, floor_value: Array) -> Array:
 def load_share(plane: Array, otherwise: float) -> Array:
     """Alpha or reactivity limited to [0, 1]; no number means ``otherwise``."""
     return np.where(outside_domain(plane), number(otherwise, plane), limit(plane, number(0, plane), number(1, plane)))
+
+
+def past_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> Array:
+    """The history's alpha; where the box is ``unit``, held in the extremes of the current 3x3 of ``plane``."""
+    if build.choices.box is not Box.UNIT:
+        return past
+    share = load_share(plane[0].astype(past.dtype), 1.0)
+    low, high = np.ones_like(past), np.zeros_like(past)
+    for top in (PAD_Y - 1, PAD_Y, PAD_Y + 1):
+        for left in (PAD_X - 1, PAD_X, PAD_X + 1):
+            a = share[top : top + layout.height, left : left + layout.width]
+            low, high = lesser(a, low), greater(a, high)
+    return limit(past, low, high)
+
+
+def fresh_colour(current: Colour, mean: Colour, build: Build, settings: Record) -> Colour:
+    """The sample of a pixel without history, drawn towards the mean of its neighbourhood."""
+    c = to_box_space(current, build)
+    change = from_box_space((mean[0] - c[0], mean[1] - c[1], mean[2] - c[2]), build)
+    blur = number(settings["fresh_blur"], c[0])
+    r, g, b = (k + blur * by for k, by in zip(current, change, strict=True))
+    return r, g, b
 
 
 def resolve_pixel(
@@ -92,20 +132,19 @@ def resolve_pixel(
     count = believed_count(h.count, h.fx, h.fy, r.pull, settings)
     if build.steps.reactive:
         count = count * (one - reactivity)
-    weight = sample_weight(count, build, settings)
+    weight = sample_weight(count, r.unrest, build, settings)
     if build.steps.reactive:
         weight = weight + reactivity * (one - weight)
     weight = luminance_weight(weight, current, past, build, settings)
-    blur = number(settings["fresh_blur"], h.count)
-    channels = []
-    c = to_box_space(current, build)
-    change = from_box_space((mean[0] - c[0], mean[1] - c[1], mean[2] - c[2]), build)
-    for past_k, current_k, change_k in zip(past, current, change, strict=True):
-        fresh = current_k + blur * change_k
-        blended = past_k + weight * (current_k - past_k)
-        channels.append(storable(np.where(h.valid, blended, fresh), lesser(current_k, zero)))
-    return Resolved(
-        (channels[0], channels[1], channels[2]),
-        np.where(h.valid, h.alpha + weight * (alpha - h.alpha), alpha),
-        np.where(h.valid, count + one, one),
-    )
+    if build.choices.anti_flicker is AntiFlicker.DIFFERENCE:
+        weight = weight * difference_share(current, past, settings)
+    if build.choices.anti_flicker is AntiFlicker.CLAMP_DISTANCE:
+        weight = weight * r.calm
+    fresh = fresh_colour(current, mean, build, settings)
+    mixed = [p + weight * (c - p) for p, c in zip(past, current, strict=True)]
+    chosen = [np.where(h.valid, m, f) for m, f in zip(mixed, fresh, strict=True)]
+    v = from_range((chosen[0], chosen[1], chosen[2]), build)
+    stored = [storable(k, lesser(c, zero), build) for k, c in zip(v, current, strict=True)]
+    if build.choices.alpha_from is AlphaFrom.BLEND:
+        alpha = np.where(h.valid, h.alpha + weight * (alpha - h.alpha), alpha)
+    return Resolved((stored[0], stored[1], stored[2]), alpha, np.where(h.valid, count + one, one))

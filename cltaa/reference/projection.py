@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cltaa.build import Build, Record
 from cltaa.layout import Layout
+from cltaa.params import OffScreen
 from cltaa.reference.neighbourhood import Surface
-from cltaa.reference.real import Array, Mask, constant, number, outside_domain
+from cltaa.reference.real import Array, Mask, constant, limit, number, outside_domain
 
 
 class Motion(NamedTuple):
@@ -62,6 +63,24 @@ def surface_motion(s: Surface, build: Build, layout: Layout, frame: Record) -> M
         np.where(camera_only, m.shift, np.zeros_like(m.shift)),
         m.visible | ~camera_only,
     )
+
+
+def _to_edge(position: Array, by: Array, last: Any) -> Array:
+    there = position + by
+    inside = limit(there, number(0.0, by), last)
+    return np.where(there == inside, by, inside - position)
+
+
+def motion_to_edge(m: Motion, build: Build, layout: Layout) -> Motion:
+    """Displacements that end outside the image shortened to its edge, where the build says that it goes on there."""
+    if build.choices.off_screen is OffScreen.FRESH:
+        return m
+    x, y = pixel_grid(layout, m.u)
+    one, far = number(1.0, m.u), constant("MOTION_LIMIT", m.u)
+    near = (np.abs(m.u) < far) & (np.abs(m.v) < far)
+    u = np.where(near, _to_edge(x, m.u, number(layout.width, m.u) - one), m.u)
+    v = np.where(near, _to_edge(y, m.v, number(layout.height, m.v) - one), m.v)
+    return Motion(u, v, m.scale, m.shift, m.visible)
 
 
 def on_screen(m: Motion, layout: Layout) -> Mask:

@@ -7,9 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.build import Build, Record
-from cltaa.params import Box, Rectify
+from cltaa.layout import Layout
+from cltaa.params import Accumulate, AntiFlicker, Box, Rectify
 from cltaa.reference.colour import Colour, from_box_space, to_box_space
 from cltaa.reference.neighbourhood import Statistics
+from cltaa.reference.projection import Motion
 from cltaa.reference.real import Array, constant, greater, lesser, limit, number
 
 
@@ -21,10 +23,12 @@ class BoxOf(NamedTuple):
 
 
 class Rectification(NamedTuple):
-    """The change to the history in RGB, and how far its first coordinate was moved in half extents."""
+    """The change to the history in RGB; how far its first coordinate was moved in half extents; unrest and calm."""
 
     change: Colour
     pull: Array
+    unrest: Array
+    calm: Array
 
 
 def _floored(parts: list[Array], least: Array) -> Colour:
@@ -41,6 +45,9 @@ def neighbourhood_box(s: Statistics, gamma: Array, build: Build, box_floor: Any)
         if build.choices.box is Box.BOTH:
             low = [greater(m - w, lo) for m, w, lo in zip(s.mean, wide, low, strict=True)]
             high = [lesser(m + w, hi) for m, w, hi in zip(s.mean, wide, high, strict=True)]
+        if build.choices.box is Box.UNIT:
+            low = [lesser(lo, number(1.0, lo)) for lo in low]
+            high = [greater(hi, number(0.0, hi)) for hi in high]
         extent = [number(0.5, lo) * (hi - lo) for lo, hi in zip(low, high, strict=True)]
         centre = [lo + e for lo, e in zip(low, extent, strict=True)]
     box = BoxOf((centre[0], centre[1], centre[2]), (extent[0], extent[1], extent[2]))
@@ -58,13 +65,35 @@ def _outsideness(d: list[Array], extent: Colour, build: Build) -> Array:
     return greater(a, greater(b, c))
 
 
-def rectify_history(history: Colour, box: BoxOf, build: Build) -> Colour:
+def _entry(h: Array, way: Array, centre: Array, extent: Array) -> Array:
+    """Share of the way from ``h`` at which one coordinate enters the box; 0 inside."""
+    still = way == number(0.0, way)
+    safe = np.where(still, number(1.0, way), way)
+    to_low, to_high = ((centre - extent) - h) / safe, ((centre + extent) - h) / safe
+    return np.where(still, number(0.0, way), lesser(to_low, to_high))
+
+
+def _clamp_to_box(v: Colour, box: BoxOf) -> Colour:
+    a, b, c = (limit(h, m - e, m + e) for h, m, e in zip(v, box.centre, box.extent, strict=True))
+    return a, b, c
+
+
+def _clip_towards(history: Colour, target: Colour, box: BoxOf) -> Colour:
+    way = [t - h for t, h in zip(target, history, strict=True)]
+    a, b, c = (_entry(*parts) for parts in zip(history, way, box.centre, box.extent, strict=True))
+    t = limit(greater(greater(a, b), c), number(0.0, a), number(1.0, a))
+    a, b, c = (h + t * w for h, w in zip(history, way, strict=True))
+    return a, b, c
+
+
+def rectify_history(history: Colour, current: Colour, box: BoxOf, build: Build) -> Colour:
     """The history moved into the box."""
     if build.choices.rectify is Rectify.NONE:
         return history
     if build.choices.rectify is Rectify.CLAMP:
-        a, b, c = (limit(h, m - e, m + e) for h, m, e in zip(history, box.centre, box.extent, strict=True))
-        return a, b, c
+        return _clamp_to_box(history, box)
+    if build.choices.rectify is Rectify.CLIP_CURRENT:
+        return _clip_towards(history, _clamp_to_box(current, box), box)
     d = [h - m for h, m in zip(history, box.centre, strict=True)]
     with np.errstate(
         divide="ignore", invalid="ignore"
@@ -77,12 +106,48 @@ def rectify_history(history: Colour, box: BoxOf, build: Build) -> Colour:
     return a, b, c
 
 
-def rectify(history: Colour, s: Statistics, gamma: Array, build: Build, settings: Record) -> Rectification:
+def unrest_of(m: Motion, moved: list[Array], build: Build, layout: Layout, settings: Record) -> Array:
+    """The larger of two shares: motion in screens a frame, and the distance that the history was moved."""
+    if build.choices.accumulate is not Accumulate.ADAPTIVE:
+        return np.zeros_like(m.u)
+    across, down = m.u / number(layout.width, m.u), m.v / number(layout.height, m.v)
+    speed = np.sqrt(across * across + down * down)
+    distance = np.sqrt((moved[0] * moved[0] + moved[1] * moved[1]) + moved[2] * moved[2])
+    by_motion, by_distance = (
+        number(settings["motion_rate"], speed) * speed,
+        number(settings["clip_rate"], speed) * distance,
+    )
+    return lesser(greater(by_motion, by_distance), number(1.0, speed))
+
+
+def calm_of(history: Array, centre: Array, extent: Array, build: Build) -> Array:
+    """d / (d + range), d the distance of the history's first coordinate from the nearer end of the box."""
+    if build.choices.anti_flicker is not AntiFlicker.CLAMP_DISTANCE:
+        return np.ones_like(history)
+    d = lesser(np.abs(history - (centre - extent)), np.abs(history - (centre + extent)))
+    calm: Array = d / ((d + (extent + extent)) + constant("TINY", d))
+    return calm
+
+
+def rectify(
+    history: Colour,
+    current: Colour,
+    s: Statistics,
+    m: Motion,
+    gamma: Array,
+    build: Build,
+    layout: Layout,
+    settings: Record,
+) -> Rectification:
     """The change that rectification makes, in RGB: history inside its box keeps its bits."""
     h = to_box_space(history, build)
     box = neighbourhood_box(s, gamma, build, settings["box_floor"])
-    r = rectify_history(h, box, build)
-    moved = (r[0] - h[0], r[1] - h[1], r[2] - h[2])
+    r = rectify_history(h, to_box_space(current, build), box, build)
+    moved = [after - before for after, before in zip(r, h, strict=True)]
     least = number(settings["box_floor"], h[0]) * np.abs(box.centre[0]) + constant("TINY", h[0])
-    pull = np.abs(moved[0]) / greater(box.extent[0], least)
-    return Rectification(from_box_space(moved, build), pull)
+    return Rectification(
+        from_box_space((moved[0], moved[1], moved[2]), build),
+        np.abs(moved[0]) / greater(box.extent[0], least),
+        unrest_of(m, moved, build, layout, settings),
+        calm_of(h[0], box.centre[0], box.extent[0], build),
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,8 @@ import numpy as np
 from cltaa.build import Build, Real, Record
 from cltaa.layout import Layout
 from cltaa.reference.history import sample_history
-from cltaa.reference.neighbourhood import Row, nearest_surface, neighbourhood_statistics, read_row
-from cltaa.reference.pixel import Resolved, box_gamma, load_share, resolve_pixel
+from cltaa.reference.neighbourhood import Row, current_sample, nearest_surface, neighbourhood_statistics, read_row
+from cltaa.reference.pixel import Resolved, box_gamma, load_share, past_alpha, resolve_pixel
 from cltaa.reference.projection import surface_motion
 from cltaa.reference.real import Array, constant, quiet
 from cltaa.reference.rectify import rectify
@@ -31,9 +32,7 @@ def read_rows(
     colour = repaired_planes(current, layout).astype(real)
     near = closeness.astype(real)
     moved = None if motion is None else motion.astype(real)
-    above, centre, below = (
-        read_row(colour, near, moved, dy, build, layout, frame["sky_closeness"]) for dy in (-1, 0, 1)
-    )
+    above, centre, below = (read_row(colour, near, moved, dy, build, layout, frame) for dy in (-1, 0, 1))
     return above, centre, below
 
 
@@ -60,10 +59,13 @@ def resolve(
     near = neighbourhood_statistics(above, centre, below, build)
     s = nearest_surface(above, centre, below, build, settings["edge_tolerance"])
     m = surface_motion(s, build, layout, frame)
+    sample = current_sample(above, centre, below, near, build, frame)
     h = sample_history(history, history_count, previous_closeness, m, s, build, layout, frame, settings)
-    r = rectify(h.rgb, near, box_gamma(m, settings), build, settings)
+    r = rectify(h.rgb, sample, near, m, box_gamma(m, settings), build, layout, settings)
+    if build.steps.alpha and alpha is not None:
+        h = replace(h, alpha=past_alpha(alpha, h.alpha, build, layout))
     resolved = resolve_pixel(
-        centre.centre,
+        sample,
         *load_shares(alpha, reactive, h.count, build, layout),
         near.mean,
         h,

@@ -9,8 +9,8 @@ import numpy as np
 from cltaa.build import Build, Record
 from cltaa.layout import Layout
 from cltaa.reference.history import History, sample_history
-from cltaa.reference.neighbourhood import Statistics, Surface, nearest_surface, neighbourhood_statistics
-from cltaa.reference.pixel import box_gamma, resolve_pixel
+from cltaa.reference.neighbourhood import Statistics, Surface, current_sample, nearest_surface, neighbourhood_statistics
+from cltaa.reference.pixel import box_gamma, past_alpha, resolve_pixel
 from cltaa.reference.projection import Motion, surface_motion
 from cltaa.reference.real import Array, number, quiet
 from cltaa.reference.rectify import Rectification, rectify
@@ -34,9 +34,11 @@ def neighbourhood_statistics_kernel(
     statistics_out: Array,
     frame: Record,
 ) -> None:
-    """``statistics_out`` [12, rows, stride]: mean, deviation, low and high of the neighbourhood in the box space."""
+    """``statistics_out`` [15, rows, stride]: mean, deviation, low and high in the box space, and the current sample."""
     rows = read_rows(current, closeness, motion, build, layout, frame)
-    _store(statistics_out, layout, (part for colour in neighbourhood_statistics(*rows, build) for part in colour))
+    near = neighbourhood_statistics(*rows, build)
+    sample = current_sample(*rows, near, build, frame)
+    _store(statistics_out, layout, (part for colour in (*near, sample) for part in colour))
 
 
 @quiet
@@ -94,13 +96,14 @@ def rectify_history_kernel(
     frame: Record,  # noqa: ARG001
     settings: Record,
 ) -> None:
-    """``change_out`` [4, rows, stride]: change of r, g, b, and the pull."""
+    """``change_out`` [6, rows, stride]: change of r, g, b, pull, unrest, calm."""
     s, m = _load(statistics_in, build, layout), _load(motion_in, build, layout)
     near = Statistics((s[0], s[1], s[2]), (s[3], s[4], s[5]), (s[6], s[7], s[8]), (s[9], s[10], s[11]))
     moved = Motion(m[0], m[1], m[2], m[3], m[4] > number(0.5, m[4]))
     r, g, b = _load(history_at[:3], build, layout)
-    change = rectify((r, g, b), near, box_gamma(moved, settings), build, settings)
-    _store(change_out, layout, (*change.change, change.pull))
+    sample = (s[12], s[13], s[14])
+    change = rectify((r, g, b), sample, near, moved, box_gamma(moved, settings), build, layout, settings)
+    _store(change_out, layout, (*change.change, change.pull, change.unrest, change.calm))
 
 
 @quiet
@@ -108,7 +111,6 @@ def blend_kernel(
     build: Build,
     layout: Layout,
     *,
-    repaired: Array,
     alpha: Array | None,
     reactive: Array | None,
     statistics_in: Array,
@@ -120,17 +122,19 @@ def blend_kernel(
     settings: Record,
 ) -> None:
     """``output`` [3 or 4, rows, stride] and ``output_count``: what the frame leaves."""
-    r, g, b, past_alpha, count, fx, fy, valid = _load(history_at, build, layout)
-    h = History((r, g, b), past_alpha, count, fx, fy, valid > number(0.5, valid))
-    change_r, change_g, change_b, pull = _load(change_in, build, layout)
-    current_r, current_g, current_b = _load(repaired[:3], build, layout)
+    r, g, b, opacity, count, fx, fy, valid = _load(history_at, build, layout)
+    if build.steps.alpha and alpha is not None:
+        opacity = past_alpha(alpha, opacity, build, layout)
+    h = History((r, g, b), opacity, count, fx, fy, valid > number(0.5, valid))
+    change_r, change_g, change_b, pull, unrest, calm = _load(change_in, build, layout)
     mean_a, mean_b, mean_c = _load(statistics_in[:3], build, layout)
+    current_r, current_g, current_b = _load(statistics_in[12:15], build, layout)
     resolved = resolve_pixel(
         (current_r, current_g, current_b),
         *load_shares(alpha, reactive, count, build, layout),
         (mean_a, mean_b, mean_c),
         h,
-        Rectification((change_r, change_g, change_b), pull),
+        Rectification((change_r, change_g, change_b), pull, unrest, calm),
         build,
         settings,
     )

@@ -4,39 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import get_type_hints
 
 import numpy as np
 import pytest
 
 from cltaa.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Storage, prelude
 from cltaa.frames import Camera, Frame
-from cltaa.params import (
-    Accumulate,
-    Box,
-    BoxSpace,
-    Dilation,
-    HistoryFilter,
-    Neighbourhood,
-    Rectify,
-    Reject,
-    Weighting,
-    override,
-)
+from cltaa.params import Choices, override
 from cltaa.presets import load_preset
 from cltaa.resolve import Resolver
 from tests.sequence_factory import bits, make_frame, special_values
 
-CHOICES = {
-    "history_filter": HistoryFilter,
-    "neighbourhood": Neighbourhood,
-    "box": Box,
-    "box_space": BoxSpace,
-    "rectify": Rectify,
-    "dilation": Dilation,
-    "reject": Reject,
-    "accumulate": Accumulate,
-    "weighting": Weighting,
-}
+# Every choice that shapes a kernel, with the kind of its values.
+CHOICES = get_type_hints(Choices)
 
 
 def turned(index: int, width: int, height: int) -> Camera:

@@ -16,7 +16,7 @@ from tests.kernels.test_resolve import hard_frames
 from tests.sequence_factory import bits
 
 # Planes that each stage leaves, as its file says.
-PLANES = {"repaired": 3, "statistics": 12, "motion": 7, "history": 8, "change": 4, "output": 4, "count": 1}
+PLANES = {"repaired": 3, "statistics": 15, "motion": 7, "history": 8, "change": 6, "output": 4, "count": 1}
 
 
 class Kept(Resolver):
@@ -28,7 +28,7 @@ class Kept(Resolver):
         assert self.plan is not None
         assert isinstance(self.launcher, DeviceLauncher)
         read, build, layout = self._buffers, self._build(self.plan), self._buffers.layout
-        record, settings = frame_record(frame, previous, layout), settings_record(self.plan.settings)
+        record, settings = frame_record(frame, previous, layout, self.plan), settings_record(self.plan.settings)
         made: dict[str, Buffer] = {name: read._planes(count) for name, count in PLANES.items()}
         # The resolve has swapped already: what it read as history and closeness is now what it will write next.
         current, closeness, motion = read.current, read.previous_closeness, read.optional("motion", 2)
@@ -46,7 +46,7 @@ class Kept(Resolver):
             previous_closeness=read.closeness, history_at=made["history"], **both)  # fmt: skip
         run("rectify_history", statistics_in=made["statistics"], motion_in=made["motion"],
             history_at=made["history"], change_out=made["change"], **both)  # fmt: skip
-        run("blend", repaired=made["repaired"], alpha=read.optional("alpha", 1), reactive=read.optional("reactive", 1),
+        run("blend", alpha=read.optional("alpha", 1), reactive=read.optional("reactive", 1),
             statistics_in=made["statistics"], history_at=made["history"], change_in=made["change"],
             output=made["output"], output_count=made["count"], **both)  # fmt: skip
         self.launcher.finish()
