@@ -43,6 +43,12 @@ def closeness(depth: NDArray[np.float32], camera: Camera, out: NDArray[np.float3
         out[wrong] = SKY_PERSPECTIVE
 
 
+def closeness_at(reversed_depth: float, camera: Camera) -> float:
+    """Closeness 1/Z of a perspective camera's (1 - z_ndc) / 2: 1 at the near plane, 0 at the far one."""
+    _, _, by_z, constant = camera.view_to_clip[2]
+    return float((1.0 - 2.0 * reversed_depth + by_z) / constant)
+
+
 def is_still(camera: Camera, previous: Camera) -> bool:
     """True when both matrices are the same, to the bit: then nothing moves, and D is exactly zero."""
     return np.array_equal(camera.world_to_view, previous.world_to_view) and np.array_equal(

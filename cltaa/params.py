@@ -55,6 +55,27 @@ class OnCameraMove(StrEnum):
     RESET = "reset"
 
 
+class RayThrough(StrEnum):
+    """Where in the pixel the surface is taken to lie that the depth tells of."""
+
+    SAMPLE = "sample"  # at the jittered sample that was drawn
+    CENTRE = "centre"  # at the pixel's centre, as resolves that reproject by unjittered matrices have it
+
+
+class ExposureChange(StrEnum):
+    """What a change of exposure does to the history."""
+
+    FOLLOW = "follow"  # it is scaled by the ratio
+    IGNORE = "ignore"
+
+
+class ReactiveMask(StrEnum):
+    """What the reactive channel does."""
+
+    USE = "use"  # less history where it is high
+    IGNORE = "ignore"
+
+
 class OffScreen(StrEnum):
     """What a history position outside the previous image means."""
 
@@ -213,6 +234,12 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         float,
         _number("luminance from which a sample's weight falls", 1e-3, 1e6, "scene units", "Karis 2014: 1; measured: 4"),
     ] = 4.0
+    sky_below: Annotated[
+        float, _number("reversed depth up to which a texel counts as sky (perspective)", 0.0, 0.5, "1", "simvx: 1e-4")
+    ] = 0.0
+    sky_at: Annotated[
+        float, _number("reversed depth at which the sky is reprojected; 0: at infinity", 0.0, 0.5, "1", "simvx: 1e-3")
+    ] = 0.0
     fresh_blur: Annotated[
         float, _number("share of the 3x3 mean in a pixel without history", 0.0, 1.0, "1", "measured")
     ] = 0.5
@@ -227,6 +254,9 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     reproject: Reproject = Reproject.FULL
     on_camera_move: OnCameraMove = OnCameraMove.KEEP
     off_screen: OffScreen = OffScreen.FRESH
+    ray_through: RayThrough = RayThrough.SAMPLE
+    exposure_change: ExposureChange = ExposureChange.FOLLOW
+    reactive_mask: ReactiveMask = ReactiveMask.USE
     neighbourhood: Neighbourhood = Neighbourhood.SQUARE
     box: Box = Box.EXTREMES
     box_space: BoxSpace = BoxSpace.YCOCG
@@ -245,6 +275,8 @@ class Preset(msgspec.Struct, frozen=True, kw_only=True):
 
     name: str
     description: str
+    jitter: str = ""  # the sample positions that it was published with, as ``cltaa capture --jitter`` takes them
+    published: bool = False  # somebody else's resolve: the plan leaves nothing out of it
     choices: Choices = Choices()
     settings: Settings = Settings()
 
@@ -272,4 +304,4 @@ def override(preset: Preset, values: Mapping[str, object], origin: str = "--set"
             parts[part] = msgspec.convert(merged, type(current), strict=False)
         except msgspec.ValidationError as error:
             raise UsageError(f"{origin}: {error}".replace("`$.", "`")) from None
-    return Preset(name=preset.name, description=preset.description, **parts)
+    return msgspec.structs.replace(preset, **parts)

@@ -12,7 +12,18 @@ import msgspec
 from cltaa.build import Steps
 from cltaa.cameras import is_still
 from cltaa.frames import Camera, Effect, Frame
-from cltaa.params import Accumulate, Choices, Dilation, Preset, Rectify, Reject, Reproject, Settings, Weighting
+from cltaa.params import (
+    Choices,
+    Dilation,
+    ExposureChange,
+    Preset,
+    ReactiveMask,
+    Rectify,
+    Reject,
+    Reproject,
+    Settings,
+    Weighting,
+)
 
 
 class Reason(NamedTuple):
@@ -49,9 +60,10 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None) -> Plan:
         camera_motion=camera_moves and reproject is not Reproject.NONE,
         own_motion=frame.motion is not None and reproject is Reproject.FULL,
         orthographic=frame.camera.orthographic,
-        exposure=declared is None or Effect.EXPOSURE in declared,
+        exposure=preset.choices.exposure_change is ExposureChange.FOLLOW
+        and (declared is None or Effect.EXPOSURE in declared),
         alpha=frame.alpha is not None,
-        reactive=frame.reactive is not None,
+        reactive=frame.reactive is not None and preset.choices.reactive_mask is ReactiveMask.USE,
     )
     reasons = [
         Reason(
@@ -74,8 +86,8 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None) -> Plan:
     if previous is None:
         # A first frame is what was drawn, to the bit; the blur is for pixels that appear amid others with a past.
         settings = msgspec.structs.replace(settings, fresh_blur=0.0)
-    # A fixed weight is part of a published resolve; what it does without cause it does there too, so it stays.
-    free = choices.accumulate is Accumulate.COUNT
+    # A published resolve does what it does whether the scene calls for it or not.
+    free = not preset.published
     if free and declared is not None and not declared & (_CHANGING | {Effect.CAMERA}):
         # Nothing can make history wrong: the plain mean of all samples is the best estimate there is.
         choices = msgspec.structs.replace(choices, rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE)

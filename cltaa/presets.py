@@ -6,6 +6,8 @@ import tomllib
 from importlib import resources
 from pathlib import Path
 
+import msgspec
+
 from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.params import Preset, override
 
@@ -42,8 +44,10 @@ def _parse(name: str, text: str, origin: str, base: Preset | None = None) -> Pre
         raise DataError(f"not TOML: {error}", path=origin) from None
     if "preset" in values:
         base = load_preset(str(values.pop("preset")))
-    description = str(values.pop("description", base.description if base else ""))
-    base = base or Preset(name=name, description=description)
-    return override(
-        Preset(name=name, description=description, choices=base.choices, settings=base.settings), values, origin
-    )
+    base = base or Preset(name=name, description="")
+    said = {key: values.pop(key) for key in ("description", "jitter", "published") if key in values}
+    try:
+        named = msgspec.convert(msgspec.to_builtins(base) | said | {"name": name}, Preset)
+    except msgspec.ValidationError as error:
+        raise UsageError(f"{origin}: {error}".replace("`$.", "`")) from None
+    return override(named, values, origin)

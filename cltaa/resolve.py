@@ -11,14 +11,14 @@ import numpy as np
 
 from cltaa.buffers import Buffers, fill
 from cltaa.build import FRAME_DTYPE, Build, Record, Storage, settings_record
-from cltaa.cameras import Displacement, closeness, displacement, is_still, sky_closeness
+from cltaa.cameras import Displacement, closeness, closeness_at, displacement, is_still, sky_closeness
 from cltaa.current_filter import axis_weights
 from cltaa.errors import DataError
 from cltaa.frames import Camera, Frame, Image
 from cltaa.kernel_files import code_sha256
 from cltaa.launch import Buffer, Launcher, launcher_for, storage_dtype
 from cltaa.layout import Layout
-from cltaa.params import OnCameraMove, Preset
+from cltaa.params import OnCameraMove, Preset, RayThrough
 from cltaa.plan import Plan, plan_frame
 from cltaa.presets import load_preset
 
@@ -181,7 +181,12 @@ class Resolver:
         layout = buffers.layout
         fill(buffers.current, layout, np.moveaxis(frame.colour, -1, 0))
         with buffers.closeness.mapped(write=True) as planes:
-            closeness(frame.depth, frame.camera, out=layout.inside(planes)[0])
+            inside = layout.inside(planes)[0]
+            closeness(frame.depth, frame.camera, out=inside)
+            settings = self.preset.settings
+            if settings.sky_at > 0.0 and not frame.camera.orthographic:
+                sky = inside <= closeness_at(settings.sky_below, frame.camera)
+                inside[sky] = closeness_at(settings.sky_at, frame.camera)
             layout.extend_edges(planes)
         if frame.motion is not None:
             fill(buffers.optional("motion", 2), layout, np.moveaxis(frame.motion, -1, 0))
@@ -238,6 +243,8 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan
     record["sky_closeness"] = sky_closeness(frame.camera)
     record["exposure_ratio"] = 1.0 if previous is None else frame.exposure / previous.exposure
     if plan is not None:
+        if plan.choices.ray_through is RayThrough.CENTRE:
+            record["origin_x"], record["origin_y"] = 0.5 - layout.width / 2.0, 0.5 - layout.height / 2.0
         axes = (axis_weights(jitter, plan.choices, plan.settings) for jitter in frame.jitter_px)
         (record["left_weight"], record["right_weight"]), (record["above_weight"], record["below_weight"]) = axes
     return record

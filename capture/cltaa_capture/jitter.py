@@ -58,6 +58,17 @@ def hammersley(count: int) -> Offsets:
 PATTERNS: dict[str, Callable[[int], Offsets]] = {"halton": halton, "r2": r2, "grid": grid, "hammersley": hammersley}
 
 
+# Sequences as three published resolves draw them, not centred: they belong to the presets of those names.
+PUBLISHED: dict[str, Offsets] = {
+    # (h - 1/2) / size in NDC, which spans 2: half of a pixel; y up
+    "vireo": (halton(16) - 0.5) * (0.5, -0.5),
+    # the image moves by (h - 1/2) px, y up, so the sample moves against it
+    "babylon": (halton(8) - 0.5) * (-1.0, 1.0),
+    # the index is raised before its first use
+    "simvx": np.roll(halton(8), -1, axis=0) - 0.5,
+}
+
+
 def centred(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Turn points [N] of the unit circle [0, 1) so that as offsets in [-0.5, 0.5) their mean is zero.
 
@@ -75,12 +86,17 @@ def centred(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def jitter_sequence(text: str) -> Offsets:
-    """Read ``none`` or ``PATTERN:N`` into N centred offsets [N, 2]; raises UsageError for anything else."""
+    """Read ``none``, ``PATTERN:N`` or a published name into offsets [N, 2]; raises UsageError for anything else.
+
+    The patterns are centred, what is published is as it was published.
+    """
     if text == "none":
         return np.zeros((1, 2))
+    if text in PUBLISHED:
+        return PUBLISHED[text].copy()
     name, _, period = text.partition(":")
     if name not in PATTERNS or not period.isascii() or not period.isdigit() or int(period) < 1:
-        known = ", ".join(f"{pattern}:N" for pattern in PATTERNS)
+        known = ", ".join([*(f"{pattern}:N" for pattern in PATTERNS), *PUBLISHED])
         raise UsageError(f"no such jitter: {text}", cure=f"use none or one of {known}, N at least 1")
     points = PATTERNS[name](int(period))
     return np.stack([centred(points[:, 0]), centred(points[:, 1])], axis=1)

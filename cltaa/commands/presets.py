@@ -61,6 +61,8 @@ def _members(enum: type[StrEnum]) -> str:
 
 def _toml(preset: Preset) -> str:
     lines = [f"# {preset.name}: {preset.description}"]
+    if preset.published:
+        lines += [f'jitter = "{preset.jitter}"', "published = true"]
     for part in (preset.choices, preset.settings):
         for key, value in msgspec.to_builtins(part).items():
             lines.append(f'{key} = "{value}"' if isinstance(value, str) else f"{key} = {value!r}")

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from types import ModuleType
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cltaa.errors import UsageError
-from cltaa_capture.jitter import centred, halton, hammersley, jitter_sequence, radical_inverse
+from cltaa.presets import load_preset, preset_names
+from cltaa_capture.jitter import PUBLISHED, centred, halton, hammersley, jitter_sequence, radical_inverse
+from tests.presets.transcriptions import babylon, simvx, vireo
 
 # 0.5 is exact and an offset has at most 53 bits: the mean of N offsets is off by N/2 roundings of 2^-54 at the most.
 MEAN_ERROR = 2.0**-50
@@ -63,3 +67,17 @@ def test_nonsense_is_refused(text: str) -> None:
     with pytest.raises(UsageError) as caught:
         jitter_sequence(text)
     assert "use" in str(caught.value)
+
+
+@pytest.mark.parametrize(("name", "published"), [("vireo", vireo), ("babylon", babylon), ("simvx", simvx)])
+def test_published_jitter_is_that_of_the_article(name: str, published: ModuleType) -> None:
+    offsets = jitter_sequence(name)
+    assert np.array_equal(offsets, [published.jitter_px(index) for index in range(len(offsets))])
+    assert np.array_equal(offsets[0], published.jitter_px(len(offsets)))
+
+
+def test_every_preset_names_a_jitter_that_can_be_drawn() -> None:
+    named = {load_preset(name).jitter for name in preset_names()} - {""}
+    assert named >= PUBLISHED.keys()
+    for text in named:
+        jitter_sequence(text)

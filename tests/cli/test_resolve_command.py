@@ -106,6 +106,7 @@ def test_printed_preset_is_a_configuration(tmp_path: Path, capsys: pytest.Captur
         path.write_text(capsys.readouterr().out)
         loaded, preset = load_config(path, load_preset()), load_preset(name)
         assert (loaded.choices, loaded.settings) == (preset.choices, preset.settings)
+        assert (loaded.jitter, loaded.published) == (preset.jitter, preset.published)
 
 
 def test_every_parameter_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
