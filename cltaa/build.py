@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.constants import CONSTANTS, PAD_X, PAD_Y
-from cltaa.params import Choices, Settings
+from cltaa.params import HOST_CHOICES, Choices, Settings
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -143,7 +143,7 @@ def prelude(build: Build) -> str:
         **{_macro(name): int(getattr(build.steps, name)) for name in Steps.__struct_fields__},
     }
     lines = [f"#define {name} {value}" for name, value in numbers.items()]
-    for name in Choices.__struct_fields__:
+    for name in sorted(set(Choices.__struct_fields__) - HOST_CHOICES):
         lines.extend(_enum_lines(name, getattr(build.choices, name)))
     lines.extend(f"#define {name} {_literal(constant.value, build.real)}" for name, constant in CONSTANTS.items())
     lines.extend(_struct_lines("frame_t", {name: kind for name, (kind, _) in FRAME_FIELDS.items()}))

@@ -1,4 +1,4 @@
-"""Every parameter of the resolve, declared once: type, range, unit, meaning and source.
+"""Every parameter of the resolve, declared once: the choices here, the numbers in ``settings.py``.
 
 From these declarations come the range check, the TOML key, the ``--set`` option, the row in the docs, the C struct that
 a kernel receives and the ``#define`` lines of its prelude.
@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import StrEnum
-from typing import Annotated, Any
+from typing import Any
 
 import msgspec
-from msgspec import Meta
 
 from cltaa.errors import UsageError
+from cltaa.settings import Settings as Settings
 
 
 class HistoryFilter(StrEnum):
@@ -171,80 +171,6 @@ class AntiFlicker(StrEnum):
     CLAMP_DISTANCE = "clamp-distance"  # by the distance of the history from the ends of its box (Karis 2014)
 
 
-def _number(meaning: str, low: float, high: float, unit: str, source: str) -> Meta:
-    return Meta(ge=low, le=high, description=meaning, extra={"unit": unit, "source": source})
-
-
-class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Continuous parameters; they reach the kernels as one struct by value and cost nothing to change."""
-
-    blend_weight: Annotated[
-        float, _number("least weight of the current sample (exponential)", 1e-6, 1.0, "1", "Karis 2014: 0.1")
-    ] = 0.1
-    moving_weight: Annotated[
-        float, _number("greatest weight of the current sample (adaptive)", 1e-6, 1.0, "1", "the Vireo article: 0.25")
-    ] = 0.25
-    motion_rate: Annotated[
-        float, _number("rise of that weight by motion (adaptive)", 0.0, 1e6, "1 / screens a frame", "the same: 30")
-    ] = 30.0
-    clip_rate: Annotated[
-        float, _number("rise of that weight by the rectified distance (adaptive)", 0.0, 1e6, "1 / scene unit", "3")
-    ] = 3.0
-    differing_share: Annotated[
-        float, _number("factor of the weight where luminances differ (difference)", 0.0, 1.0, "1", "INSIDE 2016: 0.12")
-    ] = 0.12
-    agreeing_share: Annotated[
-        float, _number("factor of the weight where luminances agree (difference)", 0.0, 1.0, "1", "INSIDE 2016: 0.03")
-    ] = 0.03
-    difference_knee: Annotated[
-        float, _number("least luminance that a difference is held against", 1e-3, 1e6, "scene units", "INSIDE: 0.2")
-    ] = 0.2
-    filter_falloff: Annotated[
-        float, _number("falloff of the gaussian current filter", 0.0, 64.0, "1 / pixel^2", "2.29: Blackman-Harris, 3.3")
-    ] = 2.29
-    sample_limit: Annotated[
-        float, _number("most samples that the history counts for", 1.0, 2.0**20, "samples", "measured")
-    ] = 24.0
-    resample_cost: Annotated[
-        float, _number("loss of count per fraction f(1-f) read between texels", 0.0, 16.0, "1", "measured")
-    ] = 1.5
-    pull_cost: Annotated[
-        float, _number("loss of count per half extent that rectification moved the history", 0.0, 64.0, "1", "measured")
-    ] = 0.5
-    gamma_still: Annotated[
-        float, _number("half width of the box where nothing moves", 0.0, 64.0, "standard deviations", "measured")
-    ] = 1.0
-    gamma_moving: Annotated[
-        float, _number("half width of the box in motion", 0.0, 64.0, "standard deviations", "Salvi 2016: 0.75 to 1.25")
-    ] = 1.0
-    motion_px: Annotated[
-        float, _number("motion from which gamma_moving holds", 1e-3, 1e6, "pixels a frame", "measured")
-    ] = 1.0
-    box_floor: Annotated[
-        float,
-        _number("least half extent of the box over its size (clip, ellipsoid)", 0.0, 1.0, "1", "2^-10: NUMERICS D2"),
-    ] = 2.0**-10
-    depth_tolerance: Annotated[
-        float, _number("relative slack of the depth test", 0.0, 1.0, "1", "0.02, two engines' value")
-    ] = 0.05
-    edge_tolerance: Annotated[
-        float, _number("relative skew of closeness in the 3x3 that makes a depth edge", 0.0, 1.0, "1", "measured")
-    ] = 0.03
-    luminance_knee: Annotated[
-        float,
-        _number("luminance from which a sample's weight falls", 1e-3, 1e6, "scene units", "Karis 2014: 1; measured: 4"),
-    ] = 4.0
-    sky_below: Annotated[
-        float, _number("reversed depth up to which a texel counts as sky (perspective)", 0.0, 0.5, "1", "simvx: 1e-4")
-    ] = 0.0
-    sky_at: Annotated[
-        float, _number("reversed depth at which the sky is reprojected; 0: at infinity", 0.0, 0.5, "1", "simvx: 1e-3")
-    ] = 0.0
-    fresh_blur: Annotated[
-        float, _number("share of the 3x3 mean in a pixel without history", 0.0, 1.0, "1", "measured")
-    ] = 0.5
-
-
 class Choices(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Parameters that shape the code; they reach the kernels as ``#define`` lines and cost one cached build."""
 
@@ -268,6 +194,10 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     anti_flicker: AntiFlicker = AntiFlicker.NONE
     alpha_from: AlphaFrom = AlphaFrom.BLEND
     negatives: Negatives = Negatives.RAISE
+
+
+# What the host alone looks at: it does not reach the kernels' text.
+HOST_CHOICES = frozenset({"exposure_change", "on_camera_move", "ray_through", "reactive_mask", "reproject"})
 
 
 class Preset(msgspec.Struct, frozen=True, kw_only=True):

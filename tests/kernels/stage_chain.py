@@ -31,10 +31,10 @@ Planes = dict[str, NDArray[Any]]
 # Kernel -> the planes that it writes: the stages in the order of the chain, and the fused kernel.
 WRITES: dict[str, dict[str, int]] = {
     "repair_colour": {"repaired": 3},
-    "neighbourhood_statistics": {"statistics_out": 12},
+    "neighbourhood_statistics": {"statistics_out": 15},
     "surface_motion": {"motion_out": 7},
     "sample_history": {"history_at": 8},
-    "rectify_history": {"change_out": 4},
+    "rectify_history": {"change_out": 6},
     "blend": {"output": 4, "output_count": 1},
     "resolve": {"output": 4, "output_count": 1},
 }
@@ -42,11 +42,22 @@ STAGES = [kernel for kernel in WRITES if kernel != "resolve"]
 # The choices and steps that each stage's code looks at.
 LOOKS_AT: dict[str, tuple[str, ...]] = {
     "repair_colour": (),
-    "neighbourhood_statistics": ("neighbourhood", "box_space"),
+    "neighbourhood_statistics": ("neighbourhood", "box", "box_space", "current_filter", "tonemap"),
     "surface_motion": ("dilation", "camera_motion", "own_motion", "orthographic"),
-    "sample_history": ("history_filter", "reject", "exposure", "alpha"),
-    "rectify_history": ("box", "box_space", "rectify"),
-    "blend": ("box_space", "accumulate", "weighting", "alpha", "reactive"),
+    "sample_history": ("history_filter", "reject", "exposure", "alpha", "tonemap", "off_screen"),
+    "rectify_history": ("box", "box_space", "rectify", "accumulate", "anti_flicker"),
+    "blend": (
+        "accumulate",
+        "alpha",
+        "alpha_from",
+        "anti_flicker",
+        "box",
+        "box_space",
+        "negatives",
+        "reactive",
+        "tonemap",
+        "weighting",
+    ),
 }
 DOMAIN_LIMIT = value_of("DOMAIN_LIMIT")
 UNWRITTEN = np.float32(-77.0)  # what no stage writes into a plane by itself
@@ -70,12 +81,10 @@ def hard_work(width: int = 70, height: int = 41, seed: int = 0, settings: Settin
         make_frame(i, width=width, height=height, camera=turned(i + seed % 7, width, height), exposure=1.0 + 0.3 * i)
         for i in (0, 1)
     )
-    return Work(
-        layout,
-        hard_planes(layout, seed),
-        frame_record(now, Past.of(before), layout),
-        settings_record(Settings() if settings is None else settings),
-    )
+    record = frame_record(now, Past.of(before), layout)
+    record["left_weight"], record["right_weight"], record["above_weight"], record["below_weight"] = 0.3, -0.05, 0.1, 0.2
+    settings = Settings() if settings is None else settings
+    return Work(layout, hard_planes(layout, seed), record, settings_record(settings))
 
 
 def hard_planes(layout: Layout, seed: int = 0) -> Planes:
