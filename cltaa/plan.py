@@ -55,33 +55,8 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None) -> Plan:
         camera_moves = declared is None or Effect.CAMERA in declared
     else:
         camera_moves = not is_still(frame.camera, previous)
-    reproject = preset.choices.reproject
-    steps = Steps(
-        camera_motion=camera_moves and reproject is not Reproject.NONE,
-        own_motion=frame.motion is not None and reproject is Reproject.FULL,
-        orthographic=frame.camera.orthographic,
-        exposure=preset.choices.exposure_change is ExposureChange.FOLLOW
-        and (declared is None or Effect.EXPOSURE in declared),
-        alpha=frame.alpha is not None,
-        reactive=frame.reactive is not None and preset.choices.reactive_mask is ReactiveMask.USE,
-    )
-    reasons = [
-        Reason(
-            "reprojection",
-            steps.camera_motion,
-            _of_preset(reproject, Reproject.CAMERA, Reproject.FULL)
-            or ("the camera moves" if camera_moves else "the camera stands"),
-        ),
-        Reason(
-            "own motion",
-            steps.own_motion,
-            _of_preset(reproject, Reproject.FULL)
-            or ("channel backward.u" if steps.own_motion else "no motion channel"),
-        ),
-        Reason("exposure", steps.exposure, _declared_or_not(Effect.EXPOSURE, declared)),
-        Reason("alpha", steps.alpha, "channel A" if steps.alpha else "no alpha channel"),
-        Reason("reactive", steps.reactive, "channel reactive" if steps.reactive else "no reactive channel"),
-    ]
+    steps = _steps(preset, frame, camera_moves)
+    reasons = _reasons(preset, steps, camera_moves, declared)
     choices, settings = preset.choices, preset.settings
     if previous is None:
         # A first frame is what was drawn, to the bit; the blur is for pixels that appear amid others with a past.
@@ -99,6 +74,40 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None) -> Plan:
         Reason("luminance weights", choices.weighting is Weighting.LUMINANCE, _declared_or_not(Effect.HDR, declared))
     )
     return Plan(choices, settings, steps, tuple(reasons))
+
+
+def _steps(preset: Preset, frame: Frame, camera_moves: bool) -> Steps:
+    reproject = preset.choices.reproject
+    return Steps(
+        camera_motion=camera_moves and reproject is not Reproject.NONE,
+        own_motion=frame.motion is not None and reproject is Reproject.FULL,
+        orthographic=frame.camera.orthographic,
+        exposure=preset.choices.exposure_change is ExposureChange.FOLLOW
+        and (frame.effects is None or Effect.EXPOSURE in frame.effects),
+        alpha=frame.alpha is not None,
+        reactive=frame.reactive is not None and preset.choices.reactive_mask is ReactiveMask.USE,
+    )
+
+
+def _reasons(preset: Preset, steps: Steps, camera_moves: bool, declared: frozenset[Effect] | None) -> list[Reason]:
+    reproject = preset.choices.reproject
+    return [
+        Reason(
+            "reprojection",
+            steps.camera_motion,
+            _of_preset(reproject, Reproject.CAMERA, Reproject.FULL)
+            or ("the camera moves" if camera_moves else "the camera stands"),
+        ),
+        Reason(
+            "own motion",
+            steps.own_motion,
+            _of_preset(reproject, Reproject.FULL)
+            or ("channel backward.u" if steps.own_motion else "no motion channel"),
+        ),
+        Reason("exposure", steps.exposure, _declared_or_not(Effect.EXPOSURE, declared)),
+        Reason("alpha", steps.alpha, "channel A" if steps.alpha else "no alpha channel"),
+        Reason("reactive", steps.reactive, "channel reactive" if steps.reactive else "no reactive channel"),
+    ]
 
 
 def _of_preset(reproject: Reproject, *wanted: Reproject) -> str:

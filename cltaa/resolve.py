@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -10,15 +9,16 @@ import msgspec
 import numpy as np
 
 from cltaa.buffers import Buffers, fill
-from cltaa.build import FRAME_DTYPE, Build, Record, Storage, settings_record
-from cltaa.cameras import Displacement, closeness, closeness_at, displacement, is_still, sky_closeness
-from cltaa.current_filter import axis_weights
+from cltaa.build import Build, Storage, settings_record
+from cltaa.cameras import closeness, closeness_at, is_still
 from cltaa.errors import DataError
-from cltaa.frames import Camera, Frame, Image
+from cltaa.frame_record import Past as Past
+from cltaa.frame_record import frame_record as frame_record
+from cltaa.frames import Frame, Image
 from cltaa.kernel_files import code_sha256
 from cltaa.launch import Buffer, Launcher, launcher_for, storage_dtype
 from cltaa.layout import Layout
-from cltaa.params import OnCameraMove, Preset, RayThrough
+from cltaa.params import OnCameraMove, Preset
 from cltaa.plan import Plan, plan_frame
 from cltaa.presets import load_preset
 
@@ -29,22 +29,6 @@ class Times(NamedTuple):
     upload: float
     kernels: float
     read_back: float
-
-
-@dataclass(frozen=True, slots=True)
-class Past:
-    """What the next frame needs to know of this one, without its pixels."""
-
-    index: int
-    camera: Camera
-    exposure: float
-    shape: tuple[int, ...]
-    alpha: bool
-
-    @classmethod
-    def of(cls, frame: Frame) -> Past:
-        """The past that ``frame`` becomes."""
-        return cls(frame.index, frame.camera, frame.exposure, frame.colour.shape, frame.alpha is not None)
 
 
 class Resolver:
@@ -220,34 +204,6 @@ class Resolver:
         self.launcher.run(
             "extend_edges", float_build, layout, {"image": buffers.output_count, "frame": record, "planes": 1}
         )
-
-
-def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan | None = None) -> Record:
-    """The per-frame struct of the kernels for ``frame``, whose history is that of ``previous`` (None: none).
-
-    Without a ``plan`` the current filter has no weights.
-    """
-    earlier: Camera = frame.camera if previous is None else previous.camera
-    moved: Displacement = displacement(frame.camera, earlier, layout.width, layout.height)
-    record = np.zeros((), FRAME_DTYPE)
-    record["width"], record["height"], record["stride"] = layout.width, layout.height, layout.stride
-    record["reset"] = int(previous is None)
-    record["number"] = frame.index % 2**31
-    record["origin_x"] = 0.5 + frame.jitter_px[0] - layout.width / 2.0
-    record["origin_y"] = 0.5 + frame.jitter_px[1] - layout.height / 2.0
-    for row, letter in enumerate("xyw"):
-        for column, by in enumerate("xyq1"):
-            record[letter + by] = moved.rows[row, column]
-    for column, by in enumerate("xyq1"):
-        record["z" + by] = moved.closeness[column]
-    record["sky_closeness"] = sky_closeness(frame.camera)
-    record["exposure_ratio"] = 1.0 if previous is None else frame.exposure / previous.exposure
-    if plan is not None:
-        if plan.choices.ray_through is RayThrough.CENTRE:
-            record["origin_x"], record["origin_y"] = 0.5 - layout.width / 2.0, 0.5 - layout.height / 2.0
-        axes = (axis_weights(jitter, plan.choices, plan.settings) for jitter in frame.jitter_px)
-        (record["left_weight"], record["right_weight"]), (record["above_weight"], record["below_weight"]) = axes
-    return record
 
 
 def _check_shapes(frame: Frame) -> None:
