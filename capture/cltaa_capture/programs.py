@@ -19,6 +19,7 @@ SHADERS = files("cltaa_capture") / "shaders"
 SETTERS: dict[int, Callable[[int, Any], None]] = {
     GL.GL_FLOAT: GL.glUniform1f,
     GL.GL_SAMPLER_2D: GL.glUniform1i,
+    GL.GL_SAMPLER_2D_SHADOW: GL.glUniform1i,
     GL.GL_FLOAT_VEC2: lambda location, value: GL.glUniform2fv(location, 1, value),
     GL.GL_FLOAT_VEC3: lambda location, value: GL.glUniform3fv(location, 1, value),
     GL.GL_FLOAT_VEC4: lambda location, value: GL.glUniform4fv(location, 1, value),

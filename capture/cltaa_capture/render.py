@@ -13,12 +13,14 @@ from cltaa.frames import Effect, Image
 from cltaa_capture.cameras import planar_depth
 from cltaa_capture.jitter import Offsets
 from cltaa_capture.programs import ProgramShelf, Uniforms
+from cltaa_capture.shadows import ShadowMap
 from cltaa_capture.stage import Placed, Staged, jitter_uniforms, stage
 from cltaa_capture.targets import Target, use_reversed_depth
-from cltaa_capture.upload import upload
-from cltaa_datasets.scene import Instant, Scene
+from cltaa_capture.upload import Drawable, upload
+from cltaa_datasets.scene import Instant, Scene, Shadow
 
 # Output of a target -> effect that calls for it; colour is always drawn.
+SHADOW_DEFINES = ("TEXCOORD_SLOT", "MASK", "BASE_TEXTURE")  # what shadow.vert and shadow.frag know
 CALLED_FOR_BY = {"motion": Effect.MOTION, "reactive": Effect.REACTIVE}
 
 
@@ -49,10 +51,12 @@ class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]
         holder, self._drawables = upload(scene)
         self._update_context(holder, pyrender.RenderFlags.NONE)
         self._no_vertices = GL.glGenVertexArrays(1)
+        self._shadow_map: ShadowMap | None = None
 
     def delete(self) -> None:
         """Free everything that this renderer put into the context."""
         self._programs.delete()
+        self._free_shadow_map()
         GL.glDeleteVertexArrays(1, [self._no_vertices])
         super().delete()
 
@@ -90,7 +94,28 @@ class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]
         for item in (*staged.solid, *staged.glassy):
             if item.vertices is not None and item.drawable.vertices is not None:
                 item.drawable.vertices.fill(item.vertices)
+        if staged.shadow is not None:
+            self._draw_shadow(staged, staged.shadow)
         return staged
+
+    def _draw_shadow(self, staged: Staged, shadow: Shadow) -> None:
+        """Draw what casts shadows as the sun sees it, once for all samples of an instant."""
+        if self._shadow_map is None or self._shadow_map.texels != shadow.texels:
+            self._free_shadow_map()
+            self._shadow_map = ShadowMap(shadow.texels)
+        self._shadow_map.begin()
+        for item in staged.solid:
+            drawable = item.drawable
+            wanted = {k: v for k, v in drawable.defines.items() if k in SHADOW_DEFINES}
+            self._bind_textures(drawable)
+            self._programs.get("shadow.vert", "shadow.frag", wanted).bind(item.uniforms, drawable.uniforms)
+            self._draw_elements(drawable)
+        self._shadow_map.bind()
+
+    def _free_shadow_map(self) -> None:
+        if self._shadow_map is not None:
+            self._shadow_map.delete()
+            self._shadow_map = None
 
     def _paint(self, target: Target, staged: Staged, jitter_px: tuple[float, float]) -> None:
         """Draw into ``target``: what hides, then the sky behind it, then what can be seen through."""
@@ -113,19 +138,26 @@ class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]
         for item in items:
             drawable = item.drawable
             moving = {"MOVING": 1} if item.moves and "MOTION" in defines else {}
-            for unit, texels in enumerate(drawable.textures):
-                GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
-                texels._bind()
+            self._bind_textures(drawable)
             program = self._programs.get("mesh.vert", "mesh.frag", defines | drawable.defines | moving)
             program.bind(item.uniforms, drawable.uniforms, *frame)
             (GL.glDisable if drawable.part.material.double_sided else GL.glEnable)(GL.GL_CULL_FACE)
             # A mirroring pose turns the triangles round (glTF 2.0 section 3.7.4).
             GL.glFrontFace(GL.GL_CW if item.mirrored else GL.GL_CCW)
-            drawable.primitive._bind()
-            GL.glDrawElements(GL.GL_TRIANGLES, drawable.primitive.indices.size, GL.GL_UNSIGNED_INT, None)
+            self._draw_elements(drawable)
+
+    def _bind_textures(self, drawable: Drawable) -> None:
+        for unit, texels in enumerate(drawable.textures):
+            GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
+            texels._bind()
+
+    def _draw_elements(self, drawable: Drawable) -> None:
+        drawable.primitive._bind()
+        GL.glDrawElements(GL.GL_TRIANGLES, drawable.primitive.indices.size, GL.GL_UNSIGNED_INT, None)
 
     def _draw_sky(self, outputs: dict[str, int], frame: tuple[Uniforms, ...]) -> None:
-        self._programs.get("sky.vert", "sky.frag", outputs).bind(*frame)
+        stars = {"STARS": 1} if frame[0]["stars"] > 0.0 else {}
+        self._programs.get("sky.vert", "sky.frag", outputs | stars).bind(*frame)
         GL.glDisable(GL.GL_CULL_FACE)
         # At infinity, reversed depth is 0 as cleared: only "greater or equal" lets the sky through.
         GL.glDepthFunc(GL.GL_GEQUAL)

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from cltaa.errors import InternalError
 from cltaa.frames import Effect, Matrix
 from cltaa_capture.cameras import camera_at, clip_to_world_direction, jitter_ndc, reversed_projection
+from cltaa_capture.shadows import casting_sun, shadow_uniforms, world_to_shadow
 from cltaa_capture.upload import Drawable
-from cltaa_datasets.scene import AlphaMode, Instant, Orthographic, Part, Scene, Shape, Sky, Sun
+from cltaa_datasets.scene import AlphaMode, Instant, Orthographic, Part, Scene, Shadow, Shape, Sky, Sun
 
 NO_SKY = Sky(zenith=(0.0, 0.0, 0.0), horizon=(0.0, 0.0, 0.0), ground=(0.0, 0.0, 0.0), ambient=0.0)
 
@@ -39,6 +40,7 @@ class Staged:
     has_sky: bool
     defines: dict[str, int]
     uniforms: dict[str, Any]
+    shadow: Shadow | None  # the map to draw first
 
 
 def float32(values: Any) -> NDArray[np.float32]:
@@ -60,17 +62,23 @@ def stage(scene: Scene, drawables: Sequence[Drawable], now: Instant, before: Ins
         defines["FOG"] = 1
     if isinstance(now.lens, Orthographic):
         defines["PARALLEL"] = 1
+    shadowed = casting_sun(now.lights)
+    if shadowed is not None:
+        defines["SHADOWED_SUN"] = shadowed[0]
     return Staged(
         solid=sorted(solid, key=lambda item: item.depth),
         glassy=sorted(glassy, key=lambda item: -item.depth),
         has_sky=now.sky is not None and Effect.SKY in scene.effects,
         defines=defines,
-        uniforms=_frame_uniforms(now, size),
+        uniforms=_frame_uniforms(now, size) | shadow_uniforms(now),
+        shadow=None if shadowed is None else shadowed[2],
     )
 
 
 def _place(scene: Scene, drawables: Sequence[Drawable], now: Instant, before: Instant, aspect: float) -> list[Placed]:
     projection, earlier_projection = (reversed_projection(instant.lens, aspect) for instant in (now, before))
+    shadowed = casting_sun(now.lights)
+    to_shadow = None if shadowed is None else world_to_shadow(*shadowed[1:])
     placed = []
     for drawable, pose, earlier in zip(drawables, now.poses, before.poses, strict=True):
         if pose is None:
@@ -82,6 +90,8 @@ def _place(scene: Scene, drawables: Sequence[Drawable], now: Instant, before: In
             "model_to_view": float32(model_to_view),
             "normal_to_world": float32(normal_matrix(pose)),
         }
+        if to_shadow is not None:
+            uniforms["model_to_shadow"] = float32(to_shadow @ pose)
         # What can be seen through writes no motion, and so may move undeclared: the channel reactive tells.
         solid = drawable.part.material.alpha_mode is not AlphaMode.BLEND
         shapes = _shapes(drawable.part, now, before)
@@ -131,6 +141,7 @@ def _frame_uniforms(now: Instant, size: tuple[int, int]) -> dict[str, Any]:
         "ndc_to_world": float32(clip_to_world_direction(camera_at(now, size[0] / size[1]))),
         "sky.ambient": sky.ambient,
         "sky.fog": sky.fog,
+        "stars": sky.stars,
     }
     for name in ("zenith", "horizon", "ground", "glow", "glow_direction"):
         uniforms[f"sky.{name}"] = float32(getattr(sky, name))

@@ -16,6 +16,7 @@ from cltaa_datasets.meshes import texture_coordinates
 from cltaa_datasets.scene import AlphaMode, Material, Part, Scene, Texture
 
 POSE_SLOTS = 4
+SMALLEST_ALPHA = 1e-6  # of a base colour that is divided by
 
 
 class Texels(pyrender.Texture):  # type: ignore[misc]
@@ -136,6 +137,7 @@ def _drawable(part: Part, shared: dict[int, Texels]) -> Drawable:
         "material.roughness": material.roughness,
         "material.specular": material.specular,
         "material.alpha_cutoff": material.alpha_cutoff,
+        "cutoff": material.alpha_cutoff / max(material.base_colour[3], SMALLEST_ALPHA),
     }
     uniforms |= {name: unit for unit, name in enumerate(texels)}
     centre = np.append(part.mesh.bounds.mean(axis=0), 1.0)

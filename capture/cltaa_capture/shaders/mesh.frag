@@ -34,6 +34,12 @@ uniform sampler2D metallic_roughness_texture;
 uniform sampler2D emissive_texture;
 #endif
 
+#ifdef SHADOWED_SUN
+uniform sampler2DShadow shadow_map;
+uniform mat4 view_to_shadow;
+uniform float shadow_offset;  // metres along the normal
+#endif
+
 in vec3 view_position;
 in vec3 world_normal;
 #ifdef TEXCOORD_SLOT
@@ -132,6 +138,16 @@ Surface surface_of(vec4 base)
     return s;
 }
 
+#ifdef SHADOWED_SUN
+// Share of the sun that reaches a point: 0 in shadow, 1 in light and outside the map.
+float sunlight(Surface s)
+{
+    vec3 lifted = view_position + shadow_offset * (s.normal * view_to_world);
+    vec3 at = (view_to_shadow * vec4(lifted, 1.0)).xyz;
+    return texture(shadow_map, vec3(0.5 + 0.5 * at.xy, at.z));
+}
+#endif
+
 vec3 shade(Surface s)
 {
 #ifdef UNLIT
@@ -139,7 +155,13 @@ vec3 shade(Surface s)
 #else
     vec3 radiance = reflected_sky(s);
 #if SUNS > 0
-    for (int i = 0; i < SUNS; ++i) radiance += reflected(s, suns[i].direction, suns[i].irradiance);
+    for (int i = 0; i < SUNS; ++i) {
+        vec3 irradiance = suns[i].irradiance;
+#ifdef SHADOWED_SUN
+        if (i == SHADOWED_SUN) irradiance *= sunlight(s);
+#endif
+        radiance += reflected(s, suns[i].direction, irradiance);
+    }
 #endif
 #if LAMPS > 0
     for (int i = 0; i < LAMPS; ++i) {

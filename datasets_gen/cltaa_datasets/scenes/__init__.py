@@ -18,6 +18,7 @@ from cltaa_datasets.scenes import (  # noqa: F401 (importing registers)
     corridor,
     deforming,
     distances,
+    everything,
     glass,
     lights,
     occluder,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import trimesh
 
@@ -23,10 +25,8 @@ def shape_of(mesh: trimesh.Trimesh) -> Shape:
     return Shape(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.vertex_normals, np.float64))
 
 
-@register("cloth", "A printed cloth waves before a wall", (Effect.MOTION, Effect.UNCOVER))
-def cloth(seed: int) -> Staging:
-    """Wave a sheet that shines by itself: every vertex moves its own way, and no colour changes."""
-    rng = np.random.default_rng(seed)
+def banner(rng: np.random.Generator) -> tuple[Part, Callable[[float], Shape]]:
+    """Return a printed cloth and its shape as a function of time; it shines by itself, so that no colour changes."""
     page = textures.lettering(rng, (0.05, 0.06, 0.30), (0.86, 0.80, 0.62), 20)
     print_ = Material(
         base_colour=(0.0, 0.0, 0.0, 1.0), specular=0.0, emissive=(0.8, 0.8, 0.8), emissive_texture=page,
@@ -42,12 +42,16 @@ def cloth(seed: int) -> Staging:
 
         return meshes.surface(point, CELLS, CELLS // 2, (2.0, 1.0))
 
-    parts = (Part("cloth", waving(0.0), print_, deforms=True), *poster_wall(rng))
+    return Part("cloth", waving(0.0), print_, deforms=True), lambda time: shape_of(waving(time))
 
-    def at(time: float) -> Instant:
-        return standing(parts, shapes={"cloth": shape_of(waving(time))})
 
-    return parts, at
+@register("cloth", "A printed cloth waves before a wall", (Effect.MOTION, Effect.UNCOVER))
+def cloth(seed: int) -> Staging:
+    """Wave a sheet: every vertex moves its own way."""
+    rng = np.random.default_rng(seed)
+    sheet, shape = banner(rng)
+    parts = (sheet, *poster_wall(rng))
+    return parts, lambda time: standing(parts, shapes={"cloth": shape(time)})
 
 
 @register(

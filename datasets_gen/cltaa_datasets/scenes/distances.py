@@ -15,6 +15,10 @@ SWING, REACH = 4.0, 0.8  # seconds, metres
 NEAREST, FARTHEST = 0.1, 3.0e5  # metres
 EYE_HEIGHT, SIDEWAYS = 30.0, 0.04  # metres
 TURN = np.radians(2.0)
+STARS_TURN = np.radians(6.0)
+NIGHT = Sky(zenith=(0.004, 0.006, 0.016), horizon=(0.05, 0.05, 0.07), ground=(0.01, 0.01, 0.01), stars=4.0)
+NIGHT_LENS = Perspective(np.radians(50.0))
+MOON = Sun(animation.direction(-140.0, 50.0), (0.8, 0.9, 1.1))
 
 
 @register("far_off", "A dolly through a gallery a million metres from the origin", (Effect.CAMERA, Effect.UNCOVER))
@@ -73,5 +77,33 @@ def depth_range(seed: int) -> Staging:
         view = animation.rotation(animation.UP, TURN * animation.swing(time + phase, SWING))
         view = view @ animation.look_at((x, EYE_HEIGHT, 0.0), (x, EYE_HEIGHT - 2.0, -100.0))
         return standing(parts, view, lens=lens, lights=lights, sky=sky)
+
+    return parts, at
+
+
+@register(
+    "starry",
+    "Posts under a sky full of stars, from a camera that turns, rolls and walks",
+    (Effect.CAMERA, Effect.UNCOVER, Effect.THIN, Effect.SKY),
+)
+def starry(seed: int) -> Staging:
+    """Turn under the stars: a walk must not move them."""
+    rng = np.random.default_rng(seed)
+    ground = Material(base_texture=textures.mottle(rng, (0.02, 0.03, 0.03), (0.10, 0.11, 0.09), 16), specular=0.0)
+    timber = Material(base_texture=textures.planks(rng, (0.24, 0.18, 0.12)), specular=0.0)
+    posts = [
+        meshes.bar((x, 0.0, z), (x + lean, 3.2, z), 0.07, 8)
+        for x, z, lean in zip(rng.uniform(-7, 7, 16), rng.uniform(-12, -3, 16), rng.uniform(-0.3, 0.3, 16), strict=True)
+    ]
+    parts = (Part("ground", meshes.floor(200.0, 3.0, 32), ground), Part("posts", meshes.merge(posts), timber))
+    phase = float(rng.random()) * SWING
+
+    def at(time: float) -> Instant:
+        now = time + phase
+        pan = animation.rotation(animation.UP, STARS_TURN * animation.swing(now, SWING))
+        roll = animation.rotation((0.0, 0.0, 1.0), STARS_TURN * animation.swing(now, 0.7 * SWING))
+        x = REACH * animation.swing(now, SWING)
+        view = roll @ pan @ animation.look_at((x, 1.6, 2.0), (x, 3.4, -6.0))
+        return standing(parts, view, lens=NIGHT_LENS, lights=(MOON,), sky=NIGHT)
 
     return parts, at

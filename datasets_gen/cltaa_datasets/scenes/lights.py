@@ -7,7 +7,7 @@ import numpy as np
 from cltaa.frames import Effect
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
-from cltaa_datasets.scene import Instant, Lamp, Material, Part
+from cltaa_datasets.scene import Instant, Lamp, Material, Part, Shadow, Sun
 from cltaa_datasets.sets import LIGHTS, gallery, poster_wall, standing
 
 FLASH = 0.2  # seconds from one flash to the next
@@ -16,6 +16,8 @@ STEP = 0.4  # seconds between changes of exposure
 EXPOSURES = (1.0, 0.25, 2.0, 0.5)
 ORBIT = 1.1  # seconds that the lamp of the glints takes around the things
 LAMP = 25.0
+SUN_SWING = 3.0  # seconds
+SHADOW = Shadow((0.0, 1.5, -0.5), 4.0)
 
 
 @register("glints", "Highlights of up to 10000 run over still gold and lacquer", (Effect.SHADING, Effect.HDR))
@@ -69,5 +71,19 @@ def exposure(seed: int) -> Staging:
 
     def at(time: float) -> Instant:
         return standing(parts, exposure=EXPOSURES[animation.whole_periods(time, STEP) % len(EXPOSURES)])
+
+    return parts, at
+
+
+@register("shadow", "The shadows of still things sweep over a wall as the sun runs", (Effect.SHADING,))
+def shadow(seed: int) -> Staging:
+    """Let the sun cross the sky in seconds; nothing else moves."""
+    parts = gallery(seed)
+    phase = float(np.random.default_rng(seed).random())
+
+    def at(time: float) -> Instant:
+        azimuth = 150.0 + 25.0 * animation.swing(time, SUN_SWING, phase)
+        sun = Sun(animation.direction(azimuth, 42.0), (3.9, 3.6, 3.1), SHADOW)
+        return standing(parts, lights=(sun,))
 
     return parts, at
