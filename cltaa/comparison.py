@@ -11,7 +11,8 @@ from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.exr import read_header
 from cltaa.frames import Image
 from cltaa.metrics import light_mse
-from cltaa.sources import ImageSequence, Sequence, check_same_size, open_images, open_sequence
+from cltaa.numbered import check_same_size
+from cltaa.sources import ImageSequence, Sequence, open_images, open_sequence
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +90,7 @@ def truth_samples(reference: ImageSequence) -> int | None:
 
 
 def supersampling_curve(
-    capture: Sequence, numbers: range, one_sample_mse: float, stops: float = 0.0
+    capture: Sequence, numbers: tuple[int, ...], one_sample_mse: float, stops: float = 0.0
 ) -> list[tuple[int, float]]:
     """Measured mean squared error against samples a pixel, from the folders ``reference-<n>/`` of a capture.
 

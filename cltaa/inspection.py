@@ -16,8 +16,9 @@ from cltaa.exr_channels import frame_channels
 from cltaa.exr_layout import LOSSLESS, Layout
 from cltaa.frames import Effect, Matrix
 from cltaa.manifest import recorded_hashes
+from cltaa.numbered import numbered_files
 from cltaa.pixel_statistics import ChannelStatistics, pixel_problems
-from cltaa.sources import numbered_files, open_images
+from cltaa.sources import open_images
 
 LARGEST_MEAN_JITTER = 1e-3  # pixels; a mean that is not 0 shifts the whole image for good
 

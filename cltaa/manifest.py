@@ -28,10 +28,11 @@ RESTART_CURE = "use --restart to begin anew, or another folder"
 
 
 class Entry(NamedTuple):
-    """What the manifest says about a finished file: its hash, and that of the input it was made from."""
+    """What the manifest says about a finished file: its hash, that of its input, and the frame it continues."""
 
     sha256: str
     input_sha256: str
+    after: int | None  # None: the first frame
 
 
 def file_sha256(path: Path) -> str:
@@ -115,8 +116,10 @@ class Manifest:
         for line in lines[1:]:
             record = _parsed(line) or {}
             name = str(record.get("file", ""))
-            if name and Path(name).name == name:  # never a way out of the folder
-                self.entries[name] = Entry(str(record.get("sha256")), str(record.get("input_sha256")))
+            # Never a way out of the folder, and no line of another program.
+            if name and Path(name).name == name and record.keys() == {"file", *Entry._fields}:
+                del record["file"]
+                self.entries[name] = Entry(**record)
 
     def begin(self, settings: Mapping[str, Any]) -> None:
         """Write the first line; raises OutputError and StorageError."""
@@ -126,7 +129,7 @@ class Manifest:
 
     def append(self, name: str, entry: Entry) -> None:
         """Vouch, durably, for a file that has its final name; raises StorageError."""
-        line = _line({"file": name, "sha256": entry.sha256, "input_sha256": entry.input_sha256})
+        line = _line({"file": name, **entry._asdict()})
         try:
             with self.path.open("r+b") as stream:
                 # A torn last line would swallow this one: end it first.

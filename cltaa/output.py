@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from cltaa.atomic import make_folder, remove_stale_temporaries
 from cltaa.errors import DataError, OutputError, UsageError
@@ -34,6 +34,13 @@ def owned(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)
+
+
+class Source(NamedTuple):
+    """What a frame was made from: the SHA-256 of its input, and the frame that it continues (None: the first)."""
+
+    sha256: str
+    after: int | None
 
 
 class OutputFolder:
@@ -67,24 +74,28 @@ class OutputFolder:
         """
         if not self.manifest.entries:
             return list(sequence.numbers)
-        return [
-            number
-            for number in track(sequence.numbers, len(sequence), "checking")
-            if not self._finished(sequence.path(number), number)
-        ]
+        numbers = sequence.numbers
+        pairs = zip((None, *numbers), numbers, strict=False)
+        looked_at = track(pairs, len(numbers), "checking")
+        return [number for before, number in looked_at if not self._finished(sequence.path(number), number, before)]
 
-    def _finished(self, source: Path, number: int) -> bool:
-        if not self.manifest.vouches_for(self.folder / source.name):
+    def _finished(self, source: Path, number: int, before: int | None) -> bool:
+        entry = self.manifest.entries.get(source.name)
+        if entry is None:
             return False
-        expected, found = self.manifest.entries[source.name].input_sha256, file_sha256(source)
-        if found != expected:
-            what = "the input is not the one that this frame of the output was made from"
-            raise DataError(what, path=source, frame=number, expected=expected, found=found, cure=RESTART_CURE)
-        return True
+        for what, expected, found in (
+            ("the input is not the one that this frame was made from", entry.input_sha256, file_sha256(source)),
+            ("another frame lies before this one than did", entry.after, before),
+        ):
+            if expected != found:
+                raise DataError(
+                    what, path=source, frame=number, expected=expected, found=found, cure=RESTART_CURE
+                )  # fmt: skip
+        return self.manifest.vouches_for(self.folder / source.name)
 
-    def finish(self, path: Path, input_sha256: str) -> None:
+    def finish(self, path: Path, source: Source) -> None:
         """Vouch for a frame that has its final name; raises StorageError."""
-        self.manifest.append(path.name, Entry(file_sha256(path), input_sha256))
+        self.manifest.append(path.name, Entry(file_sha256(path), *source))
 
 
 def _clear(folder: Path) -> None:

@@ -22,7 +22,7 @@ from cltaa.exr_channels import Pixels
 from cltaa.frames import Effect, Frame, Image
 from cltaa.interrupt import Stop, stop_signals
 from cltaa.manifest import file_sha256
-from cltaa.output import OutputFolder, owned
+from cltaa.output import OutputFolder, Source, owned
 from cltaa.params import Preset
 from cltaa.progress import track
 from cltaa.resolve import Resolver, Times
@@ -81,7 +81,7 @@ def resolve_sequence(
     if output.resolve() == sequence.folder.resolve():
         raise UsageError("the output would overwrite the sequence", path=output, cure="name another folder with -o")
     if preview is not None:
-        import_av()  # told before the work, not after it
+        _check_film(sequence, preview)
     options = {"effects": effects if isinstance(effects, str) else sorted(effects), "half": half}
     settings = {**resolver.settings(), **options, "compression": compression, **sequence_settings(sequence)}
     with owned(output), stop_signals() as stop:
@@ -99,8 +99,15 @@ def resolve_sequence(
         _write_record(output, outcome, resolver.preset)
         checkpoints.clear()
     if preview is not None:
-        write_video(preview, open_images(output).select(sequence.first, sequence.last))
+        write_video(preview, open_images(output, gaps=sequence.gaps).select(sequence.first, sequence.last))
     return outcome
+
+
+def _check_film(sequence: Sequence, preview: Path) -> None:
+    """Tell before the work what would stop the film after it."""
+    import_av()
+    if len({(layout.width, layout.height) for layout in sequence.layouts.values()}) > 1:
+        raise UsageError("a film of frames of several sizes", path=preview, cure="leave --preview out")
 
 
 def sequence_settings(sequence: Sequence) -> dict[str, Any]:
@@ -135,13 +142,13 @@ class _Run:
         wanted = frozenset(missing)
         part = self._sequence.select(numbers[0], numbers[-1])
         started = time.perf_counter()
-        with Writer(compression=compression) as writer, read_ahead(_with_hashes(part)) as frames:
-            for frame, digest in track(frames, len(numbers), "resolving"):
+        with Writer(compression=compression) as writer, read_ahead(_read(part, after)) as frames:
+            for done, (frame, source) in enumerate(track(frames, len(numbers), "resolving"), start=1):
                 image = self._resolver.resolve(_with_effects(frame, self._effects))
                 if frame.index in wanted:
-                    self._write(writer, frame, digest, image_channels(image, half=half))
+                    self._write(writer, frame, source, image_channels(image, half=half))
                 self._note(self._resolver.times)
-                if self._stop.requested or (frame.index + 1) % checkpoint_every == 0:
+                if self._stop.requested or done % checkpoint_every == 0:
                     self._checkpoints.save(self._resolver)
                 if self._stop.requested:
                     raise KeyboardInterrupt
@@ -150,11 +157,11 @@ class _Run:
             self._seconds["write"] += writer.seconds
         self._seconds["whole"].append((time.perf_counter() - started) / len(numbers))
 
-    def _write(self, writer: Writer, frame: Frame, digest: str, channels: dict[str, Pixels]) -> None:
+    def _write(self, writer: Writer, frame: Frame, source: Source, channels: dict[str, Pixels]) -> None:
         assert frame.path is not None
         path = self._folder.folder / frame.path.name
         attributes = resolved_attributes(frame, self._resolver)
-        writer.write(path, channels, attributes, then=lambda: self._folder.finish(path, digest))
+        writer.write(path, channels, attributes, then=lambda: self._folder.finish(path, source))
         self._written.add(frame.index)
 
     def _note(self, times: Times) -> None:
@@ -175,11 +182,12 @@ class _Run:
         )
 
 
-def _with_hashes(sequence: Sequence) -> Iterator[tuple[Frame, str]]:
-    """Each frame with the SHA-256 of the file that it was read from."""
+def _read(sequence: Sequence, before: int | None) -> Iterator[tuple[Frame, Source]]:
+    """Each frame with what vouches for its input; ``before`` is the frame that the first one continues."""
     for number in sequence.numbers:
         digest = file_sha256(sequence.path(number))
-        yield sequence.frame(number), digest
+        yield sequence.frame(number), Source(digest, before)
+        before = number
 
 
 def image_channels(image: Image, *, half: bool = False) -> dict[str, Pixels]:

@@ -15,6 +15,7 @@ from cltaa.checkpoint import CHECKPOINT_EVERY
 from cltaa.commands.options import verify_option
 from cltaa.errors import UsageError
 from cltaa.frames import Effect, parse_effects
+from cltaa.numbered import OnBreak
 from cltaa.params import Preset, override
 from cltaa.pipeline import Outcome, resolve_sequence, stage_rows
 from cltaa.presets import load_config, load_preset
@@ -40,6 +41,10 @@ from cltaa.sources import open_sequence
               show_default=True, help="Number that the history is kept in.")  # fmt: skip
 @click.option("--strict", is_flag=True, help="Kernels that match the NumPy oracle bit for bit.")
 @verify_option
+@click.option("--gaps", type=click.Choice([mode.value for mode in OnBreak]), default=OnBreak.ERROR.value,
+              show_default=True, help="A missing frame: refuse it, or begin a new history behind it.")  # fmt: skip
+@click.option("--on-resize", type=click.Choice([mode.value for mode in OnBreak]), default=OnBreak.ERROR.value,
+              show_default=True, help="Another size: refuse it, or begin a new history with it.")  # fmt: skip
 @click.option("--restart", is_flag=True, help="Begin the output folder anew, whatever it was begun with.")
 @click.option("--checkpoint", type=click.IntRange(min=1), default=CHECKPOINT_EVERY, show_default=True,
               metavar="N", help="Save the state every N frames, for a run that goes on after a kill.")  # fmt: skip
@@ -59,6 +64,8 @@ def resolve(
     storage: str,
     strict: bool,
     verify: bool,
+    gaps: str,
+    on_resize: str,
     restart: bool,
     checkpoint: int,
     as_json: bool,
@@ -68,7 +75,7 @@ def resolve(
     Reading, the kernels and writing overlap, and only a few frames are in memory at a time. A run that was
     interrupted goes on where it stopped when the same command is given again, to the same bits.
     """
-    source = open_sequence(sequence, verify=verify)
+    source = open_sequence(sequence, verify=verify, gaps=OnBreak(gaps), on_resize=OnBreak(on_resize))
     if frames is not None:
         source = source.select(*_frame_range(frames))
     resolver = Resolver(chosen_preset(preset, config, assignments), device, strict=strict, storage=Storage(storage))

@@ -19,7 +19,7 @@ def begun(folder: Path, count: int) -> Manifest:
     for number in range(count):
         path = folder / f"a.{number:04d}.exr"
         path.write_bytes(bytes([number]) * 100)
-        manifest.append(path.name, Entry(file_sha256(path), "0" * 64))
+        manifest.append(path.name, Entry(file_sha256(path), "0" * 64, number - 1 if number else None))
     return manifest
 
 
@@ -42,7 +42,7 @@ def test_every_cut_of_the_file_leaves_whole_lines_only(tmp_path: Path) -> None:
         (tmp_path / NAME).write_bytes(whole[:cut])
         torn = Manifest(tmp_path)
         assert len(torn.entries) == sum(end - 1 <= cut for end in ends[1:])  # all but the line's end will do
-        torn.append("next", Entry("1" * 64, "2" * 64))
+        torn.append("next", Entry("1" * 64, "2" * 64, None))
         assert Manifest(tmp_path).entries == torn.entries
 
 
@@ -91,4 +91,4 @@ def test_folder_that_went_away(tmp_path: Path) -> None:
         path.unlink()
     folder.rmdir()
     with pytest.raises(StorageError, match="No such file"):
-        manifest.append("x", Entry("", ""))
+        manifest.append("x", Entry("", "", None))

@@ -208,7 +208,7 @@ def test_resolved_images_are_verified_by_their_manifest(tmp_path: Path) -> None:
     path = tmp_path / "synthetic.0000.exr"
     manifest = Manifest(tmp_path)
     manifest.begin({})
-    manifest.append(path.name, Entry(file_sha256(path), ""))
+    manifest.append(path.name, Entry(file_sha256(path), "", None))
     open_images(tmp_path).image(0)
     change_a_pixel(path)
     with pytest.raises(DataError, match="not what was recorded"):

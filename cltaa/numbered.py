@@ -1,0 +1,153 @@
+"""Folders of ``<name>.<frame:04d>.exr``: which files there are, their numbers and sizes, and what vouches for them."""
+
+from __future__ import annotations
+
+import re
+from enum import StrEnum
+from functools import cached_property
+from pathlib import Path
+from typing import Self
+
+from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.exr_layout import Layout, read_layout
+from cltaa.manifest import recorded_hashes
+
+NUMBERED = re.compile(r"(?P<name>.+)\.(?P<number>[0-9]{1,9})\.exr", re.DOTALL)  # nine digits fit cltaa:frame, an int
+
+
+class OnBreak(StrEnum):
+    """What to do where a sequence breaks off: a frame is missing, or the size is another."""
+
+    ERROR = "error"  # refuse the sequence
+    RESET = "reset"  # begin a new history behind it
+
+
+class NumberedFiles:
+    """EXR files of one name; frame numbers are those in the file names.
+
+    Each file that is read must have the SHA-256 that is recorded for it, if one is; ``verify`` False leaves that out.
+    ``gaps`` and ``on_resize`` say whether a number may be missing and whether sizes may differ.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        name: str,
+        paths: dict[int, Path],
+        *,
+        verify: bool = True,
+        gaps: OnBreak = OnBreak.ERROR,
+        on_resize: OnBreak = OnBreak.ERROR,
+    ) -> None:
+        """Read every layout; raises InputMissing for a gap and DataError for damaged files or sizes that differ."""
+        self.folder, self.name, self.verify, self.gaps, self.on_resize = folder, name, verify, gaps, on_resize
+        self._paths = dict(sorted(paths.items()))
+        for number in range(self.first, self.last + 1) if gaps is OnBreak.ERROR else ():
+            if number not in self._paths:
+                raise frame_missing(folder / f"{name}.{number:04d}.exr", number)
+        self.layouts: dict[int, Layout] = {}
+        for number, path in self._paths.items():
+            self.layouts[number] = layout = read_layout(path)
+            if (layout.width, layout.height) != (self.width, self.height) and on_resize is OnBreak.ERROR:
+                expected, found = f"{self.width} x {self.height}", f"{layout.width} x {layout.height}"
+                cure = "all frames of a sequence have one size; resolve --on-resize reset begins anew at each change"
+                raise DataError("size differs", path=path, frame=number, expected=expected, found=found, cure=cure)
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """Files in frame order."""
+        return tuple(self._paths.values())
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Frame numbers in order."""
+        return tuple(self._paths)
+
+    @property
+    def first(self) -> int:
+        """Number of the first frame."""
+        return next(iter(self._paths))
+
+    @property
+    def last(self) -> int:
+        """Number of the last frame."""
+        return next(reversed(self._paths))
+
+    @property
+    def width(self) -> int:
+        """Columns of the first frame."""
+        return self.layouts[self.first].width
+
+    @property
+    def height(self) -> int:
+        """Rows of the first frame."""
+        return self.layouts[self.first].height
+
+    def __len__(self) -> int:
+        """Count of frames."""
+        return len(self._paths)
+
+    def path(self, number: int) -> Path:
+        """Return the file of a frame number; raises UsageError for one outside the sequence."""
+        if number not in self._paths:
+            expected = f"{self.first} to {self.last}"
+            raise UsageError("no such frame", path=self.folder, frame=number, expected=expected)
+        return self._paths[number]
+
+    def sha256(self, number: int) -> str | None:
+        """Return the SHA-256 that a frame's file must have, or None where none is recorded or is to be verified."""
+        return self._recorded.get(self.path(number).name) if self.verify else None
+
+    @cached_property
+    def _recorded(self) -> dict[str, str]:
+        return recorded_hashes(self.folder)
+
+    def select(self, first: int, last: int) -> Self:
+        """Return the frames ``first`` to ``last``, both included; raises UsageError unless these two are there."""
+        self.path(first), self.path(last)
+        if first > last:
+            raise UsageError("the range of frames is empty", path=self.folder, found=f"{first}-{last}")
+        paths = {number: path for number, path in self._paths.items() if first <= number <= last}
+        return type(self)(
+            self.folder, self.name, paths, verify=self.verify, gaps=self.gaps, on_resize=self.on_resize
+        )  # fmt: skip
+
+
+def check_same_size(one: NumberedFiles, other: NumberedFiles) -> None:
+    """Raise DataError unless both have the same width and height."""
+    if (one.width, one.height) != (other.width, other.height):
+        expected, found = f"{one.width} x {one.height}", f"{other.width} x {other.height}"
+        path = other.path(other.first)
+        raise DataError(f"size differs from {one.folder}", path=path, expected=expected, found=found)
+
+
+def numbered_files(folder: Path) -> tuple[Path, str, dict[int, Path]]:
+    """Find the frames of a folder: the folder, their name and the file of each number; errors as ``open_sequence``."""
+    try:
+        files = sorted(entry for entry in folder.iterdir() if entry.suffix == ".exr" and entry.name[0] != ".")
+    except FileNotFoundError as error:
+        raise InputMissing("the folder is missing", path=folder, cure="check the name") from error
+    except OSError as error:
+        raise InputMissing(f"the folder cannot be read: {error.strerror}", path=folder) from error
+    matches = {path: NUMBERED.fullmatch(path.name) for path in files}
+    names = sorted({match["name"] if match else path.name for path, match in matches.items()})
+    if not any(matches.values()):
+        raise InputMissing(
+            "no frames in the folder", path=folder, expected="<name>.<frame>.exr", found=names or "nothing"
+        )
+    if len(names) > 1:
+        cure = "keep one sequence in a folder"
+        raise DataError("several sequences in one folder", path=folder, found=", ".join(names), cure=cure)
+    paths: dict[int, Path] = {}
+    for path, match in matches.items():
+        number = int(match["number"]) if match else 0
+        if number in paths:
+            raise DataError("two files have one frame number", path=path, frame=number, found=paths[number].name)
+        paths[number] = path
+    return folder, names[0], paths
+
+
+def frame_missing(path: Path, number: int) -> InputMissing:
+    """The error for a frame that should be there."""
+    cure = "capture it again; resolve --gaps reset begins anew behind each gap"
+    return InputMissing("the frame is missing", path=path, frame=number, cure=cure)

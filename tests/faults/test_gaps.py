@@ -1,0 +1,190 @@
+"""Frames that are missing, double, no files, or of another size: refused by name, or a new history; never blended."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cltaa.cli import main
+from cltaa.exr import read_image, write_frame
+from cltaa.manifest import file_sha256
+from cltaa.resolve import Resolver
+from tests.faults.runs import arguments
+from tests.sequence_factory import bits, make_frame, write_sequence
+
+SIZES = ((9, 7), (9, 8), (8, 7), (37, 23))  # columns, rows
+
+
+def frame_path(folder: Path, number: int) -> Path:
+    return folder / f"synthetic.{number:04d}.exr"
+
+
+def record(folder: Path) -> None:
+    """A sequence.json that lists what is there, as a capture writes it."""
+    files = {path.name: file_sha256(path) for path in sorted(folder.glob("*.exr"))}
+    (folder / "sequence.json").write_text(json.dumps({"files": files}))
+
+
+@pytest.mark.parametrize("missing", [[3], [1], [4], [2, 3], [1, 3], [1, 2, 3, 4]])
+def test_gap_is_refused_or_begins_anew(tmp_path: Path, missing: list[int], capsys: pytest.CaptureFixture[str]) -> None:
+    """Behind a gap every frame is, to the bit, what it is when the sequence begins there."""
+    folder, count = write_sequence(tmp_path / "in", 6, width=9, height=7, motion=True), 6
+    for number in missing:
+        frame_path(folder, number).unlink()
+    assert main(arguments(folder, tmp_path / "refused")) == 66
+    assert f"synthetic.{missing[0]:04d}.exr frame {missing[0]}: the frame is missing" in capsys.readouterr().err
+    assert not (tmp_path / "refused").exists()
+    assert main(arguments(folder, tmp_path / "out", "--gaps", "reset")) == 0
+    present = [number for number in range(count) if number not in missing]
+    assert sorted(path.name for path in (tmp_path / "out").glob("*.exr")) == [
+        frame_path(folder, number).name for number in present
+    ]
+    for number in present:
+        if number - 1 in missing:
+            resolver = Resolver(device="numpy")
+        frame = make_frame(number, width=9, height=7, motion=True)
+        if number == 0:
+            resolver = Resolver(device="numpy")
+        expected = resolver.resolve(frame)
+        channels, _ = read_image(frame_path(tmp_path / "out", number))
+        assert all(np.array_equal(bits(channels[c]), bits(expected[..., place])) for place, c in enumerate("RGB"))
+
+
+@pytest.mark.parametrize("number", [0, 3])
+def test_first_and_last_frame_are_missed_where_the_capture_lists_them(
+    tmp_path: Path, number: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_sequence(tmp_path / "in", 4, width=9, height=7)
+    record(folder)
+    frame_path(folder, number).unlink()
+    assert main(arguments(folder, tmp_path / "out")) == 66
+    assert f"frame {number}: the frame is missing" in capsys.readouterr().err
+    assert main(arguments(folder, tmp_path / "out", "--gaps", "reset")) == 0
+    assert len(list((tmp_path / "out").glob("*.exr"))) == 3
+
+
+def empty(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def folder_instead(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def dangling(path: Path) -> None:
+    path.unlink()
+    path.symlink_to(path.with_name("nowhere"))
+
+
+def in_a_circle(path: Path) -> None:
+    path.unlink()
+    path.symlink_to(path)
+
+
+def pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+def doubled(path: Path) -> None:
+    shutil.copy(path, path.with_name(path.name.replace(".000", ".")))
+
+
+def other_number(path: Path) -> None:
+    shutil.copy(path, path.with_name("saved"))
+    write_frame(path, make_frame(9, width=9, height=7))
+
+
+@pytest.mark.parametrize("gaps", ["error", "reset"])
+@pytest.mark.parametrize(
+    ("damage", "codes"),
+    [
+        (empty, {65}), (folder_instead, {65, 66}), (dangling, {66}), (in_a_circle, {66, 74}), (pipe, {65, 66}),
+        (doubled, {65}), (other_number, {65}),
+    ],
+)  # fmt: skip
+def test_what_is_no_frame_is_refused_by_name(
+    tmp_path: Path, damage: Callable[[Path], None], codes: set[int], gaps: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Only a frame that is not there at all is a gap."""
+    folder = write_sequence(tmp_path / "in", 4, width=9, height=7)
+    damage(frame_path(folder, 2))
+    assert main(arguments(folder, tmp_path / "out", "--gaps", gaps)) in codes
+    said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("cltaa: error: ")]
+    assert len(said) == 1
+    assert "synthetic.2.exr" in said[0] or "synthetic.0002.exr" in said[0]
+
+
+# Root may read everything; without these two rights (capability.h) it may not. They are given up for what is executed.
+UNPRIVILEGED = """
+import ctypes, os, sys
+PR_CAPBSET_DROP, CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH = 24, 1, 2
+for right in (CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH):
+    ctypes.CDLL(None).prctl(PR_CAPBSET_DROP, right, 0, 0, 0)
+os.execv(sys.executable, [sys.executable, "-m", "cltaa.cli", *sys.argv[1:]])
+"""
+
+
+def unprivileged(command: list[str]) -> tuple[int, str]:
+    """Exit code and standard error of ``cltaa`` run by a user whom permissions bind."""
+    child = subprocess.run(
+        [sys.executable, "-c", UNPRIVILEGED, *command], capture_output=True, text=True, check=False
+    )  # fmt: skip
+    return child.returncode, child.stderr
+
+
+def test_no_permission_to_read(tmp_path: Path) -> None:
+    folder = write_sequence(tmp_path / "in", 3, width=9, height=7)
+    frame_path(folder, 1).chmod(0)
+    code, said = unprivileged(arguments(folder, tmp_path / "out"))
+    assert (code, "synthetic.0001.exr" in said) == (66, True), said
+    assert not (tmp_path / "out").exists()
+
+
+def test_no_permission_to_write(tmp_path: Path) -> None:
+    folder, output = write_sequence(tmp_path / "in", 3, width=9, height=7), tmp_path / "out"
+    output.mkdir(mode=0o555)
+    code, said = unprivileged(arguments(folder, output))
+    assert (code, str(output) in said) == (73, True), said
+    assert list(output.iterdir()) == []
+
+
+@pytest.mark.parametrize("size", SIZES[1:])
+def test_change_of_size_is_refused_or_begins_anew(
+    tmp_path: Path, size: tuple[int, int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_sequence(tmp_path / "in", 2, width=SIZES[0][0], height=SIZES[0][1])
+    write_sequence(folder, 2, first=2, width=size[0], height=size[1])
+    write_sequence(folder, 1, first=4, width=SIZES[0][0], height=SIZES[0][1])
+    assert main(arguments(folder, tmp_path / "refused")) == 65
+    assert "synthetic.0002.exr frame 2: size differs (expected 9 x 7, found " in capsys.readouterr().err
+    assert (
+        main(arguments(folder, tmp_path / "film", "--on-resize", "reset", "--preview", str(tmp_path / "a.mp4"))) == 64
+    )
+    assert main(arguments(folder, tmp_path / "out", "--on-resize", "reset")) == 0
+    for number, columns, rows in ((0, *SIZES[0]), (2, *size), (4, *SIZES[0])):
+        channels, _ = read_image(frame_path(tmp_path / "out", number))
+        expected = Resolver(device="numpy").resolve(make_frame(number, width=columns, height=rows))
+        assert np.array_equal(bits(channels["G"]), bits(expected[..., 1]))
+    channels, _ = read_image(frame_path(tmp_path / "out", 3))
+    assert channels["R"].shape == (size[1], size[0])
+
+
+def test_gap_that_is_filled_later_is_no_silent_mixture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Frames behind the gap began anew; once the gap is filled they would have to be others."""
+    folder = write_sequence(tmp_path / "in", 4, width=9, height=7)
+    aside = frame_path(folder, 1).rename(tmp_path / "aside")
+    assert main(arguments(folder, tmp_path / "out", "--gaps", "reset")) == 0
+    aside.rename(frame_path(folder, 1))
+    assert main(arguments(folder, tmp_path / "out", "--gaps", "reset")) == 65
+    assert "frame 2: another frame lies before this one than did (expected 0, found 1)" in capsys.readouterr().err
+    assert main(arguments(folder, tmp_path / "out", "--gaps", "reset", "--restart")) == 0
