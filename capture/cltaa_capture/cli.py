@@ -107,7 +107,11 @@ def progress_display(label: str) -> Iterator[Callable[[int, int], None]]:
 @click.option(
     "--fps", type=click.FloatRange(0.0, min_open=True), default=30.0, show_default=True, help="Frames a second."
 )
-@click.option("--motion", type=click.Choice(MOTIONS), help="How a model of file:PATH is shown.  [default: turntable]")
+@click.option(
+    "--motion",
+    type=click.Choice(MOTIONS),
+    help="How a model of file:PATH is shown.  [default: play where it is animated, else turntable]",
+)
 @click.option("--backend", type=click.Choice(BACKENDS), default="auto", show_default=True, help="Off-screen OpenGL.")
 @click.option("--restart", is_flag=True, help="Begin anew in a folder begun with other settings.")
 @click.option("--explain", "explained", is_flag=True, help="Say what is drawn for each effect; without -o, only that.")

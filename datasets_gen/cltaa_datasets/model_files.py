@@ -33,7 +33,7 @@ def model_scene(path: str, motion: str, seed: int) -> Scene:
 
     Raises UsageError for an unknown motion or kind of file, InputMissing and DataError for the file.
     """
-    if motion not in MOTIONS:
+    if motion not in ("turntable", "orbit"):
         raise UsageError(f"no such motion: {motion}", cure=f"use one of {', '.join(MOTIONS)}")
     rng = np.random.default_rng(seed)
     model, poses, height = load_model(Path(path))
@@ -42,9 +42,13 @@ def model_scene(path: str, motion: str, seed: int) -> Scene:
     effects = ALWAYS | {Effect.MOTION if motion == "turntable" else Effect.CAMERA}
     if any(part.material.alpha_mode is AlphaMode.BLEND for part in model):
         effects |= {Effect.REACTIVE}
-    name = re.sub(r"[^A-Za-z0-9_-]+", "_", Path(path).stem) or "model"
     start = float(rng.uniform(-START, START))
-    return Scene(name=name, effects=effects, parts=parts, at=_presentation(poses, height, motion, start))
+    return Scene(name=scene_name(path), effects=effects, parts=parts, at=_presentation(poses, height, motion, start))
+
+
+def scene_name(path: str) -> str:
+    """Return the name of a file's frames: that of the file, without what a file name should not have."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "_", Path(path).stem) or "model"
 
 
 def _presentation(poses: list[Matrix], height: float, motion: str, start: float) -> Callable[[float], Instant]:
@@ -66,7 +70,7 @@ def load_model(path: Path) -> tuple[tuple[Part, ...], list[Matrix], float]:
     """Read a model and stand it on the ground with a bounding radius of 1: its parts, a pose for each, its height.
 
     Read are base colour, metallic-roughness and emissive textures, alpha modes and vertex colours; normal maps,
-    occlusion, animation, skins and lights are not. Raises UsageError, InputMissing and DataError.
+    occlusion and lights are not; ``played_models`` reads animation. Raises UsageError, InputMissing and DataError.
     """
     loaded = _read(path)
     shared: dict[int, Texture] = {}

@@ -8,7 +8,7 @@ from __future__ import annotations
 import difflib
 
 from cltaa.errors import UsageError
-from cltaa_datasets import model_files
+from cltaa_datasets import model_files, played_models
 from cltaa_datasets.registry import SCENES, Entry
 from cltaa_datasets.scene import Scene
 from cltaa_datasets.scenes import (  # noqa: F401 (importing registers)
@@ -38,12 +38,16 @@ def registered() -> list[Entry]:
 
 
 def build_scene(name: str, seed: int = 0, motion: str | None = None) -> Scene:
-    """Build a registered scene, or ``file:PATH`` with ``motion`` ``turntable`` (default) or ``orbit``.
+    """Build a registered scene, or ``file:PATH`` with one of ``models.MOTIONS`` (default: as the file is animated).
 
     Raises UsageError for an unknown name, and what ``model_files.load_model`` raises for a file.
     """
     if name.startswith(FILE_PREFIX):
-        return model_files.model_scene(name.removeprefix(FILE_PREFIX), motion or "turntable", seed)
+        path = name.removeprefix(FILE_PREFIX)
+        motion = motion or played_models.default_motion(path)
+        return (
+            played_models.played_scene(path, seed) if motion == "play" else model_files.model_scene(path, motion, seed)
+        )
     if motion is not None:
         raise UsageError(f"--motion {motion} applies to file:PATH, not to scene {name}", cure="leave it out")
     if name not in SCENES:

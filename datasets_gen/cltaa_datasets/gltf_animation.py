@@ -1,0 +1,135 @@
+"""Node trees and their animation as functions of time, float64 (glTF 2.0, sections 3.5, 3.11 and appendix C)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.errors import DataError
+from cltaa_datasets.gltf_file import GltfFile
+from cltaa_datasets.scene import Matrix
+
+Floats = NDArray[np.float64]
+REST: dict[str, tuple[float, ...]] = {
+    "translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0),
+}  # fmt: skip
+NEARLY_PARALLEL = 1.0 - 1e-9  # cosine between quaternions from which a straight line is as good as an arc
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Channel:
+    """One property of one node over time."""
+
+    times: Floats  # [K], seconds, ascending
+    values: Floats  # [K, width], or [K, 3, width] for a cubic spline: in-tangent, value, out-tangent
+    interpolation: str  # STEP, LINEAR or CUBICSPLINE
+    turns: bool  # a quaternion
+
+    def at(self, time: float) -> Floats:
+        """The value at a time; before the first key it is the first, after the last the last."""
+        cubic = self.interpolation == "CUBICSPLINE"
+        keys = self.values[:, 1] if cubic else self.values
+        after = int(np.searchsorted(self.times, time, side="right"))
+        if after in (0, len(self.times)):
+            value = keys[0 if after == 0 else -1]
+        elif self.interpolation == "STEP":
+            value = keys[after - 1]
+        else:
+            span = self.times[after] - self.times[after - 1]
+            share = (time - self.times[after - 1]) / span
+            if cubic:
+                value = _hermite(self.values[after - 1], self.values[after], share, span)
+            else:
+                value = (slerp if self.turns else _straight)(keys[after - 1], keys[after], share)
+        return np.asarray(value / np.linalg.norm(value) if self.turns else value)
+
+
+def _straight(a: Floats, b: Floats, share: float) -> Floats:
+    return a + share * (b - a)
+
+
+def _hermite(before: Floats, after: Floats, t: float, span: float) -> Floats:
+    (_, a, leaving), (arriving, b, _) = before, after
+    value = (2 * t**3 - 3 * t**2 + 1) * a + span * (t**3 - 2 * t**2 + t) * leaving
+    return np.asarray(value + (3 * t**2 - 2 * t**3) * b + span * (t**3 - t**2) * arriving)
+
+
+def slerp(a: Floats, b: Floats, share: float) -> Floats:
+    """Turn from quaternion ``a`` to ``b`` along the shorter arc (Shoemake 1985)."""
+    cosine = float(a @ b)
+    if cosine < 0.0:
+        b, cosine = -b, -cosine
+    if cosine > NEARLY_PARALLEL:
+        return _straight(a, b, share)
+    angle = np.arccos(cosine)
+    return np.asarray((np.sin((1.0 - share) * angle) * a + np.sin(share * angle) * b) / np.sin(angle))
+
+
+def quaternion_matrix(quaternion: Floats) -> Matrix:
+    """Rotation matrix [3, 3] of a unit quaternion x, y, z, w."""
+    x, y, z, w = quaternion
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + 2.0 * (w * cross + cross @ cross))
+
+
+class NodeTree:
+    """The nodes of a file, played by its first animation, which starts again when it is over."""
+
+    def __init__(self, file: GltfFile) -> None:
+        """Read nodes and channels; raises DataError for an animation that cannot be played."""
+        self._nodes = file.items("nodes")
+        self._parents = {child: i for i, node in enumerate(self._nodes) for child in node.get("children", ())}
+        self._channels: dict[tuple[int, str], Channel] = {}
+        animations = file.items("animations")
+        try:
+            for channel in animations[0]["channels"] if animations else ():
+                self._add(file, channel["target"], animations[0]["samplers"][channel["sampler"]])
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            raise DataError(f"its animation cannot be read ({error!r})", path=file.path) from error
+        self.duration = max((float(c.times[-1]) for c in self._channels.values()), default=0.0)
+
+    def _add(self, file: GltfFile, target: dict[str, Any], sampler: dict[str, Any]) -> None:
+        if "node" not in target:
+            return  # an extension animates something else
+        times = np.asarray(file.array(sampler["input"]), np.float64)
+        interpolation = sampler.get("interpolation", "LINEAR")
+        values = np.asarray(file.array(sampler["output"]), np.float64)
+        shape = (len(times), 3, -1) if interpolation == "CUBICSPLINE" else (len(times), -1)
+        path = target["path"]
+        channel = Channel(times, values.reshape(shape), interpolation, turns=path == "rotation")
+        self._channels[target["node"], path] = channel
+
+    def property(self, node: int, path: str, time: float) -> Floats | None:
+        """What the animation says of a node's ``path`` at a time; None where it says nothing."""
+        channel = self._channels.get((node, path))
+        if channel is None:
+            return None
+        return channel.at(time % self.duration if self.duration > 0.0 else 0.0)
+
+    def poses(self, time: float) -> list[Matrix]:
+        """Node to world [4, 4] of every node."""
+        done: dict[int, Matrix] = {}
+
+        def pose(index: int) -> Matrix:
+            if index not in done:
+                above = pose(self._parents[index]) if index in self._parents else np.eye(4)
+                done[index] = above @ self._local(index, time)
+            return done[index]
+
+        return [pose(index) for index in range(len(self._nodes))]
+
+    def _local(self, index: int, time: float) -> Matrix:
+        node = self._nodes[index]
+        if "matrix" in node:
+            return np.asarray(node["matrix"], np.float64).reshape(4, 4).T
+        parts = []
+        for path, rest in REST.items():
+            played = self.property(index, path, time)
+            parts.append(np.asarray(node.get(path, rest), np.float64) if played is None else played)
+        matrix = np.eye(4)
+        matrix[:3, :3] = quaternion_matrix(parts[1] / np.linalg.norm(parts[1])) * parts[2]
+        matrix[:3, 3] = parts[0]
+        return matrix

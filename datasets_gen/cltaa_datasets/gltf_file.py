@@ -1,0 +1,124 @@
+"""The container of a glTF 2.0 file: its JSON, its buffers, and accessors as arrays (specification, sections 3.6 and 4).
+
+trimesh reads static models; this reads what it leaves out, for ``gltf_model`` (docs/decisions say why there are two).
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import struct
+import urllib.parse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from cltaa.errors import DataError, InputMissing
+
+MAGIC, JSON_CHUNK, BIN_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
+COMPONENTS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+# Extensions that may be required and still leave geometry and animation readable without them.
+HARMLESS = ("KHR_materials_", "KHR_texture_transform", "KHR_lights_punctual")
+
+
+class GltfFile:
+    """A glTF or GLB file in memory. Every method raises DataError where the file breaks its own promises."""
+
+    def __init__(self, path: Path) -> None:
+        """Read a file and the buffers beside it; raises InputMissing and DataError."""
+        self.path = path
+        if not path.is_file():
+            raise InputMissing("there is no such model", path=path, cure="check the path behind file:")
+        try:
+            self.json, binary = _chunks(path.read_bytes())
+            needed = [name for name in self.json.get("extensionsRequired", ()) if not name.startswith(HARMLESS)]
+            if needed:
+                raise DataError(f"needs the extension {needed[0]}", path=path, cure="export without compression")
+            self._buffers = [self._bytes(buffer.get("uri"), binary) for buffer in self.items("buffers")]
+        except (ValueError, KeyError, IndexError, TypeError, AttributeError, struct.error) as error:
+            raise DataError(f"is no glTF 2.0 file ({type(error).__name__}: {error})", path=path) from error
+
+    def items(self, name: str) -> list[dict[str, Any]]:
+        """Return a top-level list, empty where the file has none."""
+        found: list[dict[str, Any]] = self.json.get(name, [])
+        return found
+
+    def _bytes(self, uri: str | None, binary: bytes) -> bytes:
+        if uri is None:
+            return binary
+        if uri.startswith("data:"):
+            return base64.b64decode(uri.partition(",")[2])
+        beside = self.path.parent / urllib.parse.unquote(uri)
+        if not beside.is_file():
+            raise InputMissing(f"there is no {uri} beside the model", path=self.path, cure="copy it there")
+        return beside.read_bytes()
+
+    def _view(self, index: int) -> tuple[bytes, int]:
+        """Bytes of a buffer view, and its stride (0: packed)."""
+        view = self.items("bufferViews")[index]
+        start, length = view.get("byteOffset", 0), view["byteLength"]
+        content = self._buffers[view["buffer"]][start : start + length]
+        if len(content) != length:
+            raise DataError(f"buffer view {index} is cut short", path=self.path, expected=length, found=len(content))
+        return content, int(view.get("byteStride", 0))
+
+    def array(self, index: int) -> NDArray[Any]:
+        """An accessor as [count] or [count, width]; normalised integers become float64 in [-1, 1]."""
+        try:
+            accessor = self.items("accessors")[index]
+            dtype, width = np.dtype(COMPONENTS[accessor["componentType"]]), WIDTHS[accessor["type"]]
+            count = int(accessor["count"])
+            values = np.zeros((count, width), dtype)
+            if "bufferView" in accessor:
+                values[:] = self._strided(accessor["bufferView"], accessor.get("byteOffset", 0), count, width, dtype)
+            if "sparse" in accessor:
+                self._replace(values, accessor["sparse"])
+        except (ValueError, KeyError, IndexError, TypeError) as error:
+            raise DataError(f"accessor {index} cannot be read ({error})", path=self.path) from error
+        if accessor.get("normalized"):
+            values = np.maximum(values / float(2 ** (8 * dtype.itemsize - (dtype.kind == "i")) - 1), -1.0)
+        return values[:, 0] if width == 1 else values
+
+    def _strided(self, view: int, offset: int, count: int, width: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+        content, stride = self._view(view)
+        packed = dtype.itemsize * width
+        strides = (stride or packed, dtype.itemsize)
+        return np.ndarray((count, width), dtype.newbyteorder("<"), content, offset, strides)
+
+    def _replace(self, values: NDArray[Any], sparse: dict[str, Any]) -> None:
+        count, where, what = sparse["count"], sparse["indices"], sparse["values"]
+        kind = np.dtype(COMPONENTS[where["componentType"]])
+        places = self._strided(where["bufferView"], where.get("byteOffset", 0), count, 1, kind)[:, 0]
+        values[places] = self._strided(
+            what["bufferView"], what.get("byteOffset", 0), count, values.shape[1], values.dtype
+        )
+
+    def image(self, index: int) -> NDArray[np.uint8]:
+        """An image as RGBA texels [H, W, 4]."""
+        entry = self.items("images")[index]
+        content = self._view(entry["bufferView"])[0] if "bufferView" in entry else self._bytes(entry.get("uri"), b"")
+        try:
+            return np.asarray(Image.open(io.BytesIO(content)).convert("RGBA"), np.uint8)
+        except OSError as error:
+            raise DataError(f"image {index} cannot be read ({error})", path=self.path) from error
+
+
+def _chunks(content: bytes) -> tuple[dict[str, Any], bytes]:
+    """Split GLB into its JSON and binary chunk; a .gltf file is JSON alone."""
+    if not content.startswith(MAGIC):
+        text = json.loads(content)
+        if not isinstance(text, dict) or "asset" not in text:
+            raise ValueError("no asset in it")
+        return text, b""
+    found: dict[int, bytes] = {}
+    place = 12
+    while place + 8 <= len(content):
+        length, kind = struct.unpack_from("<II", content, place)
+        found.setdefault(kind, content[place + 8 : place + 8 + length])
+        place += 8 + length
+    return json.loads(found[JSON_CHUNK]), found.get(BIN_CHUNK, b"")

@@ -1,0 +1,192 @@
+"""Animated glTF: files written here, byte by byte, against motions that are known."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cltaa.errors import DataError, InputMissing
+from cltaa.frames import Effect
+from cltaa_datasets.gltf_animation import Channel, quaternion_matrix, slerp
+from cltaa_datasets.gltf_file import GltfFile
+from cltaa_datasets.gltf_model import AnimatedModel
+from cltaa_datasets.scenes import build_scene
+from tests.capture.analytic_scenes import drawing
+
+TRUCK = Path(__file__).parents[3] / "shared" / "data" / "gltf" / "CesiumMilkTruck.glb"
+SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32)
+FLOAT, SHORT, BYTE = 5126, 5123, 5121
+KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+HALF_TURN = (0.0, 0.0, 1.0, 0.0)
+
+
+class Writer:
+    """Collects arrays and writes them as GLB."""
+
+    def __init__(self, **entries: Any) -> None:
+        self.json: dict[str, Any] = {"asset": {"version": "2.0"}, "accessors": [], "bufferViews": [], **entries}
+        self.blob = b""
+
+    def add(self, values: Any, component: int = FLOAT, **more: Any) -> int:
+        kinds = {FLOAT: np.float32, SHORT: np.uint16, BYTE: np.uint8}
+        array = np.atleast_1d(np.asarray(values, kinds[component]))
+        width = 1 if array.ndim == 1 else array.shape[1]
+        self.json["bufferViews"].append({"buffer": 0, "byteOffset": len(self.blob), "byteLength": array.nbytes})
+        self.blob += array.tobytes() + b"\0" * (-array.nbytes % 4)
+        view = len(self.json["bufferViews"]) - 1
+        entry = {"bufferView": view, "componentType": component, "count": len(array), "type": KINDS[width], **more}
+        self.json["accessors"].append(entry)
+        return len(self.json["accessors"]) - 1
+
+    def square(self, **more: Any) -> dict[str, Any]:
+        attributes = {"POSITION": self.add(SQUARE), **more.pop("attributes", {})}
+        return {"attributes": attributes, "indices": self.add([0, 1, 2, 0, 2, 3], SHORT), **more}
+
+    def animate(self, node: int, path: str, times: Any, values: Any, interpolation: str = "LINEAR") -> None:
+        (animation,) = self.json.setdefault("animations", [{"channels": [], "samplers": []}])
+        sampler = {"input": self.add(times), "output": self.add(values), "interpolation": interpolation}
+        animation["samplers"].append(sampler)
+        place = len(animation["samplers"]) - 1
+        animation["channels"].append({"sampler": place, "target": {"node": node, "path": path}})
+
+    def write(self, path: Path) -> Path:
+        self.json["buffers"] = [{"byteLength": len(self.blob)}]
+        text = json.dumps(self.json).encode()
+        text += b" " * (-len(text) % 4)
+        body = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(self.blob), 0x004E4942)
+        path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(body) + len(self.blob)) + body + self.blob)
+        return path
+
+
+def positions(model: AnimatedModel, time: float) -> np.ndarray[Any, Any]:
+    poses, shapes = model.at(time)
+    (part,) = model.parts
+    points = shapes[part.name].positions if part.deforms else np.asarray(part.mesh.vertices)
+    return np.asarray(points @ poses[0][:3, :3].T + poses[0][:3, 3])
+
+
+def test_nodes_move_and_carry_their_children(tmp_path: Path) -> None:
+    writer = Writer(nodes=[{"children": [1], "translation": [0, 0, 5]}, {"mesh": 0, "scale": [2, 2, 2]}])
+    writer.json["meshes"] = [{"primitives": [writer.square()]}]
+    writer.animate(0, "rotation", [0.0, 2.0], [(0, 0, 0, 1), HALF_TURN])
+    writer.animate(1, "translation", [0.0, 1.0, 2.0], [(0, 0, 0), (4, 0, 0), (4, 0, 0)], "STEP")
+    model = AnimatedModel(writer.write(tmp_path / "a.glb"))
+    # A quarter turn about z, of a square of twice the size, 4 to the side from second 1 on.
+    corners = 2.0 * SQUARE + (4.0, 0.0, 0.0)
+    expected = np.stack([-corners[:, 1], corners[:, 0], np.full(4, 5.0)], 1)
+    assert np.abs(positions(model, 1.0) - expected).max() <= 1e-14
+    assert np.abs(positions(model, 5.0) - positions(model, 1.0)).max() <= 1e-14  # it starts again after 2 seconds
+
+
+def test_a_cubic_spline_follows_its_tangents() -> None:
+    # t^3 has the slopes 0 and 3 at its ends, and is its own spline.
+    keys = np.array([[[9.0], [0.0], [0.0]], [[3.0], [1.0], [9.0]]])
+    channel = Channel(np.array([0.0, 1.0]), keys, "CUBICSPLINE", turns=False)
+    assert [float(channel.at(t)[0]) for t in (-1.0, 0.0, 0.25, 0.5, 1.0, 2.0)] == [0.0, 0.0, 0.25**3, 0.125, 1.0, 1.0]
+
+
+def test_quaternions_turn_along_the_shorter_arc() -> None:
+    a, b = np.array([0.0, 0.0, 0.0, 1.0]), np.array([0.0, 0.0, np.sin(0.3), np.cos(0.3)])
+    third = quaternion_matrix(slerp(a, -b, 1.0 / 3.0))
+    assert np.abs(third[:2, 0] - [np.cos(0.2), np.sin(0.2)]).max() <= 1e-15
+    assert np.array_equal(slerp(a, a, 0.4), a)
+
+
+def skinned_square(path: Path) -> Path:
+    writer = Writer(nodes=[{"mesh": 0, "skin": 0, "translation": [9, 9, 9]}, {}, {"translation": [0, 1, 0]}])
+    skin = {
+        "JOINTS_0": writer.add([(0, 0, 0, 0)] * 2 + [(1, 0, 0, 0)] * 2, BYTE),
+        "WEIGHTS_0": writer.add([(255, 0, 0, 0)] * 4, BYTE, normalized=True),
+    }
+    bindings = np.tile(np.eye(4, dtype=np.float32), (2, 1, 1))
+    bindings[1, 1, 3] = -1.0
+    writer.json["meshes"] = [{"primitives": [writer.square(attributes=skin)]}]
+    matrices = writer.add(bindings.transpose(0, 2, 1).reshape(2, 16))
+    writer.json["skins"] = [{"joints": [1, 2], "inverseBindMatrices": matrices}]
+    writer.animate(2, "translation", [0.0, 1.0], [(0, 1, 0), (1, 1, 0)])
+    return writer.write(path)
+
+
+def test_a_skin_follows_its_joints_and_not_its_node(tmp_path: Path) -> None:
+    model = AnimatedModel(skinned_square(tmp_path / "skin.glb"))
+    moved = positions(model, 0.5) - SQUARE
+    assert np.abs(moved - [[0, 0, 0], [0, 0, 0], [0.5, 0, 0], [0.5, 0, 0]]).max() <= 1e-14
+
+
+def test_targets_blend_by_animated_weights(tmp_path: Path) -> None:
+    writer = Writer(nodes=[{"mesh": 0}])
+    up = np.tile(np.array([0, 0, 2], np.float32), (4, 1))
+    sparse = {
+        "indices": {"bufferView": 0, "componentType": SHORT},
+        "values": {"bufferView": 1},
+        "count": 1,
+    }
+    writer.add([3], SHORT)
+    writer.add([(7.0, 0.0, 0.0)])
+    writer.json["accessors"].append({"componentType": FLOAT, "count": 4, "type": "VEC3", "sparse": sparse})
+    targets = [{"POSITION": writer.add(up)}, {"POSITION": 2}]
+    writer.json["meshes"] = [{"primitives": [writer.square(targets=targets)], "weights": [0.0, 0.0]}]
+    writer.animate(0, "weights", [0.0, 1.0], [0.0, 0.0, 1.0, 0.5])
+    model = AnimatedModel(writer.write(tmp_path / "morph.glb"))
+    moved = positions(model, 0.5) - SQUARE
+    assert np.abs(moved - [[0, 0, 1], [0, 0, 1], [0, 0, 1], [1.75, 0, 1]]).max() <= 1e-14
+
+
+def test_a_played_file_is_captured_with_its_motion(tmp_path: Path) -> None:
+    scene = build_scene(f"file:{skinned_square(tmp_path / 'skin.glb')}")
+    assert Effect.MOTION in scene.effects
+    assert Effect.CAMERA not in scene.effects
+    with drawing(scene, 96, 54) as renderer:
+        motion = renderer.draw(scene.at(0.5), scene.at(0.4), (0.0, 0.0)).motion
+    assert motion is not None
+    own = np.isfinite(motion[..., 0])
+    assert 200 < own.sum() < 0.8 * own.size
+    assert 0.5 < np.abs(motion[own]).max() < 10.0
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("empty.glb", b"", "is no glTF 2.0 file"),
+        ("cut.glb", b"glTF\2\0\0\0\x40\0\0\0", "is no glTF 2.0 file"),
+        ("list.gltf", b"[]", "is no glTF 2.0 file"),
+        ("packed.gltf", b'{"asset": {}, "extensionsRequired": ["KHR_draco_mesh_compression"]}', "needs the extension"),
+    ],
+)
+def test_unreadable_files(tmp_path: Path, name: str, content: bytes, says: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(DataError, match=says) as caught:
+        GltfFile(tmp_path / name)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_buffer_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.gltf").write_text('{"asset": {}, "buffers": [{"uri": "a b.bin", "byteLength": 4}]}')
+    with pytest.raises(InputMissing, match=r"there is no a b\.bin beside the model"):
+        GltfFile(tmp_path / "a.gltf")
+
+
+def test_an_accessor_that_runs_out_is_named(tmp_path: Path) -> None:
+    writer = Writer()
+    index = writer.add([1.0, 2.0])
+    writer.json["accessors"][index]["count"] = 9
+    with pytest.raises(DataError, match="accessor 0 cannot be read"):
+        GltfFile(writer.write(tmp_path / "a.glb")).array(index)
+
+
+@pytest.mark.skipif(not TRUCK.is_file(), reason=f"the sample models are not in {TRUCK.parent}")
+def test_the_wheels_of_the_truck_turn() -> None:
+    scene = build_scene(f"file:{TRUCK}")
+    now, before = scene.at(0.5), scene.at(0.5 - 1.0 / 30.0)
+    turning = [
+        part.name
+        for part, pose, earlier in zip(scene.parts, now.poses, before.poses, strict=True)
+        if pose is not None and earlier is not None and not np.array_equal(pose, earlier)
+    ]
+    assert len(turning) == 2
+    assert all("Wheels" in name for name in turning)
