@@ -1,0 +1,81 @@
+"""Where one picture lies on another: robust least squares of the shift that a motion field leaves over.
+
+The method is that of Lucas and Kanade (1981, An iterative image registration technique), over all points at once.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.checking.signal import Vector, sample
+
+ITERATIONS = 8
+FARTHEST_PX = 2.0  # a left-over shift beyond this is no jitter
+LEAST_POINTS = 60  # fewer decide nothing
+
+
+class Picture(NamedTuple):
+    """A signal and its gradient, [H, W] each."""
+
+    signal: NDArray[np.float32]
+    by_x: NDArray[np.float32]
+    by_y: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, signal: NDArray[np.float32]) -> Picture:
+        """Differentiate ``signal`` by central differences."""
+        by_y, by_x = np.gradient(signal)
+        return cls(signal, by_x, by_y)
+
+
+class Fit(NamedTuple):
+    """The shift [2] of the earlier picture, the information about it [2, 2] (inverse covariance), and the residual."""
+
+    shift: Vector
+    information: Vector
+    residual: float  # 0: the pictures agree; 1: as different as unrelated ones
+    points: int
+
+
+def fit_shift(now: Vector, before: Picture, x: Vector, y: Vector, scale: float, free: bool = True) -> Fit:
+    """Fit ``now`` = ``before`` at (x, y) + shift, positions in texels; ``scale`` is the size of a residual that counts
+    in full. ``free`` = False only measures the residual at no shift.
+    """
+    shift = np.zeros(2)
+    information = np.zeros((2, 2))
+    for _ in range(ITERATIONS if free else 0):
+        left, slope, weight = _linear(now, before, x + shift[0], y + shift[1], scale)
+        information = (slope * weight) @ slope.T
+        if len(left) < LEAST_POINTS or np.linalg.cond(information) > 1e6:
+            break
+        step = np.linalg.solve(information, (slope * weight) @ left)
+        shift += np.clip(step, -0.5, 0.5)
+        if np.abs(shift).max() > FARTHEST_PX:
+            shift = np.clip(shift, -FARTHEST_PX, FARTHEST_PX)
+            break
+        if np.abs(step).max() < 1e-3:
+            break
+    found = residual_of(now, before, x + shift[0], y + shift[1], scale)
+    noise = max(found, 1e-3) * scale
+    return Fit(shift, information / noise**2, found, len(now))
+
+
+def residual_of(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> float:
+    """Mean of min(|difference| / scale, 1) over the points; what lies outside the earlier picture counts 1."""
+    if not len(now):
+        return 1.0
+    difference = np.abs(now - sample(before.signal, x, y)) / scale
+    return float(np.minimum(np.nan_to_num(difference, nan=1.0), 1.0).mean())
+
+
+def _linear(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> tuple[Vector, Vector, Vector]:
+    """Residuals, gradients [2, n] and robust weights (Geman-McClure) of the points inside the earlier picture."""
+    there = sample(before.signal, x, y)
+    inside = np.isfinite(there)
+    left = (now - there)[inside]
+    slope = np.stack([sample(plane, x[inside], y[inside]) for plane in (before.by_x, before.by_y)])
+    weight = 1.0 / (1.0 + (left / (0.5 * scale)) ** 2) ** 2
+    return left, slope, weight

@@ -1,0 +1,50 @@
+"""Which of several linear maps explains what was measured: signs, exchanged axes, factors of two, other units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from cltaa.checking.signal import Vector
+
+Maps = Mapping[str, Vector]
+
+_SIGNS = {"": (1.0, 1.0), "negated": (-1.0, -1.0), "x-negated": (-1.0, 1.0), "y-flipped": (1.0, -1.0)}
+
+
+def linear_maps(width: int, height: int) -> dict[str, Vector]:
+    """True value = map @ declared value, [2, 2], for each name; the empty name is the identity.
+
+    ``uv`` and ``ndc`` mean that the declared numbers are fractions of the picture, y down and y up.
+    """
+    maps: dict[str, Vector] = {}
+    for sign, factors in _SIGNS.items():
+        maps[sign] = np.diag(factors)
+        for size in (0.5, 2.0):
+            maps[f"scaled-{size:g} {sign}".strip()] = size * np.diag(factors)
+        maps[f"units-uv {sign}".strip()] = np.diag(np.multiply(factors, (width, height)))
+        maps[f"units-ndc {sign}".strip()] = np.diag(np.multiply(factors, (width / 2, -height / 2)))
+        maps[f"swapped {sign}".strip()] = np.diag(factors) @ np.array([[0.0, 1.0], [1.0, 0.0]])
+    return maps
+
+
+class Regression(NamedTuple):
+    """Measured = matrix @ declared, by least squares, and what is left over, root mean square in pixels."""
+
+    matrix: Vector  # [2, 2]
+    left: float
+
+
+def regress(measured: Vector, declared: Vector, weights: Vector) -> Regression:
+    """Fit ``measured`` [n, 2] by ``declared`` [n, 2], each row weighed by ``weights`` [n]."""
+    root = np.sqrt(weights)[:, None]
+    matrix, *_ = np.linalg.lstsq(declared * root, measured * root, rcond=None)
+    return Regression(matrix.T, left_over(measured, declared, matrix.T, weights))
+
+
+def left_over(measured: Vector, declared: Vector, matrix: Vector, weights: Vector) -> float:
+    """Root mean square length of measured - matrix @ declared, in pixels."""
+    difference = ((measured - declared @ matrix.T) ** 2).sum(1)
+    return float(np.sqrt((difference * weights).sum() / weights.sum()))

@@ -1,0 +1,144 @@
+"""Whether the declared jitter is that of the pixels: sign, axes, scale, phase, presence, mean.
+
+What lies still moves on the pixel grid by minus the change of jitter; between two frames its measured shift must be
+the declared change. A least-squares map from one to the other names the mistake.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cltaa.checking.alignment import Fit
+from cltaa.checking.finding import Finding
+from cltaa.checking.gains import left_over, linear_maps, regress
+from cltaa.checking.shots import Shot
+from cltaa.checking.signal import Vector
+
+LEAST_PAIRS = 4  # two unknown gains an axis, and something left to tell signal from noise
+LEAST_SHIFT_PX = 0.1  # root mean square; less is no jitter
+CLEARLY_BETTER = 0.6  # what is left under another map, over what is left as declared
+LARGEST_MEAN_PX = 0.15  # a centred jitter of at least 8 samples stays below, even where the period is cut
+DELAYS = (-2, -1, 1, 2)
+
+
+def check_jitter(shot: Shot, shifts: Sequence[Fit | None]) -> list[Finding]:
+    """Findings about the declared jitter, given the shift measured for each pair (None: not measurable)."""
+    found = _mean(shot)
+    known = [place for place, fit in enumerate(shifts) if fit is not None]
+    if len(known) < LEAST_PAIRS:
+        return found
+    measured = np.array([shifts[place].shift for place in known])  # type: ignore[union-attr]
+    declared = np.array([shot.pairs[place].jitter_change for place in known])
+    weights = _weights([shifts[place] for place in known])  # type: ignore[misc]
+    present = float(np.sqrt((measured**2).sum(1).mean()))
+    if not declared.any():
+        return found + _undeclared(shot, measured, present)
+    as_declared = left_over(measured, declared, np.eye(2), weights)
+    maps = linear_maps(shot.frames[0].width, shot.frames[0].height) | {"absent": np.zeros((2, 2))}
+    left = {name: left_over(measured, declared, matrix, weights) for name, matrix in maps.items()}
+    best = min(left, key=lambda name: left[name])
+    delay, delayed = _best_delay(shot, known, measured, weights)
+    if delayed < CLEARLY_BETTER * min(left[best], as_declared) and left[best] > LEAST_SHIFT_PX:
+        evidence = f"shifts of {len(known)} pairs fit the jitter of {_frames(delay)} to {delayed:.2f} px rms, "
+        evidence += f"as declared only to {as_declared:.2f} px"
+        what = f"the jitter declared for a frame is that of {_frames(delay)}"
+        return [*found, _finding("jitter-late", what, evidence, delayed, as_declared, {"delay": delay})]
+    if not best or as_declared < LEAST_SHIFT_PX or left[best] > CLEARLY_BETTER * as_declared:
+        return found
+    gain = regress(measured, declared, weights).matrix
+    evidence = f"measured shift = [[{gain[0, 0]:.3g}, {gain[0, 1]:.3g}], [{gain[1, 0]:.3g}, {gain[1, 1]:.3g}]] x "
+    evidence += f"declared change over {len(known)} pairs; {left[best]:.2f} px rms left, {as_declared:.2f} as declared"
+    what, fix = _meaning(best, maps[best])
+    return [*found, _finding(_key(best), what, evidence, left[best], as_declared, fix)]
+
+
+def _weights(fits: Sequence[Fit]) -> Vector:
+    """Pairs with more texture count more, but none more than three times the middle."""
+    strength = np.array([np.sqrt(max(np.linalg.det(fit.information), 0.0)) for fit in fits])
+    middle = float(np.median(strength)) or 1.0
+    return np.clip(strength / middle, 0.1, 3.0)
+
+
+def _mean(shot: Shot) -> list[Finding]:
+    offsets = np.array([frame.jitter_px for frame in shot.frames])
+    if len(offsets) < 8 or not np.ptp(offsets, axis=0).any():
+        constant = len(offsets) > 1 and offsets[0].any() and not np.ptp(offsets, axis=0).any()
+        mean = offsets[0]
+        if not constant:
+            return []
+    else:
+        mean = offsets.mean(0)
+    if np.abs(mean).max() <= LARGEST_MEAN_PX:
+        return []
+    text = f"{mean[0]:.3f}, {mean[1]:.3f}"
+    return [
+        Finding(
+            name="jitter-biased", mistake=True, confidence=0.9,
+            what="the jitter is not centred: the resolved picture is shifted by its mean, for good",
+            evidence=f"mean ({text}) px over {len(offsets)} frames",
+            fix={"jitter": {"offset": [round(float(-mean[0]), 4), round(float(-mean[1]), 4)]}},
+        )
+    ]  # fmt: skip
+
+
+def _undeclared(shot: Shot, measured: Vector, present: float) -> list[Finding]:
+    if present < LEAST_SHIFT_PX:
+        note = f"still regions move by {present:.3f} px rms between frames"
+        what = "no jitter is declared and none is seen: there is nothing to accumulate but noise"
+        return [Finding(name="jitter-none", mistake=False, confidence=0.8, what=what, evidence=note)]
+    if not shot.has_jitter or not any(np.any(frame.jitter_px) for frame in shot.frames):
+        evidence = f"still regions move by {present:.2f} px rms between frames, first by "
+        evidence += ", ".join(f"({x:.2f}, {y:.2f})" for x, y in measured[:4])
+        what = "the pixels are jittered and no jitter is declared"
+        confidence = float(min(0.99, present / (present + 0.05)))
+        return [
+            Finding(name="jitter-missing", mistake=True, confidence=confidence, what=what, evidence=evidence, fix={})
+        ]
+    return []
+
+
+def _best_delay(shot: Shot, known: Sequence[int], measured: Vector, weights: Vector) -> tuple[int, float]:
+    """The delay in frames whose jitter fits best and what it leaves; only pairs that every delay has are compared."""
+    by_index = {frame.index: np.array(frame.jitter_px) for frame in shot.frames}
+    best = (0, np.inf)
+    for delay in DELAYS:
+        rows, targets = [], []
+        for row, place in enumerate(known):
+            index = shot.pairs[place].frame.index + delay
+            if index in by_index and index - 1 in by_index:
+                rows.append(row)
+                targets.append(by_index[index] - by_index[index - 1])
+        if len(rows) < LEAST_PAIRS:
+            continue
+        left = left_over(measured[rows], np.array(targets), np.eye(2), weights[rows])
+        if left < best[1]:
+            best = (delay, left)
+    return best
+
+
+def _frames(delay: int) -> str:
+    return f"{abs(delay)} frame{'s' * (abs(delay) > 1)} {'later' if delay > 0 else 'earlier'}"
+
+
+def _finding(name: str, what: str, evidence: str, left: float, declared: float, fix: dict[str, object]) -> Finding:
+    confidence = float(np.clip(1.0 - left / declared, 0.0, 0.99))
+    return Finding(
+        name=name, mistake=True, confidence=confidence, what=what, evidence=evidence, fix={"jitter": fix}
+    )  # fmt: skip
+
+
+def _key(best: str) -> str:
+    return "jitter-" + best.replace(" ", "-")
+
+
+def _meaning(best: str, matrix: Vector) -> tuple[str, dict[str, object]]:
+    if best == "absent":
+        return "jitter is declared but the pixels are not jittered", {"source": "none"}
+    swap = bool(matrix[0, 0] == 0.0)
+    scale = [float(matrix[0, 1]), float(matrix[1, 0])] if swap else [float(matrix[0, 0]), float(matrix[1, 1])]
+    fix: dict[str, object] = {"scale": scale}
+    if swap:
+        fix["swap"] = True
+    return f"the declared jitter is {best.replace('-', ' ')}", fix

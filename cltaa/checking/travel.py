@@ -1,0 +1,162 @@
+"""Whether the cameras' matrices mean what their reader takes them for: transposed, inverted, flipped, late, jittered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from cltaa.cameras import is_still
+from cltaa.checking.alignment import LEAST_POINTS, fit_shift
+from cltaa.checking.finding import Finding
+from cltaa.checking.gains import regress
+from cltaa.checking.shots import Pair, Shot
+from cltaa.checking.signal import Vector
+from cltaa.errors import DataError
+from cltaa.exr_attributes import check_camera
+from cltaa.frames import Camera, Frame
+
+CLEARLY_BETTER = 0.85  # residual of the winner over that of the declaration
+Change = Callable[[Camera], Camera]
+
+FLIP_Y, FLIP_Z = np.diag([1.0, -1.0, 1.0, 1.0]), np.diag([1.0, 1.0, -1.0, 1.0])
+
+# What a writer may have meant by its two matrices: name -> (what it is called, keys of the profile, the mended camera).
+_MEANINGS: dict[str, tuple[str, dict[str, object], Change]] = {
+    "transposed": (
+        "the matrices are transposed", {"layout": "column"},
+        lambda c: Camera(c.world_to_view.T, c.view_to_clip.T),
+    ),
+    "view-transposed": (
+        "the view matrix is transposed", {"view_layout": "column"}, lambda c: Camera(c.world_to_view.T, c.view_to_clip),
+    ),
+    "projection-transposed": (
+        "the projection is transposed", {"projection_layout": "column"},
+        lambda c: Camera(c.world_to_view, c.view_to_clip.T),
+    ),
+    "inverse": (
+        "the view matrix leads from camera to world", {"sense": "camera-to-world"},
+        lambda c: Camera(np.linalg.inv(c.world_to_view), c.view_to_clip),
+    ),
+    "z-forward": (
+        "view space looks along +z", {"flip_z": True}, lambda c: Camera(FLIP_Z @ c.world_to_view, c.view_to_clip),
+    ),
+    "z-forward-projection": (
+        "view and projection look along +z", {"flip_z": True, "flip_projection_z": True},
+        lambda c: Camera(FLIP_Z @ c.world_to_view, c.view_to_clip @ FLIP_Z),
+    ),
+    "y-flipped": (
+        "the projection's y points down", {"flip_y": True}, lambda c: Camera(c.world_to_view, FLIP_Y @ c.view_to_clip),
+    ),
+}  # fmt: skip
+
+
+def sound(frame: Frame, change: Change | None = None) -> bool:
+    """True when the camera of a frame, changed so, is one that can be used."""
+    try:
+        check_camera(frame.camera if change is None else change(frame.camera))
+    except (DataError, np.linalg.LinAlgError):
+        return False
+    return True
+
+
+def check_structure(frames: Sequence[Frame]) -> tuple[list[Finding], Change | None]:
+    """Findings about matrices that cannot be cameras, and what makes them ones (None: nothing does, or is needed)."""
+    wrong = [frame for frame in frames if not sound(frame)]
+    if not wrong:
+        return [], None
+    for name, (what, fix, change) in _MEANINGS.items():
+        if all(sound(frame, change) for frame in frames):
+            row = " ".join(f"{number:g}" for number in wrong[0].camera.world_to_view[3])
+            clip = " ".join(f"{number:g}" for number in wrong[0].camera.view_to_clip[3])
+            evidence = f"last rows {row} and {clip} as read, of a camera only when {name.replace('-', ' ')}"
+            finding = Finding(
+                name=f"camera-{name}", mistake=True, confidence=0.95, what=what, evidence=evidence, fix={"camera": fix}
+            )
+            return [finding], change
+    evidence = f"frame {wrong[0].index}: neither as read nor transposed, inverted or flipped"
+    what = "the matrices are no camera"
+    return [Finding(name="camera-wrong", mistake=True, confidence=0.95, what=what, evidence=evidence)], None
+
+
+def check_projection_jitter(shot: Shot) -> list[Finding]:
+    """Find jitter that was left in the projection: its centre follows the declared jitter, frame by frame."""
+    sizes = np.array([shot.frames[0].width, shot.frames[0].height], float)
+    centre = np.array([_centre(frame.camera) for frame in shot.frames]) * sizes * (0.5, -0.5)
+    jitter = np.array([frame.jitter_px for frame in shot.frames])
+    centre, jitter = centre - centre.mean(0), jitter - jitter.mean(0)
+    if len(shot.frames) < 3 or not jitter.any() or np.abs(centre).max() < 1e-4:
+        return []
+    fit = regress(centre, jitter, np.ones(len(jitter)))
+    gain = float(np.trace(fit.matrix)) / 2.0
+    if abs(abs(gain) - 1.0) > 0.1 or fit.left > 0.05:
+        return []
+    return [
+        Finding(
+            name="camera-jittered", mistake=True, confidence=0.98, what="the projection contains the jitter",
+            evidence=f"its centre moves by {gain:.3f} x the declared jitter, to {fit.left:.1g} px",
+            fix={"camera": {"jittered": True}},
+        )
+    ]  # fmt: skip
+
+
+def check_travel(shot: Shot) -> list[Finding]:
+    """Judge other meanings of the matrices by how well the previous frame, fetched through them, matches this one."""
+    pairs = [pair for pair in shot.pairs if _moves(pair)]
+    if len(pairs) < 2 or not shot.has_camera:
+        return []
+    declared = np.array([_residual(pair, pair.camera_motion()) for pair in pairs])
+    candidates: dict[str, tuple[str, dict[str, object], Vector]] = {}
+    for name, (what, fix, change) in _MEANINGS.items():
+        if all(sound(frame, change) for frame in shot.frames):
+            scores = [
+                _residual(pair, pair.camera_motion(change(pair.frame.camera), change(pair.previous.camera)))
+                for pair in pairs
+            ]
+            candidates[name] = (what, fix, np.array(scores))
+    candidates |= dict(_late(shot, pairs))
+    if not candidates:
+        return []
+    best = min(candidates, key=lambda name: candidates[name][2].mean())
+    what, fix, winner = candidates[best]
+    if winner.mean() > CLEARLY_BETTER * declared.mean() or (winner < declared).mean() < 0.7:
+        return []
+    evidence = f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, over {len(pairs)} pairs"
+    confidence = float(np.clip(1.0 - (winner.mean() / declared.mean()) ** 2, 0.3, 0.99))
+    return [
+        Finding(
+            name=f"camera-{best}", mistake=True, confidence=confidence, what=what, evidence=evidence,
+            fix={"camera": fix},
+        )
+    ]  # fmt: skip
+
+
+def _late(shot: Shot, pairs: Sequence[Pair]) -> Iterator[tuple[str, tuple[str, dict[str, object], Vector]]]:
+    cameras = {frame.index: frame.camera for frame in shot.frames}
+    for delay, name in ((-1, "early"), (1, "late")):
+        scores = []
+        for pair in pairs:
+            now, before = cameras.get(pair.frame.index + delay), cameras.get(pair.previous.index + delay)
+            # At the end of the sequence there is no such matrix: neither better nor worse than declared.
+            scores.append(_residual(pair, pair.camera_motion(now, before) if now and before else pair.camera_motion()))
+        which = "next" if delay > 0 else "previous"
+        yield name, (f"each frame's true matrices are those of the {which} frame", {"delay": delay}, np.array(scores))
+
+
+def _moves(pair: Pair) -> bool:
+    return not is_still(pair.frame.camera, pair.previous.camera)
+
+
+def _residual(pair: Pair, motion: Vector) -> float:
+    there = ~np.isfinite(pair.own).all(0) & pair.usable
+    if there.sum() < LEAST_POINTS:
+        there = pair.usable
+    x, y = pair.x[there] + motion[0, there], pair.y[there] + motion[1, there]
+    return fit_shift(pair.now[there], pair.before, x, y, pair.scale).residual
+
+
+def _centre(camera: Camera) -> Vector:
+    """Where the projection puts the viewing axis in NDC, [2]."""
+    column = 3 if camera.orthographic else 2
+    sign = 1.0 if camera.orthographic else -1.0
+    return sign * camera.view_to_clip[:2, column]
