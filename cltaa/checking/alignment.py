@@ -27,7 +27,7 @@ class Picture(NamedTuple):
     @classmethod
     def of(cls, signal: NDArray[np.float32]) -> Picture:
         """Differentiate ``signal`` by central differences."""
-        by_y, by_x = np.gradient(signal)
+        by_y, by_x = (np.asarray(np.gradient(signal, axis=axis), np.float32) for axis in (0, 1))
         return cls(signal, by_x, by_y)
 
 
@@ -77,5 +77,5 @@ def _linear(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) ->
     inside = np.isfinite(there)
     left = (now - there)[inside]
     slope = np.stack([sample(plane, x[inside], y[inside]) for plane in (before.by_x, before.by_y)])
-    weight = 1.0 / (1.0 + (left / (0.5 * scale)) ** 2) ** 2
+    weight = 1.0 / (1.0 + (left / scale) ** 2) ** 2
     return left, slope, weight

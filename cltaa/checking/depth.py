@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 from cltaa.checking.finding import Finding
 from cltaa.checking.shots import Shot
 from cltaa.checking.signal import Vector
-from cltaa.checking.travel import CLEARLY_BETTER, _moves, _residual
-from cltaa.frames import Camera, Frame
+from cltaa.checking.travel import CLEARLY_BETTER, camera_residual, moving_pairs
+from cltaa.frames import Frame
 
 Plane = NDArray[np.float64]
 
 ROUNDING = 16 * 2.0**-23  # second difference of three float32 numbers, with as much again for the rasteriser
-LEAST_FLAT = 0.2  # of the pixels that tell the readings apart
+CLEARLY_MORE = 0.8  # share of the pixels that tell two readings apart
 LEAST_PIXELS = 200
+DEVICE = "depth is a device depth, 0 near to 1 far"
 SCALES = {"0.01": 0.01, "0.1": 0.1, "10": 10.0, "100": 100.0, "1000": 1000.0, "0.001": 0.001}
 
 
@@ -36,25 +37,33 @@ def check_depth(frames: Sequence[Frame]) -> list[Finding]:
         what = "depth is negative in front of the camera"
         return [_finding("depth-negative", what, evidence, 0.99, {"scale": -1.0})]
     shares = _flat_shares(frames, depth)
-    best = max(shares, key=lambda kind: shares[kind])
-    if best == "planar" or shares[best] < LEAST_FLAT or shares[best] < 2.0 * shares["planar"]:
-        return []
-    evidence = "share of pixels on planes: " + ", ".join(f"{share:.2f} as {kind}" for kind, share in shares.items())
-    confidence = float(min(0.99, shares[best] / (shares[best] + shares["planar"] + 0.01)))
-    if best == "ray":
-        what = "depth is the distance along the ray, not along the view axis"
-        return [_finding("depth-ray", what, evidence, confidence, {"kind": "ray"})]
-    return [_reciprocal(frames, finite, evidence, confidence)]
+    wrong = {kind: share for kind, share in shares.items() if share[kind] > CLEARLY_MORE}
+    for kind, share in wrong.items():
+        evidence = f"of the pixels that tell, {share[kind]:.1%} lie on planes as {kind} and "
+        evidence += f"{share['planar']:.1%} as planar depth"
+        if kind == "ray":
+            what = "depth is the distance along the ray, not along the view axis"
+            return [_finding("depth-ray", what, evidence, share[kind], {"kind": "ray"})]
+        return [_reciprocal(frames, finite, evidence, share[kind])]
+    if _looks_like_device(finite):
+        evidence = f"all values within {finite.min():.4g} and {finite.max():.4g}, their middle {np.median(finite):.4g}"
+        return [_finding("depth-device", DEVICE, evidence, 0.7, {"kind": "device"})]
+    return []
+
+
+def _looks_like_device(finite: Vector) -> bool:
+    """True for values that crowd below 1: planes cannot tell there, for all of 1/Z lies within a few roundings."""
+    return bool(finite.min() >= 0.0 and finite.max() <= 1.0 and np.median(finite) > 0.9)
 
 
 def check_depth_scale(shot: Shot) -> list[Finding]:
     """Find depth in other units than the matrices, by the parallax of a camera that travels."""
-    pairs = [pair for pair in shot.pairs if _moves(pair)]
+    pairs = moving_pairs(shot)
     if len(pairs) < 2 or not (shot.has_depth and shot.has_camera) or shot.frames[0].camera.orthographic:
         return []
-    declared = np.array([_residual(pair, pair.camera_motion()) for pair in pairs])
+    declared = np.array([camera_residual(pair, pair.camera_motion()) for pair in pairs])
     scores = {
-        name: np.array([_residual(pair, pair.camera_motion(closeness=pair.closeness / scale)) for pair in pairs])
+        name: np.array([camera_residual(pair, pair.camera_motion(closeness=pair.closeness / scale)) for pair in pairs])
         for name, scale in SCALES.items()
     }
     best = min(scores, key=lambda name: scores[name].mean())
@@ -67,35 +76,39 @@ def check_depth_scale(shot: Shot) -> list[Finding]:
     return [_finding("depth-scaled", what, evidence, confidence, {"scale": SCALES[best]})]
 
 
-def _flat_shares(frames: Sequence[Frame], depth: Sequence[Plane]) -> dict[str, float]:
-    """Share of pixels on planes under each reading, among those on which the readings differ."""
+def _flat_shares(frames: Sequence[Frame], depth: Sequence[Plane]) -> dict[str, dict[str, float]]:
+    """Share of pixels on planes under each other reading and under planar depth, where the two differ."""
     flat: dict[str, list[NDArray[np.bool_]]] = {"planar": [], "ray": [], "reciprocal": []}
-    valid = []
     for frame, raw in zip(frames, depth, strict=True):
-        if frame.camera.orthographic:
-            readings = {"planar": raw, "ray": np.full_like(raw, np.nan)}
-            with np.errstate(divide="ignore", invalid="ignore"):
-                readings["reciprocal"] = np.where(raw > 0, 1.0 / raw, np.nan)
-        else:
-            with np.errstate(divide="ignore", invalid="ignore"):
-                near = np.where(raw > 0, 1.0 / raw, np.nan)
-            readings = {"planar": near, "ray": near * _ray_length(frame), "reciprocal": raw}
         usable = np.isfinite(raw) & (raw > 0) & (raw < 1e9)
-        triple = usable[:, :-2] & usable[:, 1:-1] & usable[:, 2:]
-        valid.append(triple)
-        for kind, closeness in readings.items():
-            flat[kind].append(_is_flat(closeness))
-    inside = np.concatenate([plane.ravel() for plane in valid])
-    table = {kind: np.concatenate([plane.ravel() for plane in planes])[inside] for kind, planes in flat.items()}
-    telling = ~np.logical_and.reduce(list(table.values()))
-    if telling.sum() < LEAST_PIXELS:
-        return {"planar": 1.0, "ray": 0.0, "reciprocal": 0.0}
-    return {kind: float(plane[telling].mean()) for kind, plane in table.items()}
+        for kind, closeness in _readings(frame, np.where(usable, raw, np.nan)).items():
+            # Along rows and along columns: a level floor is at one depth along each row.
+            flat[kind] += [_is_flat(lines)[_is_known(lines)] for lines in (closeness, closeness.T)]
+    table = {kind: np.concatenate(planes) for kind, planes in flat.items()}
+    shares = {}
+    for kind in ("ray", "reciprocal"):
+        telling = table[kind] != table["planar"]
+        if telling.sum() >= LEAST_PIXELS:
+            share = float(table[kind][telling].mean())
+            shares[kind] = {kind: share, "planar": 1.0 - share}
+    return shares
 
 
-def _is_flat(closeness: Plane) -> NDArray[np.bool_]:
+def _readings(frame: Frame, raw: Plane) -> dict[str, Plane]:
+    """What would be linear over a plane if ``raw`` were planar depth, distance along the ray, or a reciprocal depth."""
+    near = 1.0 / raw
+    if frame.camera.orthographic:
+        return {"planar": raw, "ray": raw, "reciprocal": near}
+    return {"planar": near, "ray": near * _ray_length(frame), "reciprocal": raw}
+
+
+def _is_known(lines: Plane) -> NDArray[np.bool_]:
+    return np.isfinite(lines[:, :-2] + lines[:, 1:-1] + lines[:, 2:])
+
+
+def _is_flat(lines: Plane) -> NDArray[np.bool_]:
     """True where three neighbours of a row lie on a line, to rounding."""
-    left, middle, right = closeness[:, :-2], closeness[:, 1:-1], closeness[:, 2:]
+    left, middle, right = lines[:, :-2], lines[:, 1:-1], lines[:, 2:]
     with np.errstate(invalid="ignore"):
         return np.asarray(np.abs(left - 2 * middle + right) <= ROUNDING * np.abs(middle))
 
@@ -121,16 +134,28 @@ def _reciprocal(frames: Sequence[Frame], finite: Vector, evidence: str, confiden
     nearer_is_smaller = sky_at_one > sky_at_zero if max(sky_at_one, sky_at_zero) > 0.01 else bool(lower < upper)
     evidence += f"; values {finite.min():.4g} to {finite.max():.4g}"
     if bounded and nearer_is_smaller:
-        return _finding("depth-device", "depth is a device depth, 0 near to 1 far", evidence, confidence,
-                        {"kind": "device"})  # fmt: skip
-    if bounded and _has_near(frames[0].camera):
-        return _finding("depth-device-reversed", "depth is a reversed device depth, 1 near to 0 far (or 1/Z)", evidence,
-                        confidence, {"kind": "device-reversed"})  # fmt: skip
-    return _finding("depth-inverse", "depth is 1/Z", evidence, confidence, {"kind": "inverse"})
+        return _finding("depth-device", DEVICE, evidence, confidence, {"kind": "device"})  # fmt: skip
+    return _finding("depth-inverse", "depth is 1/Z, or a reversed device depth", evidence, confidence,
+                    {"kind": "inverse"})  # fmt: skip
 
 
-def _has_near(camera: Camera) -> bool:
-    return not camera.orthographic and bool(camera.view_to_clip[2, 3] != 0.0)
+def tell_reversed(shot: Shot, inverse: Finding) -> Finding:
+    """1/Z and reversed device depth (near / Z) differ by a factor, which the parallax of a travelling camera shows."""
+    pairs = moving_pairs(shot)
+    clip = shot.frames[0].camera.view_to_clip
+    near = float(clip[2, 3] / (clip[2, 2] - 1.0)) if clip[2, 2] != 1.0 else 0.0
+    if len(pairs) < 2 or near <= 0.0 or near == 1.0:
+        return inverse
+    raw = [pair.frame.depth[pair.y.astype(int), pair.x.astype(int)].astype(np.float64) for pair in pairs]
+    as_inverse, as_device = (
+        np.array([camera_residual(p, p.camera_motion(closeness=q / by)) for p, q in zip(pairs, raw, strict=True)])
+        for by in (1.0, near)
+    )
+    if as_device.mean() >= as_inverse.mean():
+        return inverse
+    evidence = f"{inverse.evidence}; residual {as_device.mean():.3f} as near / Z, {as_inverse.mean():.3f} as 1/Z"
+    what = "depth is a reversed device depth, 1 near to 0 far"
+    return _finding("depth-device-reversed", what, evidence, inverse.confidence, {"kind": "device-reversed"})
 
 
 def _finding(name: str, what: str, evidence: str, confidence: float, fix: dict[str, object]) -> Finding:

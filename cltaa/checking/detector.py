@@ -6,15 +6,19 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cltaa.checking.alignment import LEAST_POINTS, Fit, fit_shift
-from cltaa.checking.depth import check_depth, check_depth_scale
+from cltaa.checking.colour import check_channels, check_colour
+from cltaa.checking.depth import check_depth, check_depth_scale, tell_reversed
 from cltaa.checking.finding import Finding
 from cltaa.checking.jitter import check_jitter
 from cltaa.checking.motion import check_motion
 from cltaa.checking.shots import Pair, Shot
 from cltaa.checking.travel import check_projection_jitter, check_structure, check_travel
 from cltaa.frames import Frame
+
+Mask = NDArray[np.bool_]
 
 LARGEST_RESIDUAL = 0.6  # above it the pictures do not match and a shift means nothing
 
@@ -27,7 +31,7 @@ def check_frames(
     A later check rests on an earlier one, so where the matrices or the depth are wrong the rest is looked at only as
     far as it does not need them.
     """
-    found: list[Finding] = []
+    found = check_channels(frames, has_depth=has_depth) + check_colour(frames)
     if has_camera:
         structure, mend = check_structure(frames)
         found += structure
@@ -38,6 +42,7 @@ def check_frames(
     if has_depth and has_camera:
         found += check_depth(frames)
     shot = Shot(frames, has_camera=has_camera, has_depth=has_depth, has_jitter=has_jitter)
+    found = [tell_reversed(shot, finding) if finding.name == "depth-inverse" else finding for finding in found]
     wrong_depth = any(finding.name.startswith("depth-") for finding in found)
     if has_camera:
         jittered = check_projection_jitter(shot)
@@ -59,17 +64,19 @@ def measure_shifts(shot: Shot) -> tuple[list[Fit | None], bool]:
     """The shift that jitter gave the picture, for each pair, and whether it was measured without the motion channel."""
     anchors = [_anchor(pair) for pair in shot.pairs]
     anchored = shot.has_camera and bool(anchors) and all(anchor.sum() >= 4 * LEAST_POINTS for anchor in anchors)
-    return [_shift(pair, anchor if anchored else pair.usable) for pair, anchor in zip(shot.pairs, anchors, strict=True)], anchored
+    masks = anchors if anchored else [pair.usable for pair in shot.pairs]
+    return [_shift(pair, mask) for pair, mask in zip(shot.pairs, masks, strict=True)], anchored
 
 
-def _anchor(pair: Pair) -> np.ndarray:
+def _anchor(pair: Pair) -> Mask:
     return pair.usable & ~np.isfinite(pair.own).all(0)
 
 
-def _shift(pair: Pair, there: np.ndarray) -> Fit | None:
+def _shift(pair: Pair, there: Mask) -> Fit | None:
     motion = pair.declared_motion()
     there = there & np.isfinite(motion).all(0)
     if there.sum() < LEAST_POINTS:
         return None
-    fit = fit_shift(pair.now[there], pair.before, pair.x[there] + motion[0, there], pair.y[there] + motion[1, there], pair.scale)
+    x, y = pair.x[there] + motion[0, there], pair.y[there] + motion[1, there]
+    fit = fit_shift(pair.now[there], pair.before, x, y, pair.scale)
     return fit if fit.residual < LARGEST_RESIDUAL else None

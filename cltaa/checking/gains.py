@@ -41,7 +41,8 @@ def regress(measured: Vector, declared: Vector, weights: Vector) -> Regression:
     """Fit ``measured`` [n, 2] by ``declared`` [n, 2], each row weighed by ``weights`` [n]."""
     root = np.sqrt(weights)[:, None]
     matrix, *_ = np.linalg.lstsq(declared * root, measured * root, rcond=None)
-    return Regression(matrix.T, left_over(measured, declared, matrix.T, weights))
+    found = np.asarray(matrix.T, np.float64)
+    return Regression(found, left_over(measured, declared, found, weights))
 
 
 def left_over(measured: Vector, declared: Vector, matrix: Vector, weights: Vector) -> float:

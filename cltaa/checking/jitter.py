@@ -18,7 +18,8 @@ from cltaa.checking.signal import Vector
 
 LEAST_PAIRS = 4  # two unknown gains an axis, and something left to tell signal from noise
 LEAST_SHIFT_PX = 0.1  # root mean square; less is no jitter
-CLEARLY_BETTER = 0.6  # what is left under another map, over what is left as declared
+MOST_LEFT_PX = 0.45  # root mean square; where more is left, jitter is not what moved the picture
+CLEARLY_BETTER = 0.85  # what is left under another map, over what is left as declared
 LARGEST_MEAN_PX = 0.15  # a centred jitter of at least 8 samples stays below, even where the period is cut
 DELAYS = (-2, -1, 1, 2)
 
@@ -45,7 +46,7 @@ def check_jitter(shot: Shot, shifts: Sequence[Fit | None]) -> list[Finding]:
         evidence += f"as declared only to {as_declared:.2f} px"
         what = f"the jitter declared for a frame is that of {_frames(delay)}"
         return [*found, _finding("jitter-late", what, evidence, delayed, as_declared, {"delay": delay})]
-    if not best or as_declared < LEAST_SHIFT_PX or left[best] > CLEARLY_BETTER * as_declared:
+    if not best or as_declared < LEAST_SHIFT_PX or left[best] > min(CLEARLY_BETTER * as_declared, MOST_LEFT_PX):
         return found
     gain = regress(measured, declared, weights).matrix
     evidence = f"measured shift = [[{gain[0, 0]:.3g}, {gain[0, 1]:.3g}], [{gain[1, 0]:.3g}, {gain[1, 1]:.3g}]] x "

@@ -7,8 +7,7 @@ how far jitter alone moved the picture.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -16,31 +15,20 @@ from cltaa.checking.alignment import LEAST_POINTS, Fit, fit_shift, residual_of
 from cltaa.checking.finding import Finding
 from cltaa.checking.gains import linear_maps, regress
 from cltaa.checking.shots import Pair, Shot
-from cltaa.checking.signal import Vector, sample
+from cltaa.checking.signal import Vector
+from cltaa.checking.vectors import Observed, explanations, fit_model
 
-CLEARLY_BETTER = 0.92  # residual of the winner over that of the declaration
-LEAST_MOTION_PX = 0.02  # median length below which a vector says nothing
+CLEARLY_BETTER, BETTER = 0.8, 0.93  # residual of the winner over that of the declaration
+CLEARLY_NEARER = 0.45  # squared distance from the model, likewise
+LEAST_EFFECT_PX = 0.08  # a mistake that moves the vectors by less is not worth a word
+MOST_POINTS = 8000  # looked at for each of two dozen maps; more only cost time
 LEAST_LEAK = 0.5  # of the change of jitter
-
-
-class _Scene(NamedTuple):
-    """Points of one pair that carry a vector, and the shift that jitter gave the picture (None: not known)."""
-
-    pair: Pair
-    own: Vector  # [2, n]
-    x: Vector
-    y: Vector
-    now: Vector
-    shift: Vector | None
 
 
 def check_motion(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> list[Finding]:
     """Findings about the motion channel; ``shifts`` were measured without it where ``anchored``."""
     scenes = _scenes(shot, shifts, anchored)
-    if not scenes:
-        return []
-    lengths = np.concatenate([np.hypot(*scene.own) for scene in scenes])
-    if not lengths.any():
+    if not any(scene.own.any() for scene in scenes):
         return []
     width, height = shot.frames[0].width, shot.frames[0].height
     maps = linear_maps(width, height)
@@ -50,44 +38,48 @@ def check_motion(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> li
     scores = {name: _score(scenes, maps[name], offsets[name]) for name in maps}
     best = min(scores, key=lambda name: scores[name].mean())
     declared, winner = scores[""], scores[best]
-    if best and winner.mean() < CLEARLY_BETTER * declared.mean() and (winner < declared).mean() > 0.7:
-        return [_named(best, maps[best], offsets[best], declared, winner)]
-    return _leak(shot, scenes, anchored)
+    ratio = float(winner.mean() / declared.mean()) if (winner < declared).mean() > 0.7 else 1.0
+    coarse = [_named(best, maps[best], offsets[best], declared, winner)] if best else []
+    if best and ratio < CLEARLY_BETTER:
+        return coarse
+    finer = _finer(scenes, linear_maps(width, height)) if anchored else _resting_leak(shot)
+    if best and ratio < BETTER and not any("jittered" in finding.name for finding in finer):
+        return coarse
+    return finer
 
 
-def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> list[_Scene]:
+def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> list[Observed]:
     scenes = []
     for pair, fit in zip(shot.pairs, shifts, strict=True):
         there = np.isfinite(pair.own).all(0) & pair.usable
-        if there.sum() < LEAST_POINTS:
+        if there.sum() < LEAST_POINTS or (anchored and fit is None):
             continue
+        chosen = np.flatnonzero(there)[:: max(1, -(-int(there.sum()) // MOST_POINTS))]
         shift = fit.shift if anchored and fit is not None else None
-        scenes.append(_Scene(pair, pair.own[:, there], pair.x[there], pair.y[there], pair.now[there], shift))
+        scenes.append(
+            Observed(
+                pair.own[:, chosen], pair.x[chosen], pair.y[chosen], pair.now[chosen], pair.before, pair.scale, shift,
+                pair.jitter_change,
+            )
+        )  # fmt: skip
     return scenes
 
 
-def _score(scenes: Sequence[_Scene], matrix: Vector, offset: Vector) -> Vector:
+def _score(scenes: Sequence[Observed], matrix: Vector, offset: Vector) -> Vector:
     """Residual of each pair under vectors = matrix @ (declared - offset)."""
     residuals = []
     for scene in scenes:
         u, v = matrix @ (scene.own - offset[:, None])
-        x, y, pair = scene.x + u, scene.y + v, scene.pair
+        x, y = scene.x + u, scene.y + v
         if scene.shift is None:
-            residuals.append(fit_shift(scene.now, pair.before, x, y, pair.scale).residual)
+            residuals.append(fit_shift(scene.now, scene.before, x, y, scene.scale).residual)
         else:
             x, y = x + scene.shift[0], y + scene.shift[1]
-            residuals.append(residual_of(scene.now, pair.before, x, y, pair.scale))
+            residuals.append(residual_of(scene.now, scene.before, x, y, scene.scale))
     return np.array(residuals)
 
 
 def _named(best: str, matrix: Vector, offset: Vector, declared: Vector, winner: Vector) -> Finding:
-    swap = bool(matrix[0, 0] == 0.0)
-    scale = [float(matrix[0, 1]), float(matrix[1, 0])] if swap else [float(matrix[0, 0]), float(matrix[1, 1])]
-    fix: dict[str, object] = {"scale": scale}
-    if swap:
-        fix["swap"] = True
-    if offset.any():
-        fix["offset"] = offset.tolist()
     wins = int((winner < declared).sum())
     return Finding(
         name="motion-" + best.replace(" ", "-"), mistake=True,
@@ -95,47 +87,78 @@ def _named(best: str, matrix: Vector, offset: Vector, declared: Vector, winner: 
         what=f"the motion vectors are {best.replace('-', ' ')}",
         evidence=f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, better in {wins} of "
         f"{len(declared)} pairs",
-        fix={"motion": fix},
+        fix={"motion": _fix(matrix, offset)},
     )  # fmt: skip
 
 
-def _leak(shot: Shot, scenes: Sequence[_Scene], anchored: bool) -> list[Finding]:
-    """Jitter left in the vectors: what still pixels declare, or what the vectors leave over, follows the jitter."""
-    change = np.array([scene.pair.jitter_change for scene in scenes])
-    if len(scenes) < 4 or not change.any():
+def _fix(matrix: Vector, offset: Vector) -> dict[str, object]:
+    swap = bool(matrix[0, 0] == 0.0)
+    scale = [float(matrix[0, 1]), float(matrix[1, 0])] if swap else [float(matrix[0, 0]), float(matrix[1, 1])]
+    return {"scale": scale} | ({"swap": True} if swap else {}) | ({"offset": offset.tolist()} if offset.any() else {})
+
+
+def _finer(scenes: Sequence[Observed], maps: Mapping[str, Vector]) -> list[Finding]:
+    """Mistakes smaller than an edge is wide: factors of slow vectors, and jitter left in them."""
+    model = fit_model(scenes)
+    distances = explanations(model, maps)
+    best = min(distances, key=lambda name: distances[name])
+    if not best or distances[best] > CLEARLY_NEARER * distances[""]:
         return []
-    left = np.array([_resting(scene) for scene in scenes]) if not anchored else -_left_over(scenes)
-    fit = regress(left, change, np.ones(len(left)))
+    jittered = best.startswith("jittered")
+    matrix = np.eye(2) if jittered else maps[best]
+    effect = np.array([_difference(scene, matrix, jittered) for scene in scenes])
+    if float(effect.mean()) < LEAST_EFFECT_PX:
+        return []
+    fix: dict[str, object] = {"jittered": 1 if best == "jittered" else -1}
+    if not jittered:
+        fix = _fix(matrix, np.zeros(2))
+    gain, leak = model.gain.round(2).tolist(), model.leak.round(2).tolist()
+    return [
+        Finding(
+            name="motion-" + best.replace(" ", "-"), mistake=True,
+            confidence=float(np.clip(1.0 - distances[best] / distances[""], 0.3, 0.99)),
+            what="the vectors contain the change of jitter" if jittered else f"the vectors are {best}",
+            evidence=f"true vectors = {gain} x declared + {leak} x change of jitter, over {len(scenes)} pairs",
+            fix={"motion": fix},
+        )
+    ]  # fmt: skip
+
+
+def _difference(scene: Observed, matrix: Vector, jittered: bool) -> float:
+    """Root mean square of what the mistake does to the vectors, in pixels."""
+    change = scene.jitter_change[:, None] if jittered else (matrix - np.eye(2)) @ scene.own
+    return float(np.sqrt((change**2).sum(0).mean()))
+
+
+def _resting_leak(shot: Shot) -> list[Finding]:
+    """Jitter left in vectors that cover the whole picture: what resting pixels declare follows the jitter."""
+    pairs = [pair for pair in shot.pairs if (np.isfinite(pair.own).all(0) & pair.usable).sum() >= LEAST_POINTS]
+    change = np.array([pair.jitter_change for pair in pairs])
+    if len(pairs) < 4 or not change.any():
+        return []
+    fit = regress(np.array([_resting(pair) for pair in pairs]), change, np.ones(len(pairs)))
     gain = float(np.trace(fit.matrix)) / 2.0
     spread = float(np.sqrt((change**2).sum(1).mean()))
     if abs(gain) < LEAST_LEAK or fit.left > 0.5 * spread:
         return []
-    sign = "" if gain > 0 else "-reversed"
     return [
         Finding(
-            name=f"motion-jittered{sign}", mistake=True,
+            name="motion-jittered" if gain > 0 else "motion-jittered-reversed", mistake=True,
             confidence=float(np.clip(1.0 - fit.left / spread, 0.3, 0.99)),
-            what="the motion vectors contain the change of jitter",
-            evidence=f"they follow {gain:.2f} x the change of jitter over {len(scenes)} pairs, {fit.left:.2f} px rms left",
+            what="the vectors contain the change of jitter",
+            evidence=f"resting pixels follow {gain:.2f} x the change of jitter over {len(pairs)} pairs, "
+            f"to {fit.left:.2f} px rms",
             fix={"motion": {"jittered": 1 if gain > 0 else -1}},
         )
     ]  # fmt: skip
 
 
-def _resting(scene: _Scene) -> Vector:
-    """What the vectors say beyond the camera's motion where that is least: the middle of the smallest quarter."""
-    beyond = scene.own - scene.pair.camera_motion()[:, np.isfinite(scene.pair.own).all(0) & scene.pair.usable]
-    middle = np.nanmedian(beyond, axis=1)
+def _resting(pair: Pair) -> Vector:
+    """What the vectors say beyond the camera's motion where most agree: the middle of the half nearest the middle."""
+    beyond = pair.own - pair.camera_motion()
+    beyond = beyond[:, np.isfinite(beyond).all(0)]
+    if not beyond.size:
+        return np.full(2, np.nan)
+    middle = np.median(beyond, axis=1)
     near = np.hypot(*(beyond - middle[:, None]))
-    return np.asarray(np.nanmedian(beyond[:, near <= np.nanquantile(near, 0.5)], axis=1))
-
-
-def _left_over(scenes: Sequence[_Scene]) -> Vector:
-    """Shift [n, 2] that is left between the pictures after the vectors and the shift of the still part."""
-    left = []
-    for scene in scenes:
-        assert scene.shift is not None
-        x, y = scene.x + scene.own[0] + scene.shift[0], scene.y + scene.own[1] + scene.shift[1]
-        inside = np.isfinite(sample(scene.pair.before.signal, x, y))
-        left.append(fit_shift(scene.now[inside], scene.pair.before, x[inside], y[inside], scene.pair.scale).shift)
-    return np.array(left)
+    return np.asarray(np.median(beyond[:, near <= np.quantile(near, 0.5)], axis=1))

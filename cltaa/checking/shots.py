@@ -32,7 +32,8 @@ class Pair:
     @property
     def jitter_change(self) -> Vector:
         """Declared jitter of this frame minus that of the previous one, [2]."""
-        return np.subtract(self.frame.jitter_px, self.previous.jitter_px)
+        change: Vector = np.array(self.frame.jitter_px) - np.array(self.previous.jitter_px)
+        return change
 
     def camera_motion(
         self, camera: Camera | None = None, previous: Camera | None = None, closeness: Vector | None = None
@@ -58,8 +59,7 @@ def apply_displacement(moved: Displacement, px: Vector, py: Vector, closeness: V
     w = 1.0 + dw
     with np.errstate(divide="ignore", invalid="ignore"):
         motion = np.stack([dx - px * dw, dy - py * dw]) / w
-    motion[:, ~(w > 0)] = np.nan
-    return motion
+    return np.where(w > 0, motion, np.nan)
 
 
 @dataclass(slots=True)
@@ -95,7 +95,7 @@ def _pair(frame: Frame, previous: Frame, now: Picture, before: Picture) -> Pair:
     own = np.full((2, len(x)), np.nan)
     if frame.motion is not None:
         own = frame.motion[y, x].T.astype(np.float64)
-    usable = np.isfinite(frame.colour[y, x]).all(-1)
+    usable: NDArray[np.bool_] = np.asarray(np.isfinite(frame.colour[y, x]).all(-1))
     if frame.reactive is not None:
         usable &= ~(frame.reactive[y, x] > 0.1)
     signal = now.signal[y, x].astype(np.float64)

@@ -10,7 +10,7 @@ from cltaa.frames import Image
 Vector = NDArray[np.float64]
 Points = tuple[NDArray[np.int64], NDArray[np.int64]]  # columns and rows
 
-FINE_PX = 0.8  # standard deviation of the blur that tames the aliasing of one sample a pixel
+FINE_PX = 0.6  # standard deviation of the blur that tames the aliasing of one sample a pixel
 COARSE_PX = 4.0  # and of the one that is subtracted: slower changes are light, not place
 MOST_POINTS = 60_000  # points looked at in a frame; more only cost time
 
@@ -18,12 +18,11 @@ MOST_POINTS = 60_000  # points looked at in a frame; more only cost time
 def register_signal(colour: Image) -> NDArray[np.float32]:
     """The band of ``colour`` [H, W, 3] that carries position: [H, W] float32, zero mean locally."""
     finite = np.nan_to_num(colour.astype(np.float32), nan=0.0, posinf=65504.0, neginf=0.0)
-    light = np.maximum(finite @ np.array([0.2126, 0.7152, 0.0722], np.float32), 0.0)
+    light: NDArray[np.float32] = np.maximum(finite @ np.array([0.2126, 0.7152, 0.0722], np.float32), np.float32(0))
     # Compressed by its own middle: bright spots do not outweigh the rest, and exposure cancels.
     middle = float(np.median(light[light > 0])) if (light > 0).any() else 1.0
-    squeezed = light / (light + np.float32(middle))
-    band: NDArray[np.float32] = blur(squeezed, FINE_PX) - blur(squeezed, COARSE_PX)
-    return band
+    squeezed: NDArray[np.float32] = light / (light + np.float32(middle))
+    return np.subtract(blur(squeezed, FINE_PX), blur(squeezed, COARSE_PX), dtype=np.float32)
 
 
 def blur(image: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:

@@ -1,7 +1,7 @@
-"""Mistakes that writers of sequences make, planted into correct frames; each under the name that the detector gives it.
+"""Mistakes that writers of sequences make, planted into correct frames; under the detector's names.
 
-``MISTAKES[name] = (scenes that can show it, plant)``; ``plant(frames)`` returns the spoilt frames. Where a mistake is one
-of the pixels (no jitter drawn), the declaration is spoilt instead, which is the same disagreement.
+``MISTAKES[name] = (scenes that can show it, plant)``; ``plant(frames)`` returns the spoilt frames. What would be a
+mistake of the pixels is planted into the declaration, which is the same disagreement.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from cltaa.cameras import closeness as planar_closeness
-from cltaa.checking.shots import apply_displacement
 from cltaa.cameras import displacement, is_still
+from cltaa.checking.shots import apply_displacement
 from cltaa.frames import Camera, Frame, Image
 
 Frames = Sequence[Frame]
@@ -63,6 +63,14 @@ def motion_in(unit: Callable[[Frame], tuple[float, float]], offset: float = 0.0)
         return motion(np.diag(1.0 / np.array(unit(frames[0]), float)), offset)(frames)
 
     return plant
+
+
+def uv(frame: Frame) -> tuple[float, float]:
+    return frame.width, frame.height
+
+
+def ndc(frame: Frame) -> tuple[float, float]:
+    return frame.width / 2, -frame.height / 2
 
 
 def motion_jittered(sign: float) -> Plant:
@@ -126,6 +134,15 @@ def ray_distance(frame: Frame, plane: Image) -> Image:
     return np.asarray(plane * np.sqrt(1 + (n_x / clip[0, 0]) ** 2 + (n_y / clip[1, 1]) ** 2), np.float32)
 
 
+def device_depth(_: Frame, plane: Image) -> Image:
+    return np.minimum((1 / NEAR - 1 / plane) / (1 / NEAR - 1 / FAR), 1).astype(np.float32)
+
+
+def near_plane(frame: Frame) -> float:
+    clip = frame.camera.view_to_clip
+    return float(clip[2, 3] / (clip[2, 2] - 1.0))
+
+
 def camera(change: Callable[[Camera], Camera]) -> Plant:
     return each(lambda frame: replace(frame, camera=change(frame.camera)))
 
@@ -157,8 +174,7 @@ SWAP = [[0, 1], [1, 0]]
 NEAR, FAR = 0.1, 200.0
 EVERY = ("corridor", "occluder", "spinner", "still")
 MOVING = ("occluder", "spinner")  # things move
-TRAVEL = ("corridor", "wires")  # the camera moves
-uv, ndc = (lambda f: (f.width, f.height)), (lambda f: (f.width / 2, -f.height / 2))
+TRAVEL = ("corridor", "orbit")  # the camera moves
 FLIP_Z, FLIP_Y = np.diag([1.0, 1, -1, 1]), np.diag([1.0, -1, 1, 1])
 
 MISTAKES: dict[str, Mistake] = {
@@ -174,7 +190,7 @@ MISTAKES: dict[str, Mistake] = {
     "jitter-late": Mistake(EVERY, jitter_delayed(1)),
     "jitter-biased": Mistake(EVERY, jitter(np.eye(2), (0.5, 0.5))),
     "motion-negated": Mistake(MOVING, motion(-np.eye(2))),
-    "motion-x-negated": Mistake(MOVING, motion(np.diag([-1, 1]))),
+    "motion-x-negated": Mistake(("spinner",), motion(np.diag([-1, 1]))),
     "motion-y-flipped": Mistake(("spinner",), motion(np.diag([1, -1]))),
     "motion-swapped": Mistake(MOVING, motion(SWAP)),
     "motion-scaled-0.5": Mistake(MOVING, motion(2 * np.eye(2))),
@@ -184,17 +200,19 @@ MISTAKES: dict[str, Mistake] = {
     "motion-centred-on-half-uv": Mistake(MOVING, motion_in(uv, 0.5)),
     "motion-jittered": Mistake((*MOVING, *TRAVEL), then(full_motion, motion_jittered(1.0))),
     "motion-jittered-reversed": Mistake(MOVING, motion_jittered(-1.0)),
-    "depth-inverse": Mistake(("corridor", "still"), depth(lambda f, z: 1 / z)),
-    "depth-device": Mistake(EVERY, depth(lambda f, z: (1 / NEAR - 1 / z) / (1 / NEAR - 1 / FAR))),
-    "depth-device-reversed": Mistake(EVERY, depth(lambda f, z: NEAR / z)),
+    "depth-inverse": Mistake(("corridor", "still"), depth(lambda _, z: (1 / z).astype(np.float32))),
+    "depth-device": Mistake(EVERY, depth(device_depth)),
+    "depth-device-reversed": Mistake(TRAVEL, depth(lambda f, z: near_plane(f) / z)),
     "depth-ray": Mistake(EVERY, depth(ray_distance)),
-    "depth-negative": Mistake(EVERY, depth(lambda f, z: -z)),
-    "depth-scaled-0.01": Mistake(TRAVEL, depth(lambda f, z: 100 * z)),
+    "depth-negative": Mistake(EVERY, depth(lambda _, z: -z)),
+    "depth-scaled": Mistake(("corridor", "orbit"), depth(lambda _, z: 100 * z)),
     "camera-transposed": Mistake(EVERY, camera(lambda c: Camera(c.world_to_view.T, c.view_to_clip.T))),
-    "camera-inverse": Mistake(TRAVEL, camera(lambda c: Camera(np.linalg.inv(c.world_to_view), c.view_to_clip))),
+    "camera-inverse": Mistake(
+        TRAVEL, camera(lambda c: Camera(np.linalg.inv(c.world_to_view).astype(float), c.view_to_clip))
+    ),
     "camera-z-forward": Mistake(EVERY, camera(lambda c: Camera(FLIP_Z @ c.world_to_view, c.view_to_clip))),
-    "camera-y-flipped": Mistake(TRAVEL, camera(lambda c: Camera(c.world_to_view, FLIP_Y @ c.view_to_clip))),
-    "camera-late": Mistake(TRAVEL, camera_delayed(1)),
+    "camera-y-flipped": Mistake(("orbit",), camera(lambda c: Camera(c.world_to_view, FLIP_Y @ c.view_to_clip))),
+    "camera-late": Mistake(("dolly",), camera_delayed(1)),
     "camera-jittered": Mistake(EVERY, each(camera_jittered)),
     "colour-encoded": Mistake(EVERY, colour(srgb)),
 }
