@@ -10,7 +10,9 @@ from pathlib import Path
 
 from cltaa.errors import OutputError, StorageError
 
-_TEMPORARY = re.compile(r"\..+\.tmp\.(\d+)")
+LONGEST_NAME = 200  # bytes of a final name in that of its temporary file; file systems end at 255
+
+_TEMPORARY = re.compile(r"\..+\.tmp\.(\d+)", re.DOTALL)
 
 
 def make_folder(folder: Path) -> Path:
@@ -33,7 +35,9 @@ def atomic_path(path: Path) -> Iterator[Path]:
     second attempt would succeed without having written them. Raises OutputError where the file cannot be created
     and StorageError where writing fails half-way; nothing temporary is left behind by either.
     """
-    temporary = path.with_name(f".{path.name}.tmp.{os.getpid()}")
+    # The end of the name, where the frame number stands: all of it can be as long as a file system allows.
+    name = os.fsdecode(os.fsencode(path.name)[-LONGEST_NAME:])
+    temporary = path.with_name(f".{name}.tmp.{os.getpid()}")
     try:
         temporary.touch()
     except OSError as error:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import io
+import os
 import sys
 from typing import Any
 
 import click
 
-from cltaa.errors import CltaaError, UsageError
+from cltaa.errors import CltaaError, InternalError, ResourceError, StorageError, UsageError
 from cltaa.lazy import Entry, LazyGroup
+from cltaa.printable import printable
 
 # A module is imported when its command runs, and not to list it: ``cltaa resolve`` needs no OpenGL, ``cltaa capture``
 # no OpenCL, and ``cltaa --help`` neither.
@@ -40,35 +43,67 @@ def root(ctx: click.Context, debug: bool) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line and return its exit code (sysexits; 130 when interrupted)."""
-    arguments = sys.argv[1:] if arguments is None else arguments
-    debug = "--debug" in arguments
-    # --debug belongs to the root but is understood wherever it stands.
-    arguments = ["--debug"] * debug + [argument for argument in arguments if argument != "--debug"]
+    """Run the command line and return its exit code (sysexits; 130 when interrupted); an error is one line."""
+    debug, arguments = _take_debug(sys.argv[1:] if arguments is None else arguments)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a letter that the terminal's encoding has not ends nothing
     try:
         outcome: Any = root.main(arguments, prog_name="cltaa", standalone_mode=False)
-    except CltaaError as error:
-        if debug:
-            raise
-        return _failed(error)
-    except ModuleNotFoundError as error:
-        # A module of cltaa's own that is missing is a bug, not an extra that was left out.
-        if debug or error.name is None or error.name.startswith("cltaa"):
-            raise
-        extra = f"the Python package {error.name} is not installed"
-        return _failed(UsageError(extra, cure="run: pip install 'cltaa[all]'"))
-    except click.ClickException as error:
-        error.show()
-        return error.exit_code
+        sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):
         click.echo("cltaa: interrupted; the frames already written are complete, run the same again to go on", err=True)
         return 130
+    except click.exceptions.NoArgsIsHelpError as error:
+        error.show()
+        return error.exit_code
+    except Exception as error:
+        if debug and not isinstance(error, click.ClickException):
+            raise
+        return _failed(error)
     return outcome if isinstance(outcome, int) else 0
 
 
-def _failed(error: CltaaError) -> int:
-    click.echo(f"cltaa: error: {error}", err=True)
-    return error.exit_code
+def _take_debug(arguments: list[str]) -> tuple[bool, list[str]]:
+    """--debug belongs to the root but is understood wherever it stands, unless it is a name behind ``--``."""
+    end = arguments.index("--") if "--" in arguments else len(arguments)
+    others = [argument for argument in arguments[:end] if argument != "--debug"]
+    debug = len(others) < end
+    return debug, ["--debug"] * debug + others + arguments[end:]
+
+
+def _failed(error: Exception) -> int:
+    if isinstance(error, click.ClickException):
+        context = getattr(error, "ctx", None)
+        command = "cltaa" if context is None else context.command_path
+        line = " ".join(error.format_message().split()).rstrip(".")
+        click.echo(f"cltaa: error: {printable(line)}; see {command} --help", err=True)
+        return error.exit_code
+    if isinstance(error, BrokenPipeError):  # whoever read what was printed has had enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return StorageError.exit_code
+    deliberate = _deliberate(error)
+    click.echo(f"cltaa: error: {deliberate}", err=True)
+    return deliberate.exit_code
+
+
+def _deliberate(error: Exception) -> CltaaError:
+    """What an exception that nobody expected means to a user."""
+    match error:
+        case CltaaError():
+            return error
+        # A module of cltaa's own that is missing is a bug, not an extra that was left out.
+        case ModuleNotFoundError() if error.name is not None and not error.name.startswith("cltaa"):
+            missing = f"the Python package {error.name} is not installed"
+            return UsageError(missing, cure="run: pip install 'cltaa[all]'")
+        case MemoryError():
+            return ResourceError("memory ran out", cure="use smaller frames or a machine with more memory")
+        case OSError():
+            what = f"the system refused: {error.strerror or error}"
+            return StorageError(what, path=error.filename, cure="check the disk and the permissions")
+        case _:
+            cure = "this is a fault of cltaa: run it again with --debug and report what it shows"
+            return InternalError(f"{type(error).__name__}: {error}", cure=cure)
 
 
 if __name__ == "__main__":

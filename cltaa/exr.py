@@ -124,7 +124,8 @@ def write_image(
     contiguous = {name: np.ascontiguousarray(pixels) for name, pixels in channels.items()}
     with atomic_path(path) as temporary:
         try:
-            OpenEXR.File(header, contiguous).write(str(temporary))
+            # As bytes: a str that came from a name in another encoding than UTF-8 cannot be handed over.
+            OpenEXR.File(header, contiguous).write(os.fsencode(temporary))
             # A write that fails when OpenEXR closes the file goes unsaid; then the table of chunks is not whole.
             read_layout(temporary)
         except (RuntimeError, ValueError, TypeError, DataError) as error:

@@ -55,7 +55,7 @@ class DeviceLauncher:
         self.device = Device(wish)
         self.description = self.device.description
         self._kernels: dict[tuple[str, Build], Kernel] = {}
-        self.events: list[tuple[str, Any]] | None = None  # a list put here receives each started kernel and its event
+        self.events: list[Any] | None = None  # a list that is put here receives the event of every kernel started
 
     def build(self, plan_build: Build) -> Build:
         """The build with lanes and rows for this device, unless it states its own."""
@@ -76,7 +76,7 @@ class DeviceLauncher:
         size, group = self._range(kernel, build, layout, given)
         event = built.enqueue(self.device.queue, size, group, given)
         if self.events is not None:
-            self.events.append((kernel, event))
+            self.events.append(event)
 
     def kernel(self, name: str, build: Build) -> Kernel:
         """The built kernel, from the cache of this launcher."""

@@ -6,7 +6,12 @@ sign that turns the direction of reading, or bytes that are no UTF-8. Each such 
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import Any
+
+import msgspec
+from rich.markup import escape
 
 
 def printable(text: str | Path, *, longest: int | None = None) -> str:
@@ -18,3 +23,16 @@ def printable(text: str | Path, *, longest: int | None = None) -> str:
     if line.isprintable():
         return line
     return "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode() for sign in line)
+
+
+def shown(text: str | Path) -> str:
+    """Return ``text`` as rich prints it to the letter: no markup, nothing that does not print."""
+    return escape(printable(text))
+
+
+def json_of(value: Any, *, indent: int | None = None) -> str:
+    """Return a struct, or what JSON has a form for, as JSON in ASCII: every other character is its escape.
+
+    That is also the only form of JSON for a file name that is no UTF-8.
+    """
+    return json.dumps(msgspec.to_builtins(value), indent=indent)

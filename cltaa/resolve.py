@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from cltaa.buffers import Buffers, fill
-from cltaa.build import Build, Real, Storage, settings_record
+from cltaa.build import Build, Storage, settings_record
 from cltaa.cameras import closeness, closeness_at, is_still
 from cltaa.errors import DataError
 from cltaa.frame_record import Past as Past
@@ -35,9 +35,8 @@ class Resolver:
     """Accumulates a sequence frame by frame.
 
     ``preset`` is a name or a Preset; ``device`` is None (first OpenCL device), a part of a device's name, its index, or
-    ``numpy``; ``strict`` builds kernels that match the NumPy oracle bit for bit; ``real`` and ``storage`` are the
-    numbers that they compute with and keep the history in. A cut, a gap in the frame numbers or a change of size starts
-    a new history.
+    ``numpy``; ``strict`` builds kernels that match the NumPy oracle bit for bit. A cut, a gap in the frame numbers or a
+    change of size starts a new history.
     """
 
     def __init__(
@@ -47,14 +46,13 @@ class Resolver:
         *,
         strict: bool = False,
         storage: Storage = Storage.FLOAT,
-        real: Real = Real.FLOAT,
         lanes: int = 0,
         rows: int = 0,
     ) -> None:
         self.preset = load_preset(preset) if isinstance(preset, str) else preset
         self._device = device
         self.launcher = launcher_for(device) if device is None or isinstance(device, str) else device
-        self._shape = Build(strict=strict, storage=storage, real=real, lanes=lanes, rows=rows)
+        self._shape = Build(strict=strict, storage=storage, lanes=lanes, rows=rows)
         self._buffers: Buffers | None = None
         self._previous: Past | None = None
         self.plan: Plan | None = None

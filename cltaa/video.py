@@ -77,7 +77,8 @@ def open_video(path: Path, rate: Fraction | int = 24) -> Iterator[Video]:
     av = import_av()
     with atomic_path(path) as temporary:
         try:
-            with av.open(str(temporary), "w", format="mp4", options={"movflags": "faststart"}) as container:
+            # "file:", or a folder called http: would be taken for an address.
+            with av.open(f"file:{temporary}", "w", format="mp4", options={"movflags": "faststart"}) as container:
                 video = Video(container, Fraction(rate), path)
                 yield video
                 video.finish()

@@ -18,6 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from cltaa.errors import UsageError
+from cltaa.printable import printable
 from cltaa_capture.osmesa import BACKENDS
 from cltaa_datasets.models import MOTIONS
 
@@ -166,7 +167,7 @@ def _print_summary(request: Request, captured: Captured, seconds: float, as_json
         return
     kept = f", {captured.kept} kept" if captured.kept else ""
     print(
-        f"{request.output}: {captured.drawn} frames drawn{kept} in {seconds:.1f} s"
+        f"{printable(request.output)}: {captured.drawn} frames drawn{kept} in {seconds:.1f} s"
         f" with {captured.backend} ({captured.opengl})",
         file=sys.stderr,
     )

@@ -8,7 +8,6 @@ from cltaa.lazy import Entry, LazyGroup
 
 MEASUREMENTS = {
     "kernels": Entry("cltaa.commands.bench_kernels", "kernels", "Time the kernels against the alternatives."),
-    "quality": Entry("cltaa.commands.bench_quality", "quality", "Judge presets on scenes against the truth."),
 }
 
 

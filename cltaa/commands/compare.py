@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from pathlib import Path
@@ -10,7 +9,6 @@ from typing import Any
 
 import click
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from cltaa.atomic import make_folder
@@ -19,6 +17,7 @@ from cltaa.comparison import Comparison, equal_quality, pair_up
 from cltaa.errors import UsageError
 from cltaa.frames import Image
 from cltaa.metrics import DEFAULT_METRICS, METRICS, Metric, flip_map, mean, measure, parse_metrics
+from cltaa.printable import json_of, shown
 from cltaa.progress import track
 from cltaa.streams import read_ahead
 from cltaa.video_scores import SCORES, VideoScores
@@ -91,7 +90,7 @@ def compare(
         result["definitions"] |= {score.name: score.title for score in SCORES}
         result |= {name: sums.scores() for name, sums in zip(names, video.totals, strict=False)}
     if as_json:
-        click.echo(json.dumps(_finite(result), indent=2))
+        click.echo(json_of(_finite(result), indent=2))
     else:
         _print(result, shown)
 
@@ -189,7 +188,7 @@ def _finite(value: Any) -> Any:
 
 def _print(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
     console = Console()
-    console.print(f"{escape(result['test'])} against {escape(result['reference'])}", soft_wrap=True, highlight=False)
+    console.print(f"{shown(result['test'])} against {shown(result['reference'])}", soft_wrap=True, highlight=False)
     table = Table()
     table.add_column("frame", justify="right")
     for metric in metrics:

@@ -20,6 +20,7 @@ from cltaa.frames import Image
 from cltaa.metrics import METRICS, mean, measure
 from cltaa.pictures import side_by_side, write_image_png, write_png
 from cltaa.pipeline import Outcome, resolve_sequence
+from cltaa.printable import shown
 from cltaa.resolve import Resolver
 from cltaa.sources import ImageSequence, open_images, open_sequence
 from cltaa.video import write_side_by_side
@@ -138,6 +139,7 @@ def _print(gain: Gain, outcome: Outcome, output: Path) -> None:
     table.add_row("samples a pixel for the same error", "1", f"[bold]{gain.equal_quality_samples:.1f}")
     table.add_row("resolve, ms a frame", "", f"{gain.resolve_ms:.1f}")
     console.print(table)
-    console.print(f"resolved on {gain.device}", highlight=False, soft_wrap=True)
+    console.print(f"resolved on {shown(gain.device)}", highlight=False, soft_wrap=True)
     for name in ("before.png", "after.png", "crop.png", "side-by-side.mp4", "sequence", "resolved"):
-        console.print(f"  {output / name}{os.sep if (output / name).is_dir() else ''}", highlight=False)
+        folder = os.sep if (output / name).is_dir() else ""
+        console.print(f"  {shown(output / name)}{folder}", highlight=False, soft_wrap=True)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import click
-import msgspec
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from cltaa.doctor import Diagnosis, diagnose
 from cltaa.errors import DeviceMissing
+from cltaa.printable import json_of, shown
 
 
 @click.command()
@@ -26,7 +25,7 @@ def doctor(ctx: click.Context, as_json: bool) -> None:
     with console.status("Trying files, linker, OpenCL and OpenGL ..."):
         diagnosis = diagnose()
     if as_json:
-        click.echo(msgspec.json.format(msgspec.json.encode(diagnosis)).decode())
+        click.echo(json_of(diagnosis, indent=2))
     else:
         console.print(_findings(diagnosis))
         for devices in filter(None, (finding.devices for finding in diagnosis.findings)):
@@ -44,7 +43,7 @@ def _findings(diagnosis: Diagnosis) -> Table:
     for finding in diagnosis.findings:
         mark = "[green]✓[/]" if finding.ok else "[red]✗[/]" if diagnosis.hurts(finding) else "[yellow]–[/]"
         cure = "" if finding.ok or finding.cure is None else finding.cure
-        table.add_row(mark, finding.name, escape(finding.found), escape(cure))
+        table.add_row(mark, finding.name, shown(finding.found), shown(cure))
     return table
 
 
@@ -63,4 +62,4 @@ def _cell(name: str, value: object) -> str:
         return "[green]yes[/]" if value else "[dim]no[/]"
     if name.endswith("_bytes") and isinstance(value, int):
         return f"{value / 2**30:.1f} GiB"
-    return escape(str(value))
+    return shown(str(value))

@@ -5,14 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-import msgspec
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
 from cltaa.errors import DataError
 from cltaa.inspection import Inspection, inspect_folder
+from cltaa.printable import json_of, shown
 
 
 @click.command()
@@ -35,7 +34,7 @@ def inspect(ctx: click.Context, folder: Path, pixels: bool, as_json: bool) -> No
             advance=lambda done, total: progress.update(task, completed=done, total=total),
         )
     if as_json:
-        click.echo(msgspec.json.format(msgspec.json.encode(found)).decode())
+        click.echo(json_of(found, indent=2))
     else:
         _print(found)
     if found.problems:
@@ -48,12 +47,12 @@ def _print(found: Inspection) -> None:
     table.add_column(style="dim")
     table.add_column()
     for name, text in _facts(found):
-        table.add_row(name, escape(text))
+        table.add_row(name, shown(text))
     console.print(table)
     if found.statistics:
         console.print(_statistics(found))
     for problem in found.problems:
-        console.print(f"[red]✗[/] {escape(problem)}", soft_wrap=True, highlight=False)
+        console.print(f"[red]✗[/] {shown(problem)}", soft_wrap=True, highlight=False)
     if not found.problems:
         console.print("[green]✓[/] no problem found")
 

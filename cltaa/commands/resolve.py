@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Literal
 
 import click
-import msgspec
 from rich.console import Console
 from rich.table import Table
 
@@ -19,6 +18,7 @@ from cltaa.numbered import OnBreak
 from cltaa.params import Preset, override
 from cltaa.pipeline import Outcome, resolve_sequence, stage_rows
 from cltaa.presets import load_config, load_preset
+from cltaa.printable import json_of, shown
 from cltaa.resolve import Resolver
 from cltaa.sources import open_sequence
 
@@ -91,7 +91,7 @@ def resolve(
         checkpoint_every=checkpoint,
     )
     if as_json:
-        click.echo(msgspec.json.encode(outcome).decode())
+        click.echo(json_of(outcome))
     else:
         _print_outcome(outcome)
 
@@ -134,7 +134,7 @@ def _frame_range(text: str) -> tuple[int, int]:
 
 def _print_outcome(outcome: Outcome) -> None:
     console = Console()
-    table = Table(title=f"{outcome.frames} frames, {outcome.width} x {outcome.height}, preset {outcome.preset}")
+    table = Table(title=f"{outcome.frames} frames, {outcome.width} x {outcome.height}, preset {shown(outcome.preset)}")
     table.add_column("stage")
     table.add_column("ms a frame", justify="right")
     for name, milliseconds in stage_rows(outcome.seconds):
@@ -142,5 +142,5 @@ def _print_outcome(outcome: Outcome) -> None:
     console.print(table)
     if outcome.resolved < outcome.frames:
         console.print(f"{outcome.frames - outcome.resolved} frames were finished already", highlight=False)
-    console.print(f"on {outcome.device}", highlight=False)
-    console.print(f"written to {outcome.output}", highlight=False)
+    console.print(f"on {shown(outcome.device)}", highlight=False)
+    console.print(f"written to {shown(outcome.output)}", highlight=False, soft_wrap=True)

@@ -138,8 +138,57 @@ def test_an_extra_left_out_says_what_to_install(
 ) -> None:
     assert run_main_raising(monkeypatch, ModuleNotFoundError("no", name="trimesh")) == errors.UsageError.exit_code
     assert "trimesh is not installed; run: pip install 'cltaa[all]'" in capsys.readouterr().err
-    with pytest.raises(ModuleNotFoundError):
-        run_main_raising(monkeypatch, ModuleNotFoundError("no", name="cltaa.gone"))
+    assert run_main_raising(monkeypatch, ModuleNotFoundError("no", name="cltaa.gone")) == errors.InternalError.exit_code
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (ZeroDivisionError("division by zero"), 70, "ZeroDivisionError: division by zero; this is a fault of cltaa"),
+        (MemoryError(), 75, "memory ran out"),
+        (OSError(28, "No space left on device", "x"), 74, "x: the system refused: No space left on device"),
+        (RecursionError("too\ndeep \x1b[2J"), 70, r"RecursionError: too deep \x1b[2J"),
+    ],
+)
+def test_what_nobody_expected_is_one_line_too(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], error: Exception, code: int, words: str
+) -> None:
+    assert run_main_raising(monkeypatch, error) == code
+    said = capsys.readouterr().err
+    assert words in said
+    assert said.count("\n") == 1
+    with pytest.raises(type(error)):
+        cli.main(["inspect", "--debug"])
+
+
+@pytest.mark.parametrize(
+    "arguments", ["inspect", "inspect --nonsense", "resolve x", "nonsense", "demo --frames x", "resolve x -o"]
+)
+def test_wrong_option_is_one_line(arguments: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(arguments.split()) == 2
+    said = capsys.readouterr()
+    assert re.fullmatch(r"cltaa: error: .*; see cltaa.* --help\n", said.err), said.err
+    assert said.out == ""
+
+
+def test_reader_that_has_had_enough() -> None:
+    """``cltaa presets --parameters | head -1`` says nothing about broken pipes."""
+    command = f"{sys.executable} -m cltaa.cli presets --parameters --json | true"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_answer_onto_a_full_disk() -> None:
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "cltaa.cli", "presets", "--json"]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr.count("\n")) == (74, 1), done.stderr
+    assert "No space left on device" in done.stderr
+
+
+def test_debug_behind_two_dashes_is_a_name(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["inspect", "--", "--debug"]) == errors.InputMissing.exit_code
+    assert "--debug" in capsys.readouterr().err
 
 
 def test_an_interrupt_ends_with_130(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

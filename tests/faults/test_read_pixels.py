@@ -1,0 +1,113 @@
+"""Any bit pattern as a pixel: the result is finite, and pixels far away do not change by a bit. NUMERICS 3.2, row 8."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cltaa.exr import read_frame, write_frame
+from cltaa.frames import Effect, Frame, Image
+from cltaa.resolve import Resolver
+from tests.sequence_factory import bits, make_camera, make_frame
+
+HEIGHT, WIDTH, FRAMES = 40, 56, 4
+PLACE = (HEIGHT // 2, WIDTH // 2)
+# What can carry harm in one frame: the repair and the 3x3 around a pixel (2), the dilation of depth and motion (1),
+# half a pixel of motion (1) and two texels of the history filter (2).
+REACH_A_FRAME = 6
+
+POINTS = {
+    "quiet NaN": 0x7FC00000, "signalling NaN": 0x7F800001, "negative NaN": 0xFFC0BEEF,
+    "infinity": 0x7F800000, "-infinity": 0xFF800000, "-0": 0x80000000, "denormal": 0x00000001,
+    "-denormal": 0x807FFFFF, "largest": 0x7F7FFFFF, "-largest": 0xFF7FFFFF,
+    **{f"{value:g}": int(np.float32(value).view(np.uint32))
+       for value in (65504.0, 65520.0, -1.0, 1e3, 1e6, 1e10, 1e20, 1e30)},
+}  # fmt: skip
+PLANES = ("all black", "all one", "checker of +1 and -1")
+CHANNELS = ("R", "Z", "A", "backward.u", "backward.v", "reactive")
+
+
+def sequence() -> list[Frame]:
+    effects = frozenset({Effect.MOTION, Effect.ALPHA, Effect.REACTIVE})
+    frames = []
+    for index in range(FRAMES):
+        frame = make_frame(index, width=WIDTH, height=HEIGHT, motion=True, alpha=True, reactive=True,
+                           camera=make_camera(aspect=WIDTH / HEIGHT), effects=effects)  # fmt: skip
+        frames.append(frame)
+    return frames
+
+
+def plane(frame: Frame, channel: str) -> Image:
+    """The plane of a channel, as a view."""
+    assert frame.motion is not None
+    assert frame.alpha is not None
+    assert frame.reactive is not None
+    return {
+        "R": frame.colour[..., 0], "Z": frame.depth, "A": frame.alpha, "backward.u": frame.motion[..., 0],
+        "backward.v": frame.motion[..., 1], "reactive": frame.reactive,
+    }[channel]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def resolver() -> Resolver:
+    return Resolver()
+
+
+def resolved(resolver: Resolver, frames: list[Frame]) -> list[Image]:
+    resolver.reset()
+    return [resolver.resolve(frame) for frame in frames]
+
+
+@pytest.fixture(scope="module")
+def undisturbed(resolver: Resolver) -> list[Image]:
+    return resolved(resolver, sequence())
+
+
+@pytest.mark.parametrize("channel", CHANNELS)
+@pytest.mark.parametrize("value", POINTS)
+def test_one_pixel_of_any_value(resolver: Resolver, undisturbed: list[Image], value: str, channel: str) -> None:
+    frames = sequence()
+    plane(frames[1], channel)[PLACE] = np.uint32(POINTS[value]).view(np.float32)
+    y, x = np.mgrid[0:HEIGHT, 0:WIDTH]
+    distance = np.maximum(abs(y - PLACE[0]), abs(x - PLACE[1]))
+    for index, (image, expected) in enumerate(zip(resolved(resolver, frames), undisturbed, strict=True)):
+        assert np.isfinite(image).all()
+        far = distance > REACH_A_FRAME * index
+        assert far.any()
+        np.testing.assert_array_equal(bits(image)[far], bits(expected)[far])
+
+
+@pytest.mark.parametrize("channel", CHANNELS)
+@pytest.mark.parametrize("value", PLANES)
+def test_a_whole_plane(resolver: Resolver, value: str, channel: str) -> None:
+    frames = sequence()
+    y, x = np.mgrid[0:HEIGHT, 0:WIDTH]
+    content = {"all black": 0.0, "all one": 1.0, "checker of +1 and -1": 1.0 - 2.0 * ((y + x) % 2)}[value]
+    for frame in frames:
+        plane(frame, channel)[...] = content
+    assert all(np.isfinite(image).all() for image in resolved(resolver, frames))
+
+
+@pytest.mark.parametrize("value", ["quiet NaN", "infinity", "largest"])
+def test_every_pixel_of_every_channel(resolver: Resolver, value: str) -> None:
+    """Nothing is left to repair from: the result is still finite, and the next sound frame is a sound start."""
+    frames = sequence()
+    for channel in CHANNELS:
+        plane(frames[1], channel)[...] = np.uint32(POINTS[value]).view(np.float32)
+    frames[1].colour[...] = frames[1].colour[..., :1]
+    images = resolved(resolver, frames)
+    assert all(np.isfinite(image).all() for image in images)
+
+
+def test_every_value_survives_the_file(tmp_path: Path) -> None:
+    """The reader hands on what the file holds, bit for bit; what to make of it is the resolve's affair."""
+    patterns = np.array([*POINTS.values()], np.uint32).view(np.float32)
+    frame = sequence()[0]
+    for channel in CHANNELS:
+        plane(frame, channel)[...] = np.resize(patterns, (HEIGHT, WIDTH))
+    write_frame(tmp_path / "a.0000.exr", frame)
+    back = read_frame(tmp_path / "a.0000.exr")
+    for channel in CHANNELS:
+        np.testing.assert_array_equal(bits(plane(back, channel)), bits(plane(frame, channel)))
