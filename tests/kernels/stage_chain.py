@@ -7,7 +7,6 @@ wrote. What a stage needs is read from the signature of its twin, so that a new 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from cltaa.build import Build, Record, Steps, settings_record
 from cltaa.constants import value as value_of
-from cltaa.launch import Buffer, Launcher, NumpyLauncher
+from cltaa.launch import Launcher, NumpyLauncher
 from cltaa.layout import Layout
 from cltaa.params import Choices, Settings
 from cltaa.reference import KERNELS
@@ -144,29 +143,27 @@ def padded(planes: NDArray[Any], layout: Layout) -> NDArray[np.float32]:
     return out
 
 
-def arguments_of(kernel: str) -> list[str]:
-    """Names of a kernel's arguments, from its twin."""
-    return [p.name for p in inspect.signature(KERNELS[kernel]).parameters.values() if p.kind is p.KEYWORD_ONLY]
+def arguments_of(kernel: str, work: Work) -> dict[str, NDArray[Any]]:
+    """What a kernel is given, by the names in its twin's signature: structs, planes to read, and UNWRITTEN ones.
 
-
-def stage_input(name: str, planes: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
-    """The planes that an argument reads: what an earlier stage wrote as ``x_out`` is read as ``x_in``."""
-    return planes[name.replace("_in", "_out") if name.endswith("_in") else name]
+    What an earlier stage wrote as ``x_out`` is read as ``x_in``.
+    """
+    given: dict[str, NDArray[Any]] = {"frame": work.frame, "settings": work.settings, **work.planes}
+    given |= {f"{name[:-4]}_in": planes for name, planes in work.planes.items() if name.endswith("_out")}
+    given |= {name: np.full_like(work.layout.empty(count), UNWRITTEN) for name, count in WRITES[kernel].items()}
+    names = [p.name for p in inspect.signature(KERNELS[kernel]).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    return {name: given[name] for name in names}
 
 
 def run_stage(kernel: str, build: Build, work: Work, launcher: Launcher) -> Planes:
     """Run one kernel over the planes of ``work``; returns the padded planes that it wrote, UNWRITTEN elsewhere."""
-    planes = work.planes
-    buffers: dict[str, Buffer] = {}
-    for name in arguments_of(kernel):
-        if name not in ("frame", "settings"):
-            made = WRITES[kernel].get(name)
-            source = stage_input(name, planes) if made is None else np.full_like(work.layout.empty(made), UNWRITTEN)
+    buffers: dict[str, Any] = arguments_of(kernel, work)
+    for name, source in buffers.items():
+        if np.ndim(source):
             buffers[name] = launcher.allocate(source.shape, source.dtype)
             with buffers[name].mapped(write=True) as target:
                 target[:] = source
-    structs = {"frame": work.frame, "settings": work.settings}
-    launcher.run(kernel, build, work.layout, {name: {**structs, **buffers}[name] for name in arguments_of(kernel)})
+    launcher.run(kernel, build, work.layout, buffers)
     launcher.finish()
     written: Planes = {}
     for name in WRITES[kernel]:
@@ -194,9 +191,9 @@ def differing(work: Work, a: Planes, b: Planes) -> int:
 
 
 def variants(kernel: str, build: Build) -> dict[str, Build]:
-    """``build`` with each choice or step that a stage looks at changed on its own, by name."""
+    """``build``, and with each choice or step that a stage looks at changed on its own, by name."""
     named = {"default": build}
-    for name in LOOKS_AT[kernel]:
+    for name in LOOKS_AT.get(kernel, ()):
         part = "choices" if name in Choices.__struct_fields__ else "steps"
         before = getattr(getattr(build, part), name)
         for value in [not before] if isinstance(before, bool) else [v for v in type(before) if v is not before]:

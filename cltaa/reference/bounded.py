@@ -1,0 +1,243 @@
+"""Numbers that carry their error: the second oracle is the twins themselves, run on these instead of on float32.
+
+A ``Bounded`` holds float64 values and, beside each, a bound of the distance to what any float32 program may get that
+does the same operations in the same order: every operation adds its own rounding to the errors of its operands (the
+running error analysis of Higham 2002, section 3.3, second-order terms included). Contraction only leaves roundings out,
+so it stays inside. A comparison that the errors leave open gives a ``Decision`` that may fall either way: a choice
+between nearly equal numbers (a maximum) is as wide as both together; a choice between different ones is reachable on
+both sides, and its error is infinite. Such pixels are counted, not compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
+from numpy.typing import NDArray
+
+from cltaa.build import Build
+from cltaa.layout import Layout
+from cltaa.reference import KERNELS
+
+Values = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+SINGLE = 2.0**-24 * (1 + 2.0**-20)  # unit roundoff of float32, and room for the float64 of this analysis itself
+DIVIDE = 5 * SINGLE  # 2.5 ulp: what OpenCL asks of a division in single precision
+ROOT = 6 * SINGLE  # 3 ulp: of a square root
+LARGEST = float(np.finfo(np.float32).max)  # what may exceed it may become infinite
+LEAST = 2.0**-126  # the smallest normal number: a device may flush what is below
+# Two sides of an open choice that differ by no more than this many times their errors are one continuous function.
+CONTINUOUS = 4.0
+
+
+class Decision(NDArrayOperatorsMixin):
+    """A mask that rounding may have turned: what the values say, where it is surely so, and where possibly."""
+
+    def __init__(self, value: Mask, surely: Mask, possibly: Mask) -> None:
+        self.value, self.surely, self.possibly = value, surely, possibly
+
+    @property
+    def open(self) -> Mask:
+        """Where either answer can be reached."""
+        return self.possibly & ~self.surely
+
+    def __getitem__(self, index: Any) -> Decision:
+        """A part of the mask."""
+        return Decision(self.value[index], self.surely[index], self.possibly[index])
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        """And, or, not: in three values."""
+        parts = [_decision(part) for part in inputs]
+        if ufunc is np.invert:
+            only = parts[0]
+            return Decision(~only.value, ~only.possibly, ~only.surely)
+        if ufunc not in (np.bitwise_and, np.bitwise_or) or method != "__call__":
+            return NotImplemented
+        a, b = parts
+        return Decision(ufunc(a.value, b.value), ufunc(a.surely, b.surely), ufunc(a.possibly, b.possibly))
+
+    def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
+        """A choice."""
+        return _FUNCTIONS[function](*args, **options)
+
+
+class Bounded(NDArrayOperatorsMixin):
+    """Values with the error that float32 may have made in each; ``dtype.type`` makes coefficients."""
+
+    class Coefficients:
+        """What the twins take for the type of their numbers."""
+
+        dtype = np.dtype(np.float64)
+
+        @staticmethod
+        def type(value: float) -> Bounded:
+            """A coefficient: kernels hold it rounded to float32."""
+            exact = np.asarray(value, np.float64)
+            return Bounded(exact, np.abs(np.float32(value) - exact))
+
+    dtype: ClassVar[Any] = Coefficients()
+
+    def __init__(self, value: Values, error: Values) -> None:
+        self.value, self.error = value, error
+
+    @classmethod
+    def exact(cls, value: Any) -> Bounded:
+        """What the device was given."""
+        with np.errstate(invalid="ignore"):  # signalling NaN
+            values = np.asarray(value).astype(np.float64)
+        return cls(values, np.zeros_like(values))
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the values."""
+        return self.value.shape
+
+    def __len__(self) -> int:
+        """Planes."""
+        return len(self.value)
+
+    def __iter__(self) -> Iterator[Bounded]:
+        """Plane by plane, as views."""
+        return (self[index] for index in range(len(self)))
+
+    def __getitem__(self, index: Any) -> Bounded:
+        """A view of a part."""
+        return Bounded(self.value[index], self.error[index])
+
+    def __setitem__(self, index: Any, given: Any) -> None:
+        """Write values and errors."""
+        source = bounded(given)
+        self.value[index], self.error[index] = source.value, source.error
+
+    def copy(self) -> Bounded:
+        """Values and errors of its own."""
+        return Bounded(self.value.copy(), self.error.copy())
+
+    def broadcast(self, shape: tuple[int, ...]) -> Bounded:
+        """The same number everywhere."""
+        return Bounded(np.broadcast_to(self.value, shape), np.broadcast_to(self.error, shape))
+
+    def astype(self, dtype: Any) -> Any:
+        """Whole numbers as an array; the twins' own real changes nothing."""
+        return self.value.astype(dtype) if dtype in (int, np.int64) else self
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        """Arithmetic and comparisons, with their roundings."""
+        if method != "__call__" or options or ufunc not in _OPERATIONS:
+            return NotImplemented
+        with np.errstate(all="ignore"):  # an infinite error and a NaN both mean: not compared
+            return _OPERATIONS[ufunc](*(bounded(part) for part in inputs))
+
+    def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
+        """A choice, or an array of the same shape."""
+        return _FUNCTIONS[function](*args, **options)
+
+
+def bounded(given: Any) -> Bounded:
+    """A number of the analysis; anything else is exact."""
+    return given if isinstance(given, Bounded) else Bounded.exact(given)
+
+
+def with_bounds(kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> dict[str, Bounded]:
+    """Run the twin of a kernel in float64 with bounds; arguments by the kernel's names, planes as float32 arrays.
+
+    Returns every plane as it is afterwards, those that the kernel wrote among them.
+    """
+    planes = {name: Bounded.exact(given) for name, given in arguments.items() if np.ndim(given)}
+    KERNELS[kernel](build, layout, **{**arguments, **planes})
+    return planes
+
+
+def _decision(given: Any) -> Decision:
+    if isinstance(given, Decision):
+        return given
+    mask = np.asarray(given, bool)
+    return Decision(mask, mask, mask)
+
+
+def _rounded(value: Values, carried: Values, unit: float, exact: Any = False) -> Bounded:
+    """A result whose operands' errors come to ``carried``, with the rounding of the operation itself."""
+    error = carried + np.where(exact, 0.0, unit * (np.abs(value) + carried) + LEAST)
+    return Bounded(value, np.where(np.abs(value) + error <= LARGEST, error, np.inf))
+
+
+def _zero(a: Bounded) -> Mask:
+    nothing: Mask = (a.value == 0) & (a.error == 0)
+    return nothing
+
+
+def _add(a: Bounded, b: Bounded) -> Bounded:
+    return _rounded(a.value + b.value, a.error + b.error, SINGLE, _zero(a) | _zero(b))
+
+
+def _subtract(a: Bounded, b: Bounded) -> Bounded:
+    return _add(a, Bounded(-b.value, b.error))
+
+
+def _multiply(a: Bounded, b: Bounded) -> Bounded:
+    carried = np.abs(a.value) * b.error + np.abs(b.value) * a.error + a.error * b.error
+    one = (np.abs(a.value) == 1) & (a.error == 0) | (np.abs(b.value) == 1) & (b.error == 0)
+    return _rounded(a.value * b.value, carried, SINGLE, one | _zero(a) | _zero(b))
+
+
+def _divide(a: Bounded, b: Bounded) -> Bounded:
+    value, least = a.value / b.value, np.abs(b.value) - b.error
+    carried = np.where(least > 0, (a.error + np.abs(value) * b.error) / np.abs(least), np.inf)
+    return _rounded(value, carried, DIVIDE, _zero(a))
+
+
+def _root(a: Bounded) -> Bounded:
+    value = np.sqrt(a.value)
+    lower, upper = np.sqrt(np.maximum(a.value - a.error, 0)), np.sqrt(a.value + a.error)
+    return _rounded(value, np.maximum(value - lower, upper - value), ROOT, _zero(a))
+
+
+def _floor(a: Bounded) -> Bounded:
+    same = np.floor(a.value - a.error) == np.floor(a.value + a.error)
+    return Bounded(np.floor(a.value), np.where(same, 0.0, np.inf))
+
+
+def _compare(ufunc: np.ufunc) -> Callable[[Bounded, Bounded], Decision | Mask]:
+    def compare(a: Bounded, b: Bounded) -> Decision | Mask:
+        slack, value = a.error + b.error, ufunc(a.value, b.value)
+        if not np.any(slack):
+            return np.asarray(value)
+        undecided = ~(np.abs(a.value - b.value) > slack) & (slack != 0) & ~np.isnan(a.value) & ~np.isnan(b.value)
+        return Decision(value, value & ~undecided, value | undecided)
+
+    return compare
+
+
+def _where(condition: Any, first: Any, second: Any) -> Any:
+    choice, x, y = _decision(condition), bounded(first), bounded(second)
+    with np.errstate(all="ignore"):
+        value, error = np.where(choice.value, x.value, y.value), np.where(choice.value, x.error, y.error)
+        apart = np.abs(x.value - y.value)
+        both = np.maximum(error, apart + np.where(choice.value, y.error, x.error))
+        jumps = ~(apart <= CONTINUOUS * (x.error + y.error))
+        return Bounded(value, np.where(choice.open, np.where(jumps, np.inf, both), error))
+
+
+_OPERATIONS: dict[np.ufunc, Callable[..., Any]] = {
+    np.add: _add,
+    np.subtract: _subtract,
+    np.multiply: _multiply,
+    np.true_divide: _divide,
+    np.sqrt: _root,
+    np.floor: _floor,
+    np.negative: lambda a: Bounded(-a.value, a.error),
+    np.absolute: lambda a: Bounded(np.abs(a.value), a.error),
+    **{
+        ufunc: _compare(ufunc)
+        for ufunc in (np.greater, np.greater_equal, np.less, np.less_equal, np.equal, np.not_equal)
+    },
+}
+_FUNCTIONS: dict[Any, Callable[..., Any]] = {
+    np.where: _where,
+    np.zeros_like: lambda like: Bounded.exact(np.zeros(like.shape)),
+    np.ones_like: lambda like: Bounded.exact(np.ones(like.shape)),
+    np.broadcast_to: lambda given, shape: given.broadcast(shape),
+}

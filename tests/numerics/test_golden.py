@@ -1,0 +1,32 @@
+"""The golden vectors: neither twins nor strict kernels have moved since they were written."""
+
+from __future__ import annotations
+
+import pytest
+
+from cltaa.build import Build
+from cltaa.launch import DeviceLauncher, Launcher, NumpyLauncher
+from tests.kernels.stage_chain import ALL_STEPS, STAGES, WRITES, differing, run_stage
+from tests.numerics.golden import FOLDER, LAYOUT, read_table, read_work
+
+
+@pytest.mark.parametrize("launcher", [NumpyLauncher, DeviceLauncher])
+def test_stages_give_the_golden_vectors(launcher: type[NumpyLauncher] | type[DeviceLauncher]) -> None:
+    on: Launcher = launcher()
+    work = read_work()
+    build = on.build(Build(steps=ALL_STEPS, strict=True))
+    for kernel in [*STAGES, "resolve"]:
+        golden = read_table(FOLDER / f"{kernel}.csv")
+        assert {name: len(planes) for name, planes in golden.items()} == WRITES[kernel]
+        assert differing(work, run_stage(kernel, build, work, on), golden) == 0, kernel
+        if kernel in STAGES:
+            work.planes.update(golden)
+
+
+def test_golden_vectors_take_both_ways() -> None:
+    history = LAYOUT.inside(read_table(FOLDER / "sample_history.csv")["history_at"])
+    change = LAYOUT.inside(read_table(FOLDER / "rectify_history.csv")["change_out"])
+    usable = history[7] == 1
+    assert 5 <= usable.sum() < usable.size
+    assert 0 < (change[3][usable] > 0).sum() < usable.sum()
+    assert (history[5][usable] > 0).any()

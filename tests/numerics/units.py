@@ -1,0 +1,154 @@
+"""The outputs of the stages, and the natural size of an error in each: what a bound is a multiple of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import reduce
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cltaa.constants import PAD_X, PAD_Y
+from cltaa.reference.projection import Motion, on_screen
+from cltaa.reference.real import outside_domain, quiet
+from cltaa.reference.sampling import footprint_of
+from tests.kernels.stage_chain import Work
+
+Values = Any  # [H, W] or [C, H, W]
+
+
+class Output(NamedTuple):
+    """Some channels of a plane that a kernel writes; ``scale(work)`` is the unit of its errors, over u."""
+
+    kernel: str
+    label: str
+    plane: str
+    channels: slice
+    unit: str
+    scale: Callable[[Work], Any]
+
+
+def usable(work: Work, reach: int = 1) -> Values:
+    """Largest usable magnitude of each channel within ``reach`` texels, [C, H, W]."""
+    current = work.planes["current"]
+    bad = np.logical_or.reduce([outside_domain(plane) for plane in current])
+    magnitudes = np.where(bad, 0.0, np.abs(current))
+    high, wide = work.layout.height, work.layout.width
+    steps = range(-reach, reach + 1)
+    shifts = [(PAD_Y + j, PAD_X + i) for j in steps for i in steps]
+    return reduce(np.maximum, (magnitudes[:, y : y + high, x : x + wide] for y, x in shifts))
+
+
+def colour(work: Work) -> Values:
+    """Largest magnitude of any channel in the 5x5: what the 3x3 and the repair of its texels read."""
+    return usable(work, 2).max(0)
+
+
+def spread(work: Work) -> Values:
+    """60 standard deviations and the colour twice: what the box space's own rounding adds."""
+    return 60 * work.layout.inside(work.planes["statistics_out"])[3:6] + 2 * colour(work)
+
+
+def displacement(work: Work) -> Values:
+    """16 max(1, d), which over u is 2^-20 max(1, d), where the previous position is on the screen."""
+    m = surface_motion(work)
+    size = np.maximum(1.0, np.maximum(np.abs(m.u), np.abs(m.v)))
+    return np.where(on_screen(m, work.layout), 16 * size, np.nan)
+
+
+def surface_motion(work: Work) -> Motion:
+    u, v, scale, shift, visible = work.layout.inside(work.planes["motion_out"])[:5]
+    return Motion(u, v, scale, shift, visible > 0.5)
+
+
+def taps(work: Work, name: str, channels: slice) -> Values:
+    """Largest magnitude of the 16 taps of each pixel, [C, H, W]."""
+    m = surface_motion(work)
+    f = footprint_of(m, on_screen(m, work.layout), work.layout)
+    near = [(f.row + j, f.column + i) for j in (-1, 0, 1, 2) for i in (-1, 0, 1, 2)]
+    return reduce(np.maximum, (np.abs(work.planes[name][channels, y, x]) for y, x in near))
+
+
+@quiet
+def box(work: Work) -> Values:
+    """Largest magnitude of the history and of the extremes of the neighbourhood."""
+    inside = work.layout.inside
+    extremes = np.abs(inside(work.planes["statistics_out"])).max(0)
+    return np.maximum(np.abs(inside(work.planes["history_at"])[:3]).max(0), extremes)
+
+
+def parts(work: Work) -> list[Values]:
+    """Current sample, the mean around it, and history and its change where they are used, [3, H, W]."""
+    inside = work.layout.inside
+    current, mean, history, change = (
+        inside(work.planes[name])[:3] for name in ("repaired", "statistics_out", "history_at", "change_out")
+    )
+    used = inside(work.planes["history_at"])[7] > 0.5
+    return [current, mean, np.where(used, history, 0.0), np.where(used, change, 0.0)]
+
+
+def both(work: Work) -> Values:
+    """The largest magnitude of all that is blended, any channel."""
+    return np.maximum.reduce([np.abs(part).max(0) for part in parts(work)])
+
+
+@quiet
+def conditioned(work: Work) -> Values:
+    """How much the luminance weights magnify an error.
+
+    By (knee + R/4 + G/2 + B/4 of magnitudes) / (knee + Y) where negative light cancels, and by the ratio of the two
+    weights, because 1 - weight keeps only an absolute error where the weight is nearly 1.
+    """
+    knee = float(work.settings["luminance_knee"])
+    current, _, history, change = parts(work)
+
+    def weighed(value: Values) -> Values:
+        return knee + np.maximum(0.25 * (value[0] + value[2]) + 0.5 * value[1], 0.0)
+
+    x, h = weighed(current), weighed(history + change)
+    magnified = np.maximum(weighed(np.abs(current)) / x, weighed(np.abs(history) + np.abs(change)) / h)
+    return magnified * np.maximum(x / h, h / x)
+
+
+def one(work: Work) -> float:  # noqa: ARG001
+    return 1.0
+
+
+@quiet
+def pulled(work: Work) -> Values:
+    """M / extent + pull: how an error of the history shows in half extents of the box."""
+    inside = work.layout.inside
+    low, high = inside(work.planes["statistics_out"])[[6, 9]]
+    centre = low + 0.5 * (high - low)
+    floor = float(work.settings["box_floor"])
+    return box(work) / np.maximum(0.5 * (high - low), floor * np.abs(centre)) + inside(work.planes["change_out"])[3]
+
+
+def counts(work: Work) -> Values:
+    return 1 + taps(work, "history_count", slice(0, 1))
+
+
+RGB, FOURTH, FIRST = slice(0, 3), slice(3, 4), slice(0, 1)
+HISTORY, STATISTICS, MOTION = "sample_history", "neighbourhood_statistics", "surface_motion"
+OUTPUTS = [
+    Output("repair_colour", "repair: mean of usable texels", "repaired", RGB, "u·M", usable),
+    Output(STATISTICS, "statistics: mean", "statistics_out", RGB, "u·M", colour),
+    Output(STATISTICS, "statistics: deviation σ", "statistics_out", slice(3, 6), "u·(60σ + 2M)", spread),
+    Output(STATISTICS, "statistics: low, high", "statistics_out", slice(6, 12), "u·M", colour),
+    Output(MOTION, "motion: displacement d", "motion_out", slice(0, 2), "2⁻²⁰·max(1, d) px", displacement),
+    Output(MOTION, "motion: scale, shift", "motion_out", slice(2, 4), "u", one),
+    Output(MOTION, "motion: visible, closeness", "motion_out", slice(4, 7), "u", one),
+    Output(HISTORY, "history: colour", "history_at", RGB, "u·M", lambda work: taps(work, "history", RGB)),
+    Output(HISTORY, "history: alpha", "history_at", FOURTH, "u·M", lambda work: taps(work, "history", FOURTH)),
+    Output(HISTORY, "history: count n", "history_at", slice(4, 5), "u·(1 + n)", counts),
+    Output(HISTORY, "history: fraction of a texel", "history_at", slice(5, 7), "u", one),
+    Output(HISTORY, "history: usable", "history_at", slice(7, 8), "u", one),
+    Output("rectify_history", "rectify: change", "change_out", RGB, "u·M", box),
+    Output("rectify_history", "rectify: pull p", "change_out", FOURTH, "u·(M / extent + p)", pulled),
+    Output("blend", "blend: colour", "output", RGB, "u·M·k", lambda work: both(work) * conditioned(work)),
+    Output("blend", "blend: alpha", "output", FOURTH, "u·k", conditioned),
+    Output("blend", "blend: count n", "output_count", FIRST, "u·(1 + n)", counts),
+    Output("resolve", "resolve: colour", "output", RGB, "u·M·k", lambda work: both(work) * conditioned(work)),
+    Output("resolve", "resolve: alpha", "output", FOURTH, "u·k", conditioned),
+    Output("resolve", "resolve: count n", "output_count", FIRST, "u·(1 + n)", counts),
+]
