@@ -58,8 +58,8 @@ STAGE motion_t surface_motion(surface s, real x, real y, frame_t frame)
 // bits.
 STAGE real to_edge(real position, real by, real last)
 {
-    const real there = position + by, inside = limit(there, SPLAT(0.0), last);
-    return there == inside ? by : inside - position;
+    const real there = position + by, kept = there > last ? last - position : by;
+    return there < SPLAT(0.0) ? -position : kept;
 }
 
 // Where the previous image is said to go on beyond its edge as the edge does, history is read there.

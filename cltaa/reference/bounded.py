@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from cltaa.build import Build
 from cltaa.layout import Layout
 from cltaa.reference import KERNELS
+from cltaa.reference.decision import Decision, Mask, decision
 
 Values = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 SINGLE = 2.0**-24 * (1 + 2.0**-20)  # unit roundoff of float32, and room for the float64 of this analysis itself
 DIVIDE = 5 * SINGLE  # 2.5 ulp: what OpenCL asks of a division in single precision
@@ -31,37 +31,6 @@ LARGEST = float(np.finfo(np.float32).max)  # what may exceed it may become infin
 LEAST = 2.0**-126  # the smallest normal number: a device may flush what is below
 # Two sides of an open choice that differ by no more than this many times their errors are one continuous function.
 CONTINUOUS = 4.0
-
-
-class Decision(NDArrayOperatorsMixin):
-    """A mask that rounding may have turned: what the values say, where it is surely so, and where possibly."""
-
-    def __init__(self, value: Mask, surely: Mask, possibly: Mask) -> None:
-        self.value, self.surely, self.possibly = value, surely, possibly
-
-    @property
-    def open(self) -> Mask:
-        """Where either answer can be reached."""
-        return self.possibly & ~self.surely
-
-    def __getitem__(self, index: Any) -> Decision:
-        """A part of the mask."""
-        return Decision(self.value[index], self.surely[index], self.possibly[index])
-
-    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
-        """And, or, not: in three values."""
-        parts = [_decision(part) for part in inputs]
-        if ufunc is np.invert:
-            only = parts[0]
-            return Decision(~only.value, ~only.possibly, ~only.surely)
-        if ufunc not in (np.bitwise_and, np.bitwise_or) or method != "__call__":
-            return NotImplemented
-        a, b = parts
-        return Decision(ufunc(a.value, b.value), ufunc(a.surely, b.surely), ufunc(a.possibly, b.possibly))
-
-    def __array_function__(self, function: Any, types: Any, args: Any, options: Any) -> Any:
-        """A choice."""
-        return _FUNCTIONS[function](*args, **options)
 
 
 class Bounded(NDArrayOperatorsMixin):
@@ -151,17 +120,12 @@ def with_bounds(kernel: str, build: Build, layout: Layout, arguments: Mapping[st
     return planes
 
 
-def _decision(given: Any) -> Decision:
-    if isinstance(given, Decision):
-        return given
-    mask = np.asarray(given, bool)
-    return Decision(mask, mask, mask)
-
-
-def _rounded(value: Values, carried: Values, unit: float, exact: Any = False) -> Bounded:
-    """A result whose operands' errors come to ``carried``, with the rounding of the operation itself."""
-    error = carried + np.where(exact, 0.0, unit * (np.abs(value) + carried) + LEAST)
-    return Bounded(value, np.where(np.abs(value) + error <= LARGEST, error, np.inf))
+def _rounded(value: Values, carried: Values, unit: float, kept: Any = False) -> Bounded:
+    """A result whose operands' errors come to ``carried``, with the rounding of the operation unless it is ``kept``."""
+    size = np.abs(value)
+    flushed = (size - carried < LEAST) & ((value != 0) | (carried > 0))
+    error = carried + np.where(kept, 0.0, unit * (size + carried)) + np.where(flushed, LEAST, 0.0)
+    return Bounded(value, np.where(size + error <= LARGEST, error, np.inf))
 
 
 def _zero(a: Bounded) -> Mask:
@@ -169,8 +133,19 @@ def _zero(a: Bounded) -> Mask:
     return nothing
 
 
+def _power_of_two(a: Bounded) -> Mask:
+    power: Mask = (np.abs(np.frexp(a.value)[0]) == 0.5) & (a.error == 0)
+    return power
+
+
+def _representable(value: Values, a: Bounded, b: Bounded) -> Mask:
+    single: Mask = (value.astype(np.float32) == value) & (a.error == 0) & (b.error == 0)
+    return single
+
+
 def _add(a: Bounded, b: Bounded) -> Bounded:
-    return _rounded(a.value + b.value, a.error + b.error, SINGLE, _zero(a) | _zero(b))
+    value = a.value + b.value
+    return _rounded(value, a.error + b.error, SINGLE, _zero(a) | _zero(b) | _representable(value, a, b))
 
 
 def _subtract(a: Bounded, b: Bounded) -> Bounded:
@@ -178,9 +153,10 @@ def _subtract(a: Bounded, b: Bounded) -> Bounded:
 
 
 def _multiply(a: Bounded, b: Bounded) -> Bounded:
+    value = a.value * b.value
     carried = np.abs(a.value) * b.error + np.abs(b.value) * a.error + a.error * b.error
-    one = (np.abs(a.value) == 1) & (a.error == 0) | (np.abs(b.value) == 1) & (b.error == 0)
-    return _rounded(a.value * b.value, carried, SINGLE, one | _zero(a) | _zero(b))
+    kept = _power_of_two(a) | _power_of_two(b) | _zero(a) | _zero(b) | _representable(value, a, b)
+    return _rounded(value, carried, SINGLE, kept)
 
 
 def _divide(a: Bounded, b: Bounded) -> Bounded:
@@ -212,7 +188,7 @@ def _compare(ufunc: np.ufunc) -> Callable[[Bounded, Bounded], Decision | Mask]:
 
 
 def _where(condition: Any, first: Any, second: Any) -> Any:
-    choice, x, y = _decision(condition), bounded(first), bounded(second)
+    choice, x, y = decision(condition), bounded(first), bounded(second)
     with np.errstate(all="ignore"):
         value, error = np.where(choice.value, x.value, y.value), np.where(choice.value, x.error, y.error)
         apart = np.abs(x.value - y.value)
@@ -238,6 +214,7 @@ _OPERATIONS: dict[np.ufunc, Callable[..., Any]] = {
 _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.where: _where,
     np.zeros_like: lambda like: Bounded.exact(np.zeros(like.shape)),
+    np.full_like: lambda like, given: bounded(given).broadcast(like.shape),
     np.ones_like: lambda like: Bounded.exact(np.ones(like.shape)),
     np.broadcast_to: lambda given, shape: given.broadcast(shape),
 }

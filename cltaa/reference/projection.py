@@ -10,7 +10,7 @@ from cltaa.build import Build, Record
 from cltaa.layout import Layout
 from cltaa.params import OffScreen
 from cltaa.reference.neighbourhood import Surface
-from cltaa.reference.real import Array, Mask, constant, limit, number, outside_domain
+from cltaa.reference.real import Array, Mask, constant, number, outside_domain
 
 
 class Motion(NamedTuple):
@@ -67,8 +67,8 @@ def surface_motion(s: Surface, build: Build, layout: Layout, frame: Record) -> M
 
 def _to_edge(position: Array, by: Array, last: Any) -> Array:
     there = position + by
-    inside = limit(there, number(0.0, by), last)
-    return np.where(there == inside, by, inside - position)
+    kept = np.where(there > last, last - position, by)
+    return np.where(there < number(0.0, by), -position, kept)
 
 
 def motion_to_edge(m: Motion, build: Build, layout: Layout) -> Motion:

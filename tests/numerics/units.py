@@ -80,9 +80,8 @@ def box(work: Work) -> Values:
 def parts(work: Work) -> list[Values]:
     """Current sample, the mean around it, and history and its change where they are used, [3, H, W]."""
     inside = work.layout.inside
-    current, mean, history, change = (
-        inside(work.planes[name])[:3] for name in ("repaired", "statistics_out", "history_at", "change_out")
-    )
+    mean, history, change = (inside(work.planes[name])[:3] for name in ("statistics_out", "history_at", "change_out"))
+    current = inside(work.planes["statistics_out"])[12:15]
     used = inside(work.planes["history_at"])[7] > 0.5
     return [current, mean, np.where(used, history, 0.0), np.where(used, change, 0.0)]
 
@@ -135,6 +134,7 @@ OUTPUTS = [
     Output(STATISTICS, "statistics: mean", "statistics_out", RGB, "u·M", colour),
     Output(STATISTICS, "statistics: deviation σ", "statistics_out", slice(3, 6), "u·(60σ + 2M)", spread),
     Output(STATISTICS, "statistics: low, high", "statistics_out", slice(6, 12), "u·M", colour),
+    Output(STATISTICS, "statistics: current sample", "statistics_out", slice(12, 15), "u·M", colour),
     Output(MOTION, "motion: displacement d", "motion_out", slice(0, 2), "2⁻²⁰·max(1, d) px", displacement),
     Output(MOTION, "motion: scale, shift", "motion_out", slice(2, 4), "u", one),
     Output(MOTION, "motion: visible, closeness", "motion_out", slice(4, 7), "u", one),
@@ -145,6 +145,7 @@ OUTPUTS = [
     Output(HISTORY, "history: usable", "history_at", slice(7, 8), "u", one),
     Output("rectify_history", "rectify: change", "change_out", RGB, "u·M", box),
     Output("rectify_history", "rectify: pull p", "change_out", FOURTH, "u·(M / extent + p)", pulled),
+    Output("rectify_history", "rectify: unrest, calm", "change_out", slice(4, 6), "u", one),
     Output("blend", "blend: colour", "output", RGB, "u·M·k", lambda work: both(work) * conditioned(work)),
     Output("blend", "blend: alpha", "output", FOURTH, "u·k", conditioned),
     Output("blend", "blend: count n", "output_count", FIRST, "u·(1 + n)", counts),

@@ -1,0 +1,46 @@
+"""Masks that rounding may have turned: comparisons of numbers with errors, in three values."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
+from numpy.typing import NDArray
+
+Mask = NDArray[np.bool_]
+
+
+class Decision(NDArrayOperatorsMixin):
+    """A mask that rounding may have turned: what the values say, where it is surely so, and where possibly."""
+
+    def __init__(self, value: Mask, surely: Mask, possibly: Mask) -> None:
+        self.value, self.surely, self.possibly = value, surely, possibly
+
+    @property
+    def open(self) -> Mask:
+        """Where either answer can be reached."""
+        return self.possibly & ~self.surely
+
+    def __getitem__(self, index: Any) -> Decision:
+        """A part of the mask."""
+        return Decision(self.value[index], self.surely[index], self.possibly[index])
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        """And, or, not: in three values."""
+        parts = [decision(part) for part in inputs]
+        if ufunc is np.invert:
+            only = parts[0]
+            return Decision(~only.value, ~only.possibly, ~only.surely)
+        if ufunc not in (np.bitwise_and, np.bitwise_or) or method != "__call__":
+            return NotImplemented
+        a, b = parts
+        return Decision(ufunc(a.value, b.value), ufunc(a.surely, b.surely), ufunc(a.possibly, b.possibly))
+
+
+def decision(given: Any) -> Decision:
+    """A mask in three values; a plain one is certain."""
+    if isinstance(given, Decision):
+        return given
+    mask = np.asarray(given, bool)
+    return Decision(mask, mask, mask)
