@@ -7,6 +7,7 @@ import click
 from cltaa.lazy import Entry, LazyGroup
 
 MEASUREMENTS = {
+    "accuracy": Entry("cltaa.commands.bench_accuracy", "accuracy", "Measure what each step of accuracy costs in time."),
     "kernels": Entry("cltaa.commands.bench_kernels", "kernels", "Time the kernels against the alternatives."),
 }
 

@@ -1,0 +1,163 @@
+"""The error of one variant over one sequence: a task that needs nothing but its arguments and the files.
+
+Two axes are kept apart. *Model*: against the truth that was captured. *Rounding*: against the same algorithm in float64
+throughout, arithmetic, history and counts, by the NumPy twin.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as Pillow
+
+from cltaa.bench.ladder import Variant
+from cltaa.build import Build, Real, Storage
+from cltaa.display import Picture, to_picture
+from cltaa.errors import InputMissing
+from cltaa.frames import Frame, Image
+from cltaa.kernel_files import code_sha256
+from cltaa.launch import Buffer, NumpyLauncher
+from cltaa.layout import Layout
+from cltaa.metrics import METRICS, flip_map, measure
+from cltaa.pictures import heat
+from cltaa.resolve import Resolver
+from cltaa.sources import ImageSequence, Sequence, open_images, open_sequence
+
+BIT_PATTERN = 16  # hexadecimal digits of a key
+
+
+class Task(msgspec.Struct, frozen=True, kw_only=True):
+    """One variant over one sequence, on one device."""
+
+    sequence: str  # folder
+    variant: Variant
+    device: str | None
+    metrics: tuple[str, ...]
+    rounding_frames: int  # of the first frames; 0 leaves that axis out
+
+    def key(self) -> str:
+        """What the result depends on, as a name for its file: another sequence or other code has another key."""
+        digest = hashlib.sha256(msgspec.json.encode(self) + code_sha256().encode())
+        for name in ("sequence.json", "resolve.json"):
+            path = Path(self.sequence) / name
+            digest.update(path.read_bytes() if path.is_file() else b"")
+        return digest.hexdigest()[:BIT_PATTERN]
+
+
+class Rounding(msgspec.Struct, frozen=True, kw_only=True):
+    """Distance from the float64 twin over the frames: root mean square and largest, relative to the image's own."""
+
+    rms: float
+    largest: float
+    frames: list[float]  # rms of each
+
+    @property
+    def bits(self) -> float:
+        """Bits that are right: -log2 of the relative rms error; 53 where there is none."""
+        return float(-np.log2(self.rms)) if self.rms > 0 else 53.0
+
+
+class Errors(msgspec.Struct, frozen=True, kw_only=True):
+    """What a task found; ``frames`` is {metric: [a value a frame]}, ``pictures`` {name: PNG}."""
+
+    frames: dict[str, list[float]]
+    rounding: Rounding | None
+    pictures: dict[str, bytes]
+
+
+class DoubleTwin(NumpyLauncher):
+    """The NumPy twin with float64 everywhere: inputs as they are, arithmetic, history and counts in double."""
+
+    description = "NumPy (float64)"
+
+    def build(self, plan_build: Build) -> Build:
+        """The same algorithm in double."""
+        return msgspec.structs.replace(plan_build, real=Real.DOUBLE, storage=Storage.FLOAT)
+
+    def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
+        """Zeros in float64, whatever is asked for."""
+        return super().allocate(shape, np.float64)
+
+
+def run_task(task: Task) -> Errors:
+    """Resolve the whole sequence and measure; raises InputMissing where the sequence has no truth."""
+    sequence = open_sequence(Path(task.sequence))
+    truth = truth_of(sequence)
+    resolver = task.variant.resolver(task.device)
+    twin = Resolver(task.variant.preset, DoubleTwin()) if task.rounding_frames else None
+    frames: dict[str, list[float]] = {name: [] for name in task.metrics}
+    apart: list[tuple[float, float]] = []
+    image: Image = np.empty(0, np.float32)
+    for place, frame in enumerate(sequence):
+        image = resolver.resolve(frame)[..., :3]
+        found = measure(image, truth.image(frame.index), [METRICS[name] for name in task.metrics], frame=frame.index)
+        for name, value in found.items():
+            frames[name].append(value)
+        if twin is not None and place < task.rounding_frames:
+            apart.append(_apart(image, _in_double(twin, frame)))
+    pictures = {"picture": png(to_picture(image))}
+    if "flip" in task.metrics:
+        pictures["flip"] = png(heat(flip_map(image, truth.image(sequence.last))))
+    return Errors(frames=frames, rounding=_rounding(apart), pictures=pictures)
+
+
+def yardstick_errors(sequence: Sequence, metrics: tuple[str, ...]) -> Iterator[tuple[int, dict[str, list[float]]]]:
+    """Samples a pixel and errors a frame of each supersampled sequence there is; one sample is the capture itself."""
+    truth = truth_of(sequence)
+    folders = {1: sequence.folder}
+    for folder in sequence.folder.glob("reference-*"):
+        count = folder.name.removeprefix("reference-")
+        if count.isdecimal():
+            folders[int(count)] = folder
+    for samples, folder in sorted(folders.items()):
+        images = open_images(folder)
+        frames: dict[str, list[float]] = {name: [] for name in metrics}
+        for number in sequence.numbers:
+            pair = images.image(number), truth.image(number)
+            for name, value in measure(*pair, [METRICS[name] for name in metrics], frame=number).items():
+                frames[name].append(value)
+        yield samples, frames
+
+
+def truth_of(sequence: Sequence) -> ImageSequence:
+    """The truth of a sequence; raises InputMissing where it has none."""
+    if sequence.reference is None:
+        cure = "capture it with --reference 256, best also --yardstick 2,4,8,16,32,64"
+        raise InputMissing("no truth to measure against", path=sequence.folder / "reference", cure=cure)
+    return sequence.reference
+
+
+def png(picture: Picture) -> bytes:
+    """An 8-bit picture as the bytes of a PNG."""
+    stream = BytesIO()
+    Pillow.fromarray(np.ascontiguousarray(picture)).save(stream, format="PNG")
+    return stream.getvalue()
+
+
+def _in_double(twin: Resolver, frame: Frame) -> NDArray[np.float64]:
+    """The twin's image of ``frame``, [H, W, 3] float64, before anything rounds it."""
+    twin.resolve(frame)
+    _, memory = twin.recurrent()
+    with memory["history"].mapped(write=False) as planes:
+        return np.moveaxis(Layout(frame.width, frame.height).inside(planes)[:3].copy(), 0, -1)
+
+
+def _apart(image: Image, exact: NDArray[np.float64]) -> tuple[float, float]:
+    """Relative root mean square and largest distance."""
+    difference = image - exact
+    size = float(np.sqrt(np.mean(np.square(exact)))) or 1.0
+    return float(np.sqrt(np.mean(np.square(difference)))) / size, float(np.abs(difference).max()) / size
+
+
+def _rounding(apart: list[tuple[float, float]]) -> Rounding | None:
+    if not apart:
+        return None
+    rms = [value for value, _ in apart]
+    return Rounding(rms=float(np.sqrt(np.mean(np.square(rms)))), largest=max(value for _, value in apart), frames=rms)

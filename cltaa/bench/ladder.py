@@ -1,0 +1,136 @@
+"""The ladder: every variant of the resolve whose error and time ``cltaa bench accuracy`` measures.
+
+One step is changed at a time, so that each bar of the ablation has one cause; whatever is added to the choices or the
+storages of ``cltaa.params`` and ``cltaa.build`` is on the ladder by itself. ``combinations`` is the grid for the front.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import msgspec
+
+from cltaa.build import Real, Storage
+from cltaa.launch import Launcher
+from cltaa.params import (
+    Accumulate,
+    Choices,
+    Dilation,
+    HistoryFilter,
+    Neighbourhood,
+    Preset,
+    Rectify,
+    Reject,
+    Settings,
+)
+from cltaa.resolve import Resolver
+
+DEFAULT, PRESETS, COMBINATIONS = "default", "preset", "combination"
+
+# Continuous steps worth a rung: what the count of samples is limited by, and the blur of pixels without a past.
+SETTINGS_RUNGS: dict[str, tuple[float, ...]] = {
+    "sample_limit": (8.0, 16.0, 48.0, 96.0),
+    "resample_cost": (0.0,),
+    "pull_cost": (0.0,),
+    "fresh_blur": (0.0,),
+}
+SLOW_WEIGHT = 0.05  # of the exponential blend, beside its own default
+
+
+class Variant(msgspec.Struct, frozen=True, kw_only=True):
+    """One way to resolve. ``group`` is the step that it changes against the default."""
+
+    name: str
+    group: str
+    choices: Choices
+    settings: Settings
+    storage: Storage = Storage.FLOAT
+    real: Real = Real.FLOAT
+    strict: bool = False
+
+    @property
+    def preset(self) -> Preset:
+        """Choices and settings under the variant's name."""
+        return Preset(name=self.name, description=self.group, choices=self.choices, settings=self.settings)
+
+    def resolver(self, device: str | Launcher | None) -> Resolver:
+        """A new resolver of this variant."""
+        return Resolver(self.preset, device, storage=self.storage, real=self.real, strict=self.strict)
+
+
+def base_variant(preset: Preset) -> Variant:
+    """The variant from which every step of the ladder departs."""
+    return Variant(name=preset.name, group=DEFAULT, choices=preset.choices, settings=preset.settings)
+
+
+def steps(base: Variant) -> Iterator[Variant]:
+    """``base`` with one step changed, for every step there is."""
+    for field in Choices.__struct_fields__:
+        current = getattr(base.choices, field)
+        for member in type(current):
+            if member is not current:
+                yield _changed(base, field, str(member), choices={field: member})
+    exponential = {"accumulate": Accumulate.EXPONENTIAL}
+    slow = {"blend_weight": SLOW_WEIGHT}
+    yield _changed(base, "accumulate", f"exponential {SLOW_WEIGHT:g}", choices=exponential, settings=slow)
+    for field, values in SETTINGS_RUNGS.items():
+        for value in values:
+            if value != getattr(base.settings, field):
+                yield _changed(base, field, f"{value:g}", settings={field: value})
+    for storage in Storage:
+        if storage is not base.storage:
+            yield _changed(base, "storage", str(storage), storage=storage)
+    yield _changed(base, "arithmetic", "double", real=Real.DOUBLE)
+    yield _changed(base, "build", "strict", strict=True)
+
+
+def combinations(base: Variant) -> Iterator[Variant]:
+    """Every combination of the choices that cost time, but for those that the steps already have."""
+    grid = {
+        "history_filter": HistoryFilter,
+        "neighbourhood": Neighbourhood,
+        "rectify": (Rectify.NONE, Rectify.CLAMP, Rectify.CLIP),
+        "dilation": Dilation,
+        "reject": Reject,
+        "storage": Storage,
+    }
+    for values in itertools.product(*grid.values()):
+        chosen: dict[str, Any] = dict(zip(grid, values, strict=True))
+        storage = chosen.pop("storage")
+        changed = {field: value for field, value in chosen.items() if value is not getattr(base.choices, field)}
+        if len(changed) + (storage is not base.storage) >= 2:
+            what = [f"{field} {value}" for field, value in changed.items()]
+            what += [f"storage {storage}"] if storage is not base.storage else []
+            yield _changed(base, COMBINATIONS, ", ".join(what), choices=changed, storage=storage)
+
+
+def ladder(base: Preset, presets: Iterable[Preset] = (), *, full: bool = False) -> list[Variant]:
+    """The default, its steps, the other presets and, if ``full``, the combinations."""
+    first = base_variant(base)
+    others = [
+        Variant(name=preset.name, group=PRESETS, choices=preset.choices, settings=preset.settings)
+        for preset in presets
+        if preset.name != base.name
+    ]
+    return [first, *steps(first), *others, *(combinations(first) if full else ())]
+
+
+def _changed(
+    base: Variant,
+    group: str,
+    value: str,
+    *,
+    choices: dict[str, Any] | None = None,
+    settings: dict[str, float] | None = None,
+    **shape: Any,
+) -> Variant:
+    return msgspec.structs.replace(
+        base,
+        name=f"{group}: {value}".replace("_", " "),
+        group=group,
+        choices=msgspec.structs.replace(base.choices, **choices or {}),
+        settings=msgspec.structs.replace(base.settings, **settings or {}),
+        **shape,
+    )

@@ -1,0 +1,78 @@
+"""What an accuracy measurement holds: the numbers that the report and the tables are drawn from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+
+from cltaa.bench.environment import Environment
+from cltaa.bench.errors_of import Rounding
+from cltaa.bench.ladder import Variant
+from cltaa.bench.timing import Interval
+
+
+class Spread(msgspec.Struct, frozen=True, kw_only=True):
+    """An error over the frames of a sequence."""
+
+    mean: float
+    p5: float
+    p95: float
+    largest: float
+    frames: list[float]
+
+
+class Cell(msgspec.Struct, frozen=True, kw_only=True):
+    """One variant over one sequence. Times are milliseconds a megapixel, of the kernels alone."""
+
+    variant: str
+    errors: dict[str, Spread]
+    rounding: Rounding | None
+    wall: Interval
+    device: Interval | None
+    least: float  # the least wall time
+    ratio: Interval  # of time to the default's, paired; by the device's clock where it has one
+    dominated_by: dict[str, str]  # metric: a variant that is no slower and no worse
+
+
+class Yardstick(msgspec.Struct, frozen=True, kw_only=True):
+    """Supersampling: ``added`` is what drawing cost beyond one sample a pixel, milliseconds a megapixel."""
+
+    samples: int
+    seconds: float | None  # a frame
+    added: float | None
+    errors: dict[str, Spread]
+
+
+class Measured(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything about one sequence."""
+
+    name: str
+    folder: str
+    frames: list[int]
+    width: int
+    height: int
+    effects: str
+    cells: list[Cell]
+    yardstick: list[Yardstick]
+    noisy: bool
+    control: Interval  # the default against its own copy
+    floor: float  # milliseconds a megapixel: the default's least bytes at the bandwidth of a copy
+    stages: dict[str, float]  # milliseconds a megapixel of the default's steps, medians
+
+
+class Accuracy(msgspec.Struct, frozen=True, kw_only=True):
+    """The whole measurement; what the report is drawn from."""
+
+    environment: Environment
+    metrics: list[str]
+    rounds: int
+    variants: list[Variant]
+    sequences: list[Measured]
+
+
+def spread(values: Sequence[float]) -> Spread:
+    """Mean, 5th and 95th percentile and largest of an error over the frames."""
+    p5, p95 = np.percentile(values, [5, 95])
+    return Spread(mean=float(np.mean(values)), p5=float(p5), p95=float(p95), largest=max(values), frames=list(values))

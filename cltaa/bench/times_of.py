@@ -1,0 +1,63 @@
+"""What is timed of the variants of an accuracy measurement: their kernels on two frames of the sequence itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from cltaa.bench.baseline import least_bytes, resolve_job, span
+from cltaa.bench.errors_of import Task
+from cltaa.bench.ladder import Variant
+from cltaa.bench.timing import Job
+from cltaa.frames import Frame
+from cltaa.launch import DeviceLauncher
+from cltaa.sources import Sequence as Captured
+
+AGAIN = "(A/A)"
+
+
+def jobs_of(
+    captured: Captured, tasks: Sequence[Task], launcher: DeviceLauncher
+) -> tuple[list[Job], int, dict[str, float]]:
+    """A job for each variant and a copy of the default's, the default's least bytes, and the times of its steps."""
+    frames = pair_of(captured)
+    jobs: list[Job] = []
+    moved, stages = 0, dict[str, float]()
+    for place, task in enumerate(tasks):
+        resolver = task.variant.resolver(launcher)
+        job, _ = resolve_job(task.variant.name, resolver, frames)
+        jobs.append(job)
+        if place == 0:
+            moved = least_bytes(resolver, task.variant.storage) * captured.width * captured.height
+            stages = stage_seconds(task.variant, launcher, frames)
+            jobs.append(Job(f"{task.variant.name} {AGAIN}", job.run))
+    return jobs, moved, stages
+
+
+def pair_of(captured: Captured) -> list[Frame]:
+    """The last two frames that belong together."""
+    numbers = list(captured.numbers)
+    last = next((n for n in reversed(numbers[1:]) if not captured.frame_header(n).cut), numbers[-1])
+    return list(captured.select(max(last - 1, numbers[0]), last))
+
+
+def stage_seconds(
+    variant: Variant, launcher: DeviceLauncher, frames: Sequence[Frame], repeats: int = 5
+) -> dict[str, float]:
+    """Median seconds of upload, each kernel by the device's clock, and read-back, over ``repeats`` passes."""
+    resolver = variant.resolver(launcher)
+    seen: dict[str, list[float]] = {}
+    for _ in range(repeats):
+        for frame in frames:
+            events: list[tuple[str, Any]] = []
+            launcher.events = events
+            resolver.resolve(frame)
+            launcher.events = None
+        seen.setdefault("upload", []).append(resolver.times.upload)
+        for kernel in dict.fromkeys(name for name, _ in events):
+            own = [(name, event) for name, event in events if name == kernel]
+            seen.setdefault(kernel, []).append(sum(span([item]) for item in own))
+        seen.setdefault("read back", []).append(resolver.times.read_back)
+    return {name: float(np.median(values)) for name, values in seen.items()}

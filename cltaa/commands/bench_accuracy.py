@@ -1,0 +1,151 @@
+"""``cltaa bench accuracy``: what each step of accuracy costs in time."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import click
+import msgspec
+from rich.console import Console
+from rich.table import Table
+
+from cltaa.atomic import atomic_path, make_folder
+from cltaa.bench.accuracy import bench_accuracy, cost, tasks_of
+from cltaa.bench.distribution import run_all
+from cltaa.bench.errors_of import Task
+from cltaa.bench.ladder import Variant, ladder
+from cltaa.bench.results import Accuracy, Measured
+from cltaa.bench.tables import csv_text
+from cltaa.errors import UsageError
+from cltaa.metrics import parse_metrics
+from cltaa.presets import load_preset, preset_names
+from cltaa.progress import track
+
+
+@click.command("accuracy")
+@click.argument("sequences", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SEQUENCE...")
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Folder of the report.")
+@click.option("--device", metavar="NAME", help="OpenCL device: its index or a part of its name; see cltaa doctor.")
+@click.option("--preset", default="default", show_default=True, help="Preset that the steps depart from.")
+@click.option("--only", metavar="GROUPS", help="Only these groups of variants, comma-separated, beside the default.")
+@click.option("--full", is_flag=True, help="Also every combination of the choices that cost time, for the front.")
+@click.option("--metrics", default="mse,flip", show_default=True, help="Errors against the truth; see cltaa compare.")
+@click.option("--rounding-frames", default=8, show_default=True, type=click.IntRange(min=0),
+              help="Frames that are also resolved in float64, by NumPy, to measure rounding; 0 for none.")  # fmt: skip
+@click.option("--rounds", default=15, show_default=True, type=click.IntRange(min=3), help="Rounds of timing.")
+@click.option(
+    "--jobs", default=1, show_default=True, type=click.IntRange(min=1), help="Processes to measure errors in."
+)
+@click.option("--dask", metavar="ADDRESS", help="Measure errors on a Dask cluster: the scheduler's address.")
+@click.option("--list", "listed", is_flag=True, help="Print one command line a task, for a render farm, and stop.")
+@click.option("--task", "number", type=click.IntRange(min=0), metavar="K", help="Do task K of that list, and stop.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
+def accuracy(
+    sequences: tuple[Path, ...],
+    output: Path,
+    device: str | None,
+    preset: str,
+    only: str | None,
+    full: bool,
+    metrics: str,
+    rounding_frames: int,
+    rounds: int,
+    jobs: int,
+    dask: str | None,
+    listed: bool,
+    number: int | None,
+    as_json: bool,
+) -> None:
+    """Measure error and time of every variant of the resolve over each SEQUENCE, and write a report.
+
+    A SEQUENCE is a capture with its truth: cltaa capture SCENE -o DIR --reference 256 --yardstick 2,4,8,16,32,64.
+    Errors are measured in two axes: against the truth, and against the same algorithm in float64. Finished tasks are
+    kept in the output folder: the same command again, or with other --jobs, goes on where the last one stopped.
+    Timing is always done here, by this process, in shuffled rounds.
+    """
+    names = tuple(metric.name for metric in parse_metrics(metrics))
+    tasks = tasks_of(sequences, chosen_variants(preset, only, full=full), device, names, rounding_frames)
+    make_folder(output)
+    if listed:
+        click.echo("\n".join(command_lines(len(tasks))))
+        return
+    if number is not None:
+        _run_one(tasks, number, output)
+        return
+    result = bench_accuracy(tasks, output, rounds=rounds, jobs=jobs, dask=dask, progress=_progress)
+    for name, text in (("accuracy.json", msgspec.json.encode(result).decode()), ("accuracy.csv", csv_text(result))):
+        with atomic_path(output / name) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    if as_json:
+        click.echo(msgspec.json.encode(result).decode())
+    else:
+        print_accuracy(result)
+
+
+def chosen_variants(preset: str, only: str | None, *, full: bool) -> list[Variant]:
+    """The ladder from that preset, or the named groups of it; raises UsageError for an unknown group."""
+    every = ladder(load_preset(preset), [load_preset(name) for name in preset_names()], full=full)
+    if only is None:
+        return every
+    groups = {name.strip() for name in only.split(",")}
+    known = {variant.group for variant in every}
+    if not groups <= known:
+        raise UsageError("--only: unknown group", expected=", ".join(sorted(known)), found=only)
+    return [every[0], *(variant for variant in every[1:] if variant.group in groups)]
+
+
+def command_lines(count: int) -> list[str]:
+    """This command line once for each of ``count`` tasks."""
+    words = [word for word in sys.argv[1:] if word != "--list"]
+    return [f"{shlex.join(['cltaa', *words])} --task {number}" for number in range(count)]
+
+
+def _run_one(tasks: list[Task], number: int, output: Path) -> None:
+    if number >= len(tasks):
+        raise UsageError("--task: no such task", expected=f"0 to {len(tasks) - 1}", found=number)
+    for task in run_all([tasks[number]], output):
+        click.echo(f"task {number}: {task.variant.name} over {task.sequence} is done", err=True)
+
+
+def _progress(items: Iterable[Any], total: int, action: str, unit: str) -> Iterable[Any]:
+    return track(items, total, action, unit=unit)
+
+
+def print_accuracy(result: Accuracy) -> None:
+    """Print the front and the dearest steps of each sequence."""
+    console = Console(width=None if os.isatty(1) else 100)
+    for measured in result.sequences:
+        console.print(_table(result, measured))
+        if measured.noisy:
+            console.print("too noisy to rank by time: the default differs from its own copy, or by more than 2 %")
+    where = result.environment
+    console.print(f"{where.device}; {where.cpu}; {where.date} UTC", markup=False, highlight=False, soft_wrap=True)
+
+
+def _table(result: Accuracy, measured: Measured) -> Table:
+    metric = result.metrics[0]
+    table = Table(title=f"{measured.name}: {len(measured.frames)} frames, {measured.width} x {measured.height}")
+    table.add_column("variant")
+    for heading in ("ms/Mpx", "x default", "95 %", *result.metrics, "bits right", "beaten by"):
+        table.add_column(heading, justify="left" if heading == "beaten by" else "right")
+    for cell in sorted(measured.cells, key=lambda cell: cost(metric, cell.errors[metric].mean)):
+        time = cell.wall if cell.device is None else cell.device
+        table.add_row(
+            cell.variant,
+            f"{time.median:.3g}",
+            "noisy" if measured.noisy else f"{cell.ratio.median:.3f}",
+            f"{cell.ratio.low:.2f}–{cell.ratio.high:.2f}",
+            *(f"{cell.errors[name].mean:.4g}" for name in result.metrics),
+            "–" if cell.rounding is None else f"{cell.rounding.bits:.1f}",
+            cell.dominated_by.get(metric, ""),
+        )
+    for row in measured.yardstick:
+        added = "–" if row.added is None else f"{row.added:.3g}"
+        errors = (f"{row.errors[name].mean:.4g}" for name in result.metrics)
+        table.add_row(f"{row.samples} samples a pixel", added, "", "", *errors, "", "", style="dim")
+    return table

@@ -1,0 +1,138 @@
+"""``cltaa bench accuracy``: errors in both axes, times, what is kept, and other ways to run the tasks."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from cltaa.bench.distribution import load, path_of, run_all, save
+from cltaa.bench.errors_of import Errors, Rounding, Task, run_task
+from cltaa.bench.ladder import ladder
+from cltaa.build import Storage
+from cltaa.cli import main
+from cltaa.errors import DataError, InputMissing
+from cltaa.presets import load_preset
+from tests.sequence_factory import write_images, write_sequence
+
+FRAMES = 4
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four small frames, a truth, and a yardstick of two samples whose time is known."""
+    folder = write_sequence(tmp_path_factory.mktemp("bench") / "seq", FRAMES, reference=True)
+    truth = [np.full((23, 37, 3), 0.3 + number / 100, np.float32) for number in range(FRAMES)]
+    write_images(folder / "reference-2", truth, name="synthetic")
+    return folder
+
+
+def task(sequence: Path, place: int = 0, **changes: object) -> Task:
+    variant = msgspec.structs.replace(ladder(load_preset())[place], **changes)
+    return Task(sequence=str(sequence), variant=variant, device=None, metrics=("mse",), rounding_frames=3)
+
+
+def test_rounding_is_that_of_the_numbers(sequence: Path) -> None:
+    single = run_task(task(sequence)).rounding
+    half = run_task(task(sequence, storage=Storage.HALF)).rounding
+    assert single is not None
+    assert half is not None
+    # Half an ulp of the storage each frame, relative to the image: 2^-25 and 2^-12, and a few of them.
+    assert 22.0 < single.bits < 26.5  # seen: 24.6
+    assert 10.0 < half.bits < 13.5  # seen: 11.9
+    assert len(single.frames) == 3
+    assert single.largest >= max(single.frames)
+
+
+def test_the_double_twin_is_the_same_algorithm(sequence: Path) -> None:
+    # If the twin computed anything else, strict float would be further away than rounding can explain.
+    for place, variant in enumerate(ladder(load_preset())):
+        if variant.group in {"history_filter", "neighbourhood", "rectify"}:
+            rounding = run_task(task(sequence, place)).rounding
+            assert rounding is not None
+            assert rounding.bits > 20.0, variant.name
+
+
+def test_error_is_that_against_the_truth(sequence: Path) -> None:
+    found = run_task(task(sequence))
+    assert len(found.frames["mse"]) == FRAMES
+    assert found.frames["mse"][0] > 0.01  # random colour against grey
+    assert found.pictures["picture"].startswith(b"\x89PNG")
+
+
+def test_a_sequence_without_truth_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputMissing, match="no truth to measure against"):
+        run_task(task(write_sequence(tmp_path / "bare", 2)))
+
+
+def test_a_key_tells_tasks_apart(sequence: Path, tmp_path: Path) -> None:
+    first = task(sequence)
+    other = msgspec.structs.replace(first, metrics=("flip",))
+    assert first.key() == task(sequence).key()
+    assert len({first.key(), other.key(), task(sequence, strict=True).key(), task(tmp_path).key()}) == 4
+
+
+def test_results_come_back_as_they_were(sequence: Path, tmp_path: Path) -> None:
+    errors = Errors(
+        frames={"mse": [0.1, 1 / 3]}, rounding=Rounding(rms=1e-9, largest=1e-8, frames=[1e-9]), pictures={"p": b"\0x"}
+    )
+    assert load(task(sequence), tmp_path) is None
+    save(task(sequence), errors, tmp_path)
+    assert load(task(sequence), tmp_path) == errors
+    path_of(task(sequence), tmp_path).write_bytes(b"\xc1")
+    with pytest.raises(DataError, match="not the result of a task"):
+        load(task(sequence), tmp_path)
+
+
+def test_spawned_processes_find_the_same(sequence: Path, tmp_path: Path) -> None:
+    tasks = [task(sequence), task(sequence, storage=Storage.HALF)]
+    for folder, jobs in (("one", 1), ("two", 2)):
+        assert {each.key() for each in run_all(tasks, tmp_path / folder, jobs=jobs)} == {each.key() for each in tasks}
+    for each in tasks:
+        assert load(each, tmp_path / "one") == load(each, tmp_path / "two")
+
+
+def test_command(sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path), "--only", "storage", "--rounds", "3"]
+    arguments += ["--metrics", "mse,psnr", "--rounding-frames", "2"]
+    assert main([*arguments, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result == json.loads((tmp_path / "accuracy.json").read_text())
+    (measured,) = result["sequences"]
+    assert [cell["variant"] for cell in measured["cells"]] == ["default", "storage: half", "storage: half-stochastic"]
+    assert [yard["samples"] for yard in measured["yardstick"]] == [1, 2]
+    assert measured["cells"][0]["ratio"]["median"] == 1.0
+    assert set(measured["stages"]) >= {"upload", "resolve", "extend_edges", "read back"}
+    for cell in measured["cells"]:
+        assert cell["errors"]["mse"]["p5"] <= cell["errors"]["mse"]["mean"] <= cell["errors"]["mse"]["largest"]
+        assert len(cell["errors"]["psnr"]["frames"]) == FRAMES
+    if measured["noisy"]:
+        assert not any(cell["dominated_by"] for cell in measured["cells"])
+    rows = list(csv.DictReader((tmp_path / "accuracy.csv").read_text().splitlines()))
+    assert [row["group"] for row in rows] == ["default", "storage", "storage", "supersampling", "supersampling"]
+    assert float(rows[0]["mse"]) == measured["cells"][0]["errors"]["mse"]["mean"]
+
+    finished = {path: path.stat().st_mtime_ns for path in (tmp_path / "tasks").iterdir()}
+    assert main(arguments) == 0
+    assert "default" in capsys.readouterr().out
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "tasks").iterdir()} == finished
+
+
+def test_a_render_farm_gets_one_line_a_task(
+    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path), "--only", "build", "--rounding-frames", "0"]
+    monkeypatch.setattr("sys.argv", ["cltaa", *arguments, "--list"])
+    assert main([*arguments, "--list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[-2:] for line in lines] == [["--task", "0"], ["--task", "1"]]
+    assert all(line.startswith("cltaa bench accuracy ") for line in lines)
+    assert "--list" not in lines[0]
+    assert main(lines[1].split()[1:]) == 0
+    assert len(list((tmp_path / "tasks").iterdir())) == 1
+    assert main([*arguments, "--task", "2"]) == 64
+    assert main([*arguments[:-4], "--only", "colour"]) == 64
