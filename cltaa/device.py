@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-# PoCL shares one kernel cache between all its users and is not safe when several processes fill it at once; a folder of
-# our own keeps other programs out of it. Set before pyopencl loads the driver.
+# A folder of our own keeps other programs out of PoCL's cache (cltaa/kernel_cache.py); a cache of pyopencl's would only
+# repeat the drivers', and its lock outlives a killed process. Set before pyopencl loads the driver.
 os.environ.setdefault(
     "POCL_CACHE_DIR", str(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "cltaa" / "pocl")
 )
+os.environ.setdefault("PYOPENCL_NO_CACHE", "1")
 
 import pyopencl as cl
 
-from cltaa.errors import DeviceMissing, ResourceError, UsageError
+from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError, UsageError
+from cltaa.kernel_cache import check_cache, filling
 from cltaa.unknown_cpu import name_unknown_cpu
 
 POCL = "Portable Computing Language"  # the platform's name
@@ -57,6 +59,7 @@ def choose_device(wish: str | None = None) -> cl.Device:
     """
     found = devices()
     if not found:
+        check_cache()  # PoCL shows no device where it cannot keep kernels
         raise DeviceMissing(
             "no OpenCL device found",
             cure="install one with: pip install 'pyopencl[pocl]', or use --device numpy; see: cltaa doctor",
@@ -100,7 +103,8 @@ class Memory:
         queue = self._device.queue
         if self._device.shares_memory:
             flags = cl.map_flags.WRITE if write else cl.map_flags.READ
-            array, _ = cl.enqueue_map_buffer(queue, self.buffer, flags, 0, self.shape, self.dtype)
+            with device_errors(self._device):
+                array, _ = cl.enqueue_map_buffer(queue, self.buffer, flags, 0, self.shape, self.dtype)
             try:
                 yield array
             finally:
@@ -109,10 +113,12 @@ class Memory:
         if self._staging is None:
             self._staging = self._pinned()
         if not write:
-            cl.enqueue_copy(queue, self._staging, self.buffer)
+            with device_errors(self._device):
+                cl.enqueue_copy(queue, self._staging, self.buffer)
         yield self._staging
         if write:
-            cl.enqueue_copy(queue, self.buffer, self._staging)
+            with device_errors(self._device):
+                cl.enqueue_copy(queue, self.buffer, self._staging)
 
     def _pinned(self) -> NDArray[Any]:
         queue, context = self._device.queue, self._device.context
@@ -127,8 +133,11 @@ class Device:
 
     def __init__(self, wish: str | None = None) -> None:
         self.cl_device = choose_device(wish)
-        self.context = cl.Context([self.cl_device])
-        self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
+        try:
+            self.context = cl.Context([self.cl_device])
+            self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
+        except cl.Error as error:
+            raise DeviceMissing(f"{self.description} cannot be opened: {error}", cure="see: cltaa doctor") from error
         self.is_cpu = bool(self.cl_device.type & cl.device_type.CPU)
         self.shares_memory = bool(self.cl_device.host_unified_memory)
 
@@ -159,8 +168,13 @@ class Device:
         return Memory(self, shape, dtype)
 
     def finish(self) -> None:
-        """Wait until the queue is empty."""
-        self.queue.finish()
+        """Wait until the queue is empty; raises DeviceLost."""
+        with device_errors(self):
+            self.queue.finish()
+
+    def first_use(self) -> AbstractContextManager[None]:
+        """Hold this while a kernel is built and runs for the first time, which is when PoCL fills its cache."""
+        return filling() if self.cl_device.platform.name == POCL else nullcontext()
 
 
 @contextmanager
@@ -168,9 +182,26 @@ def _memory_errors(needed: int, device: Device) -> Iterator[None]:
     try:
         yield
     except (cl.MemoryError, cl.RuntimeError, cl.LogicError) as error:
+        largest, whole = device.cl_device.max_mem_alloc_size, device.cl_device.global_mem_size
         raise ResourceError(
             f"not enough memory on {device.description}",
-            expected=f"{needed / 2**20:.0f} MiB in one buffer",
-            found=f"largest buffer {device.cl_device.max_mem_alloc_size / 2**20:.0f} MiB",
-            cure="use a smaller size or another --device",
+            expected=f"{needed} bytes in one buffer",
+            found=f"largest buffer {largest} bytes, all its memory {whole} bytes",
+            cure="use a smaller size or another --device, or run again when others have ended",
         ) from error
+
+
+# The driver says so of a device that is gone, though the call was right.
+_GONE = frozenset({cl.status_code.INVALID_COMMAND_QUEUE, cl.status_code.INVALID_CONTEXT})
+
+
+@contextmanager
+def device_errors(device: Device) -> Iterator[None]:
+    """Turn what the driver says into DeviceLost, or into InternalError where the call itself was wrong."""
+    try:
+        yield
+    except cl.Error as error:
+        if isinstance(error, cl.LogicError) and error.code not in _GONE:
+            raise InternalError(f"{device.description} refused a call: {error}") from error
+        cure = "run the same command again: it goes on from there; if this comes back, use a smaller size or --device"
+        raise DeviceLost(f"{device.description} stopped working: {error}", cure=cure) from error

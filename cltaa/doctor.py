@@ -15,11 +15,12 @@ from pathlib import Path
 
 import msgspec
 
+from cltaa import kernel_cache
+
 # A cold build of every kernel takes about 10 s on one core; far beyond that a probe hangs.
 PROBE_SECONDS = 120
 
 LINKER_CURE = "sudo apt-get install -y gcc libc6-dev"
-CACHE_CURE = "free some space there, or set POCL_CACHE_DIR to a folder that can be written"
 OPENCL_CURE = "python -m pip install 'pyopencl[pocl]'"
 OSMESA_CURE = "sudo apt-get install -y libosmesa6"
 EGL_CURE = "sudo apt-get install -y libegl1 libegl-mesa0 libgl1"
@@ -60,7 +61,7 @@ def diagnose() -> Diagnosis:
         look_at_python,
         lambda: probe("EXR files", "both", PACKAGES_CURE, "files"),
         look_at_linker,
-        lambda: probe("kernel cache", "resolve", CACHE_CURE, "cache"),
+        lambda: probe("kernel cache", "resolve", kernel_cache.CURE, "cache"),
         lambda: probe("OpenCL devices", "resolve", OPENCL_CURE, "devices"),
         lambda: probe("resolve", "resolve", RESOLVE_CURE, "resolve"),
         lambda: probe("capture on OSMesa", "capture", OSMESA_CURE, "capture", "osmesa"),

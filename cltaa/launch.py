@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -56,6 +56,7 @@ class DeviceLauncher:
         self.description = self.device.description
         self._kernels: dict[tuple[str, Build], Kernel] = {}
         self.events: list[Any] | None = None  # a list that is put here receives the event of every kernel started
+        self._used: set[tuple[str, Build, tuple[int, ...]]] = set()
 
     def build(self, plan_build: Build) -> Build:
         """The build with lanes and rows for this device, unless it states its own."""
@@ -70,11 +71,17 @@ class DeviceLauncher:
         return self.device.allocate(shape, dtype)
 
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
-        """Enqueue a kernel; it runs in the order of the queue."""
-        built = self.kernel(kernel, build)
+        """Enqueue a kernel; it runs in the order of the queue. Raises DeviceLost."""
+        from cltaa.device import device_errors
+
         given = {name: getattr(value, "buffer", value) for name, value in arguments.items()}
         size, group = self._range(kernel, build, layout, given)
-        event = built.enqueue(self.device.queue, size, group, given)
+        first = (kernel, build, size) not in self._used
+        with self.device.first_use() if first else nullcontext(), device_errors(self.device):
+            event = self.kernel(kernel, build).enqueue(self.device.queue, size, group, given)
+            if first:
+                self.device.finish()
+                self._used.add((kernel, build, size))
         if self.events is not None:
             self.events.append(event)
 
@@ -84,7 +91,8 @@ class DeviceLauncher:
 
         key = (name, build)
         if key not in self._kernels:
-            self._kernels[key] = Kernel(self.device.context, name, build)
+            with self.device.first_use():
+                self._kernels[key] = Kernel(self.device.context, name, build)
         return self._kernels[key]
 
     def _range(

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import importlib
 import json
-import os
-import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Mapping
@@ -20,13 +18,11 @@ import numpy as np
 
 from cltaa.errors import CltaaError
 from cltaa.frames import Camera, Frame
+from cltaa.kernel_cache import cache_folder, check_cache
 
 # Bits of cl_device_fp_config (OpenCL 1.2, table 4.3).
 FP_DENORM = 1 << 0
 FP_CORRECTLY_ROUNDED_DIVIDE_SQRT = 1 << 7
-
-# The kernels that PoCL keeps for one device take about 10 MB; what else fills the disk needs room too.
-CACHE_BYTES = 50_000_000
 
 # Large enough that every lane of a CPU kernel and its remainder run, small enough to cost nothing.
 WIDTH, HEIGHT = 40, 24
@@ -51,16 +47,10 @@ def files() -> str:
 def cache() -> str:
     """Write into the folder where the driver keeps built kernels, and look at the space left there."""
     importlib.import_module("cltaa.device")  # decides where that folder is
-    folder = Path(os.environ["POCL_CACHE_DIR"])
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            free = shutil.disk_usage(folder).free
-    except OSError as error:
-        raise SystemExit(f"{folder}: {error.strerror}") from None
-    if free < CACHE_BYTES:
-        raise SystemExit(f"{folder}: only {free / 1e6:.0f} MB free")
-    return f"{folder}, {free / 1e9:.1f} GB free"
+        return f"{cache_folder()}, {check_cache() / 1e9:.1f} GB free"
+    except CltaaError as error:
+        raise SystemExit(f"{error.path}: {error.what}") from None
 
 
 def devices() -> list[dict[str, object]]:

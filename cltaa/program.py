@@ -13,6 +13,7 @@ import pyopencl as cl
 
 from cltaa.build import Build, prelude
 from cltaa.errors import InternalError, UsageError
+from cltaa.kernel_cache import save_log
 from cltaa.kernel_files import kernel_folder
 
 
@@ -58,9 +59,10 @@ class Kernel:
             program = cl.Program(context, source(name, build)).build(options=list(build.flags()))
         except cl.RuntimeError as error:
             lines = [line for line in str(error).splitlines() if "error" in line] or str(error).splitlines()
+            log = save_log(Path(name).name, f"{error}\n\n{source(name, build)}")
             raise InternalError(
                 f"kernel {name} does not build: {lines[0].strip() if lines else 'no build log'}",
-                cure=f"see its text with: cltaa kernels --show {name}; check the OpenCL driver with: cltaa doctor",
+                cure=f"the whole log and text: {log}; check the driver and its kernel cache with: cltaa doctor",
             ) from error
         # A kernel's function is its file's name and _kernel, so that stage functions can have the plain name.
         self._kernel = cl.Kernel(program, f"{Path(name).name}_kernel")

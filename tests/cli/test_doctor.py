@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from cltaa import doctor
+from cltaa import doctor, kernel_cache
 
 
 def run_doctor(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -45,8 +45,8 @@ def test_a_cache_that_cannot_be_written(tmp_path: Path) -> None:
     done = run_doctor("--json", POCL_CACHE_DIR=str(tmp_path / "file" / "cache"))
     finding = findings(done)["kernel cache"]
     assert not finding["ok"]
-    assert finding["found"] == f"{tmp_path}/file/cache: Not a directory"
-    assert finding["cure"] == doctor.CACHE_CURE
+    assert finding["found"] == f"{tmp_path}/file/cache: the kernel cache cannot be written: Not a directory"
+    assert finding["cure"] == kernel_cache.CURE
 
 
 def test_a_probe_that_fails_gives_its_last_line_and_the_cure() -> None:

@@ -1,0 +1,81 @@
+"""The folder where PoCL keeps built kernels: private, looked at before use, filled by one process at a time.
+
+PoCL's compiler ends the whole process, uncatchably, where the disk of its cache is full, fails with an unrelated
+message where the folder cannot be written, and is not safe when several processes fill the folder at once
+(github.com/pocl/pocl/issues/1480). Each of the three has to be ruled out beforehand.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from cltaa.errors import DeviceMissing, ResourceError
+
+# One kernel takes well under 1 MB, all that a device ever needs about 10 MB; what else fills the disk needs room too.
+LEAST_FREE = 64 * 2**20  # bytes
+CURE = "free some space there, or set POCL_CACHE_DIR to a folder that can be written"
+
+_held = threading.RLock()  # a process that has the lock may take it again
+_depth = 0
+
+
+def cache_folder() -> Path:
+    """Where PoCL keeps its kernels, as ``cltaa.device`` has set it."""
+    return Path(os.environ["POCL_CACHE_DIR"])
+
+
+def check_cache() -> int:
+    """Return the bytes that are free where kernels are kept.
+
+    Raises DeviceMissing where the folder cannot be written and ResourceError where there is too little room.
+    """
+    folder = cache_folder()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            free = shutil.disk_usage(folder).free
+    except OSError as error:
+        what = f"the kernel cache cannot be written: {error.strerror}"
+        raise DeviceMissing(what, path=folder, cure=CURE) from error
+    if free < LEAST_FREE:
+        raise ResourceError(
+            "too little room for built kernels", path=folder,
+            expected=f"{LEAST_FREE / 1e6:.0f} MB", found=f"{free / 1e6:.0f} MB free", cure=CURE,
+        )  # fmt: skip
+    return free
+
+
+@contextmanager
+def filling() -> Iterator[None]:
+    """Look at the cache and be the one process that fills it; others wait. Raises as ``check_cache``."""
+    global _depth
+    with _held:
+        if _depth:
+            yield
+            return
+        check_cache()
+        with (cache_folder() / "lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            _depth += 1
+            try:
+                yield
+            finally:
+                _depth -= 1
+
+
+def save_log(name: str, text: str) -> Path | None:
+    """Keep what a compiler said, for a bug report; None where that is impossible."""
+    folder = Path(tempfile.gettempdir())
+    try:
+        with tempfile.NamedTemporaryFile("w", dir=folder, prefix=f"cltaa-{name}-", suffix=".log", delete=False) as log:
+            log.write(text)
+    except OSError:
+        return None
+    return Path(log.name)
