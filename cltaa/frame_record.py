@@ -12,7 +12,7 @@ from cltaa.current_filter import axis_weights
 from cltaa.frames import Camera, Frame
 from cltaa.layout import Layout
 from cltaa.params import RayThrough
-from cltaa.plan import Plan
+from cltaa.planning import Plan
 
 
 @dataclass(frozen=True, slots=True)

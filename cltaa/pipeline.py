@@ -69,9 +69,10 @@ def resolve_sequence(
 ) -> Outcome:
     """Resolve every frame of ``sequence`` into ``output``, one EXR a frame under the same names.
 
-    ``effects`` overrides what the sequence declares: ``auto`` keeps it, ``all`` turns every step on. ``preview`` is an
-    MP4 of the result. A run that was cut short goes on where it stopped, to the same bits; SIGINT and SIGTERM finish
-    the frame in work, save the state and raise KeyboardInterrupt. A device that is lost is opened once more.
+    ``effects`` overrides what the sequence declares: ``auto`` keeps it, ``all`` runs every step of the preset whatever
+    the frames call for, and a set leaves out the steps and channels of all other effects. ``preview`` is an MP4 of the
+    result. A run that was cut short goes on where it stopped, to the same bits; SIGINT and SIGTERM finish the frame in
+    work, save the state and raise KeyboardInterrupt. A device that is lost is opened once more.
 
     Raises UsageError where ``output`` is the sequence's own folder or was begun with other settings (unless
     ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
@@ -83,6 +84,7 @@ def resolve_sequence(
     if preview is not None:
         _check_film(sequence, preview)
     options = {"effects": effects if isinstance(effects, str) else sorted(effects), "half": half}
+    resolver.every_step = resolver.every_step or effects == "all"
     settings = {**resolver.settings(), **options, "compression": compression, **sequence_settings(sequence)}
     with owned(output), stop_signals() as stop:
         folder = OutputFolder(output, settings, restart=restart)
@@ -210,7 +212,16 @@ def resolved_attributes(frame: Frame, resolver: Resolver) -> Mapping[str, object
 def _with_effects(frame: Frame, effects: frozenset[Effect] | Literal["auto", "all"]) -> Frame:
     if effects == "auto":
         return frame
-    return replace(frame, effects=None if effects == "all" else effects)
+    if effects == "all":
+        return replace(frame, effects=None)
+    dropped: dict[str, Any] = {
+        channel: None
+        for effect, channel in (
+            (Effect.MOTION, "motion"), (Effect.REACTIVE, "reactive"), (Effect.ALPHA, "alpha"),
+        )
+        if effect not in effects
+    }  # fmt: skip
+    return replace(frame, effects=effects, **dropped)
 
 
 def _write_record(output: Path, outcome: Outcome, preset: Preset) -> None:

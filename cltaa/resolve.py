@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from cltaa.buffers import Buffers, fill
-from cltaa.build import Build, Storage, settings_record
+from cltaa.build import Build, Steps, Storage, settings_record
 from cltaa.cameras import closeness, closeness_at, is_still
 from cltaa.errors import DataError
 from cltaa.frame_record import Past as Past
@@ -19,8 +19,11 @@ from cltaa.kernel_files import code_sha256
 from cltaa.launch import Buffer, Launcher, launcher_for, storage_dtype
 from cltaa.layout import Layout
 from cltaa.params import OnCameraMove, Preset
-from cltaa.plan import Plan, plan_frame
+from cltaa.planning import Plan, plan_frame
 from cltaa.presets import load_preset
+
+# What a channel that a frame does not have would hold: no vector, all covered, nothing to distrust.
+NOTHING = {"motion": np.nan, "alpha": 1.0, "reactive": 0.0}
 
 
 class Times(NamedTuple):
@@ -35,8 +38,8 @@ class Resolver:
     """Accumulates a sequence frame by frame.
 
     ``preset`` is a name or a Preset; ``device`` is None (first OpenCL device), a part of a device's name, its index, or
-    ``numpy``; ``strict`` builds kernels that match the NumPy oracle bit for bit. A cut, a gap in the frame numbers or a
-    change of size starts a new history.
+    ``numpy``; ``strict`` builds kernels that match the NumPy oracle bit for bit; ``every_step`` runs also the steps that
+    no frame calls for. A cut, a gap in the frame numbers or a change of size starts a new history.
     """
 
     def __init__(
@@ -48,7 +51,9 @@ class Resolver:
         storage: Storage = Storage.FLOAT,
         lanes: int = 0,
         rows: int = 0,
+        every_step: bool = False,
     ) -> None:
+        self.every_step = every_step
         self.preset = load_preset(preset) if isinstance(preset, str) else preset
         self._device = device
         self.launcher = launcher_for(device) if device is None or isinstance(device, str) else device
@@ -90,7 +95,7 @@ class Resolver:
         """Go on after ``past``; returns the memory to fill with what ``recurrent`` gave then, by the same names."""
         layout = Layout(past.shape[1], past.shape[0])
         self._buffers = None  # released before the new ones are allocated
-        self._buffers = Buffers(self.launcher, layout, past.alpha, storage_dtype(self._shape))
+        self._buffers = Buffers(self.launcher, layout, past.alpha or self.every_step, storage_dtype(self._shape))
         self._previous = past
         return self._buffers.recurrent()
 
@@ -102,10 +107,11 @@ class Resolver:
         _check_shapes(frame)
         started = perf_counter()
         previous = self._predecessor(frame)
-        self.plan = plan_frame(self.preset, frame, None if previous is None else previous.camera)
+        camera = None if previous is None else previous.camera
+        self.plan = plan_frame(self.preset, frame, camera, every=self.every_step)
         build = self._build(self.plan)
         buffers = self._prepare(frame, build)
-        self._upload(frame, buffers)
+        self._upload(frame, buffers, build.steps)
         uploaded = perf_counter()
         self._run(frame, previous, build, buffers)
         self.launcher.finish()
@@ -161,7 +167,7 @@ class Resolver:
             self._buffers = Buffers(self.launcher, layout, build.steps.alpha, storage_dtype(build))
         return self._buffers
 
-    def _upload(self, frame: Frame, buffers: Buffers) -> None:
+    def _upload(self, frame: Frame, buffers: Buffers, steps: Steps) -> None:
         layout = buffers.layout
         fill(buffers.current, layout, np.moveaxis(frame.colour, -1, 0))
         with buffers.closeness.mapped(write=True) as planes:
@@ -172,11 +178,14 @@ class Resolver:
                 sky = inside <= closeness_at(settings.sky_below, frame.camera)
                 inside[sky] = closeness_at(settings.sky_at, frame.camera)
             layout.extend_edges(planes)
-        if frame.motion is not None:
-            fill(buffers.optional("motion", 2), layout, np.moveaxis(frame.motion, -1, 0))
-        for name, channel in (("alpha", frame.alpha), ("reactive", frame.reactive)):
+        planes_of = {"motion": 2, "alpha": 1, "reactive": 1}
+        for name, wanted in (("motion", steps.own_motion), ("alpha", steps.alpha), ("reactive", steps.reactive)):
+            channel = getattr(frame, name)
             if channel is not None:
-                fill(buffers.optional(name, 1), layout, channel[None])
+                fill(buffers.optional(name, planes_of[name]), layout, np.atleast_3d(channel).transpose(2, 0, 1))
+            elif wanted:
+                nothing = np.full((planes_of[name], 1, 1), NOTHING[name], np.float32)
+                fill(buffers.optional(name, planes_of[name]), layout, nothing)
 
     def _run(self, frame: Frame, previous: Past | None, build: Build, buffers: Buffers) -> None:
         assert self.plan is not None

@@ -1,6 +1,8 @@
 """The plan: which steps of the resolve a frame calls for, each with its reason.
 
-A sequence that declares its effects promises that nothing else happens in it; one that declares none gets every step.
+A sequence that declares its effects promises that nothing else happens in it; one that declares none gets every step
+that its channels and cameras call for. A step that is left out would have changed no bit; what a declared stillness or
+an absence of highlights *replaces* (plain mean, plain weights) is another estimate, and docs/effects.md bounds it.
 """
 
 from __future__ import annotations
@@ -47,16 +49,19 @@ class Plan(NamedTuple):
 _CHANGING = frozenset({Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.REACTIVE, Effect.EXPOSURE})
 
 
-def plan_frame(preset: Preset, frame: Frame, previous: Camera | None) -> Plan:
-    """The plan of ``frame`` whose predecessor was seen by ``previous`` (None at the start and after a cut)."""
+def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: bool = False) -> Plan:
+    """The plan of ``frame`` whose predecessor was seen by ``previous`` (None at the start and after a cut).
+
+    ``every`` adds each step that the preset allows and the frame does not call for: it costs time and changes no bit.
+    """
     declared = frame.effects
     if previous is None:
         # There is no history to read; the kernel that the next frame needs will do for this one too.
         camera_moves = declared is None or Effect.CAMERA in declared
     else:
         camera_moves = not is_still(frame.camera, previous)
-    steps = _steps(preset, frame, camera_moves)
-    reasons = _reasons(preset, steps, camera_moves, declared)
+    steps = _steps(preset, frame, camera_moves, every=every)
+    reasons = _every_reason(steps) if every else _reasons(preset, steps, camera_moves, declared)
     choices, settings = preset.choices, preset.settings
     if previous is None:
         # A first frame is what was drawn, to the bit; the blur is for pixels that appear amid others with a past.
@@ -76,17 +81,23 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None) -> Plan:
     return Plan(choices, settings, steps, tuple(reasons))
 
 
-def _steps(preset: Preset, frame: Frame, camera_moves: bool) -> Steps:
+def _steps(preset: Preset, frame: Frame, camera_moves: bool, *, every: bool) -> Steps:
     reproject = preset.choices.reproject
+    exposure = frame.effects is None or Effect.EXPOSURE in frame.effects
     return Steps(
-        camera_motion=camera_moves and reproject is not Reproject.NONE,
-        own_motion=frame.motion is not None and reproject is Reproject.FULL,
+        camera_motion=(every or camera_moves) and reproject is not Reproject.NONE,
+        own_motion=(every or frame.motion is not None) and reproject is Reproject.FULL,
         orthographic=frame.camera.orthographic,
-        exposure=preset.choices.exposure_change is ExposureChange.FOLLOW
-        and (frame.effects is None or Effect.EXPOSURE in frame.effects),
-        alpha=frame.alpha is not None,
-        reactive=frame.reactive is not None and preset.choices.reactive_mask is ReactiveMask.USE,
+        exposure=(every or exposure) and preset.choices.exposure_change is ExposureChange.FOLLOW,
+        alpha=every or frame.alpha is not None,
+        reactive=(every or frame.reactive is not None) and preset.choices.reactive_mask is ReactiveMask.USE,
     )
+
+
+def _every_reason(steps: Steps) -> list[Reason]:
+    names = {"camera_motion": "reprojection", "own_motion": "own motion"}
+    said = [name for name in steps.__struct_fields__ if name != "orthographic"]  # a kind of lens, not a step
+    return [Reason(names.get(name, name), getattr(steps, name), "every step is asked for") for name in said]
 
 
 def _reasons(preset: Preset, steps: Steps, camera_moves: bool, declared: frozenset[Effect] | None) -> list[Reason]:

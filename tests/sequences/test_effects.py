@@ -1,0 +1,110 @@
+"""The plan changes time and not the picture: steps that a frame does not call for change no bit when they run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cltaa.frames import Camera, Effect, Frame
+from cltaa.launch import DeviceLauncher, Launcher, NumpyLauncher
+from cltaa.params import override
+from cltaa.pipeline import _with_effects
+from cltaa.planning import plan_frame
+from cltaa.presets import load_preset
+from cltaa.resolve import Resolver
+from tests.sequence_factory import make_camera, make_frame
+
+DEFAULT = load_preset("default")
+STANDING = make_camera()
+# What a frame calls for -> how it is made.
+CALLS: dict[str, dict[str, object]] = {
+    "nothing": {"camera": STANDING, "effects": frozenset()},
+    "a still camera": {"camera": STANDING, "effects": frozenset({Effect.SHADING, Effect.HDR})},
+    "a moving camera": {"effects": frozenset({Effect.CAMERA, Effect.HDR})},
+    "own motion": {"camera": STANDING, "motion": True, "effects": frozenset({Effect.MOTION, Effect.HDR})},
+    "alpha and reactive": {"alpha": True, "reactive": True, "effects": frozenset({Effect.CAMERA, Effect.ALPHA})},
+    "undeclared": {"motion": True, "alpha": True, "reactive": True, "effects": None},
+}
+
+
+# Every case on NumPy, and those that between them toggle every step on the device too, where each costs two builds.
+CASES = [("numpy", name) for name in CALLS] + [("device", name) for name in ("nothing", "alpha and reactive")]
+
+
+def frames(calls: dict[str, object], count: int = 4) -> Iterator[Frame]:
+    for index in range(count):
+        yield make_frame(index, **calls)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("where", "name"), CASES)
+def test_every_step_gives_the_same_bits(where: str, name: str) -> None:
+    launcher: Launcher = DeviceLauncher() if where == "device" else NumpyLauncher()
+    calls = CALLS[name]
+    planned, every = Resolver(device=launcher, strict=True), Resolver(device=launcher, strict=True, every_step=True)
+    for frame in frames(calls):
+        one, other = planned.resolve(frame), every.resolve(frame)
+        assert one.dtype == other.dtype == np.float32
+        assert one.tobytes() == other.tobytes()
+    assert planned.plan is not None
+    assert every.plan is not None
+    assert all(getattr(every.plan.steps, n) for n in ("camera_motion", "own_motion", "exposure", "alpha", "reactive"))
+    assert planned.plan.choices == every.plan.choices  # what is replaced is decided by the promise, not by the steps
+
+
+def test_few_kernels_serve_a_sequence_whose_camera_stops_and_cuts() -> None:
+    launcher = DeviceLauncher()
+    resolver = Resolver(device=launcher)
+    walking = [make_camera((0.1 * min(i, 4), 0.0, 5.0)) for i in range(9)]
+    for index, camera in enumerate(walking):
+        resolver.resolve(make_frame(index, camera=camera, cut=index == 6))
+    # One for the steps with the camera's motion, one for those without, and one that extends edges for both of these.
+    assert sorted(name for name, _ in launcher._kernels) == ["extend_edges", "extend_edges", "resolve", "resolve"]
+
+
+def reasons(frame: Frame, previous: Camera | None) -> dict[str, tuple[bool, str]]:
+    return {reason.step: (reason.on, reason.why) for reason in plan_frame(DEFAULT, frame, previous).reasons}
+
+
+def test_a_camera_that_stops_is_not_reprojected() -> None:
+    frame = make_frame(1, camera=STANDING)
+    assert reasons(frame, make_camera((1.0, 0.0, 5.0)))["reprojection"] == (True, "the camera moves")
+    assert reasons(frame, STANDING)["reprojection"] == (False, "the camera stands")
+
+
+def test_named_effects_leave_the_others_out() -> None:
+    frame = make_frame(0, motion=True, alpha=True, reactive=True)
+    kept = _with_effects(frame, frozenset({Effect.MOTION}))
+    assert kept.motion is frame.motion
+    assert kept.alpha is None
+    assert kept.reactive is None
+    assert kept.effects == frozenset({Effect.MOTION})
+    assert _with_effects(frame, "auto") is frame
+    assert _with_effects(frame, "all").effects is None
+
+
+def test_plain_weights_stay_within_their_bound_of_luminance_weights() -> None:
+    """One blend: with r = (knee + Y_h) / (knee + Y_x), the weight changes by (sqrt r - 1) / (sqrt r + 1) at most.
+
+    That is the largest value of w r / (w r + 1 - w) - w, at w = 1 / (1 + sqrt r). docs/effects.md.
+    """
+    preset = override(DEFAULT, {"rectify": "none", "fresh_blur": 0.0})
+    rng = np.random.default_rng(0)
+    colours = rng.random((2, 23, 37, 3), np.float32)
+    results = []
+    for effects in ({Effect.SHADING}, {Effect.SHADING, Effect.HDR}):
+        resolver = Resolver(preset, device="numpy")
+        for index, colour in enumerate(colours):
+            frame = make_frame(index, camera=STANDING, effects=frozenset(effects))
+            image = resolver.resolve(replace(frame, colour=colour, depth=np.ones_like(frame.depth)))
+        results.append(image)
+    history, current = colours
+    luminance = colours @ np.array([0.25, 0.5, 0.25])  # colour.h
+    root = np.sqrt((4.0 + luminance[0]) / (4.0 + luminance[1]))
+    bound = np.abs((root - 1.0) / (root + 1.0))[..., None] * np.abs(current - history)
+    difference = np.abs(results[0] - results[1])
+    # Two blends of numbers below 1, some ten roundings each.
+    assert (difference <= bound + 20.0 * 2.0**-24).all()
+    assert (difference > 0.9 * bound).mean() > 0.5
