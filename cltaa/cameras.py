@@ -65,15 +65,13 @@ def displacement(camera: Camera, previous: Camera, width: int, height: int) -> D
         return Displacement(np.zeros((3, 4)), np.zeros(4))
     to_ndc = np.diag([2.0 / width, -2.0 / height, 1.0, 1.0])
     view = _view_position(camera) @ to_ndc
-    earlier = _relative_motion(camera, previous, view)
-    clip = previous.view_to_clip[[0, 1, 3]] @ earlier
-    clip[0] *= width / 2.0
-    clip[1] *= -height / 2.0
-    rows = clip - np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
-    change = np.zeros(4)
-    if camera.orthographic:
-        change = earlier[2] - np.array([0, 0, 1.0, 0])
-    return Displacement(rows, change)
+    moved = _relative_change(camera, previous) @ view
+    # Each part is a difference before anything is multiplied: what does not change leaves exactly nothing behind.
+    zoomed = (previous.view_to_clip - camera.view_to_clip) @ view
+    rows = (previous.view_to_clip @ moved + zoomed)[[0, 1, 3]]
+    rows[0] *= width / 2.0
+    rows[1] *= -height / 2.0
+    return Displacement(rows, moved[2] if camera.orthographic else np.zeros(4))
 
 
 def _view_position(camera: Camera) -> Matrix:
@@ -99,13 +97,13 @@ def _view_position(camera: Camera) -> Matrix:
     return position
 
 
-def _relative_motion(camera: Camera, previous: Camera, view: Matrix) -> Matrix:
-    """The previous camera's view-space position of what ``view`` describes; world positions never appear."""
-    turn = previous.world_to_view[:3, :3] @ np.linalg.inv(camera.world_to_view[:3, :3])
-    shift = previous.world_to_view[:3, :3] @ (_centre(camera) - _centre(previous))
-    step = np.eye(4)
-    step[:3, :3], step[:3, 3] = turn, shift
-    return step @ view
+def _relative_change(camera: Camera, previous: Camera) -> Matrix:
+    """What takes a position seen by ``camera`` to ``previous``, minus the identity; world positions never appear."""
+    now, then = camera.world_to_view[:3, :3], previous.world_to_view[:3, :3]
+    change = np.zeros((4, 4))
+    change[:3, :3] = (then - now) @ np.linalg.inv(now)
+    change[:3, 3] = then @ (_centre(camera) - _centre(previous))
+    return change
 
 
 def _centre(camera: Camera) -> NDArray[np.float64]:

@@ -1,0 +1,377 @@
+"""Failure modes of reprojection, depth, matrices and jitter, NUMERICS F: see docs/numerics.md."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cltaa.build import Build, Steps, settings_record
+from cltaa.cameras import displacement
+from cltaa.cli import main
+from cltaa.errors import DataError
+from cltaa.exr import read_frame, write_frame, write_image
+from cltaa.exr_attributes import frame_attributes
+from cltaa.frames import Camera, Effect, Frame
+from cltaa.launch import DeviceLauncher, Launcher, NumpyLauncher
+from cltaa.layout import Layout
+from cltaa.params import Choices, Dilation, Settings, override
+from cltaa.presets import load_preset
+from cltaa.resolve import Past, Resolver, frame_record
+from tests.kernels.stage_chain import Work, padded, run_stage
+from tests.numerics.exact_cameras import displacement_of, orthographic, perspective, rotation, view_at
+from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame
+
+# A few rows of a picture that is 3840 pixels and 93 degrees wide, with square pixels.
+WIDE, ROWS = 3840, 28
+LENS = perspective(WIDE / ROWS, zoom=0.95 * WIDE / ROWS)
+TOLERANCE = 2.0**-20  # pixels, and of displacements longer than a pixel
+TURN = rotation((0.3, 1.0, -0.2), 25.0)
+
+
+def measured(
+    camera: Camera, previous: Camera, depth: NDArray[Any], launcher: Launcher, jitter: tuple[float, float] = (0.0, 0.0)
+) -> tuple[NDArray[np.float32], Work]:
+    """Planes u, v, scale, shift, visible, ... [7, H, W] that the stage gives for ``depth`` [H, W]."""
+    height, width = depth.shape
+    layout = Layout(width, height)
+    frames = [
+        Frame(index=i, colour=np.zeros((height, width, 3), np.float32), depth=depth, camera=c, jitter_px=jitter)
+        for i, c in enumerate((previous, camera))
+    ]
+    near = (-depth if camera.orthographic else 1 / depth).astype(np.float32)
+    planes = {"current": layout.empty(3), "closeness": padded(near[None], layout), "motion": layout.empty(2)}
+    steps = Steps(own_motion=False, orthographic=camera.orthographic)
+    build = launcher.build(Build(choices=Choices(dilation=Dilation.NONE), steps=steps, strict=True))
+    work = Work(layout, planes, frame_record(frames[1], Past.of(frames[0]), layout), settings_record(Settings()))
+    return layout.inside(run_stage("surface_motion", build, work, launcher)["motion_out"]), work
+
+
+def compared(
+    camera: Camera, previous: Camera, depth: NDArray[Any], launcher: Launcher | None = None
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Error and length of the exact displacement in pixels, and where the previous frame shows the point, [H, W] each.
+
+    The length is that of the displacement or of its part by turning, whichever is longer: travel may cancel turning.
+    """
+    height, width = depth.shape
+    jitter = (0.21, -0.37)
+    found, work = measured(camera, previous, depth, launcher or NumpyLauncher(), jitter)
+    y, x = np.mgrid[:height, :width]
+    px, py = x + 0.5 + jitter[0] - width / 2, y + 0.5 + jitter[1] - height / 2
+    u, v, w = displacement_of(px, py, work.layout.inside(work.planes["closeness"])[0], camera, previous, width, height)
+    shown = (w > 0) & (np.abs(px + u) < width / 2) & (np.abs(py + v) < height / 2)
+    error = np.hypot((found[0] - u).astype(float), (found[1] - v).astype(float))
+    turned = displacement_of(px, py, np.zeros((height, width)), camera, previous, width, height)
+    by_turning = 0.0 if camera.orthographic else np.hypot(turned[0], turned[1]).astype(float)
+    return error, np.maximum(np.hypot(u, v).astype(float), by_turning), shown
+
+
+def depths(height: int = ROWS, width: int = WIDE) -> NDArray[np.float32]:
+    """1 to 1000 metres, some sky."""
+    random = np.random.default_rng(31)
+    depth = (10 ** random.uniform(0, 3, (height, width))).astype(np.float32)
+    depth[random.random((height, width)) < 0.05] = np.inf
+    return depth
+
+
+def worst(error: NDArray[Any], exact: NDArray[Any], shown: NDArray[Any]) -> float:
+    """Largest error among the points that the previous frame shows, in tolerances."""
+    return float((error / (TOLERANCE * np.maximum(1.0, exact)))[shown].max())
+
+
+def walk(position: NDArray[Any], step: float = 0.05, turned: float = 0.4) -> tuple[Camera, Camera]:
+    """Camera and previous camera of somebody who walks and looks around."""
+    before = view_at(position, TURN)
+    after = view_at(position + step * np.array([0.4, 0.1, -1.0]), rotation((0, 1, 0.1), turned) @ TURN)
+    return Camera(after, LENS), Camera(before, LENS)
+
+
+@pytest.mark.parametrize("distance", [0.0, 1e3, 1e5, 1e6])
+def test_f1_a_camera_far_from_the_origin_is_as_precise_as_one_at_it(distance: float) -> None:
+    camera, previous = walk(distance * np.array([0.6, -0.5, 0.6]))
+    error, exact, shown = compared(camera, previous, depths())
+    assert shown.mean() > 0.3
+    assert worst(error, exact, shown) <= 1.0
+    assert error[shown].max() <= 1e-4
+
+
+def test_f1_at_ten_million_metres_the_matrices_themselves_are_rounded() -> None:
+    # Half a unit of the last place of 10^7 is 1e-9 m: at 1 m and 3,000 pixels a metre that is seen as 3e-6 pixels.
+    camera, previous = walk(1e7 * np.array([0.6, -0.5, 0.6]))
+    error, _, shown = compared(camera, previous, depths())
+    assert error[shown].max() <= 1e-4
+
+
+def test_f1_float32_world_space_would_be_wrong_by_pixels() -> None:
+    camera, previous = walk(1e6 * np.array([0.6, -0.5, 0.6]))
+    single = np.float32
+    world = np.linalg.inv(camera.world_to_view) @ np.array([0.3, 0.001, -4.0, 1.0])
+
+    def seen(c: Camera, kind: Any) -> float:
+        x, _, _, w = (c.view_to_clip @ c.world_to_view).astype(kind) @ world.astype(kind)
+        return float(x / w) * WIDE / 2
+
+    moved, true = (seen(camera, kind) - seen(previous, kind) for kind in (single, np.longdouble))
+    assert abs(moved - true) > 1.0
+
+
+@pytest.mark.parametrize("motion", ["creep", "pan", "walk", "zoom", "roll"])
+def test_f2_displacements_are_right_to_a_millionth_of_a_pixel(launcher: DeviceLauncher, motion: str) -> None:
+    position = np.array([3.0, 2.0, 50.0])
+    zoomed = LENS * np.array([1.02, 1.02, 1, 1])[:, None]
+    before = view_at(position, TURN)
+    after = {
+        "creep": view_at(position + np.array([1e-4, 0, 0]), TURN),
+        "pan": view_at(position, rotation((0, 1, 0), 0.03) @ TURN),
+        "walk": view_at(position + np.array([0.1, 0, -0.3]), rotation((0.1, 1, 0), 1.0) @ TURN),
+        "zoom": before,
+        "roll": view_at(position, rotation((0, 0, 1), 0.5) @ TURN),
+    }[motion]
+    camera = Camera(after, zoomed if motion == "zoom" else LENS)
+    error, exact, shown = compared(camera, Camera(before, LENS), depths(), launcher)
+    assert shown.mean() > 0.2
+    assert worst(error, exact, shown) <= 1.0
+    assert exact[shown].max() > 0.01
+
+
+def test_f2_a_still_camera_moves_nothing() -> None:
+    camera = Camera(view_at(np.array([1e6, -2e6, 3e5]), TURN), LENS)
+    again = Camera(camera.world_to_view.copy(), camera.view_to_clip.copy())
+    found, _ = measured(camera, again, depths(), NumpyLauncher())
+    assert (found[:2] == 0).all()
+
+
+def test_f3_what_was_behind_the_previous_camera_is_new() -> None:
+    # Backing away by 5 metres: what lies nearer than that was behind the camera, where a division would mirror it.
+    height, width = 24, 32
+    clip = perspective(width / height)
+    views = [view_at(np.array([0.0, 0.0, z]), np.eye(3)) for z in (0.0, 5.0)]
+    depth = np.geomspace(0.2, 50.0, height * width, dtype=np.float32).reshape(height, width)
+    resolver = Resolver(override(load_preset(), {"fresh_blur": 0.0, "dilation": "none"}), "numpy")
+    frames = [
+        replace(make_frame(i, width=width, height=height, effects=None), camera=Camera(view, clip), depth=depth)
+        for i, view in enumerate(views)
+    ]
+    resolver.resolve(frames[0])
+    resolved = resolver.resolve(frames[1])
+    behind = depth - 5.0 <= 2.0**-6 * depth
+    assert 0.3 < behind.mean() < 0.7
+    assert np.array_equal(resolved[behind], frames[1].colour[behind])
+    found, _ = measured(frames[1].camera, frames[0].camera, depth, NumpyLauncher())
+    assert np.array_equal(found[4] > 0.5, ~behind)
+    assert np.isfinite(found).all()
+
+
+@pytest.mark.parametrize("turn", [np.eye(3), TURN])
+def test_f4_travel_does_not_move_the_sky(turn: NDArray[np.float64]) -> None:
+    there, here = (Camera(view_at(np.array(at), turn), LENS) for at in ((8.0, 0.0, 2.0), (5.0, 1.0, -7.0)))
+    found, _ = measured(there, here, np.full((ROWS, WIDE), np.inf, np.float32), NumpyLauncher())
+    assert (found[:2] == 0).all()
+    assert (found[4] == 1).all()
+
+
+def test_f4_turning_moves_the_sky_as_a_direction() -> None:
+    camera, previous = walk(np.array([1e3, 0.0, 0.0]), turned=0.7)
+    error, exact, shown = compared(camera, previous, np.full((ROWS, WIDE), np.inf, np.float32))
+    assert shown.mean() > 0.5
+    assert worst(error, exact, shown) <= 1.0
+
+
+@pytest.mark.parametrize(
+    "clip",
+    [perspective(1.5), perspective(1.5, far=np.inf), perspective(1.5, near=1000.0, far=0.1), perspective(1.5, far=1e9)],
+    ids=["standard", "infinite", "reversed", "far"],
+)
+def test_f4_f5_the_kind_of_depth_buffer_changes_nothing(clip: NDArray[np.float64]) -> None:
+    # Depth is planar distance; of the projection, only what is seen where takes part.
+    (camera, previous), usual = walk(np.zeros(3)), perspective(1.5)
+    found, expected = (
+        displacement(replace(camera, view_to_clip=c), replace(previous, view_to_clip=c), 300, 200)
+        for c in (clip, usual)
+    )
+    assert np.array_equal(found.rows, expected.rows)
+
+
+def header(**changes: object) -> dict[str, object]:
+    return frame_attributes(make_frame()) | changes
+
+
+def planes(**changes: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    return {name: np.ones((HEIGHT, WIDTH), np.float32) for name in "RGBZ"} | changes
+
+
+def test_f5_half_depth_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.0001.exr"
+    write_image(path, planes(Z=np.ones((HEIGHT, WIDTH), np.float16)), header())
+    with pytest.raises(DataError, match=r"a\.0001\.exr channel Z: half-precision depth is refused.*wrong by metres"):
+        read_frame(path)
+
+
+def test_f5_closeness_keeps_the_precision_of_depth() -> None:
+    # 1/Z in float32 is within 1 u of exact wherever Z is: no plane near or far spoils it.
+    depth = (10.0 ** np.random.default_rng(32).uniform(-3, 8, (64, 64))).astype(np.float32)
+    from cltaa.cameras import closeness
+
+    out = np.empty_like(depth)
+    closeness(depth, make_camera(), out)
+    assert (np.abs(out * depth.astype(np.float64) - 1) <= 2.0**-24 * (1 + 1e-6)).all()
+
+
+@pytest.mark.parametrize("by", ["camera", "lens"])
+def test_f6_an_orthographic_pan_is_what_it_is(by: str) -> None:
+    height, width, pixels = 36, 48, 3.0
+    clip = orthographic(width / 64, height / 64)  # 32 pixels a unit
+    shifted = clip.copy()
+    camera = Camera(np.eye(4), clip)
+    if by == "camera":
+        previous = Camera(view_at(np.array([-pixels / 32, 0.0, 0.0]), np.eye(3)), clip)
+    else:
+        shifted[0, 3] += pixels * 2 / width
+        previous = Camera(np.eye(4), shifted)
+    found, _ = measured(camera, previous, depths(height, width), NumpyLauncher())
+    assert np.abs(found[0] - pixels).max() <= TOLERANCE
+    assert np.abs(found[1]).max() <= TOLERANCE
+    assert (found[4] == 1).all()
+
+
+def test_f6_an_orthographic_camera_may_turn_and_zoom() -> None:
+    height, width = 36, 48
+    depth = np.random.default_rng(33).uniform(1, 90, (height, width)).astype(np.float32)
+    before, after = orthographic(2.0, 1.5), orthographic(2.02, 1.515)
+    position = np.array([1e4, 2.0, -3.0])
+    camera = Camera(view_at(position + np.array([0.01, 0.02, -0.4]), rotation((1, 1, 0), 0.05) @ TURN), after)
+    previous = Camera(view_at(position, TURN), before)
+    error, exact, shown = compared(camera, previous, depth)
+    assert shown.mean() > 0.5
+    # Closeness is -Z here: its rounding (1 u of up to 90) times 12 pixels a unit and the turn of 1e-3 is below 1e-7.
+    assert worst(error, exact, shown) <= 1.0
+
+
+def broken(name: str, change: Callable[[NDArray[np.float64]], object]) -> dict[str, object]:
+    sound = np.array(header()[name], np.float64)
+    changed = change(sound.T.copy())
+    assert isinstance(changed, np.ndarray)
+    return {name: np.ascontiguousarray(changed.T)}
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "says"),
+    [
+        ("worldToView", lambda m: m * np.nan, "holds NaN or infinity"),
+        ("viewToClip", lambda m: np.where(m == m[1, 1], np.inf, m), "holds NaN or infinity"),
+        ("viewToClip", lambda m: m * np.diag([1, 0, 1, 1]), r"cannot be inverted.*expected \|M inv\(M\) - I\| < 1e-06"),
+        ("worldToView", lambda m: m.T, "has a wrong last row.*check whether it is transposed"),
+        ("viewToClip", lambda m: m.T, "has a wrong last row.*check whether it is transposed"),
+        ("worldToView", lambda m: np.diag([1, 1, -1, 1]) @ m, "mirrors the world.*flip its z row"),
+    ],
+)
+def test_f7_a_wrong_matrix_is_named_with_the_test_that_it_failed(
+    tmp_path: Path, name: str, change: Callable[[NDArray[np.float64]], object], says: str
+) -> None:
+    path = tmp_path / "shot.0007.exr"
+    write_image(path, planes(), header(**broken(f"cltaa:{name}", change)))
+    with pytest.raises(DataError, match=rf"shot\.0007\.exr.*cltaa:{name} {says}"):
+        read_frame(path)
+
+
+def test_f7_a_sound_camera_at_ten_thousand_kilometres_passes(tmp_path: Path) -> None:
+    camera = Camera(view_at(np.array([6e6, -5e6, 6e6]), TURN), perspective(1.6))
+    write_frame(tmp_path / "a.0000.exr", make_frame(camera=camera))
+    assert np.array_equal(read_frame(tmp_path / "a.0000.exr").camera.world_to_view, camera.world_to_view)
+
+
+def test_f8_half_motion_is_as_wrong_as_halves_are(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    true = np.random.default_rng(34).uniform(-256, 256, (2, HEIGHT, WIDTH)).astype(np.float32)
+    true[:, 3] = 0.0
+    path = tmp_path / "a.0000.exr"
+    half = {f"backward.{axis}": plane.astype(np.float16) for axis, plane in zip("uv", true, strict=True)}
+    write_image(path, planes(**half), header(**{"cltaa:frame": 0, "cltaa:effects": "motion"}))
+    read = read_frame(path).motion
+    assert read is not None
+    error = np.abs(np.moveaxis(read, -1, 0) - true)
+    assert (error <= np.abs(true) * 2.0**-11).all()
+    assert error[:, 3].max() == 0.0
+    assert error.max() > 2.0**-5  # and no better: inspect says so
+    main(["inspect", str(tmp_path)])
+    assert "half precision" in capsys.readouterr().out
+
+
+# ---- F9: jitter ----
+
+SIZE, PERIOD = (24, 36), 64
+
+
+def scene(x: NDArray[Any], y: NDArray[Any]) -> NDArray[Any]:
+    """A slanted bar pattern with hard edges, in pixels from the top left corner."""
+    return ((0.31 * x + 0.17 * y) % 1.9 > 0.8).astype(np.float32)
+
+
+def at(jitter: tuple[float, float], shift: float = 0.0) -> NDArray[np.float32]:
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]]
+    return np.repeat(scene(x + 0.5 + jitter[0] + shift, y + 0.5 + jitter[1])[..., None], 3, -1).astype(np.float32)
+
+
+def truth() -> NDArray[np.float32]:
+    grid = (np.arange(32) + 0.5) / 32 - 0.5
+    mean: NDArray[np.float32] = np.mean([at((a, b)) for a in grid for b in grid], axis=0)
+    return mean
+
+
+def sequence() -> list[tuple[float, float]]:
+    from cltaa_capture.jitter import halton
+
+    points = halton(PERIOD)
+    return [(float(a), float(b)) for a, b in points - points.mean(axis=0)]
+
+
+def error_of(matrices: Callable[[tuple[float, float]], tuple[float, float]], drawn: bool = True) -> float:
+    """RMSE against the truth where the matrices move by ``matrices(jitter)`` pixels and samples by the jitter."""
+    clip = perspective(SIZE[1] / SIZE[0])
+    preset = override(
+        load_preset(), {"rectify": "none", "reject": "none", "sample_limit": 2.0**20, "resample_cost": 0.0}
+    )
+    resolver = Resolver(preset, "numpy")
+    for index, jitter in enumerate(sequence()):
+        moved = clip.copy()
+        across, down = matrices(jitter)
+        moved[0, 2] += 2 * across / SIZE[1]
+        moved[1, 2] -= 2 * down / SIZE[0]
+        frame = make_frame(index, width=SIZE[1], height=SIZE[0], effects=frozenset({Effect.CAMERA}))
+        colour = at(jitter if drawn else (0.0, 0.0))
+        resolved = resolver.resolve(
+            replace(frame, colour=colour, depth=np.full(SIZE, 4.0, np.float32), camera=Camera(np.eye(4), moved))
+        )
+    inside = np.s_[4:-4, 4:-4]
+    return float(np.sqrt(np.mean((resolved[inside] - truth()[inside]) ** 2)))
+
+
+def test_f9_jitter_that_is_absent_or_left_in_the_matrices_shows() -> None:
+    correct = error_of(lambda _: (0.0, 0.0))
+    absent = error_of(lambda _: (0.0, 0.0), drawn=False)
+    wrong = {
+        "left in": error_of(lambda j: j),
+        "taken out twice": error_of(lambda j: (-j[0], -j[1])),
+        "y upside down": error_of(lambda j: (0.0, 2 * j[1])),
+    }
+    assert correct < absent / 4
+    assert {name: error for name, error in wrong.items() if error <= 3 * correct} == {}
+
+
+def test_f9_a_biased_sequence_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from cltaa_capture.jitter import halton
+
+    raw = halton(8) - 0.5
+    assert np.abs(raw.mean(axis=0)).max() > 1e-3
+    for name, points in (("raw", raw), ("centred", raw - raw.mean(axis=0))):
+        (tmp_path / name).mkdir()
+        for index in range(17):
+            jitter = (float(points[index % 8][0]), float(points[index % 8][1]))
+            write_frame(tmp_path / name / f"a.{index:04d}.exr", make_frame(index, jitter_px=jitter))
+        main(["inspect", str(tmp_path / name)])
+        assert ("jitter is not centred" in " ".join(capsys.readouterr().out.split())) == (name == "raw")
