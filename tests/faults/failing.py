@@ -32,10 +32,15 @@ def run(command: list[str]) -> tuple[int, str]:
     return code, said.getvalue()
 
 
+def quiet_prepare(top: Path, count: int) -> tuple[Path, dict[str, str]]:
+    """``runs.prepare`` without what it prints."""
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        return prepare(top, count)
+
+
 def fail_each_call(top: Path, shim: ctypes.CDLL, action: str, stride: int) -> None:
     """Try every ``stride``-th call; every assertion that fails ends the process."""
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        folder, whole = prepare(top, FRAMES)
+    folder, whole = quiet_prepare(top, FRAMES)
     at, output = 1, top / "out"
     while True:
         shutil.rmtree(output, ignore_errors=True)
