@@ -55,7 +55,7 @@ class DeviceLauncher:
         self.device = Device(wish)
         self.description = self.device.description
         self._kernels: dict[tuple[str, Build], Kernel] = {}
-        self.events: list[Any] | None = None  # a list that is put here receives the event of every kernel started
+        self.events: list[tuple[str, Any]] | None = None  # a list put here receives each started kernel and its event
         self._used: set[tuple[str, Build, tuple[int, ...]]] = set()
 
     def build(self, plan_build: Build) -> Build:
@@ -83,7 +83,7 @@ class DeviceLauncher:
                 self.device.finish()
                 self._used.add((kernel, build, size))
         if self.events is not None:
-            self.events.append(event)
+            self.events.append((kernel, event))
 
     def kernel(self, name: str, build: Build) -> Kernel:
         """The built kernel, from the cache of this launcher."""

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from cltaa.buffers import Buffers, fill
-from cltaa.build import Build, Steps, Storage, settings_record
+from cltaa.build import Build, Real, Steps, Storage, settings_record
 from cltaa.cameras import closeness, closeness_at, is_still
 from cltaa.errors import DataError
 from cltaa.frame_record import Past as Past
@@ -38,8 +38,9 @@ class Resolver:
     """Accumulates a sequence frame by frame.
 
     ``preset`` is a name or a Preset; ``device`` is None (first OpenCL device), a part of a device's name, its index, or
-    ``numpy``; ``strict`` builds kernels that match the NumPy oracle bit for bit; ``every_step`` runs also the steps that
-    no frame calls for. A cut, a gap in the frame numbers or a change of size starts a new history.
+    ``numpy``; ``strict`` builds kernels that match the NumPy oracle bit for bit; ``real`` and ``storage`` are the
+    numbers that they compute with and keep the history in; ``every_step`` runs also the steps that no frame calls for.
+    A cut, a gap in the frame numbers or a change of size starts a new history.
     """
 
     def __init__(
@@ -49,6 +50,7 @@ class Resolver:
         *,
         strict: bool = False,
         storage: Storage = Storage.FLOAT,
+        real: Real = Real.FLOAT,
         lanes: int = 0,
         rows: int = 0,
         every_step: bool = False,
@@ -57,7 +59,7 @@ class Resolver:
         self.preset = load_preset(preset) if isinstance(preset, str) else preset
         self._device = device
         self.launcher = launcher_for(device) if device is None or isinstance(device, str) else device
-        self._shape = Build(strict=strict, storage=storage, lanes=lanes, rows=rows)
+        self._shape = Build(strict=strict, storage=storage, real=real, lanes=lanes, rows=rows)
         self._buffers: Buffers | None = None
         self._previous: Past | None = None
         self.plan: Plan | None = None

@@ -41,7 +41,7 @@ def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int 
     launcher = resolver.launcher
 
     def run() -> float | None:
-        events: list[Any] | None = [] if isinstance(launcher, DeviceLauncher) else None
+        events: list[tuple[str, Any]] | None = [] if isinstance(launcher, DeviceLauncher) else None
         if isinstance(launcher, DeviceLauncher):
             launcher.events = events
         resolver.run_again(frames[-1], frames[-2])
@@ -50,9 +50,9 @@ def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int 
     return Job(name, run, rounds), image
 
 
-def span(events: list[Any]) -> float:
-    """Seconds from the start of the first to the end of the last of a queue's finished events."""
-    return float(max(event.profile.end for event in events) - min(event.profile.start for event in events)) * 1e-9
+def span(events: list[tuple[str, Any]]) -> float:
+    """Seconds from the start of the first to the end of the last of a queue's finished kernels."""
+    return float(max(event.profile.end for _, event in events) - min(event.profile.start for _, event in events)) * 1e-9
 
 
 class PlainPort:
@@ -62,7 +62,7 @@ class PlainPort:
         self._launcher, self._size = launcher, (width, height)
         build = Build(choices=BASELINE.choices, real=Real.FLOAT, storage=storage, lanes=1, rows=1)
         self._kernel = launcher.kernel("bench/plain", build)
-        pixels = np.float16 if storage is Storage.HALF else np.float32
+        pixels = storage_dtype(build)
         self._current = launcher.allocate((height, width, 4))
         self._closeness = launcher.allocate((height, width))
         self._history, self._output = (launcher.allocate((height, width, 4), pixels) for _ in range(2))
@@ -92,7 +92,7 @@ class PlainPort:
         columns, rows = (-(-extent // items) * items for extent, items in zip(self._size, group, strict=True))
         event = self._kernel.enqueue(self._launcher.device.queue, (columns, rows), group, given)
         self._launcher.finish()
-        return span([event])
+        return span([(self._kernel.name, event)])
 
 
 def copy_job(launcher: DeviceLauncher, moved: int) -> Job:
@@ -105,7 +105,7 @@ def copy_job(launcher: DeviceLauncher, moved: int) -> Job:
     def run() -> float:
         event = kernel.enqueue(launcher.device.queue, (items,), None, given)
         launcher.finish()
-        return span([event])
+        return span([(kernel.name, event)])
 
     return Job("copy", run)
 

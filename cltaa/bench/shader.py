@@ -29,7 +29,7 @@ class Shader:
             raise DeviceMissing(f"no off-screen OpenGL: {error}", cure="see: cltaa doctor") from error
         gl = self._context
         self.renderer = f"{gl.info['GL_RENDERER']}, OpenGL {gl.info['GL_VERSION']}"
-        kept = "f2" if storage is Storage.HALF else "f4"
+        kept = "f4" if storage is Storage.FLOAT else "f2"
         self._current = gl.texture((width, height), 4, dtype="f4")
         self._closeness = gl.texture((width, height), 1, dtype="f4")
         self._history, self._output = (gl.texture((width, height), 4, dtype=kept) for _ in range(2))
