@@ -22,6 +22,7 @@ from cltaa.errors import DataError, StorageError
 NAME = "manifest.jsonl"
 CAPTURE = "sequence.json"
 REFERENCE = re.compile(r"reference(-\d+)?")  # folders inside a capture
+LARGEST_RECORD = 1 << 28  # bytes; a million frames with their truth take about 200 MB
 FORMAT = 1
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 RESTART_CURE = "use --restart to begin anew, or another folder"
@@ -64,6 +65,8 @@ def read_capture_record(folder: Path) -> dict[str, Any]:
     """Content of the ``sequence.json`` of a folder, empty where there is none; raises DataError for a damaged one."""
     path = folder / CAPTURE
     try:
+        if path.stat().st_size > LARGEST_RECORD:
+            raise DataError("too large to be a record", path=path, expected=f"at most {LARGEST_RECORD >> 20} MiB")
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return {}

@@ -40,7 +40,7 @@ def load_config(path: Path, base: Preset) -> Preset:
 def _parse(name: str, text: str, origin: str, base: Preset | None = None) -> Preset:
     try:
         values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise DataError(f"not TOML: {error}", path=origin) from None
     if "preset" in values:
         base = load_preset(str(values.pop("preset")))

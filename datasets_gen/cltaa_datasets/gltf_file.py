@@ -40,7 +40,7 @@ class GltfFile:
             if needed:
                 raise DataError(f"needs the extension {needed[0]}", path=path, cure="export without compression")
             self._buffers = [self._bytes(buffer.get("uri"), binary) for buffer in self.items("buffers")]
-        except (ValueError, KeyError, IndexError, TypeError, AttributeError, struct.error) as error:
+        except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError, struct.error) as error:
             raise DataError(f"is no glTF 2.0 file ({type(error).__name__}: {error})", path=path) from error
 
     def items(self, name: str) -> list[dict[str, Any]]:
@@ -53,7 +53,10 @@ class GltfFile:
             return binary
         if uri.startswith("data:"):
             return base64.b64decode(uri.partition(",")[2])
-        beside = self.path.parent / urllib.parse.unquote(uri)
+        folder = self.path.parent.resolve()
+        beside = (folder / urllib.parse.unquote(uri)).resolve()
+        if not beside.is_relative_to(folder):  # a model from a stranger must not fetch this machine's other files
+            raise DataError(f"refers to {uri}, outside its own folder", path=self.path, cure="copy it beside the model")
         if not beside.is_file():
             raise InputMissing(f"there is no {uri} beside the model", path=self.path, cure="copy it there")
         return beside.read_bytes()
@@ -104,7 +107,7 @@ class GltfFile:
         content = self._view(entry["bufferView"])[0] if "bufferView" in entry else self._bytes(entry.get("uri"), b"")
         try:
             return np.asarray(Image.open(io.BytesIO(content)).convert("RGBA"), np.uint8)
-        except OSError as error:
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
             raise DataError(f"image {index} cannot be read ({error})", path=self.path) from error
 
 
