@@ -97,6 +97,7 @@ class VideoScores:
         self.totals = [Sums() for _ in range(tests)]
         self._stops = stops
         self._past: _Past | None = None
+        self.fresh: Mask = np.zeros((0, 0), np.bool_)  # of the last frame: uncovered in it, no edge beside, [H, W]
 
     def add(self, frame: Frame, truth: Image, tests: list[Image]) -> list[Sums]:
         """Judge one frame: ``frame`` as captured, the truth and each test, linear [H, W, 3]."""
@@ -121,6 +122,7 @@ class VideoScores:
                 sums += _flicker(error, past.errors[number], found, steady)
             self.totals[number] += sums
             results.append(sums)
+        self.fresh = (age == 1) & ~found.edge if found is not None else np.zeros_like(watched)
         self._past = _Past(frame, shown, errors, stale, age, watched)
         return results
 

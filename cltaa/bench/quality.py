@@ -1,0 +1,144 @@
+"""Presets judged against the truth, all on the same buffers, in one pass over a captured sequence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import msgspec
+import numpy as np
+
+from cltaa.comparison import truth_samples
+from cltaa.correspondence import Mask
+from cltaa.display import shown_light
+from cltaa.equal_quality import equal_quality_samples
+from cltaa.errors import DataError, InputMissing
+from cltaa.frames import Image
+from cltaa.launch import launcher_for
+from cltaa.metrics import mean, measure
+from cltaa.params import Preset
+from cltaa.progress import track
+from cltaa.resolve import Resolver
+from cltaa.sources import Sequence as Captured
+from cltaa.streams import read_ahead
+from cltaa.video_scores import Sums, VideoScores
+
+ONE_SAMPLE = "one sample"  # what was captured, judged beside its resolves
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A score of the table: what it says, how it is written, and which direction is better."""
+
+    name: str
+    title: str
+    form: str
+    higher_is_better: bool = False
+
+
+COLUMNS = (
+    Column("psnr", "PSNR of the display images, dB", ".2f", True),
+    Column("ssim", "SSIM of display luma", ".4f", True),
+    Column("flip", "mean FLIP of the display images", ".4f"),
+    Column("samples", "equal-quality samples a pixel, mean of the judged frames", ".1f", True),
+    Column("last", "the same in the last frame", ".1f", True),
+    Column("uncovered", "the same over pixels in the frame in which they appear", ".2f", True),
+    Column("ghosting", "share of what stood there before that still shows at uncovered pixels", ".3f"),
+    Column("flicker", "change from frame to frame that is not in the truth", ".4f"),
+    Column("blur", "share of the truth's finest detail that is lost", ".3f"),
+    Column("aliasing", "fine detail that no filter of the truth explains", ".4f"),
+)
+
+
+class Judged(msgspec.Struct, kw_only=True):
+    """What a preset scored on a sequence; None where there was nothing to judge."""
+
+    scores: dict[str, float | None]
+    frames: int
+    not_finite: int  # values of the output that were NaN or infinite, and judged as 0
+    device: str
+
+
+@dataclass(slots=True)
+class _Tally:
+    """What is gathered of one contender."""
+
+    rows: list[dict[str, float]] = field(default_factory=list)
+    video: Sums = field(default_factory=Sums)
+    fresh_square: float = 0.0
+    fresh_count: int = 0
+    not_finite: int = 0
+
+    def repaired(self, image: Image) -> Image:
+        """The image with 0 for what is not finite, which is counted."""
+        finite = np.isfinite(image)
+        bad = image.size - int(finite.sum())
+        self.not_finite += bad
+        return np.where(finite, image, np.float32(0)) if bad else image
+
+    def add(self, image: Image, truth: Image, sums: Sums, fresh: Mask) -> None:
+        """Judge one frame."""
+        self.rows.append(measure(image, truth))
+        self.video += sums
+        wrong = shown_light(image[fresh]).astype(np.float64) - shown_light(truth[fresh])
+        self.fresh_square += float((wrong**2).sum())
+        self.fresh_count += wrong.size
+
+    def scores(self, one: _Tally, truth_samples: int | None) -> dict[str, float | None]:
+        """All scores, with the single samples as the currency of three of them."""
+        means, single = mean(self.rows), mean(one.rows)["mse"]
+
+        def samples(error: float, of_one: float) -> float:
+            return equal_quality_samples(error, of_one, truth_samples=truth_samples) if of_one > 0 else math.nan
+
+        fresh = one.fresh_square / one.fresh_count if one.fresh_count else 0.0
+        values = {
+            **{name: means[name] for name in ("psnr", "ssim", "flip")},
+            "samples": samples(means["mse"], single),
+            "last": samples(self.rows[-1]["mse"], single),
+            "uncovered": samples(self.fresh_square / self.fresh_count, fresh) if self.fresh_count else math.nan,
+            **self.video.scores(),
+        }
+        return {name: value if math.isfinite(value) else None for name, value in values.items()}
+
+
+def judge_sequence(
+    sequence: Captured, presets: Sequence[Preset], device: str | None = None, *, settled: int = 8
+) -> dict[str, Judged]:
+    """Resolve ``sequence`` with every preset and judge each, and the single samples, from frame ``settled`` on.
+
+    The history of every preset is in memory at once. Raises InputMissing for a sequence without its truth and
+    DataError for one that is over before it settles.
+    """
+    reference = sequence.reference
+    if reference is None:
+        raise InputMissing("no truth to judge by", path=sequence.folder / "reference", cure="capture with --reference")
+    if len(sequence) <= settled:
+        raise DataError(
+            "the sequence is over before it is judged", path=sequence.folder,
+            expected=f"more than {settled} frames", found=len(sequence),
+        )  # fmt: skip
+    launcher = launcher_for(device)
+    resolvers = {preset.name: Resolver(preset, launcher) for preset in presets}
+    tallies = {name: _Tally() for name in (ONE_SAMPLE, *resolvers)}
+    video = VideoScores(len(tallies))
+    with read_ahead(zip(sequence, reference, strict=True)) as pairs:
+        for frame, truth in track(pairs, len(sequence), f"judging {sequence.folder.name}"):
+            outputs = [frame.colour, *(resolver.resolve(frame)[..., :3] for resolver in resolvers.values())]
+            images = [tally.repaired(image) for tally, image in zip(tallies.values(), outputs, strict=True)]
+            sums = video.add(frame, truth, images)
+            if frame.index - sequence.first >= settled:
+                for tally, image, score in zip(tallies.values(), images, sums, strict=True):
+                    tally.add(image, truth, score, video.fresh)
+    return _judged(tallies, truth_samples(reference), len(sequence), launcher.description)
+
+
+def _judged(tallies: Mapping[str, _Tally], samples: int | None, frames: int, device: str) -> dict[str, Judged]:
+    one = tallies[ONE_SAMPLE]
+    return {
+        name: Judged(
+            scores=tally.scores(one, samples), frames=frames, not_finite=tally.not_finite, device=device
+        )
+        for name, tally in tallies.items()
+    }  # fmt: skip

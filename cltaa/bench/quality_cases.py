@@ -1,0 +1,96 @@
+"""The sequences of ``cltaa bench quality``: those that are there, and those that ``cltaa capture`` draws as a child.
+
+The two packages know each other by their command lines alone (docs/decisions/0001).
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+from cltaa.errors import CltaaError, InputMissing, InternalError
+from cltaa.frames import Effect
+from cltaa.sources import Sequence, open_sequence
+
+TRAIN, HELD_OUT = "train", "held-out"
+# Without any of these nothing changes from frame to frame, and the truth has to be better than any resolve can get.
+_CHANGES = {*Effect} - {Effect.SKY, Effect.HDR, Effect.THIN, Effect.ALPHA}
+
+
+class Shape(NamedTuple):
+    """What every capture is asked for."""
+
+    width: int
+    height: int
+    frames: int
+    samples: int  # of the truth
+    still_samples: int  # of the truth of scenes in which nothing changes
+
+
+class Case(NamedTuple):
+    """One sequence of the table."""
+
+    scene: str
+    split: str  # TRAIN or HELD_OUT: whether the presets were tuned on it
+    folder: Path
+
+    @property
+    def key(self) -> str:
+        """Name of the folder, unique within the table."""
+        return self.folder.name
+
+
+def known_scenes() -> dict[str, frozenset[str]]:
+    """Every scene that ``cltaa scenes`` lists, with its effects."""
+    listed = json.loads(_run(["scenes", "--json"]))
+    return {scene["name"]: frozenset(scene["effects"]) for scene in listed["scenes"]}
+
+
+def planned(scenes: dict[str, frozenset[str]], seeds: dict[int, str], shape: Shape, work: Path) -> list[Case]:
+    """The cases of every scene with every seed; the folder's name says what the capture was asked for."""
+    return [
+        Case(scene, split, work / f"{_stem(scene)}-seed{seed}-{shape.width}x{shape.height}x{shape.frames}-{truth}")
+        for scene, effects in scenes.items()
+        for truth in (shape.samples if effects & _CHANGES else shape.still_samples,)
+        for seed, split in seeds.items()
+    ]
+
+
+def _stem(scene: str) -> str:
+    return Path(scene.removeprefix("file:")).stem if scene.startswith("file:") else scene
+
+
+def open_case(case: Case) -> Sequence | None:
+    """The captured sequence with its truth, or None where it is not there or not finished."""
+    try:
+        sequence = open_sequence(case.folder)
+        finished = sequence.reference is not None and len(sequence) == sequence.sequence_json.get("frames")
+    except CltaaError:
+        return None
+    return sequence if finished else None
+
+
+def capture(case: Case, seed: int, shape: Shape) -> Sequence:
+    """Draw a case, or what is missing of it; raises InternalError where the capture fails, with its own words above."""
+    truth = case.folder.name.rpartition("-")[2]
+    _run([
+        "capture", case.scene, "-o", str(case.folder), "--frames", str(shape.frames),
+        "--size", f"{shape.width}x{shape.height}", "--reference", truth, "--seed", str(seed),
+    ])  # fmt: skip
+    sequence = open_case(case)
+    if sequence is None:
+        raise InputMissing("the capture left no finished sequence", path=case.folder)
+    return sequence
+
+
+def _run(arguments: list[str]) -> str:
+    """What a command of cltaa prints; its standard error goes to ours."""
+    done = subprocess.run(
+        [sys.executable, "-m", "cltaa.cli", *arguments], stdout=subprocess.PIPE, text=True, check=False
+    )
+    if done.returncode:
+        raise InternalError(f"cltaa {' '.join(arguments)} failed", found=f"exit code {done.returncode}")
+    return done.stdout

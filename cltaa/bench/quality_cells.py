@@ -1,0 +1,69 @@
+"""Finished cells of the table, one file a sequence and preset, kept until something that decides them changes."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+
+import msgspec
+
+from cltaa.atomic import atomic_path, make_folder
+from cltaa.bench.quality import Judged
+from cltaa.kernel_files import code_sha256
+from cltaa.manifest import file_sha256, recorded_hashes
+from cltaa.params import Preset
+from cltaa.sources import Sequence
+
+FORMAT = 1  # of the file and of the way to judge
+
+
+class Cell(msgspec.Struct, kw_only=True):
+    """One cell: what was judged, by which code, and the outcome."""
+
+    inputs: str  # SHA-256 over sequence, truth, preset, first judged frame and FORMAT
+    code: str  # of the kernels and the package
+    judged: Judged
+
+
+class Cells:
+    """The cells of one sequence in ``folder``. With ``any_code`` those of other versions of the code are taken too."""
+
+    def __init__(self, folder: Path, sequence: Sequence, settled: int, *, any_code: bool = False) -> None:
+        self._folder, self._any_code = make_folder(folder), any_code
+        self._base = f"{FORMAT} {settled} {sequence_sha256(sequence)}"
+
+    def get(self, name: str, preset: Preset | None) -> Judged | None:
+        """The cell of a preset (None: of the single samples), or None where it must be measured."""
+        try:
+            cell = msgspec.json.decode(self._path(name).read_bytes(), type=Cell)
+        except (OSError, msgspec.MsgspecError):
+            return None
+        same_code = self._any_code or cell.code == code_sha256()
+        return cell.judged if same_code and cell.inputs == self._inputs(preset) else None
+
+    def put(self, name: str, preset: Preset | None, judged: Judged) -> None:
+        """Keep a cell; raises StorageError where it cannot be written."""
+        cell = Cell(inputs=self._inputs(preset), code=code_sha256(), judged=judged)
+        with atomic_path(self._path(name)) as temporary:
+            temporary.write_bytes(msgspec.json.format(msgspec.json.encode(cell), indent=1))
+
+    def _path(self, name: str) -> Path:
+        return self._folder / f"{name.replace(' ', '-')}.json"
+
+    def _inputs(self, preset: Preset | None) -> str:
+        what = b"" if preset is None else msgspec.json.encode([preset.choices, preset.settings])
+        return hashlib.sha256(self._base.encode() + what).hexdigest()
+
+
+def sequence_sha256(sequence: Sequence) -> str:
+    """One SHA-256 over the frames and the truth, from what their capture recorded, else from the files."""
+    recorded = recorded_hashes(sequence.folder)
+    paths: Iterable[Path] = sequence.paths
+    if sequence.reference is not None:
+        paths = (*paths, *sequence.reference.paths)
+    digest = hashlib.sha256()
+    for path in paths:
+        name = path.relative_to(sequence.folder).as_posix()
+        digest.update(f"{name} {recorded.get(name) or file_sha256(path)}\n".encode())
+    return digest.hexdigest()

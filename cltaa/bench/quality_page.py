@@ -1,0 +1,113 @@
+"""The table as Markdown, put between two marks of a page that is otherwise written by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from cltaa.atomic import atomic_path
+from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Column
+from cltaa.bench.quality_summary import DEFAULT, Row, Table, best_classic, ordered
+from cltaa.errors import DataError, InputMissing
+
+BEGIN, END = "<!-- cltaa bench quality: begin -->", "<!-- cltaa bench quality: end -->"
+
+
+def write_page(path: Path, text: str) -> None:
+    """Replace what stands between the marks of a page; raises InputMissing without it, DataError without marks."""
+    try:
+        before, begin, rest = path.read_text(encoding="utf-8").partition(BEGIN)
+    except FileNotFoundError:
+        cure = f"write a page that holds {BEGIN} and {END}"
+        raise InputMissing("no page to put the table into", path=path, cure=cure) from None
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise DataError("the marks are missing", path=path, expected=f"{BEGIN} and {END}")
+    with atomic_path(path) as temporary:
+        temporary.write_text(f"{before}{BEGIN}\n\n{text.strip()}\n\n{END}{after}", encoding="utf-8")
+
+
+def markdown(table: Table, about: str, pictures: Mapping[str, str] | None = None) -> str:
+    """The whole text: how it was made, means, who beats whom, a table for each scene, and the pictures."""
+    parts = [about, "### Means over sequences", *_means(table), "### Who beats whom", *_duels(table)]
+    parts.append("### Each scene")
+    for scene in dict.fromkeys(row.scene for row in table.rows):
+        parts += [f"#### {scene}", _scene_table([row for row in table.rows if row.scene == scene])]
+    if pictures:
+        parts.append("### Each preset's worst")
+        parts += [f"**{name}.** {text}" for name, text in pictures.items()]
+    return "\n\n".join(parts)
+
+
+def _means(table: Table) -> Iterable[str]:
+    yield "PSNR by way of the mean squared error, samples by the geometric mean, all else by the arithmetic mean."
+    yield _grid({name: [table.means[split][name] for split in table.means] for name in ordered(_names(table))})
+    yield _splits(table.means)
+
+
+def _duels(table: Table) -> Iterable[str]:
+    """One line for each pair; better means a lower FLIP and a higher PSNR, both."""
+    if not table.duels:
+        yield "Nothing to compare: the seeds and the classics were not judged."
+        return
+    lines = ["| preset | against | better in | mean FLIP | mean PSNR | not better in |", "|---|---|---|---|---|---|"]
+    for duel in table.duels:
+        flip, psnr = (f"{a:{form}} : {b:{form}}" for (a, b), form in ((duel.mean_flip, ".4f"), (duel.mean_psnr, ".2f")))
+        losses = ", ".join(duel.not_better) or "–"
+        lines.append(
+            f"| {duel.preset} | {duel.against} | {duel.better} of {duel.sequences} | {flip} | {psnr} | {losses} |"
+        )
+    yield "Better: lower FLIP and higher PSNR, both."
+    yield "\n".join(lines)
+    for split, means in table.means.items():
+        classic = best_classic(means)
+        if classic is not None and DEFAULT in means:
+            yield f"Best classic by mean FLIP ({split}): {classic}."
+
+
+def _scene_table(rows: list[Row]) -> str:
+    names = ordered(dict.fromkeys(name for row in rows for name in row.presets))
+    grid = _grid({name: [row.presets[name].scores for row in rows] for name in names})
+    broken = [
+        f"{name}: {row.presets[name].not_finite} values that are not finite in {row.key}"
+        for row in rows for name in names if row.presets[name].not_finite
+    ]  # fmt: skip
+    return "\n\n".join([grid, _splits(row.split for row in rows), *broken])
+
+
+def _splits(splits: Iterable[str]) -> str:
+    splits = list(splits)
+    return f"Each cell: {' / '.join(splits)}." if len(splits) > 1 else f"All: {splits[0]}."
+
+
+def _grid(cells: Mapping[str, list[dict[str, float | None]]]) -> str:
+    """A Markdown table of presets by scores; the best resolve of each column stands in bold."""
+    heads = [f"{column.name} {'↑' if column.higher_is_better else '↓'}" for column in COLUMNS]
+    lines = [f"| preset | {' | '.join(heads)} |", "|---|" + "---:|" * len(heads)]
+    resolves = [values for name, values in cells.items() if name != ONE_SAMPLE] or [*cells.values()]
+    best = [[_best(column, (values[n] for values in resolves)) for n in range(len(resolves[0]))] for column in COLUMNS]
+    for name, values in cells.items():
+        texts = []
+        for column, leaders in zip(COLUMNS, best, strict=True):
+            texts.append(" / ".join(_cell(v.get(column.name), column, b) for v, b in zip(values, leaders, strict=True)))
+        lines.append(f"| {name} | {' | '.join(texts)} |")
+    return "\n".join(lines)
+
+
+def _best(column: Column, scores: Iterable[dict[str, float | None]]) -> float | None:
+    """The best value of a column; for shares around 0 that is the one nearest to 0."""
+    values = [value for each in scores if (value := each.get(column.name)) is not None]
+    if not values:
+        return None
+    return max(values) if column.higher_is_better else min(values, key=abs)
+
+
+def _cell(value: float | None, column: Column, best: float | None) -> str:
+    if value is None:
+        return "–"
+    text = format(value, column.form)
+    return f"**{text}**" if value == best else text
+
+
+def _names(table: Table) -> list[str]:
+    return list(dict.fromkeys(name for row in table.rows for name in row.presets))

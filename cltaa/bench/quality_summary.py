@@ -1,0 +1,120 @@
+"""What the table says: means over sequences, and who beats whom where."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+
+import msgspec
+
+from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged
+from cltaa.bench.quality_cases import Case
+from cltaa.metrics import psnr
+
+DEFAULT = "default"
+SEEDS = re.compile(r"(vireo|babylon|simvx)\b")
+CLASSICS = re.compile(r"(karis|playdead|godot|filament|bevy|intel|fsr3)\b")
+LADDER = re.compile(r"t\d+")
+DECIDING = ("flip", "psnr")  # the two that a preset is called better by
+HIGHER = {column.name: column.higher_is_better for column in COLUMNS}
+
+
+class Row(msgspec.Struct, kw_only=True):
+    """All presets on one sequence."""
+
+    scene: str
+    split: str
+    key: str
+    presets: dict[str, Judged]
+
+
+class Duel(msgspec.Struct, kw_only=True):
+    """One preset against another: sequences in which it is better by FLIP and PSNR both, and those in which not."""
+
+    preset: str
+    against: str
+    better: int
+    sequences: int
+    not_better: list[str]
+    mean_flip: tuple[float, float]
+    mean_psnr: tuple[float, float]
+
+
+class Table(msgspec.Struct, kw_only=True):
+    """The whole outcome of ``cltaa bench quality``."""
+
+    rows: list[Row]
+    means: dict[str, dict[str, dict[str, float | None]]]  # split -> preset -> score
+    duels: list[Duel]
+
+
+def summarise(judged: Iterable[tuple[Case, Mapping[str, Judged]]]) -> Table:
+    """The table of all cells."""
+    rows = [Row(scene=c.scene, split=c.split, key=c.key, presets=dict(presets)) for c, presets in judged]
+    splits = list(dict.fromkeys(row.split for row in rows))
+    names = list(dict.fromkeys(name for row in rows for name in row.presets))
+    means = {
+        split: {name: _mean_scores([row.presets[name] for row in rows if row.split == split]) for name in names}
+        for split in splits
+    }
+    others = [name for name in names if SEEDS.match(name) or CLASSICS.match(name)]
+    tiers = sorted((name for name in names if LADDER.fullmatch(name)), key=lambda name: int(name[1:]))
+    duels = [_duel(rows, DEFAULT, other) for other in others if DEFAULT in names]
+    duels += [_duel(rows, tiers[-1], other) for other in others if tiers]
+    return Table(rows=rows, means=means, duels=duels)
+
+
+def best_classic(means: Mapping[str, Mapping[str, float | None]]) -> str | None:
+    """The classic preset of the least mean FLIP, or None where none was judged."""
+    found = {name: value for name, scores in means.items() if CLASSICS.match(name) and (value := scores["flip"])}
+    return min(found, key=lambda name: found[name], default=None)
+
+
+def _mean_scores(cells: list[Judged]) -> dict[str, float | None]:
+    """Means over sequences: of a PSNR by way of its error, of samples the geometric one, else the arithmetic one."""
+    result: dict[str, float | None] = {}
+    for column in COLUMNS:
+        values = [value for cell in cells if (value := cell.scores.get(column.name)) is not None]
+        if not values:
+            result[column.name] = None
+        elif column.name == "psnr":
+            result[column.name] = psnr(math.fsum(10 ** (-value / 10) for value in values) / len(values))
+        elif column.name in ("samples", "last", "uncovered"):
+            result[column.name] = math.exp(math.fsum(map(math.log, values)) / len(values))
+        else:
+            result[column.name] = math.fsum(values) / len(values)
+    return result
+
+
+def _duel(rows: list[Row], preset: str, against: str) -> Duel:
+    losses = [row.key for row in rows if not _better(row.presets[preset], row.presets[against])]
+    pair = [_mean_scores([row.presets[name] for row in rows]) for name in (preset, against)]
+    flip, decibels = ((_number(pair[0][name]), _number(pair[1][name])) for name in DECIDING)
+    return Duel(
+        preset=preset, against=against, better=len(rows) - len(losses), sequences=len(rows),
+        not_better=losses, mean_flip=flip, mean_psnr=decibels,
+    )  # fmt: skip
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def _better(one: Judged, other: Judged) -> bool:
+    """Better by both deciding scores."""
+    for name in DECIDING:
+        a, b = _number(one.scores[name]), _number(other.scores[name])
+        if not (a > b if HIGHER[name] else a < b):
+            return False
+    return True
+
+
+def ordered(names: Iterable[str]) -> list[str]:
+    """Presets as the tables list them: one sample, seeds, classics, the ladder, then all others."""
+
+    def rank(name: str) -> tuple[int, str]:
+        groups = (name == ONE_SAMPLE, SEEDS.match(name), CLASSICS.match(name), LADDER.fullmatch(name), name == DEFAULT)
+        return next((place for place, found in enumerate(groups) if found), len(groups)), name
+
+    return sorted(names, key=rank)

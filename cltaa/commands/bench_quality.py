@@ -1,0 +1,182 @@
+"""``cltaa bench quality``: scene by preset by score, against the truth."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import click
+import msgspec
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.table import Table as Grid
+
+from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged, judge_sequence
+from cltaa.bench.quality_cases import HELD_OUT, TRAIN, Case, Shape, capture, known_scenes, open_case, planned
+from cltaa.bench.quality_cells import Cells
+from cltaa.bench.quality_page import markdown, write_page
+from cltaa.bench.quality_pictures import write_pictures
+from cltaa.bench.quality_summary import Table, ordered, summarise
+from cltaa.commands.bench_kernels import parse_size
+from cltaa.errors import UsageError
+from cltaa.params import Preset
+from cltaa.presets import load_preset, preset_names
+from cltaa.sources import Sequence, open_sequence
+
+NARROWEST = 130  # columns of the terminal, so that no number is cut off
+
+
+@click.command("quality")
+@click.option(
+    "--scene",
+    "scenes",
+    multiple=True,
+    metavar="NAME",
+    help="Scene or file:PATH; repeatable.  [default: all of cltaa scenes]",
+)
+@click.option(
+    "--sequence",
+    "folders",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="A captured sequence with its truth, beside the scenes or in their place; repeatable.",
+)
+@click.option("--preset", "presets", multiple=True, metavar="NAME", help="Repeatable.  [default: all]")
+@click.option("--device", help="As for cltaa resolve.")
+@click.option("--size", default="320x180", show_default=True, metavar="WxH", help="Pixels of a capture.")
+@click.option("--frames", default=64, show_default=True, type=click.IntRange(min=2), help="Frames of a capture.")
+@click.option("--samples", default=256, show_default=True, type=click.IntRange(min=1), help="Samples of the truth.")
+@click.option(
+    "--still-samples",
+    default=1024,
+    show_default=True,
+    type=click.IntRange(min=1),
+    help="Samples of the truth where nothing moves.",
+)
+@click.option("--train", default="0", show_default=True, metavar="LIST", help="Seeds that presets were tuned on.")
+@click.option("--held-out", default="1", show_default=True, metavar="LIST", help="Other seeds; may be empty.")
+@click.option("--settled", default=8, show_default=True, type=click.IntRange(min=0), help="First frame that is judged.")
+@click.option(
+    "--work",
+    default=Path("quality"),
+    show_default=True,
+    type=click.Path(path_type=Path),
+    help="Folder of captures and finished cells.",
+)
+@click.option("--any-code", is_flag=True, help="Keep cells that other versions of the code measured.")
+@click.option("--page", type=click.Path(path_type=Path), help="Markdown page to put the table into, between its marks.")
+@click.option(
+    "--pictures",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Write a picture of each preset's worst place beside the truth.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print everything as JSON and nothing else.")
+def quality(
+    scenes: tuple[str, ...],
+    folders: tuple[Path, ...],
+    presets: tuple[str, ...],
+    device: str | None,
+    size: str,
+    frames: int,
+    samples: int,
+    still_samples: int,
+    train: str,
+    held_out: str,
+    settled: int,
+    work: Path,
+    any_code: bool,
+    page: Path | None,
+    pictures: Path | None,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Judge presets on sequences with a truth: PSNR, SSIM, FLIP, equal-quality samples and the faults in time.
+
+    Missing captures are drawn by cltaa capture. All presets resolve the same frames. Cells that are finished are kept
+    and measured again only where sequence, preset or code changed, so that a run can be cut short and go on.
+    """
+    chosen = [load_preset(name) for name in presets or preset_names()]
+    shape = Shape(*parse_size(size), frames, samples, still_samples)
+    seeds = dict.fromkeys(_numbers(train), TRAIN) | dict.fromkeys(_numbers(held_out), HELD_OUT)
+    cases = [(Case(folder.name, TRAIN, folder), 0) for folder in folders]
+    if scenes or not folders:
+        cases += _planned(scenes, seeds, shape, work)
+    judged: list[tuple[Case, dict[str, Judged]]] = []
+    for number, (case, seed) in enumerate(cases, start=1):
+        Console(stderr=True).print(f"{number} of {len(cases)}: {case.key}", highlight=False)
+        sequence = (
+            open_sequence(case.folder) if case.folder in folders else open_case(case) or capture(case, seed, shape)
+        )
+        cells = Cells(work / "cells" / case.key, sequence, settled, any_code=any_code)
+        judged.append((case, _judge(sequence, chosen, cells, device, settled)))
+    table = summarise(judged)
+    texts = (
+        write_pictures(table, {case.key: case.folder for case, _ in judged}, chosen, pictures, page, device)
+        if pictures
+        else {}
+    )
+    if page is not None:
+        write_page(page, markdown(table, _about(table, shape, settled), texts))
+    if as_json:
+        click.echo(msgspec.json.encode(table).decode())
+    else:
+        _print(table)
+
+
+def _numbers(text: str) -> list[int]:
+    parts = [part.strip() for part in text.split(",") if part.strip()]
+    if not all(part.isdecimal() for part in parts):
+        raise UsageError("wrong list of seeds", expected="whole numbers, as 0,1", found=text)
+    return [int(part) for part in parts]
+
+
+def _planned(scenes: tuple[str, ...], seeds: dict[int, str], shape: Shape, work: Path) -> list[tuple[Case, int]]:
+    known = known_scenes()
+    for scene in scenes:
+        if scene not in known and not scene.startswith("file:"):
+            raise UsageError(f"unknown scene {scene}", expected=f"{', '.join(known)} or file:PATH")
+    effects = {scene: known.get(scene, frozenset({"motion"})) for scene in scenes or known}
+    cases = planned(effects, seeds, shape, work / "sequences")
+    return list(zip(cases, list(seeds) * len(effects), strict=True))
+
+
+def _judge(
+    sequence: Sequence, presets: list[Preset], cells: Cells, device: str | None, settled: int
+) -> dict[str, Judged]:
+    """Every cell of one sequence, those that are missing measured in one pass."""
+    wanted: dict[str, Preset | None] = {ONE_SAMPLE: None} | {preset.name: preset for preset in presets}
+    found = {name: cells.get(name, preset) for name, preset in wanted.items()}
+    missing = [preset for name, preset in wanted.items() if preset is not None and found[name] is None]
+    if missing or found[ONE_SAMPLE] is None:
+        for name, judged in judge_sequence(sequence, missing, device, settled=settled).items():
+            cells.put(name, wanted[name], judged)
+            found[name] = judged
+    return {name: judged for name, judged in found.items() if judged is not None}
+
+
+def _about(table: Table, shape: Shape, settled: int) -> str:
+    devices = sorted({judged.device for row in table.rows for judged in row.presets.values()})
+    return (
+        f"{len(table.rows)} sequences, {shape.width} × {shape.height}, {shape.frames} frames, judged from frame "
+        f"{settled} on, truth of {shape.samples} samples a pixel ({shape.still_samples} where nothing moves); "
+        f"{time.strftime('%Y-%m-%d', time.gmtime())}, {'; '.join(devices)}."
+    )
+
+
+def _print(table: Table) -> None:
+    console = Console()
+    console.width = max(console.width, NARROWEST)
+    for split, means in table.means.items():
+        grid = Grid(title=f"means over sequences, {split}", box=SIMPLE)
+        grid.add_column("preset", no_wrap=True)
+        for column in COLUMNS:
+            grid.add_column(f"{column.name} {'↑' if column.higher_is_better else '↓'}", justify="right", no_wrap=True)
+        for name in ordered(means):
+            values = (means[name][column.name] for column in COLUMNS)
+            grid.add_row(name, *("–" if v is None else format(v, c.form) for v, c in zip(values, COLUMNS, strict=True)))
+        console.print(grid)
+    for duel in table.duels:
+        losses = f"; not in {', '.join(duel.not_better)}" if duel.not_better else ""
+        line = f"{duel.preset} beats {duel.against} by FLIP and PSNR in {duel.better} of {duel.sequences}{losses}"
+        console.print(line, highlight=False, soft_wrap=True)

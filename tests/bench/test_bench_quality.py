@@ -1,0 +1,164 @@
+"""``cltaa bench quality`` at a small size: cells, resuming, the page and the pictures."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+
+from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged, judge_sequence
+from cltaa.bench.quality_cases import HELD_OUT, TRAIN, Case, Shape, planned
+from cltaa.bench.quality_cells import Cells
+from cltaa.bench.quality_page import BEGIN, END, markdown, write_page
+from cltaa.bench.quality_summary import best_classic, ordered, summarise
+from cltaa.cli import main
+from cltaa.errors import DataError, InputMissing
+from cltaa.params import override
+from cltaa.presets import load_preset
+from cltaa.sources import open_sequence
+from tests.sequence_factory import write_sequence
+
+SMALL = ["--scene", "occluder", "--size", "64x36", "--frames", "5", "--samples", "4", "--settled", "1", "--held-out",
+         "", "--preset", "default", "--device", "numpy"]  # fmt: skip
+
+
+def scores(**values: float | None) -> Judged:
+    everything: dict[str, float | None] = {column.name: 1.0 for column in COLUMNS}
+    return Judged(scores=everything | values, frames=4, not_finite=0, device="none")
+
+
+def case(scene: str, split: str = TRAIN) -> Case:
+    return Case(scene, split, Path(f"{scene}-{split}"))
+
+
+def test_a_run_captures_judges_and_goes_on(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", encoding="utf-8")
+    arguments = ["bench", "quality", *SMALL, "--work", str(tmp_path / "work"), "--page", str(page)]
+    assert main([*arguments, "--pictures", str(tmp_path / "pictures"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    (row,) = found["rows"]
+    assert (row["scene"], row["split"]) == ("occluder", TRAIN)
+    sequence = open_sequence(tmp_path / "work" / "sequences" / row["key"])
+    expected = judge_sequence(sequence, [load_preset()], "numpy", settled=1)
+    for name in (ONE_SAMPLE, "default"):
+        assert row["presets"][name]["scores"] == expected[name].scores
+    assert row["presets"]["default"]["scores"]["psnr"] > row["presets"][ONE_SAMPLE]["scores"]["psnr"]
+    text = page.read_text(encoding="utf-8")
+    assert text.startswith("before\n")
+    assert text.endswith("after\n")
+    assert "old" not in text
+    assert f"| default | **{row['presets']['default']['scores']['psnr']:.2f}** |" in text
+    assert "![default](pictures/default.png)" in text
+    with Pillow.open(tmp_path / "pictures" / "default.png") as picture:
+        assert len(np.unique(np.asarray(picture))) > 10
+
+    def again(*_arguments: Any, **_named: Any) -> Any:
+        raise AssertionError("a finished cell was measured again")
+
+    monkeypatch.setattr("cltaa.commands.bench_quality.judge_sequence", again)
+    monkeypatch.setattr("cltaa.commands.bench_quality.capture", again)
+    assert main(arguments) == 0
+    printed = capsys.readouterr().out
+    assert "means over sequences, train" in printed
+    assert f"{row['presets']['default']['scores']['flip']:.4f}" in printed
+
+
+def test_a_cell_is_kept_until_what_decides_it_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sequence = open_sequence(write_sequence(tmp_path / "capture", 3, reference=True))
+    preset, judged = load_preset(), scores()
+    Cells(tmp_path / "cells", sequence, 1).put("default", preset, judged)
+    assert Cells(tmp_path / "cells", sequence, 1).get("default", preset) == judged
+    assert Cells(tmp_path / "cells", sequence, 2).get("default", preset) is None
+    assert Cells(tmp_path / "cells", sequence, 1).get("default", override(preset, {"sample_limit": 3.0})) is None
+    other = open_sequence(write_sequence(tmp_path / "other", 3, reference=True, seed=1))
+    assert Cells(tmp_path / "cells", other, 1).get("default", preset) is None
+    monkeypatch.setattr("cltaa.bench.quality_cells.code_sha256", lambda: "another version")
+    assert Cells(tmp_path / "cells", sequence, 1).get("default", preset) is None
+    assert Cells(tmp_path / "cells", sequence, 1, any_code=True).get("default", preset) == judged
+    (tmp_path / "cells" / "default.json").write_text("{", encoding="utf-8")
+    assert Cells(tmp_path / "cells", sequence, 1, any_code=True).get("default", preset) is None
+
+
+def test_what_is_not_finite_counts_and_is_judged_as_black(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sequence = open_sequence(write_sequence(tmp_path / "capture", 3, reference=True))
+    monkeypatch.setattr(
+        "cltaa.resolve.Resolver.resolve", lambda _self, frame: np.where(frame.colour > 2, np.nan, frame.colour)
+    )
+    judged = judge_sequence(sequence, [load_preset()], "numpy", settled=1)
+    bad = sum(int((frame.colour > 2).sum()) for frame in sequence)
+    assert (judged["default"].not_finite, judged[ONE_SAMPLE].not_finite) == (bad, 0)
+    assert math.isfinite(judged["default"].scores["psnr"] or math.nan)
+
+
+def test_a_sequence_must_have_a_truth_and_settle(tmp_path: Path) -> None:
+    with pytest.raises(InputMissing, match="no truth to judge by"):
+        judge_sequence(open_sequence(write_sequence(tmp_path / "a", 3)), [], "numpy")
+    with pytest.raises(DataError, match=r"over before it is judged \(expected more than 3 frames, found 3\)"):
+        judge_sequence(open_sequence(write_sequence(tmp_path / "b", 3, reference=True)), [], "numpy", settled=3)
+
+
+def test_scenes_in_which_nothing_changes_get_the_better_truth(tmp_path: Path) -> None:
+    scenes = {
+        "moving": frozenset({"camera", "sky"}),
+        "still": frozenset({"sky"}),
+        "file:a/b.glb": frozenset({"motion"}),
+    }
+    cases = planned(scenes, {0: TRAIN, 5: HELD_OUT}, Shape(32, 18, 8, 256, 1024), tmp_path)
+    assert [(c.key, c.split) for c in cases] == [
+        ("moving-seed0-32x18x8-256", TRAIN), ("moving-seed5-32x18x8-256", HELD_OUT),
+        ("still-seed0-32x18x8-1024", TRAIN), ("still-seed5-32x18x8-1024", HELD_OUT),
+        ("b-seed0-32x18x8-256", TRAIN), ("b-seed5-32x18x8-256", HELD_OUT),
+    ]  # fmt: skip
+
+
+def test_means_and_duels() -> None:
+    table = summarise([
+        (case("a"), {"default": scores(psnr=30.0, flip=0.1, samples=2.0), "simvx": scores(psnr=20.0, flip=0.2)}),
+        (case("b"), {"default": scores(psnr=20.0, flip=0.1, samples=8.0), "simvx": scores(psnr=30.0, flip=0.2)}),
+        (case("a", HELD_OUT), {"default": scores(psnr=25.0, flip=None), "simvx": scores(psnr=20.0, flip=0.2)}),
+    ])  # fmt: skip
+    assert list(table.means) == [TRAIN, HELD_OUT]
+    means = table.means[TRAIN]["default"]
+    assert means["samples"] == pytest.approx(4.0)
+    assert means["flip"] == pytest.approx(0.1)
+    assert means["psnr"] == pytest.approx(-10 * math.log10((1e-3 + 1e-2) / 2))
+    assert table.means[HELD_OUT]["default"]["flip"] is None
+    (duel,) = table.duels
+    assert (duel.preset, duel.against, duel.better, duel.sequences) == ("default", "simvx", 1, 3)
+    assert duel.not_better == ["b-train", "a-held-out"]
+
+
+def test_presets_stand_in_their_families() -> None:
+    names = ["t2", "zebra", "default", "karis", "simvx", "t1", "babylon-reproject", ONE_SAMPLE, "fsr3-native"]
+    assert ordered(names) == [
+        ONE_SAMPLE, "babylon-reproject", "simvx", "fsr3-native", "karis", "t1", "t2", "default", "zebra",
+    ]  # fmt: skip
+    assert best_classic({"karis": {"flip": 0.2}, "bevy": {"flip": 0.1}, "default": {"flip": 0.01}}) == "bevy"
+
+
+def test_the_page_needs_its_marks(tmp_path: Path) -> None:
+    with pytest.raises(InputMissing, match="no page to put the table into"):
+        write_page(tmp_path / "nowhere.md", "text")
+    (tmp_path / "page.md").write_text(f"{BEGIN} and no end", encoding="utf-8")
+    with pytest.raises(DataError, match="the marks are missing"):
+        write_page(tmp_path / "page.md", "text")
+
+
+def test_the_table_marks_the_best_resolve_and_says_who_lost() -> None:
+    table = summarise([
+        (case("a"), {ONE_SAMPLE: scores(blur=0.0), "default": scores(blur=-0.1, psnr=30.0), "bevy": scores(blur=0.2)}),
+    ])  # fmt: skip
+    text = markdown(table, "about", {"bevy": "picture"})
+    assert "| **-0.100** |" in text
+    assert "| 0.000 |" in text
+    assert "| default | bevy | 0 of 1 | 1.0000 : 1.0000 | 30.00 : 1.00 | a-train |" in text
+    assert "Best classic by mean FLIP (train): bevy." in text
+    assert text.endswith("**bevy.** picture")
