@@ -12,6 +12,7 @@ import click
 from cltaa.errors import CltaaError, InternalError, ResourceError, StorageError, UsageError
 from cltaa.lazy import Entry, LazyGroup
 from cltaa.printable import printable
+from cltaa.views import are_views
 
 # A module is imported when its command runs, and not to list it: ``cltaa resolve`` needs no OpenGL, ``cltaa capture``
 # no OpenCL, and ``cltaa --help`` neither.
@@ -65,9 +66,14 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _take_debug(arguments: list[str]) -> tuple[bool, list[str]]:
-    """--debug belongs to the root but is understood wherever it stands, unless it is a name behind ``--``."""
+    """--debug belongs to the root but is understood wherever it stands, unless it is a name behind ``--``.
+
+    Where a list of views follows, it is the option of ``cltaa resolve``.
+    """
     end = arguments.index("--") if "--" in arguments else len(arguments)
-    others = [argument for argument in arguments[:end] if argument != "--debug"]
+    following = [*arguments[1:], ""]
+    pairs = zip(arguments[:end], following, strict=False)
+    others = [argument for argument, after in pairs if argument != "--debug" or are_views(after)]
     debug = len(others) < end
     return debug, ["--debug"] * debug + others + arguments[end:]
 

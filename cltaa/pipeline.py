@@ -14,8 +14,9 @@ import msgspec
 import numpy as np
 
 from cltaa.allocator import return_freed_frames
-from cltaa.atomic import atomic_path
+from cltaa.atomic import atomic_path, make_folder
 from cltaa.checkpoint import CHECKPOINT_EVERY, Checkpoints
+from cltaa.debug import DebugViews, view_picture
 from cltaa.errors import DeviceLost, UsageError
 from cltaa.exr_attributes import frame_attributes
 from cltaa.exr_channels import Pixels
@@ -24,11 +25,13 @@ from cltaa.interrupt import Stop, stop_signals
 from cltaa.manifest import file_sha256
 from cltaa.output import OutputFolder, Source, owned
 from cltaa.params import Preset
+from cltaa.pictures import write_png
 from cltaa.progress import track
 from cltaa.resolve import Resolver, Times
 from cltaa.sources import Sequence, open_images
 from cltaa.streams import Writer, read_ahead
 from cltaa.video import import_av, write_video
+from cltaa.views import View
 
 
 class StageTimes(msgspec.Struct, kw_only=True):
@@ -66,13 +69,15 @@ def resolve_sequence(
     preview: Path | None = None,
     restart: bool = False,
     checkpoint_every: int = CHECKPOINT_EVERY,
+    debug: tuple[View, ...] = (),
 ) -> Outcome:
     """Resolve every frame of ``sequence`` into ``output``, one EXR a frame under the same names.
 
     ``effects`` overrides what the sequence declares: ``auto`` keeps it, ``all`` runs every step of the preset whatever
     the frames call for, and a set leaves out the steps and channels of all other effects. ``preview`` is an MP4 of the
     result. A run that was cut short goes on where it stopped, to the same bits; SIGINT and SIGTERM finish the frame in
-    work, save the state and raise KeyboardInterrupt. A device that is lost is opened once more.
+    work, save the state and raise KeyboardInterrupt. A device that is lost is opened once more. Views to
+    ``debug`` become layers of the EXRs, and PNGs in the folder ``debug``.
 
     Raises UsageError where ``output`` is the sequence's own folder or was begun with other settings (unless
     ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
@@ -83,7 +88,9 @@ def resolve_sequence(
         raise UsageError("the output would overwrite the sequence", path=output, cure="name another folder with -o")
     if preview is not None:
         _check_film(sequence, preview)
-    options = {"effects": effects if isinstance(effects, str) else sorted(effects), "half": half}
+    options: dict[str, Any] = {"effects": effects if isinstance(effects, str) else sorted(effects), "half": half}
+    if debug:
+        options["debug"] = sorted(debug)
     resolver.every_step = resolver.every_step or effects == "all"
     settings = {**resolver.settings(), **options, "compression": compression, **sequence_settings(sequence)}
     with owned(output), stop_signals() as stop:
@@ -91,7 +98,7 @@ def resolve_sequence(
         checkpoints = Checkpoints(output, folder.key)
         if restart:
             checkpoints.clear()
-        run = _Run(sequence, folder, checkpoints, resolver, effects, stop)
+        run = _Run(sequence, folder, checkpoints, resolver, effects, stop, DebugViews(resolver, debug))
         try:
             run.resolve(half, compression, checkpoint_every)
         except DeviceLost:
@@ -128,9 +135,10 @@ class _Run:
         resolver: Resolver,
         effects: frozenset[Effect] | Literal["auto", "all"],
         stop: Stop,
+        debug: DebugViews,
     ) -> None:
         self._sequence, self._folder, self._checkpoints = sequence, folder, checkpoints
-        self._resolver, self._effects, self._stop = resolver, effects, stop
+        self._resolver, self._effects, self._stop, self._debug = resolver, effects, stop, debug
         self._seconds: dict[str, list[float]] = {name: [] for name in StageTimes.__struct_fields__}
         self._written: set[int] = set()
 
@@ -148,7 +156,7 @@ class _Run:
             for done, (frame, source) in enumerate(track(frames, len(numbers), "resolving"), start=1):
                 image = self._resolver.resolve(_with_effects(frame, self._effects))
                 if frame.index in wanted:
-                    self._write(writer, frame, source, image_channels(image, half=half))
+                    self._write(writer, frame, source, image_channels(image, half=half) | self._views(frame.index))
                 self._note(self._resolver.times)
                 if self._stop.requested or done % checkpoint_every == 0:
                     self._checkpoints.save(self._resolver)
@@ -165,6 +173,15 @@ class _Run:
         attributes = resolved_attributes(frame, self._resolver)
         writer.write(path, channels, attributes, then=lambda: self._folder.finish(path, source))
         self._written.add(frame.index)
+
+    def _views(self, number: int) -> dict[str, Pixels]:
+        """Layers of the views to debug, whose PNGs are written at once."""
+        if not self._debug.views:
+            return {}
+        layers, folder = self._debug.layers(), make_folder(self._folder.folder / "debug")
+        for view in self._debug.views:
+            write_png(folder / f"{view}.{number:04d}.png", view_picture(view, layers))
+        return dict(layers)
 
     def _note(self, times: Times) -> None:
         for name, seconds in times._asdict().items():

@@ -34,6 +34,14 @@ class Times(NamedTuple):
     read_back: float
 
 
+class LastRun(NamedTuple):
+    """What the fused kernel was given for the last frame; its memory holds that until the next one."""
+
+    build: Build
+    layout: Layout
+    arguments: dict[str, Any]
+
+
 class Resolver:
     """Accumulates a sequence frame by frame.
 
@@ -63,6 +71,7 @@ class Resolver:
         self._buffers: Buffers | None = None
         self._previous: Past | None = None
         self.plan: Plan | None = None
+        self.last: LastRun | None = None
         self.times = Times(0.0, 0.0, 0.0)
 
     def reset(self) -> None:
@@ -207,6 +216,7 @@ class Resolver:
             "frame": record,
             "settings": settings_record(self.plan.settings),
         }
+        self.last = LastRun(build, layout, arguments)
         self.launcher.run("resolve", build, layout, arguments)
         float_build = build if build.storage is Storage.FLOAT else Build(lanes=build.lanes, rows=build.rows)
         self.launcher.run(

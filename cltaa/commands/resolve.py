@@ -21,6 +21,7 @@ from cltaa.presets import load_config, load_preset
 from cltaa.printable import json_of, shown
 from cltaa.resolve import Resolver
 from cltaa.sources import open_sequence
+from cltaa.views import View, parse_views
 
 
 @click.command("resolve", epilog="Parameters for --set and --config, with their ranges: cltaa presets --parameters")
@@ -48,6 +49,8 @@ from cltaa.sources import open_sequence
 @click.option("--restart", is_flag=True, help="Begin the output folder anew, whatever it was begun with.")
 @click.option("--checkpoint", type=click.IntRange(min=1), default=CHECKPOINT_EVERY, show_default=True,
               metavar="N", help="Save the state every N frames, for a run that goes on after a kill.")  # fmt: skip
+@click.option("--debug", "views", default="", metavar="LIST",
+              help=f"Also show what was decided at each pixel, as EXR layers and PNGs: {', '.join(View)}.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the outcome as JSON.")
 def resolve(
     sequence: Path,
@@ -68,6 +71,7 @@ def resolve(
     on_resize: str,
     restart: bool,
     checkpoint: int,
+    views: str,
     as_json: bool,
 ) -> None:
     """Anti-alias SEQUENCE, a folder of captured EXR frames, over time.
@@ -89,6 +93,7 @@ def resolve(
         preview=preview,
         restart=restart,
         checkpoint_every=checkpoint,
+        debug=parse_views(views),
     )
     if as_json:
         click.echo(json_of(outcome))
