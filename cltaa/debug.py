@@ -7,18 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from enum import IntEnum
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from cltaa.atomic import make_folder
 from cltaa.build import Build
 from cltaa.display import Picture, quantise
 from cltaa.frames import Image
 from cltaa.launch import Buffer
 from cltaa.params import Reject
-from cltaa.pictures import heat
+from cltaa.pictures import heat, write_png
 from cltaa.resolve import LastRun, Resolver
 from cltaa.views import View
 
@@ -72,6 +74,16 @@ class DebugViews:
             layers["debug.motion.u"], layers["debug.motion.v"] = stages.read(stages.motion)[:2]
         if View.CLIP in self.views:
             layers["debug.clip"] = _clip_distance(stages)
+        return layers
+
+    def write(self, folder: Path, number: int) -> dict[str, Image]:
+        """Write a PNG of each view into ``folder``, and return the layers; raises OutputError and StorageError."""
+        if not self.views:
+            return {}
+        layers = self.layers()
+        make_folder(folder)
+        for view in self.views:
+            write_png(folder / f"{view}.{number:04d}.png", view_picture(view, layers))
         return layers
 
 

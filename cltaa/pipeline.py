@@ -14,9 +14,9 @@ import msgspec
 import numpy as np
 
 from cltaa.allocator import return_freed_frames
-from cltaa.atomic import atomic_path, make_folder
+from cltaa.atomic import atomic_path
 from cltaa.checkpoint import CHECKPOINT_EVERY, Checkpoints
-from cltaa.debug import DebugViews, view_picture
+from cltaa.debug import DebugViews
 from cltaa.errors import DeviceLost, UsageError
 from cltaa.exr_attributes import frame_attributes
 from cltaa.exr_channels import Pixels
@@ -25,7 +25,6 @@ from cltaa.interrupt import Stop, stop_signals
 from cltaa.manifest import file_sha256
 from cltaa.output import OutputFolder, Source, owned
 from cltaa.params import Preset
-from cltaa.pictures import write_png
 from cltaa.progress import track
 from cltaa.resolve import Resolver, Times
 from cltaa.sources import Sequence, open_images
@@ -77,7 +76,7 @@ def resolve_sequence(
     the frames call for, and a set leaves out the steps and channels of all other effects. ``preview`` is an MP4 of the
     result. A run that was cut short goes on where it stopped, to the same bits; SIGINT and SIGTERM finish the frame in
     work, save the state and raise KeyboardInterrupt. A device that is lost is opened once more. Views to
-    ``debug`` become layers of the EXRs, and PNGs in the folder ``debug``.
+    ``debug`` become layers of the EXRs, and PNGs in a folder of that name.
 
     Raises UsageError where ``output`` is the sequence's own folder or was begun with other settings (unless
     ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
@@ -156,7 +155,9 @@ class _Run:
             for done, (frame, source) in enumerate(track(frames, len(numbers), "resolving"), start=1):
                 image = self._resolver.resolve(_with_effects(frame, self._effects))
                 if frame.index in wanted:
-                    self._write(writer, frame, source, image_channels(image, half=half) | self._views(frame.index))
+                    channels = image_channels(image, half=half)
+                    channels |= self._debug.write(self._folder.folder / "debug", frame.index)
+                    self._write(writer, frame, source, channels)
                 self._note(self._resolver.times)
                 if self._stop.requested or done % checkpoint_every == 0:
                     self._checkpoints.save(self._resolver)
@@ -173,15 +174,6 @@ class _Run:
         attributes = resolved_attributes(frame, self._resolver)
         writer.write(path, channels, attributes, then=lambda: self._folder.finish(path, source))
         self._written.add(frame.index)
-
-    def _views(self, number: int) -> dict[str, Pixels]:
-        """Layers of the views to debug, whose PNGs are written at once."""
-        if not self._debug.views:
-            return {}
-        layers, folder = self._debug.layers(), make_folder(self._folder.folder / "debug")
-        for view in self._debug.views:
-            write_png(folder / f"{view}.{number:04d}.png", view_picture(view, layers))
-        return dict(layers)
 
     def _note(self, times: Times) -> None:
         for name, seconds in times._asdict().items():
