@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import pyopencl as cl
 import pytest
+from msgspec.structs import replace
 
-from cltaa.build import Build, Steps
-from cltaa.launch import DeviceLauncher, NumpyLauncher
+from cltaa.build import Build, Steps, Storage
+from cltaa.launch import DeviceLauncher, NumpyLauncher, storage_dtype
 from cltaa.layout import Layout
 from cltaa.params import HOST_CHOICES, Choices
 from tests.kernels.stage_chain import (
@@ -27,6 +28,7 @@ from tests.kernels.stage_chain import (
     run_stage,
     variants,
 )
+from tests.sequence_factory import bits
 
 
 class CutUp(DeviceLauncher):
@@ -100,6 +102,7 @@ def test_results_do_not_depend_on_groups_or_bands(kernel: str) -> None:
 @pytest.mark.parametrize("kernel", WRITES)
 def test_a_kernel_writes_its_pixels_and_at_most_the_rest_of_a_segment(kernel: str) -> None:
     work, lanes = chain_work(), 8
+    device().group = (3, 2)  # more work-items than pixels, down and across
     for name, planes in run_stage(kernel, strict(lanes), work, device()).items():
         written = planes != UNWRITTEN
         assert work.layout.inside(written).all(), name
@@ -109,6 +112,24 @@ def test_a_kernel_writes_its_pixels_and_at_most_the_rest_of_a_segment(kernel: st
         assert set(rows) <= set(inside[0].flat)
         first = inside[1].max() + 1
         assert set(columns) <= set(range(first, first + -work.layout.width % lanes)), name
+
+
+@pytest.mark.parametrize("storage", list(Storage))
+def test_edges_are_extended_as_the_twin_extends_them(storage: Storage) -> None:
+    work, build = chain_work(33, 9), replace(strict(), storage=storage)
+    with np.errstate(over="ignore"):
+        source = work.planes["history"].astype(storage_dtype(build))
+    image = device().allocate(source.shape, source.dtype)
+    with image.mapped(write=True) as planes:
+        planes[:] = UNWRITTEN
+        work.layout.inside(planes)[:] = work.layout.inside(source)
+    arguments = {"image": image, "frame": work.frame, "planes": 3}
+    DeviceLauncher.run(device(), "extend_edges", build, work.layout, arguments)
+    device().finish()
+    work.layout.extend_edges(source)
+    with image.mapped(write=False) as planes:
+        assert np.array_equal(bits(planes[:3]), bits(source[:3]))
+        assert (planes[3, 0] == UNWRITTEN).all()  # the fourth plane was not asked for
 
 
 def test_every_choice_and_step_is_looked_at_by_a_stage() -> None:

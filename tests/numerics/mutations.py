@@ -1,0 +1,120 @@
+"""The faults of ``mutations.toml`` put in one at a time, to see that the tests notice: ``sh scripts/mutate``.
+
+Each is a small change of a file, made in a copy of the tree. Two selections of tests then run on the copy: those that
+compare bits (the twins, the golden vectors), and those that look at values alone (bounds, failure modes), which would
+notice a fault that kernel and twin share. Every fault must be noticed by one of them; where its text is no longer found
+exactly once, or the kernel no longer builds, the run fails.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+TOP = Path(__file__).parents[2]
+BITS = ["tests/numerics/test_golden.py", "tests/kernels/test_twins.py", "tests/kernels/test_resolve.py"]
+VALUES = [
+    "tests/sequences/test_resolver.py",
+    "tests/numerics",
+    "--ignore=tests/numerics/test_golden.py",
+    "--ignore=tests/numerics/test_mutations.py",
+]
+SECONDS = 900  # of one selection
+
+
+class Mutation(NamedTuple):
+    """A fault: in ``file`` the text ``right`` is replaced by ``wrong``."""
+
+    fault: str
+    file: str
+    right: str
+    wrong: str
+
+
+TABLE = Path(__file__).with_suffix(".toml")
+MUTATIONS = [Mutation(**row) for row in tomllib.loads(TABLE.read_text(encoding="utf-8"))["mutation"]]
+
+
+def occurrences(mutation: Mutation, top: Path = TOP) -> int:
+    """How often the text that a mutation replaces stands in its file."""
+    return (top / mutation.file).read_text(encoding="utf-8").count(mutation.right)
+
+
+def copy_tree(to: Path) -> None:
+    """Copy what git knows or would add."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=TOP,
+        capture_output=True,
+        check=True,
+    )
+    for name in filter(None, listed.stdout.decode().split("\0")):
+        if (TOP / name).is_file():
+            (to / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(TOP / name, to / name)
+
+
+def noticed_by(tree: Path, selection: list[str]) -> str:
+    """The first test that fails in a tree, or nothing; raises SystemExit where a kernel does not build."""
+    paths = os.pathsep.join(str(tree / name) for name in ("", "capture", "datasets_gen"))
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *selection]
+    try:
+        run = subprocess.run(
+            command, cwd=tree, env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, check=False,
+            timeout=SECONDS,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return f"no end within {SECONDS} s"
+    if "does not build" in run.stdout:
+        raise SystemExit(f"the kernel does not build:\n{run.stdout[-2000:]}")
+    failed = re.search(r"^(?:FAILED|ERROR) (?:tests/)?(\S+)", run.stdout, re.MULTILINE)
+    if run.returncode and not failed:
+        raise SystemExit(f"pytest ended with {run.returncode}:\n{run.stdout[-2000:]}{run.stderr[-2000:]}")
+    return failed[1] if failed else ""
+
+
+def results(chosen: list[Mutation]) -> Iterator[tuple[Mutation, str, str]]:
+    """Each mutation with what noticed it among the tests of bits and among those of values."""
+    with tempfile.TemporaryDirectory() as folder:
+        tree = Path(folder)
+        copy_tree(tree)
+        already = noticed_by(tree, BITS) or noticed_by(tree, VALUES)
+        if already:
+            raise SystemExit(f"fails without any mutation: {already}")
+        for mutation in chosen:
+            file = tree / mutation.file
+            text = file.read_text(encoding="utf-8")
+            file.write_text(text.replace(mutation.right, mutation.wrong), encoding="utf-8")
+            yield mutation, noticed_by(tree, BITS), noticed_by(tree, VALUES)
+            file.write_text(text, encoding="utf-8")
+
+
+def main() -> None:
+    """Print the table; exit with 1 where a mutation lives."""
+    parser = argparse.ArgumentParser(prog="scripts/mutate", description=__doc__)
+    parser.add_argument("part", nargs="?", default="", help="only faults whose description holds this text")
+    part = parser.parse_args().part
+    chosen = [mutation for mutation in MUTATIONS if part in mutation.fault]
+    rotten = [mutation.fault for mutation in MUTATIONS if occurrences(mutation) != 1]
+    if rotten or not chosen:
+        raise SystemExit(f"text not found exactly once: {'; '.join(rotten)}" if rotten else f"no fault holds {part!r}")
+    living = []
+    print("| fault | file | noticed by bits | noticed by values |\n|---|---|---|---|", flush=True)
+    for mutation, bits, values in results(chosen):
+        print(f"| {mutation.fault} | {mutation.file} | {bits or '-'} | {values or '-'} |", flush=True)
+        living += [] if bits or values else [mutation.fault]
+    print(f"\n{len(chosen) - len(living)} of {len(chosen)} noticed", *living, sep="\n")
+    raise SystemExit(1 if living else 0)
+
+
+if __name__ == "__main__":
+    main()
