@@ -19,12 +19,14 @@ from cltaa.views import are_views
 COMMANDS = {
     "bench": Entry("cltaa.commands.bench", "bench", "Measure time, and what accuracy costs in it."),
     "capture": Entry("cltaa_capture.cli", "capture", "Draw a scene as a jittered EXR sequence, and its reference."),
+    "check": Entry("cltaa.commands.check", "check", "Find wrong conventions in a sequence, from its pixels."),
     "compare": Entry("cltaa.commands.compare", "compare", "Measure the error of one sequence against another."),
     "demo": Entry("cltaa.commands.demo", "demo", "Capture a scene, resolve it and show what was gained."),
     "doctor": Entry("cltaa.commands.doctor", "doctor", "Look for what capture and resolve need on this machine."),
     "inspect": Entry("cltaa.commands.inspect", "inspect", "Say what is in a sequence."),
     "kernels": Entry("cltaa.commands.kernels", "kernels", "List the OpenCL kernels, or print one as it is built."),
     "presets": Entry("cltaa.commands.presets", "presets", "List the presets and what each sets."),
+    "profiles": Entry("cltaa.commands.profiles", "profiles", "List the reader profiles for files of other tools."),
     "resolve": Entry("cltaa.commands.resolve", "resolve", "Anti-alias a sequence over time."),
     "scenes": Entry("cltaa_datasets.cli", "scenes", "List the scenes that capture can draw."),
 }

@@ -14,6 +14,7 @@ from cltaa.frames import Frame
 # white; the sRGB curve lifts these above a tenth (0.01 to 0.1, 0.05 to 0.25), and squeezes everything below 1.
 DARKEST_ENCODED, MIDDLE_ENCODED = 0.11, 0.35
 SHADOWS = 0.005  # quantile that stands for the dark end; sub-pixel glints and holes are rarer
+MOST_FRAMES, MOST_PIXELS = 4, 250_000  # looked at, and of each frame
 LEVELS = 255
 ON_LEVELS = 0.98  # share of values on 8-bit steps; of float values about 2 in 1000 are, by chance
 HALF_STEPS = 1e-3  # nearness to a step of 8 bits, in steps
@@ -21,7 +22,8 @@ HALF_STEPS = 1e-3  # nearness to a step of 8 bits, in steps
 
 def check_colour(frames: Sequence[Frame]) -> list[Finding]:
     """Guess whether colour is encoded for a display, and find 8-bit sources."""
-    colour = np.concatenate([frame.colour.reshape(-1, 3) for frame in frames]).astype(np.float64)
+    step = max(1, frames[0].width * frames[0].height // MOST_PIXELS)
+    colour = np.concatenate([frame.colour.reshape(-1, 3)[::step] for frame in frames[:MOST_FRAMES]]).astype(np.float64)
     lit = colour[(colour > 0).any(1) & np.isfinite(colour).all(1)]
     if len(lit) < 100:
         return []

@@ -22,12 +22,14 @@ Plane = NDArray[np.float64]
 ROUNDING = 16 * 2.0**-23  # second difference of three float32 numbers, with as much again for the rasteriser
 CLEARLY_MORE = 0.8  # share of the pixels that tell two readings apart
 LEAST_PIXELS = 200
+MOST_FRAMES = 3  # a kind of depth is the same in all; more only cost time
 DEVICE = "depth is a device depth, 0 near to 1 far"
 SCALES = {"0.01": 0.01, "0.1": 0.1, "10": 10.0, "100": 100.0, "1000": 1000.0, "0.001": 0.001}
 
 
 def check_depth(frames: Sequence[Frame]) -> list[Finding]:
     """Findings about the kind and direction of depth, from single frames."""
+    frames = frames[:MOST_FRAMES]
     depth = [frame.depth.astype(np.float64) for frame in frames]
     finite = np.concatenate([plane[np.isfinite(plane)] for plane in depth])
     if not len(finite):

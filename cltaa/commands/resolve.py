@@ -11,16 +11,16 @@ from rich.table import Table
 
 from cltaa.build import Storage
 from cltaa.checkpoint import CHECKPOINT_EVERY
-from cltaa.commands.options import verify_option
+from cltaa.commands.options import input_options, verify_option
 from cltaa.errors import UsageError
 from cltaa.frames import Effect, parse_effects
+from cltaa.inputs.intake import ForeignSequence, intake_lines, open_input
 from cltaa.numbered import OnBreak
 from cltaa.params import Preset, override
 from cltaa.pipeline import Outcome, resolve_sequence, stage_rows
 from cltaa.presets import load_config, load_preset
 from cltaa.printable import json_of, shown
 from cltaa.resolve import Resolver
-from cltaa.sources import open_sequence
 from cltaa.views import View, parse_views
 
 
@@ -41,6 +41,7 @@ from cltaa.views import View, parse_views
 @click.option("--storage", type=click.Choice([kind.value for kind in Storage]), default=Storage.FLOAT.value,
               show_default=True, help="Number that the history is kept in.")  # fmt: skip
 @click.option("--strict", is_flag=True, help="Kernels that match the NumPy oracle bit for bit.")
+@input_options
 @verify_option
 @click.option("--gaps", type=click.Choice([mode.value for mode in OnBreak]), default=OnBreak.ERROR.value,
               show_default=True, help="A missing frame: refuse it, or begin a new history behind it.")  # fmt: skip
@@ -66,6 +67,9 @@ def resolve(
     compression: str,
     storage: str,
     strict: bool,
+    profile: str,
+    inputs: tuple[str, ...],
+    camera: Path | None,
     verify: bool,
     gaps: str,
     on_resize: str,
@@ -79,7 +83,12 @@ def resolve(
     Reading, the kernels and writing overlap, and only a few frames are in memory at a time. A run that was
     interrupted goes on where it stopped when the same command is given again, to the same bits.
     """
-    source = open_sequence(sequence, verify=verify, gaps=OnBreak(gaps), on_resize=OnBreak(on_resize))
+    source = open_input(
+        sequence, profile=profile, assignments=inputs, side_file=camera,
+        verify=verify, gaps=OnBreak(gaps), on_resize=OnBreak(on_resize),
+    )  # fmt: skip
+    if isinstance(source, ForeignSequence):
+        click.echo("\n".join(intake_lines(source.intake)), err=True)
     if frames is not None:
         source = source.select(*_frame_range(frames))
     resolver = Resolver(chosen_preset(preset, config, assignments), device, strict=strict, storage=Storage(storage))

@@ -1,0 +1,32 @@
+"""What the files alone say: precision that depth and motion need and their channels do not have."""
+
+from __future__ import annotations
+
+from cltaa.checking.finding import Finding
+from cltaa.exr_layout import LOSSLESS
+from cltaa.inputs.intake import Intake
+
+
+def check_files(intake: Intake) -> list[Finding]:
+    """Findings about compression that loses, half-precision channels and channels that are not there."""
+    found = []
+    for role in ("depth", "motion"):
+        places = intake.roles.get(role, ())
+        for label in {place.files for place in places}:
+            files = intake.sets[label]
+            codecs = {intake.layouts[number].compression for number in files if number in intake.layouts}
+            if lossy := sorted(codecs - LOSSLESS):
+                what = f"compression {', '.join(lossy)} loses precision that {role} needs"
+                evidence = f"{role} {' '.join(place.channel for place in places)} in {len(files)} files"
+                found.append(Finding(name="file-lossy", mistake=True, confidence=0.99, what=what, evidence=evidence))
+        types = {intake.layouts[min(intake.layouts)].channels.get(place.channel) for place in places}
+        if "half" in types:
+            what = f"{role} is half precision: 11 bits, wrong by up to 1/2048 of its size"
+            evidence = " ".join(place.channel for place in places)
+            found.append(
+                Finding(name=f"{role}-half", mistake=role == "depth", confidence=0.99, what=what, evidence=evidence)
+            )
+    for note in intake.notes:
+        name = note.split(":")[0].replace(" ", "-")
+        found.append(Finding(name=name, mistake=False, confidence=0.99, what=note, evidence="the files' headers"))
+    return found

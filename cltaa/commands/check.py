@@ -1,0 +1,70 @@
+"""``cltaa check``: whether a sequence means what it says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import msgspec
+from rich.console import Console
+from rich.markup import escape
+
+from cltaa.atomic import atomic_path
+from cltaa.checking.report import FRAMES, Report, check_folder
+from cltaa.commands.options import input_options
+from cltaa.errors import DataError
+from cltaa.inputs.profile import toml_text
+
+
+@click.command()
+@click.argument("sequence", type=click.Path(path_type=Path))
+@input_options
+@click.option("--frames", type=click.IntRange(min=1), default=FRAMES, show_default=True, metavar="N",
+              help="Look at the first N frames; 8 or more tell the jitter's mistakes apart.")  # fmt: skip
+@click.option("--fix", type=click.Path(path_type=Path), metavar="FILE.toml",
+              help="Write a profile that reads the sequence right.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON and nothing else.")
+@click.pass_context
+def check(
+    ctx: click.Context,
+    sequence: Path,
+    profile: str,
+    inputs: tuple[str, ...],
+    camera: Path | None,
+    frames: int,
+    fix: Path | None,
+    as_json: bool,
+) -> None:
+    """Find wrong conventions in SEQUENCE from its pixels: jitter, motion, depth, matrices, colour.
+
+    Each finding comes with its confidence, the evidence, and the option of cltaa resolve that mends it. The exit code
+    is 0 where no mistake is found, else 65.
+    """
+    report, mended = check_folder(sequence, profile=profile, assignments=inputs, side_file=camera, frames=frames)
+    if fix is not None:
+        with atomic_path(fix) as temporary:
+            temporary.write_text(toml_text(mended), encoding="utf-8")
+    if as_json:
+        click.echo(msgspec.json.format(msgspec.json.encode(report)).decode())
+    else:
+        _print(report, fix)
+    if report.mistakes:
+        ctx.exit(DataError.exit_code)
+
+
+def _print(report: Report, fix: Path | None) -> None:
+    console = Console()
+    for line in report.reading[:2]:
+        console.print(escape(line), style="dim", soft_wrap=True, highlight=False)
+    for finding in report.findings:
+        sign = "[red]✗[/]" if finding.mistake else "[yellow]·[/]"
+        text = f"{sign} [bold]{finding.name}[/] ({finding.confidence:.0%}): {escape(finding.what)}"
+        console.print(text, soft_wrap=True, highlight=False)
+        console.print(f"    {escape(finding.evidence)}", style="dim", soft_wrap=True, highlight=False)
+        if finding.option:
+            console.print(f"    {escape(finding.option)}", soft_wrap=True, highlight=False)
+    if not report.mistakes:
+        console.print(f"[green]✓[/] no mistake found in {report.frames} frames", highlight=False)
+    elif any(finding.fix for finding in report.mistakes):
+        text = f"cltaa resolve {report.folder} {report.options}" if fix is None else f"--profile {fix}"
+        console.print(f"to read it right: {escape(text)}", soft_wrap=True, highlight=False)

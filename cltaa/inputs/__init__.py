@@ -1,0 +1,1 @@
+"""Sequences that others wrote, read as a profile says: names, units, signs, kinds, and what to do without them."""

@@ -1,0 +1,126 @@
+"""Stored numbers to the project's own, as a profile says: one function a kind, each the only place of its rule."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.frames import Camera, Image, Matrix
+from cltaa.inputs.profile import Cameras, Depth, DepthKind, Encoding, Jitter, Motion, Units
+
+Offset = tuple[float, float]
+
+_FLIP_Y, _FLIP_Z = np.diag([1.0, -1.0, 1.0, 1.0]), np.diag([1.0, 1.0, -1.0, 1.0])
+
+
+def linear_colour(colour: Image, encoding: Encoding) -> Image:
+    """Colour [H, W, 3] in linear light; sRGB by IEC 61966-2-1, continued above 1."""
+    if encoding is Encoding.LINEAR:
+        return colour
+    wide = np.maximum(colour.astype(np.float64), 0.0)
+    linear = np.where(wide <= 0.04045, wide / 12.92, ((wide + 0.055) / 1.055) ** 2.4)
+    return np.asarray(linear, np.float32)
+
+
+def jitter_px(declared: Offset, rule: Jitter) -> Offset:
+    """Jitter in pixels, x right, y down."""
+    if rule.source == "none":
+        return 0.0, 0.0
+    x, y = declared[::-1] if rule.swap else declared
+    return x * rule.scale[0] + rule.offset[0], y * rule.scale[1] + rule.offset[1]
+
+
+def motion_px(stored: Image, rule: Motion, now: Offset, before: Offset) -> Image:
+    """Motion [H, W, 2] to the previous frame in pixels, y down, without the jitter of the two frames."""
+    height, width = stored.shape[:2]
+    unit = {Units.PIXELS: (1.0, 1.0), Units.UV: (width, height), Units.NDC: (width / 2, -height / 2)}[rule.units]
+    vectors = stored.astype(np.float64) - rule.offset
+    vectors = (vectors[..., ::-1] if rule.swap else vectors) * rule.scale * unit
+    vectors = vectors - rule.jittered * np.subtract(now, before)
+    return np.asarray(vectors, np.float32)
+
+
+def planar_depth(stored: Image, rule: Depth, camera: Camera, jitter: Offset) -> Image:
+    """Planar depth [H, W] in scene units, sky +inf."""
+    wide = stored.astype(np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if rule.kind is DepthKind.INVERSE:
+            planar = 1.0 / wide
+        elif rule.kind in (DepthKind.DEVICE, DepthKind.DEVICE_REVERSED):
+            planar = 1.0 / _device_closeness(wide, rule, camera)
+        else:
+            planar = wide / _ray_length(wide.shape, camera, jitter) if rule.kind is DepthKind.RAY else wide
+        planar = np.asarray(planar * rule.scale, np.float64)
+    sky = np.isnan(planar) | ~(planar > 0) if not camera.orthographic else np.isnan(planar)
+    if rule.sky is not None:
+        sky |= wide >= rule.sky
+    return np.where(sky, np.inf, planar).astype(np.float32)
+
+
+def mended_camera(view: Matrix, projection: Matrix, rule: Cameras, jitter: Offset, width: int, height: int) -> Camera:
+    """The camera as docs/conventions.md defines it, from matrices that are laid out as NumPy's (already transposed)."""
+    both = rule.layout == "column"
+    view = view.T if both != (rule.view_layout == "column") else view
+    projection = projection.T if both != (rule.projection_layout == "column") else projection
+    if rule.sense == "camera-to-world":
+        view = np.asarray(np.linalg.inv(view), np.float64)
+    if rule.flip_z:
+        view = _FLIP_Z @ view
+    if rule.flip_projection_z:
+        projection = projection @ _FLIP_Z
+    if rule.flip_y:
+        projection = _FLIP_Y @ projection
+    if rule.jittered:
+        back = np.eye(4)
+        back[0, 3], back[1, 3] = 2 * jitter[0] / width, -2 * jitter[1] / height
+        projection = back @ projection
+    return Camera(np.ascontiguousarray(view, np.float64), np.ascontiguousarray(projection, np.float64))
+
+
+def standard_camera(world_to_camera: Matrix, world_to_ndc: Matrix, near: float) -> tuple[Matrix, Matrix]:
+    """View and projection from the EXR standard's two matrices, whose writers disagree about range and signs.
+
+    View is right-handed and looks along -z whatever the handedness was. Of the projection only the size and the centre
+    of the picture are taken; 0..1 and -1..1 are told apart by the centre; it has no far plane.
+    """
+    view = world_to_camera
+    # The standard's camera is left-handed; a right-handed one looks along -z already.
+    view = view if np.linalg.det(view[:3, :3]) > 0 else _FLIP_Z @ view
+    clip = world_to_ndc @ np.linalg.inv(view)
+    orthographic = abs(clip[3, 2]) < 1e-6 * abs(clip[3, 3])
+    column = 3 if orthographic else 2
+    w = clip[3, column]
+    across, up, centre = abs(clip[0, 0] / w), abs(clip[1, 1] / w), clip[:2, column] / w
+    if abs(centre[0]) > 0.25 or abs(centre[1]) > 0.25:  # 0..1: the axis goes through about (0.5, 0.5)
+        across, up, centre = 2 * across, 2 * up, (centre * 2 - 1) * (1.0, -1.0)
+    if orthographic:
+        return view, np.array([[across, 0, 0, centre[0]], [0, up, 0, centre[1]], [0, 0, -near, 0], [0, 0, 0, 1]])
+    projection = np.array([[across, 0, -centre[0], 0], [0, up, -centre[1], 0], [0, 0, -1, -2 * near], [0, 0, -1, 0]])
+    return view, projection
+
+
+def still_camera(width: int, height: int) -> Camera:
+    """A camera that stands for none: it never moves, so it moves nothing."""
+    projection = np.array([[1.0, 0, 0, 0], [0, width / height, 0, 0], [0, 0, -1.0, -0.2], [0, 0, -1.0, 0]])
+    return Camera(np.eye(4), projection)
+
+
+def _device_closeness(device: NDArray[np.float64], rule: Depth, camera: Camera) -> NDArray[np.float64]:
+    """1 / planar depth, which is linear in device depth."""
+    clip = camera.view_to_clip
+    near = rule.near or float(clip[2, 3] / (clip[2, 2] - 1.0))
+    far = 1.0 / rule.far if rule.far else 0.0
+    at_near = device if rule.kind is DepthKind.DEVICE_REVERSED else 1.0 - device
+    return np.asarray(far + at_near * (1.0 / near - far))
+
+
+def _ray_length(shape: tuple[int, ...], camera: Camera, jitter: Offset) -> NDArray[np.float64]:
+    """Length of the ray through each sample for a planar distance of 1, [H, W]; 1 for an orthographic camera."""
+    height, width = shape[0], shape[1]
+    if camera.orthographic:
+        return np.ones((height, width))
+    y, x = np.mgrid[:height, :width].astype(np.float64)
+    clip = camera.view_to_clip
+    ndc = np.stack([(x + 0.5 + jitter[0]) / width * 2 - 1, 1 - (y + 0.5 + jitter[1]) / height * 2])
+    ray = np.tensordot(np.linalg.inv(clip[:2, :2]), ndc + clip[:2, 2, None, None], 1)
+    return np.asarray(np.sqrt(1.0 + (ray**2).sum(0)))

@@ -1,0 +1,75 @@
+"""Matrices and jitter of every frame, from attributes or a side file, mended as the profile says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from cltaa.frames import Camera, Matrix
+from cltaa.inputs.convert import Offset, jitter_px, mended_camera, standard_camera
+from cltaa.inputs.profile import Cameras, Profile
+from cltaa.inputs.side_file import Side
+
+Attributes = Mapping[str, object]
+
+
+class Declared(NamedTuple):
+    """What is known of one frame besides its pixels; None where nothing is declared."""
+
+    camera: Camera | None
+    jitter_px: Offset | None
+
+
+def declared_frames(
+    profile: Profile, attributes: Mapping[int, Attributes], side: Mapping[int, Side], size: tuple[int, int]
+) -> dict[int, Declared]:
+    """Jitter and camera of every frame number; ``size`` is width and height."""
+    jitters = {number: _jitter(profile, given, side.get(number)) for number, given in attributes.items()}
+    if not any(jitter is not None for jitter in jitters.values()) or profile.jitter.source == "none":
+        jitters = dict.fromkeys(attributes)
+    matrices = {number: _matrices(profile.camera, given, side.get(number)) for number, given in attributes.items()}
+    frames = {}
+    for number in attributes:
+        # At the ends of the sequence there may be no frame of that delay: the frame's own number is the best guess.
+        raw = jitters.get(number + profile.jitter.delay, jitters[number])
+        jitter = None if raw is None else jitter_px(raw, profile.jitter)
+        pair = matrices.get(number + profile.camera.delay, matrices[number])
+        camera = None
+        if pair is not None and profile.camera.source != "none":
+            camera = mended_camera(*pair, profile.camera, jitter or (0.0, 0.0), *size)
+        frames[number] = Declared(camera, jitter)
+    return frames
+
+
+def _jitter(profile: Profile, attributes: Attributes, side: Side | None) -> Offset | None:
+    if side is not None and side.jitter_px is not None:
+        return side.jitter_px
+    value = attributes.get(profile.jitter.attribute)
+    if value is None:
+        return None
+    x, y = np.asarray(value, np.float64).ravel()[:2].tolist()
+    return x, y
+
+
+def _matrices(rule: Cameras, attributes: Attributes, side: Side | None) -> tuple[Matrix, Matrix] | None:
+    if side is not None and side.world_to_view is not None and side.view_to_clip is not None:
+        return side.world_to_view, side.view_to_clip
+    view, projection = _matrix(attributes.get(rule.view)), _matrix(attributes.get(rule.projection))
+    if view is None or projection is None:
+        return None
+    return standard_camera(view, projection, rule.near) if rule.standard else (view, projection)
+
+
+def _matrix(value: object) -> Matrix | None:
+    """A matrix attribute as NumPy's for column vectors (Imath: row vectors), or None."""
+    if not isinstance(value, np.ndarray) or value.shape != (4, 4):
+        return None
+    return np.ascontiguousarray(value.T, np.float64)
+
+
+def side_of(path: Path | None, read: Callable[[Path], dict[int, Side]]) -> dict[int, Side]:
+    """What the side file says, or nothing without one."""
+    return {} if path is None else read(path)

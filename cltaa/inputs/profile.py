@@ -1,0 +1,277 @@
+"""Reader profiles: what another tool's channels and attributes mean, as data (``cltaa/profiles/*.toml``)."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from cltaa.errors import DataError, InputMissing, UsageError
+
+_FOLDER = resources.files("cltaa") / "profiles"
+
+Pair = tuple[float, float]
+
+
+class DepthKind(StrEnum):
+    """What a depth channel holds."""
+
+    PLANAR = "planar"  # distance along the view axis
+    RAY = "ray"  # distance along the ray
+    INVERSE = "inverse"  # 1 / planar
+    DEVICE = "device"  # 0 at the near plane, 1 at the far plane, linear in 1 / planar
+    DEVICE_REVERSED = "device-reversed"  # 1 near, 0 far
+
+
+class Units(StrEnum):
+    """What a motion vector of 1 means."""
+
+    PIXELS = "pixels"
+    UV = "uv"  # fractions of the picture, y down
+    NDC = "ndc"  # halves of the picture, y up
+
+
+class Encoding(StrEnum):
+    """How colour is stored."""
+
+    LINEAR = "linear"
+    SRGB = "srgb"
+
+
+class Colour(msgspec.Struct, frozen=True, kw_only=True):
+    """Colour and what lies beside it; each entry of ``channels`` is three names separated by spaces, tried in order."""
+
+    channels: tuple[str, ...] = ("R G B",)
+    alpha: tuple[str, ...] = ("A",)
+    reactive: tuple[str, ...] = ("reactive",)
+    encoding: Encoding = Encoding.LINEAR
+
+
+class Depth(msgspec.Struct, frozen=True, kw_only=True):
+    """Depth: planar = ``scale`` x what ``kind`` makes of the channel; at or beyond ``sky`` (as stored) is the sky.
+
+    ``near`` and ``far`` are the planes of device depth; 0 takes the near plane from the projection, far then infinite.
+    """
+
+    channels: tuple[str, ...] = ("Z",)
+    kind: DepthKind = DepthKind.PLANAR
+    scale: float = 1.0
+    sky: float | None = None
+    near: float = 0.0
+    far: float = 0.0
+
+
+class Motion(msgspec.Struct, frozen=True, kw_only=True):
+    """Motion to the previous frame, in pixels, y down = ``scale`` x unit x (swapped channels - ``offset``).
+
+    ``jittered`` 1: the vectors contain this frame's jitter minus the previous one's; -1: the opposite of it.
+    """
+
+    channels: tuple[str, ...] = ("backward.u backward.v",)
+    units: Units = Units.PIXELS
+    scale: Pair = (1.0, 1.0)
+    offset: Pair = (0.0, 0.0)
+    swap: bool = False
+    jittered: int = 0
+
+
+class Jitter(msgspec.Struct, frozen=True, kw_only=True):
+    """Jitter in pixels = ``scale`` x swapped numbers + ``offset``, from ``attribute`` or the side file, else none.
+
+    The jitter of a frame is what was declared for the frame ``delay`` later.
+    """
+
+    source: str = "declared"  # or none
+    attribute: str = "cltaa:jitterPx"
+    scale: Pair = (1.0, 1.0)
+    offset: Pair = (0.0, 0.0)
+    swap: bool = False
+    delay: int = 0
+
+
+class Cameras(msgspec.Struct, frozen=True, kw_only=True):
+    """Matrices, from attributes or the side file; the other keys say how they differ from docs/conventions.md."""
+
+    source: str = "declared"  # or none
+    view: str = "cltaa:worldToView"
+    projection: str = "cltaa:viewToClip"
+    standard: bool = False  # the attributes are the EXR standard's worldToCamera and worldToNDC
+    layout: str = "row"  # column: transposed against what the file's format says
+    view_layout: str = "row"
+    projection_layout: str = "row"
+    sense: str = "world-to-camera"  # or camera-to-world
+    flip_y: bool = False  # of clip space
+    flip_z: bool = False  # of view space
+    flip_projection_z: bool = False
+    jittered: bool = False  # the projection contains the jitter
+    delay: int = 0
+    near: float = 0.1  # of a projection that the file does not give
+
+
+class Profile(msgspec.Struct, frozen=True, kw_only=True):
+    """One tool's way of writing a sequence. ``recognise`` maps a header attribute to a word in its text."""
+
+    name: str = ""
+    description: str = ""
+    recognise: dict[str, str] = {}
+    colour: Colour = Colour()
+    depth: Depth = Depth()
+    motion: Motion = Motion()
+    jitter: Jitter = Jitter()
+    camera: Cameras = Cameras()
+
+
+def profile_names() -> list[str]:
+    """Names of the profiles that come with cltaa, sorted."""
+    return sorted(Path(entry.name).stem for entry in _FOLDER.iterdir() if entry.name.endswith(".toml"))
+
+
+def load_profile(name: str) -> Profile:
+    """The profile of that name or in that TOML file; raises UsageError, InputMissing or DataError."""
+    if name in profile_names():
+        return _parse(name, (_FOLDER / f"{name}.toml").read_text(encoding="utf-8"), name)
+    if not name.endswith(".toml"):
+        raise UsageError(f"unknown profile {name}", cure=f"known: auto, {', '.join(profile_names())}, FILE.toml")
+    try:
+        text = Path(name).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputMissing("no such profile", path=name) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"profile cannot be read: {error}", path=name) from None
+    return _parse(Path(name).stem, text, name)
+
+
+def override(profile: Profile, assignments: Sequence[str]) -> Profile:
+    """``profile`` with ``SECTION.KEY=VALUE`` assignments over it; raises UsageError."""
+    values = msgspec.to_builtins(profile)
+    for assignment in assignments:
+        key, equals, text = assignment.partition("=")
+        section, dot, name = key.strip().partition(".")
+        if not (equals and dot):
+            raise UsageError(f"--input {assignment}: no value", expected="SECTION.KEY=VALUE", found=assignment)
+        if name not in values.get(section, {}):
+            known = ", ".join(f"{s}.{k}" for s, keys in values.items() if isinstance(keys, dict) for k in keys)
+            raise UsageError(f"--input {assignment}: no such key", expected=known, found=key)
+        values[section][name] = _value(text.strip(), values[section][name])
+    return _convert(values, "--input")
+
+
+def correct(profile: Profile, fix: Mapping[str, Mapping[str, Any]]) -> Profile:
+    """``profile`` with a correction that the detector found on top: factors multiply, flags turn over, the rest is set.
+
+    A correction speaks of the converted numbers, a profile of the stored ones.
+    """
+    values = msgspec.to_builtins(profile)
+    for section, keys in fix.items():
+        for name, change in keys.items():
+            before = values[section][name]
+            if name == "scale" and isinstance(before, list | tuple):
+                # Exchanged axes exchange the factors that were there before.
+                first = list(before)[::-1] if keys.get("swap") else list(before)
+                values[section][name] = [a * b for a, b in zip(first, change, strict=True)]
+            elif name == "scale":
+                values[section][name] = before * change
+            elif name in ("offset", "delay") and section == "jitter":
+                values[section][name] = (
+                    before + change if name == "delay" else [a + b for a, b in zip(before, change, strict=True)]
+                )
+            elif isinstance(change, bool):
+                values[section][name] = before != change
+            else:
+                values[section][name] = change
+    return _convert(values, "correction")
+
+
+def differences(profile: Profile, base: Profile) -> dict[str, dict[str, Any]]:
+    """Keys of ``profile`` that differ from ``base``, by section."""
+    new, old = msgspec.to_builtins(profile), msgspec.to_builtins(base)
+    sections = {
+        section: {key: value for key, value in keys.items() if value != old[section].get(key)}
+        for section, keys in new.items()
+        if isinstance(keys, dict) and section != "recognise"
+    }
+    return {section: keys for section, keys in sections.items() if keys}
+
+
+def option_text(values: Mapping[str, Mapping[str, Any]]) -> str:
+    """``values`` as options of the command line."""
+    return " ".join(
+        f"--input {section}.{key}={_text(value)}" for section, keys in values.items() for key, value in keys.items()
+    )
+
+
+def toml_text(profile: Profile) -> str:
+    """``profile`` as TOML, every key."""
+    lines = [f"description = {_toml(profile.description)}"]
+    for section, keys in msgspec.to_builtins(profile).items():
+        if isinstance(keys, dict) and keys:
+            lines += ["", f"[{section}]", *(f"{_key(key)} = {_toml(v)}" for key, v in keys.items() if v is not None)]
+    return "\n".join(lines) + "\n"
+
+
+def _parse(name: str, text: str, origin: str) -> Profile:
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise DataError(f"not TOML: {error}", path=origin) from None
+    base = load_profile(str(values.pop("profile"))) if "profile" in values else Profile()
+    merged = msgspec.to_builtins(base) | {"name": name}
+    for section, keys in values.items():
+        if section not in merged or (
+            isinstance(keys, dict) and section != "recognise" and not keys.keys() <= merged[section].keys()
+        ):
+            raise DataError("unknown key", path=origin, expected=", ".join(merged), found=f"{section} {keys}")
+        merged[section] = merged[section] | keys if isinstance(keys, dict) else keys
+    return _convert(merged, origin)
+
+
+def _convert(values: dict[str, Any], origin: str) -> Profile:
+    try:
+        return msgspec.convert(values, Profile)
+    except msgspec.ValidationError as error:
+        raise DataError(f"profile: {error}", path=origin) from None
+
+
+def _value(text: str, before: object) -> object:
+    """Read the text of an assignment the way TOML would, with lists and words written plainly."""
+    if isinstance(before, list | tuple):
+        entries = [entry.strip() for entry in text.strip("[]").split(",")]
+        return entries if before and isinstance(before[0], str) else [_number(entry) for entry in entries]
+    if text in ("true", "false"):
+        return text == "true"
+    return text if isinstance(before, str) else _number(text)
+
+
+def _number(text: str) -> float | int | str:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
+def _text(value: object) -> str:
+    if isinstance(value, list | tuple):
+        entries = ",".join(_text(entry) for entry in value)
+        return f"'{entries}'" if " " in entries else entries
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _key(key: str) -> str:
+    return key if key.replace("_", "").isalnum() else f'"{key}"'
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml(entry) for entry in value) + "]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return repr(value) if isinstance(value, int | float) else msgspec.json.encode(value).decode()

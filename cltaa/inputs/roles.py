@@ -1,0 +1,86 @@
+"""Which channel of which file plays which role: the profile's names against the names that are there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import NamedTuple
+
+from cltaa.errors import DataError, InputMissing
+from cltaa.inputs.profile import Profile
+from cltaa.numbered import NUMBERED
+
+REFERENCE = "reference"  # folders of this name, or that begin with it, hold truth and no input
+
+
+class Place(NamedTuple):
+    """A channel: the set of files that it is in, and its full name there."""
+
+    files: str
+    channel: str
+
+
+Roles = Mapping[str, tuple[Place, ...]]  # colour, alpha, reactive, depth, motion -> places; absent roles are left out
+
+
+def file_sets(folder: Path) -> dict[str, dict[int, Path]]:
+    """The numbered files of a folder and its subfolders by name: ``beauty.0001.exr`` or ``beauty/x.0001.exr``.
+
+    Raises InputMissing where there is none.
+    """
+    if not folder.is_dir():
+        raise InputMissing("the folder is missing", path=folder, cure="check the name")
+    sets: dict[str, dict[int, Path]] = {}
+    for path in sorted([*folder.glob("*.exr"), *folder.glob("*/*.exr")]):
+        match = NUMBERED.fullmatch(path.name)
+        inside = path.parent != folder
+        if match is None or path.name[0] == "." or (inside and path.parent.name.startswith(REFERENCE)):
+            continue
+        label = f"{path.parent.name}/{match['name']}" if inside else match["name"]
+        numbers = sets.setdefault(label, {})
+        if int(match["number"]) in numbers:
+            number = int(match["number"])
+            raise DataError("two files have one frame number", path=path, frame=number, found=numbers[number].name)
+        numbers[int(match["number"])] = path
+    if not sets:
+        raise InputMissing("no frames in the folder", path=folder, expected="<name>.<frame>.exr", found="nothing")
+    return sets
+
+
+def assign(profile: Profile, channels: Mapping[str, Iterable[str]]) -> dict[str, tuple[Place, ...]]:
+    """Find the channels of each role among those of each set of files; roles that nothing plays are left out."""
+    names = {
+        "colour": profile.colour.channels, "alpha": profile.colour.alpha, "reactive": profile.colour.reactive,
+        "depth": profile.depth.channels, "motion": profile.motion.channels,
+    }  # fmt: skip
+    found = {role: _first(candidates, channels) for role, candidates in names.items()}
+    return {role: places for role, places in found.items() if places}
+
+
+def describe(roles: Roles) -> str:
+    """One line: every role and its channels."""
+    return "; ".join(f"{role} {' '.join(place.channel for place in places)}" for role, places in roles.items())
+
+
+def _first(candidates: Sequence[str], channels: Mapping[str, Iterable[str]]) -> tuple[Place, ...]:
+    for candidate in candidates:
+        wanted = candidate.split()
+        # With several sets of files, ``depth.Z`` also means channel Z of the set named depth; that is tried first.
+        for by_set in (True, False):
+            places = [_match(pattern, channels, by_set) for pattern in wanted]
+            if all(places):
+                return tuple(place for place in places if place)
+    return ()
+
+
+def _match(pattern: str, channels: Mapping[str, Iterable[str]], by_set: bool) -> Place | None:
+    matches = []
+    for label, names in channels.items():
+        short = label.split("/")[0] if "/" in label else label
+        for name in names:
+            text = f"{short}.{name}" if by_set else name
+            if fnmatchcase(text, pattern):
+                matches.append(Place(label, name))
+    matches.sort(key=lambda place: len(place.channel))  # the shortest is the least qualified: no view, no light group
+    return matches[0] if matches else None

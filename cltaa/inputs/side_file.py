@@ -1,0 +1,100 @@
+"""Matrices and jitter from a file beside the pictures: JSON, CSV or plain text, exact doubles in each.
+
+A frame has ``world_to_view`` and ``view_to_clip`` (row-major, column vectors, un-jittered; docs/conventions.md) and
+``jitter_px``; each may be left out. Every format writes doubles with 17 digits, so that none is rounded.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cltaa.errors import DataError, InputMissing
+from cltaa.frames import Matrix
+
+KEYS = {"world_to_view": 16, "view_to_clip": 16, "jitter_px": 2}
+
+
+class Side(NamedTuple):
+    """What the side file says about one frame; None where it says nothing."""
+
+    world_to_view: Matrix | None
+    view_to_clip: Matrix | None
+    jitter_px: tuple[float, float] | None
+
+
+def read_side_file(path: Path) -> dict[int, Side]:
+    """Read ``path`` by its suffix: .json, .csv, else text; raises InputMissing or DataError that names the line."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputMissing("the side file is missing", path=path) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"the side file cannot be read: {error}", path=path) from None
+    rows = {".json": _json, ".csv": _csv}.get(path.suffix.lower(), _text)(path, text)
+    found: dict[int, Side] = {}
+    for number, values in rows:
+        found[number] = Side(*(_numbers(path, number, name, values.get(name)) for name in KEYS))  # type: ignore[arg-type]
+    if not found:
+        raise DataError("the side file names no frame", path=path)
+    return found
+
+
+def _json(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
+    """``{"frames": {"12": {"world_to_view": [[...] x 4], "view_to_clip": [[...]], "jitter_px": [x, y]}}}``."""
+    try:
+        frames = json.loads(text)["frames"]
+        yield from ((int(number), dict(values)) for number, values in frames.items())
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise DataError(f"not a side file: {error}", path=path, expected='{"frames": {"1": {...}}}') from None
+
+
+def _csv(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
+    """Columns ``frame``, ``world_to_view.0`` to ``.15``, ``view_to_clip.0`` to ``.15``, ``jitter_px.0`` and ``.1``."""
+    for line, row in enumerate(csv.DictReader(text.splitlines()), start=2):
+        try:
+            values = {
+                name: [row[f"{name}.{place}"] for place in range(count)]
+                for name, count in KEYS.items()
+                if f"{name}.0" in row
+            }
+            yield int(row["frame"]), values
+        except (KeyError, TypeError, ValueError) as error:
+            raise DataError(f"line {line}: {error} is missing or no number", path=path) from None
+
+
+def _text(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
+    """``frame 12``, then lines such as ``world_to_view`` with 16 numbers, brackets and commas as one likes."""
+    number, values = None, dict[str, Sequence[str]]()
+    for line, content in enumerate(text.splitlines(), start=1):
+        words = content.split("#")[0].translate(str.maketrans("(),[]=:", "       ")).split()
+        if not words:
+            continue
+        if words[0] == "frame" and len(words) == 2 and words[1].lstrip("-").isdigit():
+            if number is not None:
+                yield number, values
+            number, values = int(words[1]), {}
+        elif number is not None and words[0] in KEYS:
+            values[words[0]] = words[1:]
+        else:
+            expected = f"frame N, then {', '.join(KEYS)}"
+            raise DataError(f"line {line} is not understood", path=path, expected=expected, found=words[0])
+    if number is not None:
+        yield number, values
+
+
+def _numbers(path: Path, frame: int, name: str, given: Any) -> Matrix | tuple[float, float] | None:
+    if given is None:
+        return None
+    try:
+        numbers = np.array(given, dtype=np.float64).ravel()
+    except (ValueError, TypeError):
+        numbers = np.empty(0)
+    if len(numbers) != KEYS[name] or not np.isfinite(numbers).all():
+        raise DataError(f"{name} is wrong", path=path, frame=frame, expected=f"{KEYS[name]} finite numbers")
+    return (float(numbers[0]), float(numbers[1])) if KEYS[name] == 2 else numbers.reshape(4, 4)

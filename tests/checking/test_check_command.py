@@ -1,0 +1,74 @@
+"""``cltaa check`` end to end: planted mistakes in files, what mends them, and that mended files are read right."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from cltaa.checking.report import check_folder
+from cltaa.cli import main, root
+from cltaa.exr import write_image
+from cltaa.exr_channels import Pixels
+from cltaa.inputs.intake import open_input
+from tests.checking.conftest import Scene
+from tests.checking.mistakes import MISTAKES
+from tests.inputs.foreign import write_own
+
+# Mistakes that no way of reading mends: the numbers are lost, or were never there.
+LOST = {"jitter-missing"}
+SOME = ("jitter-swapped", "motion-units-ndc", "motion-jittered", "depth-ray", "camera-transposed", "colour-encoded")
+
+
+def mended(mistake: str, scene: Scene, folder: Path) -> None:
+    spoilt = MISTAKES[mistake].plant(scene(MISTAKES[mistake].scenes[0]))
+    write_own(folder / "sequence", spoilt)
+    fix = folder / "fix.toml"
+    assert main(["check", str(folder / "sequence"), "--fix", str(fix)]) == 65
+    report, _ = check_folder(folder / "sequence", profile=str(fix))
+    assert [finding.name for finding in report.mistakes] == []
+    assert len(list(open_input(folder / "sequence", profile=str(fix)))) == len(spoilt)
+
+
+@pytest.mark.parametrize("mistake", SOME)
+def test_the_profile_of_fix_reads_it_right(mistake: str, scene: Scene, tmp_path: Path) -> None:
+    mended(mistake, scene, tmp_path)
+
+
+@pytest.mark.big
+@pytest.mark.parametrize("mistake", sorted(set(MISTAKES) - set(SOME) - LOST))
+def test_the_profile_of_fix_reads_every_mistake_right(mistake: str, scene: Scene, tmp_path: Path) -> None:
+    mended(mistake, scene, tmp_path)
+
+
+def test_the_options_that_are_printed_are_the_ones_that_mend(scene: Scene, tmp_path: Path) -> None:
+    write_own(tmp_path, MISTAKES["jitter-negated"].plant(scene("still")))
+    done = CliRunner().invoke(root, ["check", str(tmp_path), "--json"])
+    report = json.loads(done.stdout)
+    assert done.exit_code == 65
+    assert [finding["option"] for finding in report["findings"] if finding["mistake"]] == ["--input jitter.scale=-1,-1"]
+    assert report["options"] == "--profile cltaa --input jitter.scale=-1,-1"
+    assert main(["check", str(tmp_path), *report["options"].split()]) == 0
+
+
+def test_what_is_printed(scene: Scene, tmp_path: Path) -> None:
+    write_own(tmp_path, MISTAKES["depth-ray"].plant(scene("still")))
+    done = CliRunner().invoke(root, ["check", str(tmp_path)])
+    assert "✗ depth-ray" in done.stdout
+    assert "--input depth.kind=ray" in done.stdout
+    assert "of the pixels that tell" in done.stdout
+
+
+@pytest.mark.parametrize(("pixels", "name"), [(np.float16, "depth-half"), (np.float32, None)])
+def test_half_precision_depth(pixels: type, name: str | None, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    for index in range(3):
+        channels = {c: rng.random((32, 32)).astype(np.float32) ** 4 * 3 for c in "RGB"}
+        depth: Pixels = np.linspace(2, 9, 1024).reshape(32, 32).astype(pixels)
+        planes: dict[str, Pixels] = {**channels, "Z": depth}
+        write_image(tmp_path / f"a.{index:04d}.exr", planes)
+    report, _ = check_folder(tmp_path)
+    assert (name in [finding.name for finding in report.mistakes]) == (name is not None)

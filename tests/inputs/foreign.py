@@ -1,0 +1,75 @@
+"""Writes frames the way other tools do, without any of the checks that cltaa's own writer makes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+
+from cltaa.exr import write_image
+from cltaa.exr_channels import Pixels, frame_planes
+from cltaa.frames import Frame
+
+
+def write_own(folder: Path, frames: Sequence[Frame], **attributes: object) -> Path:
+    """Write frames in cltaa's own form, whatever their matrices say."""
+    for frame in frames:
+        path = folder / f"own.{frame.index:04d}.exr"
+        folder.mkdir(parents=True, exist_ok=True)
+        header = {
+            "cltaa:worldToView": np.ascontiguousarray(frame.camera.world_to_view.T),
+            "cltaa:viewToClip": np.ascontiguousarray(frame.camera.view_to_clip.T),
+            "cltaa:jitterPx": np.array(frame.jitter_px),
+            "cltaa:frame": frame.index,
+            "cltaa:cut": int(frame.cut),
+            "cltaa:exposure": frame.exposure,
+        }
+        write_image(path, frame_planes(frame, path), header | attributes)
+    return folder
+
+
+def write_parts(path: Path, parts: Mapping[str, Mapping[str, Pixels]], header: Mapping[str, object]) -> None:
+    """Write a multi-part EXR: part name -> channels."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    made = [
+        OpenEXR.Part(
+            {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION, **header},
+            {name: np.ascontiguousarray(plane) for name, plane in channels.items()},
+            name,
+        )
+        for name, channels in parts.items()
+    ]
+    OpenEXR.File(made).write(str(path))
+
+
+def write_blender(folder: Path, frames: Sequence[Frame]) -> Path:
+    """Write frames as Blender 5 does: a part a pass, names repeated, y up, background 1e10, no matrices, no jitter."""
+    for frame in frames:
+        passes: dict[str, dict[str, Pixels]] = {
+            "ViewLayer.Combined": {
+                f"ViewLayer.Combined.{name}": frame.colour[..., place] for place, name in enumerate("RGB")
+            },
+            "ViewLayer.Depth": {"ViewLayer.Depth.Z": np.where(np.isinf(frame.depth), np.float32(1e10), frame.depth)},
+        }
+        if frame.motion is not None:
+            u, v = frame.motion[..., 0], -frame.motion[..., 1]
+            planes = {"X": u, "Y": v, "Z": u, "W": v}
+            passes["ViewLayer.Vector"] = {f"ViewLayer.Vector.{name}": plane for name, plane in planes.items()}
+        write_parts(folder / f"shot.{frame.index:04d}.exr", passes, {"Software": "Blender 5.0.1"})
+    return folder
+
+
+def side_text(frames: Sequence[Frame]) -> str:
+    """Matrices and jitter of frames as a text side file, every double in full."""
+    lines = []
+    for frame in frames:
+        lines.append(f"frame {frame.index}")
+        camera = frame.camera
+        for name, numbers in (
+            ("world_to_view", camera.world_to_view.ravel()), ("view_to_clip", camera.view_to_clip.ravel()),
+            ("jitter_px", np.array(frame.jitter_px)),
+        ):  # fmt: skip
+            lines.append(f"{name} {' '.join(repr(float(number)) for number in numbers)}")
+    return "\n".join(lines) + "\n"
