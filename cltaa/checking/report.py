@@ -12,7 +12,8 @@ from cltaa.checking.detector import check_frames
 from cltaa.checking.files import check_files
 from cltaa.checking.finding import Finding
 from cltaa.inputs.intake import ForeignSequence, intake_lines, open_intake
-from cltaa.inputs.profile import Profile, correct, differences, load_profile, option_text
+from cltaa.inputs.profile import Profile, correct, load_profile
+from cltaa.inputs.profile_text import differences, option_text
 from cltaa.progress import track
 
 FRAMES = 12  # looked at unless asked otherwise: 11 pairs tell a gain of jitter to a few hundredths

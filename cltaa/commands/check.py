@@ -5,15 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-import msgspec
 from rich.console import Console
-from rich.markup import escape
 
 from cltaa.atomic import atomic_path
 from cltaa.checking.report import FRAMES, Report, check_folder
 from cltaa.commands.options import input_options
 from cltaa.errors import DataError
-from cltaa.inputs.profile import toml_text
+from cltaa.inputs.profile_text import toml_text
+from cltaa.printable import json_of, shown
 
 
 @click.command()
@@ -45,7 +44,7 @@ def check(
         with atomic_path(fix) as temporary:
             temporary.write_text(toml_text(mended), encoding="utf-8")
     if as_json:
-        click.echo(msgspec.json.format(msgspec.json.encode(report)).decode())
+        click.echo(json_of(report, indent=2))
     else:
         _print(report, fix)
     if report.mistakes:
@@ -55,16 +54,16 @@ def check(
 def _print(report: Report, fix: Path | None) -> None:
     console = Console()
     for line in report.reading[:2]:
-        console.print(escape(line), style="dim", soft_wrap=True, highlight=False)
+        console.print(shown(line), style="dim", soft_wrap=True, highlight=False)
     for finding in report.findings:
         sign = "[red]✗[/]" if finding.mistake else "[yellow]·[/]"
-        text = f"{sign} [bold]{finding.name}[/] ({finding.confidence:.0%}): {escape(finding.what)}"
+        text = f"{sign} [bold]{finding.name}[/] ({finding.confidence:.0%}): {shown(finding.what)}"
         console.print(text, soft_wrap=True, highlight=False)
-        console.print(f"    {escape(finding.evidence)}", style="dim", soft_wrap=True, highlight=False)
+        console.print(f"    {shown(finding.evidence)}", style="dim", soft_wrap=True, highlight=False)
         if finding.option:
-            console.print(f"    {escape(finding.option)}", soft_wrap=True, highlight=False)
+            console.print(f"    {shown(finding.option)}", soft_wrap=True, highlight=False)
     if not report.mistakes:
         console.print(f"[green]✓[/] no mistake found in {report.frames} frames", highlight=False)
     elif any(finding.fix for finding in report.mistakes):
         text = f"cltaa resolve {report.folder} {report.options}" if fix is None else f"--profile {fix}"
-        console.print(f"to read it right: {escape(text)}", soft_wrap=True, highlight=False)
+        console.print(f"to read it right: {shown(text)}", soft_wrap=True, highlight=False)

@@ -6,7 +6,8 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from cltaa.inputs.profile import load_profile, profile_names, toml_text
+from cltaa.inputs.profile import load_profile, profile_names
+from cltaa.inputs.profile_text import toml_text
 
 
 @click.command()

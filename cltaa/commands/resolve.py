@@ -19,7 +19,7 @@ from cltaa.numbered import OnBreak
 from cltaa.params import Preset, override
 from cltaa.pipeline import Outcome, resolve_sequence, stage_rows
 from cltaa.presets import load_config, load_preset
-from cltaa.printable import json_of, shown
+from cltaa.printable import json_of, printable, shown
 from cltaa.resolve import Resolver
 from cltaa.views import View, parse_views
 
@@ -88,7 +88,7 @@ def resolve(
         verify=verify, gaps=OnBreak(gaps), on_resize=OnBreak(on_resize),
     )  # fmt: skip
     if isinstance(source, ForeignSequence):
-        click.echo("\n".join(intake_lines(source.intake)), err=True)
+        click.echo("\n".join(map(printable, intake_lines(source.intake))), err=True)
     if frames is not None:
         source = source.select(*_frame_range(frames))
     resolver = Resolver(chosen_preset(preset, config, assignments), device, strict=strict, storage=Storage(storage))

@@ -18,7 +18,8 @@ from cltaa.frames import Effect, Frame, Image
 from cltaa.inputs.convert import linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.declared import Declared, declared_frames
 from cltaa.inputs.parts import read_any_header, read_planes
-from cltaa.inputs.profile import Profile, load_profile, override, profile_names
+from cltaa.inputs.profile import Profile, load_profile, profile_names
+from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import Roles, assign, describe, file_sets
 from cltaa.inputs.side_file import read_side_file
 from cltaa.numbered import OnBreak, frame_missing

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from enum import StrEnum
 from importlib import resources
 from pathlib import Path
@@ -146,21 +146,6 @@ def load_profile(name: str) -> Profile:
     return _parse(Path(name).stem, text, name)
 
 
-def override(profile: Profile, assignments: Sequence[str]) -> Profile:
-    """``profile`` with ``SECTION.KEY=VALUE`` assignments over it; raises UsageError."""
-    values = msgspec.to_builtins(profile)
-    for assignment in assignments:
-        key, equals, text = assignment.partition("=")
-        section, dot, name = key.strip().partition(".")
-        if not (equals and dot):
-            raise UsageError(f"--input {assignment}: no value", expected="SECTION.KEY=VALUE", found=assignment)
-        if name not in values.get(section, {}):
-            known = ", ".join(f"{s}.{k}" for s, keys in values.items() if isinstance(keys, dict) for k in keys)
-            raise UsageError(f"--input {assignment}: no such key", expected=known, found=key)
-        values[section][name] = _value(text.strip(), values[section][name])
-    return _convert(values, "--input")
-
-
 def correct(profile: Profile, fix: Mapping[str, Mapping[str, Any]]) -> Profile:
     """``profile`` with a correction that the detector found on top: factors multiply, flags turn over, the rest is set.
 
@@ -184,34 +169,7 @@ def correct(profile: Profile, fix: Mapping[str, Mapping[str, Any]]) -> Profile:
                 values[section][name] = before != change
             else:
                 values[section][name] = change
-    return _convert(values, "correction")
-
-
-def differences(profile: Profile, base: Profile) -> dict[str, dict[str, Any]]:
-    """Keys of ``profile`` that differ from ``base``, by section."""
-    new, old = msgspec.to_builtins(profile), msgspec.to_builtins(base)
-    sections = {
-        section: {key: value for key, value in keys.items() if value != old[section].get(key)}
-        for section, keys in new.items()
-        if isinstance(keys, dict) and section != "recognise"
-    }
-    return {section: keys for section, keys in sections.items() if keys}
-
-
-def option_text(values: Mapping[str, Mapping[str, Any]]) -> str:
-    """``values`` as options of the command line."""
-    return " ".join(
-        f"--input {section}.{key}={_text(value)}" for section, keys in values.items() for key, value in keys.items()
-    )
-
-
-def toml_text(profile: Profile) -> str:
-    """``profile`` as TOML, every key."""
-    lines = [f"description = {_toml(profile.description)}"]
-    for section, keys in msgspec.to_builtins(profile).items():
-        if isinstance(keys, dict) and keys:
-            lines += ["", f"[{section}]", *(f"{_key(key)} = {_toml(v)}" for key, v in keys.items() if v is not None)]
-    return "\n".join(lines) + "\n"
+    return convert_profile(values, "correction")
 
 
 def _parse(name: str, text: str, origin: str) -> Profile:
@@ -227,51 +185,12 @@ def _parse(name: str, text: str, origin: str) -> Profile:
         ):
             raise DataError("unknown key", path=origin, expected=", ".join(merged), found=f"{section} {keys}")
         merged[section] = merged[section] | keys if isinstance(keys, dict) else keys
-    return _convert(merged, origin)
+    return convert_profile(merged, origin)
 
 
-def _convert(values: dict[str, Any], origin: str) -> Profile:
+def convert_profile(values: dict[str, Any], origin: str) -> Profile:
+    """Builtins to a profile; raises DataError that names the key."""
     try:
         return msgspec.convert(values, Profile)
     except msgspec.ValidationError as error:
         raise DataError(f"profile: {error}", path=origin) from None
-
-
-def _value(text: str, before: object) -> object:
-    """Read the text of an assignment the way TOML would, with lists and words written plainly."""
-    if isinstance(before, list | tuple):
-        entries = [entry.strip() for entry in text.strip("[]").split(",")]
-        return entries if before and isinstance(before[0], str) else [_number(entry) for entry in entries]
-    if text in ("true", "false"):
-        return text == "true"
-    return text if isinstance(before, str) else _number(text)
-
-
-def _number(text: str) -> float | int | str:
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text
-
-
-def _text(value: object) -> str:
-    if isinstance(value, list | tuple):
-        entries = ",".join(_text(entry) for entry in value)
-        return f"'{entries}'" if " " in entries else entries
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _key(key: str) -> str:
-    return key if key.replace("_", "").isalnum() else f'"{key}"'
-
-
-def _toml(value: object) -> str:
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml(entry) for entry in value) + "]"
-    if isinstance(value, bool):
-        return str(value).lower()
-    return repr(value) if isinstance(value, int | float) else msgspec.json.encode(value).decode()

@@ -15,7 +15,8 @@ from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.exr import write_image
 from cltaa.frames import Camera, Frame
 from cltaa.inputs.intake import ForeignSequence, intake_lines, open_input, open_intake
-from cltaa.inputs.profile import load_profile, override, profile_names, toml_text
+from cltaa.inputs.profile import load_profile, profile_names
+from cltaa.inputs.profile_text import override, toml_text
 from cltaa.inputs.side_file import read_side_file
 from cltaa.sources import Sequence
 from tests.inputs.foreign import side_text, write_blender, write_own, write_parts
