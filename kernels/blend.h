@@ -51,8 +51,12 @@ STAGE real difference_share(colour current, colour history, settings_t settings)
     return K(settings.differing_share) + (u * u) * (K(settings.agreeing_share) - K(settings.differing_share));
 }
 
-// h + w (x - h): equal inputs stay as they are, to the bit. The caller selects x where there is no history.
-STAGE real blend(real history, real current, real weight) { return history + weight * (current - history); }
+// h + w (x - h): equal inputs stay as they are, to the bit. A weight of 1 selects the sample, which the sum would lose
+// beside a far brighter history; so does the caller where there is no history.
+STAGE real blend(real history, real current, real weight)
+{
+    return weight < SPLAT(1.0) ? history + weight * (current - history) : current;
+}
 
 // A value fit to be stored: inside the domain, never a denormal, never -0. `floor_value` is the least of 0 and the
 // current sample, so that light never turns negative through a negative lobe or a chroma clamp.

@@ -5,10 +5,11 @@
 
 // The box: centre and half extents a channel, extents floored at box_floor of the box's largest coordinate, because a
 // box that is flat in one channel makes the line clip throw the whole history away for a rounding error in that
-// channel.
+// channel. Its ends are those that the neighbourhood has, to the bit, so that history that equals its own sample is
+// never moved by a rounding of centre and extent.
 typedef struct
 {
-    boxed centre, extent;
+    boxed centre, extent, low, high;
 } box_t;
 
 STAGE real half_width(real low, real high) { return K(0.5) * (high - low); }
@@ -26,6 +27,8 @@ STAGE box_t neighbourhood_box(statistics s, real gamma, settings_t settings)
     if (BOX == BOX_VARIANCE) {
         box.centre = s.mean;
         box.extent = (boxed) { gamma * s.deviation.a, gamma * s.deviation.b, gamma * s.deviation.c };
+        s.low = (boxed) { s.mean.a - box.extent.a, s.mean.b - box.extent.b, s.mean.c - box.extent.c };
+        s.high = (boxed) { s.mean.a + box.extent.a, s.mean.b + box.extent.b, s.mean.c + box.extent.c };
     } else {
         if (BOX == BOX_BOTH) {
             narrow(&s.low.a, &s.high.a, s.mean.a, gamma * s.deviation.a);
@@ -41,6 +44,8 @@ STAGE box_t neighbourhood_box(statistics s, real gamma, settings_t settings)
             = (boxed) { half_width(s.low.a, s.high.a), half_width(s.low.b, s.high.b), half_width(s.low.c, s.high.c) };
         box.centre = (boxed) { s.low.a + box.extent.a, s.low.b + box.extent.b, s.low.c + box.extent.c };
     }
+    box.low = s.low;
+    box.high = s.high;
     if ((RECTIFY == RECTIFY_CLIP) | (RECTIFY == RECTIFY_ELLIPSOID)) {
         const real size = greater(absolute(box.centre.a), greater(absolute(box.centre.b), absolute(box.centre.c)));
         const real least = K(settings.box_floor) * size + K(TINY);
@@ -61,30 +66,36 @@ STAGE real outsideness(boxed d, boxed extent)
     return greater(a, greater(b, c));
 }
 
+STAGE mask outside_ends(boxed v, box_t box)
+{
+    return (v.a < box.low.a) | (v.a > box.high.a) | (v.b < box.low.b) | (v.b > box.high.b) | (v.c < box.low.c)
+        | (v.c > box.high.c);
+}
+
 // Share of the way from h to its target, itself inside the box, at which one coordinate enters the box; 0 inside.
-STAGE real entry(real h, real way, real centre, real extent)
+STAGE real entry(real h, real way, real low, real high)
 {
     const mask still = way == SPLAT(0.0);
     const real safe = still ? SPLAT(1.0) : way;
-    const real to_low = ((centre - extent) - h) / safe, to_high = ((centre + extent) - h) / safe;
+    const real to_low = (low - h) / safe, to_high = (high - h) / safe;
     return still ? SPLAT(0.0) : lesser(to_low, to_high);
 }
 
 STAGE boxed clamp_to_box(boxed v, box_t box)
 {
     boxed out;
-    out.a = limit(v.a, box.centre.a - box.extent.a, box.centre.a + box.extent.a);
-    out.b = limit(v.b, box.centre.b - box.extent.b, box.centre.b + box.extent.b);
-    out.c = limit(v.c, box.centre.c - box.extent.c, box.centre.c + box.extent.c);
+    out.a = limit(v.a, box.low.a, box.high.a);
+    out.b = limit(v.b, box.low.b, box.high.b);
+    out.c = limit(v.c, box.low.c, box.high.c);
     return out;
 }
 
 STAGE boxed clip_towards(boxed history, boxed target, box_t box)
 {
     const boxed way = { target.a - history.a, target.b - history.b, target.c - history.c };
-    const real first = greater(
-        entry(history.a, way.a, box.centre.a, box.extent.a), entry(history.b, way.b, box.centre.b, box.extent.b));
-    const real t = limit(greater(first, entry(history.c, way.c, box.centre.c, box.extent.c)), SPLAT(0.0), SPLAT(1.0));
+    const real first
+        = greater(entry(history.a, way.a, box.low.a, box.high.a), entry(history.b, way.b, box.low.b, box.high.b));
+    const real t = limit(greater(first, entry(history.c, way.c, box.low.c, box.high.c)), SPLAT(0.0), SPLAT(1.0));
     const boxed out = { history.a + t * way.a, history.b + t * way.b, history.c + t * way.c };
     return out;
 }
@@ -99,7 +110,7 @@ STAGE boxed rectify_history(boxed history, boxed current, box_t box)
     } else if (RECTIFY != RECTIFY_NONE) {
         const boxed d = { history.a - box.centre.a, history.b - box.centre.b, history.c - box.centre.c };
         const real t = outsideness(d, box.extent);
-        const mask out_of_it = t > SPLAT(1.0);
+        const mask out_of_it = (t > SPLAT(1.0)) & (RECTIFY == RECTIFY_CLIP ? outside_ends(history, box) : (mask)(-1));
         const real safe = out_of_it ? t : SPLAT(1.0);
         out.a = out_of_it ? box.centre.a + d.a / safe : history.a;
         out.b = out_of_it ? box.centre.b + d.b / safe : history.b;

@@ -82,6 +82,11 @@ def box_gamma(m: Motion, settings: Record) -> Array:
     return result
 
 
+def blend(history: Array, current: Array, weight: Array) -> Array:
+    """h + w (x - h); a weight of 1 selects the sample."""
+    return np.where(weight < number(1.0, weight), history + weight * (current - history), current)
+
+
 def storable(v: Array, floor_value: Array, build: Build) -> Array:
     """Inside the domain, no denormal, no -0, not below the least of 0 and the current sample."""
     raised = greater(v, floor_value) if build.choices.negatives is Negatives.RAISE else v
@@ -141,10 +146,10 @@ def resolve_pixel(
     if build.choices.anti_flicker is AntiFlicker.CLAMP_DISTANCE:
         weight = weight * r.calm
     fresh = fresh_colour(current, mean, build, settings)
-    mixed = [p + weight * (c - p) for p, c in zip(past, current, strict=True)]
+    mixed = [blend(p, c, weight) for p, c in zip(past, current, strict=True)]
     chosen = [np.where(h.valid, m, f) for m, f in zip(mixed, fresh, strict=True)]
     v = from_range((chosen[0], chosen[1], chosen[2]), build)
     stored = [storable(k, lesser(c, zero), build) for k, c in zip(v, current, strict=True)]
     if build.choices.alpha_from is AlphaFrom.BLEND:
-        alpha = np.where(h.valid, h.alpha + weight * (alpha - h.alpha), alpha)
+        alpha = np.where(h.valid, blend(h.alpha, alpha, weight), alpha)
     return Resolved((stored[0], stored[1], stored[2]), alpha, np.where(h.valid, count + one, one))

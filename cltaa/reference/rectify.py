@@ -16,10 +16,12 @@ from cltaa.reference.real import Array, constant, greater, lesser, limit, number
 
 
 class BoxOf(NamedTuple):
-    """Centre and half extents of the box, a channel."""
+    """Centre, half extents and ends of the box, a channel; the ends are the neighbourhood's own, to the bit."""
 
     centre: Colour
     extent: Colour
+    low: Colour
+    high: Colour
 
 
 class Rectification(NamedTuple):
@@ -31,8 +33,8 @@ class Rectification(NamedTuple):
     calm: Array
 
 
-def _floored(parts: list[Array], least: Array) -> Colour:
-    return greater(parts[0], least), greater(parts[1], least), greater(parts[2], least)
+def _three(parts: list[Array]) -> Colour:
+    return parts[0], parts[1], parts[2]
 
 
 def neighbourhood_box(s: Statistics, gamma: Array, build: Build, box_floor: Any) -> BoxOf:
@@ -40,6 +42,10 @@ def neighbourhood_box(s: Statistics, gamma: Array, build: Build, box_floor: Any)
     wide = [gamma * d for d in s.deviation]
     if build.choices.box is Box.VARIANCE:
         centre, extent = list(s.mean), wide
+        low, high = (
+            [m - w for m, w in zip(s.mean, wide, strict=True)],
+            [m + w for m, w in zip(s.mean, wide, strict=True)],
+        )
     else:
         low, high = list(s.low), list(s.high)
         if build.choices.box is Box.BOTH:
@@ -50,11 +56,11 @@ def neighbourhood_box(s: Statistics, gamma: Array, build: Build, box_floor: Any)
             high = [greater(hi, number(0.0, hi)) for hi in high]
         extent = [number(0.5, lo) * (hi - lo) for lo, hi in zip(low, high, strict=True)]
         centre = [lo + e for lo, e in zip(low, extent, strict=True)]
-    box = BoxOf((centre[0], centre[1], centre[2]), (extent[0], extent[1], extent[2]))
+    box = BoxOf(_three(centre), _three(extent), _three(low), _three(high))
     if build.choices.rectify in (Rectify.CLIP, Rectify.ELLIPSOID):
         size = greater(np.abs(centre[0]), greater(np.abs(centre[1]), np.abs(centre[2])))
         least = number(box_floor, size) * size + constant("TINY", size)
-        box = BoxOf(box.centre, _floored(extent, least))
+        box = box._replace(extent=_three([greater(e, least) for e in extent]))
     return box
 
 
@@ -65,22 +71,27 @@ def _outsideness(d: list[Array], extent: Colour, build: Build) -> Array:
     return greater(a, greater(b, c))
 
 
-def _entry(h: Array, way: Array, centre: Array, extent: Array) -> Array:
+def _outside_ends(v: Colour, box: BoxOf) -> Any:
+    a, b, c = ((k < low) | (k > high) for k, low, high in zip(v, box.low, box.high, strict=True))
+    return a | b | c
+
+
+def _entry(h: Array, way: Array, low: Array, high: Array) -> Array:
     """Share of the way from ``h`` at which one coordinate enters the box; 0 inside."""
     still = way == number(0.0, way)
     safe = np.where(still, number(1.0, way), way)
-    to_low, to_high = ((centre - extent) - h) / safe, ((centre + extent) - h) / safe
+    to_low, to_high = (low - h) / safe, (high - h) / safe
     return np.where(still, number(0.0, way), lesser(to_low, to_high))
 
 
 def _clamp_to_box(v: Colour, box: BoxOf) -> Colour:
-    a, b, c = (limit(h, m - e, m + e) for h, m, e in zip(v, box.centre, box.extent, strict=True))
+    a, b, c = (limit(h, low, high) for h, low, high in zip(v, box.low, box.high, strict=True))
     return a, b, c
 
 
 def _clip_towards(history: Colour, target: Colour, box: BoxOf) -> Colour:
     way = [t - h for t, h in zip(target, history, strict=True)]
-    a, b, c = (_entry(*parts) for parts in zip(history, way, box.centre, box.extent, strict=True))
+    a, b, c = (_entry(*parts) for parts in zip(history, way, box.low, box.high, strict=True))
     t = limit(greater(greater(a, b), c), number(0.0, a), number(1.0, a))
     a, b, c = (h + t * w for h, w in zip(history, way, strict=True))
     return a, b, c
@@ -101,6 +112,8 @@ def rectify_history(history: Colour, current: Colour, box: BoxOf, build: Build) 
         t = _outsideness(d, box.extent, build)
         one = number(1.0, t)
         out = t > one
+        if build.choices.rectify is Rectify.CLIP:
+            out = out & _outside_ends(history, box)
         safe = np.where(out, t, one)
         a, b, c = (np.where(out, m + k / safe, h) for h, m, k in zip(history, box.centre, d, strict=True))
     return a, b, c

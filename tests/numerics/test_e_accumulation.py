@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 from cltaa.build import Storage
 from cltaa.launch import DeviceLauncher, NumpyLauncher
 from cltaa.layout import Layout
+from cltaa.params import Box, Rectify, override
+from cltaa.presets import load_preset
 from cltaa.reference.storage import stochastic_half, storage_dither
+from cltaa.resolve import Resolver
 from tests.numerics.still_frames import UNIT_ROUNDOFF, accumulator, grey, last_of, still_frame
 from tests.sequence_factory import bits
 
@@ -131,3 +134,30 @@ def test_e6_black_becomes_zero_and_not_a_denormal(launcher: DeviceLauncher, stor
     assert np.array_equal(bits(resolved), np.zeros(resolved.shape, np.uint32))  # +0 in colour and alpha
     assert smallest < 2.0**-13  # it went down by itself
     assert smallest >= np.finfo(np.float32).smallest_normal
+
+
+@pytest.mark.parametrize("box", [Box.EXTREMES, Box.UNIT])
+@pytest.mark.parametrize("rectify", [Rectify.NONE, Rectify.CLAMP, Rectify.CLIP, Rectify.CLIP_CURRENT])
+def test_e1_equal_frames_give_equal_bits(rectify: Rectify, box: Box) -> None:
+    # Whatever the picture: history that equals the sample lies inside its own neighbourhood and is left alone.
+    random = np.random.default_rng(41)
+    image = (10.0 ** random.uniform(-4, 4, (20, 26, 3))).astype(np.float32)
+    share = random.random((20, 26)).astype(np.float32)
+    resolver = Resolver(override(load_preset(), {"rectify": rectify, "box": box}), "numpy")
+    for index in range(12):
+        resolved = resolver.resolve(still_frame(index, image, effects=None, alpha=share))
+        assert np.array_equal(bits(resolved), bits(np.dstack([image, share])))
+
+
+def test_e5_a_full_weight_takes_the_sample_as_it_is() -> None:
+    # h + 1 (x - h) is 0 for h = 1e8 and x = 1.1: a weight of 1 has to select.
+    for changes, channels in (
+        ({"accumulate": "exponential", "blend_weight": 1.0}, {}),
+        ({}, {"reactive": np.ones((6, 9), np.float32)}),
+    ):
+        resolver = Resolver(override(load_preset(), {**changes, "rectify": "none"}), "numpy")
+        bright, dim = np.full((6, 9, 3), 1e8, np.float32), np.full((6, 9, 3), 1.1, np.float32)
+        resolver.resolve(still_frame(0, bright, effects=None, alpha=np.ones((6, 9), np.float32), **channels))
+        third = np.full((6, 9), 1 / 3, np.float32)
+        resolved = resolver.resolve(still_frame(1, dim, effects=None, alpha=third, **channels))
+        assert np.array_equal(bits(resolved), bits(np.dstack([dim, third])))
