@@ -70,9 +70,11 @@ def noticed_by(tree: Path, selection: list[str]) -> str:
     """The first test that fails in a tree, or nothing; raises SystemExit where a kernel does not build."""
     paths = os.pathsep.join(str(tree / name) for name in ("", "capture", "datasets_gen"))
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *selection]
+    # Kernels with faults stay out of the cache that other programs use.
+    settings = {"PYTHONPATH": paths, "POCL_CACHE_DIR": str(tree.with_name(f"{tree.name}-cache"))}
     try:
         run = subprocess.run(
-            command, cwd=tree, env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, check=False,
+            command, cwd=tree, env={**os.environ, **settings}, capture_output=True, text=True, check=False,
             timeout=SECONDS,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
@@ -88,7 +90,7 @@ def noticed_by(tree: Path, selection: list[str]) -> str:
 def results(chosen: list[Mutation]) -> Iterator[tuple[Mutation, str, str]]:
     """Each mutation with what noticed it among the tests of bits and among those of values."""
     with tempfile.TemporaryDirectory() as folder:
-        tree = Path(folder)
+        tree = Path(folder) / "tree"
         copy_tree(tree)
         already = noticed_by(tree, BITS + sorted({test for mutation in chosen for test in mutation.values}))
         if already:
