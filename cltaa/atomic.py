@@ -26,6 +26,15 @@ def make_folder(folder: Path) -> Path:
     return folder
 
 
+def check_creatable(path: Path) -> None:
+    """Raise OutputError unless a file of that name can be written, before the work that it is to hold."""
+    if path.is_dir():
+        raise OutputError("this is a folder", path=path, expected="the name of a file")
+    temporary = _temporary(path)
+    _create(temporary, path)
+    temporary.unlink(missing_ok=True)
+
+
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
     """Yield a temporary name in the folder of ``path``; on a clean exit its content becomes ``path``, durably.
@@ -35,15 +44,8 @@ def atomic_path(path: Path) -> Iterator[Path]:
     second attempt would succeed without having written them. Raises OutputError where the file cannot be created
     and StorageError where writing fails half-way; nothing temporary is left behind by either.
     """
-    # The end of the name, where the frame number stands: all of it can be as long as a file system allows.
-    name = os.fsdecode(os.fsencode(path.name)[-LONGEST_NAME:])
-    temporary = path.with_name(f".{name}.tmp.{os.getpid()}")
-    try:
-        temporary.touch()
-    except OSError as error:
-        raise OutputError(
-            f"the file cannot be created: {error.strerror}", path=path, cure="check the folder and its permissions"
-        ) from error
+    temporary = _temporary(path)
+    _create(temporary, path)
     try:
         try:
             yield temporary
@@ -70,6 +72,21 @@ def remove_stale_temporaries(folder: Path, *, owned: bool = False) -> int:
             entry.unlink(missing_ok=True)
             count += 1
     return count
+
+
+def _temporary(path: Path) -> Path:
+    # The end of the name, where the frame number stands: all of it can be as long as a file system allows.
+    name = os.fsdecode(os.fsencode(path.name)[-LONGEST_NAME:])
+    return path.with_name(f".{name}.tmp.{os.getpid()}")
+
+
+def _create(temporary: Path, path: Path) -> None:
+    try:
+        temporary.touch()
+    except OSError as error:
+        raise OutputError(
+            f"the file cannot be created: {error.strerror}", path=path, cure="check the folder and its permissions"
+        ) from error
 
 
 def _flush(path: Path) -> None:

@@ -100,6 +100,8 @@ def parse_layout(path: Path, file: BinaryIO) -> Layout:
 
 def _parse(path: Path, file: BinaryIO) -> Layout:
     start = _read_at(file, 0, FIRST_READ)
+    if not start:
+        raise DataError("the file is empty", path=path, expected="an EXR image", cure="write it again")
     if len(start) < 8 or struct.unpack_from("<I", start)[0] != MAGIC:
         raise DataError("this is not an EXR file", path=path, cure="convert it to OpenEXR first")
     (version,) = struct.unpack_from("<I", start, 4)

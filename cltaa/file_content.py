@@ -20,17 +20,17 @@ _CGROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")
 
 
 @contextmanager
-def open_regular(path: Path) -> Iterator[BinaryIO]:
-    """Open a file that is no folder, pipe or device and not empty, for reading bytes.
+def open_regular(path: Path, expected: str = "an EXR file") -> Iterator[BinaryIO]:
+    """Open a file that is no folder, pipe or device, for reading bytes; ``expected`` says what it should be.
 
-    Raises InputMissing where there is no such file or it may not be read, DataError where it is of another kind or
-    empty, and StorageError where reading fails, in the block too.
+    Raises InputMissing where there is no such file or it may not be read, DataError where it is of another kind, and
+    StorageError where reading fails, in the block too.
     """
     try:
         # O_NONBLOCK: to open a pipe that nobody writes into would wait for ever.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
         try:
-            _check_kind(path, os.fstat(descriptor))
+            _check_kind(path, os.fstat(descriptor), expected)
             with os.fdopen(descriptor, "rb", closefd=False) as file:
                 yield file
         finally:
@@ -81,10 +81,8 @@ def memory_limit() -> int:
         return machine
 
 
-def _check_kind(path: Path, status: os.stat_result) -> None:
+def _check_kind(path: Path, status: os.stat_result, expected: str) -> None:
     if stat.S_ISDIR(status.st_mode):
-        raise DataError("this is a folder", path=path, expected="an EXR file")
+        raise DataError("this is a folder", path=path, expected=expected)
     if not stat.S_ISREG(status.st_mode):
-        raise DataError("this is a pipe or a device", path=path, expected="an EXR file")
-    if status.st_size == 0:
-        raise DataError("the file is empty", path=path, expected="an EXR image", cure="write it again")
+        raise DataError("this is a pipe or a device", path=path, expected=expected)

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from cltaa.allocator import return_freed_frames
-from cltaa.atomic import atomic_path
+from cltaa.atomic import atomic_path, check_creatable
 from cltaa.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.debug import DebugViews
 from cltaa.errors import DeviceLost, UsageError
@@ -114,6 +114,7 @@ def resolve_sequence(
 def _check_film(sequence: Sequence, preview: Path) -> None:
     """Tell before the work what would stop the film after it."""
     import_av()
+    check_creatable(preview)
     if len({(layout.width, layout.height) for layout in sequence.layouts.values()}) > 1:
         raise UsageError("a film of frames of several sizes", path=preview, cure="leave --preview out")
 

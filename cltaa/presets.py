@@ -8,9 +8,11 @@ from pathlib import Path
 
 import msgspec
 
-from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.errors import DataError, UsageError
+from cltaa.file_content import open_regular
 from cltaa.params import Preset, override
 
+LARGEST_CONFIG = 1 << 16  # bytes; every parameter with a comment takes a few thousand
 _FOLDER = resources.files("cltaa") / "presets"
 
 
@@ -28,12 +30,14 @@ def load_preset(name: str = "default") -> Preset:
 
 def load_config(path: Path, base: Preset) -> Preset:
     """``base`` with the keys of a TOML file; its optional key ``preset`` names another base."""
+    with open_regular(path, "a TOML file") as file:
+        content = file.read(LARGEST_CONFIG + 1)
+    if len(content) > LARGEST_CONFIG:
+        raise DataError("too large for parameters", path=path, expected=f"at most {LARGEST_CONFIG} bytes")
     try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise InputMissing("no such configuration file", path=path) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"configuration file cannot be read: {error}", path=path) from None
+        text = content.decode()
+    except UnicodeDecodeError as error:
+        raise DataError(f"not TOML: {error}", path=path) from None
     return _parse(base.name, text, origin=str(path), base=base)
 
 

@@ -17,6 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from cltaa.commands.options import FILE_PATH
 from cltaa.errors import UsageError
 from cltaa.printable import printable
 from cltaa_capture.osmesa import BACKENDS
@@ -76,7 +77,7 @@ def progress_display(label: str) -> Iterator[Callable[[int, int], None]]:
 
 @click.command(short_help="Draw a scene into a jittered EXR sequence.")
 @click.argument("scene")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Folder of the sequence; made if need be.")
+@click.option("-o", "--output", type=FILE_PATH, help="Folder of the sequence; made if need be.")
 @click.option("--frames", type=click.IntRange(1), default=48, show_default=True, help="Number of frames.")
 @click.option(
     "--size", callback=read_size, default="640x360", metavar="WxH", show_default=True, help="Size of a frame in pixels."

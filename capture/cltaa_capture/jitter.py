@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from math import isqrt
 
@@ -14,6 +15,8 @@ Offsets = NDArray[np.float64]  # [N, 2]
 
 # The plastic number, root of x^3 = x + 1: Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences" (2018).
 PLASTIC = 1.3247179572447460
+
+LONGEST_PERIOD = 1 << 16  # samples; half a second to make, and far beyond what a float32 sum resolves
 
 
 def radical_inverse(index: int, base: int) -> float:
@@ -95,8 +98,9 @@ def jitter_sequence(text: str) -> Offsets:
     if text in PUBLISHED:
         return PUBLISHED[text].copy()
     name, _, period = text.partition(":")
-    if name not in PATTERNS or not period.isascii() or not period.isdigit() or int(period) < 1:
+    if name not in PATTERNS or not re.fullmatch("0*[1-9][0-9]{0,5}", period) or int(period) > LONGEST_PERIOD:
         known = ", ".join([*(f"{pattern}:N" for pattern in PATTERNS), *PUBLISHED])
-        raise UsageError(f"no such jitter: {text}", cure=f"use none or one of {known}, N at least 1")
+        cure = f"use none or one of {known}, N from 1 to {LONGEST_PERIOD}"
+        raise UsageError(f"no such jitter: {text}", cure=cure)
     points = PATTERNS[name](int(period))
     return np.stack([centred(points[:, 0]), centred(points[:, 1])], axis=1)

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from cltaa.atomic import make_folder
-from cltaa.errors import CltaaError, UsageError
+from cltaa.errors import CltaaError, ResourceError, UsageError
 from cltaa.exr import write_frame, write_image
+from cltaa.exr_layout import LARGEST_SIDE
 from cltaa.frames import Effect, Frame, Image, format_effects
 from cltaa.manifest import file_sha256
 from cltaa_capture.cameras import camera_at
@@ -115,8 +116,12 @@ def capture_sequence(request: Request, progress: Callable[[int, int], None] | No
     ``sequence.json``. A run that was cut short goes on where it stopped; two runs of one request are bit-identical.
     Raises UsageError, InputMissing, DataError, DeviceMissing, OutputError, StorageError and ResourceError.
     """
-    if request.frames < 1 or request.width < 1 or request.height < 1 or not request.fps > 0.0:
-        raise UsageError("frames, width, height and fps must be positive", found=request)
+    if min(request.frames, request.width, request.height) < 1 or not 0.0 < request.fps < float("inf"):
+        found = f"{request.frames} frames of {request.width} x {request.height} at {request.fps:g} fps"
+        raise UsageError("frames, size and fps must be positive and finite", found=found)
+    if max(request.width, request.height) > LARGEST_SIDE:
+        expected, found = f"at most {LARGEST_SIDE} pixels a side", f"{request.width} x {request.height}"
+        raise UsageError("the frames are too large", expected=expected, found=found)
     jitter_sequence(request.jitter)  # refuse a wrong one before anything is opened
     scene = build_scene(request.scene, request.seed, request.motion)
     make_folder(request.output)
@@ -128,7 +133,11 @@ def capture_sequence(request: Request, progress: Callable[[int, int], None] | No
 
 
 def _capture(request: Request, scene: Scene, context: Context, progress: Callable[[int, int], None] | None) -> Captured:
-    from cltaa_capture.render import SceneRenderer  # binds PyOpenGL to the platform, which is chosen only now
+    # Both bind PyOpenGL to the platform, which is chosen only now.
+    from OpenGL.error import GLError
+    from OpenGL.GL import GL_OUT_OF_MEMORY
+
+    from cltaa_capture.render import SceneRenderer
 
     opengl = f"{context.version}, {context.renderer}"
     facts = {
@@ -139,8 +148,9 @@ def _capture(request: Request, scene: Scene, context: Context, progress: Callabl
     manifest = Manifest(request.output, settings, facts, restart=request.restart)
     drawn = 0
     seconds = _Seconds()
-    renderer = SceneRenderer(scene, request.width, request.height)
+    renderer = None
     try:
+        renderer = SceneRenderer(scene, request.width, request.height)
         with _Writing(manifest) as writing:
             for index in range(request.frames):
                 tasks = 0
@@ -151,8 +161,12 @@ def _capture(request: Request, scene: Scene, context: Context, progress: Callabl
                 if progress is not None:
                     progress(index + 1, request.frames)
             seconds.note(manifest)
+    except GLError as error:
+        what = "ran out of memory" if error.err == GL_OUT_OF_MEMORY else f"gave up with error {error.err:#x}"
+        raise ResourceError(f"OpenGL {what}", cure="use a smaller --size") from error
     finally:
-        renderer.delete()
+        if renderer is not None:
+            renderer.delete()
     return Captured(scene, context.backend, opengl, drawn, request.frames - drawn)
 
 

@@ -21,6 +21,7 @@ from cltaa.bench.errors_of import Task
 from cltaa.bench.ladder import Variant, ladder
 from cltaa.bench.results import Accuracy, Measured
 from cltaa.bench.tables import csv_text
+from cltaa.commands.options import FILE_PATH
 from cltaa.errors import UsageError
 from cltaa.metrics import parse_metrics
 from cltaa.presets import load_preset, preset_names
@@ -28,8 +29,8 @@ from cltaa.progress import track
 
 
 @click.command("accuracy")
-@click.argument("sequences", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SEQUENCE...")
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="Folder of the report.")
+@click.argument("sequences", nargs=-1, required=True, type=FILE_PATH, metavar="SEQUENCE...")
+@click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder of the report.")
 @click.option("--device", metavar="NAME", help="OpenCL device: its index or a part of its name; see cltaa doctor.")
 @click.option("--preset", default="default", show_default=True, help="Preset that the steps depart from.")
 @click.option("--only", metavar="GROUPS", help="Only these groups of variants, comma-separated, beside the default.")

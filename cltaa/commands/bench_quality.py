@@ -18,6 +18,7 @@ from cltaa.bench.quality_page import markdown, write_page
 from cltaa.bench.quality_pictures import write_pictures
 from cltaa.bench.quality_summary import Table, ordered, summarise
 from cltaa.commands.bench_kernels import parse_size
+from cltaa.commands.options import FILE_PATH
 from cltaa.errors import UsageError
 from cltaa.params import Preset
 from cltaa.presets import load_preset, preset_names
@@ -38,7 +39,7 @@ NARROWEST = 130  # columns of the terminal, so that no number is cut off
     "--sequence",
     "folders",
     multiple=True,
-    type=click.Path(path_type=Path),
+    type=FILE_PATH,
     metavar="DIR",
     help="A captured sequence with its truth, beside the scenes or in their place; repeatable.",
 )
@@ -61,14 +62,14 @@ NARROWEST = 130  # columns of the terminal, so that no number is cut off
     "--work",
     default=Path("quality"),
     show_default=True,
-    type=click.Path(path_type=Path),
+    type=FILE_PATH,
     help="Folder of captures and finished cells.",
 )
 @click.option("--any-code", is_flag=True, help="Keep cells that other versions of the code measured.")
-@click.option("--page", type=click.Path(path_type=Path), help="Markdown page to put the table into, between its marks.")
+@click.option("--page", type=FILE_PATH, help="Markdown page to put the table into, between its marks.")
 @click.option(
     "--pictures",
-    type=click.Path(path_type=Path),
+    type=FILE_PATH,
     metavar="DIR",
     help="Write a picture of each preset's worst place beside the truth.",
 )

@@ -9,18 +9,18 @@ from rich.console import Console
 
 from cltaa.atomic import atomic_path
 from cltaa.checking.report import FRAMES, Report, check_folder
-from cltaa.commands.options import input_options
+from cltaa.commands.options import FILE_PATH, input_options
 from cltaa.errors import DataError
 from cltaa.inputs.profile_text import toml_text
 from cltaa.printable import json_of, shown
 
 
 @click.command()
-@click.argument("sequence", type=click.Path(path_type=Path))
+@click.argument("sequence", type=FILE_PATH)
 @input_options
 @click.option("--frames", type=click.IntRange(min=1), default=FRAMES, show_default=True, metavar="N",
               help="Look at the first N frames; 8 or more tell the jitter's mistakes apart.")  # fmt: skip
-@click.option("--fix", type=click.Path(path_type=Path), metavar="FILE.toml",
+@click.option("--fix", type=FILE_PATH, metavar="FILE.toml",
               help="Write a profile that reads the sequence right.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON and nothing else.")
 @click.pass_context

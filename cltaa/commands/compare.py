@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.atomic import make_folder
-from cltaa.commands.options import verify_option
+from cltaa.commands.options import FILE_PATH, STOPS, verify_option
 from cltaa.comparison import Comparison, equal_quality, pair_up
 from cltaa.errors import UsageError
 from cltaa.frames import Image
@@ -26,8 +26,8 @@ Values = dict[str, float]
 
 
 @click.command()
-@click.argument("test", metavar="A", type=click.Path(path_type=Path))
-@click.argument("reference", metavar="[B]", required=False, type=click.Path(path_type=Path))
+@click.argument("test", metavar="A", type=FILE_PATH)
+@click.argument("reference", metavar="[B]", required=False, type=FILE_PATH)
 @click.option(
     "--metrics",
     "metric_names",
@@ -37,8 +37,10 @@ Values = dict[str, float]
     help=f"Comma-separated, or all: {', '.join(METRICS)}.",
 )
 @click.option("--frames", metavar="FIRST-LAST", help="Only these frame numbers, both included.")
-@click.option("--stops", default=0.0, show_default=True, help="Exposure before the display transform, in stops.")
-@click.option("--heatmap", type=click.Path(path_type=Path), metavar="DIR", help="Write an error map a frame as PNG.")
+@click.option(
+    "--stops", type=STOPS, default=0.0, show_default=True, help="Exposure before the display transform, in stops."
+)
+@click.option("--heatmap", type=FILE_PATH, metavar="DIR", help="Write an error map a frame as PNG.")
 @click.option(
     "--video",
     "in_time",

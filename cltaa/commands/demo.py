@@ -14,6 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from cltaa.commands.options import FILE_PATH
 from cltaa.equal_quality import equal_quality_samples
 from cltaa.errors import UsageError
 from cltaa.frames import Image
@@ -45,7 +46,7 @@ class Gain:
 
 
 @click.command("demo")
-@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("demo"), show_default=True,
+@click.option("-o", "--output", type=FILE_PATH, default=Path("demo"), show_default=True,
               help="Folder for everything that the demo leaves.")  # fmt: skip
 @click.option("--scene", default="spinner", show_default=True, help="What to capture; list scenes with: cltaa scenes")
 @click.option(
@@ -59,9 +60,10 @@ def demo(output: Path, scene: str, frames: int, device: str | None, as_json: boo
     A second run keeps the captured frames and only resolves them again.
     """
     folder, resolved = output / "sequence", output / "resolved"
+    resolver = Resolver(device=device)  # a device that is not there is told before the work, not after it
     _capture(scene, folder, frames)
     sequence = open_sequence(folder).select(0, frames - 1)
-    outcome = resolve_sequence(sequence, resolved, Resolver(device=device), restart=True)
+    outcome = resolve_sequence(sequence, resolved, resolver, restart=True)
     after = open_images(resolved).select(0, frames - 1)
     assert sequence.reference is not None
     gain = _judge(open_images(folder).select(0, frames - 1), after, sequence.reference, outcome)

@@ -9,13 +9,14 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from cltaa.commands.options import FILE_PATH
 from cltaa.errors import DataError
 from cltaa.inspection import Inspection, inspect_folder
 from cltaa.printable import json_of, shown
 
 
 @click.command()
-@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@click.argument("folder", metavar="DIR", type=FILE_PATH)
 @click.option("--pixels", is_flag=True, help="Decode every frame too: ranges, NaN and infinities of each channel.")
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON and nothing else.")
 @click.pass_context

@@ -13,14 +13,16 @@ from cltaa.presets import load_preset
 @click.command("kernels")
 @click.option("--show", metavar="KERNEL", help="Print the whole text of a kernel, prelude and includes pasted.")
 @click.option("--preset", default="default", show_default=True, help="Preset whose choices the prelude carries.")
-@click.option("--lanes", default=8, show_default=True, help="Pixels a work-item (1, 4, 8 or 16).")
+@click.option(
+    "--lanes", type=click.Choice(["1", "4", "8", "16"]), default="8", show_default=True, help="Pixels a work-item."
+)
 @click.option("--strict", is_flag=True, help="The strict build.")
 @click.option("--json", "as_json", is_flag=True, help="Print names, flags and hashes as JSON.")
-def kernels(show: str | None, preset: str, lanes: int, strict: bool, as_json: bool) -> None:
+def kernels(show: str | None, preset: str, lanes: str, strict: bool, as_json: bool) -> None:
     """List the OpenCL kernels with the hash of their text, or print one as the compiler sees it."""
     from cltaa.program import kernel_names, source, source_hash
 
-    build = Build(choices=load_preset(preset).choices, steps=Steps(), lanes=lanes, rows=32, strict=strict)
+    build = Build(choices=load_preset(preset).choices, steps=Steps(), lanes=int(lanes), rows=32, strict=strict)
     if show is not None:
         click.echo(source(show, build), nl=False)
         return

@@ -1,14 +1,40 @@
-"""Options that several subcommands share."""
+"""Options and types of arguments that several subcommands share."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
+from cltaa.exr_attributes import EXPOSURE_STOPS
+
 Command = Callable[..., Any]
+
+
+class _FilePath(click.Path):
+    """A path that is not empty: an unset variable in a script would mean the folder that one stands in."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "":
+            self.fail("the name is empty", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class _Stops(click.FloatRange):
+    """Stops of exposure within what a picture can have; not NaN, which lies within every range."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        stops = super().convert(value, param, ctx)
+        if math.isnan(stops):
+            self.fail("no number", param, ctx)
+        return stops
+
+
+FILE_PATH = _FilePath(path_type=Path)
+STOPS = _Stops(-EXPOSURE_STOPS, EXPOSURE_STOPS)
 
 verify_option = click.option(
     "--verify/--no-verify",
@@ -21,7 +47,7 @@ verify_option = click.option(
 def input_options(command: Command) -> Command:
     """Add ``--profile``, ``--input`` and ``--camera``: how the files of a sequence are read."""
     for option in (
-        click.option("--camera", type=click.Path(path_type=Path), metavar="FILE",
+        click.option("--camera", type=FILE_PATH, metavar="FILE",
                      help="Matrices and jitter of each frame: .json, .csv or text (docs/inputs.md)."),
         click.option("--input", "inputs", multiple=True, metavar="SECTION.KEY=VALUE",
                      help="One key of the profile, such as motion.scale=1,-1; may be repeated."),

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from cltaa.build import Storage
 from cltaa.checkpoint import CHECKPOINT_EVERY
-from cltaa.commands.options import input_options, verify_option
+from cltaa.commands.options import FILE_PATH, input_options, verify_option
 from cltaa.errors import UsageError
 from cltaa.frames import Effect, parse_effects
 from cltaa.inputs.intake import ForeignSequence, intake_lines, open_input
@@ -25,17 +25,17 @@ from cltaa.views import View, parse_views
 
 
 @click.command("resolve", epilog="Parameters for --set and --config, with their ranges: cltaa presets --parameters")
-@click.argument("sequence", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help="Folder for the resolved EXRs.")
+@click.argument("sequence", type=FILE_PATH)
+@click.option("-o", "--output", type=FILE_PATH, required=True, help="Folder for the resolved EXRs.")
 @click.option("--preset", default="default", show_default=True, help="Named settings; list them with: cltaa presets")
-@click.option("--config", type=click.Path(path_type=Path), help="TOML file of parameters, over the preset.")
+@click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
 @click.option("--set", "assignments", multiple=True, metavar="KEY=VALUE", help="One parameter; may be repeated.")
 @click.option("--device", help="Part of an OpenCL device's name, its index, or numpy.  [default: first, GPUs first]")
 @click.option(
     "--effects", default="auto", show_default=True, help="auto (as declared), all, or a comma-separated list."
 )
 @click.option("--frames", metavar="A-B", help="Only the frames A to B, both included.")
-@click.option("--preview", type=click.Path(path_type=Path), help="Also write the result as an MP4.")
+@click.option("--preview", type=FILE_PATH, help="Also write the result as an MP4.")
 @click.option("--half", is_flag=True, help="Write half-precision EXRs (values saturate at 65504).")
 @click.option("--compression", default="zip", show_default=True, help="EXR compression that loses nothing.")
 @click.option("--storage", type=click.Choice([kind.value for kind in Storage]), default=Storage.FLOAT.value,

@@ -51,7 +51,7 @@ def test_half_output_saturates(tmp_path: Path) -> None:
         (["--set", "gamma_still=-1"], 64, "gamma_still"),
         (["--set", "gamma_still"], 64, r"no value \(expected KEY=VALUE, found gamma_still\)"),
         (["--set", "rectify=maybe"], 64, "rectify"),
-        (["--config", "/nonexistent.toml"], 66, "/nonexistent.toml: no such configuration file"),
+        (["--config", "/nonexistent.toml"], 66, "/nonexistent.toml: the file is missing"),
         (["--device", "nonsense"], 64, "no OpenCL device matches nonsense"),
         (["--effects", "nonsense"], 64, "--effects: unknown effect .*found nonsense"),
         (["--frames", "x"], 64, "--frames: no range"),

@@ -1,0 +1,155 @@
+"""Every command, given nonsense: one line on standard error that says what is wrong, the right code, nothing else."""
+
+from __future__ import annotations
+
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from cltaa.cli import main
+from tests.sequence_factory import write_sequence
+from tests.test_architecture import SOURCES, name_of
+
+USAGE, WRONG, DATA, MISSING, OUTPUT, RESOURCE = 2, 64, 65, 66, 73, 75
+
+CASES: list[tuple[str, int, str]] = [
+    ("inspect", USAGE, "Missing argument 'DIR'"),
+    ("inspect ''", USAGE, "the name is empty"),
+    ("inspect nowhere", MISSING, "nowhere: the folder is missing"),
+    ("inspect empty", MISSING, "empty: no frames in the folder"),
+    ("inspect noexr", MISSING, "noexr: no frames in the folder"),
+    ("inspect file.txt", MISSING, "file.txt: the folder cannot be read: Not a directory"),
+    ("inspect /dev/null", MISSING, "/dev/null: the folder cannot be read"),
+    ("inspect seq/synthetic.0000.exr", MISSING, "Not a directory"),
+    ("resolve nowhere -o out", MISSING, "nowhere: the folder is missing"),
+    ("resolve empty -o out", MISSING, "no frames"),
+    ("resolve '' -o out", USAGE, "the name is empty"),
+    ("resolve seq", USAGE, "Missing option '-o'"),
+    ("resolve seq -o ''", USAGE, "the name is empty"),
+    ("resolve seq -o seq", WRONG, "would overwrite the sequence"),
+    ("resolve seq -o file.txt", OUTPUT, "file.txt: the folder cannot be created"),
+    ("resolve seq -o file.txt/x", OUTPUT, "file.txt/x: the folder cannot be created"),
+    ("resolve seq -o /proc/x", OUTPUT, "/proc/x: the folder cannot be created"),
+    ("resolve seq -o out --device 99", WRONG, "no OpenCL device matches 99"),
+    ("resolve seq -o out --config nowhere.toml", MISSING, "nowhere.toml: the file is missing"),
+    ("resolve seq -o out --config file.txt", DATA, "file.txt: not TOML"),
+    ("resolve seq -o out --config empty", DATA, "empty: this is a folder (expected a TOML file)"),
+    ("resolve seq -o out --config /dev/zero", DATA, "/dev/zero: this is a pipe or a device (expected a TOML file)"),
+    ("resolve seq -o out --config latin.toml", DATA, "latin.toml: not TOML"),
+    ("resolve seq -o out --config large.toml", DATA, "large.toml: too large for parameters"),
+    ("resolve seq -o out --preset ../../etc/passwd", WRONG, "unknown preset"),
+    ("resolve seq -o out --set gamma_still=nan", WRONG, "gamma_still"),
+    ("resolve seq -o out --set gamma_still=1e999", WRONG, "gamma_still"),
+    ("resolve seq -o out --set =1", WRONG, "unknown key"),
+    ("resolve seq -o out --frames 2-1", WRONG, "the range of frames is empty"),
+    ("resolve seq -o out --frames -", WRONG, "no range"),
+    ("resolve seq -o out --frames 99999999999999999999", WRONG, "no such frame (expected 0 to 2)"),
+    ("resolve seq -o out --storage x", USAGE, "Invalid value for '--storage'"),
+    ("resolve seq -o out --device numpy --preview empty", OUTPUT, "empty: this is a folder"),
+    ("resolve seq -o out --device numpy --preview no/x.mp4", OUTPUT, "no/x.mp4: the file cannot be created"),
+    ("compare nowhere", MISSING, "nowhere: the file is missing"),
+    ("compare seq nowhere", MISSING, "nowhere: the file is missing"),
+    ("compare file.txt", DATA, "file.txt: this is not an EXR file"),
+    ("compare seq small", DATA, "size differs from seq (expected 37 x 23, found 20 x 10)"),
+    ("compare small", WRONG, "nothing to compare with"),
+    ("compare seq --metrics nonsense", WRONG, "unknown metric"),
+    ("compare seq --metrics ''", WRONG, "no metric is named"),
+    ("compare seq --frames x", WRONG, "wrong range of frames"),
+    ("compare seq --frames 0-99999999999999999999", WRONG, "no such frame"),
+    ("compare seq --stops nan", USAGE, "no number"),
+    ("compare seq --stops 1e9", USAGE, "not in the range"),
+    ("compare seq --heatmap file.txt", OUTPUT, "file.txt: the folder cannot be created"),
+    ("presets nonsense", WRONG, "unknown preset nonsense"),
+    ("presets ''", WRONG, "unknown preset"),
+    ("kernels --show nonsense", WRONG, "unknown kernel nonsense"),
+    ("kernels --show ../../etc/passwd", WRONG, "unknown kernel"),
+    ("kernels --lanes 3", USAGE, "'3' is not one of"),
+    ("scenes nonsense", USAGE, "unexpected extra argument"),
+    ("doctor nonsense", USAGE, "unexpected extra argument"),
+    ("bench nonsense", USAGE, "No such command"),
+    ("bench kernels --size x", WRONG, "no size"),
+    ("capture nonsense -o out", WRONG, "no such scene: nonsense"),
+    ("capture '' -o out", WRONG, "no such scene"),
+    ("capture spinner", WRONG, "no output folder"),
+    ("capture spinner -o ''", USAGE, "the name is empty"),
+    ("capture spinner -o file.txt", OUTPUT, "file.txt: the folder cannot be created"),
+    ("capture spinner -o out --size 0x0", USAGE, "not WIDTHxHEIGHT"),
+    ("capture spinner -o out --size 99999x99999", WRONG, "the frames are too large"),
+    ("capture spinner -o out --jitter nonsense", WRONG, "no such jitter"),
+    ("capture spinner -o out --jitter halton:99999999999", WRONG, "N from 1 to 65536"),
+    ("capture spinner -o out --fps nan", WRONG, "positive and finite"),
+    ("capture spinner -o out --fps inf", WRONG, "positive and finite"),
+    ("capture file: -o out", WRONG, "no reader for a file without suffix"),
+    ("capture file:nowhere.glb -o out", MISSING, "nowhere.glb: there is no such model"),
+    ("capture file:/dev/zero -o out", WRONG, "no reader"),
+    ("demo -o file.txt", OUTPUT, "the folder cannot be created"),
+    ("demo -o out --scene nonsense", WRONG, "no such scene: nonsense"),
+    ("demo -o out --device nonsense", WRONG, "no OpenCL device matches nonsense"),
+]
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("desk")
+    write_sequence(folder / "seq", 3, reference=True)
+    write_sequence(folder / "small", 3, width=20, height=10)
+    for name in ("empty", "noexr"):
+        (folder / name).mkdir()
+    (folder / "noexr" / "readme").touch()
+    (folder / "file.txt").write_text("not what you think")
+    (folder / "latin.toml").write_bytes(b"# caf\xe9")
+    (folder / "large.toml").write_text("#" * 100_000)
+    return folder
+
+
+@pytest.mark.parametrize(("line", "code", "words"), CASES, ids=[line for line, _, _ in CASES])
+def test_nonsense(
+    desk: Path, line: str, code: int, words: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(desk)
+    assert main(shlex.split(line)) == code
+    said = capfd.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("cltaa: error: ")
+    assert said.err.count("\n") == 1
+    assert words in said.err
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=name_of)
+def test_every_path_of_a_command_is_refused_when_empty(path: Path) -> None:
+    """All take ``FILE_PATH``, which refuses it; none asks click for a path of its own."""
+    assert "type=click.Path(" not in path.read_text()
+
+
+@pytest.mark.parametrize("command", ["inspect --pixels seq", "compare --metrics flip seq"])
+def test_interrupt(tmp_path: Path, command: str) -> None:
+    """Ctrl-C in the midst of the work: one line more, and 130."""
+    write_sequence(tmp_path / "seq", 60, reference=True, width=320, height=180)
+    child = subprocess.Popen(
+        [sys.executable, "-m", "cltaa.cli", *command.split()],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    deadline = time.monotonic() + 30
+    while "synthetic." not in opened_by(child.pid) and time.monotonic() < deadline:
+        time.sleep(0.002)
+    child.send_signal(signal.SIGINT)
+    out, err = child.communicate(timeout=30)
+    assert (child.returncode, out) == (130, "")
+    assert err.splitlines()[-1].startswith("cltaa: interrupted; ")
+    assert "Traceback" not in err
+
+
+def opened_by(process: int) -> str:
+    """Names of all files that a process has open."""
+    names = []
+    for entry in Path(f"/proc/{process}/fd").glob("*"):
+        try:
+            names.append(str(entry.readlink()))
+        except OSError:
+            continue
+    return " ".join(names)
