@@ -13,13 +13,15 @@ from cltaa.bench.baseline import copy_job
 from cltaa.bench.distribution import load, run_all
 from cltaa.bench.environment import environment
 from cltaa.bench.environment import load as load_average
-from cltaa.bench.errors_of import Task, yardstick_errors
+from cltaa.bench.errors_of import Task, truth_of, yardstick_errors
 from cltaa.bench.front import dominated_by
 from cltaa.bench.ladder import Variant
 from cltaa.bench.results import Accuracy, Cell, Measured, Yardstick, spread
 from cltaa.bench.times_of import AGAIN, jobs_of
 from cltaa.bench.timing import Interval, Samples, measure, too_noisy
 from cltaa.build import Build
+from cltaa.comparison import truth_samples
+from cltaa.equal_quality import STRATIFIED_EXPONENT
 from cltaa.frames import format_effects
 from cltaa.kernel_files import kernel_folder
 from cltaa.launch import DeviceLauncher
@@ -84,6 +86,7 @@ def _measured(
     by_device = samples.has_device_times(default.name)
     control = samples.ratio(f"{default.name} {AGAIN}", default.name, device=by_device)
     noisy = too_noisy(control)
+    yardstick = _yardstick(captured, metrics, megapixels)
     return Measured(
         name=captured.folder.name,
         folder=str(captured.folder),
@@ -92,7 +95,8 @@ def _measured(
         height=captured.height,
         effects="" if captured.effects is None else format_effects(captured.effects),
         cells=cells if noisy else _with_front(cells, metrics),  # no ranking out of noise
-        yardstick=_yardstick(captured, metrics, megapixels),
+        yardstick=yardstick,
+        truth_noise=_truth_noise(captured, yardstick),
         noisy=noisy,
         control=control,
         floor=samples.interval("copy", device=True).median * 1e3 / megapixels,
@@ -146,6 +150,13 @@ def _yardstick(captured: Captured, metrics: tuple[str, ...], megapixels: float) 
         errors = {metric: spread(values) for metric, values in frames.items()}
         rows.append(Yardstick(samples=samples, seconds=spent, added=added, errors=errors))
     return rows
+
+
+def _truth_noise(captured: Captured, yardstick: Sequence[Yardstick]) -> float | None:
+    """What the law of stratified samples leaves of one sample's error in the truth."""
+    samples = truth_samples(truth_of(captured))
+    one = next((row.errors["mse"].mean for row in yardstick if row.samples == 1 and "mse" in row.errors), None)
+    return None if samples is None or one is None else float(one * samples**-STRATIFIED_EXPONENT)
 
 
 def _recorded(captured: Captured) -> bool:

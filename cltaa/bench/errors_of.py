@@ -31,6 +31,7 @@ from cltaa.resolve import Resolver
 from cltaa.sources import ImageSequence, Sequence, open_images, open_sequence
 
 BIT_PATTERN = 16  # hexadecimal digits of a key
+COUNT_WHITE = 32  # samples in the history that the picture of them shows white
 
 
 class Task(msgspec.Struct, frozen=True, kw_only=True):
@@ -102,7 +103,7 @@ def run_task(task: Task) -> Errors:
             frames[name].append(value)
         if twin is not None and place < task.rounding_frames:
             apart.append(_apart(image, _in_double(twin, frame)))
-    pictures = {"picture": png(to_picture(image))}
+    pictures = {"picture": png(to_picture(image)), "count": png(heat(_count(resolver, sequence), COUNT_WHITE))}
     if "flip" in task.metrics:
         pictures["flip"] = png(heat(flip_map(image, truth.image(sequence.last))))
     return Errors(frames=frames, rounding=_rounding(apart), pictures=pictures)
@@ -139,6 +140,14 @@ def png(picture: Picture) -> bytes:
     stream = BytesIO()
     Pillow.fromarray(np.ascontiguousarray(picture)).save(stream, format="PNG")
     return stream.getvalue()
+
+
+def _count(resolver: Resolver, sequence: Sequence) -> Image:
+    """Samples that the history of each pixel stands for, [H, W]."""
+    _, memory = resolver.recurrent()
+    with memory["history_count"].mapped(write=False) as planes:
+        count: Image = Layout(sequence.width, sequence.height).inside(planes)[0].astype(np.float32)
+    return count
 
 
 def _in_double(twin: Resolver, frame: Frame) -> NDArray[np.float64]:

@@ -59,6 +59,7 @@ class Measured(msgspec.Struct, frozen=True, kw_only=True):
     noisy: bool
     control: Interval  # the default against its own copy
     floor: float  # milliseconds a megapixel: the default's least bytes at the bandwidth of a copy
+    truth_noise: float | None  # mean squared error of the truth itself, by its samples: nothing can be seen below it
     stages: dict[str, float]  # milliseconds a megapixel of the default's steps, medians
 
 

@@ -16,9 +16,11 @@ from rich.table import Table
 
 from cltaa.atomic import atomic_path, make_folder
 from cltaa.bench.accuracy import bench_accuracy, cost, tasks_of
+from cltaa.bench.accuracy_page import page
 from cltaa.bench.distribution import run_all
 from cltaa.bench.errors_of import Task
 from cltaa.bench.ladder import Variant, ladder
+from cltaa.bench.plots import write_plots
 from cltaa.bench.results import Accuracy, Measured
 from cltaa.bench.tables import csv_text
 from cltaa.commands.options import FILE_PATH
@@ -79,13 +81,26 @@ def accuracy(
         _run_one(tasks, number, output)
         return
     result = bench_accuracy(tasks, output, rounds=rounds, jobs=jobs, dask=dask, progress=_progress)
-    for name, text in (("accuracy.json", msgspec.json.encode(result).decode()), ("accuracy.csv", csv_text(result))):
-        with atomic_path(output / name) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+    write_report(result, tasks, output)
     if as_json:
         click.echo(msgspec.json.encode(result).decode())
     else:
         print_accuracy(result)
+        click.echo(f"look at {output / 'index.html'}")
+
+
+def write_report(result: Accuracy, tasks: list[Task], output: Path) -> None:
+    """Write the page, the numbers as JSON and CSV, and the plots."""
+    texts = {
+        "accuracy.json": msgspec.json.encode(result).decode(),
+        "accuracy.csv": csv_text(result),
+        "index.html": page(result, tasks, output),
+    }
+    for name, text in texts.items():
+        with atomic_path(output / name) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    for _ in write_plots(result, output):
+        pass
 
 
 def chosen_variants(preset: str, only: str | None, *, full: bool) -> list[Variant]:

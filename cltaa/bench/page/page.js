@@ -1,0 +1,296 @@
+"use strict";
+const data = JSON.parse(document.getElementById("data").textContent);
+const report = data.accuracy, pictures = data.pictures;
+const $ = (id) => document.getElementById(id);
+const state = { sequence: 0, metric: report.metrics[0], a: null, b: null, x: 0, y: 0 };
+const groups = Object.fromEntries(report.variants.map((v) => [v.name, v.group]));
+const current = () => report.sequences[state.sequence];
+const number = (v) => (Number.isInteger(v) && Math.abs(v) < 1e4 ? String(v) : Math.abs(v) >= 1e4 || Math.abs(v) < 1e-3 ? v.toExponential(2) : v.toPrecision(3));
+const timeOf = (cell) => cell.device || cell.wall;
+const higher = new Set(data.higher_is_better);
+
+function element(name, attributes = {}, ...children) {
+  const svg = ["svg", "g", "line", "path", "circle", "text", "title", "rect"].includes(name);
+  const node = svg ? document.createElementNS("http://www.w3.org/2000/svg", name) : document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
+  node.append(...children);
+  return node;
+}
+
+// A picture's error in the chosen axis: {mean, p5, p95, frames}, or null where that axis was not measured.
+function errorOf(cell) {
+  if (state.metric !== "rounding") return cell.errors[state.metric];
+  const r = cell.rounding;
+  return r && r.rms > 0 ? { mean: r.rms, p5: Math.min(...r.frames), p95: Math.max(...r.frames), frames: r.frames } : null;
+}
+
+const tidy = (values) => values.filter((v) => v > 0 && Number.isFinite(v));
+function logScale(values, from, to) {
+  const low = Math.log10(Math.min(...values)), high = Math.log10(Math.max(...values));
+  const margin = Math.max((high - low) * 0.08, 0.04), a = low - margin, b = high + margin;
+  const scale = (v) => from + ((Math.log10(v) - a) / (b - a)) * (to - from);
+  scale.ticks = [];
+  const steps = b - a > 3 ? [1] : b - a > 0.9 ? [1, 2, 5] : [1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 9];
+  for (let e = Math.floor(a); e <= b; e++) for (const m of steps) {
+    const v = m * 10 ** e;
+    if (Math.log10(v) >= a && Math.log10(v) <= b) scale.ticks.push(v);
+  }
+  return scale;
+}
+function linearScale(low, high, from, to) {
+  const size = high - low || 1, scale = (v) => from + ((v - low) / size) * (to - from);
+  scale.ticks = [0, 0.25, 0.5, 0.75, 1].map((t) => low + t * size);
+  return scale;
+}
+
+function axes(svg, x, y, box, labels) {
+  let last = -1e9;
+  for (const v of x.ticks) {
+    svg.append(element("line", { class: "grid", x1: x(v), x2: x(v), y1: box.top, y2: box.bottom }));
+    if (x(v) - last > 34) { svg.append(element("text", { x: x(v), y: box.bottom + 15, "text-anchor": "middle" }, number(v))); last = x(v); }
+  }
+  last = 1e9;
+  for (const v of [...y.ticks].sort((p, q) => p - q)) {
+    svg.append(element("line", { class: "grid", x1: box.left, x2: box.right, y1: y(v), y2: y(v) }));
+    if (last - y(v) > 15) { svg.append(element("text", { x: box.left - 5, y: y(v) + 4, "text-anchor": "end" }, number(v))); last = y(v); }
+  }
+  svg.append(element("text", { x: box.right, y: box.bottom + 31, "text-anchor": "end" }, labels[0]));
+  svg.append(element("text", { x: box.left, y: box.top - 7 }, labels[1]));
+}
+
+function limits(measured) {
+  const found = [];
+  if (state.metric === "rounding") found.push([2 ** -25, "half an ulp of float"], [2 ** -12, "half an ulp of half"]);
+  else if (measured.truth_noise && state.metric === "mse") found.push([measured.truth_noise, "noise of the truth itself"]);
+  return found;
+}
+
+function drawFront() {
+  const measured = current(), host = $("front"), width = Math.max(host.clientWidth, 280), height = width < 560 ? 360 : 460;
+  const box = { left: 58, right: width - 12, top: 24, bottom: height - 38 };
+  const logarithmic = state.metric === "rounding" || !higher.has(state.metric);
+  const cells = measured.cells.filter((c) => { const e = errorOf(c); return e && (!logarithmic || e.mean > 0); });
+  const yards = state.metric === "rounding" ? [] : measured.yardstick.filter((s) => s.added > 0);
+  const errors = cells.flatMap((c) => [errorOf(c).mean, errorOf(c).p5, errorOf(c).p95]).concat(yards.map((s) => s.errors[state.metric].mean));
+  const times = cells.flatMap((c) => [timeOf(c).low, timeOf(c).high]).concat(yards.map((s) => s.added), [measured.floor]);
+  const svg = element("svg", { viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": "Error against time" });
+  host.replaceChildren(svg);
+  if (!cells.length) { svg.append(element("text", { x: 20, y: 40 }, "this axis was not measured")); return; }
+  const x = logScale(tidy(times), box.left, box.right);
+  const y = logarithmic ? logScale(tidy(errors), box.bottom, box.top)
+    : linearScale(Math.min(...errors), Math.max(...errors), box.bottom, box.top);
+  axes(svg, x, y, box, ["milliseconds a megapixel, added to drawing one sample", state.metric === "rounding" ? "rms distance from float64, relative" : state.metric]);
+  svg.append(element("line", { class: "limit", x1: x(measured.floor), x2: x(measured.floor), y1: box.top, y2: box.bottom }));
+  svg.append(element("text", { x: x(measured.floor) + 4, y: box.bottom - 6 }, "floor: bytes at copy speed"));
+  for (const [value, name] of limits(measured)) if (y(value) > box.top && y(value) < box.bottom) {
+    svg.append(element("line", { class: "limit", x1: box.left, x2: box.right, y1: y(value), y2: y(value) }));
+    svg.append(element("text", { x: box.right, y: y(value) - 4, "text-anchor": "end" }, name));
+  }
+  const beaten = (c) => state.metric !== "rounding" && c.dominated_by[state.metric];
+  if (!measured.noisy && state.metric !== "rounding") {
+    const front = cells.filter((c) => !beaten(c)).sort((p, q) => timeOf(p).median - timeOf(q).median);
+    const path = front.map((c, i) => `${i ? "H" + x(timeOf(c).median) + "V" : "M" + x(timeOf(c).median) + " "}${y(errorOf(c).mean)}`);
+    svg.append(element("path", { class: "front", d: path.join("") }));
+  }
+  if (yards.length) svg.append(element("path", { class: "yard", d: "M" + yards.map((s) => `${x(s.added)} ${y(s.errors[state.metric].mean)}`).join("L") }));
+  for (const s of yards) {
+    const px = x(s.added), py = y(s.errors[state.metric].mean), text = `${s.samples} samples a pixel: ${number(s.added)} ms/Mpx of drawing, ${state.metric} ${number(s.errors[state.metric].mean)}`;
+    const mark = element("g", { class: "point sample", tabindex: 0, role: "img", "aria-label": text }, element("path", { d: `M${px} ${py - 6}l6 6l-6 6l-6-6z` }), element("text", { x: px + 8, y: py + 4 }, `${s.samples}×`), element("title", {}, text));
+    mark.addEventListener("focus", () => { $("point").textContent = text; });
+    svg.append(mark);
+  }
+  const labelled = [];
+  for (const cell of [...cells].sort((p, q) => Boolean(beaten(q)) - Boolean(beaten(p)))) svg.append(pointOf(cell, x, y, box, beaten(cell), labelled, logarithmic));
+}
+
+function pointOf(cell, x, y, box, beatenBy, labelled, logarithmic) {
+  const t = timeOf(cell), e = errorOf(cell), px = x(t.median), py = y(e.mean), at = (v) => (logarithmic ? y(Math.max(v, e.mean * 1e-3)) : y(v));
+  const clamp = (v) => Math.min(Math.max(v, box.top), box.bottom);
+  const text = `${cell.variant}: ${number(t.median)} ms/Mpx [${number(t.low)}, ${number(t.high)}], ` +
+    `${state.metric} ${number(e.mean)} (5 % to 95 % of frames: ${number(e.p5)} to ${number(e.p95)})` + (beatenBy ? `; beaten by ${beatenBy}` : "");
+  const node = element("g", { class: "point" + (beatenBy ? " beaten" : "") + (cell.variant === state.a ? " chosen" : ""), tabindex: 0, role: "button", "aria-label": text, "data-variant": cell.variant },
+    element("line", { class: "bar", x1: x(t.low), x2: x(t.high), y1: py, y2: py }),
+    element("line", { class: "bar", x1: px, x2: px, y1: clamp(at(e.p5)), y2: clamp(at(e.p95)) }),
+    element("circle", { cx: px, cy: py, r: cell.variant === "default" ? 7 : 5 }), element("title", {}, text));
+  const clear = labelled.every(([lx, ly]) => Math.abs(lx - px) > 170 || Math.abs(ly - py) > 14);
+  if (clear && (!beatenBy || groups[cell.variant] === "preset" || cell.variant === "default")) {
+    const right = px < box.right - 130;
+    node.append(element("text", { class: "name", x: right ? px + 9 : px - 9, y: py - 6, "text-anchor": right ? "start" : "end" }, cell.variant));
+    labelled.push([px, py]);
+  }
+  const choose = (second) => { $("point").textContent = text; pick(second ? "b" : "a", cell.variant); };
+  node.addEventListener("click", (event) => choose(event.shiftKey));
+  node.addEventListener("focus", () => { $("point").textContent = text; });
+  node.addEventListener("keydown", (event) => { if (event.key === "Enter" || event.key === " ") { event.preventDefault(); choose(event.shiftKey); } });
+  return node;
+}
+
+// --- frames -----------------------------------------------------------------------------------------------------------
+const loaded = new Map();
+function load(url) {
+  if (!loaded.has(url)) loaded.set(url, new Promise((done) => { const image = new Image(); image.onload = () => done(image); image.src = url; }));
+  return loaded.get(url);
+}
+function urlOf(name, kind) {
+  const own = pictures[current().name];
+  return (own.variants[name] || own.inputs[name] || {})[kind] || null;
+}
+let painting = 0;
+async function paint() {
+  const mine = ++painting, mode = $("mode").value, kind = { flip: "flip", count: "count" }[mode] || "picture";
+  const urls = [urlOf(state.a, kind) || urlOf(state.a, "picture"), urlOf(state.b, kind) || urlOf(state.b, "picture")];
+  const [a, b] = await Promise.all(urls.map(load));
+  if (mine !== painting) return;
+  const under = $("under"), over = $("over");
+  for (const canvas of [under, over]) { canvas.width = a.width; canvas.height = a.height; }
+  const split = mode !== "difference";
+  if (split) { under.getContext("2d").drawImage(b, 0, 0); over.getContext("2d").drawImage(a, 0, 0); }
+  else drawDifference(a, b, under.getContext("2d"));
+  over.hidden = $("seam").hidden = !split;
+  document.querySelector(".slide").style.visibility = split ? "visible" : "hidden";
+  document.querySelector(".gain").style.visibility = split ? "hidden" : "visible";
+  $("tag-a").textContent = split ? state.a : `|${state.a} − ${state.b}| × ${$("gain").value}`;
+  $("tag-b").textContent = split ? state.b : "";
+  place();
+}
+function pixelsOf(image) {
+  const context = Object.assign(document.createElement("canvas"), { width: image.width, height: image.height }).getContext("2d", { willReadFrequently: true });
+  context.drawImage(image, 0, 0);
+  return context.getImageData(0, 0, image.width, image.height);
+}
+function drawDifference(a, b, context) {
+  const first = pixelsOf(a), second = pixelsOf(b), gain = Number($("gain").value);
+  for (let i = 0; i < first.data.length; i++) if (i % 4 < 3) first.data[i] = Math.min(255, gain * Math.abs(first.data[i] - second.data[i]));
+  context.putImageData(first, 0, 0);
+}
+function place() {
+  const zoom = Number($("zoom").value), stage = $("stage"), width = stage.clientWidth, height = stage.clientHeight;
+  state.x = Math.min(0, Math.max(width * (1 - zoom), state.x)); state.y = Math.min(0, Math.max(height * (1 - zoom), state.y));
+  for (const id of ["under", "over"]) $(id).style.transform = `translate(${state.x}px, ${state.y}px) scale(${zoom})`;
+  const share = $("slide").value / 1000, edge = share * width;
+  $("seam").style.left = `${edge}px`;
+  // The clip is in the canvas's own, unzoomed pixels.
+  $("over").style.clipPath = `inset(0 ${Math.max(0, width - (edge - state.x) / zoom)}px 0 0)`;
+}
+function pick(which, name) {
+  state[which] = name; $(which).value = name;
+  document.querySelectorAll(".point").forEach((node) => node.classList.toggle("chosen", node.dataset.variant === state.a));
+  paint(); drawFrames(); drawDebug();
+}
+function fillChoices() {
+  const own = pictures[current().name], names = [...Object.keys(own.inputs), ...Object.keys(own.variants)];
+  for (const id of ["a", "b"]) $(id).replaceChildren(...names.map((name) => element("option", { value: name }, name)));
+  state.a = names.includes(state.a) ? state.a : "default"; state.b = names.includes(state.b) ? state.b : "one sample";
+  if (!names.includes(state.a)) state.a = names[names.length - 1];
+  $("a").value = state.a; $("b").value = state.b;
+}
+
+// --- steps, frames, stages, numbers ------------------------------------------------------------------------------------
+function barOf(ratio, span, uncertain) {
+  // 38 %: the number stands to the right of the longest bar.
+  const share = Math.min(1, Math.abs(Math.log2(ratio)) / span) * 38, more = ratio > 1;
+  const bar = element("i", { class: uncertain ? "" : more ? "more" : "less" });
+  bar.style.left = more ? "50%" : `${50 - share}%`; bar.style.width = `${share}%`;
+  const sign = ratio >= 100 ? ratio.toExponential(1) : ratio.toFixed(ratio < 2 ? 3 : 2);
+  return element("span", { class: "bar-box" }, bar, element("b", {}, `×${sign}`));
+}
+function drawSteps() {
+  const measured = current(), base = measured.cells[0], host = $("steps"), rows = [];
+  const cells = measured.cells.slice(1).filter((c) => groups[c.variant] !== "combination" && errorOf(c) && errorOf(base));
+  const ratios = cells.map((c) => [errorOf(c).mean / errorOf(base).mean, c.ratio.median]);
+  const span = [0, 1].map((i) => Math.max(0.1, ...ratios.map((r) => Math.abs(Math.log2(r[i]))).filter(Number.isFinite)));
+  rows.push(element("div", { class: "step head" }, element("span", {}, ""), element("span", {}, "error"), element("span", {}, measured.noisy ? "time (too noisy to rank)" : "time")));
+  cells.forEach((cell, i) => {
+    const row = element("button", { class: "step", type: "button", "data-variant": cell.variant }, element("span", {}, cell.variant), barOf(ratios[i][0], span[0], false), barOf(ratios[i][1], span[1], measured.noisy));
+    row.addEventListener("click", () => pick("a", cell.variant));
+    rows.push(row);
+  });
+  host.replaceChildren(...rows);
+}
+function drawFrames() {
+  const measured = current(), host = $("frames"), width = Math.max(host.clientWidth, 280), height = 240;
+  const box = { left: 58, right: width - 12, top: 24, bottom: height - 38 };
+  const lines = [], add = (name, colour, values) => values && values.length > 1 && lines.push({ name, colour, values });
+  const of = (name) => { const c = measured.cells.find((cell) => cell.variant === name); const e = c && errorOf(c); return e && e.frames; };
+  if (state.metric !== "rounding") { const one = measured.yardstick.find((s) => s.samples === 1); if (one) add("one sample", "var(--good)", one.errors[state.metric].frames); }
+  add("default", "var(--grey)", of("default"));
+  if (state.b !== "default") add(`B: ${state.b}`, "var(--second)", of(state.b));
+  if (state.a !== "default") add(`A: ${state.a}`, "var(--accent)", of(state.a));
+  const svg = element("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "Error over the frames" });
+  host.replaceChildren(svg);
+  if (!lines.length) return;
+  const all = lines.flatMap((l) => l.values), positive = all.every((v) => v > 0) && !higher.has(state.metric);
+  const x = linearScale(measured.frames[0], measured.frames[0] + Math.max(...lines.map((l) => l.values.length)) - 1, box.left, box.right);
+  const y = positive ? logScale(all, box.bottom, box.top) : linearScale(Math.min(...all), Math.max(...all), box.bottom, box.top);
+  x.ticks = [...new Set(x.ticks.map(Math.round))];
+  axes(svg, x, y, box, ["frame", state.metric]);
+  for (const l of lines) svg.append(element("path", { d: "M" + l.values.map((v, i) => `${x(measured.frames[0] + i)} ${y(v)}`).join("L"), fill: "none", stroke: l.colour, "stroke-width": 2 }));
+  $("frames-legend").replaceChildren(...lines.flatMap((l) => { const s = element("span", { class: "swatch" }); s.style.background = l.colour; return [s, l.name]; }));
+}
+function drawStages() {
+  const entries = Object.entries(current().stages), total = entries.reduce((sum, [, v]) => sum + v, 0);
+  const colours = ["var(--accent)", "var(--second)", "var(--good)", "var(--grey)", "var(--bad)"];
+  const stack = element("div", { class: "stack", role: "img", "aria-label": entries.map(([n, v]) => `${n} ${number(v)} ms`).join(", ") });
+  const legend = element("p", { class: "legend" });
+  entries.forEach(([name, value], i) => {
+    const part = element("span", { title: `${name}: ${number(value)} ms/Mpx` }); part.style.width = `${(100 * value) / total}%`; part.style.background = colours[i % 5];
+    const s = element("span", { class: "swatch" }); s.style.background = colours[i % 5];
+    stack.append(part); legend.append(s, `${name} ${number(value)} ms/Mpx`);
+  });
+  $("stages").replaceChildren(stack, legend);
+}
+function drawDebug() {
+  const own = pictures[current().name], shown = [];
+  for (const [title, url] of Object.entries(own.debug)) shown.push([title, url]);
+  if (urlOf(state.a, "count")) shown.push([`samples in the history (white: ${data.count_white} and more), ${state.a}`, urlOf(state.a, "count")]);
+  $("debug").replaceChildren(...shown.map(([title, url]) => element("figure", {}, element("img", { src: url, alt: title }), element("figcaption", {}, title))));
+}
+function drawNumbers() {
+  const measured = current(), head = ["variant", "ms/Mpx", "95 %", "× default", ...report.metrics, "bits right", "beaten by"];
+  const rows = measured.cells.map((c) => [c.variant, number(timeOf(c).median), `${number(timeOf(c).low)} – ${number(timeOf(c).high)}`,
+    measured.noisy ? "noisy" : c.ratio.median.toFixed(3), ...report.metrics.map((m) => number(c.errors[m].mean)), c.rounding && c.rounding.rms > 0 ? (-Math.log2(c.rounding.rms)).toFixed(1) : "–", c.dominated_by[state.metric] || ""]);
+  for (const s of measured.yardstick) rows.push([`${s.samples} samples a pixel`, s.added === null ? "–" : number(s.added), "", "", ...report.metrics.map((m) => number(s.errors[m].mean)), "", ""]);
+  $("numbers").replaceChildren(element("thead", {}, element("tr", {}, ...head.map((h) => element("th", {}, h)))), element("tbody", {}, ...rows.map((r) => element("tr", {}, ...r.map((v) => element("td", {}, v))))));
+}
+
+function drawAll() {
+  const measured = current(), where = report.environment;
+  $("where").textContent = `${measured.name}: ${measured.frames.length} frames, ${measured.width} × ${measured.height}, ${measured.effects || "no effects declared"}. ` +
+    `${where.device}; ${where.cpu}, ${where.cores} cores, load ${where.load_before} to ${where.load_after}; ${where.date} UTC; kernels ${where.kernels_sha256.slice(0, 12)}.`;
+  $("noise").hidden = !measured.noisy;
+  $("noise").textContent = `Too noisy to rank by time: the default against its own copy took ${number(measured.control.median)} times as long [${number(measured.control.low)}, ${number(measured.control.high)}]. Errors are exact.`;
+  fillChoices(); drawFront(); drawSteps(); drawFrames(); drawStages(); drawDebug(); drawNumbers(); paint();
+}
+function start() {
+  $("sequence").replaceChildren(...report.sequences.map((s, i) => element("option", { value: i }, s.name)));
+  const rounding = report.sequences.some((s) => s.cells.some((c) => c.rounding));
+  $("metric").replaceChildren(...report.metrics.map((m) => element("option", { value: m }, `${m}, against the truth`)), ...(rounding ? [element("option", { value: "rounding" }, "rounding, against float64")] : []));
+  $("sequence").addEventListener("change", () => { state.sequence = Number($("sequence").value); drawAll(); });
+  $("metric").addEventListener("change", () => { state.metric = $("metric").value; drawAll(); });
+  for (const id of ["a", "b"]) $(id).addEventListener("change", () => pick(id, $(id).value));
+  for (const id of ["mode", "gain"]) $(id).addEventListener("change", paint);
+  $("slide").addEventListener("input", place);
+  $("zoom").addEventListener("change", () => { const z = Number($("zoom").value), s = $("stage"); state.x = (s.clientWidth * (1 - z)) / 2; state.y = (s.clientHeight * (1 - z)) / 2; place(); });
+  $("theme").addEventListener("click", () => {
+    const dark = document.documentElement.dataset.theme ? document.documentElement.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+    document.documentElement.dataset.theme = dark ? "light" : "dark";
+  });
+  $("stage").addEventListener("keydown", (event) => {
+    const step = { ArrowLeft: [40, 0], ArrowRight: [-40, 0], ArrowUp: [0, 40], ArrowDown: [0, -40] }[event.key];
+    if (!step || $("zoom").value === "1") return;
+    event.preventDefault(); state.x += step[0]; state.y += step[1]; place();
+  });
+  let held = null;
+  $("stage").addEventListener("pointerdown", (event) => { held = [event.clientX, event.clientY]; $("stage").setPointerCapture(event.pointerId); drag(event); });
+  $("stage").addEventListener("pointermove", (event) => { if (held) drag(event); });
+  for (const end of ["pointerup", "pointercancel"]) $("stage").addEventListener(end, () => { held = null; });
+  function drag(event) {
+    if ($("zoom").value === "1") { const r = $("stage").getBoundingClientRect(); $("slide").value = (1000 * (event.clientX - r.left)) / r.width; }
+    else { state.x += event.clientX - held[0]; state.y += event.clientY - held[1]; held = [event.clientX, event.clientY]; }
+    place();
+  }
+  let waiting = 0;
+  addEventListener("resize", () => { clearTimeout(waiting); waiting = setTimeout(() => { drawFront(); drawFrames(); place(); }, 100); });
+  drawAll();
+}
+start();

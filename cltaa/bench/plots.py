@@ -1,0 +1,92 @@
+"""The plots of an accuracy measurement for papers: SVG and PNG by matplotlib (extra ``bench``)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from cltaa.atomic import atomic_path
+from cltaa.bench.ladder import COMBINATIONS, DEFAULT, PRESETS
+from cltaa.bench.results import Accuracy, Cell, Measured
+from cltaa.extras import import_extra
+from cltaa.metrics import METRICS
+
+FORMATS = ("svg", "png")
+DOTS_AN_INCH = 150
+FRONT, BEATEN, SAMPLES = "#0b62c4", "#a3a6ad", "#16784a"
+
+
+def write_plots(result: Accuracy, output: Path) -> Iterator[Path]:
+    """Write ``front-<sequence>`` and ``steps-<sequence>`` in every format and yield the paths; or UsageError."""
+    pyplot: Any = import_extra("matplotlib.pyplot", package="matplotlib", extra="bench", purpose="drawing plots")
+    pyplot.switch_backend("agg")
+    groups = {variant.name: variant.group for variant in result.variants}
+    for measured in result.sequences:
+        for name, figure in (
+            (f"front-{measured.name}", front_figure(pyplot, measured, result.metrics[0])),
+            (f"steps-{measured.name}", steps_figure(pyplot, measured, result.metrics[0], groups)),
+        ):
+            for suffix in FORMATS:
+                path = output / f"{name}.{suffix}"
+                with atomic_path(path) as temporary:
+                    figure.savefig(temporary, format=suffix, dpi=DOTS_AN_INCH, bbox_inches="tight")
+                yield path
+            pyplot.close(figure)
+
+
+def time_of(cell: Cell) -> tuple[float, float, float]:
+    """Milliseconds a megapixel and their interval, by the device's clock where it has one."""
+    time = cell.wall if cell.device is None else cell.device
+    return time.median, time.low, time.high
+
+
+def front_figure(pyplot: Any, measured: Measured, metric: str) -> Any:
+    """Error against time, with intervals, the front, supersampling, and the floor."""
+    figure, axes = pyplot.subplots(figsize=(7, 4.5))
+    for cell in measured.cells:
+        time, low, high = time_of(cell)
+        error = cell.errors[metric]
+        beaten = metric in cell.dominated_by
+        axes.errorbar(
+            time, error.mean, xerr=[[time - low], [high - time]],
+            yerr=[[max(error.mean - error.p5, 0)], [max(error.p95 - error.mean, 0)]],
+            fmt="o", ms=4, lw=0.7, color=BEATEN if beaten else FRONT,
+        )  # fmt: skip
+        if not beaten:
+            axes.annotate(cell.variant, (time, error.mean), textcoords="offset points", xytext=(5, 4), fontsize=6)
+    yards = [(row.added, row.errors[metric].mean, row.samples) for row in measured.yardstick if row.added]
+    if yards:
+        axes.plot([x for x, _, _ in yards], [y for _, y, _ in yards], "D--", ms=4, lw=0.8, color=SAMPLES)
+        for x, y, samples in yards:
+            axes.annotate(f"{samples}×", (x, y), textcoords="offset points", xytext=(5, 4), fontsize=6, color=SAMPLES)
+    axes.axvline(measured.floor, color="#b4500a", ls=":", lw=1)
+    axes.set_xscale("log")
+    if not METRICS[metric].higher_is_better:
+        axes.set_yscale("log")
+    axes.set(xlabel="ms a megapixel, added to drawing one sample", ylabel=f"{metric} against the truth")
+    axes.set_title(measured.name + (" (times too noisy to rank)" if measured.noisy else ""), fontsize=10)
+    axes.grid(visible=True, which="major", lw=0.3)
+    return figure
+
+
+def steps_figure(pyplot: Any, measured: Measured, metric: str, groups: dict[str, str]) -> Any:
+    """Error and time of each step as a multiple of the default's."""
+    base = measured.cells[0].errors[metric].mean
+    left_out = {DEFAULT, PRESETS, COMBINATIONS}
+    cells = [cell for cell in measured.cells if groups[cell.variant] not in left_out]
+    figure, both = pyplot.subplots(1, 2, figsize=(8, 0.7 + 0.19 * max(len(cells), 2)), sharey=True)
+    names = [cell.variant for cell in cells]
+    ratios = [cell.errors[metric].mean / base if base else 1.0 for cell in cells]
+    both[0].barh(names, [ratio - 1 for ratio in ratios], left=1, color=FRONT)
+    errors = [
+        [cell.ratio.median - cell.ratio.low for cell in cells],
+        [cell.ratio.high - cell.ratio.median for cell in cells],
+    ]
+    both[1].barh(names, [cell.ratio.median - 1 for cell in cells], left=1, color=BEATEN, xerr=errors)
+    for axes, title in zip(both, (f"{metric} over the default's", "time over the default's"), strict=True):
+        axes.axvline(1, color="black", lw=0.6)
+        axes.set_title(title, fontsize=9)
+        axes.tick_params(labelsize=6)
+    both[0].invert_yaxis()
+    return figure

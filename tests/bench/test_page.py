@@ -1,0 +1,202 @@
+"""The report in a real browser: that it works, by mouse and keyboard, at any width, and asks nothing of the network."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+
+from cltaa.bench.accuracy import tasks_of
+from cltaa.bench.accuracy_page import page
+from cltaa.bench.results import Accuracy
+from cltaa.cli import main
+from cltaa.commands.bench_accuracy import chosen_variants
+from tests.bench.browser import Browser, browser, missing
+from tests.sequence_factory import write_images, write_sequence
+
+needs_browser = pytest.mark.skipif(missing() is not None, reason=missing() or "")
+ENTER, RIGHT = "\ue007", "\ue014"
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A report on four tiny frames and two variants."""
+    folder = tmp_path_factory.mktemp("page")
+    sequence = write_sequence(folder / "seq", 4, reference=True, motion=True)
+    truth = [np.full((23, 37, 3), 0.3, np.float32) for _ in range(4)]
+    write_images(sequence / "reference-4", truth, name="synthetic")
+    output = folder / "report"
+    arguments = ["bench", "accuracy", str(sequence), "-o", str(output), "--only", "arithmetic,build", "--rounds", "3"]
+    assert main([*arguments, "--rounding-frames", "2", "--metrics", "mse,flip"]) == 0
+    return output
+
+
+@pytest.fixture(scope="module")
+def window(report: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with browser(tmp_path_factory.mktemp("profile")) as found:
+        found.size(1280, 900)
+        found.open(report / "index.html")
+        found.until("return document.getElementById('under').width === 37")
+        yield found
+
+
+def stage(window: Browser, folder: Path) -> str:
+    """What the viewer shows, as a hash."""
+    window.run("document.getElementById('stage').scrollIntoView()")
+    window.picture(folder / "stage.png", whole=False)
+    box = "const r = document.getElementById('stage').getBoundingClientRect();"
+    left, top, right, bottom = window.run(f"{box} return [r.x, r.y, r.right, r.bottom]")
+    shown = Pillow.open(folder / "stage.png").crop((left, top, right, bottom))
+    return hashlib.sha256(shown.tobytes()).hexdigest()
+
+
+def choose(window: Browser, name: str, value: str) -> None:
+    window.run(
+        "const e = document.getElementById(arguments[0]); e.value = arguments[1]; e.dispatchEvent(new Event('change'))",
+        name,
+        value,
+    )
+
+
+def test_files_beside_it(report: Path) -> None:
+    names = {path.name for path in report.iterdir()}
+    plots = {f"{kind}-seq.{suffix}" for kind in ("front", "steps") for suffix in ("svg", "png")}
+    assert {"index.html", "accuracy.json", "accuracy.csv", "tasks", *plots} == names
+
+
+def test_it_asks_nothing_of_the_network(report: Path) -> None:
+    text = (report / "index.html").read_text()
+    addresses = set(re.findall(r"[a-z]+://[^\s\"'`)]+", text))
+    assert addresses == {"http://www.w3.org/2000/svg"}  # a name, not a place
+    assert "default-src 'none'" in text
+
+
+def test_no_name_can_end_the_script(report: Path) -> None:
+    result = msgspec.json.decode((report / "accuracy.json").read_bytes(), type=Accuracy)
+    folder = report.parent / "seq"
+    nasty = "</script><script>window.broken = 1</script>"
+    measured = msgspec.structs.replace(result.sequences[0], effects=nasty)
+    variants = chosen_variants("default", "arithmetic,build", full=False)
+    tasks = tasks_of([folder], variants, None, ("mse", "flip"), 2)
+    text = page(msgspec.structs.replace(result, sequences=[measured]), tasks, report)
+    assert text.count("</script") == 2
+    assert "<\\/script>" in text
+
+
+@needs_browser
+def test_console_stays_clean(window: Browser) -> None:
+    assert window.log() == []
+
+
+@needs_browser
+@pytest.mark.parametrize("width", [1280, 400])
+def test_nothing_is_wider_than_the_page(window: Browser, width: int) -> None:
+    window.size(width, 900)
+    window.until(
+        "const f = document.getElementById('front');return f.firstChild.viewBox.baseVal.width === f.clientWidth"
+    )
+    assert window.run("return document.documentElement.scrollWidth") == width
+    smallest = window.run(
+        "return Math.min(...[...document.querySelectorAll('#front text')].map(t => t.getBoundingClientRect().height))"
+    )
+    assert smallest >= 11  # pixels: letters are not scaled down with the plot
+    window.size(1280, 900)
+
+
+@needs_browser
+def test_slider_moves_the_picture(window: Browser, tmp_path: Path) -> None:
+    choose(window, "a", "truth")
+    choose(window, "b", "one sample")
+    seen = set()
+    for place in ("0", "500", "1000"):
+        window.run(
+            "const s = document.getElementById('slide'); s.value = arguments[0]; s.dispatchEvent(new Event('input'))",
+            place,
+        )
+        seen.add(stage(window, tmp_path))
+    assert len(seen) == 3
+    before = stage(window, tmp_path)
+    window.run("document.getElementById('slide').value = 500; document.getElementById('slide').focus()")
+    window.press(RIGHT)
+    assert window.run("return document.getElementById('slide').value") == "501"
+    assert stage(window, tmp_path) != before
+
+
+@needs_browser
+def test_a_picture_against_itself_has_no_difference(window: Browser) -> None:
+    script = (
+        "const u = document.getElementById('under'), c = new OffscreenCanvas(u.width, u.height).getContext('2d');"
+        "c.drawImage(u, 0, 0); const d = c.getImageData(0, 0, u.width, u.height).data;"
+        "return Math.max(...d.filter((v, i) => i % 4 < 3))"
+    )
+    choose(window, "mode", "difference")
+    choose(window, "a", "truth")
+    choose(window, "b", "truth")
+    window.until(f"return (() => {{ {script} }})() === 0")
+    choose(window, "b", "one sample")
+    window.until(f"return (() => {{ {script} }})() > 50")
+    choose(window, "mode", "slider")
+
+
+@needs_browser
+@pytest.mark.parametrize("mode", ["flip", "count"])
+def test_maps_are_pictures_of_their_own(window: Browser, tmp_path: Path, mode: str) -> None:
+    choose(window, "a", "default")
+    choose(window, "b", "default")
+    plain = stage(window, tmp_path)
+    choose(window, "mode", mode)
+    window.until("return document.getElementById('under').width === 37")
+    assert stage(window, tmp_path) != plain
+    choose(window, "mode", "slider")
+
+
+@needs_browser
+def test_zoom_and_arrow_keys(window: Browser, tmp_path: Path) -> None:
+    fit = stage(window, tmp_path)
+    choose(window, "zoom", "4")
+    near = stage(window, tmp_path)
+    assert near != fit
+    window.run("document.getElementById('stage').focus()")
+    window.press(RIGHT)
+    assert stage(window, tmp_path) != near
+    choose(window, "zoom", "1")
+    window.run("document.activeElement.blur()")
+
+
+@needs_browser
+def test_a_point_shows_its_frame_by_keyboard(window: Browser) -> None:
+    choose(window, "a", "truth")
+    window.run("document.querySelector('[data-variant=\"build: strict\"]').focus()")
+    assert "build: strict" in window.run("return document.getElementById('point').textContent")
+    window.press(ENTER)
+    window.until("return document.getElementById('tag-a').textContent === 'build: strict'")
+    assert window.run("return document.getElementById('a').value") == "build: strict"
+
+
+@needs_browser
+def test_rounding_is_an_axis_of_its_own(window: Browser) -> None:
+    choose(window, "metric", "rounding")
+    assert "half an ulp" in window.run("return document.getElementById('front').textContent")
+    assert window.run("return document.querySelectorAll('#front .sample').length") == 0
+    choose(window, "metric", "mse")
+
+
+@needs_browser
+def test_light_and_dark(window: Browser) -> None:
+    script = "return getComputedStyle(document.body).backgroundColor"
+    first = window.run(script)
+    window.run("document.getElementById('theme').click()")
+    assert window.run(script) != first
+    window.run("document.getElementById('theme').click()")
+    assert window.run(script) == first
+
+
+@needs_browser
+def test_still_no_errors_after_all_that(window: Browser) -> None:
+    assert window.log() == []
