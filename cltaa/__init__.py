@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cltaa.params import Choices, Preset, Settings
     from cltaa.presets import load_preset
     from cltaa.resolve import Resolver
+    from cltaa.sequence_plan import plan
     from cltaa.sources import Sequence, open_sequence
 
 # Public name -> module. Imported on first use, so that ``import cltaa`` loads neither OpenCL nor OpenEXR.
@@ -32,6 +33,7 @@ _HOMES = {
     "Settings": "cltaa.params",
     "load_preset": "cltaa.presets",
     "open_sequence": "cltaa.sources",
+    "plan": "cltaa.sequence_plan",
 }
 
 __all__ = [
@@ -46,6 +48,7 @@ __all__ = [
     "Settings",
     "load_preset",
     "open_sequence",
+    "plan",
 ]
 
 

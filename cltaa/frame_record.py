@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cltaa.build import FRAME_DTYPE, Record
-from cltaa.cameras import Displacement, displacement, sky_closeness
+from cltaa.cameras import Displacement, displacement, is_still, sky_closeness
 from cltaa.current_filter import axis_weights
 from cltaa.frames import Camera, Frame
 from cltaa.layout import Layout
-from cltaa.params import RayThrough
+from cltaa.params import Choices, OnCameraMove, RayThrough
 from cltaa.planning import Plan
 
 
@@ -29,6 +29,15 @@ class Past:
     def of(cls, frame: Frame) -> Past:
         """The past that ``frame`` becomes."""
         return cls(frame.index, frame.camera, frame.exposure, frame.colour.shape, frame.alpha is not None)
+
+    def continues_in(self, frame: Frame, choices: Choices) -> bool:
+        """Tell whether the history goes on in ``frame``: no cut, no gap, planes and lens of the same kind."""
+        if frame.cut or frame.index != self.index + 1:
+            return False
+        same_planes = (frame.colour.shape, frame.alpha is not None) == (self.shape, self.alpha)
+        same_kind = frame.camera.orthographic == self.camera.orthographic
+        starts_anew = choices.on_camera_move is OnCameraMove.RESET and not is_still(frame.camera, self.camera)
+        return same_planes and same_kind and not starts_anew
 
 
 def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan | None = None) -> Record:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import Any, Literal
@@ -25,6 +24,7 @@ from cltaa.interrupt import Stop, stop_signals
 from cltaa.manifest import file_sha256
 from cltaa.output import OutputFolder, Source, owned
 from cltaa.params import Preset
+from cltaa.planning import with_effects
 from cltaa.progress import track
 from cltaa.resolve import Resolver, Times
 from cltaa.sources import Sequence, open_images
@@ -154,7 +154,7 @@ class _Run:
         started = time.perf_counter()
         with Writer(compression=compression) as writer, read_ahead(_read(part, after)) as frames:
             for done, (frame, source) in enumerate(track(frames, len(numbers), "resolving"), start=1):
-                image = self._resolver.resolve(_with_effects(frame, self._effects))
+                image = self._resolver.resolve(with_effects(frame, self._effects))
                 if frame.index in wanted:
                     channels = image_channels(image, half=half)
                     channels |= self._debug.write(self._folder.folder / "debug", frame.index)
@@ -217,21 +217,6 @@ def resolved_attributes(frame: Frame, resolver: Resolver) -> Mapping[str, object
         "cltaa:preset": resolver.preset.name,
         "cltaa:device": resolver.launcher.description,
     }
-
-
-def _with_effects(frame: Frame, effects: frozenset[Effect] | Literal["auto", "all"]) -> Frame:
-    if effects == "auto":
-        return frame
-    if effects == "all":
-        return replace(frame, effects=None)
-    dropped: dict[str, Any] = {
-        channel: None
-        for effect, channel in (
-            (Effect.MOTION, "motion"), (Effect.REACTIVE, "reactive"), (Effect.ALPHA, "alpha"),
-        )
-        if effect not in effects
-    }  # fmt: skip
-    return replace(frame, effects=effects, **dropped)
 
 
 def _write_record(output: Path, outcome: Outcome, preset: Preset) -> None:

@@ -7,7 +7,8 @@ an absence of highlights *replaces* (plain mean, plain weights) is another estim
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 
@@ -45,6 +46,14 @@ class Plan(NamedTuple):
     reasons: tuple[Reason, ...]
 
 
+# Steps that are left out without changing a bit: name among ``Steps`` -> word.
+STEP_NAMES = {
+    "camera_motion": "reprojection", "own_motion": "own motion", "exposure": "exposure", "alpha": "alpha",
+    "reactive": "reactive",
+}  # fmt: skip
+# Steps whose absence is another estimate.
+RECTIFICATION, WEIGHTS = "rectification", "luminance weights"
+
 # Effects that can make a pixel's history wrong although the camera stands still.
 _CHANGING = frozenset({Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.REACTIVE, Effect.EXPOSURE})
 
@@ -68,17 +77,53 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
         settings = msgspec.structs.replace(settings, fresh_blur=0.0)
     # A published resolve does what it does whether the scene calls for it or not.
     free = not preset.published
-    if free and declared is not None and not declared & (_CHANGING | {Effect.CAMERA}):
-        # Nothing can make history wrong: the plain mean of all samples is the best estimate there is.
-        choices = msgspec.structs.replace(choices, rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE)
-        settings = msgspec.structs.replace(settings, sample_limit=2.0**20)
-        reasons.append(Reason("rectification", False, "declared still: plain mean of all samples"))
+    still = declared is not None and not declared & (_CHANGING | {Effect.CAMERA})
+    if free and still:
+        choices, settings = plain_mean(choices, settings)
+    reasons.append(Reason(RECTIFICATION, not (free and still), _why_rectified(free, still)))
     if free and declared is not None and Effect.HDR not in declared:
         choices = msgspec.structs.replace(choices, weighting=Weighting.NONE)
-    reasons.append(
-        Reason("luminance weights", choices.weighting is Weighting.LUMINANCE, _declared_or_not(Effect.HDR, declared))
-    )
+    weighted = choices.weighting is Weighting.LUMINANCE
+    reasons.append(Reason(WEIGHTS, weighted, _declared_or_not(Effect.HDR, declared) if free else "as published"))
     return Plan(choices, settings, steps, tuple(reasons))
+
+
+def plain_mean(choices: Choices, settings: Settings) -> tuple[Choices, Settings]:
+    """Nothing can make history wrong: the plain mean of all samples is the best estimate there is."""
+    choices = msgspec.structs.replace(choices, rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE)
+    return choices, msgspec.structs.replace(settings, sample_limit=2.0**20)
+
+
+def toggled(plan: Plan, preset: Preset, step: str) -> Plan:
+    """``plan`` with one of the steps that its reasons name turned on where it is off, and off where it is on."""
+    on = next(reason.on for reason in plan.reasons if reason.step == step)
+    if step == RECTIFICATION:
+        whole = msgspec.structs.replace(preset.choices, weighting=plan.choices.weighting), preset.settings
+        choices, settings = plain_mean(plan.choices, plan.settings) if on else whole
+        return plan._replace(choices=choices, settings=settings)
+    if step == WEIGHTS:
+        weighting = Weighting.NONE if on else Weighting.LUMINANCE
+        return plan._replace(choices=msgspec.structs.replace(plan.choices, weighting=weighting))
+    field = next(name for name, said in STEP_NAMES.items() if said == step)
+    return plan._replace(steps=msgspec.structs.replace(plan.steps, **{field: not on}))
+
+
+def with_effects(frame: Frame, effects: frozenset[Effect] | Literal["auto", "all"]) -> Frame:
+    """``frame`` as it is to be planned: as it declares (``auto``), as if it declared nothing (``all``), or with just
+    the effects of a set and the channels that belong to them."""
+    if effects == "auto":
+        return frame
+    if effects == "all":
+        return replace(frame, effects=None)
+    channels = {Effect.MOTION: "motion", Effect.REACTIVE: "reactive", Effect.ALPHA: "alpha"}
+    dropped: dict[str, Any] = {channel: None for effect, channel in channels.items() if effect not in effects}
+    return replace(frame, effects=effects, **dropped)
+
+
+def _why_rectified(free: bool, still: bool) -> str:
+    if not free:
+        return "as published"
+    return "declared still: plain mean of all samples" if still else "something may make history wrong"
 
 
 def _steps(preset: Preset, frame: Frame, camera_moves: bool, *, every: bool) -> Steps:
@@ -95,9 +140,7 @@ def _steps(preset: Preset, frame: Frame, camera_moves: bool, *, every: bool) -> 
 
 
 def _every_reason(steps: Steps) -> list[Reason]:
-    names = {"camera_motion": "reprojection", "own_motion": "own motion"}
-    said = [name for name in steps.__struct_fields__ if name != "orthographic"]  # a kind of lens, not a step
-    return [Reason(names.get(name, name), getattr(steps, name), "every step is asked for") for name in said]
+    return [Reason(said, getattr(steps, name), "every step is asked for") for name, said in STEP_NAMES.items()]
 
 
 def _reasons(preset: Preset, steps: Steps, camera_moves: bool, declared: frozenset[Effect] | None) -> list[Reason]:

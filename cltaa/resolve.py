@@ -10,7 +10,7 @@ import numpy as np
 
 from cltaa.buffers import Buffers, fill
 from cltaa.build import Build, Real, Steps, Storage, settings_record
-from cltaa.cameras import closeness, closeness_at, is_still
+from cltaa.cameras import closeness, closeness_at
 from cltaa.errors import DataError
 from cltaa.frame_record import Past as Past
 from cltaa.frame_record import frame_record as frame_record
@@ -18,7 +18,7 @@ from cltaa.frames import Frame, Image
 from cltaa.kernel_files import code_sha256
 from cltaa.launch import Buffer, Launcher, launcher_for, storage_dtype
 from cltaa.layout import Layout
-from cltaa.params import OnCameraMove, Preset
+from cltaa.params import Preset
 from cltaa.planning import Plan, plan_frame
 from cltaa.presets import load_preset
 
@@ -117,7 +117,9 @@ class Resolver:
         """
         _check_shapes(frame)
         started = perf_counter()
-        previous = self._predecessor(frame)
+        previous = self._previous
+        if previous is not None and not previous.continues_in(frame, self.preset.choices):
+            previous = None
         camera = None if previous is None else previous.camera
         self.plan = plan_frame(self.preset, frame, camera, every=self.every_step)
         build = self._build(self.plan)
@@ -144,19 +146,6 @@ class Resolver:
         self._run(frame, Past.of(previous), self._build(self.plan), self._buffers)
         self._buffers.swap()
         self.launcher.finish()
-
-    def _predecessor(self, frame: Frame) -> Past | None:
-        """The past whose history continues into this one."""
-        previous = self._previous
-        if previous is None or frame.cut or frame.index != previous.index + 1:
-            return None
-        same_planes = (frame.colour.shape, frame.alpha is not None) == (previous.shape, previous.alpha)
-        same_kind = frame.camera.orthographic == previous.camera.orthographic
-        if not (same_planes and same_kind):
-            return None
-        if self.preset.choices.on_camera_move is OnCameraMove.RESET and not is_still(frame.camera, previous.camera):
-            return None
-        return previous
 
     def _build(self, plan: Plan) -> Build:
         shape = self._shape

@@ -33,7 +33,7 @@ LONGEST_MODULE, LONGEST_FUNCTION = 250, 40  # lines, docs/design.md
 
 PUBLIC = [
     "Camera", "Choices", "CltaaError", "Effect", "Frame", "Preset", "Resolver", "Sequence", "Settings", "load_preset",
-    "open_sequence",
+    "open_sequence", "plan",
 ]  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from cltaa.commands.options import FILE_PATH
+from cltaa.commands.options import FILE_PATH, chosen_effects
 from cltaa.errors import DataError
 from cltaa.inspection import Inspection, inspect_folder
 from cltaa.printable import json_of, shown
@@ -18,14 +18,30 @@ from cltaa.printable import json_of, shown
 @click.command()
 @click.argument("folder", metavar="DIR", type=FILE_PATH)
 @click.option("--pixels", is_flag=True, help="Decode every frame too: ranges, NaN and infinities of each channel.")
+@click.option("--plan", "planned", is_flag=True, help="Say which steps a resolve runs, why, and what each costs here.")
+@click.option("--preset", default="default", show_default=True, help="With --plan: whose steps.")
+@click.option("--device", metavar="NAME", help="With --plan: where; its index or a part of its name.")
+@click.option("--effects", default="auto", show_default=True, help="With --plan: auto (as declared), all, or names.")
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON and nothing else.")
 @click.pass_context
-def inspect(ctx: click.Context, folder: Path, pixels: bool, as_json: bool) -> None:
+def inspect(
+    ctx: click.Context,
+    folder: Path,
+    pixels: bool,
+    planned: bool,
+    preset: str,
+    device: str | None,
+    effects: str,
+    as_json: bool,
+) -> None:
     """Say what is in a captured sequence: size, channels, effects, jitter, camera, cuts, truth, and every problem.
 
     Only headers are read, which takes well under a millisecond a frame; a truncated file is found all the same. The
-    exit code is 0 when nothing is wrong, else 65.
+    exit code is 0 when nothing is wrong, else 65. --plan prints the plan of a resolve instead.
     """
+    if planned:
+        _plan(folder, preset, device, effects, as_json)
+        return
     console = Console(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("inspecting")
@@ -40,6 +56,18 @@ def inspect(ctx: click.Context, folder: Path, pixels: bool, as_json: bool) -> No
         _print(found)
     if found.problems:
         ctx.exit(DataError.exit_code)
+
+
+def _plan(folder: Path, preset: str, device: str | None, effects: str, as_json: bool) -> None:
+    from cltaa.commands.plan_table import print_plan  # here: these load OpenCL, and a look at headers must not
+    from cltaa.sequence_plan import plan
+    from cltaa.sources import open_sequence
+
+    found = plan(open_sequence(folder), preset, device, effects=chosen_effects(effects))
+    if as_json:
+        click.echo(json_of(found, indent=2))
+    else:
+        print_plan(found)
 
 
 def _print(found: Inspection) -> None:

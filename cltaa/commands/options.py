@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
+from cltaa.errors import UsageError
 from cltaa.exr_attributes import EXPOSURE_STOPS
+from cltaa.frames import Effect, parse_effects
 
 Command = Callable[..., Any]
 
@@ -56,3 +58,17 @@ def input_options(command: Command) -> Command:
     ):  # fmt: skip
         command = option(command)
     return command
+
+
+def chosen_effects(text: str) -> frozenset[Effect] | Literal["auto", "all"]:
+    """``auto``, ``all``, or the effects of a comma-separated list."""
+    if text == "auto":
+        return "auto"
+    if text == "all":
+        return "all"
+    try:
+        return parse_effects(text)
+    except ValueError:
+        raise UsageError(
+            "--effects: unknown effect", expected=f"auto, all or {', '.join(Effect)}", found=text
+        ) from None

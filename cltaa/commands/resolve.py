@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 import click
 from rich.console import Console
@@ -11,9 +10,8 @@ from rich.table import Table
 
 from cltaa.build import Storage
 from cltaa.checkpoint import CHECKPOINT_EVERY
-from cltaa.commands.options import FILE_PATH, input_options, verify_option
+from cltaa.commands.options import FILE_PATH, chosen_effects, input_options, verify_option
 from cltaa.errors import UsageError
-from cltaa.frames import Effect, parse_effects
 from cltaa.inputs.intake import ForeignSequence, intake_lines, open_input
 from cltaa.numbered import OnBreak
 from cltaa.params import Preset, override
@@ -122,20 +120,6 @@ def chosen_preset(name: str, config: Path | None, assignments: tuple[str, ...]) 
             raise UsageError(f"--set {assignment}: no value", expected="KEY=VALUE", found=assignment)
         values[key.strip()] = value.strip()
     return override(preset, values)
-
-
-def chosen_effects(text: str) -> frozenset[Effect] | Literal["auto", "all"]:
-    """``auto``, ``all``, or the effects of a comma-separated list."""
-    if text == "auto":
-        return "auto"
-    if text == "all":
-        return "all"
-    try:
-        return parse_effects(text)
-    except ValueError:
-        raise UsageError(
-            "--effects: unknown effect", expected=f"auto, all or {', '.join(Effect)}", found=text
-        ) from None
 
 
 def _frame_range(text: str) -> tuple[int, int]:

@@ -11,8 +11,7 @@ import pytest
 from cltaa.frames import Camera, Effect, Frame
 from cltaa.launch import DeviceLauncher, Launcher, NumpyLauncher
 from cltaa.params import override
-from cltaa.pipeline import _with_effects
-from cltaa.planning import plan_frame
+from cltaa.planning import plan_frame, with_effects
 from cltaa.presets import load_preset
 from cltaa.resolve import Resolver
 from tests.sequence_factory import make_camera, make_frame
@@ -76,13 +75,13 @@ def test_a_camera_that_stops_is_not_reprojected() -> None:
 
 def test_named_effects_leave_the_others_out() -> None:
     frame = make_frame(0, motion=True, alpha=True, reactive=True)
-    kept = _with_effects(frame, frozenset({Effect.MOTION}))
+    kept = with_effects(frame, frozenset({Effect.MOTION}))
     assert kept.motion is frame.motion
     assert kept.alpha is None
     assert kept.reactive is None
     assert kept.effects == frozenset({Effect.MOTION})
-    assert _with_effects(frame, "auto") is frame
-    assert _with_effects(frame, "all").effects is None
+    assert with_effects(frame, "auto") is frame
+    assert with_effects(frame, "all").effects is None
 
 
 def test_plain_weights_stay_within_their_bound_of_luminance_weights() -> None:

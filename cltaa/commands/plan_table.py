@@ -1,0 +1,41 @@
+"""A sequence's plan as tables: steps, reasons, and what each costs."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+
+from cltaa.printable import shown
+from cltaa.sequence_plan import SequencePlan, Span
+
+
+def print_plan(plan: SequencePlan) -> None:
+    """Print a table for each run of frames that share a plan; one that was shown before is only named."""
+    console = Console()
+    builds = f"{plan.kernels} build" + ("" if plan.kernels == 1 else "s")
+    console.print(f"preset {shown(plan.preset)}, {builds} of the resolve, on {shown(plan.device)}", highlight=False)
+    before: dict[tuple[tuple[str, bool, str], ...], str] = {}
+    for span in plan.spans:
+        frames = f"frame {span.first}" if span.first == span.last else f"frames {span.first} to {span.last}"
+        title = frames + (", history begins" if span.starts else "")
+        key = tuple((step.name, step.on, step.why) for step in span.steps)
+        if key in before:
+            console.print(f"{title}: as {before[key]}", highlight=False)
+            continue
+        before[key] = frames
+        console.print(_table(span, title))
+
+
+def _table(span: Span, title: str) -> Table:
+    if span.milliseconds is not None and span.every_milliseconds is not None:
+        saved = span.every_milliseconds / span.milliseconds
+        title += f": {span.milliseconds:.2f} ms a frame, {span.every_milliseconds:.2f} with every step ({saved:.2f} x)"
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for heading in ("step", "runs", "why"):
+        table.add_column(heading)
+    table.add_column("ms a frame", justify="right")
+    for step in span.steps:
+        cost = "" if step.milliseconds is None else f"{step.milliseconds:+.2f}"
+        # What runs is paid for; what does not is shown in brackets as what it would cost.
+        table.add_row(step.name, "yes" if step.on else "no", step.why, cost if step.on or not cost else f"({cost})")
+    return table

@@ -1,0 +1,159 @@
+"""The plan of a whole sequence: which steps run on which frames, why, and what each costs on this device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from cltaa.bench.timing import Job, Samples, measure
+from cltaa.frame_record import Past
+from cltaa.frames import Effect, Frame
+from cltaa.launch import Launcher
+from cltaa.params import Preset
+from cltaa.planning import Plan, plan_frame, toggled, with_effects
+from cltaa.resolve import Resolver
+from cltaa.sources import Sequence
+
+ROUNDS = 9  # of timing, each of which runs every variant once
+NO_PIXELS = np.empty((0, 0), np.float32)
+PLANNED, EVERY = "as planned", "every step"
+
+Effects = frozenset[Effect] | Literal["auto", "all"]
+
+
+class Step(msgspec.Struct, kw_only=True):
+    """One step on some frames. ``milliseconds`` is what it takes, or would take, on a frame; None: not measured."""
+
+    name: str
+    on: bool
+    why: str
+    milliseconds: float | None = None
+
+
+class Span(msgspec.Struct, kw_only=True):
+    """Frames in a row that share a plan; ``starts`` where nothing of the past is used. Times are a frame's kernels."""
+
+    first: int
+    last: int
+    starts: bool
+    steps: list[Step]
+    milliseconds: float | None = None
+    every_milliseconds: float | None = None  # with every step of the preset on
+
+
+class SequencePlan(msgspec.Struct, kw_only=True):
+    """What ``cltaa inspect --plan`` reports."""
+
+    folder: str
+    preset: str
+    device: str
+    kernels: int  # different builds of the resolve that the sequence needs
+    spans: list[Span]
+
+
+def plan(
+    sequence: Sequence,
+    preset: str | Preset = "default",
+    device: str | Launcher | None = None,
+    *,
+    effects: Effects = "auto",
+    rounds: int = ROUNDS,
+) -> SequencePlan:
+    """Say which steps of ``preset`` run on which frames of ``sequence`` and why, from its headers alone.
+
+    With ``rounds`` each step is also timed on ``device``, on and off in turn, on two frames of the sequence; 0 reads no
+    pixels. Raises what opening the device and reading raise.
+    """
+    resolver = Resolver(preset, device, every_step=True)
+    spans: list[Span] = []
+    plans: list[Plan] = []
+    for number, starts, planned in _plans(sequence, resolver.preset, effects):
+        if plans and planned.reasons == plans[-1].reasons and not starts:
+            spans[-1].last = number
+            continue
+        steps = [Step(name=reason.step, on=reason.on, why=reason.why) for reason in planned.reasons]
+        spans.append(Span(first=number, last=number, starts=starts, steps=steps))
+        plans.append(planned)
+    if rounds:
+        timed: dict[tuple[object, ...], Span] = {}
+        for span, planned in zip(spans, plans, strict=True):
+            key = tuple((step.name, step.on) for step in span.steps)
+            if key not in timed and span.last > sequence.first:
+                _time(span, planned, sequence, resolver, effects, rounds)
+                timed[key] = span
+            elif key in timed:
+                _copy_times(timed[key], span)
+    kernels = len({(planned.choices, planned.steps) for planned in plans})
+    return SequencePlan(
+        folder=str(sequence.folder), preset=resolver.preset.name, device=resolver.launcher.description,
+        kernels=kernels, spans=spans,
+    )  # fmt: skip
+
+
+def _plans(sequence: Sequence, preset: Preset, effects: Effects) -> Iterator[tuple[int, bool, Plan]]:
+    """Number, whether history starts, and plan of every frame."""
+    past: Past | None = None
+    for number in sequence.numbers:
+        frame = with_effects(outline(sequence, number), effects)
+        if past is not None and not past.continues_in(frame, preset.choices):
+            past = None
+        yield (
+            number,
+            past is None,
+            plan_frame(preset, frame, None if past is None else past.camera, every=effects == "all"),
+        )
+        past = Past.of(frame)
+
+
+def outline(sequence: Sequence, number: int) -> Frame:
+    """A frame of which only the header was read: its channels are there, and empty."""
+    header, channels = sequence.frame_header(number), sequence.layouts[number].channels
+    there = {"motion": "backward.u", "alpha": "A", "reactive": "reactive"}
+    empty: dict[str, Any] = {name: NO_PIXELS if channel in channels else None for name, channel in there.items()}
+    return Frame(
+        index=number, colour=NO_PIXELS, depth=NO_PIXELS, camera=header.camera, jitter_px=header.jitter_px,
+        cut=header.cut, exposure=header.exposure, scene=header.scene, effects=header.effects, **empty,
+    )  # fmt: skip
+
+
+def _time(span: Span, planned: Plan, sequence: Sequence, resolver: Resolver, effects: Effects, rounds: int) -> None:
+    """Time the span's last frame after the one before it, as planned, with each step toggled, and with every step."""
+    number = max(span.last, sequence.first + 1)
+    before, frame = (with_effects(sequence.frame(n), effects) for n in (number - 1, number))
+    resolver.reset()
+    resolver.resolve(replace(before, cut=True))
+    resolver.resolve(replace(frame, cut=False))
+    every = resolver.plan
+    assert every is not None
+    variants = {PLANNED: planned, EVERY: every}
+    variants |= {step.name: toggled(planned, resolver.preset, step.name) for step in span.steps}
+
+    def run(variant: Plan) -> Callable[[], None]:
+        def once() -> None:
+            resolver.plan = variant
+            resolver.run_again(frame, before)
+
+        return once
+
+    jobs = [Job(name, run(variant)) for name, variant in variants.items()]
+    samples = measure(jobs, rounds, warm_up=2)
+    span.milliseconds = _milliseconds(samples, PLANNED)
+    span.every_milliseconds = _milliseconds(samples, EVERY)
+    for step in span.steps:
+        # The median of the paired differences, so that a load that comes and goes cancels.
+        pairs = samples.seconds(step.name) - samples.seconds(PLANNED)
+        step.milliseconds = float(np.median(-pairs if step.on else pairs)) * 1e3
+
+
+def _milliseconds(samples: Samples, job: str) -> float:
+    return float(np.median(samples.seconds(job))) * 1e3
+
+
+def _copy_times(source: Span, target: Span) -> None:
+    target.milliseconds, target.every_milliseconds = source.milliseconds, source.every_milliseconds
+    for step, other in zip(target.steps, source.steps, strict=True):
+        step.milliseconds = other.milliseconds

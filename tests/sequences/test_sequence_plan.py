@@ -1,0 +1,82 @@
+"""The plan of a sequence: spans of frames with one plan, from headers alone, and what the steps cost."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import cltaa
+from cltaa.cli import main
+from cltaa.exr import write_frame
+from cltaa.frames import Effect
+from cltaa.sequence_plan import SequencePlan
+from tests.sequence_factory import make_camera, make_frame
+
+WALK = (0, 1, 2, 2, 2, 3, 4)  # steps of the camera: it stands on frames 3 and 4; frame 5 is a cut
+STEPS = [
+    "reprojection", "own motion", "exposure", "alpha", "reactive", "rectification", "luminance weights",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("walk")
+    for index, place in enumerate(WALK):
+        frame = make_frame(
+            index, camera=make_camera((0.1 * place, 0.0, 5.0)), cut=index == 5, reactive=True,
+            effects=frozenset({Effect.CAMERA, Effect.CUT, Effect.REACTIVE}),
+        )  # fmt: skip
+        write_frame(folder / f"walk.{index:04d}.exr", frame)
+    return folder
+
+
+def running(plan: SequencePlan) -> list[tuple[int, int, bool, set[str]]]:
+    return [(s.first, s.last, s.starts, {step.name for step in s.steps if step.on}) for s in plan.spans]
+
+
+def test_a_camera_that_stops_and_a_cut_make_spans(walk: Path) -> None:
+    plan = cltaa.plan(cltaa.open_sequence(walk), device="numpy", rounds=0)
+    moving = {"reprojection", "reactive", "rectification"}
+    assert running(plan) == [(0, 2, True, moving), (3, 4, False, moving - {"reprojection"}), (5, 6, True, moving)]
+    assert plan.kernels == 2
+    assert all([step.name for step in span.steps] == STEPS for span in plan.spans)
+    assert all(step.why and step.milliseconds is None for span in plan.spans for step in span.steps)
+
+
+def test_all_and_named_effects(walk: Path) -> None:
+    sequence = cltaa.open_sequence(walk)
+    (first, second) = cltaa.plan(sequence, device="numpy", rounds=0, effects="all").spans
+    assert all(step.on for span in (first, second) for step in span.steps)
+    assert (first.first, first.last, second.first, second.last) == (0, 4, 5, 6)
+    named = cltaa.plan(sequence, device="numpy", rounds=0, effects=frozenset({Effect.CAMERA}))
+    assert running(named)[0] == (0, 2, True, {"reprojection", "rectification"})
+
+
+def test_every_step_is_timed_on_and_off(walk: Path) -> None:
+    plan = cltaa.plan(cltaa.open_sequence(walk), device="numpy", rounds=3)
+    for span in plan.spans:
+        assert span.milliseconds is not None
+        assert span.every_milliseconds is not None
+        assert min(span.milliseconds, span.every_milliseconds) > 0.0
+        assert all(step.milliseconds is not None for step in span.steps)
+    # Frames with one plan share their times: it is measured once.
+    assert plan.spans[0].milliseconds == plan.spans[2].milliseconds
+    assert plan.spans[0].milliseconds != plan.spans[1].milliseconds
+
+
+def test_the_command_line(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["inspect", str(walk), "--plan", "--device", "numpy", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [(span["first"], span["last"]) for span in found["spans"]] == [(0, 2), (3, 4), (5, 6)]
+    assert main(["inspect", str(walk), "--plan", "--device", "numpy"]) == 0
+    out = capsys.readouterr().out
+    assert "frames 3 to 4" in out
+    assert "the camera stands" in out
+    assert "frames 5 to 6, history begins: as frames 0 to 2" in out
+
+
+def test_an_unknown_effect_is_named(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["inspect", str(walk), "--plan", "--effects", "smell"]) == 64
+    assert "--effects: unknown effect" in capsys.readouterr().err
