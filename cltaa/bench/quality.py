@@ -16,7 +16,7 @@ from cltaa.equal_quality import equal_quality_samples
 from cltaa.errors import DataError, InputMissing
 from cltaa.frames import Image
 from cltaa.launch import launcher_for
-from cltaa.metrics import mean, measure
+from cltaa.metrics import METRICS, mean, measure
 from cltaa.params import Preset
 from cltaa.progress import track
 from cltaa.resolve import Resolver
@@ -65,6 +65,7 @@ class _Tally:
     """What is gathered of one contender."""
 
     rows: list[dict[str, float]] = field(default_factory=list)
+    flip: list[float] = field(default_factory=list)
     video: Sums = field(default_factory=Sums)
     fresh_square: float = 0.0
     fresh_count: int = 0
@@ -77,9 +78,11 @@ class _Tally:
         self.not_finite += bad
         return np.where(finite, image, np.float32(0)) if bad else image
 
-    def add(self, image: Image, truth: Image, sums: Sums, fresh: Mask) -> None:
-        """Judge one frame."""
-        self.rows.append(measure(image, truth))
+    def add(self, image: Image, truth: Image, sums: Sums, fresh: Mask, *, flip: bool) -> None:
+        """Judge one frame, by FLIP too where asked."""
+        self.rows.append(measure(image, truth, [METRICS[name] for name in ("mse", "psnr", "ssim")]))
+        if flip:
+            self.flip.append(METRICS["flip"].function(image, truth, 0.0))
         self.video += sums
         wrong = shown_light(image[fresh]).astype(np.float64) - shown_light(truth[fresh])
         self.fresh_square += float((wrong**2).sum())
@@ -94,7 +97,9 @@ class _Tally:
 
         fresh = one.fresh_square / one.fresh_count if one.fresh_count else 0.0
         values = {
-            **{name: means[name] for name in ("psnr", "ssim", "flip")},
+            "psnr": means["psnr"],
+            "ssim": means["ssim"],
+            "flip": math.fsum(self.flip) / len(self.flip),
             "samples": samples(means["mse"], single),
             "last": samples(self.rows[-1]["mse"], single),
             "uncovered": samples(self.fresh_square / self.fresh_count, fresh) if self.fresh_count else math.nan,
@@ -104,12 +109,13 @@ class _Tally:
 
 
 def judge_sequence(
-    sequence: Captured, presets: Sequence[Preset], device: str | None = None, *, settled: int = 8
+    sequence: Captured, presets: Sequence[Preset], device: str | None = None, *, settled: int = 8, flip_every: int = 4
 ) -> dict[str, Judged]:
     """Resolve ``sequence`` with every preset and judge each, and the single samples, from frame ``settled`` on.
 
-    The history of every preset is in memory at once. Raises InputMissing for a sequence without its truth and
-    DataError for one that is over before it settles.
+    FLIP, which takes longer than all else, judges the last frame and every ``flip_every``-th before it. The history
+    of every preset is in memory at once. Raises InputMissing for a sequence without its truth and DataError for one
+    that is over before it settles.
     """
     reference = sequence.reference
     if reference is None:
@@ -129,8 +135,9 @@ def judge_sequence(
             images = [tally.repaired(image) for tally, image in zip(tallies.values(), outputs, strict=True)]
             sums = video.add(frame, truth, images)
             if frame.index - sequence.first >= settled:
+                flip = (sequence.last - frame.index) % flip_every == 0
                 for tally, image, score in zip(tallies.values(), images, sums, strict=True):
-                    tally.add(image, truth, score, video.fresh)
+                    tally.add(image, truth, score, video.fresh, flip=flip)
     return _judged(tallies, truth_samples(reference), len(sequence), launcher.description)
 
 

@@ -21,7 +21,7 @@ FORMAT = 1  # of the file and of the way to judge
 class Cell(msgspec.Struct, kw_only=True):
     """One cell: what was judged, by which code, and the outcome."""
 
-    inputs: str  # SHA-256 over sequence, truth, preset, first judged frame and FORMAT
+    inputs: str  # SHA-256 over sequence, truth, preset, judged frames and FORMAT
     code: str  # of the kernels and the package
     judged: Judged
 
@@ -29,9 +29,11 @@ class Cell(msgspec.Struct, kw_only=True):
 class Cells:
     """The cells of one sequence in ``folder``. With ``any_code`` those of other versions of the code are taken too."""
 
-    def __init__(self, folder: Path, sequence: Sequence, settled: int, *, any_code: bool = False) -> None:
+    def __init__(
+        self, folder: Path, sequence: Sequence, settled: int, flip_every: int, *, any_code: bool = False
+    ) -> None:
         self._folder, self._any_code = make_folder(folder), any_code
-        self._base = f"{FORMAT} {settled} {sequence_sha256(sequence)}"
+        self._base = f"{FORMAT} {settled} {flip_every} {sequence_sha256(sequence)}"
 
     def get(self, name: str, preset: Preset | None) -> Judged | None:
         """The cell of a preset (None: of the single samples), or None where it must be measured."""

@@ -24,6 +24,7 @@ from cltaa.params import Preset
 from cltaa.presets import load_preset, preset_names
 from cltaa.sources import Sequence, open_sequence
 
+ALL = "all"  # every scene of cltaa scenes
 NARROWEST = 130  # columns of the terminal, so that no number is cut off
 
 
@@ -33,7 +34,7 @@ NARROWEST = 130  # columns of the terminal, so that no number is cut off
     "scenes",
     multiple=True,
     metavar="NAME",
-    help="Scene or file:PATH; repeatable.  [default: all of cltaa scenes]",
+    help="Scene, file:PATH, or all (of cltaa scenes); repeatable.  [default: all]",
 )
 @click.option(
     "--sequence",
@@ -58,6 +59,13 @@ NARROWEST = 130  # columns of the terminal, so that no number is cut off
 @click.option("--train", default="0", show_default=True, metavar="LIST", help="Seeds that presets were tuned on.")
 @click.option("--held-out", default="1", show_default=True, metavar="LIST", help="Other seeds; may be empty.")
 @click.option("--settled", default=8, show_default=True, type=click.IntRange(min=0), help="First frame that is judged.")
+@click.option(
+    "--flip-every",
+    default=4,
+    show_default=True,
+    type=click.IntRange(min=1),
+    help="FLIP, the slowest score, judges the last frame and every N-th before it.",
+)
 @click.option(
     "--work",
     default=Path("quality"),
@@ -86,6 +94,7 @@ def quality(
     train: str,
     held_out: str,
     settled: int,
+    flip_every: int,
     work: Path,
     any_code: bool,
     page: Path | None,
@@ -95,7 +104,8 @@ def quality(
     """Judge presets on sequences with a truth: PSNR, SSIM, FLIP, equal-quality samples and the faults in time.
 
     Missing captures are drawn by cltaa capture. All presets resolve the same frames. Cells that are finished are kept
-    and measured again only where sequence, preset or code changed, so that a run can be cut short and go on.
+    and measured again only where sequence, preset or code changed, so that a run can be cut short and go on. Runs of
+    other scenes may share --work at the same time.
     """
     chosen = [load_preset(name) for name in presets or preset_names()]
     shape = Shape(*parse_size(size), frames, samples, still_samples)
@@ -109,14 +119,13 @@ def quality(
         sequence = (
             open_sequence(case.folder) if case.folder in folders else open_case(case) or capture(case, seed, shape)
         )
-        cells = Cells(work / "cells" / case.key, sequence, settled, any_code=any_code)
-        judged.append((case, _judge(sequence, chosen, cells, device, settled)))
+        cells = Cells(work / "cells" / case.key, sequence, settled, flip_every, any_code=any_code)
+        judged.append((case, _judge(sequence, chosen, cells, device, settled, flip_every)))
     table = summarise(judged)
-    texts = (
-        write_pictures(table, {case.key: case.folder for case, _ in judged}, chosen, pictures, page, device)
-        if pictures
-        else {}
-    )
+    texts: dict[str, str] = {}
+    if pictures is not None:
+        places = {case.key: case.folder for case, _ in judged}
+        texts = write_pictures(table, places, chosen, pictures, page, device)
     if page is not None:
         write_page(page, markdown(table, _about(table, shape, settled), texts))
     if as_json:
@@ -135,22 +144,23 @@ def _numbers(text: str) -> list[int]:
 def _planned(scenes: tuple[str, ...], seeds: dict[int, str], shape: Shape, work: Path) -> list[tuple[Case, int]]:
     known = known_scenes()
     for scene in scenes:
-        if scene not in known and not scene.startswith("file:"):
-            raise UsageError(f"unknown scene {scene}", expected=f"{', '.join(known)} or file:PATH")
-    effects = {scene: known.get(scene, frozenset({"motion"})) for scene in scenes or known}
+        if scene not in {*known, ALL} and not scene.startswith("file:"):
+            raise UsageError(f"unknown scene {scene}", expected=f"{', '.join(known)}, {ALL} or file:PATH")
+    names = [name for scene in scenes or [ALL] for name in (known if scene == ALL else [scene])]
+    effects = {name: known.get(name, frozenset({"motion"})) for name in names}
     cases = planned(effects, seeds, shape, work / "sequences")
     return list(zip(cases, list(seeds) * len(effects), strict=True))
 
 
 def _judge(
-    sequence: Sequence, presets: list[Preset], cells: Cells, device: str | None, settled: int
+    sequence: Sequence, presets: list[Preset], cells: Cells, device: str | None, settled: int, flip_every: int
 ) -> dict[str, Judged]:
     """Every cell of one sequence, those that are missing measured in one pass."""
     wanted: dict[str, Preset | None] = {ONE_SAMPLE: None} | {preset.name: preset for preset in presets}
     found = {name: cells.get(name, preset) for name, preset in wanted.items()}
     missing = [preset for name, preset in wanted.items() if preset is not None and found[name] is None]
     if missing or found[ONE_SAMPLE] is None:
-        for name, judged in judge_sequence(sequence, missing, device, settled=settled).items():
+        for name, judged in judge_sequence(sequence, missing, device, settled=settled, flip_every=flip_every).items():
             cells.put(name, wanted[name], judged)
             found[name] = judged
     return {name: judged for name, judged in found.items() if judged is not None}

@@ -18,6 +18,7 @@ from cltaa.bench.quality_page import BEGIN, END, markdown, write_page
 from cltaa.bench.quality_summary import best_classic, ordered, summarise
 from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
+from cltaa.metrics import flip_map
 from cltaa.params import override
 from cltaa.presets import load_preset
 from cltaa.sources import open_sequence
@@ -74,17 +75,18 @@ def test_a_run_captures_judges_and_goes_on(
 def test_a_cell_is_kept_until_what_decides_it_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sequence = open_sequence(write_sequence(tmp_path / "capture", 3, reference=True))
     preset, judged = load_preset(), scores()
-    Cells(tmp_path / "cells", sequence, 1).put("default", preset, judged)
-    assert Cells(tmp_path / "cells", sequence, 1).get("default", preset) == judged
-    assert Cells(tmp_path / "cells", sequence, 2).get("default", preset) is None
-    assert Cells(tmp_path / "cells", sequence, 1).get("default", override(preset, {"sample_limit": 3.0})) is None
+    Cells(tmp_path / "cells", sequence, 1, 4).put("default", preset, judged)
+    assert Cells(tmp_path / "cells", sequence, 1, 4).get("default", preset) == judged
+    assert Cells(tmp_path / "cells", sequence, 2, 4).get("default", preset) is None
+    assert Cells(tmp_path / "cells", sequence, 1, 2).get("default", preset) is None
+    assert Cells(tmp_path / "cells", sequence, 1, 4).get("default", override(preset, {"sample_limit": 3.0})) is None
     other = open_sequence(write_sequence(tmp_path / "other", 3, reference=True, seed=1))
-    assert Cells(tmp_path / "cells", other, 1).get("default", preset) is None
+    assert Cells(tmp_path / "cells", other, 1, 4).get("default", preset) is None
     monkeypatch.setattr("cltaa.bench.quality_cells.code_sha256", lambda: "another version")
-    assert Cells(tmp_path / "cells", sequence, 1).get("default", preset) is None
-    assert Cells(tmp_path / "cells", sequence, 1, any_code=True).get("default", preset) == judged
+    assert Cells(tmp_path / "cells", sequence, 1, 4).get("default", preset) is None
+    assert Cells(tmp_path / "cells", sequence, 1, 4, any_code=True).get("default", preset) == judged
     (tmp_path / "cells" / "default.json").write_text("{", encoding="utf-8")
-    assert Cells(tmp_path / "cells", sequence, 1, any_code=True).get("default", preset) is None
+    assert Cells(tmp_path / "cells", sequence, 1, 4, any_code=True).get("default", preset) is None
 
 
 def test_what_is_not_finite_counts_and_is_judged_as_black(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -96,6 +98,15 @@ def test_what_is_not_finite_counts_and_is_judged_as_black(tmp_path: Path, monkey
     bad = sum(int((frame.colour > 2).sum()) for frame in sequence)
     assert (judged["default"].not_finite, judged[ONE_SAMPLE].not_finite) == (bad, 0)
     assert math.isfinite(judged["default"].scores["psnr"] or math.nan)
+
+
+def test_flip_judges_every_so_many_frames(tmp_path: Path) -> None:
+    sequence = open_sequence(write_sequence(tmp_path / "capture", 5, reference=True))
+    assert sequence.reference is not None
+    single = [flip_map(frame.colour, truth).mean() for frame, truth in zip(sequence, sequence.reference, strict=True)]
+    for every, judged in ((1, [1, 2, 3, 4]), (2, [2, 4]), (4, [4])):
+        found = judge_sequence(sequence, [], "numpy", settled=1, flip_every=every)[ONE_SAMPLE].scores["flip"]
+        assert found == pytest.approx(np.mean([single[number] for number in judged]), rel=1e-6)
 
 
 def test_a_sequence_must_have_a_truth_and_settle(tmp_path: Path) -> None:
