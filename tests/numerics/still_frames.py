@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
+from cltaa.buffers import fill
 from cltaa.build import Storage
 from cltaa.frames import Effect, Frame, Image
 from cltaa.launch import Launcher
@@ -46,3 +47,26 @@ def last_of(resolver: Resolver, images: Iterable[Image]) -> Image:
         result = resolver.resolve(still_frame(index, image))
     assert result is not None
     return result
+
+
+def looped(resolver: Resolver, images: Sequence[Image], count: int) -> Image:
+    """The result after ``count`` still frames that show ``images`` in turn, uploaded once and not read in between."""
+    for index in range(3):  # the third is built as all that follow
+        resolver.resolve(still_frame(index, images[index % len(images)]))
+    last = resolver.last
+    assert last is not None
+    launcher, layout, arguments = resolver.launcher, last.layout, dict(last.arguments)
+    shown = []
+    for image in images:
+        shown.append(launcher.allocate((3, layout.rows, layout.stride), np.float32))
+        fill(shown[-1], layout, np.moveaxis(image, -1, 0))
+    for index in range(3, count):
+        for read, written in (("history", "output"), ("history_count", "output_count")):
+            arguments[read], arguments[written] = arguments[written], arguments[read]
+        arguments["current"] = shown[index % len(images)]
+        launcher.run("resolve", last.build, layout, arguments)
+        if index % 1000 == 0:
+            launcher.finish()
+    launcher.finish()
+    with arguments["output"].mapped(write=False) as planes:
+        return np.moveaxis(layout.inside(planes).astype(np.float32), 0, -1)
