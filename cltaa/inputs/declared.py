@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -68,8 +67,3 @@ def _matrix(value: object) -> Matrix | None:
     if not isinstance(value, np.ndarray) or value.shape != (4, 4):
         return None
     return np.ascontiguousarray(value.T, np.float64)
-
-
-def side_of(path: Path | None, read: Callable[[Path], dict[int, Side]]) -> dict[int, Side]:
-    """What the side file says, or nothing without one."""
-    return {} if path is None else read(path)
