@@ -93,16 +93,16 @@ def test_stages_give_the_bits_of_their_twins_at_every_size(size: tuple[int, int]
 @pytest.mark.parametrize("kernel", WRITES)
 def test_results_do_not_depend_on_groups_or_bands(kernel: str) -> None:
     work = chain_work()
-    expected = run_stage(kernel, strict(1), work, NumpyLauncher())
-    for group, bands in [(None, 1), ((7, 3), 2), ((1, 16), 1), ((1, 1), 5)]:
+    expected = run_stage(kernel, strict(), work, NumpyLauncher())
+    for lanes, group, bands in [(1, None, 1), (8, (7, 3), 2), (8, (1, 1), 5)]:
         device().group, device().bands = group, bands
-        assert differing(work, run_stage(kernel, strict(1), work, device()), expected) == 0, (group, bands)
+        assert differing(work, run_stage(kernel, strict(lanes), work, device()), expected) == 0, (lanes, group, bands)
 
 
 @pytest.mark.parametrize("kernel", WRITES)
 def test_a_kernel_writes_its_pixels_and_at_most_the_rest_of_a_segment(kernel: str) -> None:
     work, lanes = chain_work(), 8
-    device().group = (3, 2)  # more work-items than pixels, down and across
+    device().group = (7, 3)  # more work-items than pixels, down and across
     for name, planes in run_stage(kernel, strict(lanes), work, device()).items():
         written = planes != UNWRITTEN
         assert work.layout.inside(written).all(), name
