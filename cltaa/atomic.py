@@ -28,8 +28,6 @@ def make_folder(folder: Path) -> Path:
 
 def check_creatable(path: Path) -> None:
     """Raise OutputError unless a file of that name can be written, before the work that it is to hold."""
-    if path.is_dir():
-        raise OutputError("this is a folder", path=path, expected="the name of a file")
     temporary = _temporary(path)
     _create(temporary, path)
     temporary.unlink(missing_ok=True)
@@ -81,6 +79,8 @@ def _temporary(path: Path) -> Path:
 
 
 def _create(temporary: Path, path: Path) -> None:
+    if path.is_dir():
+        raise OutputError("this is a folder", path=path, expected="the name of a file")
     try:
         temporary.touch()
     except OSError as error:

@@ -160,9 +160,8 @@ def _load(path: Path, sha256: str | None) -> tuple[Layout, bytes]:
     """Check the layout, and only then read the whole file, so that what was checked is what is decoded."""
     with open_regular(path) as file:
         layout = parse_layout(path, file)
-        columns, rows = layout.data_size
         # The pixels stand in memory twice: as decoded, and in the frame.
-        check_memory(path, file_size(file) + 2 * columns * rows * layout.bytes_a_pixel)
+        check_memory(path, file_size(file) + 2 * layout.decoded_bytes)
         return layout, read_all(path, file, sha256)
 
 
@@ -176,16 +175,23 @@ def _decode(layout: Layout, content: bytes) -> tuple[dict[str, Pixels], dict[str
 
 
 def _open(layout: Layout, stream: BinaryIO, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:
+    file = open_stream(layout.path, stream, header_only=header_only)
+    return file, {name: _scalar(value) for name, value in file.header().items()}
+
+
+def open_stream(path: Path, stream: BinaryIO, *, header_only: bool) -> OpenEXR.File:
+    """Let OpenEXR decode a file whose layout was checked; ``path`` is its name in messages. Raises DataError."""
     try:
         # Separate channels: the merging of R, G and B in the module had memory errors, and loses mixed types. A stream
         # instead of a name: names need not be UTF-8, and what OpenEXR itself prints would hold them raw.
         with muted_output():
             file = OpenEXR.File(stream, separate_channels=True, header_only=header_only)
         if not file.parts:  # the module's way of saying that decoding failed
-            raise DataError("the pixels are damaged", path=layout.path, cure="write the file again")
-        return file, {name: _scalar(value) for name, value in file.header().items()}
+            raise DataError("the pixels are damaged", path=path, cure="write the file again")
+        file.header()  # whose texts must be UTF-8
     except (RuntimeError, ValueError, TypeError) as error:  # UnicodeDecodeError is a ValueError
-        raise DataError(f"OpenEXR cannot read it: {error}", path=layout.path, cure="write the file again") from error
+        raise DataError(f"OpenEXR cannot read it: {error}", path=path, cure="write the file again") from error
+    return file
 
 
 def _attribute(name: str, value: object) -> object:

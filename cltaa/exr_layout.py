@@ -17,16 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.errors import DataError
+from cltaa.exr_header import MULTI_PART, TILED, Header, read_at, read_channels, read_headers
 from cltaa.file_content import file_size, open_regular
 
-MAGIC = 20000630
-TILED, DEEP, MULTI_PART = 1 << 9, 1 << 11, 1 << 12  # version flags
 LARGEST_SIDE = 16384  # pixels; the largest image that the resolve promises
-LARGEST_HEADER = 1 << 24  # bytes; object names and preview pictures in a header take a few million at most
-FIRST_READ = 1 << 15  # bytes; holds nearly every header
-MOST_ATTRIBUTES, MOST_CHANNELS = 4096, 1024  # renderers write some dozens of each
-LONGEST_NAME = 255  # bytes, as the file layout says
-PIXEL_TYPES = ("uint", "half", "float")  # in the order of their numbers in the file
 PIXEL_BYTES = {"uint": 4, "half": 2, "float": 4}
 # Name and scan lines a chunk, in the order of their numbers in the file.
 COMPRESSIONS = (
@@ -45,13 +39,14 @@ Counts = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Shape of one single-part EXR image: channel name -> "uint", "half" or "float", windows, compression."""
+    """Shape of an EXR image or a part of one: channel name -> "uint", "half" or "float", windows, compression."""
 
     path: Path
     channels: dict[str, str]
     data_window: Window
     display_window: Window
     compression: str
+    part: str | None = None  # name of the part, None in a file of one image
 
     @property
     def width(self) -> int:
@@ -74,6 +69,12 @@ class Layout:
         return sum(PIXEL_BYTES[kind] for kind in self.channels.values())
 
     @property
+    def decoded_bytes(self) -> int:
+        """Bytes of all its pixels, as decoded."""
+        columns, rows = self.data_size
+        return columns * rows * self.bytes_a_pixel
+
+    @property
     def crop(self) -> tuple[slice, slice]:
         """Rows and columns of the data window that make up the picture (a renderer may draw more, never less)."""
         row, column = self.display_window[1] - self.data_window[1], self.display_window[0] - self.data_window[0]
@@ -92,94 +93,62 @@ def read_layout(path: Path) -> Layout:
 
 def parse_layout(path: Path, file: BinaryIO) -> Layout:
     """Do what ``read_layout`` does, for a file that is open; ``path`` is its name in messages."""
+    parts = parse_parts(path, file)
+    if parts[0].part is not None:
+        raise DataError("multi-part images are not read", path=path, cure="write a flat single-part EXR")
+    return parts[0]
+
+
+def parse_parts(path: Path, file: BinaryIO) -> tuple[Layout, ...]:
+    """Layouts of all parts of an open file, checked as ``read_layout`` does, and against each other."""
     try:
-        return _parse(path, file)
+        version, headers, place = read_headers(path, file)
+        many = bool(version & MULTI_PART)
+        parts = tuple(_layout(path, header, many) for header in headers)
+        if len({part.part for part in parts}) < len(parts) or not all(
+            (part.part or "").isprintable() for part in parts
+        ):
+            raise ValueError("parts of one name, or of a name that could harm a terminal")
+        if len({part.display_window for part in parts}) > 1:
+            raise DataError("the parts do not make one picture", path=path, cure="write them with one display window")
+        tiled = [header["type"] == b"tiledimage" if many else bool(version & TILED) for header in headers]
+        chunks = [_chunk_sizes(*its) for its in zip(parts, headers, tiled, strict=True)]
+        behind = place + 8 * sum(len(sizes) for sizes in chunks)
+        for part, in_tiles, sizes in zip(parts, tiled, chunks, strict=True):
+            # A chunk begins with its part (if there are many), its place (y, or four numbers) and its size.
+            leader = 4 * many + (20 if in_tiles else 8)
+            _check_chunks(part, file, place, sizes, leader, behind)
+            place += 8 * len(sizes)
     except (struct.error, IndexError, KeyError, ValueError) as error:
         raise DataError("the EXR header is damaged or cut off", path=path, cure="write the file again") from error
+    return parts
 
 
-def _parse(path: Path, file: BinaryIO) -> Layout:
-    start = _read_at(file, 0, FIRST_READ)
-    if not start:
-        raise DataError("the file is empty", path=path, expected="an EXR image", cure="write it again")
-    if len(start) < 8 or struct.unpack_from("<I", start)[0] != MAGIC:
-        raise DataError("this is not an EXR file", path=path, cure="convert it to OpenEXR first")
-    (version,) = struct.unpack_from("<I", start, 4)
-    for flag, kind in ((DEEP, "deep"), (MULTI_PART, "multi-part")):
-        if version & flag:
-            raise DataError(f"{kind} images are not read", path=path, cure="write a flat single-part EXR")
-    try:
-        attributes, table = _attributes(start)
-    except IndexError:  # it may only be longer than what was read
-        attributes, table = _attributes(_read_at(file, 0, LARGEST_HEADER))
-    (codec,) = attributes["compression"]
+def _layout(path: Path, header: Header, many: bool) -> Layout:
+    (codec,) = header["compression"]
     if codec >= len(COMPRESSIONS):
         raise DataError("unknown compression", path=path, found=codec, cure="write it with ZIP compression")
+    if header.get("type", b"").startswith(b"deep"):
+        raise DataError("deep images are not read", path=path, cure="write a flat EXR")
     layout = Layout(
         path=path,
-        channels=_channels(path, attributes["channels"]),
-        data_window=struct.unpack("<4i", attributes["dataWindow"]),
-        display_window=struct.unpack("<4i", attributes["displayWindow"]),
+        channels=read_channels(path, header["channels"]),
+        data_window=struct.unpack("<4i", header["dataWindow"]),
+        display_window=struct.unpack("<4i", header["displayWindow"]),
         compression=COMPRESSIONS[codec][0],
+        part=header["name"].decode() if many else None,
     )
     _check_windows(layout)
-    tiled = bool(version & TILED)
-    pixels = _tile_sizes(layout, attributes["tiles"]) if tiled else _row_sizes(layout, COMPRESSIONS[codec][1])
-    _check_chunks(layout, file, table, pixels, leader=20 if tiled else 8)
     return layout
 
 
-def _read_at(file: BinaryIO, place: int, size: int) -> bytes:
-    file.seek(place)
-    return file.read(size)
-
-
-def _attributes(header: bytes) -> tuple[dict[str, bytes], int]:
-    """Raw attribute values by name, and the offset of the chunk table behind them; IndexError where it is cut off."""
-    attributes: dict[str, bytes] = {}
-    place = 8
-    while header[place] != 0:
-        name, place = _name(header, place)
-        _, place = _name(header, place)  # of its type
-        if place + 4 > len(header):
-            raise IndexError("attribute without a size")
-        (size,) = struct.unpack_from("<i", header, place)
-        start, place = place + 4, place + 4 + size
-        if size < 0 or name in attributes or len(attributes) == MOST_ATTRIBUTES:
-            raise ValueError("attribute of a negative size, twice, or one too many")
-        if place >= len(header):
-            raise IndexError("attribute reaches beyond the file")
-        attributes[name] = header[start:place]
-    return attributes, place + 1
-
-
-def _name(content: bytes, place: int) -> tuple[str, int]:
-    """The name that begins at ``place``, and the place behind its end; ValueError for what could harm a terminal."""
-    end = content.find(b"\0", place, place + LONGEST_NAME + 1)
-    if end < 0 and len(content) <= place + LONGEST_NAME:
-        raise IndexError("name reaches beyond the file")
-    name = content[place:end].decode()
-    if end <= place or not name.isprintable():
-        raise ValueError("no name of an attribute or a channel")
-    return name, end + 1
-
-
-def _channels(path: Path, value: bytes) -> dict[str, str]:
-    channels: dict[str, str] = {}
-    place = 0
-    while value[place] != 0:
-        name, place = _name(value, place)
-        kind, _, x_sampling, y_sampling = struct.unpack_from("<4i", value, place)
-        if (x_sampling, y_sampling) != (1, 1):
-            found = f"one in {x_sampling} x {y_sampling}"
-            raise DataError(
-                "sub-sampled channels are not read", path=path, channel=name, expected="every pixel", found=found
-            )
-        if name in channels or kind < 0 or len(channels) == MOST_CHANNELS:
-            raise ValueError("channel twice, of no type, or one too many")
-        channels[name] = PIXEL_TYPES[kind]
-        place += 16
-    return channels
+def _chunk_sizes(layout: Layout, header: Header, tiled: bool) -> Counts:
+    """Pixels of each chunk of a part."""
+    rows = COMPRESSIONS[header["compression"][0]][1]
+    sizes = _tile_sizes(layout, header["tiles"]) if tiled else _row_sizes(layout, rows)
+    if layout.part is not None and struct.unpack("<i", header["chunkCount"]) != (len(sizes),):
+        raise ValueError("not as many chunks as the windows ask for")
+    return sizes
 
 
 def _check_windows(layout: Layout) -> None:
@@ -215,18 +184,18 @@ def _tile_sizes(layout: Layout, value: bytes) -> Counts:
     return np.full(-(-columns // width) * -(-rows // height), smallest)
 
 
-def _check_chunks(layout: Layout, file: BinaryIO, table: int, pixels: Counts, leader: int) -> None:
-    """Check that every chunk begins behind the table, ends inside the file and can hold its pixels.
+def _check_chunks(layout: Layout, file: BinaryIO, table: int, pixels: Counts, leader: int, behind: int) -> None:
+    """Check that every chunk begins behind all tables, ends inside the file and can hold its pixels.
 
     The size of a chunk ends its ``leader`` bytes. One that is smaller than its compression allows cannot be decoded.
     """
-    length, start = file_size(file), table + 8 * len(pixels)
-    if start > length:
+    length = file_size(file)
+    if behind > length:
         raise DataError("the file is truncated inside its table of chunks", path=layout.path, cure="write it again")
-    offsets = np.frombuffer(_read_at(file, table, 8 * len(pixels)), dtype="<u8")
-    fits = bool((offsets >= start).all() and (offsets <= length - leader).all())
+    offsets = np.frombuffer(read_at(file, table, 8 * len(pixels)), dtype="<u8")
+    fits = bool((offsets >= behind).all() and (offsets <= length - leader).all())
     if fits:
-        sizes = np.array([struct.unpack_from("<i", _read_at(file, int(place) + leader - 4, 4))[0] for place in offsets])
+        sizes = np.array([struct.unpack_from("<i", read_at(file, int(place) + leader - 4, 4))[0] for place in offsets])
         fits = bool((sizes >= 0).all() and (offsets + sizes.astype("<u8") <= length - leader).all())
     if not fits:
         raise DataError("the file is truncated or was never finished", path=layout.path, cure="write it again")

@@ -43,6 +43,18 @@ def open_regular(path: Path, expected: str = "an EXR file") -> Iterator[BinaryIO
         raise StorageError(f"reading failed: {error.strerror or error}", path=path) from error
 
 
+def read_text(path: Path, expected: str, largest: int) -> str:
+    """Read a text of at most ``largest`` bytes; raises what ``open_regular`` raises, DataError for more or no UTF-8."""
+    with open_regular(path, expected) as file:
+        content = file.read(largest + 1)
+    if len(content) > largest:
+        raise DataError(f"too large for {expected}", path=path, expected=f"at most {largest} bytes")
+    try:
+        return content.decode()
+    except UnicodeDecodeError as error:
+        raise DataError(f"not UTF-8: {error}", path=path, expected=expected) from None
+
+
 def read_all(path: Path, file: BinaryIO, sha256: str | None) -> bytes:
     """Read the whole file; raises DataError where its SHA-256, in hexadecimal, is not the given one."""
     file.seek(0)

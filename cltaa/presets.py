@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from cltaa.errors import DataError, UsageError
-from cltaa.file_content import open_regular
+from cltaa.file_content import read_text
 from cltaa.params import Preset, override
 
 LARGEST_CONFIG = 1 << 16  # bytes; every parameter with a comment takes a few thousand
@@ -30,15 +30,7 @@ def load_preset(name: str = "default") -> Preset:
 
 def load_config(path: Path, base: Preset) -> Preset:
     """``base`` with the keys of a TOML file; its optional key ``preset`` names another base."""
-    with open_regular(path, "a TOML file") as file:
-        content = file.read(LARGEST_CONFIG + 1)
-    if len(content) > LARGEST_CONFIG:
-        raise DataError("too large for parameters", path=path, expected=f"at most {LARGEST_CONFIG} bytes")
-    try:
-        text = content.decode()
-    except UnicodeDecodeError as error:
-        raise DataError(f"not TOML: {error}", path=path) from None
-    return _parse(base.name, text, origin=str(path), base=base)
+    return _parse(base.name, read_text(path, "a TOML file", LARGEST_CONFIG), origin=str(path), base=base)
 
 
 def _parse(name: str, text: str, origin: str, base: Preset | None = None) -> Preset:

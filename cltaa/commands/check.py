@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from cltaa.atomic import atomic_path
+from cltaa.atomic import atomic_path, check_creatable
 from cltaa.checking.report import FRAMES, Report, check_folder
 from cltaa.commands.options import FILE_PATH, input_options
 from cltaa.errors import DataError
@@ -39,6 +39,8 @@ def check(
     Each finding comes with its confidence, the evidence, and the option of cltaa resolve that mends it. The exit code
     is 0 where no mistake is found, else 65.
     """
+    if fix is not None:
+        check_creatable(fix)  # told before the work, not after it
     report, mended = check_folder(sequence, profile=profile, assignments=inputs, side_file=camera, frames=frames)
     if fix is not None:
         with atomic_path(fix) as temporary:

@@ -22,6 +22,7 @@ from cltaa.inputs.profile import Profile, load_profile, profile_names
 from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import Roles, assign, describe, file_sets
 from cltaa.inputs.side_file import read_side_file
+from cltaa.manifest import recorded_hashes
 from cltaa.numbered import OnBreak, frame_missing
 from cltaa.sources import Sequence, open_sequence
 
@@ -53,12 +54,15 @@ class Intake:
 class ForeignSequence(Sequence):
     """A ``Sequence`` whose frames are converted while they are read; ``strict`` False lets wrong matrices pass."""
 
-    def __init__(self, folder: Path, intake: Intake, numbers: Many[int], *, strict: bool = True) -> None:
+    def __init__(
+        self, folder: Path, intake: Intake, numbers: Many[int], *, strict: bool = True, verify: bool = True
+    ) -> None:
         """Take what ``open_intake`` decided."""
         self.intake, self._strict = intake, strict
+        self._hashes: dict[Path, dict[str, str]] = {}
         main = intake.sets[intake.roles["colour"][0].files]
         self.folder, self.name = folder, main[numbers[0]].name.split(".")[0]
-        self.verify, self.gaps, self.on_resize = False, OnBreak.ERROR, OnBreak.ERROR
+        self.verify, self.gaps, self.on_resize = verify, OnBreak.ERROR, OnBreak.ERROR
         self._paths = {number: main[number] for number in numbers}
         self.layouts = {number: intake.layouts[number] for number in numbers}
 
@@ -71,7 +75,7 @@ class ForeignSequence(Sequence):
         """Return the frames ``first`` to ``last``, both included."""
         self.path(first), self.path(last)
         numbers = [number for number in self.numbers if first <= number <= last]
-        return type(self)(self.folder, self.intake, numbers, strict=self._strict)
+        return type(self)(self.folder, self.intake, numbers, strict=self._strict, verify=self.verify)
 
     def frame(self, number: int) -> Frame:
         """Read and convert one frame."""
@@ -99,6 +103,14 @@ class ForeignSequence(Sequence):
             path=self.path(number),
         )  # fmt: skip
 
+    def _hash_of(self, path: Path) -> str | None:
+        """The SHA-256 that is recorded for a file, if one is and it is to be verified."""
+        if not self.verify:
+            return None
+        if path.parent not in self._hashes:
+            self._hashes[path.parent] = recorded_hashes(path.parent)
+        return self._hashes[path.parent].get(path.name)
+
     def _planes(self, number: int) -> dict[str, Image]:
         """The channels of each role as float32 [H, W, C]."""
         files: dict[str, dict[str, Pixels]] = {}
@@ -108,7 +120,7 @@ class ForeignSequence(Sequence):
             for place in places:
                 path = self.intake.sets[place.files][number]
                 if place.files not in files:
-                    files[place.files] = read_planes(path)[0]
+                    files[place.files] = read_planes(path, sha256=self._hash_of(path))[0]
                 if place.channel not in files[place.files]:
                     found = " ".join(sorted(files[place.files]))
                     raise DataError("channel is missing", path=path, channel=place.channel, found=found)
@@ -128,7 +140,7 @@ def open_input(
     if plain and profile in ("auto", "cltaa") and _is_own(folder):
         return open_sequence(folder, **options)
     intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file)
-    return ForeignSequence(folder, intake, sorted(intake.declared))
+    return ForeignSequence(folder, intake, sorted(intake.declared), verify=options.get("verify", True))
 
 
 def open_intake(

@@ -11,8 +11,10 @@ from typing import Any
 
 import msgspec
 
-from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.errors import DataError, UsageError
+from cltaa.file_content import read_text
 
+LARGEST = 1 << 16  # bytes; every key with a comment takes a few thousand
 _FOLDER = resources.files("cltaa") / "profiles"
 
 Pair = tuple[float, float]
@@ -137,13 +139,7 @@ def load_profile(name: str) -> Profile:
         return _parse(name, (_FOLDER / f"{name}.toml").read_text(encoding="utf-8"), name)
     if not name.endswith(".toml"):
         raise UsageError(f"unknown profile {name}", cure=f"known: auto, {', '.join(profile_names())}, FILE.toml")
-    try:
-        text = Path(name).read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise InputMissing("no such profile", path=name) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"profile cannot be read: {error}", path=name) from None
-    return _parse(Path(name).stem, text, name)
+    return _parse(Path(name).stem, read_text(Path(name), "a profile", LARGEST), name)
 
 
 def correct(profile: Profile, fix: Mapping[str, Mapping[str, Any]]) -> Profile:
@@ -175,7 +171,7 @@ def correct(profile: Profile, fix: Mapping[str, Mapping[str, Any]]) -> Profile:
 def _parse(name: str, text: str, origin: str) -> Profile:
     try:
         values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise DataError(f"not TOML: {error}", path=origin) from None
     base = load_profile(str(values.pop("profile"))) if "profile" in values else Profile()
     merged = msgspec.to_builtins(base) | {"name": name}

@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.errors import DataError, InputMissing
+from cltaa.errors import DataError
+from cltaa.file_content import read_text
 from cltaa.frames import Matrix
 
+LARGEST = 1 << 28  # bytes; a frame takes less than 2000, so that a hundred thousand fit
 KEYS = {"world_to_view": 16, "view_to_clip": 16, "jitter_px": 2}
 
 
@@ -30,12 +33,7 @@ class Side(NamedTuple):
 
 def read_side_file(path: Path) -> dict[int, Side]:
     """Read ``path`` by its suffix: .json, .csv, else text; raises InputMissing or DataError that names the line."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise InputMissing("the side file is missing", path=path) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"the side file cannot be read: {error}", path=path) from None
+    text = read_text(path, "a side file", LARGEST)
     rows = {".json": _json, ".csv": _csv}.get(path.suffix.lower(), _text)(path, text)
     found: dict[int, Side] = {}
     for number, values in rows:
@@ -50,7 +48,7 @@ def _json(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
     try:
         frames = json.loads(text)["frames"]
         yield from ((int(number), dict(values)) for number, values in frames.items())
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise DataError(f"not a side file: {error}", path=path, expected='{"frames": {"1": {...}}}') from None
 
 
@@ -75,7 +73,7 @@ def _text(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
         words = content.split("#")[0].translate(str.maketrans("(),[]=:", "       ")).split()
         if not words:
             continue
-        if words[0] == "frame" and len(words) == 2 and words[1].lstrip("-").isdigit():
+        if words[0] == "frame" and len(words) == 2 and re.fullmatch("-?[0-9]{1,9}", words[1]):
             if number is not None:
                 yield number, values
             number, values = int(words[1]), {}

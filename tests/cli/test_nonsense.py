@@ -40,8 +40,8 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve seq -o out --config file.txt", DATA, "file.txt: not TOML"),
     ("resolve seq -o out --config empty", DATA, "empty: this is a folder (expected a TOML file)"),
     ("resolve seq -o out --config /dev/zero", DATA, "/dev/zero: this is a pipe or a device (expected a TOML file)"),
-    ("resolve seq -o out --config latin.toml", DATA, "latin.toml: not TOML"),
-    ("resolve seq -o out --config large.toml", DATA, "large.toml: too large for parameters"),
+    ("resolve seq -o out --config latin.toml", DATA, "latin.toml: not UTF-8"),
+    ("resolve seq -o out --config large.toml", DATA, "large.toml: too large for a TOML file"),
     ("resolve seq -o out --preset ../../etc/passwd", WRONG, "unknown preset"),
     ("resolve seq -o out --set gamma_still=nan", WRONG, "gamma_still"),
     ("resolve seq -o out --set gamma_still=1e999", WRONG, "gamma_still"),
@@ -52,6 +52,26 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve seq -o out --storage x", USAGE, "Invalid value for '--storage'"),
     ("resolve seq -o out --device numpy --preview empty", OUTPUT, "empty: this is a folder"),
     ("resolve seq -o out --device numpy --preview no/x.mp4", OUTPUT, "no/x.mp4: the file cannot be created"),
+    ("resolve seq -o out --profile nonsense", WRONG, "unknown profile nonsense"),
+    ("resolve seq -o out --profile nowhere.toml", MISSING, "nowhere.toml: the file is missing"),
+    ("resolve seq -o out --profile large.toml", DATA, "large.toml: too large for a profile"),
+    ("resolve seq -o out --profile latin.toml", DATA, "latin.toml: not UTF-8"),
+    ("resolve seq -o out --profile deep.toml", DATA, "deep.toml: "),
+    ("resolve seq -o out --input nonsense", WRONG, "no value"),
+    ("resolve seq -o out --input x.y=1", WRONG, "no such key"),
+    ("resolve seq -o out --camera nowhere.json", MISSING, "nowhere.json: the file is missing"),
+    ("resolve seq -o out --camera empty", DATA, "empty: this is a folder (expected a side file)"),
+    ("resolve seq -o out --camera /dev/zero", DATA, "/dev/zero: this is a pipe or a device"),
+    ("resolve seq -o out --camera file.txt", DATA, "file.txt: line 1 is not understood"),
+    ("resolve seq -o out --camera deep.json", DATA, "deep.json: not a side file"),
+    ("resolve seq -o out --camera odd.txt", DATA, "odd.txt: line 1 is not understood"),
+    ("check", USAGE, "Missing argument 'SEQUENCE'"),
+    ("check nowhere", MISSING, "nowhere"),
+    ("check empty", MISSING, "no frames"),
+    ("check ''", USAGE, "the name is empty"),
+    ("check seq --frames 0", USAGE, "not in the range"),
+    ("check seq --fix empty", OUTPUT, "empty: this is a folder"),
+    ("profiles nonsense", WRONG, "nonsense"),
     ("compare nowhere", MISSING, "nowhere: the file is missing"),
     ("compare seq nowhere", MISSING, "nowhere: the file is missing"),
     ("compare file.txt", DATA, "file.txt: this is not an EXR file"),
@@ -104,6 +124,9 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "file.txt").write_text("not what you think")
     (folder / "latin.toml").write_bytes(b"# caf\xe9")
     (folder / "large.toml").write_text("#" * 100_000)
+    (folder / "deep.toml").write_text("x = " + "[" * 60_000)
+    (folder / "deep.json").write_text('{"frames": ' + "[" * 100_000)
+    (folder / "odd.txt").write_text("frame \N{SUPERSCRIPT TWO}\n")
     return folder
 
 

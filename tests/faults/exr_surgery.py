@@ -78,3 +78,27 @@ def window(left: int, top: int, right: int, bottom: int) -> bytes:
 def channel(name: bytes, kind: int = 2, x_sampling: int = 1, y_sampling: int = 1) -> bytes:
     """One entry of a channel list; kinds are 0 uint, 1 half, 2 float."""
     return name + b"\0" + struct.pack("<4i", kind, 0, x_sampling, y_sampling)
+
+
+def assembled_parts(parts: list[Anatomy]) -> bytes:
+    """Put scan-line parts together into a multi-part file; each needs attributes ``name`` and ``type``."""
+    headers = b"".join(part.header()[8:] for part in parts)
+    start = struct.pack("<II", 20000630, VERSION | 1 << 12) + headers + b"\0"
+    place = len(start) + 8 * sum(len(part.chunks) for part in parts)
+    offsets, chunks = [], []
+    for number, part in enumerate(parts):
+        for chunk in part.chunks:
+            offsets.append(place)
+            chunks.append(struct.pack("<i", number) + chunk)
+            place += 4 + len(chunk)
+    return b"".join([start, struct.pack(f"<{len(offsets)}Q", *offsets), *chunks])
+
+
+def as_part(sound: Path, name: str) -> Anatomy:
+    """The image of a single-part file as a part of that name."""
+    part = dissect(sound)
+    part.drop(b"type")
+    part.add(b"name", b"string", name.encode())
+    part.add(b"type", b"string", b"scanlineimage")
+    part.add(b"chunkCount", b"int", struct.pack("<i", len(part.chunks)))
+    return part

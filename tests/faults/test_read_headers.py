@@ -169,7 +169,7 @@ CASES: dict[str, tuple[Change, int, str]] = {
     "line order 200": (put(b"lineOrder", b"\xc8"), 0, ""),
     "type says deep": (added(b"type", b"string", b"deepscanline"), 65, ""),
     "deep": (flags(DEEP), 65, "deep images are not read"),
-    "multi-part": (flags(MULTI_PART), 65, "multi-part images are not read"),
+    "multi-part of one image": (flags(MULTI_PART), 65, WRONG),
     "version 1": (lambda file: setattr(file, "version", 1), 65, ""),
     "flags from the future": (flags(1 << 30), 65, ""),
     "tiled without tiles": (flags(TILED), 65, WRONG),

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.errors import DataError, InputMissing
 from cltaa.exr import read_frame, read_image, write_image
 from cltaa.exr_attributes import frame_attributes
 from cltaa.manifest import LARGEST_RECORD
@@ -155,8 +155,8 @@ def test_record_and_configuration_of_any_size_and_depth(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="too large to be a record"):
         open_sequence(tmp_path / "in").frame(0)
     config = tmp_path / "deep.toml"
-    config.write_text("x = " + "[" * 100_000)
-    with pytest.raises((DataError, UsageError), match=r"deep\.toml"):
+    config.write_text("x = " + "[" * 60_000)
+    with pytest.raises(DataError, match=r"deep\.toml: not TOML"):
         load_config(config, load_preset())
 
 
