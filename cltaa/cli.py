@@ -29,6 +29,7 @@ COMMANDS = {
     "profiles": Entry("cltaa.commands.profiles", "profiles", "List the reader profiles for files of other tools."),
     "resolve": Entry("cltaa.commands.resolve", "resolve", "Anti-alias a sequence over time."),
     "scenes": Entry("cltaa_datasets.cli", "scenes", "List the scenes that capture can draw."),
+    "tune": Entry("cltaa.commands.tune", "command", "Search for the best settings within a time or an error."),
 }
 
 

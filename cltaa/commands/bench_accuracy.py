@@ -19,6 +19,7 @@ from cltaa.bench.accuracy import bench_accuracy, cost, tasks_of
 from cltaa.bench.accuracy_page import page
 from cltaa.bench.distribution import run_all
 from cltaa.bench.errors_of import Task
+from cltaa.bench.known import remember
 from cltaa.bench.ladder import Variant, ladder
 from cltaa.bench.plots import write_plots
 from cltaa.bench.results import Accuracy, Measured
@@ -82,6 +83,7 @@ def accuracy(
         return
     result = bench_accuracy(tasks, output, rounds=rounds, jobs=jobs, dask=dask, progress=_progress)
     write_report(result, tasks, output)
+    remember(result)
     if as_json:
         click.echo(msgspec.json.encode(result).decode())
     else:

@@ -13,6 +13,7 @@ from cltaa.checkpoint import CHECKPOINT_EVERY
 from cltaa.commands.options import FILE_PATH, chosen_effects, input_options, verify_option
 from cltaa.errors import UsageError
 from cltaa.inputs.intake import ForeignSequence, intake_lines, open_input
+from cltaa.launch import launcher_for
 from cltaa.numbered import OnBreak
 from cltaa.params import Preset, override
 from cltaa.pipeline import Outcome, resolve_sequence, stage_rows
@@ -38,6 +39,8 @@ from cltaa.views import View, parse_views
 @click.option("--compression", default="zip", show_default=True, help="EXR compression that loses nothing.")
 @click.option("--storage", type=click.Choice([kind.value for kind in Storage]), default=Storage.FLOAT.value,
               show_default=True, help="Number that the history is kept in.")  # fmt: skip
+@click.option("--budget-ms", type=click.FloatRange(min=0.0, min_open=True), metavar="MS",
+              help="Take what cltaa bench accuracy found best on this device within MS a frame.")  # fmt: skip
 @click.option("--strict", is_flag=True, help="Kernels that match the NumPy oracle bit for bit.")
 @input_options
 @verify_option
@@ -64,6 +67,7 @@ def resolve(
     half: bool,
     compression: str,
     storage: str,
+    budget_ms: float | None,
     strict: bool,
     profile: str,
     inputs: tuple[str, ...],
@@ -89,7 +93,12 @@ def resolve(
         click.echo("\n".join(map(printable, intake_lines(source.intake))), err=True)
     if frames is not None:
         source = source.select(*_frame_range(frames))
-    resolver = Resolver(chosen_preset(preset, config, assignments), device, strict=strict, storage=Storage(storage))
+    settings, kept = chosen_preset(preset, config, assignments), Storage(storage)
+    if budget_ms is not None:
+        if preset != "default" or config is not None:
+            raise UsageError("--budget-ms chooses the preset itself", cure="leave out --preset and --config")
+        settings, kept = within_budget(budget_ms, device, (source.width, source.height), assignments)
+    resolver = Resolver(settings, device, strict=strict, storage=kept)
     outcome = resolve_sequence(
         source,
         output,
@@ -113,13 +122,28 @@ def chosen_preset(name: str, config: Path | None, assignments: tuple[str, ...]) 
     preset = load_preset(name)
     if config is not None:
         preset = load_config(config, preset)
+    return override(preset, _values(assignments))
+
+
+def within_budget(
+    budget_ms: float, device: str | None, size: tuple[int, int], assignments: tuple[str, ...]
+) -> tuple[Preset, Storage]:
+    """What the last measurement on the device found best within the time; says which and why on standard error."""
+    from cltaa.bench.known import choose  # here: it loads all that measures
+
+    choice = choose(launcher_for(device).description, budget_ms, *size)
+    click.echo(choice.why, err=True)
+    return override(choice.variant.preset, _values(assignments)), choice.variant.storage
+
+
+def _values(assignments: tuple[str, ...]) -> dict[str, str]:
     values: dict[str, str] = {}
     for assignment in assignments:
         key, equals, value = assignment.partition("=")
         if not equals:
             raise UsageError(f"--set {assignment}: no value", expected="KEY=VALUE", found=assignment)
         values[key.strip()] = value.strip()
-    return override(preset, values)
+    return values
 
 
 def _frame_range(text: str) -> tuple[int, int]:

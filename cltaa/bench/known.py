@@ -1,0 +1,123 @@
+"""What the last measurement on each device found, kept for ``cltaa resolve --budget-ms``."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+from pathlib import Path
+
+import msgspec
+
+from cltaa.atomic import atomic_path, make_folder
+from cltaa.bench.ladder import Variant
+from cltaa.bench.results import Accuracy, Cell
+from cltaa.errors import DataError, UsageError
+from cltaa.metrics import METRICS
+
+FOLDER = "XDG_DATA_HOME", ".local/share"  # the variable, and what stands for it in the home folder
+
+
+class Candidate(msgspec.Struct, frozen=True, kw_only=True):
+    """A variant with what it cost and what it brought, over all sequences of the measurement."""
+
+    variant: Variant
+    ms_per_megapixel: float  # the greatest of the medians over the sequences
+    error: float  # over the default's, geometric mean over the sequences: less than 1 is better
+
+
+class Known(msgspec.Struct, frozen=True, kw_only=True):
+    """The last measurement on one device."""
+
+    device: str
+    date: str
+    metric: str
+    sequences: list[str]
+    noisy: bool
+    candidates: list[Candidate]
+
+
+class Choice(msgspec.Struct, frozen=True, kw_only=True):
+    """What was chosen, and the line that says why."""
+
+    variant: Variant
+    why: str
+
+
+def known_path(device: str) -> Path:
+    """The file about a device, in the user's data folder."""
+    variable, otherwise = FOLDER
+    base = Path(os.environ.get(variable) or Path.home() / otherwise)
+    return base / "cltaa" / "bench" / f"{hashlib.sha256(device.encode()).hexdigest()[:16]}.json"
+
+
+def remember(result: Accuracy) -> Path:
+    """Keep what ``resolve --budget-ms`` needs of a measurement; returns the file."""
+    metric = next((name for name in result.metrics if not METRICS[name].higher_is_better), None)
+    if metric is None:
+        raise UsageError("nothing to remember: no metric that falls with the error", found=", ".join(result.metrics))
+    rows = [
+        Candidate(
+            variant=variant,
+            ms_per_megapixel=max(_milliseconds(measured.cells[place]) for measured in result.sequences),
+            error=_over_default([measured.cells for measured in result.sequences], place, metric),
+        )
+        for place, variant in enumerate(result.variants)
+    ]
+    known = Known(
+        device=result.environment.device,
+        date=result.environment.date,
+        metric=metric,
+        sequences=[measured.name for measured in result.sequences],
+        noisy=any(measured.noisy for measured in result.sequences),
+        candidates=rows,
+    )
+    path = known_path(known.device)
+    make_folder(path.parent)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(known)))
+    return path
+
+
+def choose(device: str, budget_ms: float, width: int, height: int) -> Choice:
+    """The variant with the least error whose kernels take at most ``budget_ms`` for a frame of that size.
+
+    Raises UsageError where nothing was measured on the device, or nothing is fast enough.
+    """
+    path = known_path(device)
+    if not path.is_file():
+        cure = "measure first: cltaa bench accuracy SEQUENCE -o report"
+        raise UsageError(f"nothing was measured on {device} yet", path=path, cure=cure)
+    try:
+        known = msgspec.json.decode(path.read_bytes(), type=Known)
+    except msgspec.DecodeError as error:
+        raise DataError(f"not a measurement: {error}", path=path, cure="measure again: cltaa bench accuracy") from None
+    megapixels = width * height * 1e-6
+    fitting = [row for row in known.candidates if row.ms_per_megapixel * megapixels <= budget_ms]
+    if not fitting:
+        least = min(row.ms_per_megapixel for row in known.candidates) * megapixels
+        expected, found = f"{least:.3g} ms or more", f"{budget_ms:.3g} ms"
+        raise UsageError(
+            "no known variant is fast enough", expected=expected, found=found, cure="allow more, or less size"
+        )
+    best = min(fitting, key=lambda row: (row.error, row.ms_per_megapixel))
+    noise = "; that machine was noisy, so times are rough" if known.noisy else ""
+    why = (
+        f"{best.variant.name}: {best.ms_per_megapixel * megapixels:.3g} of {budget_ms:.3g} ms a frame, "
+        f"{best.error:.3f} times the default's {known.metric}; the best of {len(fitting)} that fit of "
+        f"{len(known.candidates)}, measured {known.date} on {', '.join(known.sequences)}{noise}"
+    )
+    return Choice(variant=best.variant, why=why)
+
+
+def _milliseconds(cell: Cell) -> float:
+    return (cell.wall if cell.device is None else cell.device).median
+
+
+def _over_default(sequences: list[list[Cell]], place: int, metric: str) -> float:
+    ratios = []
+    for cells in sequences:
+        base, own = cells[0].errors[metric].mean, cells[place].errors[metric].mean
+        if base > 0 and own > 0:
+            ratios.append(math.log(own / base))
+    return math.exp(math.fsum(ratios) / len(ratios)) if ratios else 1.0

@@ -1,0 +1,98 @@
+"""``cltaa tune``: the best settings within a time, or the least time for an error."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import msgspec
+
+from cltaa.atomic import atomic_path
+from cltaa.errors import UsageError
+from cltaa.launch import launcher_for
+from cltaa.presets import load_preset
+from cltaa.progress import track
+from cltaa.sources import open_sequence
+from cltaa.tune import Tuned, parse_goal, preset_text, tune
+
+PATH = click.Path(path_type=Path)
+
+
+@click.command("tune")
+@click.argument("sequences", nargs=-1, required=True, type=PATH, metavar="SEQUENCE...")
+@click.option(
+    "--budget", metavar="TIME", help="Least error within this time a frame, as 5ms; the kernels' time counts."
+)
+@click.option("--target", metavar="METRIC=VALUE", help="Least time with at most this error, as flip=0.02.")
+@click.option("--metric", default="mse", show_default=True, help="What is minimised within a --budget.")
+@click.option("--check", "checked", multiple=True, type=PATH, metavar="SEQUENCE",
+              help="Only check the outcome on this one; repeatable.  [default: the last SEQUENCE]")  # fmt: skip
+@click.option("--preset", default="default", show_default=True, help="Where the search begins.")
+@click.option("--trials", default=40, show_default=True, type=click.IntRange(min=2), help="Settings to try.")
+@click.option("--seed", default=0, show_default=True, help="Of the search.")
+@click.option("--device", metavar="NAME", help="OpenCL device, or numpy.")
+@click.option(
+    "-o", "--output", required=True, type=PATH, help="TOML file to write; use it with cltaa resolve --config."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the outcome as JSON and nothing else.")
+def command(
+    sequences: tuple[Path, ...],
+    budget: str | None,
+    target: str | None,
+    metric: str,
+    checked: tuple[Path, ...],
+    preset: str,
+    trials: int,
+    seed: int,
+    device: str | None,
+    output: Path,
+    as_json: bool,
+) -> None:
+    """Search for the settings with the least error within a time, or the least time for an error.
+
+    Every SEQUENCE is a capture with its truth. The outcome is measured on sequences that the search never saw, and
+    said to over-fit where less than half of the gain is left there.
+    """
+    goal = parse_goal(budget, target, metric)
+    if not checked and len(sequences) > 1:
+        sequences, checked = sequences[:-1], sequences[-1:]
+    if {path.resolve() for path in sequences} & {path.resolve() for path in checked}:
+        raise UsageError("a sequence is both searched and checked on", cure="name another one with --check")
+    tuned, found = tune(
+        [open_sequence(path) for path in sequences],
+        [open_sequence(path) for path in checked],
+        goal,
+        launcher_for(device),
+        base=load_preset(preset),
+        trials=trials,
+        seed=seed,
+        progress=lambda items, total: track(items, total, "tuning", unit="trials"),
+    )
+    with atomic_path(output) as temporary:
+        temporary.write_text(preset_text(tuned, found), encoding="utf-8")
+    if as_json:
+        click.echo(msgspec.json.encode(tuned).decode())
+    else:
+        click.echo(
+            "\n".join([*outcome_lines(tuned), f"written to {output}; use it with: cltaa resolve --config {output}"])
+        )
+
+
+def outcome_lines(tuned: Tuned) -> list[str]:
+    """The outcome in a few sentences."""
+    goal, best, start = tuned.goal, tuned.best, tuned.start
+    lines = [
+        f"{goal.metric} {best.error:.4g} in {best.milliseconds:.3g} ms a frame; it began with {start.error:.4g} in "
+        f"{start.milliseconds:.3g} ms ({tuned.trials} trials on {', '.join(tuned.searched_on)})"
+    ]
+    if not tuned.reached:
+        lines.append("the goal was not reached; this is what came nearest")
+    if tuned.gain_elsewhere is None:
+        lines.append("not checked on any other sequence: it may over-fit this one; name one with --check")
+    else:
+        verdict = "it over-fits" if tuned.overfits else "it holds there"
+        lines.append(
+            f"error {tuned.gain:.3f} times smaller where it was searched, {tuned.gain_elsewhere:.3f} times on "
+            f"{', '.join(tuned.checked_on)}: {verdict}"
+        )
+    return lines

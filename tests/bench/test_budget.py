@@ -1,0 +1,84 @@
+"""``cltaa resolve --budget-ms``: the best that is known to be fast enough, and why."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from cltaa.bench.known import Candidate, Known, choose, known_path
+from cltaa.bench.ladder import Variant, ladder
+from cltaa.build import Storage
+from cltaa.cli import main
+from cltaa.errors import DataError, UsageError
+from cltaa.launch import launcher_for
+from cltaa.presets import load_preset
+from tests.sequence_factory import write_sequence
+
+DEVICE = "a device of this test"
+
+
+def write_known(device: str, rows: list[tuple[int, float, float]], *, noisy: bool = False) -> list[Variant]:
+    """Remember variants of the ladder as (place, ms a megapixel, error over the default's)."""
+    every = ladder(load_preset())
+    candidates = [Candidate(variant=every[place], ms_per_megapixel=ms, error=error) for place, ms, error in rows]
+    known = Known(device=device, date="now", metric="mse", sequences=["here"], noisy=noisy, candidates=candidates)
+    path = known_path(device)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(msgspec.json.encode(known))
+    return [every[place] for place, _, _ in rows]
+
+
+def test_the_least_error_that_fits() -> None:
+    slow, middle, fast = write_known(DEVICE, [(0, 10.0, 1.0), (1, 5.0, 1.5), (2, 1.0, 3.0)])
+    assert choose(DEVICE, 20.0, 1920, 1080).variant == middle  # 2.07 megapixels: 20.7, 10.4 and 2.1 ms
+    assert choose(DEVICE, 20.8, 1920, 1080).variant == slow
+    assert choose(DEVICE, 3.0, 1920, 1080).variant == fast
+    why = choose(DEVICE, 20.0, 1920, 1080).why
+    assert "10.4 of 20 ms" in why
+    assert "1.500 times the default's mse" in why
+    assert "best of 2 that fit of 3" in why
+    assert "noisy" not in why
+
+
+def test_noise_is_said() -> None:
+    write_known(DEVICE, [(0, 1.0, 1.0)], noisy=True)
+    assert "noisy" in choose(DEVICE, 5.0, 100, 100).why
+
+
+def test_nothing_known_nothing_fast_enough_nothing_readable() -> None:
+    with pytest.raises(UsageError, match="measure first: cltaa bench accuracy"):
+        choose("another device", 5.0, 100, 100)
+    write_known(DEVICE, [(0, 10.0, 1.0)])
+    with pytest.raises(UsageError, match=r"expected 20\.7 ms or more, found 20 ms"):
+        choose(DEVICE, 20.0, 1920, 1080)
+    known_path(DEVICE).write_text("{")
+    with pytest.raises(DataError, match="not a measurement"):
+        choose(DEVICE, 20.0, 1920, 1080)
+
+
+def test_resolve_takes_it_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sequence = write_sequence(tmp_path / "seq", 2)
+    own = launcher_for(None).description
+    places = {variant.name: place for place, variant in enumerate(ladder(load_preset()))}
+    (half,) = write_known(own, [(places["storage: half"], 1.0, 1.1)])
+    assert half.storage is Storage.HALF
+    assert main(["resolve", str(sequence), "-o", str(tmp_path / "out"), "--budget-ms", "4", "--json"]) == 0
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["preset"] == "storage: half"
+    assert "storage: half: 0.000851 of 4 ms a frame" in captured.err
+    assert main(["resolve", str(sequence), "-o", str(tmp_path / "o"), "--budget-ms", "4", "--config", "x.toml"]) != 0
+    known_path(own).unlink()
+
+
+def test_a_measurement_is_remembered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sequence = write_sequence(tmp_path / "seq", 3, reference=True)
+    arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path / "report"), "--only", "build"]
+    assert main([*arguments, "--rounds", "3", "--rounding-frames", "0", "--metrics", "mse"]) == 0
+    capsys.readouterr()
+    known = msgspec.json.decode(known_path(launcher_for(None).description).read_bytes(), type=Known)
+    assert [row.variant.name for row in known.candidates] == ["default", "build: strict"]
+    assert known.candidates[0].error == 1.0
+    assert known.sequences == ["seq"]

@@ -1,0 +1,105 @@
+"""``cltaa tune``: goals, the search on a sequence whose answer is known, and the check elsewhere."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cltaa.cli import main
+from cltaa.errors import UsageError
+from cltaa.presets import load_config, load_preset
+from cltaa.tune import Goal, Trial, Tuned, overfits, parse_goal, preset_text
+from tests.sequence_factory import write_sequence
+
+
+def test_goals() -> None:
+    assert parse_goal("5ms", None, "flip") == Goal(metric="flip", budget_ms=5.0)
+    assert parse_goal("0.25", None, "mse") == Goal(metric="mse", budget_ms=0.25)
+    assert parse_goal(None, "flip=0.02", "mse") == Goal(metric="flip", target=0.02)
+
+
+@pytest.mark.parametrize(
+    ("budget", "target", "metric"),
+    [
+        (None, None, "mse"), ("5ms", "mse=1", "mse"), ("five", None, "mse"), ("-1ms", None, "mse"),
+        ("5ms", None, "psnr"), (None, "mse", "mse"), (None, "ssim=0.9", "mse"), (None, "mse=nan", "mse"),
+    ],
+)  # fmt: skip
+def test_wrong_goals(budget: str | None, target: str | None, metric: str) -> None:
+    with pytest.raises(UsageError):
+        parse_goal(budget, target, metric)
+
+
+def test_a_score_never_prefers_what_breaks_the_limit_for_less() -> None:
+    goal = Goal(metric="mse", budget_ms=2.0)
+    assert goal.score(1.0, 1.0) == goal.score(1.0, 2.0) == 1.0
+    assert goal.score(0.5, 4.0) > goal.score(1.0, 2.0)
+    assert goal.reached(9.0, 2.0)
+    assert not goal.reached(0.0, 2.1)
+    other = Goal(metric="mse", target=0.1)
+    assert other.score(0.2, 1.0) > other.score(0.1, 2.0)
+    assert other.reached(0.1, 99.0)
+
+
+@pytest.mark.parametrize(("gain", "elsewhere", "verdict"), [(2.0, 1.5, False), (2.0, 1.1, True), (1.0, 0.5, False)])
+def test_over_fitting(gain: float, elsewhere: float, verdict: bool) -> None:
+    assert overfits(gain, elsewhere) is verdict
+
+
+def test_preset_text_is_toml_that_resolve_reads(tmp_path: Path) -> None:
+    base = load_preset()
+    trial = Trial(values={}, error=1.0, milliseconds=1.0)
+    tuned = Tuned(
+        goal=Goal(metric="mse", budget_ms=5.0), start=trial, best=trial, trials=3, reached=True, searched_on=['a "b"'],
+        checked_on=["c"], gain=2.0, gain_elsewhere=1.0, overfits=True,
+    )  # fmt: skip
+    from cltaa.params import override
+
+    wanted = override(base, {"rectify": "clip", "sample_limit": 31.7, "history_filter": "bilinear"})
+    path = tmp_path / "tuned.toml"
+    path.write_text(preset_text(tuned, wanted))
+    assert "over-fits" in tomllib.loads(path.read_text())["description"]
+    read = load_config(path, base)
+    assert (read.choices, read.settings) == (wanted.choices, wanted.settings)
+
+
+def test_search_finds_something_no_worse_and_checks_it_elsewhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folders = [write_sequence(tmp_path / name, 3, reference=True, seed=seed) for seed, name in enumerate("ab")]
+    output = tmp_path / "tuned.toml"
+    arguments = [
+        "tune",
+        *map(str, folders),
+        "--budget",
+        "10000ms",
+        "--trials",
+        "4",
+        "-o",
+        str(output),
+        "--device",
+        "numpy",
+    ]
+    assert main([*arguments, "--json"]) == 0
+    tuned = json.loads(capsys.readouterr().out)
+    assert (tuned["searched_on"], tuned["checked_on"]) == (["a"], ["b"])
+    assert tuned["reached"]
+    assert tuned["best"]["error"] <= tuned["start"]["error"]
+    assert tuned["gain"] == pytest.approx(tuned["start"]["error"] / tuned["best"]["error"])
+    assert np.isfinite(tuned["gain_elsewhere"])
+    load_config(output, load_preset())
+    assert main([*arguments, "--check", str(folders[0])]) == 64
+    assert "both searched and checked" in capsys.readouterr().err
+
+
+def test_a_single_sequence_is_said_to_be_unchecked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_sequence(tmp_path / "a", 2, reference=True)
+    arguments = ["tune", str(folder), "--target", "mse=1e-9", "--trials", "2", "--device", "numpy"]
+    assert main([*arguments, "-o", str(tmp_path / "t.toml")]) == 0
+    printed = capsys.readouterr().out
+    assert "not checked on any other sequence" in printed
+    assert "the goal was not reached" in printed
