@@ -167,6 +167,17 @@ class Device:
         """Zeroed device memory; raises ResourceError where there is not enough."""
         return Memory(self, shape, dtype)
 
+    def copy(self, source: Any, target: Any, offset: int) -> None:
+        """Enqueue a copy of all of ``source`` into ``target``, from its element ``offset`` on; raises DeviceLost."""
+        with device_errors(self):
+            cl.enqueue_copy(
+                self.queue,
+                target.buffer,
+                source.buffer,
+                byte_count=source.size,
+                dst_offset=offset * target.dtype.itemsize,
+            )
+
     def finish(self) -> None:
         """Wait until the queue is empty; raises DeviceLost."""
         with device_errors(self):

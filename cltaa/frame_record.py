@@ -24,11 +24,15 @@ class Past:
     exposure: float
     shape: tuple[int, ...]
     alpha: bool
+    own_motion: bool
+    jitter_px: tuple[float, float]
+    earlier: tuple[Past, ...] = ()  # the frames before it whose samples are kept, the latest first
 
     @classmethod
     def of(cls, frame: Frame) -> Past:
         """The past that ``frame`` becomes."""
-        return cls(frame.index, frame.camera, frame.exposure, frame.colour.shape, frame.alpha is not None)
+        channels = frame.alpha is not None, frame.motion is not None
+        return cls(frame.index, frame.camera, frame.exposure, frame.colour.shape, *channels, frame.jitter_px)
 
     def continues_in(self, frame: Frame, choices: Choices) -> bool:
         """Tell whether the history goes on in ``frame``: no cut, no gap, planes and lens of the same kind."""
@@ -58,6 +62,7 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan
             record[letter + by] = moved.rows[row, column]
     for column, by in enumerate("xyq1"):
         record["z" + by] = moved.closeness[column]
+    record["jitter_x"], record["jitter_y"] = frame.jitter_px
     record["sky_closeness"] = sky_closeness(frame.camera)
     record["exposure_ratio"] = 1.0 if previous is None else frame.exposure / previous.exposure
     if plan is not None:

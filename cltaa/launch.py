@@ -37,6 +37,9 @@ class Launcher(Protocol):
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
         """Run a kernel over an image of ``layout``; arguments are buffers, struct records, whole numbers or None."""
 
+    def copy(self, source: Buffer, target: Buffer, offset: int) -> None:
+        """Copy all of ``source`` into ``target``, from its element ``offset`` on; both hold the same numbers."""
+
     def finish(self) -> None:
         """Wait for everything that was started."""
 
@@ -100,10 +103,14 @@ class DeviceLauncher:
     ) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
         if kernel == "extend_edges":
             return (layout.stride, layout.rows, int(arguments["planes"])), None
-        rows = build.rows if kernel == "resolve" else 1
+        rows = build.rows if kernel in ("resolve", "gather") else 1
         columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
         group = self.device.group
         return (-(-columns // group[0]) * group[0], -(-steps // group[1]) * group[1]), group
+
+    def copy(self, source: Buffer, target: Buffer, offset: int) -> None:
+        """Enqueue a copy inside the device's memory. Raises DeviceLost."""
+        self.device.copy(source, target, offset)
 
     def finish(self) -> None:
         """Wait until the device has done everything."""
@@ -140,6 +147,12 @@ class NumpyLauncher:
 
         given = {name: value.array if isinstance(value, _Array) else value for name, value in arguments.items()}
         KERNELS[kernel](build, layout, **given)
+
+    def copy(self, source: Buffer, target: Buffer, offset: int) -> None:
+        """Copy at once."""
+        assert isinstance(source, _Array)
+        assert isinstance(target, _Array)
+        target.array.reshape(-1)[offset : offset + source.array.size] = source.array.reshape(-1)
 
     def finish(self) -> None:
         """Nothing is ever pending."""

@@ -33,6 +33,13 @@ class CurrentFilter(StrEnum):
     LANCZOS = "lanczos"  # windowed sinc of radius 2, its ringing held inside the extremes of the 3x3
 
 
+class HistoryOf(StrEnum):
+    """What is remembered of earlier frames."""
+
+    RESULT = "result"  # their resolved image: any number of frames in one
+    SAMPLES = "samples"  # the samples of the last frames_kept frames, as they were drawn
+
+
 class Tonemap(StrEnum):
     """The range in which everything is compared and blended."""
 
@@ -175,6 +182,7 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """Parameters that shape the code; they reach the kernels as ``#define`` lines and cost one cached build."""
 
     history_filter: HistoryFilter = HistoryFilter.CATMULL_ROM
+    history_of: HistoryOf = HistoryOf.RESULT
     current_filter: CurrentFilter = CurrentFilter.NONE
     tonemap: Tonemap = Tonemap.NONE
     reproject: Reproject = Reproject.FULL
@@ -197,7 +205,9 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
 
 # What the host alone looks at: it does not reach the kernels' text.
-HOST_CHOICES = frozenset({"exposure_change", "on_camera_move", "ray_through", "reactive_mask", "reproject"})
+HOST_CHOICES = frozenset(
+    {"exposure_change", "history_of", "on_camera_move", "ray_through", "reactive_mask", "reproject"}
+)
 
 
 class Preset(msgspec.Struct, frozen=True, kw_only=True):

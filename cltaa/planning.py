@@ -19,6 +19,7 @@ from cltaa.params import (
     Choices,
     Dilation,
     ExposureChange,
+    HistoryOf,
     Preset,
     ReactiveMask,
     Rectify,
@@ -52,7 +53,7 @@ STEP_NAMES = {
     "reactive": "reactive",
 }  # fmt: skip
 # Steps whose absence is another estimate.
-RECTIFICATION, WEIGHTS = "rectification", "luminance weights"
+RECTIFICATION, WEIGHTS, GATHERING = "rectification", "luminance weights", "gathering"
 
 # Effects that can make a pixel's history wrong although the camera stands still.
 _CHANGING = frozenset({Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.REACTIVE, Effect.EXPOSURE})
@@ -75,6 +76,9 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
     if previous is None:
         # A first frame is what was drawn, to the bit; the blur is for pixels that appear amid others with a past.
         settings = msgspec.structs.replace(settings, fresh_blur=0.0)
+    if choices.history_of is HistoryOf.SAMPLES:
+        choices, reason = _gathered(choices, declared)
+        reasons.append(reason)
     # A published resolve does what it does whether the scene calls for it or not.
     free = not preset.published
     still = declared is not None and not declared & (_CHANGING | {Effect.CAMERA})
@@ -90,7 +94,9 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
 
 def plain_mean(choices: Choices, settings: Settings) -> tuple[Choices, Settings]:
     """Nothing can make history wrong: the plain mean of all samples is the best estimate there is."""
-    choices = msgspec.structs.replace(choices, rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE)
+    choices = msgspec.structs.replace(
+        choices, rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE, history_of=HistoryOf.RESULT
+    )
     return choices, msgspec.structs.replace(settings, sample_limit=2.0**20)
 
 
@@ -101,6 +107,9 @@ def toggled(plan: Plan, preset: Preset, step: str) -> Plan:
         whole = msgspec.structs.replace(preset.choices, weighting=plan.choices.weighting), preset.settings
         choices, settings = plain_mean(plan.choices, plan.settings) if on else whole
         return plan._replace(choices=choices, settings=settings)
+    if step == GATHERING:
+        history_of = HistoryOf.RESULT if on else HistoryOf.SAMPLES
+        return plan._replace(choices=msgspec.structs.replace(plan.choices, history_of=history_of))
     if step == WEIGHTS:
         weighting = Weighting.NONE if on else Weighting.LUMINANCE
         return plan._replace(choices=msgspec.structs.replace(plan.choices, weighting=weighting))
@@ -124,6 +133,17 @@ def _why_rectified(free: bool, still: bool) -> str:
     if not free:
         return "as published"
     return "declared still: plain mean of all samples" if still else "something may make history wrong"
+
+
+def _gathered(choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choices, Reason]:
+    """What gathering samples asks of a sequence: old samples say nothing of light that has changed since."""
+    if declared is None:
+        return choices, Reason(GATHERING, True, "the sequence declares no effects: the past is held in its box")
+    if Effect.SHADING in declared or Effect.REACTIVE in declared:
+        why = "light changes without motion: the resolved image forgets faster than samples do"
+        return msgspec.structs.replace(choices, history_of=HistoryOf.RESULT), Reason(GATHERING, False, why)
+    why = "no change of light is declared: samples of the same surface stand"
+    return msgspec.structs.replace(choices, rectify=Rectify.NONE), Reason(GATHERING, True, why)
 
 
 def _steps(preset: Preset, frame: Frame, camera_moves: bool, *, every: bool) -> Steps:

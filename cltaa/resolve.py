@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import perf_counter
 from typing import Any, NamedTuple
 
 import msgspec
-import numpy as np
 
-from cltaa.buffers import Buffers, fill
+from cltaa.buffers import Buffers
 from cltaa.build import Build, Real, Steps, Storage, settings_record
-from cltaa.cameras import closeness, closeness_at
-from cltaa.errors import DataError
 from cltaa.frame_record import Past as Past
 from cltaa.frame_record import frame_record as frame_record
 from cltaa.frames import Frame, Image
+from cltaa.kept_frames import KeptFrames
 from cltaa.kernel_files import code_sha256
 from cltaa.launch import Buffer, Launcher, launcher_for, storage_dtype
 from cltaa.layout import Layout
-from cltaa.params import Preset
+from cltaa.params import HistoryOf, Preset
 from cltaa.planning import Plan, plan_frame
 from cltaa.presets import load_preset
-
-# What a channel that a frame does not have would hold: no vector, all covered, nothing to distrust.
-NOTHING = {"motion": np.nan, "alpha": 1.0, "reactive": 0.0}
+from cltaa.upload import check_shapes, upload
 
 
 class Times(NamedTuple):
@@ -69,6 +66,7 @@ class Resolver:
         self.launcher = launcher_for(device) if device is None or isinstance(device, str) else device
         self._shape = Build(strict=strict, storage=storage, real=real, lanes=lanes, rows=rows)
         self._buffers: Buffers | None = None
+        self._kept: KeptFrames | None = None
         self._previous: Past | None = None
         self.plan: Plan | None = None
         self.last: LastRun | None = None
@@ -89,7 +87,7 @@ class Resolver:
 
     def reopen(self) -> None:
         """Open the device again after it was lost, without a history; raises what opening it raises."""
-        self._buffers, self._previous = None, None
+        self._buffers, self._kept, self._previous = None, None, None
         if self._device is None or isinstance(self._device, str):
             self.launcher = launcher_for(self._device)
 
@@ -100,22 +98,30 @@ class Resolver:
         """
         if self._previous is None or self._buffers is None:
             raise ValueError("there is no history")
-        return self._previous, self._buffers.recurrent()
+        if self._kept is None:
+            return self._previous, self._buffers.recurrent()
+        past = replace(self._previous, earlier=self._kept.past)
+        return past, {**self._buffers.recurrent(), "kept": self._kept.planes}
 
     def restore(self, past: Past) -> dict[str, Buffer]:
         """Go on after ``past``; returns the memory to fill with what ``recurrent`` gave then, by the same names."""
         layout = Layout(past.shape[1], past.shape[0])
         self._buffers = None  # released before the new ones are allocated
         self._buffers = Buffers(self.launcher, layout, past.alpha or self.every_step, storage_dtype(self._shape))
-        self._previous = past
-        return self._buffers.recurrent()
+        self._previous, self._kept = past, None
+        if not past.earlier:
+            return self._buffers.recurrent()
+        steps = Steps(own_motion=past.own_motion or self.every_step, alpha=past.alpha or self.every_step)
+        self._kept = KeptFrames(self.launcher, layout, self._frames_kept, steps)
+        self._kept.past = past.earlier
+        return {**self._buffers.recurrent(), "kept": self._kept.planes}
 
     def resolve(self, frame: Frame) -> Image:
         """The resolved colour of ``frame``, [H, W, 3] float32, or [H, W, 4] where the frame has alpha.
 
         Raises DataError where colour, depth or another channel differ in size.
         """
-        _check_shapes(frame)
+        check_shapes(frame)
         started = perf_counter()
         previous = self._previous
         if previous is not None and not previous.continues_in(frame, self.preset.choices):
@@ -124,7 +130,7 @@ class Resolver:
         self.plan = plan_frame(self.preset, frame, camera, every=self.every_step)
         build = self._build(self.plan)
         buffers = self._prepare(frame, build)
-        self._upload(frame, buffers, build.steps)
+        upload(frame, buffers, build.steps, self.preset.settings)
         uploaded = perf_counter()
         self._run(frame, previous, build, buffers)
         self.launcher.finish()
@@ -167,25 +173,18 @@ class Resolver:
             self._buffers = Buffers(self.launcher, layout, build.steps.alpha, storage_dtype(build))
         return self._buffers
 
-    def _upload(self, frame: Frame, buffers: Buffers, steps: Steps) -> None:
-        layout = buffers.layout
-        fill(buffers.current, layout, np.moveaxis(frame.colour, -1, 0))
-        with buffers.closeness.mapped(write=True) as planes:
-            inside = layout.inside(planes)[0]
-            closeness(frame.depth, frame.camera, out=inside)
-            settings = self.preset.settings
-            if settings.sky_at > 0.0 and not frame.camera.orthographic:
-                sky = inside <= closeness_at(settings.sky_below, frame.camera)
-                inside[sky] = closeness_at(settings.sky_at, frame.camera)
-            layout.extend_edges(planes)
-        planes_of = {"motion": 2, "alpha": 1, "reactive": 1}
-        for name, wanted in (("motion", steps.own_motion), ("alpha", steps.alpha), ("reactive", steps.reactive)):
-            channel = getattr(frame, name)
-            if channel is not None:
-                fill(buffers.optional(name, planes_of[name]), layout, np.atleast_3d(channel).transpose(2, 0, 1))
-            elif wanted:
-                nothing = np.full((planes_of[name], 1, 1), NOTHING[name], np.float32)
-                fill(buffers.optional(name, planes_of[name]), layout, nothing)
+    @property
+    def _frames_kept(self) -> int:
+        return int(self.preset.settings.frames_kept)
+
+    def _ring(self, previous: Past | None, layout: Layout, steps: Steps) -> KeptFrames:
+        """The ring of kept frames for this frame; it holds none where there is no predecessor."""
+        if self._kept is None or not self._kept.fit(layout, self._frames_kept, steps):
+            self._kept = None  # released before the new one is allocated
+            self._kept = KeptFrames(self.launcher, layout, self._frames_kept, steps)
+        if previous is None:
+            self._kept.past = ()
+        return self._kept
 
     def _run(self, frame: Frame, previous: Past | None, build: Build, buffers: Buffers) -> None:
         assert self.plan is not None
@@ -197,16 +196,25 @@ class Resolver:
             "motion": buffers.optional("motion", 2) if steps.own_motion else None,
             "alpha": buffers.optional("alpha", 1) if steps.alpha else None,
             "reactive": buffers.optional("reactive", 1) if steps.reactive else None,
-            "history": buffers.history,
-            "history_count": buffers.history_count,
-            "previous_closeness": buffers.previous_closeness,
             "output": buffers.output,
             "output_count": buffers.output_count,
             "frame": record,
             "settings": settings_record(self.plan.settings),
         }
-        self.last = LastRun(build, layout, arguments)
-        self.launcher.run("resolve", build, layout, arguments)
+        if self.plan.choices.history_of is HistoryOf.SAMPLES:
+            kept = self._ring(previous, layout, steps)
+            build = kept.build(build, frame)
+            ring = {"kept": kept.planes, "past": kept.records, "frames": kept.describe(frame, self.plan)}
+            self.launcher.run("gather", build, layout, arguments | ring)
+            kept.keep(frame, buffers, steps)
+        else:
+            arguments |= {
+                "history": buffers.history,
+                "history_count": buffers.history_count,
+                "previous_closeness": buffers.previous_closeness,
+            }
+            self.last = LastRun(build, layout, arguments)
+            self.launcher.run("resolve", build, layout, arguments)
         float_build = build if build.storage is Storage.FLOAT else Build(lanes=build.lanes, rows=build.rows)
         self.launcher.run(
             "extend_edges", build, layout, {"image": buffers.output, "frame": record, "planes": 4 if steps.alpha else 3}
@@ -214,19 +222,3 @@ class Resolver:
         self.launcher.run(
             "extend_edges", float_build, layout, {"image": buffers.output_count, "frame": record, "planes": 1}
         )
-
-
-def _check_shapes(frame: Frame) -> None:
-    size = frame.colour.shape[:2]
-    expected = {"colour": (*size, 3), "depth": size, "motion": (*size, 2), "alpha": size, "reactive": size}
-    for name, shape in expected.items():
-        array = getattr(frame, name)
-        if array is not None and (array.shape != shape or 0 in shape):
-            raise DataError(
-                f"{name} has the wrong shape",
-                path=frame.path,
-                frame=frame.index,
-                expected=shape if 0 not in shape else "at least one pixel",
-                found=array.shape,
-                cure="all channels of a frame share one size",
-            )

@@ -39,6 +39,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     filter_falloff: Annotated[
         float, _number("falloff of the gaussian current filter", 0.0, 64.0, "1 / pixel^2", "2.29: Blackman-Harris, 3.3")
     ] = 2.29
+    frames_kept: Annotated[
+        float, _number("earlier frames whose samples are kept (history_of samples)", 1.0, 64.0, "frames", "measured")
+    ] = 15.0
     sample_limit: Annotated[
         float, _number("most samples that the history counts for", 1.0, 2.0**20, "samples", "measured")
     ] = 24.0

@@ -61,11 +61,12 @@ STAGE resolved resolve_pixel(
 }
 
 // Alpha and reactivity are shares: outside [0, 1], or no number, means the nearer end (no number: `otherwise`).
-STAGE real load_share(plane_in p, real otherwise)
+STAGE real usable_share(real v, real otherwise)
 {
-    const real v = load(p);
     return outside_domain(v) ? otherwise : limit(v, SPLAT(0.0), SPLAT(1.0));
 }
+
+STAGE real load_share(plane_in p, real otherwise) { return usable_share(load(p), otherwise); }
 
 // The alpha of the history; where the box is `unit`, held in the extremes of the current 3x3 as colour is.
 STAGE real past_alpha(plane_in alpha_at, real past, frame_t frame)

@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from cltaa.reference import resolve, stages
+from cltaa.reference import gather, resolve, stages
 
 # Kernel name -> twin; called with (build, layout, **arguments by the kernel's own names).
 KERNELS: dict[str, Callable[..., Any]] = {
     "blend": stages.blend_kernel,
     "extend_edges": resolve.extend_edges,
+    "gather": gather.gather,
     "neighbourhood_statistics": stages.neighbourhood_statistics_kernel,
     "rectify_history": stages.rectify_history_kernel,
     "repair_colour": stages.repair_colour_kernel,

@@ -146,11 +146,15 @@ def current_sample(above: Row, centre: Row, below: Row, near: Statistics, build:
     return v[0] + change[0], v[1] + change[1], v[2] + change[2]
 
 
+def usable_closeness(v: Array, frame: Record) -> Array:
+    """Closeness outside the domain is the sky's."""
+    return np.where(outside_domain(v), number(frame["sky_closeness"], v), v)
+
+
 def read_row(
     colour: Array, closeness: Array, motion: Array | None, dy: int, build: Build, layout: Layout, frame: Record
 ) -> Row:
     """Rows y + ``dy`` of repaired colour planes, closeness [1, rows, stride] and motion [2, rows, stride]."""
-    sky = frame["sky_closeness"]
 
     def window(plane: Array, dx: int) -> Array:
         top, left = PAD_Y + dy, PAD_X + dx
@@ -162,7 +166,7 @@ def read_row(
     line = texels(-1), texels(0), texels(1)
     left, centre, right = (to_box_space(v, build) for v in line)
     channels = [row_moments(left[k], centre[k], right[k]) for k in range(3)]
-    usable = np.where(outside_domain(closeness[0]), number(sky, closeness), closeness[0])
+    usable = usable_closeness(closeness[0], frame)
     zl, zc, zr = (window(usable, dx) for dx in (-1, 0, 1))
     to_left = zl > zc
     nearest = np.where(to_left, zl, zc)

@@ -94,16 +94,16 @@ def storable(v: Array, floor_value: Array, build: Build) -> Array:
     return np.where(bad, number(0.0, v), raised)
 
 
-def load_share(plane: Array, otherwise: float) -> Array:
+def usable_share(v: Array, otherwise: float) -> Array:
     """Alpha or reactivity limited to [0, 1]; no number means ``otherwise``."""
-    return np.where(outside_domain(plane), number(otherwise, plane), limit(plane, number(0, plane), number(1, plane)))
+    return np.where(outside_domain(v), number(otherwise, v), limit(v, number(0, v), number(1, v)))
 
 
 def past_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> Array:
     """The history's alpha; where the box is ``unit``, held in the extremes of the current 3x3 of ``plane``."""
     if build.choices.box is not Box.UNIT:
         return past
-    share = load_share(plane[0].astype(past.dtype), 1.0)
+    share = usable_share(plane[0].astype(past.dtype), 1.0)
     low, high = np.ones_like(past), np.zeros_like(past)
     for top in (PAD_Y - 1, PAD_Y, PAD_Y + 1):
         for left in (PAD_X - 1, PAD_X, PAD_X + 1):

@@ -11,7 +11,7 @@ from cltaa.build import Build, Real, Record
 from cltaa.layout import Layout
 from cltaa.reference.history import sample_history
 from cltaa.reference.neighbourhood import Row, current_sample, nearest_surface, neighbourhood_statistics, read_row
-from cltaa.reference.pixel import Resolved, box_gamma, load_share, past_alpha, resolve_pixel
+from cltaa.reference.pixel import Resolved, box_gamma, past_alpha, resolve_pixel, usable_share
 from cltaa.reference.projection import surface_motion
 from cltaa.reference.real import Array, constant, quiet
 from cltaa.reference.rectify import rectify
@@ -83,8 +83,8 @@ def load_shares(
     one, zero = np.ones_like(like), np.zeros_like(like)
     steps = build.steps
     return (
-        load_share(layout.inside(alpha)[0].astype(like.dtype), 1.0) if steps.alpha and alpha is not None else one,
-        load_share(layout.inside(reactive)[0].astype(like.dtype), 0.0)
+        usable_share(layout.inside(alpha)[0].astype(like.dtype), 1.0) if steps.alpha and alpha is not None else one,
+        usable_share(layout.inside(reactive)[0].astype(like.dtype), 0.0)
         if steps.reactive and reactive is not None
         else zero,
     )

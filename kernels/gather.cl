@@ -1,0 +1,43 @@
+// The temporal resolve without a recurrent image: each pixel gathers the samples that the last frames drew inside it.
+// One work-item slides a segment of LANES pixels down ROWS rows, as in resolve.cl.
+#include "real.h"
+#include "image.h"
+#include "storage.h"
+#include "colour.h"
+#include "repair.h"
+#include "neighbourhood.h"
+#include "projection.h"
+#include "sampling.h"
+#include "reject.h"
+#include "history.h"
+#include "rectify.h"
+#include "blend.h"
+#include "pixel.h"
+#include "gather.h"
+
+__kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha, plane_in reactive,
+    plane_in kept, frames_in past, const int frames, history_out output, plane_out output_count, const frame_t frame,
+    const settings_t settings)
+{
+    const int x = (int)get_global_id(0) * LANES, first = (int)get_global_id(1) * ROWS;
+    if (x >= frame.width || first >= frame.height)
+        return;
+    const int last = first + ROWS < frame.height ? first + ROWS : frame.height;
+    row_t above = read_row(current, closeness, motion, x, first - 1, frame);
+    row_t centre = read_row(current, closeness, motion, x, first, frame);
+    for (int y = first; y < last; ++y) {
+        const size_t at = texel_offset(frame, x, y);
+        const row_t below = read_row(current, closeness, motion, x, y + 1, frame);
+        const statistics near = neighbourhood_statistics(above, centre, below);
+        const surface s = nearest_surface(above, centre, below, settings);
+        const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
+        const colour sample = current_sample(above, centre, below, near, frame);
+        const real a = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
+        const real reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
+        const gathered g = gather_samples(kept, past, frames, sample, a, s, x, y, frame, settings);
+        const resolved out = resolve_gathered(g, sample, a, reactivity, near, m, frame, settings);
+        store_resolved(output + at, output_count + at, out, x, y, frame);
+        above = centre;
+        centre = below;
+    }
+}
