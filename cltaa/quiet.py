@@ -1,11 +1,19 @@
-"""Keep what the OpenEXR module prints on standard output while it decodes out of the answers of the command line."""
+"""Keep what OpenEXR prints while it decodes out of the answers of the command line.
+
+Its Python module prints warnings on standard output, through Python, and its C library complains on standard error,
+through the C library's own stream, two lines for a damaged file; neither can be turned off.
+"""
 
 from __future__ import annotations
 
+import ctypes
+import os
+import platform
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import Any, TextIO
 
 
@@ -23,16 +31,31 @@ class _StandardOutput:
         return getattr(self.stream, name)
 
 
+class _Complaints:
+    """The variable ``stderr`` of the C library, which C code prints to and Python does not."""
+
+    def __init__(self, library: ctypes.CDLL) -> None:
+        library.fopen.restype = ctypes.c_void_p
+        self._stream = ctypes.c_void_p.in_dll(library, "stderr")
+        self._loud, self._silent = self._stream.value, library.fopen(os.devnull.encode(), b"w")
+
+    def mute(self, on: bool) -> None:
+        """Point it to the null device, or to where it points of old."""
+        if self._silent:
+            self._stream.value = self._silent if on else self._loud
+
+
 _lock = threading.Lock()
 _output: _StandardOutput | None = None
 
 
 @contextmanager
 def muted_output() -> Iterator[None]:
-    """Swallow what this thread prints to ``sys.stdout``; other threads, such as a progress display, are not touched.
+    """Swallow what this thread prints to ``sys.stdout`` and what C code of any thread prints to ``stderr``.
 
-    A redirection of the file descriptor, or of ``sys.stdout`` by each thread for itself, would swallow the text of
-    the other threads too and could be undone in the wrong order; here the last thread to leave restores the stream.
+    Other threads, such as a progress display, keep both ``sys.stdout`` and ``sys.stderr``. A redirection of the file
+    descriptors, or of ``sys.stdout`` by each thread for itself, would swallow their text too and could be undone in the
+    wrong order; here the last thread to leave restores the streams.
     """
     global _output
     thread = threading.get_ident()
@@ -40,6 +63,7 @@ def muted_output() -> Iterator[None]:
         if _output is None:
             _output = _StandardOutput(sys.stdout)
             sys.stdout = _output
+            _mute_complaints(True)
         _output.muted.add(thread)
     try:
         yield
@@ -50,3 +74,16 @@ def muted_output() -> Iterator[None]:
                 if sys.stdout is _output:
                     sys.stdout = _output.stream
                 _output = None
+                _mute_complaints(False)
+
+
+def _mute_complaints(on: bool) -> None:
+    complaints = _complaints()
+    if complaints is not None:
+        complaints.mute(on)
+
+
+@cache
+def _complaints() -> _Complaints | None:
+    # In other C libraries than glibc the variable is a constant.
+    return _Complaints(ctypes.CDLL(None)) if platform.libc_ver()[0] == "glibc" else None

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import ctypes
 import io
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 
+from cltaa.errors import DataError
+from cltaa.exr import read_frame, write_frame
 from cltaa.progress import track
 from cltaa.quiet import muted_output
+from tests.sequence_factory import make_frame
 
 
 def test_only_this_thread_is_muted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -23,6 +28,33 @@ def test_only_this_thread_is_muted(monkeypatch: pytest.MonkeyPatch) -> None:
     assert sys.stdout is stream
     print("after")
     assert stream.getvalue() == "kept\nafter\n"
+
+
+def test_complaints_of_c_code_are_muted_and_come_back(capfd: pytest.CaptureFixture[str]) -> None:
+    library = ctypes.CDLL(None)
+    library.perror(b"before")
+    with muted_output():
+        library.perror(b"noise")
+        print("kept", file=sys.stderr)
+        other = threading.Thread(target=print, args=("too",), kwargs={"file": sys.stderr})
+        other.start()
+        other.join()
+    library.perror(b"after")
+    assert [line.split(":")[0] for line in capfd.readouterr().err.splitlines()] == ["before", "kept", "too", "after"]
+
+
+def test_damaged_pixels_are_one_error_and_no_noise(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """OpenEXR's C library has two lines of its own to say about each such file."""
+    frame = make_frame(width=64, height=64)
+    frame.colour[...] = 0.5  # compressible: every chunk has a checksum
+    write_frame(tmp_path / "a.0000.exr", frame)
+    content = bytearray((tmp_path / "a.0000.exr").read_bytes())
+    for place in range(len(content) - 200, len(content) - 10):
+        content[place] ^= 0x55
+    (tmp_path / "a.0000.exr").write_bytes(content)
+    with pytest.raises(DataError, match="pixels are damaged"):
+        read_frame(tmp_path / "a.0000.exr")
+    assert capfd.readouterr() == ("", "")
 
 
 def test_threads_that_overlap_restore_the_stream(monkeypatch: pytest.MonkeyPatch) -> None:
