@@ -6,7 +6,7 @@ import hashlib
 import os
 import platform
 import time
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import msgspec
@@ -59,10 +59,17 @@ def environment(device: str, load_before: float, options: tuple[str, ...], folde
         load_before=round(load_before, 2),
         load_after=round(load(), 2),
         device=device,
-        libraries={name: version(name) for name in LIBRARIES},
+        libraries={name: _version(name) for name in LIBRARIES},
         kernels_sha256=kernels_sha256(folder),
         options=list(options),
     )
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:  # run from a checkout
+        return "not installed"
 
 
 def _cpu_name() -> str:

@@ -1,0 +1,38 @@
+"""What is kept beside the numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cltaa.bench import environment as module
+from cltaa.bench.environment import environment, kernels_sha256
+
+
+def test_it_says_what_the_numbers_depend_on(tmp_path: Path) -> None:
+    (tmp_path / "a.cl").write_text("x")
+    found = environment("a device", 1.25, ("-a", "-b"), tmp_path)
+    assert (found.device, found.load_before, found.options) == ("a device", 1.25, ["-a", "-b"])
+    assert found.cores >= 1
+    assert found.cpu
+    assert found.kernels_sha256 == kernels_sha256(tmp_path)
+
+
+def test_a_changed_kernel_changes_the_hash(tmp_path: Path) -> None:
+    (tmp_path / "below").mkdir()
+    for name in ("a.cl", "below/b.h"):
+        before = kernels_sha256(tmp_path)
+        (tmp_path / name).write_text("x")
+        assert kernels_sha256(tmp_path) != before
+    before = kernels_sha256(tmp_path)
+    (tmp_path / "a.cl").rename(tmp_path / "c.cl")
+    assert kernels_sha256(tmp_path) != before
+    (tmp_path / "notes.txt").write_text("x")
+    (tmp_path / "c.cl").rename(tmp_path / "a.cl")
+    assert kernels_sha256(tmp_path) == before
+
+
+def test_a_checkout_that_is_not_installed_will_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(module, "LIBRARIES", ("no-such-package-anywhere",))
+    assert environment("d", 0.0, (), tmp_path).libraries == {"no-such-package-anywhere": "not installed"}
