@@ -150,6 +150,12 @@ STAGE real calm_of(real history, real centre, real extent)
 STAGE rectification rectify(
     colour history, colour current, statistics s, motion_t m, real gamma, frame_t frame, settings_t settings)
 {
+    if ((RECTIFY == RECTIFY_NONE) & (ACCUMULATE != ACCUMULATE_ADAPTIVE)
+        & (ANTI_FLICKER != ANTI_FLICKER_CLAMP_DISTANCE)) {
+        // What follows would come to this; no compiler may see that h - h is 0.
+        const rectification nothing = { { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) }, SPLAT(0.0), SPLAT(0.0), SPLAT(1.0) };
+        return nothing;
+    }
     const boxed h = to_box_space(history);
     const box_t box = neighbourhood_box(s, gamma, settings);
     const boxed r = rectify_history(h, to_box_space(current), box);

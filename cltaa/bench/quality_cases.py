@@ -45,7 +45,7 @@ class Case(NamedTuple):
 
 def known_scenes() -> dict[str, frozenset[str]]:
     """Every scene that ``cltaa scenes`` lists, with its effects."""
-    listed = json.loads(_run(["scenes", "--json"]))
+    listed = json.loads(run_cltaa(["scenes", "--json"]))
     return {scene["name"]: frozenset(scene["effects"]) for scene in listed["scenes"]}
 
 
@@ -76,7 +76,7 @@ def open_case(case: Case) -> Sequence | None:
 def capture(case: Case, seed: int, shape: Shape) -> Sequence:
     """Draw a case, or what is missing of it; raises InternalError where the capture fails, with its own words above."""
     truth = case.folder.name.rpartition("-")[2]
-    _run([
+    run_cltaa([
         "capture", case.scene, "-o", str(case.folder), "--frames", str(shape.frames),
         "--size", f"{shape.width}x{shape.height}", "--reference", truth, "--seed", str(seed),
     ])  # fmt: skip
@@ -86,7 +86,7 @@ def capture(case: Case, seed: int, shape: Shape) -> Sequence:
     return sequence
 
 
-def _run(arguments: list[str]) -> str:
+def run_cltaa(arguments: list[str]) -> str:
     """What a command of cltaa prints; its standard error goes to ours."""
     done = subprocess.run(
         [sys.executable, "-m", "cltaa.cli", *arguments], stdout=subprocess.PIPE, text=True, check=False

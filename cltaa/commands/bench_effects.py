@@ -1,0 +1,59 @@
+"""``cltaa bench effects``: what the plan saves, and proof that it changes time and not the picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from cltaa.bench.effects import EffectRow, judge_effects, markdown
+from cltaa.bench.quality_cases import known_scenes, run_cltaa
+from cltaa.commands.options import FILE_PATH
+from cltaa.errors import DataError
+from cltaa.frames import Frame
+from cltaa.printable import json_of
+from cltaa.progress import track
+from cltaa.sources import open_sequence
+
+
+@click.command("effects")
+@click.argument("scenes", nargs=-1)
+@click.option("--work", type=FILE_PATH, default=Path("effects"), show_default=True, help="Folder of captures.")
+@click.option("--size", default="320x180", show_default=True, metavar="WxH", help="Pixels of a capture.")
+@click.option("--frames", default=16, show_default=True, type=click.IntRange(min=2), help="Frames of a capture.")
+@click.option("--preset", default="default", show_default=True, help="Whose steps.")
+@click.option("--device", metavar="NAME", help="OpenCL device: its index or a part of its name; see cltaa doctor.")
+@click.option("--rounds", default=21, show_default=True, type=click.IntRange(min=3), help="Rounds of timing.")
+@click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON and nothing else.")
+@click.pass_context
+def effects(
+    ctx: click.Context,
+    scenes: tuple[str, ...],
+    work: Path,
+    size: str,
+    frames: int,
+    preset: str,
+    device: str | None,
+    rounds: int,
+    as_json: bool,
+) -> None:
+    """Resolve SCENES (all, unless named) as planned and with every effect on; compare bits and time.
+
+    Missing captures are drawn by cltaa capture. The table is Markdown, as it stands in docs/effects.md. The exit code
+    is 65 where a step that was left out would have changed a bit.
+    """
+    rows: list[EffectRow] = []
+    for number, scene in enumerate(scenes or sorted(known_scenes()), start=1):
+        Console(stderr=True).print(f"{number}: {scene}", highlight=False)
+        folder = work / f"{scene}-{size}x{frames}"
+        run_cltaa(["capture", scene, "-o", str(folder), "--frames", str(frames), "--size", size])
+        rows.append(judge_effects(open_sequence(folder), preset, device, rounds=rounds, progress=_tracked))
+    click.echo(json_of(rows, indent=2) if as_json else markdown(rows), nl=False)
+    if not all(row.same_bits for row in rows):
+        ctx.exit(DataError.exit_code)
+
+
+def _tracked(frames: Iterable[Frame], total: int) -> Iterable[Frame]:
+    return track(frames, total, "resolving")

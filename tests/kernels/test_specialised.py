@@ -1,0 +1,67 @@
+"""What a plan leaves out is not in the compiled kernel: its code is poisoned, and the kernel builds all the same.
+
+The poison is a call of a function that nothing defines. A program that still holds the call cannot be linked; so a
+build proves that the compiler threw the code away, and the same poison must fail where the step is on.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+
+import msgspec
+import pyopencl as cl
+import pytest
+
+from cltaa.build import Build, Steps
+from cltaa.device import Device
+from cltaa.params import Choices, Dilation, Rectify, Reject, Weighting
+from cltaa.program import source
+
+BARE = Steps(camera_motion=False, own_motion=False, orthographic=False, exposure=False, alpha=False, reactive=False)
+PLAIN = Choices(rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE, weighting=Weighting.NONE)
+LEAST = Build(choices=PLAIN, steps=BARE, lanes=8, rows=4)
+
+# Step -> (a word that only its code holds, what turns it on among steps and choices).
+CODE: dict[str, tuple[str, dict[str, bool], dict[str, object]]] = {
+    "reprojection": ("SPLAT(LEAST_W)", {"camera_motion": True}, {}),
+    "own motion": ("outside_domain(s.u)", {"own_motion": True}, {}),
+    "exposure": ("K(frame.exposure_ratio)", {"exposure": True}, {}),
+    "alpha": ("load_share(alpha + at, SPLAT(1.0))", {"alpha": True}, {}),
+    "reactive": ("load_share(reactive + at, SPLAT(0.0))", {"reactive": True}, {}),
+    "rejection": ("K(settings.depth_tolerance)", {}, {"reject": Reject.DEPTH}),
+    "rectification": ("K(settings.box_floor)", {}, {"rectify": Rectify.CLAMP}),
+    "dilation": ("K(settings.edge_tolerance)", {}, {"dilation": Dilation.EDGE}),
+    "luminance weights": ("SPLAT(settings.luminance_knee)", {}, {"weighting": Weighting.LUMINANCE}),
+}
+
+
+@pytest.fixture(scope="module")
+def build() -> Callable[[str, Build], None]:
+    device = Device(
+        "portable computing language"
+    )  # PoCL says which symbol it misses; other drivers link later, or not at all
+
+    def program(text: str, how: Build) -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", cl.CompilerWarning)
+            cl.Program(device.context, text).build(options=list(how.flags()))
+
+    return program
+
+
+@pytest.mark.parametrize(("word", "steps", "choices"), CODE.values(), ids=CODE)
+def test_what_is_left_out_is_not_compiled(
+    build: Callable[[str, Build], None], word: str, steps: dict[str, bool], choices: dict[str, object]
+) -> None:
+    def poisoned(how: Build) -> str:
+        text = source("resolve", how)
+        assert word in text, "the kernels say it in other words now: tell this test"
+        return "int cltaa_poison(int);\n" + text.replace(word, f"({word} + cltaa_poison(0))")
+
+    build(poisoned(LEAST), LEAST)
+    wanted = msgspec.structs.replace(
+        LEAST, steps=msgspec.structs.replace(BARE, **steps), choices=msgspec.structs.replace(PLAIN, **choices)
+    )
+    with pytest.raises(cl.RuntimeError, match="cltaa_poison"):
+        build(poisoned(wanted), wanted)
