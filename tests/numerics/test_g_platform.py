@@ -1,0 +1,262 @@
+"""Failure modes of platforms and sizes, and metamorphic checks, NUMERICS G: see docs/numerics.md."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from cltaa.build import Build, prelude
+from cltaa.errors import ResourceError
+from cltaa.frames import Effect, Frame, Image
+from cltaa.launch import DeviceLauncher, NumpyLauncher
+from cltaa.params import HistoryFilter, override
+from cltaa.presets import load_preset
+from cltaa.resolve import Resolver
+from tests.kernels.stage_chain import ALL_STEPS, chain_work, differing, run_stage
+from tests.kernels.test_resolve import hard_frames
+from tests.kernels.test_twins import CutUp
+from tests.numerics.kernel_text import calls_of, kernel_files, without_comments
+from tests.numerics.still_frames import UNIT_ROUNDOFF, accumulator, grey, last_of
+from tests.numerics.test_b_history_filter import fireflies, sampled, weights
+from tests.sequence_factory import bits, make_camera, make_frame
+
+# More examples where asked for: CLTAA_EXAMPLES=1000 pytest tests/numerics/test_g_platform.py
+EXAMPLES = int(os.environ.get("CLTAA_EXAMPLES", "8"))
+few = settings(max_examples=EXAMPLES, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+
+
+def test_g1_a_strict_build_contracts_nothing(launcher: DeviceLauncher) -> None:
+    text = without_comments(kernel_files()["real.h"])
+    assert "#if STRICT\n#pragma OPENCL FP_CONTRACT OFF" in text
+    assert "#define STRICT 1" in prelude(Build(strict=True))
+    assert "-cl-fp32-correctly-rounded-divide-sqrt" in Build(strict=True).flags()
+    work = chain_work()
+    build = launcher.build(Build(steps=ALL_STEPS, strict=True))
+    ours, theirs = (run_stage("resolve", build, work, where) for where in (launcher, NumpyLauncher()))
+    assert differing(work, ours, theirs) == 0
+
+
+def test_g2_results_do_not_depend_on_the_work_group() -> None:
+    cut, work = CutUp(), chain_work()
+    build = Build(steps=ALL_STEPS, strict=True, lanes=1, rows=4)
+    expected = run_stage("resolve", build, work, NumpyLauncher())
+    groups = [None, (1, 1), (2, 2), (7, 3), (16, 1), (1, 16), (64, 2), (128, 1), (256, 1)]
+    for group in groups:
+        cut.group = group
+        assert differing(work, run_stage("resolve", build, work, cut), expected) == 0, group
+
+
+def test_g2_no_work_item_waits_for_another() -> None:
+    for name, text in kernel_files().items():
+        assert calls_of(text, r"atomic_\w+", r"atom_\w+", "barrier", "mem_fence", r"work_group_\w+") == [], name
+        assert "__local" not in without_comments(text), name
+
+
+def test_g3_fractions_are_not_quantised(launcher: DeviceLauncher) -> None:
+    # Texture units weigh with 8 bits of fraction: an error of 2^-9 of a step. These kernels filter by themselves.
+    history, random = fireflies(), np.random.default_rng(51)
+    history[:] = random.random(history.shape)
+    f, g = (float(np.float32(v)) for v in (0.3 + 2.0**-10, 0.7 - 2.0**-10))
+    read = sampled(launcher, history, f, g, HistoryFilter.CATMULL_ROM)
+    exact = np.zeros(history.shape)
+    for tap_y, by_y in weights(HistoryFilter.CATMULL_ROM, g).items():
+        for tap_x, by_x in weights(HistoryFilter.CATMULL_ROM, f).items():
+            exact += by_y * by_x * np.roll(history.astype(np.float64), (-tap_y, -tap_x), (0, 1))
+    inside = np.s_[2:-3, 2:-3]
+    assert np.abs(read - exact)[inside].max() <= 32 * UNIT_ROUNDOFF
+
+
+INEXACT = (
+    r"half_(?!width|storable)\w+", r"native_\w+", r"fast_\w+", "mix", "dot", "length", "normalize",
+    "distance", r"pow\w*", r"exp\w*", r"log\w*", "rsqrt", "cbrt", "sin", "cos", "tan", "fma", "mad", "hypot", "fmod", "remainder",
+)  # fmt: skip
+
+
+def test_g4_no_library_function_but_the_root() -> None:
+    # Whatever is not + - x / and the square root may differ from device to device.
+    assert {name: calls for name, text in kernel_files().items() if (calls := calls_of(text, *INEXACT))} == {}
+    assert calls_of("x = half_sqrt(y) + mad(a, b, c);", *INEXACT) == ["half_sqrt(", "mad("]
+
+
+def assert_like_numpy(launcher: DeviceLauncher, width: int, height: int, count: int = 2) -> None:
+    ours, theirs = Resolver(device=launcher, strict=True), Resolver(device="numpy")
+    for frame in hard_frames(width, height, count):
+        assert np.array_equal(bits(ours.resolve(frame)), bits(theirs.resolve(frame)))
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 13), (13, 1), (2, 2), (3, 3), (17, 13), (97, 5), (641, 363)])
+def test_g5_every_size_gives_the_oracles_bits(launcher: DeviceLauncher, size: tuple[int, int]) -> None:
+    assert_like_numpy(launcher, *size)
+
+
+@pytest.mark.big
+def test_g5_a_large_odd_size_gives_the_oracles_bits(launcher: DeviceLauncher) -> None:
+    assert_like_numpy(launcher, 1919, 1081)
+
+
+def test_g5_no_index_is_formed_in_32_bits() -> None:
+    text = without_comments(kernel_files()["image.h"])
+    assert "(size_t)frame.stride * (size_t)(frame.height + 2 * PAD_Y)" in text
+    assert "(size_t)(y + PAD_Y) * (size_t)frame.stride" in text
+
+
+@pytest.mark.big
+def test_g5_sixteen_thousand_squared(launcher: DeviceLauncher) -> None:
+    # A plane is 2^30 bytes, four of them 2^32: every tile has to come out as the first one did.
+    side, tile = 16384, 256
+    small = [make_frame(i, width=tile, height=tile, alpha=True, effects=frozenset({Effect.ALPHA})) for i in range(2)]
+    camera = make_camera()
+
+    def tiled(frame: Frame) -> Frame:
+        def wide(plane: Any) -> Any:
+            return np.tile(plane, (side // tile, side // tile) + (1,) * (plane.ndim - 2))
+
+        depth = np.full((side, side), 4.0, np.float32)
+        return replace(frame, colour=wide(frame.colour), depth=depth, alpha=wide(frame.alpha), camera=camera)
+
+    resolver = Resolver(device=launcher)
+    try:
+        for frame in small:
+            resolved = resolver.resolve(tiled(frame))
+    except ResourceError as error:
+        pytest.skip(f"this device has too little memory for 16384 x 16384 in one piece: {error}")
+    expected = resolved[tile : 2 * tile, tile : 2 * tile]
+    for y in range(tile, side - tile, tile):
+        for x in range(tile, side - tile, tile):
+            assert np.array_equal(bits(resolved[y : y + tile, x : x + tile]), bits(expected)), (y, x)
+    assert not np.array_equal(expected, small[1].colour)
+
+
+# ---- G6: what has to hold without any reference ----
+
+HEIGHT, WIDTH = 24, 28
+seeds = st.integers(0, 2**32 - 1)
+
+
+def frames_of(seed: int, count: int = 3, moving: bool = True) -> list[Frame]:
+    """Random frames under a still camera with own motion, all of the plan's steps on."""
+    random = np.random.default_rng(seed)
+    made = []
+    for index in range(count):
+        frame = make_frame(index, width=WIDTH, height=HEIGHT, seed=seed, camera=make_camera(), effects=None)
+        motion = random.uniform(-2, 2, (HEIGHT, WIDTH, 2)).astype(np.float32) * np.float32(moving)
+        made.append(replace(frame, depth=frame.depth.clip(0, 20), motion=motion if moving else None))
+    return made
+
+
+def result(frames: Iterable[Frame], **changes: object) -> Image:
+    resolver = Resolver(override(load_preset(), changes), "numpy")
+    for frame in frames:
+        resolved = resolver.resolve(frame)
+    return resolved
+
+
+@few
+@given(seed=seeds, power=st.integers(-30, 30))
+def test_g6_twice_the_light_gives_twice_the_picture(seed: int, power: int) -> None:
+    frames, factor = frames_of(seed), np.float32(2.0**power)
+    brighter = [replace(frame, colour=frame.colour * factor) for frame in frames]
+    plain = result(frames, weighting="none")
+    assert np.array_equal(bits(result(brighter, weighting="none")), bits(plain * factor))
+
+
+@few
+@given(seed=seeds, by=st.tuples(st.integers(-5, 5), st.integers(-5, 5)))
+def test_g6_a_shifted_sequence_gives_a_shifted_picture(seed: int, by: tuple[int, int]) -> None:
+    def shifted(array: Any) -> Any:
+        return np.roll(array, by, (0, 1))
+
+    frames = frames_of(seed, 2)
+    moved = [replace(f, colour=shifted(f.colour), depth=shifted(f.depth), motion=shifted(f.motion)) for f in frames]
+    # Away from borders and from what was rolled round, before and after: 2 of motion, 2 taps, 1 of the 3x3.
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    kept = (np.minimum(y, HEIGHT - 1 - y) >= 5) & (np.minimum(x, WIDTH - 1 - x) >= 5)
+    kept &= shifted(kept)
+    ours, theirs = shifted(result(frames)), result(moved)
+    assert np.array_equal(bits(ours[kept]), bits(theirs[kept]))
+
+
+@few
+@given(seed=seeds, how=st.sampled_from(["left-right", "up-down", "transposed"]))
+def test_g6_a_mirrored_sequence_gives_a_mirrored_picture(seed: int, how: str) -> None:
+    def turned(array: Any) -> Any:
+        if how == "transposed":
+            return np.ascontiguousarray(np.swapaxes(array, 0, 1))
+        return np.flip(array, 1 if how == "left-right" else 0)
+
+    frames = frames_of(seed, moving=False)
+    mirrored = [replace(f, colour=turned(f.colour), depth=turned(f.depth)) for f in frames]
+    # Without the depth test: it asks the four texels from the history position on, right and down of it.
+    for changes in ({"reject": "none"}, {"reject": "none", "box": "variance", "rectify": "clip"}):
+        ours, theirs = turned(result(frames, **changes)), result(mirrored, **changes)
+        # Exact but for transposed moments, which are summed row by row: the edges of the box move by 60 u, and the clip
+        # by the same over the floor of its extents (test_d2_clip_moves_within_its_bound).
+        exact = how != "transposed" or "box" not in changes
+        assert np.abs(ours - theirs).max() <= (0.0 if exact else 60 * UNIT_ROUNDOFF * 2.0**10 * 4.0)
+
+
+@few
+@given(seed=seeds)
+def test_g6_red_and_blue_may_change_places(seed: int) -> None:
+    frames = frames_of(seed)
+    swapped = [replace(f, colour=f.colour[..., ::-1]) for f in frames]
+    assert np.array_equal(bits(result(swapped)), bits(result(frames)[..., ::-1]))
+
+
+@few
+@given(level=st.floats(2.0**-40, 2.0**40, width=32), seed=seeds)
+def test_g6_a_constant_picture_stays_constant(level: float, seed: int) -> None:
+    flat = [replace(f, colour=np.full_like(f.colour, level)) for f in frames_of(seed)]
+    assert np.array_equal(bits(result(flat)), bits(flat[0].colour))
+
+
+@few
+@given(seed=seeds)
+def test_g6_the_order_of_still_samples_does_not_matter(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    images = [grey(random.random((6, 8))) for _ in range(24)]
+    ours = last_of(accumulator(NumpyLauncher()), images)
+    theirs = last_of(accumulator(NumpyLauncher()), [images[i] for i in random.permutation(24)])
+    assert np.abs(ours - theirs).max() <= 2 * 3 * 24 * UNIT_ROUNDOFF  # each of 24 steps rounds three times
+
+
+@few
+@given(seed=seeds, y=st.integers(0, HEIGHT - 1), x=st.integers(0, WIDTH - 1), word=st.integers(0, 2**32 - 1))
+def test_g6_no_texel_reaches_far_pixels(seed: int, y: int, x: int, word: int) -> None:
+    frames = frames_of(seed, 2)
+    colour = frames[0].colour.copy()
+    colour[y, x, seed % 3] = np.uint32(word).view(np.float32)
+    ours, theirs = result([replace(frames[0], colour=colour), frames[1]]), result(frames)
+    rows, columns = np.nonzero((bits(ours) != bits(theirs)).any(axis=-1))
+    assert np.isfinite(ours).all()
+    # Motion of up to 2 pixels borrowed from a neighbour 1 away, 2 taps, and the 3x3.
+    assert max(np.abs(rows - y).max(initial=0), np.abs(columns - x).max(initial=0)) <= 6
+
+
+@few
+@given(seed=seeds, words=st.integers(0, 2**32 - 1))
+def test_g6_whatever_the_bits_the_result_is_finite(seed: int, words: int) -> None:
+    random = np.random.default_rng((seed, words))
+    frames = []
+    for frame in frames_of(seed):
+        wild = random.integers(0, 2**32, (3, HEIGHT, WIDTH, 3), np.uint32).view(np.float32)
+        colour = np.where(random.random(frame.colour.shape) < 0.3, wild[0], frame.colour)
+        frames.append(replace(frame, colour=colour, depth=wild[1, ..., 0], motion=wild[2, ..., :2]))
+    assert np.isfinite(result(frames)).all()
+
+
+def test_g6_a_run_gives_the_same_bits_again(launcher: DeviceLauncher) -> None:
+    frames: list[Frame] = frames_of(7)
+    runs: list[NDArray[Any]] = []
+    for _ in range(2):
+        resolver = Resolver(device=launcher, strict=True)
+        runs.append(np.array([resolver.resolve(frame) for frame in frames]))
+    assert np.array_equal(bits(runs[0]), bits(runs[1]))
