@@ -24,6 +24,7 @@ from cltaa.interrupt import Stop, stop_signals
 from cltaa.manifest import file_sha256
 from cltaa.output import OutputFolder, Source, owned
 from cltaa.params import Preset
+from cltaa.pixel_statistics import unusable_pixels
 from cltaa.planning import with_effects
 from cltaa.progress import track
 from cltaa.resolve import Resolver, Times
@@ -45,11 +46,15 @@ class StageTimes(msgspec.Struct, kw_only=True):
 
 
 class Outcome(msgspec.Struct, kw_only=True):
-    """What a run of ``resolve_sequence`` did: of ``frames``, ``resolved`` were written now, the others before."""
+    """What a run of ``resolve_sequence`` did: of ``frames``, ``resolved`` were written now, the others before.
+
+    ``repaired`` counts the pixels of those whose colour was no usable number (NaN, infinite, beyond 2^50).
+    """
 
     output: str
     frames: int
     resolved: int
+    repaired: int
     width: int
     height: int
     device: str
@@ -141,6 +146,7 @@ class _Run:
         self._resolver, self._effects, self._stop, self._debug = resolver, effects, stop, debug
         self._seconds: dict[str, list[float]] = {name: [] for name in StageTimes.__struct_fields__}
         self._written: set[int] = set()
+        self._repaired = 0
 
     def resolve(self, half: bool, compression: str, checkpoint_every: int) -> None:
         """Resolve the frames that are missing, after those that their history needs."""
@@ -153,12 +159,13 @@ class _Run:
         part = self._sequence.select(numbers[0], numbers[-1])
         started = time.perf_counter()
         with Writer(compression=compression) as writer, read_ahead(_read(part, after)) as frames:
-            for done, (frame, source) in enumerate(track(frames, len(numbers), "resolving"), start=1):
+            for done, (frame, source, unusable) in enumerate(track(frames, len(numbers), "resolving"), start=1):
                 image = self._resolver.resolve(with_effects(frame, self._effects))
                 if frame.index in wanted:
                     channels = image_channels(image, half=half)
                     channels |= self._debug.write(self._folder.folder / "debug", frame.index)
                     self._write(writer, frame, source, channels)
+                    self._repaired += unusable
                 self._note(self._resolver.times)
                 if self._stop.requested or done % checkpoint_every == 0:
                     self._checkpoints.save(self._resolver)
@@ -186,6 +193,7 @@ class _Run:
             output=str(self._folder.folder),
             frames=len(self._sequence),
             resolved=len(self._written),
+            repaired=self._repaired,
             width=self._sequence.width,
             height=self._sequence.height,
             device=self._resolver.launcher.description,
@@ -194,11 +202,13 @@ class _Run:
         )
 
 
-def _read(sequence: Sequence, before: int | None) -> Iterator[tuple[Frame, Source]]:
-    """Each frame with what vouches for its input; ``before`` is the frame that the first one continues."""
+def _read(sequence: Sequence, before: int | None) -> Iterator[tuple[Frame, Source, int]]:
+    """Each frame, what vouches for its input, its unusable pixels; ``before`` is the frame that the first continues."""
     for number in sequence.numbers:
-        digest = file_sha256(sequence.path(number))
-        yield sequence.frame(number), Source(digest, before)
+        frame = sequence.frame(number)
+        # What was verified while it was read need not be hashed again.
+        digest = sequence.sha256(number) or file_sha256(sequence.path(number))
+        yield frame, Source(digest, before), unusable_pixels(frame.colour)
         before = number
 
 

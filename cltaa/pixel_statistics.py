@@ -7,7 +7,9 @@ import math
 import msgspec
 import numpy as np
 
+from cltaa.constants import value
 from cltaa.exr_channels import Pixels
+from cltaa.frames import Image
 
 
 class ChannelStatistics(msgspec.Struct):
@@ -30,6 +32,14 @@ class ChannelStatistics(msgspec.Struct):
         self.infinite += int(np.isinf(plane).sum())
         self.zero += int((plane == 0).sum())
         self.count += plane.size
+
+
+def unusable_pixels(colour: Image) -> int:
+    """Count the pixels of [H, W, 3] whose colour a resolve replaces: NaN, infinite, or beyond the kernels' domain."""
+    limit = value("DOMAIN_LIMIT")
+    if -limit <= float(colour.min()) and float(colour.max()) <= limit:  # NaN is not within, and min and max hand it on
+        return 0
+    return int((~(np.abs(colour) <= limit)).any(axis=-1).sum())
 
 
 def pixel_problems(statistics: dict[str, ChannelStatistics]) -> list[str]:

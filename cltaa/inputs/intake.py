@@ -103,6 +103,10 @@ class ForeignSequence(Sequence):
             path=self.path(number),
         )  # fmt: skip
 
+    def sha256(self, number: int) -> str | None:
+        """Return the SHA-256 that the file of a frame's colour must have, or None."""
+        return self._hash_of(self.path(number))
+
     def _hash_of(self, path: Path) -> str | None:
         """The SHA-256 that is recorded for a file, if one is and it is to be verified."""
         if not self.verify:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cltaa.cli import main
 from cltaa.exr import read_frame, write_frame
 from cltaa.frames import Effect, Frame, Image
 from cltaa.resolve import Resolver
@@ -111,3 +113,16 @@ def test_every_value_survives_the_file(tmp_path: Path) -> None:
     back = read_frame(tmp_path / "a.0000.exr")
     for channel in CHANNELS:
         np.testing.assert_array_equal(bits(plane(back, channel)), bits(plane(frame, channel)))
+
+
+@pytest.mark.parametrize("value", POINTS)
+def test_what_was_repaired_is_counted(tmp_path: Path, value: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """In the outcome of a resolve: pixels, not channels, and none that is a usable number."""
+    frame = sequence()[0]
+    frame.colour[3, 4:6] = np.uint32(POINTS[value]).view(np.float32)
+    frame.colour[7, 8, 1] = np.uint32(POINTS[value]).view(np.float32)
+    (tmp_path / "in").mkdir()
+    write_frame(tmp_path / "in" / "a.0000.exr", frame)
+    assert main(["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", "--json"]) == 0
+    usable = abs(np.uint32(POINTS[value]).view(np.float32)) <= 2.0**50
+    assert json.loads(capsys.readouterr().out)["repaired"] == (0 if usable else 3)
