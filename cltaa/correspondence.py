@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 DEPTH_SLACK = 0.05  # of the closeness: as far as two samples of one surface may differ, its slope apart
+SOLID = 4  # of 9 texels, as at the corner of a thing: a wire covers 3, and its samples come and go by chance
 SLOPE_SLACK = 1.5  # pixels: two jittered samples and a rounded position lie so far apart
 
 
@@ -27,7 +28,7 @@ class Correspondence:
     x: Array  # pixels, texel centres at +0.5
     y: Array
     same: Mask  # the frame before shows the same surface there
-    uncovered: Mask  # the frame before shows something nearer there
+    uncovered: Mask  # the frame before shows something nearer there, and not just a wire
     edge: Mask  # something nearer stands beside it now, and may cover a part of the pixel
     column: NDArray[np.int64]  # of the nearest texel, limited to the image
     row: NDArray[np.int64]
@@ -54,8 +55,10 @@ def correspondence(frame: Frame, previous: Frame) -> Correspondence:
     slope = SLOPE_SLACK * _slope(now)
     slack = DEPTH_SLACK * np.maximum(np.abs(seen), np.abs(expected)) + slope
     same = inside & (np.abs(seen - expected) <= slack)
-    uncovered = inside & (seen - expected > slack)
-    nearest = _nearest_beside(now)
+    beside = _beside(before)[row, column]  # [H, W, 3, 3] of the frame before
+    nearer = beside - expected[..., None, None] > DEPTH_SLACK * np.abs(beside) + slope[..., None, None]
+    uncovered = inside & (seen - expected > slack) & (nearer.sum((2, 3)) >= SOLID)
+    nearest = _beside(now).max((2, 3))
     edge = nearest - now > DEPTH_SLACK * np.abs(nearest) + slope
     return Correspondence(x, y, same, uncovered, edge, column, row)
 
@@ -87,12 +90,10 @@ def _reproject(frame: Frame, now: Array, moved: Displacement) -> tuple[Array, Ar
     return u, v, expected, visible
 
 
-def _nearest_beside(now: Array) -> Array:
-    """The greatest closeness in 3x3, [H, W]."""
-    padded = np.pad(now, 1, mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
-    nearest: Array = windows.max((2, 3))
-    return nearest
+def _beside(plane: Array) -> Array:
+    """The 3x3 around every pixel, [H, W, 3, 3]; edges repeat."""
+    windows: Array = np.lib.stride_tricks.sliding_window_view(np.pad(plane, 1, mode="edge"), (3, 3))
+    return windows
 
 
 def _slope(values: Array) -> Array:

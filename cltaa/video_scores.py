@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 TRAIL = 8  # frames for which an uncovered pixel is watched for what stood before it
 LEAST_CHANGE = 0.1  # of a display value, by which the truth changes where something was uncovered
-LEAST_WATCHED = 128  # pixels, of all frames together, below which chance decides about a ghost
+LEAST_WATCHED = 512  # pixels, of all frames together, below which chance decides about a ghost
 STEADY_PX = 0.5  # most that the motion may differ within 3x3 where a pixel is followed from frame to frame
 
 

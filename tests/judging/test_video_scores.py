@@ -156,6 +156,19 @@ def test_blur_is_no_ghost_behind_a_moving_thing() -> None:
     assert abs(judge(moving_card, soften)["ghosting"]) < 1e-3
 
 
+def test_a_wire_uncovers_nothing() -> None:
+    def scene(index: int) -> tuple[Frame, Display]:
+        frame, truth = backdrop(index)
+        column = 8 + STEP * index
+        truth[:, column] = 0.9
+        frame.depth[:, column] = 5.0
+        assert frame.motion is not None
+        frame.motion[:, column] = (-STEP, 0.0)
+        return frame, truth
+
+    assert math.isnan(judge(scene, perfect)["ghosting"])
+
+
 def test_aliasing_alone() -> None:
     scores = judge(slanted_edge, staircase)
     # Fine detail of the steps is of the order of a pixel's error, uniform in +-0.3 on the one pixel a row that is cut.
