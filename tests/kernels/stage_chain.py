@@ -59,6 +59,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
     ),
 }
 DOMAIN_LIMIT = value_of("DOMAIN_LIMIT")
+BACK = 0.2  # the nearest points of the planes lie at 0.1: the previous camera was in front of them
 UNWRITTEN = np.float32(-77.0)  # what no stage writes into a plane by itself
 ALL_STEPS = Steps(alpha=True, reactive=True)
 
@@ -74,11 +75,13 @@ class Work:
 
 
 def hard_work(width: int = 70, height: int = 41, seed: int = 0, settings: Settings | None = None) -> Work:
-    """A frame whose planes hold every hard case, with a camera that turns, zooms and moves."""
+    """A frame whose planes hold every hard case, with a camera that turns, zooms and backs away."""
     layout = Layout(width, height)
+    cameras = [turned(index + seed % 7, width, height) for index in (0, 1)]
+    cameras[1].world_to_view[2, 3] -= BACK
     before, now = (
-        make_frame(i, width=width, height=height, camera=turned(i + seed % 7, width, height), exposure=1.0 + 0.3 * i)
-        for i in (0, 1)
+        make_frame(index, width=width, height=height, camera=camera, exposure=1.0 + 0.3 * index)
+        for index, camera in enumerate(cameras)
     )
     record = frame_record(now, Past.of(before), layout)
     record["left_weight"], record["right_weight"], record["above_weight"], record["below_weight"] = 0.3, -0.05, 0.1, 0.2
