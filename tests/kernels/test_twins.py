@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -83,6 +84,18 @@ def test_a_stage_gives_the_bits_of_its_twin(kernel: str, lanes: int) -> None:
 )
 def test_a_stage_gives_the_bits_of_its_twin_for_every_choice(kernel: str, name: str) -> None:
     assert compared(kernel, variants(kernel, strict())[name]) == 0
+
+
+@pytest.mark.parametrize("kernel", ["sample_history", "resolve"])
+def test_a_reset_uses_no_history_and_gives_the_bits_of_the_twin(kernel: str) -> None:
+    work = chain_work()
+    frame = work.frame.copy()
+    frame["reset"] = 1
+    anew = dataclasses.replace(work, frame=frame)
+    ours, theirs = (run_stage(kernel, strict(), anew, on) for on in (device(), NumpyLauncher()))
+    assert differing(work, ours, theirs) == 0
+    valid_or_count = work.layout.inside(ours["history_at"][7] if kernel == "sample_history" else ours["output_count"])
+    assert (valid_or_count == (0 if kernel == "sample_history" else 1)).all()
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 17), (17, 1), (2, 2), (3, 3), (33, 9), (131, 64)])
