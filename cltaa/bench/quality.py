@@ -15,7 +15,7 @@ from cltaa.display import shown_light
 from cltaa.equal_quality import equal_quality_samples
 from cltaa.errors import DataError, InputMissing
 from cltaa.frames import Image
-from cltaa.launch import launcher_for
+from cltaa.launch import Launcher
 from cltaa.metrics import METRICS, mean, measure
 from cltaa.params import Preset
 from cltaa.progress import track
@@ -109,7 +109,7 @@ class _Tally:
 
 
 def judge_sequence(
-    sequence: Captured, presets: Sequence[Preset], device: str | None = None, *, settled: int = 8, flip_every: int = 4
+    sequence: Captured, presets: Sequence[Preset], launcher: Launcher, *, settled: int = 8, flip_every: int = 4
 ) -> dict[str, Judged]:
     """Resolve ``sequence`` with every preset and judge each, and the single samples, from frame ``settled`` on.
 
@@ -125,7 +125,6 @@ def judge_sequence(
             "the sequence is over before it is judged", path=sequence.folder,
             expected=f"more than {settled} frames", found=len(sequence),
         )  # fmt: skip
-    launcher = launcher_for(device)
     resolvers = {preset.name: Resolver(preset, launcher) for preset in presets}
     tallies = {name: _Tally() for name in (ONE_SAMPLE, *resolvers)}
     video = VideoScores(len(tallies))

@@ -15,7 +15,7 @@ from cltaa.bench.quality_summary import DEFAULT, Row, Table
 from cltaa.detail import import_ndimage
 from cltaa.display import Picture, to_picture
 from cltaa.frames import Image
-from cltaa.launch import launcher_for
+from cltaa.launch import Launcher
 from cltaa.params import Preset
 from cltaa.pictures import GAP, error_map, label, write_png
 from cltaa.presets import load_preset
@@ -44,11 +44,10 @@ def write_pictures(
     presets: Sequence[Preset],
     output: Path,
     page: Path | None,
-    device: str | None,
+    launcher: Launcher,
 ) -> dict[str, str]:
     """Write one PNG a preset into ``output``; returns the Markdown that shows each, by preset."""
     make_folder(output)
-    launcher = launcher_for(device)
     texts = {}
     for preset in track(presets, len(presets), "showing failures", unit="presets"):
         row = worst_row(table.rows, preset.name)

@@ -20,6 +20,7 @@ from cltaa.bench.quality_summary import Table, ordered, summarise
 from cltaa.commands.bench_kernels import parse_size
 from cltaa.commands.options import FILE_PATH
 from cltaa.errors import UsageError
+from cltaa.launch import Launcher, launcher_for
 from cltaa.params import Preset
 from cltaa.presets import load_preset, preset_names
 from cltaa.sources import Sequence, open_sequence
@@ -113,6 +114,7 @@ def quality(
     cases = [(Case(folder.name, TRAIN, folder), 0) for folder in folders]
     if scenes or not folders:
         cases += _planned(scenes, seeds, shape, work)
+    launcher = launcher_for(device)  # one for all sequences, so that each kernel is built once
     judged: list[tuple[Case, dict[str, Judged]]] = []
     for number, (case, seed) in enumerate(cases, start=1):
         Console(stderr=True).print(f"{number} of {len(cases)}: {case.key}", highlight=False)
@@ -120,12 +122,12 @@ def quality(
             open_sequence(case.folder) if case.folder in folders else open_case(case) or capture(case, seed, shape)
         )
         cells = Cells(work / "cells" / case.key, sequence, settled, flip_every, any_code=any_code)
-        judged.append((case, _judge(sequence, chosen, cells, device, settled, flip_every)))
+        judged.append((case, _judge(sequence, chosen, cells, launcher, settled, flip_every)))
     table = summarise(judged)
     texts: dict[str, str] = {}
     if pictures is not None:
         places = {case.key: case.folder for case, _ in judged}
-        texts = write_pictures(table, places, chosen, pictures, page, device)
+        texts = write_pictures(table, places, chosen, pictures, page, launcher)
     if page is not None:
         write_page(page, markdown(table, _about(table, shape, settled), texts))
     if as_json:
@@ -153,14 +155,14 @@ def _planned(scenes: tuple[str, ...], seeds: dict[int, str], shape: Shape, work:
 
 
 def _judge(
-    sequence: Sequence, presets: list[Preset], cells: Cells, device: str | None, settled: int, flip_every: int
+    sequence: Sequence, presets: list[Preset], cells: Cells, launcher: Launcher, settled: int, flip_every: int
 ) -> dict[str, Judged]:
     """Every cell of one sequence, those that are missing measured in one pass."""
     wanted: dict[str, Preset | None] = {ONE_SAMPLE: None} | {preset.name: preset for preset in presets}
     found = {name: cells.get(name, preset) for name, preset in wanted.items()}
     missing = [preset for name, preset in wanted.items() if preset is not None and found[name] is None]
     if missing or found[ONE_SAMPLE] is None:
-        for name, judged in judge_sequence(sequence, missing, device, settled=settled, flip_every=flip_every).items():
+        for name, judged in judge_sequence(sequence, missing, launcher, settled=settled, flip_every=flip_every).items():
             cells.put(name, wanted[name], judged)
             found[name] = judged
     return {name: judged for name, judged in found.items() if judged is not None}

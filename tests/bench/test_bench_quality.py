@@ -18,12 +18,14 @@ from cltaa.bench.quality_page import BEGIN, END, markdown, write_page
 from cltaa.bench.quality_summary import best_classic, ordered, summarise
 from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
+from cltaa.launch import NumpyLauncher
 from cltaa.metrics import flip_map
 from cltaa.params import override
 from cltaa.presets import load_preset
 from cltaa.sources import open_sequence
 from tests.sequence_factory import write_sequence
 
+NUMPY = NumpyLauncher()
 SMALL = ["--scene", "occluder", "--size", "64x36", "--frames", "5", "--samples", "4", "--settled", "1", "--held-out",
          "", "--preset", "default", "--device", "numpy"]  # fmt: skip
 
@@ -48,7 +50,7 @@ def test_a_run_captures_judges_and_goes_on(
     (row,) = found["rows"]
     assert (row["scene"], row["split"]) == ("occluder", TRAIN)
     sequence = open_sequence(tmp_path / "work" / "sequences" / row["key"])
-    expected = judge_sequence(sequence, [load_preset()], "numpy", settled=1)
+    expected = judge_sequence(sequence, [load_preset()], NUMPY, settled=1)
     for name in (ONE_SAMPLE, "default"):
         assert row["presets"][name]["scores"] == expected[name].scores
     assert row["presets"]["default"]["scores"]["psnr"] > row["presets"][ONE_SAMPLE]["scores"]["psnr"]
@@ -94,7 +96,7 @@ def test_what_is_not_finite_counts_and_is_judged_as_black(tmp_path: Path, monkey
     monkeypatch.setattr(
         "cltaa.resolve.Resolver.resolve", lambda _self, frame: np.where(frame.colour > 2, np.nan, frame.colour)
     )
-    judged = judge_sequence(sequence, [load_preset()], "numpy", settled=1)
+    judged = judge_sequence(sequence, [load_preset()], NUMPY, settled=1)
     bad = sum(int((frame.colour > 2).sum()) for frame in sequence)
     assert (judged["default"].not_finite, judged[ONE_SAMPLE].not_finite) == (bad, 0)
     assert math.isfinite(judged["default"].scores["psnr"] or math.nan)
@@ -105,15 +107,15 @@ def test_flip_judges_every_so_many_frames(tmp_path: Path) -> None:
     assert sequence.reference is not None
     single = [flip_map(frame.colour, truth).mean() for frame, truth in zip(sequence, sequence.reference, strict=True)]
     for every, judged in ((1, [1, 2, 3, 4]), (2, [2, 4]), (4, [4])):
-        found = judge_sequence(sequence, [], "numpy", settled=1, flip_every=every)[ONE_SAMPLE].scores["flip"]
+        found = judge_sequence(sequence, [], NUMPY, settled=1, flip_every=every)[ONE_SAMPLE].scores["flip"]
         assert found == pytest.approx(np.mean([single[number] for number in judged]), rel=1e-6)
 
 
 def test_a_sequence_must_have_a_truth_and_settle(tmp_path: Path) -> None:
     with pytest.raises(InputMissing, match="no truth to judge by"):
-        judge_sequence(open_sequence(write_sequence(tmp_path / "a", 3)), [], "numpy")
+        judge_sequence(open_sequence(write_sequence(tmp_path / "a", 3)), [], NUMPY)
     with pytest.raises(DataError, match=r"over before it is judged \(expected more than 3 frames, found 3\)"):
-        judge_sequence(open_sequence(write_sequence(tmp_path / "b", 3, reference=True)), [], "numpy", settled=3)
+        judge_sequence(open_sequence(write_sequence(tmp_path / "b", 3, reference=True)), [], NUMPY, settled=3)
 
 
 def test_scenes_in_which_nothing_changes_get_the_better_truth(tmp_path: Path) -> None:
