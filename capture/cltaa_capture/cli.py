@@ -129,7 +129,7 @@ def capture(
     if output is None and not explained:
         raise UsageError("no output folder", cure="say where with -o DIR")
     if explained:
-        _print_explanation(scene, options["seed"], options["motion"], size, as_json and output is None)
+        _print_explanation(scene, size, as_json and output is None, **options)
     if output is None:
         return
     from cltaa_capture.sequence import Request, capture_sequence  # here: it loads trimesh, and help must not
@@ -141,18 +141,26 @@ def capture(
     _print_summary(request, captured, time.perf_counter() - begin, as_json)
 
 
-def _print_explanation(scene: str, seed: int, motion: str | None, size: tuple[int, int], as_json: bool) -> None:
+def _print_explanation(
+    scene: str, size: tuple[int, int], as_json: bool, *, seed: int, motion: str | None, backend: str, **_: Any
+) -> None:
+    from cltaa_capture.costs import measure_costs
     from cltaa_capture.explain import ALWAYS, explain
     from cltaa_datasets.scenes import build_scene
 
-    rows = explain(build_scene(scene, seed, motion), *size)
+    built = build_scene(scene, seed, motion)
+    rows = explain(built, *size, measure_costs(built, *size, backend))
     if as_json:
         click.echo(json.dumps({"channels": ALWAYS, "effects": [asdict(row) for row in rows]}, indent=2))
         return
-    table = Table("effect", "drawn", "why", "channels", "MB a frame", box=None, padding=(0, 2, 0, 0))
+    headings = ("effect", "drawn", "why", "channels", "MB a frame", "CPU ms a frame")
+    table = Table(*headings, box=None, padding=(0, 2, 0, 0))
     for row in rows:
         size_text = f"{row.bytes_a_frame / 1e6:.2f}" if row.channels else ""
-        table.add_row(row.effect, "yes" if row.on else "no", row.reason, " ".join(row.channels), size_text)
+        cost = "" if row.milliseconds is None else f"{row.milliseconds:.1f}"
+        # In brackets what is not drawn: what it would take.
+        cost = cost if row.on or not cost else f"({cost})"
+        table.add_row(row.effect, "yes" if row.on else "no", row.reason, " ".join(row.channels), size_text, cost)
     Console(stderr=True).print(table)
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pyrender
 from OpenGL import GL
 
-from cltaa.frames import Effect, Image
-from cltaa_capture.cameras import planar_depth
+from cltaa.frames import Effect, Frame, Image
+from cltaa_capture.cameras import camera_at, planar_depth
 from cltaa_capture.jitter import Offsets
 from cltaa_capture.programs import ProgramShelf, Uniforms
 from cltaa_capture.shadows import ShadowMap
@@ -32,6 +32,16 @@ class Drawn:
     depth: Image  # [H, W], planar, +inf where nothing was drawn
     motion: Image | None  # [H, W, 2], pixels, y down, NaN where nothing but the camera moves
     reactive: Image | None  # [H, W], share of the colour that depth and motion know nothing of
+
+    def frame(self, scene: Scene, now: Instant, *, index: int, jitter_px: tuple[float, float], cut: bool) -> Frame:
+        """Return it as a frame of ``scene``, with the channels that its effects call for."""
+        height, width = self.depth.shape
+        return Frame(
+            index=index, colour=np.ascontiguousarray(self.colour[..., :3]), depth=self.depth,
+            camera=camera_at(now, width / height), jitter_px=jitter_px, motion=self.motion,
+            alpha=np.ascontiguousarray(self.colour[..., 3]) if Effect.ALPHA in scene.effects else None,
+            reactive=self.reactive, cut=cut, exposure=now.exposure, scene=scene.name, effects=scene.effects,
+        )  # fmt: skip
 
 
 class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]

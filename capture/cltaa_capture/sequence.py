@@ -12,15 +12,12 @@ from time import perf_counter
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
-
 from cltaa.atomic import make_folder
 from cltaa.errors import CltaaError, ResourceError, UsageError
 from cltaa.exr import write_frame, write_image
 from cltaa.exr_layout import LARGEST_SIDE
 from cltaa.frames import Effect, Frame, Image, format_effects
 from cltaa.manifest import file_sha256
-from cltaa_capture.cameras import camera_at
 from cltaa_capture.jitter import jitter_sequence
 from cltaa_capture.manifest import REFERENCE, Manifest, code_sha256, versions
 from cltaa_capture.osmesa import Context, open_context
@@ -222,17 +219,4 @@ def _frame(request: Request, scene: Scene, index: int, now: Instant, before: Ins
     jitter = jitter_sequence(request.jitter)
     x, y = jitter[index % len(jitter)].tolist()
     drawn = renderer.draw(now, before, (x, y))
-    return Frame(
-        index=index,
-        colour=np.ascontiguousarray(drawn.colour[..., :3]),
-        depth=drawn.depth,
-        camera=camera_at(now, request.width / request.height),
-        jitter_px=(x, y),
-        motion=drawn.motion,
-        alpha=np.ascontiguousarray(drawn.colour[..., 3]) if Effect.ALPHA in scene.effects else None,
-        reactive=drawn.reactive,
-        cut=index > 0 and now.shot != before.shot,
-        exposure=now.exposure,
-        scene=scene.name,
-        effects=scene.effects,
-    )
+    return drawn.frame(scene, now, index=index, jitter_px=(x, y), cut=index > 0 and now.shot != before.shot)

@@ -47,6 +47,18 @@ def test_explain_draws_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     assert effects["motion"]["bytes_a_frame"] == 10 * 10 * 2 * 4
     assert effects["alpha"]["on"] is False
     assert effects["alpha"]["bytes_a_frame"] == 0
+    # What is drawn for has a measured cost, whether it is on or off; what is in the colour anyway has none.
+    timed = {name for name, row in effects.items() if row["milliseconds"] is not None}
+    assert timed == {"motion", "reactive", "alpha", "sky"}
+    assert effects["shadow map"]["on"] is False
+
+
+def test_explain_knows_of_the_shadow_map(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["capture", "shadow", "--explain", "--json", "--size", "32x18"]) == 0
+    effects = {row["effect"]: row for row in json.loads(capsys.readouterr().out)["effects"]}
+    assert effects["shadow map"]["on"] is True
+    # A map of a million texels before a picture of 576 pixels: no noise makes that cheap.
+    assert effects["shadow map"]["milliseconds"] > 0.0
 
 
 @pytest.mark.parametrize(
