@@ -25,6 +25,7 @@ from cltaa.kernel_cache import check_cache, filling
 from cltaa.unknown_cpu import name_unknown_cpu
 
 POCL = "Portable Computing Language"  # the platform's name
+FILL_BYTES = 2**30
 
 
 def devices() -> list[cl.Device]:
@@ -94,7 +95,10 @@ class Memory:
             else:
                 self.buffer = cl.Buffer(device.context, flags, self.size)
             # Drivers allocate on first use: touch the memory now, so that a lack of it shows before any work is done.
-            cl.enqueue_fill(device.queue, self.buffer, np.zeros(1, np.uint8), self.size).wait()
+            # In pieces, since one driver refuses to fill 4 GB at once.
+            for start in range(0, self.size, FILL_BYTES):
+                length = min(FILL_BYTES, self.size - start)
+                cl.enqueue_fill(device.queue, self.buffer, np.zeros(1, np.uint8), length, offset=start).wait()
         self._staging: NDArray[Any] | None = None
 
     @contextmanager

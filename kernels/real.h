@@ -15,9 +15,11 @@
 #pragma OPENCL FP_CONTRACT ON
 #endif
 
-#if defined(__clang__) && LANES > 1
+#if defined(__has_warning) && LANES > 1
+#if __has_warning("-Wpsabi")
 // Vectors wider than the CPU's registers are passed in memory; every function here is inlined, so no ABI is at stake.
 #pragma clang diagnostic ignored "-Wpsabi"
+#endif
 #endif
 
 // Every stage function is inlined: a call would pass whole rows of vectors through memory.

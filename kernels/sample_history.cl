@@ -23,7 +23,9 @@ __kernel void sample_history_kernel(plane_in motion_in, history_in history, plan
     surface s;
     s.nearest = load(q + 5 * plane);
     s.farthest = load(q + 6 * plane);
-    const history_t h = sample_history(history, history_count, previous_closeness, m, s, x, y, frame, settings);
+    taps_t taps;
+    taps.held = 0;
+    const history_t h = sample_history(history, history_count, previous_closeness, m, s, x, y, frame, settings, &taps);
     plane_out p = history_at + at;
     store(p, h.rgb.r);
     store(p + plane, h.rgb.g);
