@@ -22,7 +22,7 @@ from cltaa.atomic import atomic_path
 from cltaa.errors import DataError, StorageError, UsageError
 from cltaa.exr_attributes import FrameHeader, frame_attributes
 from cltaa.exr_channels import COLOUR, MOTION, NORMAL, Pixels, check_float_channels, frame_channels, frame_planes
-from cltaa.exr_layout import COMPRESSION_NUMBERS, LARGEST_SIDE, LOSSLESS, Layout, parse_layout, read_layout
+from cltaa.exr_layout import COMPRESSION_NUMBERS, LARGEST_SIDE, LOSSLESS, Layout, Window, parse_layout, read_layout
 from cltaa.file_content import check_memory, file_size, open_regular, read_all
 from cltaa.frames import Frame, Image
 from cltaa.quiet import muted_output
@@ -103,10 +103,12 @@ def write_image(
     attributes: Mapping[str, object] | None = None,
     *,
     compression: str = "zip",
+    window: Window | None = None,
 ) -> None:
     """Write channels ``[H, W]`` (float16, float32 or uint32, as given) and attributes as one EXR, atomically.
 
-    ``compression`` is one that loses nothing. Python floats become doubles; arrays keep their precision.
+    ``compression`` is one that loses nothing; ``window`` is the display and data window, else it begins at (0, 0).
+    Python floats become doubles; arrays keep their precision.
     Raises UsageError for arguments that mean nothing, OutputError and StorageError for disks.
     """
     if compression not in LOSSLESS:
@@ -120,6 +122,9 @@ def write_image(
     header = {name: _attribute(name, value) for name, value in (attributes or {}).items() if name not in _STRUCTURAL}
     header["compression"] = OpenEXR.Compression(COMPRESSION_NUMBERS[compression])
     header["type"] = OpenEXR.scanlineimage
+    if window is not None:
+        corners = np.array(window, np.int32).reshape(2, 2)
+        header["dataWindow"] = header["displayWindow"] = (corners[0], corners[1])
     # OpenEXR writes wrong pixels, silently, from an array that is not contiguous.
     contiguous = {name: np.ascontiguousarray(pixels) for name, pixels in channels.items()}
     with atomic_path(path) as temporary:

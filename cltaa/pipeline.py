@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -21,6 +22,7 @@ from cltaa.exr_attributes import frame_attributes
 from cltaa.exr_channels import Pixels
 from cltaa.frames import Effect, Frame, Image
 from cltaa.interrupt import Stop, stop_signals
+from cltaa.kept import Kept, kept_of, merged
 from cltaa.manifest import file_sha256
 from cltaa.output import OutputFolder, Source, owned
 from cltaa.params import Preset
@@ -74,6 +76,7 @@ def resolve_sequence(
     restart: bool = False,
     checkpoint_every: int = CHECKPOINT_EVERY,
     debug: tuple[View, ...] = (),
+    layers: tuple[str, ...] = (),
 ) -> Outcome:
     """Resolve every frame of ``sequence`` into ``output``, one EXR a frame under the same names.
 
@@ -81,7 +84,8 @@ def resolve_sequence(
     the frames call for, and a set leaves out the steps and channels of all other effects. ``preview`` is an MP4 of the
     result. A run that was cut short goes on where it stopped, to the same bits; SIGINT and SIGTERM finish the frame in
     work, save the state and raise KeyboardInterrupt. A device that is lost is opened once more. Views to
-    ``debug`` become layers of the EXRs, and PNGs in a folder of that name.
+    ``debug`` become layers of the EXRs, and PNGs in a folder of that name. Channels of the input that match one of
+    ``layers`` are kept beside the resolved ones, and its attributes and window always.
 
     Raises UsageError where ``output`` is the sequence's own folder or was begun with other settings (unless
     ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
@@ -95,6 +99,8 @@ def resolve_sequence(
     options: dict[str, Any] = {"effects": effects if isinstance(effects, str) else sorted(effects), "half": half}
     if debug:
         options["debug"] = sorted(debug)
+    if layers:
+        options["layers"] = list(layers)
     resolver.every_step = resolver.every_step or effects == "all"
     settings = {**resolver.settings(), **options, "compression": compression, **sequence_settings(sequence)}
     with owned(output), stop_signals() as stop:
@@ -102,7 +108,7 @@ def resolve_sequence(
         checkpoints = Checkpoints(output, folder.key)
         if restart:
             checkpoints.clear()
-        run = _Run(sequence, folder, checkpoints, resolver, effects, stop, DebugViews(resolver, debug))
+        run = _Run(sequence, folder, checkpoints, resolver, effects, stop, DebugViews(resolver, debug), layers)
         try:
             run.resolve(half, compression, checkpoint_every)
         except DeviceLost:
@@ -126,7 +132,8 @@ def _check_film(sequence: Sequence, preview: Path) -> None:
 
 def sequence_settings(sequence: Sequence) -> dict[str, Any]:
     """What of a sequence decides the bits of all its frames; their files are held against their hashes one by one."""
-    return {"sequence": sequence.name, "first_frame": sequence.first, "size": [sequence.width, sequence.height]}
+    size = [sequence.width, sequence.height]
+    return {"sequence": sequence.name, "first_frame": sequence.first, "size": size, **sequence.reading}
 
 
 class _Run:
@@ -141,9 +148,11 @@ class _Run:
         effects: frozenset[Effect] | Literal["auto", "all"],
         stop: Stop,
         debug: DebugViews,
+        layers: tuple[str, ...],
     ) -> None:
         self._sequence, self._folder, self._checkpoints = sequence, folder, checkpoints
         self._resolver, self._effects, self._stop, self._debug = resolver, effects, stop, debug
+        self._layers = layers
         self._seconds: dict[str, list[float]] = {name: [] for name in StageTimes.__struct_fields__}
         self._written: set[int] = set()
         self._repaired = 0
@@ -158,14 +167,15 @@ class _Run:
         wanted = frozenset(missing)
         part = self._sequence.select(numbers[0], numbers[-1])
         started = time.perf_counter()
-        with Writer(compression=compression) as writer, read_ahead(_read(part, after)) as frames:
-            for done, (frame, source, unusable) in enumerate(track(frames, len(numbers), "resolving"), start=1):
+        with Writer(compression=compression) as writer, read_ahead(_read(part, after, self._layers)) as frames:
+            for done, read in enumerate(track(frames, len(numbers), "resolving"), start=1):
+                frame = read.frame
                 image = self._resolver.resolve(with_effects(frame, self._effects))
                 if frame.index in wanted:
                     channels = image_channels(image, half=half)
                     channels |= self._debug.write(self._folder.folder / "debug", frame.index)
-                    self._write(writer, frame, source, channels)
-                    self._repaired += unusable
+                    self._write(writer, read, channels)
+                    self._repaired += read.unusable
                 self._note(self._resolver.times)
                 if self._stop.requested or done % checkpoint_every == 0:
                     self._checkpoints.save(self._resolver)
@@ -176,12 +186,14 @@ class _Run:
             self._seconds["write"] += writer.seconds
         self._seconds["whole"].append((time.perf_counter() - started) / len(numbers))
 
-    def _write(self, writer: Writer, frame: Frame, source: Source, channels: dict[str, Pixels]) -> None:
-        assert frame.path is not None
-        path = self._folder.folder / frame.path.name
-        attributes = resolved_attributes(frame, self._resolver)
-        writer.write(path, channels, attributes, then=lambda: self._folder.finish(path, source))
-        self._written.add(frame.index)
+    def _write(self, writer: Writer, read: _Read, channels: dict[str, Pixels]) -> None:
+        assert read.frame.path is not None
+        path = self._folder.folder / read.frame.path.name
+        told = resolved_attributes(read.frame, self._resolver)
+        planes, attributes = merged(read.kept, channels, told, self._sequence.undeclared)
+        finish = partial(self._folder.finish, path, read.source)
+        writer.write(path, planes, attributes, then=finish, window=read.kept.window)
+        self._written.add(read.frame.index)
 
     def _note(self, times: Times) -> None:
         for name, seconds in times._asdict().items():
@@ -202,13 +214,24 @@ class _Run:
         )
 
 
-def _read(sequence: Sequence, before: int | None) -> Iterator[tuple[Frame, Source, int]]:
-    """Each frame, what vouches for its input, its unusable pixels; ``before`` is the frame that the first continues."""
+class _Read(NamedTuple):
+    """A frame, what vouches for its input, its unusable pixels, and what its output keeps of it."""
+
+    frame: Frame
+    source: Source
+    unusable: int
+    kept: Kept
+
+
+def _read(sequence: Sequence, before: int | None, layers: tuple[str, ...]) -> Iterator[_Read]:
+    """Each frame of a sequence; ``before`` is the frame that the first one continues."""
     for number in sequence.numbers:
         frame = sequence.frame(number)
         # What was verified while it was read need not be hashed again.
         digest = sequence.sha256(number) or file_sha256(sequence.path(number))
-        yield frame, Source(digest, before), unusable_pixels(frame.colour)
+        yield _Read(
+            frame, Source(digest, before), unusable_pixels(frame.colour), kept_of(sequence.path(number), layers)
+        )
         before = number
 
 

@@ -39,6 +39,16 @@ class Sequence(NumberedFiles):
     lies in ``reference/``, or None; ``sequence_json`` is what ``sequence.json`` says about the capture, or empty.
     """
 
+    @property
+    def reading(self) -> dict[str, Any]:
+        """How files are read, where that decides the bits of frames and is not in the files; own ones: nothing."""
+        return {}
+
+    @property
+    def undeclared(self) -> frozenset[str]:
+        """Attributes of a frame's header that its files do not declare and the reader filled in; own ones: none."""
+        return frozenset()
+
     @cached_property
     def header(self) -> ImageHeader:
         """Layout and attributes of the first frame, read without its pixels."""

@@ -18,6 +18,7 @@ from typing import Generic, Self, TypeVar
 
 from cltaa.exr import write_image
 from cltaa.exr_channels import Pixels
+from cltaa.exr_layout import Window
 
 Item = TypeVar("Item")
 
@@ -164,6 +165,7 @@ class Writer:
         channels: Mapping[str, Pixels],
         attributes: Mapping[str, object] | None = None,
         then: Callable[[], None] | None = None,
+        window: Window | None = None,
     ) -> None:
         """Queue one image for ``cltaa.exr.write_image``, and what is to be done ``then``; raises an earlier failure."""
         if not self._finalizer.alive:
@@ -174,7 +176,7 @@ class Writer:
         compression = self._compression
 
         def task() -> None:
-            write_image(path, channels, attributes, compression=compression)
+            write_image(path, channels, attributes, compression=compression, window=window)
             if then is not None:
                 then()
 

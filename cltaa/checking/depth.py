@@ -131,14 +131,19 @@ def _reciprocal(frames: Sequence[Frame], finite: Vector, evidence: str, confiden
     bounded = finite.max() <= 1.0 and finite.min() >= 0.0
     sky_at_one, sky_at_zero = float((finite == 1.0).mean()), float((finite == 0.0).mean())
     depth = np.stack([frame.depth for frame in frames])
-    lower = np.median(depth[:, -depth.shape[1] // 6 :])
-    upper = np.median(depth[:, : depth.shape[1] // 2])
+    rows = depth.shape[1]
+    lower, upper = (_middle(part) for part in (depth[:, -(-rows * 5 // 6) :], depth[:, : rows // 2]))
     nearer_is_smaller = sky_at_one > sky_at_zero if max(sky_at_one, sky_at_zero) > 0.01 else bool(lower < upper)
     evidence += f"; values {finite.min():.4g} to {finite.max():.4g}"
     if bounded and nearer_is_smaller:
         return _finding("depth-device", DEVICE, evidence, confidence, {"kind": "device"})  # fmt: skip
     return _finding("depth-inverse", "depth is 1/Z, or a reversed device depth", evidence, confidence,
                     {"kind": "inverse"})  # fmt: skip
+
+
+def _middle(values: NDArray[np.float32]) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else np.inf
 
 
 def tell_reversed(shot: Shot, inverse: Finding) -> Finding:

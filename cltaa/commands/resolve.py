@@ -13,6 +13,7 @@ from cltaa.checkpoint import CHECKPOINT_EVERY
 from cltaa.commands.options import FILE_PATH, chosen_effects, input_options, verify_option
 from cltaa.errors import UsageError
 from cltaa.inputs.intake import ForeignSequence, intake_lines, open_input
+from cltaa.kept import kept_compression
 from cltaa.launch import launcher_for
 from cltaa.numbered import OnBreak
 from cltaa.params import Preset, override
@@ -20,6 +21,7 @@ from cltaa.pipeline import Outcome, resolve_sequence, stage_rows
 from cltaa.presets import load_config, load_preset
 from cltaa.printable import json_of, printable, shown
 from cltaa.resolve import Resolver
+from cltaa.sources import Sequence
 from cltaa.views import View, parse_views
 
 
@@ -36,7 +38,9 @@ from cltaa.views import View, parse_views
 @click.option("--frames", metavar="A-B", help="Only the frames A to B, both included.")
 @click.option("--preview", type=FILE_PATH, help="Also write the result as an MP4.")
 @click.option("--half", is_flag=True, help="Write half-precision EXRs (values saturate at 65504).")
-@click.option("--compression", default="zip", show_default=True, help="EXR compression that loses nothing.")
+@click.option("--compression", help="EXR compression that loses nothing.  [default: the input's, else zip]")
+@click.option("--layers", metavar="NAMES", help="Channels of the input to keep beside the resolved ones: all, none, or "
+              "names separated by commas, * for anything.  [default: all of other tools' files]")  # fmt: skip
 @click.option("--storage", type=click.Choice([kind.value for kind in Storage]), default=Storage.FLOAT.value,
               show_default=True, help="Number that the history is kept in.")  # fmt: skip
 @click.option("--budget-ms", type=click.FloatRange(min=0.0, min_open=True), metavar="MS",
@@ -65,7 +69,8 @@ def resolve(
     frames: str | None,
     preview: Path | None,
     half: bool,
-    compression: str,
+    compression: str | None,
+    layers: str | None,
     storage: str,
     budget_ms: float | None,
     strict: bool,
@@ -105,11 +110,12 @@ def resolve(
         resolver,
         effects=chosen_effects(effects),
         half=half,
-        compression=compression,
+        compression=compression or kept_compression(source),
         preview=preview,
         restart=restart,
         checkpoint_every=checkpoint,
         debug=parse_views(views),
+        layers=_chosen_layers(layers, source),
     )
     if as_json:
         click.echo(json_of(outcome))
@@ -144,6 +150,14 @@ def _values(assignments: tuple[str, ...]) -> dict[str, str]:
             raise UsageError(f"--set {assignment}: no value", expected="KEY=VALUE", found=assignment)
         values[key.strip()] = value.strip()
     return values
+
+
+def _chosen_layers(text: str | None, source: Sequence) -> tuple[str, ...]:
+    if text is None:
+        text = "all" if isinstance(source, ForeignSequence) else "none"
+    if text in ("all", "none"):
+        return ("*",) if text == "all" else ()
+    return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def _frame_range(text: str) -> tuple[int, int]:

@@ -51,7 +51,8 @@ def planar_depth(stored: Image, rule: Depth, camera: Camera, jitter: Offset) -> 
         else:
             planar = wide / _ray_length(wide.shape, camera, jitter) if rule.kind is DepthKind.RAY else wide
         planar = np.asarray(planar * rule.scale, np.float64)
-    sky = np.isnan(planar) | ~(planar > 0) if not camera.orthographic else np.isnan(planar)
+    # Zero and less stay so: the resolve takes them for sky, and the detector has to see them.
+    sky = np.isnan(planar)
     if rule.sky is not None:
         sky |= wide >= rule.sky
     return np.where(sky, np.inf, planar).astype(np.float32)

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+import msgspec
 import numpy as np
 
 from cltaa.errors import DataError
 from cltaa.exr_attributes import check_camera
 from cltaa.exr_channels import Pixels
 from cltaa.exr_layout import Layout
-from cltaa.frames import Effect, Frame, Image
+from cltaa.frames import Camera, Effect, Frame, Image
 from cltaa.inputs.convert import linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.declared import Declared, declared_frames
 from cltaa.inputs.parts import read_any_header, read_planes
@@ -25,6 +27,8 @@ from cltaa.inputs.side_file import read_side_file
 from cltaa.manifest import recorded_hashes
 from cltaa.numbered import OnBreak, frame_missing
 from cltaa.sources import Sequence, open_sequence
+
+MATRICES = ("worldToCamera", "worldToNDC", "cltaa:worldToView", "cltaa:viewToClip")
 
 
 @dataclass(slots=True)
@@ -70,6 +74,22 @@ class ForeignSequence(Sequence):
     def effects(self) -> frozenset[Effect] | None:
         """Nothing is declared, so every step is on."""
         return None
+
+    @property
+    def reading(self) -> dict[str, Any]:
+        """Profile, channels, matrices and jitter: another of these makes another picture."""
+        known = {
+            number: [*(declared.jitter_px or ()), *_numbers(declared.camera)]
+            for number, declared in self.intake.declared.items()
+        }
+        digest = hashlib.sha256(msgspec.json.encode(known)).hexdigest()
+        return {"profile": msgspec.to_builtins(self.intake.profile), "declared_sha256": digest}
+
+    @property
+    def undeclared(self) -> frozenset[str]:
+        """Matrices and jitter where nothing tells them."""
+        names = set() if self.intake.has_camera else {*MATRICES}
+        return frozenset(names if self.intake.has_jitter else names | {"cltaa:jitterPx"})
 
     def select(self, first: int, last: int) -> Self:
         """Return the frames ``first`` to ``last``, both included."""
@@ -230,6 +250,10 @@ def _is_own(folder: Path) -> bool:
         return "cltaa:worldToView" in read_any_header(files[0]).attributes
     except DataError:
         return True
+
+
+def _numbers(camera: Camera | None) -> list[float]:
+    return [] if camera is None else [*camera.world_to_view.ravel().tolist(), *camera.view_to_clip.ravel().tolist()]
 
 
 def _only(plane: Image | None) -> Image | None:

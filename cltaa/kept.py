@@ -1,0 +1,52 @@
+"""What a resolved file keeps of the one that it was made from: layers, attributes, windows, compression."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import NamedTuple
+
+from cltaa.exr_channels import Pixels
+from cltaa.exr_layout import LOSSLESS, Window
+from cltaa.inputs.parts import read_any_header, read_planes
+from cltaa.sources import Sequence
+
+# Attributes that describe how the input's file was made up, and not what is to be seen in it.
+_OF_THE_FILE = frozenset({"name", "type", "chunkCount", "version", "multiView", "view", "cltaa:samples"})
+
+
+class Kept(NamedTuple):
+    """Channels by name, attributes and the display window of an input."""
+
+    channels: dict[str, Pixels]
+    attributes: dict[str, object]
+    window: Window
+
+
+def kept_of(path: Path, layers: tuple[str, ...]) -> Kept:
+    """Read what is kept of ``path``: every attribute, and the channels whose names match one of ``layers``.
+
+    Raises what reading raises.
+    """
+    header = read_any_header(path)
+    attributes = {name: value for name, value in header.attributes.items() if name not in _OF_THE_FILE}
+    channels: dict[str, Pixels] = {}
+    if layers:
+        planes, _ = read_planes(path)
+        channels = {name: plane for name, plane in planes.items() if any(fnmatchcase(name, p) for p in layers)}
+    return Kept(channels, attributes, header.layout.display_window)
+
+
+def merged(
+    kept: Kept, channels: Mapping[str, Pixels], attributes: Mapping[str, object], undeclared: frozenset[str]
+) -> tuple[dict[str, Pixels], dict[str, object]]:
+    """What is kept with what was resolved over it; attributes that the input did not declare are not made up."""
+    told = {name: value for name, value in attributes.items() if name not in undeclared}
+    return kept.channels | dict(channels), kept.attributes | told
+
+
+def kept_compression(sequence: Sequence) -> str:
+    """The compression of the input if it loses nothing, else ZIP."""
+    compression = sequence.layouts[sequence.first].compression
+    return compression if compression in LOSSLESS else "zip"

@@ -1,0 +1,99 @@
+"""What a resolved file keeps of its input: layers, attributes, windows, compression."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from cltaa.cli import main
+from cltaa.exr import read_header, read_image
+from cltaa.inputs.parts import read_any_header
+from tests.inputs.foreign import write_blender
+from tests.sequence_factory import make_frame, write_sequence
+
+CHROMATICITIES = (0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.329)
+
+
+def resolve(folder: Path, *options: str) -> Path:
+    out = folder.parent / "out"
+    assert main(["resolve", str(folder), "-o", str(out), "--device", "numpy", "--restart", *options]) == 0
+    return sorted(out.glob("*.exr"))[-1]
+
+
+@pytest.fixture
+def foreign(tmp_path: Path) -> Path:
+    """Two single-part files with a moved window, other layers, wide primaries and PIZ."""
+    (tmp_path / "in").mkdir()
+    rng = np.random.default_rng(0)
+    corners = (np.array([5, 7], np.int32), np.array([16, 15], np.int32))
+    header = {
+        "type": OpenEXR.scanlineimage, "compression": OpenEXR.PIZ_COMPRESSION, "chromaticities": CHROMATICITIES,
+        "owner": "somebody", "dataWindow": corners, "displayWindow": corners,
+    }  # fmt: skip
+    for index in range(2):
+        channels = {
+            name: rng.random((9, 12)).astype(np.float32) for name in ("R", "G", "B", "Z", "diffuse.R", "diffuse.G")
+        }
+        channels["mask"] = rng.random((9, 12)).astype(np.float16)
+        channels["id"] = np.full((9, 12), 2**24 + 1, np.uint32)
+        OpenEXR.File(header, channels).write(str(tmp_path / "in" / f"a.{index:04d}.exr"))
+    return tmp_path / "in"
+
+
+def test_other_tools_files_keep_everything(foreign: Path) -> None:
+    planes, attributes = read_image(resolve(foreign))
+    given, _ = read_image(sorted(foreign.iterdir())[-1])
+    assert set(planes) == set(given)
+    for name in ("Z", "diffuse.R", "diffuse.G", "mask", "id"):
+        assert planes[name].dtype == given[name].dtype
+        np.testing.assert_array_equal(planes[name], given[name])
+    assert not np.array_equal(planes["R"], given["R"])
+    assert attributes["owner"] == "somebody"
+    np.testing.assert_allclose(np.array(attributes["chromaticities"]).ravel(), CHROMATICITIES, rtol=1e-7)
+    layout = read_header(resolve(foreign)).layout
+    assert layout.display_window == layout.data_window == (5, 7, 16, 15)
+    assert layout.compression == "piz"
+
+
+def test_what_nobody_declared_is_not_made_up(foreign: Path) -> None:
+    attributes = read_header(resolve(foreign)).attributes
+    assert not {"worldToCamera", "cltaa:worldToView", "cltaa:jitterPx"} & set(attributes)
+    assert attributes["cltaa:preset"] == "default"
+
+
+@pytest.mark.parametrize(
+    ("layers", "kept"), [("none", set()), ("diffuse.*, id", {"diffuse.R", "diffuse.G", "id"}), ("R", set())]
+)
+def test_layers_are_chosen(layers: str, kept: set[str], foreign: Path) -> None:
+    assert set(read_image(resolve(foreign, "--layers", layers))[0]) == {"R", "G", "B"} | kept
+
+
+def test_compression_can_be_told(foreign: Path) -> None:
+    assert read_header(resolve(foreign, "--compression", "zips")).layout.compression == "zips"
+
+
+def test_parts_become_layers_of_one_part(tmp_path: Path) -> None:
+    write_blender(tmp_path / "in", [make_frame(index, motion=True, effects=None) for index in range(2)])
+    header = read_any_header(resolve(tmp_path / "in"))
+    assert {"R", "G", "B", "ViewLayer.Depth.Z", "ViewLayer.Vector.X", "ViewLayer.Combined.R"} <= set(
+        header.layout.channels
+    )
+    assert header.attributes["Software"] == "Blender 5.0.1"
+    assert "name" not in header.attributes
+
+
+def test_own_sequences_keep_layers_when_asked(tmp_path: Path) -> None:
+    write_sequence(tmp_path / "in", 2)
+    assert set(read_image(resolve(tmp_path / "in"))[0]) == {"R", "G", "B"}
+    assert set(read_image(resolve(tmp_path / "in", "--layers", "all"))[0]) == {"R", "G", "B", "Z"}
+
+
+def test_another_way_of_reading_does_not_go_on(foreign: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    resolve(foreign)
+    again = ["resolve", str(foreign), "-o", str(foreign.parent / "out"), "--device", "numpy"]
+    assert main(again) == 0
+    assert main([*again, "--input", "colour.encoding=srgb"]) != 0
+    assert "profile" in capsys.readouterr().err
