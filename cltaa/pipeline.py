@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -22,13 +22,12 @@ from cltaa.exr_attributes import frame_attributes
 from cltaa.exr_channels import Pixels
 from cltaa.frames import Effect, Frame, Image
 from cltaa.interrupt import Stop, stop_signals
-from cltaa.kept import Kept, kept_of, merged
-from cltaa.manifest import file_sha256
-from cltaa.output import OutputFolder, Source, owned
+from cltaa.kept import merged
+from cltaa.output import OutputFolder, owned
 from cltaa.params import Preset
-from cltaa.pixel_statistics import unusable_pixels
 from cltaa.planning import with_effects
 from cltaa.progress import track
+from cltaa.reading import Read, read_frames
 from cltaa.resolve import Resolver, Times
 from cltaa.sources import Sequence, open_images
 from cltaa.streams import Writer, read_ahead
@@ -167,7 +166,7 @@ class _Run:
         wanted = frozenset(missing)
         part = self._sequence.select(numbers[0], numbers[-1])
         started = time.perf_counter()
-        with Writer(compression=compression) as writer, read_ahead(_read(part, after, self._layers)) as frames:
+        with Writer(compression=compression) as writer, read_ahead(read_frames(part, after, self._layers)) as frames:
             for done, read in enumerate(track(frames, len(numbers), "resolving"), start=1):
                 frame = read.frame
                 image = self._resolver.resolve(with_effects(frame, self._effects))
@@ -186,7 +185,7 @@ class _Run:
             self._seconds["write"] += writer.seconds
         self._seconds["whole"].append((time.perf_counter() - started) / len(numbers))
 
-    def _write(self, writer: Writer, read: _Read, channels: dict[str, Pixels]) -> None:
+    def _write(self, writer: Writer, read: Read, channels: dict[str, Pixels]) -> None:
         assert read.frame.path is not None
         path = self._folder.folder / read.frame.path.name
         told = resolved_attributes(read.frame, self._resolver)
@@ -212,27 +211,6 @@ class _Run:
             preset=self._resolver.preset.name,
             seconds=StageTimes(**{name: median(seconds or [0.0]) for name, seconds in self._seconds.items()}),
         )
-
-
-class _Read(NamedTuple):
-    """A frame, what vouches for its input, its unusable pixels, and what its output keeps of it."""
-
-    frame: Frame
-    source: Source
-    unusable: int
-    kept: Kept
-
-
-def _read(sequence: Sequence, before: int | None, layers: tuple[str, ...]) -> Iterator[_Read]:
-    """Each frame of a sequence; ``before`` is the frame that the first one continues."""
-    for number in sequence.numbers:
-        frame = sequence.frame(number)
-        # What was verified while it was read need not be hashed again.
-        digest = sequence.sha256(number) or file_sha256(sequence.path(number))
-        yield _Read(
-            frame, Source(digest, before), unusable_pixels(frame.colour), kept_of(sequence.path(number), layers)
-        )
-        before = number
 
 
 def image_channels(image: Image, *, half: bool = False) -> dict[str, Pixels]:
