@@ -11,7 +11,8 @@ import msgspec
 from cltaa.checking.detector import check_frames
 from cltaa.checking.files import check_files
 from cltaa.checking.finding import Finding
-from cltaa.inputs.intake import ForeignSequence, intake_lines, open_intake
+from cltaa.inputs.foreign import ForeignSequence
+from cltaa.inputs.intake import intake_lines, open_intake
 from cltaa.inputs.profile import Profile, correct, load_profile
 from cltaa.inputs.profile_text import differences, option_text
 from cltaa.progress import track

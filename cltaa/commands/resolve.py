@@ -12,7 +12,8 @@ from cltaa.build import Storage
 from cltaa.checkpoint import CHECKPOINT_EVERY
 from cltaa.commands.options import FILE_PATH, chosen_effects, input_options, verify_option
 from cltaa.errors import UsageError
-from cltaa.inputs.intake import ForeignSequence, intake_lines, open_input
+from cltaa.inputs.foreign import ForeignSequence, open_input
+from cltaa.inputs.intake import intake_lines
 from cltaa.kept import kept_compression
 from cltaa.launch import launcher_for
 from cltaa.numbered import OnBreak

@@ -2,33 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
-
-import msgspec
-import numpy as np
 
 from cltaa.errors import DataError
-from cltaa.exr_attributes import check_camera
-from cltaa.exr_channels import Pixels
 from cltaa.exr_layout import Layout
-from cltaa.frames import Camera, Effect, Frame, Image
-from cltaa.inputs.convert import linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.declared import Declared, declared_frames
-from cltaa.inputs.parts import read_any_header, read_planes
+from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.profile import Profile, load_profile, profile_names
 from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import Roles, assign, describe, file_sets
 from cltaa.inputs.side_file import read_side_file
-from cltaa.manifest import recorded_hashes
-from cltaa.numbered import OnBreak, frame_missing
-from cltaa.sources import Sequence, open_sequence
-
-MATRICES = ("worldToCamera", "worldToNDC", "cltaa:worldToView", "cltaa:viewToClip")
+from cltaa.numbered import frame_missing
 
 
 @dataclass(slots=True)
@@ -53,118 +40,6 @@ class Intake:
     def has_jitter(self) -> bool:
         """True when every frame declares its jitter."""
         return all(known.jitter_px is not None for known in self.declared.values())
-
-
-class ForeignSequence(Sequence):
-    """A ``Sequence`` whose frames are converted while they are read; ``strict`` False lets wrong matrices pass."""
-
-    def __init__(
-        self, folder: Path, intake: Intake, numbers: Many[int], *, strict: bool = True, verify: bool = True
-    ) -> None:
-        """Take what ``open_intake`` decided."""
-        self.intake, self._strict = intake, strict
-        self._hashes: dict[Path, dict[str, str]] = {}
-        main = intake.sets[intake.roles["colour"][0].files]
-        self.folder, self.name = folder, main[numbers[0]].name.split(".")[0]
-        self.verify, self.gaps, self.on_resize = verify, OnBreak.ERROR, OnBreak.ERROR
-        self._paths = {number: main[number] for number in numbers}
-        self.layouts = {number: intake.layouts[number] for number in numbers}
-
-    @property
-    def effects(self) -> frozenset[Effect] | None:
-        """Nothing is declared, so every step is on."""
-        return None
-
-    @property
-    def reading(self) -> dict[str, Any]:
-        """Profile, channels, matrices and jitter: another of these makes another picture."""
-        known = {
-            number: [*(declared.jitter_px or ()), *_numbers(declared.camera)]
-            for number, declared in self.intake.declared.items()
-        }
-        digest = hashlib.sha256(msgspec.json.encode(known)).hexdigest()
-        return {"profile": msgspec.to_builtins(self.intake.profile), "declared_sha256": digest}
-
-    @property
-    def undeclared(self) -> frozenset[str]:
-        """Matrices and jitter where nothing tells them."""
-        names = set() if self.intake.has_camera else {*MATRICES}
-        return frozenset(names if self.intake.has_jitter else names | {"cltaa:jitterPx"})
-
-    def select(self, first: int, last: int) -> Self:
-        """Return the frames ``first`` to ``last``, both included."""
-        self.path(first), self.path(last)
-        numbers = [number for number in self.numbers if first <= number <= last]
-        return type(self)(self.folder, self.intake, numbers, strict=self._strict, verify=self.verify)
-
-    def frame(self, number: int) -> Frame:
-        """Read and convert one frame."""
-        intake, profile = self.intake, self.intake.profile
-        planes = self._planes(number)
-        known = intake.declared[number]
-        before = intake.declared.get(number - 1, known)
-        jitter, earlier = known.jitter_px or (0.0, 0.0), before.jitter_px or (0.0, 0.0)
-        colour = linear_colour(planes["colour"], profile.colour.encoding)
-        height, width = colour.shape[:2]
-        camera = known.camera or still_camera(width, height)
-        if self._strict:
-            check_camera(camera, path=self.path(number), frame=number)
-        depth = np.full((height, width), np.inf, np.float32)
-        if "depth" in planes:
-            depth = planar_depth(planes["depth"][..., 0], profile.depth, camera, jitter)
-        motion = None
-        if "motion" in planes:
-            motion = motion_px(planes["motion"], profile.motion, jitter, earlier)
-        attributes = intake.attributes[number]
-        return Frame(
-            index=number, colour=colour, depth=depth, camera=camera, jitter_px=jitter, motion=motion,
-            alpha=_only(planes.get("alpha")), reactive=_only(planes.get("reactive")),
-            cut=attributes.get("cltaa:cut") == 1, exposure=_number(attributes.get("cltaa:exposure"), 1.0),
-            path=self.path(number),
-        )  # fmt: skip
-
-    def sha256(self, number: int) -> str | None:
-        """Return the SHA-256 that the file of a frame's colour must have, or None."""
-        return self._hash_of(self.path(number))
-
-    def _hash_of(self, path: Path) -> str | None:
-        """The SHA-256 that is recorded for a file, if one is and it is to be verified."""
-        if not self.verify:
-            return None
-        if path.parent not in self._hashes:
-            self._hashes[path.parent] = recorded_hashes(path.parent)
-        return self._hashes[path.parent].get(path.name)
-
-    def _planes(self, number: int) -> dict[str, Image]:
-        """The channels of each role as float32 [H, W, C]."""
-        files: dict[str, dict[str, Pixels]] = {}
-        stacked: dict[str, Image] = {}
-        for role, places in self.intake.roles.items():
-            planes = []
-            for place in places:
-                path = self.intake.sets[place.files][number]
-                if place.files not in files:
-                    files[place.files] = read_planes(path, sha256=self._hash_of(path))[0]
-                if place.channel not in files[place.files]:
-                    found = " ".join(sorted(files[place.files]))
-                    raise DataError("channel is missing", path=path, channel=place.channel, found=found)
-                planes.append(files[place.files][place.channel].astype(np.float32))
-            stacked[role] = np.moveaxis(np.stack(planes), 0, -1)
-        return stacked
-
-
-def open_input(
-    folder: Path, *, profile: str = "auto", assignments: Many[str] = (), side_file: Path | None = None, **options: Any
-) -> Sequence:
-    """Open ``folder`` as its profile says; a sequence of cltaa's own is opened by ``open_sequence`` with ``options``.
-
-    Raises what ``open_sequence`` and ``open_intake`` raise.
-    """
-    plain = not assignments and side_file is None
-    if plain and profile in ("auto", "cltaa") and _is_own(folder):
-        return open_sequence(folder, **options)
-    intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file)
-    return ForeignSequence(folder, intake, sorted(intake.declared), verify=options.get("verify", True))
 
 
 def open_intake(
@@ -239,28 +114,3 @@ def intake_lines(intake: Intake) -> Iterator[str]:
     yield f"profile {intake.profile.name}: {intake.reason}"
     yield f"channels: {describe(intake.roles)}"
     yield from intake.notes
-
-
-def _is_own(folder: Path) -> bool:
-    """True unless the first file plainly is somebody else's: errors of cltaa's own files are told by its own reader."""
-    files = sorted(folder.glob("*.exr")) if folder.is_dir() else []
-    if not files:
-        return not folder.is_dir() or not any(folder.glob("*/*.exr"))
-    try:
-        return "cltaa:worldToView" in read_any_header(files[0]).attributes
-    except DataError:
-        return True
-
-
-def _numbers(camera: Camera | None) -> list[float]:
-    return [] if camera is None else [*camera.world_to_view.ravel().tolist(), *camera.view_to_clip.ravel().tolist()]
-
-
-def _only(plane: Image | None) -> Image | None:
-    return None if plane is None else np.ascontiguousarray(plane[..., 0])
-
-
-def _number(value: object, default: float) -> float:
-    if isinstance(value, np.ndarray) and value.shape == (1,):
-        value = float(value[0])
-    return float(value) if isinstance(value, int | float) else default
