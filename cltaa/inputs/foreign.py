@@ -17,6 +17,7 @@ from cltaa.frames import Camera, Effect, Frame, Image
 from cltaa.inputs.convert import linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.intake import Intake, open_intake
 from cltaa.inputs.parts import read_any_header, read_planes
+from cltaa.manifest import recorded_hashes
 from cltaa.numbered import OnBreak
 from cltaa.sources import Sequence, open_sequence
 
