@@ -18,6 +18,7 @@ from cltaa.frames import Effect, Matrix
 from cltaa.manifest import recorded_hashes
 from cltaa.numbered import numbered_files
 from cltaa.pixel_statistics import ChannelStatistics, pixel_problems
+from cltaa.promises import Witness
 from cltaa.sources import open_images
 
 LARGEST_MEAN_JITTER = 1e-3  # pixels; a mean that is not 0 shifts the whole image for good
@@ -63,6 +64,7 @@ class Inspection(msgspec.Struct, kw_only=True):
     disk_bytes: int = 0
     statistics: dict[str, ChannelStatistics] = {}
     problems: list[str] = []
+    idle: list[str] = []  # what is declared and never shows: it costs time and nothing else
 
 
 def inspect_folder(
@@ -70,7 +72,8 @@ def inspect_folder(
 ) -> Inspection:
     """Look at every file of a sequence. What is wrong is listed, not raised.
 
-    With ``pixels`` the files are also decoded, and held against the SHA-256 that is recorded for them.
+    With ``pixels`` the files are also decoded, and held against the SHA-256 that is recorded for them and against the
+    effects that they declare.
     ``advance(done, total)`` is called after every file. Raises InputMissing or DataError only where there is no one
     sequence to look at.
     """
@@ -86,6 +89,7 @@ def inspect_folder(
         result.problems.append(str(error))
     layouts: dict[int, Layout] = {}
     headers: dict[int, FrameHeader] = {}
+    witness = Witness()
     for done, (number, path) in enumerate(sorted(paths.items()), start=1):
         try:
             header = read_header(path)
@@ -93,8 +97,10 @@ def inspect_folder(
             frame_channels(header.layout)  # refuses a frame without the channels it needs
             headers[number] = FrameHeader(path, header.attributes)
             if pixels:
-                for channel, plane in read_image(path, sha256=recorded.get(path.name))[0].items():
+                channels = read_image(path, sha256=recorded.get(path.name))[0]
+                for channel, plane in channels.items():
                     result.statistics.setdefault(channel, ChannelStatistics()).add(plane)
+                witness.look(headers[number], channels)
         except CltaaError as error:
             result.problems.append(str(error))
         result.disk_bytes += _size(path)
@@ -105,6 +111,10 @@ def inspect_folder(
         _describe_headers(result, headers)
     _describe_reference(result, folder, paths)
     result.problems += pixel_problems(result.statistics)
+    if pixels and headers:
+        declared = next(iter(headers.values())).effects
+        result.problems += witness.broken(declared)
+        result.idle = witness.idle(declared)
     return result
 
 

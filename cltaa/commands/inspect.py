@@ -17,7 +17,11 @@ from cltaa.printable import json_of, shown
 
 @click.command()
 @click.argument("folder", metavar="DIR", type=FILE_PATH)
-@click.option("--pixels", is_flag=True, help="Decode every frame too: ranges, NaN and infinities of each channel.")
+@click.option(
+    "--pixels",
+    is_flag=True,
+    help="Decode every frame: ranges, NaN, infinities, promises kept.",
+)
 @click.option("--plan", "planned", is_flag=True, help="Say which steps a resolve runs, why, and what each costs here.")
 @click.option("--preset", default="default", show_default=True, help="With --plan: whose steps.")
 @click.option("--device", metavar="NAME", help="With --plan: where; its index or a part of its name.")
@@ -80,6 +84,8 @@ def _print(found: Inspection) -> None:
     console.print(table)
     if found.statistics:
         console.print(_statistics(found))
+    for idle in found.idle:
+        console.print(f"[yellow]![/] {shown(idle)}", soft_wrap=True, highlight=False)
     for problem in found.problems:
         console.print(f"[red]✗[/] {shown(problem)}", soft_wrap=True, highlight=False)
     if not found.problems:
