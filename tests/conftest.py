@@ -6,6 +6,10 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# Many examples where asked for: pytest --hypothesis-profile=big
+settings.register_profile("big", max_examples=500, deadline=None)
 
 TOP = Path(__file__).parents[1]
 

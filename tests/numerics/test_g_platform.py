@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -28,9 +27,9 @@ from tests.numerics.still_frames import UNIT_ROUNDOFF, accumulator, grey, last_o
 from tests.numerics.test_b_history_filter import fireflies, sampled, weights
 from tests.sequence_factory import bits, make_camera, make_frame
 
-# More examples where asked for: CLTAA_EXAMPLES=1000 pytest tests/numerics/test_g_platform.py
-EXAMPLES = int(os.environ.get("CLTAA_EXAMPLES", "8"))
-few = settings(max_examples=EXAMPLES, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+# A few examples, the same in every run; with --hypothesis-profile=big many, new in every run.
+big = settings.get_current_profile_name() == "big"
+few = settings() if big else settings(max_examples=8, deadline=None, derandomize=True)
 
 
 def test_g1_a_strict_build_contracts_nothing(launcher: DeviceLauncher) -> None:
