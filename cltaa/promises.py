@@ -15,6 +15,8 @@ from cltaa.exr_attributes import FrameHeader
 from cltaa.exr_channels import Pixels
 from cltaa.frames import Effect
 
+Depth = NDArray[np.float32]
+
 BRIGHT = 8.0  # "far above 1"
 # Depth of one place of a surface, drawn twice with one jitter, differs by rounding at most.
 DEPTH_SLACK = 1e-4
