@@ -73,14 +73,15 @@ def _in_processes(tasks: list[Task], output: Path, jobs: int) -> Iterator[Task]:
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, mp_context=context) as pool:
         futures = {pool.submit(run_encoded, msgspec.msgpack.encode(task)): task for task in tasks}
-        for future in as_completed(futures):
-            try:
-                result = future.result()
-            except BrokenProcessPool as error:
-                cure = "run the same again, with fewer --jobs; what is finished is kept"
-                raise ResourceError("a worker process was killed", cure=cure) from error
-            save(futures[future], msgspec.msgpack.decode(result, type=Errors), output)
-            yield futures[future]
+        try:
+            for future in as_completed(futures):
+                save(futures[future], msgspec.msgpack.decode(future.result(), type=Errors), output)
+                yield futures[future]
+        except BrokenProcessPool as error:
+            cure = "run the same again, with fewer --jobs; what is finished is kept"
+            raise ResourceError("a worker process was killed", cure=cure) from error
+        finally:
+            pool.shutdown(cancel_futures=True)  # after an error, what has not begun need not begin
 
 
 def _on_dask(tasks: list[Task], output: Path, address: str) -> Iterator[Task]:

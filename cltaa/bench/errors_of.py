@@ -83,8 +83,8 @@ class DoubleTwin(NumpyLauncher):
         return msgspec.structs.replace(plan_build, real=Real.DOUBLE, storage=Storage.FLOAT)
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
-        """Zeros in float64, whatever is asked for."""
-        return super().allocate(shape, np.float64)
+        """Zeros; numbers with a fraction are float64, whatever is asked for."""
+        return super().allocate(shape, np.float64 if np.dtype(dtype).kind == "f" else dtype)
 
 
 def run_task(task: Task) -> Errors:

@@ -16,7 +16,7 @@ from cltaa.bench.ladder import ladder
 from cltaa.build import Storage
 from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
-from cltaa.presets import load_preset
+from cltaa.presets import load_preset, preset_names
 from tests.sequence_factory import write_images, write_sequence
 
 FRAMES = 4
@@ -136,3 +136,21 @@ def test_a_render_farm_gets_one_line_a_task(
     assert len(list((tmp_path / "tasks").iterdir())) == 1
     assert main([*arguments, "--task", "2"]) == 64
     assert main([*arguments[:-4], "--only", "colour"]) == 64
+
+
+def test_every_rung_has_its_twin_in_double(tmp_path: Path) -> None:
+    # Whatever is added to the choices or the presets must run on the ladder, in both axes.
+    folder = write_sequence(tmp_path / "seq", 3, reference=True)
+    for variant in ladder(load_preset(), [load_preset(name) for name in preset_names()]):
+        run = Task(sequence=str(folder), variant=variant, device="numpy", metrics=("mse",), rounding_frames=2)
+        rounding = run_task(run).rounding
+        assert rounding is not None
+        assert rounding.bits > (10.0 if variant.storage is not Storage.FLOAT else 20.0), variant.name
+
+
+def test_what_is_finished_outlives_an_error(sequence: Path, tmp_path: Path) -> None:
+    bare = write_sequence(tmp_path / "bare", 1)
+    tasks = [task(sequence), *(task(bare, name=str(number)) for number in range(3))]
+    with pytest.raises(InputMissing):
+        list(run_all(tasks, tmp_path / "out", jobs=2))
+    assert load(tasks[1], tmp_path / "out") is None
