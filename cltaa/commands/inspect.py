@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import click
@@ -9,8 +10,9 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from cltaa.commands.options import FILE_PATH, chosen_effects
+from cltaa.commands.options import FILE_PATH, chosen_effects, input_options
 from cltaa.errors import DataError
+from cltaa.inputs.description import Description, describe_input
 from cltaa.inspection import Inspection, inspect_folder
 from cltaa.printable import json_of, shown
 
@@ -26,6 +28,7 @@ from cltaa.printable import json_of, shown
 @click.option("--preset", default="default", show_default=True, help="With --plan: whose steps.")
 @click.option("--device", metavar="NAME", help="With --plan: where; its index or a part of its name.")
 @click.option("--effects", default="auto", show_default=True, help="With --plan: auto (as declared), all, or names.")
+@partial(input_options, default="cltaa")
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON and nothing else.")
 @click.pass_context
 def inspect(
@@ -36,13 +39,20 @@ def inspect(
     preset: str,
     device: str | None,
     effects: str,
+    profile: str,
+    inputs: tuple[str, ...],
+    camera: Path | None,
     as_json: bool,
 ) -> None:
     """Say what is in a captured sequence: size, channels, effects, jitter, camera, cuts, truth, and every problem.
 
     Only headers are read, which takes well under a millisecond a frame; a truncated file is found all the same. The
-    exit code is 0 when nothing is wrong, else 65. --plan prints the plan of a resolve instead.
+    exit code is 0 when nothing is wrong, else 65. --plan prints the plan of a resolve instead. With --profile auto or that
+    of another tool it says how the files would be read.
     """
+    if profile != "cltaa" or inputs or camera is not None:
+        _reading(describe_input(folder, profile=profile, assignments=inputs, side_file=camera), as_json)
+        return
     if planned:
         _plan(folder, preset, device, effects, as_json)
         return
@@ -72,6 +82,23 @@ def _plan(folder: Path, preset: str, device: str | None, effects: str, as_json: 
         click.echo(json_of(found, indent=2))
     else:
         print_plan(found)
+
+
+def _reading(found: Description, as_json: bool) -> None:
+    if as_json:
+        click.echo(json_of(found, indent=2))
+        return
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    table.add_column(style="dim")
+    table.add_column()
+    table.add_row("profile", shown(f"{found.profile}: {found.reason}"))
+    table.add_row("frames", f"{found.frames}: {found.first} to {found.last}, {found.width} x {found.height}")
+    for role, channels in found.channels.items():
+        table.add_row(role, shown(" ".join(channels)))
+    table.add_row("also there", shown(" ".join(found.unused)) or "nothing")
+    for note in found.notes:
+        table.add_row("without", shown(note))
+    Console().print(table)
 
 
 def _print(found: Inspection) -> None:
