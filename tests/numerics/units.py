@@ -61,6 +61,11 @@ def surface_motion(work: Work) -> Motion:
     return Motion(u, v, scale, shift, visible > 0.5)
 
 
+def scaled(work: Work) -> Values:
+    """max(1, s^2): the scale is a reciprocal, whose error goes with its square."""
+    return np.maximum(1.0, surface_motion(work).scale ** 2)
+
+
 def taps(work: Work, name: str, channels: slice) -> Values:
     """Largest magnitude of the 16 taps of each pixel, [C, H, W]."""
     m = surface_motion(work)
@@ -136,7 +141,7 @@ OUTPUTS = [
     Output(STATISTICS, "statistics: low, high", "statistics_out", slice(6, 12), "u·M", colour),
     Output(STATISTICS, "statistics: current sample", "statistics_out", slice(12, 15), "u·M", colour),
     Output(MOTION, "motion: displacement d", "motion_out", slice(0, 2), "2⁻²⁰·max(1, d) px", displacement),
-    Output(MOTION, "motion: scale, shift", "motion_out", slice(2, 4), "u", one),
+    Output(MOTION, "motion: scale s, shift", "motion_out", slice(2, 4), "u·max(1, s²)", scaled),
     Output(MOTION, "motion: visible, closeness", "motion_out", slice(4, 7), "u", one),
     Output(HISTORY, "history: colour", "history_at", RGB, "u·M", lambda work: taps(work, "history", RGB)),
     Output(HISTORY, "history: alpha", "history_at", FOURTH, "u·M", lambda work: taps(work, "history", FOURTH)),
