@@ -107,12 +107,12 @@ def results(chosen: list[Mutation]) -> Iterator[tuple[Mutation, str, str]]:
 def main() -> None:
     """Print the table; exit with 1 where a mutation lives."""
     parser = argparse.ArgumentParser(prog="scripts/mutate", description=__doc__)
-    parser.add_argument("part", nargs="?", default="", help="only faults whose description holds this text")
-    part = parser.parse_args().part
-    chosen = [mutation for mutation in MUTATIONS if part in mutation.fault]
+    parser.add_argument("parts", nargs="*", default=[""], help="only faults whose description holds one of these texts")
+    parts = parser.parse_args().parts
+    chosen = [mutation for mutation in MUTATIONS if any(part in mutation.fault for part in parts)]
     rotten = [mutation.fault for mutation in MUTATIONS if occurrences(mutation) != 1]
     if rotten or not chosen:
-        raise SystemExit(f"text not found exactly once: {'; '.join(rotten)}" if rotten else f"no fault holds {part!r}")
+        raise SystemExit(f"text not found exactly once: {'; '.join(rotten)}" if rotten else f"no fault holds {parts}")
     living = []
     print("| fault | file | noticed by bits | noticed by values |\n|---|---|---|---|", flush=True)
     for mutation, bits, values in results(chosen):
