@@ -15,24 +15,28 @@ from cltaa.layout import Layout
 class Buffers:
     """Device memory of one image size; history and output, and closeness now and then, change places each frame."""
 
-    def __init__(self, launcher: Launcher, layout: Layout, alpha: bool, dtype: Any) -> None:
-        """``alpha`` adds a plane to the history, ``dtype`` is the number that the history is kept in."""
-        self.layout, self._launcher = layout, launcher
+    def __init__(
+        self, launcher: Launcher, layout: Layout, alpha: bool, dtype: Any, whole: Layout | None = None
+    ) -> None:
+        """``alpha`` adds a plane to the history, ``dtype`` is the number that the history is kept in.
+
+        ``whole`` is the layout of what recurs, where ``layout`` is only that of a band of it.
+        """
+        self.layout, self.whole, self._launcher = layout, whole or layout, launcher
         self._history_planes = 4 if alpha else 3
-        self._dtype = dtype
-        self.current = self._planes(3)
-        self.closeness, self.previous_closeness = self._planes(1), self._planes(1)
-        self.history = self._planes(self._history_planes, self._dtype)
-        self.output = self._planes(self._history_planes, self._dtype)
-        self.history_count, self.output_count = self._planes(1), self._planes(1)
+        self.current, self.closeness = self._planes(3), self._planes(1)
+        self.output, self.output_count = self._planes(self._history_planes, dtype), self._planes(1)
+        self.history = self._planes(self._history_planes, dtype, self.whole)
+        self.history_count, self.previous_closeness = self._planes(1, layout=whole), self._planes(1, layout=whole)
         self._optional: dict[str, Buffer] = {}
 
-    def _planes(self, count: int, dtype: Any = np.float32) -> Buffer:
-        return self._launcher.allocate((count, self.layout.rows, self.layout.stride), dtype)
+    def _planes(self, count: int, dtype: Any = np.float32, layout: Layout | None = None) -> Buffer:
+        layout = layout or self.layout
+        return self._launcher.allocate((count, layout.rows, layout.stride), dtype)
 
     def fit(self, layout: Layout, alpha: bool) -> bool:
         """True when these buffers serve a frame of that size, with or without alpha."""
-        return layout == self.layout and (4 if alpha else 3) == self._history_planes
+        return layout == self.whole and (4 if alpha else 3) == self._history_planes
 
     def optional(self, name: str, planes: int) -> Buffer:
         """A buffer that only some sequences need, allocated when first asked for."""

@@ -64,6 +64,8 @@ FRAME_FIELDS: dict[str, tuple[str, str]] = {
     "width": ("int", "pixels a row"),
     "height": ("int", "rows"),
     "stride": ("int", "floats from one row to the next"),
+    "first_row": ("int", "row of the image that the planes of the frame begin with"),
+    "band_rows": ("int", "rows that the planes of the frame hold; 0: all"),
     "reset": ("int", "1: there is no history"),
     "number": ("int", "number of the frame, for what differs from frame to frame"),
     "origin_x": ("float", "px of pixel x's sample = x + origin_x: 0.5 + jitter - width / 2"),

@@ -63,10 +63,11 @@ def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
     layout, content = _load(path, sha256)
     names = frame_channels(layout)
     pixels, attributes = _decode(layout, content)
+    del content  # what is not needed any more goes at once: of a large picture little fits into memory twice
     header = FrameHeader(path, attributes)
     planar: NDArray[np.float32] = np.empty((len(names), layout.height, layout.width), np.float32)
     for plane, name in zip(planar, names, strict=True):
-        plane[...] = pixels[name]
+        plane[...] = pixels.pop(name)
 
     def stack(wanted: Sequence[str]) -> Image | None:
         if wanted[0] not in names:

@@ -33,17 +33,22 @@ class Layout(NamedTuple):
         """Texels of a plane."""
         return self.stride * self.rows
 
+    @property
+    def held(self) -> slice:
+        """Rows of a plane that hold rows of the image."""
+        return slice(PAD_Y, PAD_Y + self.height)
+
     def inside(self, planes: Plane) -> Plane:
         """View of the image inside ``planes`` [..., rows, stride] -> [..., height, width]."""
-        return planes[..., PAD_Y : PAD_Y + self.height, PAD_X : PAD_X + self.width]
+        return planes[..., self.held, PAD_X : PAD_X + self.width]
 
     def extend_edges(self, planes: Plane) -> None:
         """Repeat the edge of ``planes`` [..., rows, stride] into the halo, in place."""
-        last_row, last_column = PAD_Y + self.height - 1, PAD_X + self.width - 1
-        image = planes[..., PAD_Y : last_row + 1, :]
+        first_row, last_row, last_column = self.held.start, self.held.stop - 1, PAD_X + self.width - 1
+        image = planes[..., self.held, :]
         image[..., :PAD_X] = image[..., PAD_X : PAD_X + 1]
         image[..., last_column + 1 :] = image[..., last_column : last_column + 1]
-        planes[..., :PAD_Y, :] = planes[..., PAD_Y : PAD_Y + 1, :]
+        planes[..., :first_row, :] = planes[..., first_row : first_row + 1, :]
         planes[..., last_row + 1 :, :] = planes[..., last_row : last_row + 1, :]
 
     def empty(self, planes: int, dtype: Any = np.float32) -> Plane:

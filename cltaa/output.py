@@ -36,6 +36,12 @@ def owned(folder: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
+def sequence_settings(sequence: Sequence) -> dict[str, Any]:
+    """What of a sequence decides the bits of all its frames; their files are held against their hashes one by one."""
+    size = [sequence.width, sequence.height]
+    return {"sequence": sequence.name, "first_frame": sequence.first, "size": size, **sequence.reading}
+
+
 class Source(NamedTuple):
     """What a frame was made from: the SHA-256 of its input, and the frame that it continues (None: the first)."""
 

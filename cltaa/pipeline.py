@@ -15,6 +15,7 @@ import numpy as np
 
 from cltaa.allocator import return_freed_frames
 from cltaa.atomic import atomic_path, check_creatable
+from cltaa.bands import BandedResolver
 from cltaa.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.debug import DebugViews
 from cltaa.errors import DeviceLost, UsageError
@@ -23,14 +24,14 @@ from cltaa.exr_channels import Pixels
 from cltaa.frames import Effect, Frame, Image
 from cltaa.interrupt import Stop, stop_signals
 from cltaa.kept import merged
-from cltaa.output import OutputFolder, owned
+from cltaa.output import OutputFolder, owned, sequence_settings
 from cltaa.params import Preset
 from cltaa.planning import with_effects
 from cltaa.progress import track
 from cltaa.reading import Read, read_frames
 from cltaa.resolve import Resolver, Times
 from cltaa.sources import Sequence, open_images
-from cltaa.streams import Writer, read_ahead
+from cltaa.streams import InTurn, Writer, read_ahead
 from cltaa.video import import_av, write_video
 from cltaa.views import View
 
@@ -97,6 +98,8 @@ def resolve_sequence(
         _check_film(sequence, preview)
     options: dict[str, Any] = {"effects": effects if isinstance(effects, str) else sorted(effects), "half": half}
     if debug:
+        if isinstance(resolver, BandedResolver):
+            raise UsageError("--debug shows whole images only", cure="use --band-rows 0 or smaller frames")
         options["debug"] = sorted(debug)
     if layers:
         options["layers"] = list(layers)
@@ -127,12 +130,6 @@ def _check_film(sequence: Sequence, preview: Path) -> None:
     check_creatable(preview)
     if len({(layout.width, layout.height) for layout in sequence.layouts.values()}) > 1:
         raise UsageError("a film of frames of several sizes", path=preview, cure="leave --preview out")
-
-
-def sequence_settings(sequence: Sequence) -> dict[str, Any]:
-    """What of a sequence decides the bits of all its frames; their files are held against their hashes one by one."""
-    size = [sequence.width, sequence.height]
-    return {"sequence": sequence.name, "first_frame": sequence.first, "size": size, **sequence.reading}
 
 
 class _Run:
@@ -166,20 +163,25 @@ class _Run:
         wanted = frozenset(missing)
         part = self._sequence.select(numbers[0], numbers[-1])
         started = time.perf_counter()
-        with Writer(compression=compression) as writer, read_ahead(read_frames(part, after, self._layers)) as frames:
-            for done, read in enumerate(track(frames, len(numbers), "resolving"), start=1):
+        in_turn = isinstance(self._resolver, BandedResolver)  # so large that no second image waits beside it
+        reading = (InTurn if in_turn else read_ahead)(read_frames(part, after, self._layers))
+        with Writer(compression=compression) as writer, reading as frames:
+            for done, _ in enumerate(track(numbers, len(numbers), "resolving"), start=1):
+                read = next(frames)
                 frame = read.frame
                 image = self._resolver.resolve(with_effects(frame, self._effects))
                 if frame.index in wanted:
-                    channels = image_channels(image, half=half)
-                    channels |= self._debug.write(self._folder.folder / "debug", frame.index)
-                    self._write(writer, read, channels)
+                    views = self._debug.write(self._folder.folder / "debug", frame.index)
+                    self._write(writer, read, image_channels(image, half=half) | views)
                     self._repaired += read.unusable
                 self._note(self._resolver.times)
                 if self._stop.requested or done % checkpoint_every == 0:
                     self._checkpoints.save(self._resolver)
                 if self._stop.requested:
                     raise KeyboardInterrupt
+                if in_turn:
+                    writer.flush()
+                del read, frame, image
             writer.close()
             self._seconds["read"] += frames.seconds
             self._seconds["write"] += writer.seconds

@@ -29,4 +29,5 @@ def read_frames(sequence: Sequence, before: int | None, layers: tuple[str, ...])
         # What was verified while it was read need not be hashed again.
         digest = sequence.sha256(number) or file_sha256(sequence.path(number))
         yield Read(frame, Source(digest, before), unusable_pixels(frame.colour), kept_of(sequence.path(number), layers))
+        del frame  # before the next one is read: large ones do not fit into memory twice
         before = number

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from cltaa.buffers import Buffers
-from cltaa.build import Build, Real, Steps, Storage, settings_record
+from cltaa.build import Build, Real, Record, Steps, Storage, settings_record
 from cltaa.frame_record import Past as Past
 from cltaa.frame_record import frame_record as frame_record
 from cltaa.frames import Frame, Image
@@ -106,15 +106,14 @@ class Resolver:
     def restore(self, past: Past) -> dict[str, Buffer]:
         """Go on after ``past``; returns the memory to fill with what ``recurrent`` gave then, by the same names."""
         layout = Layout(past.shape[1], past.shape[0])
-        self._buffers = None  # released before the new ones are allocated
-        self._buffers = Buffers(self.launcher, layout, past.alpha or self.every_step, storage_dtype(self._shape))
+        buffers = self._allocate(layout, past.alpha or self.every_step)
         self._previous, self._kept = past, None
         if not past.earlier:
-            return self._buffers.recurrent()
+            return buffers.recurrent()
         steps = Steps(own_motion=past.own_motion or self.every_step, alpha=past.alpha or self.every_step)
         self._kept = KeptFrames(self.launcher, layout, self._frames_kept, steps)
         self._kept.past = past.earlier
-        return {**self._buffers.recurrent(), "kept": self._kept.planes}
+        return {**buffers.recurrent(), "kept": self._kept.planes}
 
     def resolve(self, frame: Frame) -> Image:
         """The resolved colour of ``frame``, [H, W, 3] float32, or [H, W, 4] where the frame has alpha.
@@ -169,8 +168,12 @@ class Resolver:
     def _prepare(self, frame: Frame, build: Build) -> Buffers:
         layout = Layout(frame.width, frame.height)
         if self._buffers is None or not self._buffers.fit(layout, build.steps.alpha):
-            self._buffers = None  # released before the new ones are allocated
-            self._buffers = Buffers(self.launcher, layout, build.steps.alpha, storage_dtype(build))
+            return self._allocate(layout, build.steps.alpha)
+        return self._buffers
+
+    def _allocate(self, layout: Layout, alpha: bool) -> Buffers:
+        self._buffers = None  # released before the new ones are allocated
+        self._buffers = Buffers(self.launcher, layout, alpha, storage_dtype(self._shape))
         return self._buffers
 
     @property
@@ -190,7 +193,35 @@ class Resolver:
         assert self.plan is not None
         layout, steps = buffers.layout, build.steps
         record = frame_record(frame, previous, layout, self.plan)
-        arguments = {
+        if self.plan.choices.history_of is HistoryOf.SAMPLES:
+            kept = self._ring(previous, layout, steps)
+            build = kept.build(build, frame)
+            ring = {"kept": kept.planes, "past": kept.records, "frames": kept.describe(frame, self.plan)}
+            self.launcher.run("gather", build, layout, self._arguments(record, steps, buffers) | ring)
+            kept.keep(frame, buffers, steps)
+        else:
+            self._resolve(record, build, buffers)
+        float_build = build if build.storage is Storage.FLOAT else Build(lanes=build.lanes, rows=build.rows)
+        for shaped, image, planes in (
+            (build, buffers.output, 4 if steps.alpha else 3),
+            (float_build, buffers.output_count, 1),
+        ):
+            self.launcher.run("extend_edges", shaped, layout, {"image": image, "frame": record, "planes": planes})
+
+    def _resolve(self, record: Record, build: Build, buffers: Buffers) -> None:
+        """Start the kernel that resolves what ``buffers`` hold of a frame."""
+        history = {
+            "history": buffers.history,
+            "history_count": buffers.history_count,
+            "previous_closeness": buffers.previous_closeness,
+        }
+        self.last = LastRun(build, buffers.layout, self._arguments(record, build.steps, buffers) | history)
+        self.launcher.run("resolve", *self.last)
+
+    def _arguments(self, record: Record, steps: Steps, buffers: Buffers) -> dict[str, Any]:
+        """What every kernel that resolves is given."""
+        assert self.plan is not None
+        return {
             "current": buffers.current,
             "closeness": buffers.closeness,
             "motion": buffers.optional("motion", 2) if steps.own_motion else None,
@@ -201,24 +232,3 @@ class Resolver:
             "frame": record,
             "settings": settings_record(self.plan.settings),
         }
-        if self.plan.choices.history_of is HistoryOf.SAMPLES:
-            kept = self._ring(previous, layout, steps)
-            build = kept.build(build, frame)
-            ring = {"kept": kept.planes, "past": kept.records, "frames": kept.describe(frame, self.plan)}
-            self.launcher.run("gather", build, layout, arguments | ring)
-            kept.keep(frame, buffers, steps)
-        else:
-            arguments |= {
-                "history": buffers.history,
-                "history_count": buffers.history_count,
-                "previous_closeness": buffers.previous_closeness,
-            }
-            self.last = LastRun(build, layout, arguments)
-            self.launcher.run("resolve", build, layout, arguments)
-        float_build = build if build.storage is Storage.FLOAT else Build(lanes=build.lanes, rows=build.rows)
-        self.launcher.run(
-            "extend_edges", build, layout, {"image": buffers.output, "frame": record, "planes": 4 if steps.alpha else 3}
-        )
-        self.launcher.run(
-            "extend_edges", float_build, layout, {"image": buffers.output_count, "frame": record, "planes": 1}
-        )

@@ -101,6 +101,29 @@ class ReadAhead(Iterator[Item]):
         self.close()
 
 
+class InTurn(Iterator[Item]):
+    """Items of an iterable, each made when it is asked for; the same interface as ``ReadAhead``, without a thread."""
+
+    def __init__(self, source: Iterable[Item]) -> None:
+        self._source, self.seconds = iter(source), array("d")
+
+    def __next__(self) -> Item:
+        """Make the next item."""
+        begin = time.perf_counter()
+        item = next(self._source)
+        self.seconds.append(time.perf_counter() - begin)
+        return item
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Nothing is to be stopped."""
+
+
 def read_ahead(sequence: Iterable[Item], depth: int = 2) -> ReadAhead[Item]:
     """Iterate ``sequence`` with up to ``depth`` items decoded ahead of use: ``for frame in read_ahead(sequence)``."""
     return ReadAhead(sequence, depth)
@@ -150,7 +173,7 @@ class Writer:
             raise ValueError(f"depth must be at least 1, not {depth}")
         desk = _Desk(depth)
         thread = threading.Thread(target=desk.work, name="cltaa write behind", daemon=True)
-        self._desk, self._compression = desk, compression
+        self._desk, self._compression, self._depth = desk, compression, depth
         self._finalizer = weakref.finalize(self, _stop_writing, desk, thread)
         thread.start()
 
@@ -181,6 +204,14 @@ class Writer:
                 then()
 
         self._desk.tasks.put(task)
+
+    def flush(self) -> None:
+        """Wait until every queued image is written; raises the first failure, once."""
+        for _ in range(self._depth):
+            self._desk.places.acquire()
+        self._desk.places.release(self._depth)
+        if self._desk.failure is not None:
+            self.close()
 
     def close(self) -> None:
         """Finish the queued images and stop the thread; raises the first failure, once."""

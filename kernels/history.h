@@ -54,7 +54,7 @@ STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, si
 STAGE history_t sample_history(history_in history, plane_in count, plane_in previous_closeness, motion_t m, surface s,
     int x, int y, frame_t frame, settings_t settings, taps_t* taps)
 {
-    const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
+    const size_t plane = history_plane_size(frame), at = history_offset(frame, x, y);
     history_t h;
     const motion_t seen = motion_to_edge(m, LANE_INDEX + K(x), SPLAT(y), frame);
     h.valid = on_screen(seen, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);

@@ -1,8 +1,20 @@
 // Images: planes of floats with a halo of PAD_X columns left and right and PAD_Y rows above and below, one stride for
 // all. The halo repeats the edge, so that a 3x3 or 4x4 window needs no clamps and every device reads the same layout.
-STAGE size_t plane_size(frame_t frame) { return (size_t)frame.stride * (size_t)(frame.height + 2 * PAD_Y); }
+//
+// A large image may be resolved in bands: planes of what arrives and of what results then hold band_rows rows from
+// first_row on (and the rows around them), while the history is whole. Coordinates are always those of the image.
+STAGE int band_rows(frame_t frame) { return frame.band_rows > 0 ? frame.band_rows : frame.height; }
+
+STAGE size_t plane_size(frame_t frame) { return (size_t)frame.stride * (size_t)(band_rows(frame) + 2 * PAD_Y); }
 
 STAGE size_t texel_offset(frame_t frame, int x, int y)
+{
+    return (size_t)(y - frame.first_row + PAD_Y) * (size_t)frame.stride + (size_t)(x + PAD_X);
+}
+
+STAGE size_t history_plane_size(frame_t frame) { return (size_t)frame.stride * (size_t)(frame.height + 2 * PAD_Y); }
+
+STAGE size_t history_offset(frame_t frame, int x, int y)
 {
     return (size_t)(y + PAD_Y) * (size_t)frame.stride + (size_t)(x + PAD_X);
 }

@@ -18,10 +18,12 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
     history_in history, plane_in history_count, plane_in previous_closeness, history_out output, plane_out output_count,
     const frame_t frame, const settings_t settings)
 {
-    const int x = (int)get_global_id(0) * LANES, first = (int)get_global_id(1) * ROWS;
-    if (x >= frame.width || first >= frame.height)
+    const int x = (int)get_global_id(0) * LANES, first = frame.first_row + (int)get_global_id(1) * ROWS;
+    const int below_band = frame.first_row + band_rows(frame);
+    const int end = below_band < frame.height ? below_band : frame.height;
+    if (x >= frame.width || first >= end)
         return;
-    const int last = first + ROWS < frame.height ? first + ROWS : frame.height;
+    const int last = first + ROWS < end ? first + ROWS : end;
     row_t above = read_row(current, closeness, motion, x, first - 1, frame);
     row_t centre = read_row(current, closeness, motion, x, first, frame);
     taps_t taps;

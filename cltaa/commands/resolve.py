@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import click
 from rich.console import Console
 from rich.table import Table
 
+from cltaa.bands import BandedResolver, band_rows_for
 from cltaa.build import Storage
 from cltaa.checkpoint import CHECKPOINT_EVERY
 from cltaa.commands.options import FILE_PATH, chosen_effects, input_options, verify_option
@@ -17,7 +19,7 @@ from cltaa.inputs.intake import intake_lines
 from cltaa.kept import kept_compression
 from cltaa.launch import launcher_for
 from cltaa.numbered import OnBreak
-from cltaa.params import Preset, override
+from cltaa.params import HistoryOf, Preset, override
 from cltaa.pipeline import Outcome, resolve_sequence, stage_rows
 from cltaa.presets import load_config, load_preset
 from cltaa.printable import json_of, printable, shown
@@ -49,6 +51,8 @@ from cltaa.views import View, parse_views
 @click.option("--strict", is_flag=True, help="Kernels that match the NumPy oracle bit for bit.")
 @input_options
 @verify_option
+@click.option("--band-rows", type=click.IntRange(min=0), metavar="N",
+              help="Resolve in bands of N rows (0: whole images).  [default: as memory asks]")  # fmt: skip
 @click.option("--gaps", type=click.Choice([mode.value for mode in OnBreak]), default=OnBreak.ERROR.value,
               show_default=True, help="A missing frame: refuse it, or begin a new history behind it.")  # fmt: skip
 @click.option("--on-resize", type=click.Choice([mode.value for mode in OnBreak]), default=OnBreak.ERROR.value,
@@ -79,6 +83,7 @@ def resolve(
     inputs: tuple[str, ...],
     camera: Path | None,
     verify: bool,
+    band_rows: int | None,
     gaps: str,
     on_resize: str,
     restart: bool,
@@ -104,7 +109,11 @@ def resolve(
         if preset != "default" or config is not None:
             raise UsageError("--budget-ms chooses the preset itself", cure="leave out --preset and --config")
         settings, kept = within_budget(budget_ms, device, (source.width, source.height), assignments)
-    resolver = Resolver(settings, device, strict=strict, storage=kept)
+    if band_rows is None:
+        whole_only = device == "numpy" or settings.choices.history_of is HistoryOf.SAMPLES
+        band_rows = 0 if whole_only else band_rows_for(source.width, source.height)
+    kind = partial(BandedResolver, band_rows=band_rows) if band_rows else Resolver
+    resolver = kind(settings, device, strict=strict, storage=kept)
     outcome = resolve_sequence(
         source,
         output,

@@ -1,0 +1,106 @@
+"""A resolve in bands gives the bits of one in one piece, whatever the height of a band."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cltaa.bands import BandedResolver, band_rows_for
+from cltaa.build import Storage
+from cltaa.checkpoint import Checkpoints
+from cltaa.cli import main
+from cltaa.errors import UsageError
+from cltaa.frames import Frame
+from cltaa.manifest import Manifest
+from cltaa.resolve import Resolver
+from tests.sequence_factory import bits, make_camera, make_frame, special_values, write_sequence
+
+ROWS = (1, 2, 3, 4, 5, 7, 8, 22, 23, 24, 100)
+
+
+def frames(**channels: bool) -> list[Frame]:
+    """Frames whose camera travels and turns so far that the history comes from other bands, with wrong texels."""
+    sequence = []
+    for index in range(5):
+        camera = make_camera((0.4 * index, 0.9 * index, 5.0 - 0.3 * index))
+        frame = make_frame(index, camera=camera, effects=None, exposure=1.0 + index / 5, **channels)  # type: ignore[arg-type]
+        frame.colour[3:21:4, ::7, 1] = special_values()[3:21:4, ::7]
+        sequence.append(frame)
+    return sequence
+
+
+def copied(frame: Frame) -> Frame:
+    """A frame of its own arrays: a banded resolve uses them up."""
+    names = ("colour", "depth", "motion", "alpha", "reactive")
+    arrays: dict[str, Any] = {name: deepcopy(getattr(frame, name)) for name in names}
+    return replace(frame, **arrays)
+
+
+@pytest.mark.parametrize("strict", [False, True], ids=["fast", "strict"])
+def test_bands_of_any_height(strict: bool) -> None:
+    """From one row to more than there are; 4 rows around a band are taken along, 32 are a work-item's."""
+    whole = Resolver(strict=strict)
+    banded = [BandedResolver(device=whole.launcher, strict=strict, band_rows=rows) for rows in ROWS]
+    for frame in frames(motion=True):
+        expected = whole.resolve(frame)
+        for rows, resolver in zip(ROWS, banded, strict=True):
+            assert np.array_equal(bits(resolver.resolve(copied(frame))), bits(expected)), rows
+
+
+@pytest.mark.parametrize("storage", list(Storage))
+@pytest.mark.parametrize("channels", [{"alpha": True, "motion": True, "reactive": True}])
+def test_bands_with_every_channel_and_storage(storage: Storage, channels: dict[str, bool]) -> None:
+    whole, banded = Resolver(storage=storage), BandedResolver(storage=storage, band_rows=6)
+    for frame in frames(**channels):
+        expected = whole.resolve(frame)
+        assert np.array_equal(bits(banded.resolve(copied(frame))), bits(expected))
+
+
+def test_bands_with_every_step() -> None:
+    whole, banded = Resolver(every_step=True), BandedResolver(every_step=True, band_rows=6)
+    for frame in frames():
+        expected = whole.resolve(frame)
+        assert np.array_equal(bits(banded.resolve(copied(frame))), bits(expected))
+
+
+def test_state_of_one_is_the_state_of_the_other(tmp_path: Path) -> None:
+    whole, banded = Resolver(), BandedResolver(band_rows=6)
+    sequence = frames(motion=True)
+    for frame in sequence[:3]:
+        banded.resolve(copied(frame))
+        expected = whole.resolve(frame)
+    checkpoints = Checkpoints(tmp_path, "one key")
+    checkpoints.save(banded)
+    restored = Resolver()
+    assert checkpoints.restore(restored, before=9) == 2
+    for frame in sequence[3:]:
+        expected = whole.resolve(frame)
+        assert np.array_equal(bits(restored.resolve(frame)), bits(expected))
+
+
+def test_numpy_has_no_bands() -> None:
+    with pytest.raises(UsageError, match="NumPy resolves whole images only"):
+        BandedResolver(device="numpy")
+
+
+def test_only_large_images_are_banded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cltaa.bands.memory_limit", lambda: 24 * 10**9)
+    assert band_rows_for(3840, 2160) == 0
+    assert band_rows_for(7680, 4320) == 0
+    assert band_rows_for(16384, 16384) > 0
+
+
+def test_command_line_writes_the_same_files(tmp_path: Path) -> None:
+    folder = write_sequence(tmp_path / "in", 4)
+    for name, more in (("whole", ["--band-rows", "0"]), ("bands", ["--band-rows", "6"])):
+        assert main(["resolve", str(folder), "-o", str(tmp_path / name), "--checkpoint", "2", *more]) == 0
+    assert Manifest(tmp_path / "whole").entries == Manifest(tmp_path / "bands").entries
+    # The bits do not depend on the bands, so that a run may go on with others.
+    (tmp_path / "whole" / "synthetic.0002.exr").unlink()
+    assert main(["resolve", str(folder), "-o", str(tmp_path / "whole"), "--checkpoint", "2", "--band-rows", "9"]) == 0
+    assert Manifest(tmp_path / "whole").entries == Manifest(tmp_path / "bands").entries
