@@ -47,8 +47,8 @@ def inspect(
     """Say what is in a captured sequence: size, channels, effects, jitter, camera, cuts, truth, and every problem.
 
     Only headers are read, which takes well under a millisecond a frame; a truncated file is found all the same. The
-    exit code is 0 when nothing is wrong, else 65. --plan prints the plan of a resolve instead. With --profile auto or that
-    of another tool it says how the files would be read.
+    exit code is 0 when nothing is wrong, else 65. --plan prints the plan of a resolve instead. With --profile auto, or
+    the profile of another tool, it says how the files would be read.
     """
     if profile != "cltaa" or inputs or camera is not None:
         _reading(describe_input(folder, profile=profile, assignments=inputs, side_file=camera), as_json)
