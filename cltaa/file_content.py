@@ -43,14 +43,19 @@ def open_regular(path: Path, expected: str = "an EXR file") -> Iterator[BinaryIO
         raise StorageError(f"reading failed: {error.strerror or error}", path=path) from error
 
 
-def read_text(path: Path, expected: str, largest: int) -> str:
-    """Read a text of at most ``largest`` bytes; raises what ``open_regular`` raises, DataError for more or no UTF-8."""
+def read_bytes(path: Path, expected: str, largest: int) -> bytes:
+    """Read a file of at most ``largest`` bytes; raises what ``open_regular`` raises, and DataError for a larger one."""
     with open_regular(path, expected) as file:
         content = file.read(largest + 1)
     if len(content) > largest:
         raise DataError(f"too large for {expected}", path=path, expected=f"at most {largest} bytes")
+    return content
+
+
+def read_text(path: Path, expected: str, largest: int) -> str:
+    """Read a text of at most ``largest`` bytes; errors as ``read_bytes``, and DataError for what is no UTF-8."""
     try:
-        return content.decode()
+        return read_bytes(path, expected, largest).decode()
     except UnicodeDecodeError as error:
         raise DataError(f"not UTF-8: {error}", path=path, expected=expected) from None
 

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 from cltaa.atomic import atomic_path
 from cltaa.errors import DataError, StorageError
+from cltaa.file_content import read_bytes, read_text
 
 NAME = "manifest.jsonl"
 CAPTURE = "sequence.json"
@@ -64,13 +65,12 @@ def recorded_hashes(folder: Path) -> dict[str, str]:
 def read_capture_record(folder: Path) -> dict[str, Any]:
     """Content of the ``sequence.json`` of a folder, empty where there is none; raises DataError for a damaged one."""
     path = folder / CAPTURE
-    try:
-        if path.stat().st_size > LARGEST_RECORD:
-            raise DataError("too large to be a record", path=path, expected=f"at most {LARGEST_RECORD >> 20} MiB")
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    if not path.exists():
         return {}
-    except (OSError, ValueError, RecursionError) as error:
+    text = read_text(path, "a record", LARGEST_RECORD)
+    try:
+        content = json.loads(text)
+    except (ValueError, RecursionError) as error:
         raise DataError(f"not readable as JSON: {error}", path=path, cure="capture the sequence again") from error
     if not isinstance(content, dict):
         raise DataError("wrong content", path=path, expected="a JSON object", found=type(content).__name__)
@@ -106,12 +106,9 @@ class Manifest:
         self.path = folder / NAME
         self.settings: dict[str, Any] | None = None
         self.entries: dict[str, Entry] = {}
-        try:
-            lines = self.path.read_bytes().splitlines(keepends=True)
-        except FileNotFoundError:
+        if not self.path.exists():
             return
-        except OSError as error:
-            raise StorageError(f"cannot be read: {error.strerror}", path=self.path) from error
+        lines = read_bytes(self.path, "a manifest", LARGEST_RECORD).splitlines(keepends=True)
         begun = _parsed(lines[0]) if lines else None
         if begun is None or begun.get("format") != FORMAT or not isinstance(begun.get("settings"), dict):
             raise DataError("the first line is damaged", path=self.path, cure=RESTART_CURE)

@@ -19,7 +19,8 @@ from typing import Any
 
 from cltaa.atomic import atomic_path, make_folder, remove_stale_temporaries
 from cltaa.errors import DataError, StorageError, UsageError
-from cltaa.manifest import file_sha256
+from cltaa.file_content import read_text
+from cltaa.manifest import LARGEST_RECORD, file_sha256
 
 NAME = "sequence.json"
 REFERENCE = "reference"
@@ -81,12 +82,13 @@ class Manifest:
         self.save()
 
     def _resume(self, path: Path) -> None:
+        text = read_text(path, "a record", LARGEST_RECORD)
         try:
-            content = json.loads(path.read_text(encoding="utf-8"))
+            content = json.loads(text)
             settings, files_ = content["settings"], content["files"]
             if content["format"] != FORMAT or not isinstance(settings, dict) or not isinstance(files_, dict):
                 raise ValueError("not of this format")
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise DataError(
                 f"cannot be resumed from ({error})", path=path, cure="use --restart to begin anew"
             ) from error

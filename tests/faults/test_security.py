@@ -125,6 +125,14 @@ def test_pipe_in_place_of_a_frame_makes_nobody_wait(tmp_path: Path) -> None:
         open_sequence(tmp_path)
 
 
+@pytest.mark.parametrize("name", ["sequence.json", "manifest.jsonl"])
+def test_pipe_in_place_of_a_record_makes_nobody_wait(tmp_path: Path, name: str) -> None:
+    write_sequence(tmp_path, 1)
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(DataError, match=f"{name}: this is a pipe or a device"):
+        open_sequence(tmp_path).frame(0)
+
+
 def test_device_in_place_of_a_frame_is_not_read(tmp_path: Path) -> None:
     (tmp_path / "a.0000.exr").symlink_to("/dev/zero")
     with pytest.raises(DataError, match="pipe or a device"):
@@ -152,7 +160,7 @@ def test_record_and_configuration_of_any_size_and_depth(tmp_path: Path) -> None:
     record = tmp_path / "in" / "sequence.json"
     record.write_text("{}")
     os.truncate(record, LARGEST_RECORD + 1)
-    with pytest.raises(DataError, match="too large to be a record"):
+    with pytest.raises(DataError, match="too large for a record"):
         open_sequence(tmp_path / "in").frame(0)
     config = tmp_path / "deep.toml"
     config.write_text("x = " + "[" * 60_000)
