@@ -6,6 +6,7 @@ nothing were declared (``all``), where plain means and plain weights give way to
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Literal
@@ -15,7 +16,7 @@ import numpy as np
 
 from cltaa.bench.timing import Interval, Job, Samples, measure
 from cltaa.frames import Frame, format_effects
-from cltaa.launch import Launcher, launcher_for
+from cltaa.launch import DeviceLauncher, Launcher
 from cltaa.params import Preset
 from cltaa.planning import Plan, with_effects
 from cltaa.resolve import Resolver
@@ -25,7 +26,10 @@ WAYS = PLANNED, EVERY, ALL = "as planned", "every step", "all effects"
 
 
 class EffectRow(msgspec.Struct, kw_only=True):
-    """One scene. Times are milliseconds of kernels a frame; ``saving`` is how many times as long ``all`` takes."""
+    """One scene. Times are milliseconds of kernels a frame; ``saving`` is how many times as long ``all`` takes.
+
+    On a processor they are its own time, all threads together, which another program's load does not change.
+    """
 
     scene: str
     effects: str
@@ -43,13 +47,15 @@ class EffectRow(msgspec.Struct, kw_only=True):
 def judge_effects(
     sequence: Sequence,
     preset: str | Preset,
-    device: str | None,
+    launcher: Launcher,
     *,
     rounds: int,
     progress: Callable[[Iterable[Frame], int], Iterable[Frame]],
 ) -> EffectRow:
-    """Resolve ``sequence`` in the three ways, compare all frames in strict mode, and time the last one."""
-    launcher = launcher_for(device)
+    """Resolve ``sequence`` in the three ways, compare all frames in strict mode, and time the last one.
+
+    Scenes that share a ``launcher`` share its kernels.
+    """
     same, largest, total = True, 0.0, 0.0
     strict = {
         name: Resolver(preset, launcher, strict=True, every_step=name != PLANNED) for name in (PLANNED, EVERY, ALL)
@@ -68,10 +74,10 @@ def judge_effects(
         same_bits=same,
         replaced=largest,
         replaced_mean=total / len(sequence),
-        planned_ms=float(np.median(samples.seconds(PLANNED))) * 1e3,
-        every_ms=float(np.median(samples.seconds(EVERY))) * 1e3,
-        all_ms=float(np.median(samples.seconds(ALL))) * 1e3,
-        saving=samples.ratio(ALL, PLANNED),
+        planned_ms=float(np.median(samples.seconds(PLANNED, device=True))) * 1e3,
+        every_ms=float(np.median(samples.seconds(EVERY, device=True))) * 1e3,
+        all_ms=float(np.median(samples.seconds(ALL, device=True))) * 1e3,
+        saving=samples.ratio(ALL, PLANNED, device=True),
     )
 
 
@@ -95,8 +101,15 @@ def _named(way: str) -> Literal["auto", "all"]:
     return "all" if way == ALL else "auto"
 
 
-def _again(resolver: Resolver, frame: Frame, before: Frame) -> Callable[[], None]:
-    return lambda: resolver.run_again(frame, before)
+def _again(resolver: Resolver, frame: Frame, before: Frame) -> Callable[[], float | None]:
+    on_processor = not isinstance(resolver.launcher, DeviceLauncher) or resolver.launcher.device.is_cpu
+
+    def run() -> float | None:
+        started = time.process_time()
+        resolver.run_again(frame, before)
+        return time.process_time() - started if on_processor else None
+
+    return run
 
 
 def markdown(rows: Iterable[EffectRow]) -> str:
@@ -105,12 +118,20 @@ def markdown(rows: Iterable[EffectRow]) -> str:
         "scene", "effects", "steps that run", "ms planned", "ms every step", "ms all", "all / planned", "same bits",
         "replaced",
     )  # fmt: skip
-    table = [heads, ("---",) * len(heads)]
-    for row in rows:
-        saving = f"{row.saving.median:.2f} ({row.saving.low:.2f} to {row.saving.high:.2f})"
-        replaced = "nothing" if row.replaced == 0.0 else f"{row.replaced:.2g}, mean {row.replaced_mean:.1g}"
-        table.append((
-            row.scene, row.effects.replace(",", " "), ", ".join(row.steps) or "none", f"{row.planned_ms:.2f}",
-            f"{row.every_ms:.2f}", f"{row.all_ms:.2f}", saving, "yes" if row.same_bits else "**no**", replaced,
-        ))  # fmt: skip
-    return "".join(f"| {' | '.join(cells)} |\n" for cells in table)
+    table = [heads, ("---",) * len(heads), *map(cells, rows)]
+    return "".join(line(row) for row in table)
+
+
+def line(row: Iterable[str]) -> str:
+    """A line of a Markdown table."""
+    return f"| {' | '.join(row)} |\n"
+
+
+def cells(row: EffectRow) -> tuple[str, ...]:
+    """The cells of one scene."""
+    saving = f"{row.saving.median:.2f} ({row.saving.low:.2f} to {row.saving.high:.2f})"
+    replaced = "nothing" if row.replaced == 0.0 else f"{row.replaced:.2g}, mean {row.replaced_mean:.1g}"
+    return (
+        row.scene, row.effects.replace(",", " "), ", ".join(row.steps) or "none", f"{row.planned_ms:.2f}",
+        f"{row.every_ms:.2f}", f"{row.all_ms:.2f}", saving, "yes" if row.same_bits else "**no**", replaced,
+    )  # fmt: skip

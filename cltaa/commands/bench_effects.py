@@ -8,11 +8,12 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from cltaa.bench.effects import EffectRow, judge_effects, markdown
+from cltaa.bench.effects import EffectRow, cells, judge_effects, line, markdown
 from cltaa.bench.quality_cases import known_scenes, run_cltaa
 from cltaa.commands.options import FILE_PATH
 from cltaa.errors import DataError
 from cltaa.frames import Frame
+from cltaa.launch import launcher_for
 from cltaa.printable import json_of
 from cltaa.progress import track
 from cltaa.sources import open_sequence
@@ -45,12 +46,18 @@ def effects(
     is 65 where a step that was left out would have changed a bit.
     """
     rows: list[EffectRow] = []
+    launcher = launcher_for(device)
+    if not as_json:
+        click.echo(markdown([]), nl=False)
     for number, scene in enumerate(scenes or sorted(known_scenes()), start=1):
         Console(stderr=True).print(f"{number}: {scene}", highlight=False)
         folder = work / f"{scene}-{size}x{frames}"
         run_cltaa(["capture", scene, "-o", str(folder), "--frames", str(frames), "--size", size])
-        rows.append(judge_effects(open_sequence(folder), preset, device, rounds=rounds, progress=_tracked))
-    click.echo(json_of(rows, indent=2) if as_json else markdown(rows), nl=False)
+        rows.append(judge_effects(open_sequence(folder), preset, launcher, rounds=rounds, progress=_tracked))
+        if not as_json:
+            click.echo(line(cells(rows[-1])), nl=False)  # as soon as it is known: all scenes take a while
+    if as_json:
+        click.echo(json_of(rows, indent=2))
     if not all(row.same_bits for row in rows):
         ctx.exit(DataError.exit_code)
 

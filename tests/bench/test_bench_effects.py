@@ -12,6 +12,7 @@ from cltaa.bench import effects as bench
 from cltaa.bench.effects import EffectRow, judge_effects, markdown
 from cltaa.exr import write_frame
 from cltaa.frames import Effect, Frame, Image
+from cltaa.launch import NumpyLauncher
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence, open_sequence
 from tests.sequence_factory import make_camera, make_frame
@@ -29,7 +30,7 @@ def judged(sequence: Sequence) -> EffectRow:
     def quietly(frames: Iterable[Frame], _: int) -> Iterable[Frame]:
         return frames
 
-    return judge_effects(sequence, "default", "numpy", rounds=3, progress=quietly)
+    return judge_effects(sequence, "default", NumpyLauncher(), rounds=3, progress=quietly)
 
 
 def test_a_still_scene(tmp_path: Path) -> None:
