@@ -26,7 +26,7 @@ from cltaa.presets import load_preset, preset_names
 from cltaa.sources import Sequence, open_sequence
 
 ALL = "all"  # every scene of cltaa scenes
-NARROWEST = 130  # columns of the terminal, so that no number is cut off
+NARROWEST = 160  # columns of the terminal, so that no number is cut off
 
 
 @click.command("quality")
