@@ -1,0 +1,72 @@
+"""Channels that hold nothing, damaged ones, 8-bit sources, and files that lose precision."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from cltaa.checking.colour import check_channels, check_colour
+from cltaa.checking.finding import Finding
+from cltaa.checking.report import check_folder
+from cltaa.frames import Frame
+from tests.sequence_factory import make_frame
+
+
+def names(found: list[Finding], *, mistakes: bool = True) -> list[str]:
+    return [finding.name for finding in found if finding.mistake or not mistakes]
+
+
+def frames() -> list[Frame]:
+    return [make_frame(index, motion=True) for index in range(3)]
+
+
+def picture(frame: Frame, value: float) -> Frame:
+    return replace(frame, colour=np.broadcast_to(np.float32(value), frame.colour.shape).copy())
+
+
+@pytest.mark.parametrize(
+    ("name", "spoil"),
+    [
+        ("colour-constant", lambda f: picture(f, 0.5)),
+        ("colour-not-finite", lambda f: picture(f, np.nan)),
+        ("colour-repeated", lambda f: replace(f, colour=make_frame(0).colour)),
+        ("depth-constant", lambda f: replace(f, depth=np.full_like(f.depth, 3.0))),
+        ("motion-constant", lambda f: replace(f, motion=np.full((f.height, f.width, 2), 0.5, np.float32))),
+    ],
+)
+def test_channels_that_carry_nothing(name: str, spoil: Callable[[Frame], Frame]) -> None:
+    assert name in names(check_channels([spoil(frame) for frame in frames()], has_depth=True))
+
+
+def test_sound_channels_pass() -> None:
+    sound = [replace(f, motion=np.random.default_rng(0).random((f.height, f.width, 2), np.float32)) for f in frames()]
+    assert check_channels(sound, has_depth=True) == []
+
+
+def test_eight_bits_are_told_from_light_made_of_them() -> None:
+    steps = np.random.default_rng(0).integers(0, 256, (40, 40, 3)).astype(np.float64) / 255
+    linear = np.where(steps <= 0.04045, steps / 12.92, ((steps + 0.055) / 1.055) ** 2.4)
+    encoded = [replace(make_frame(0), colour=steps.astype(np.float32))]
+    decoded = [replace(make_frame(0), colour=linear.astype(np.float32))]
+    assert names(check_colour(encoded)) == ["colour-encoded"]
+    assert names(check_colour(decoded)) == []
+    assert names(check_colour(decoded), mistakes=False) == ["colour-8-bit"]
+
+
+@pytest.mark.parametrize(
+    ("compression", "found"), [(OpenEXR.DWAA_COMPRESSION, ["file-lossy"]), (OpenEXR.PIZ_COMPRESSION, [])]
+)
+def test_codecs_that_lose_depth(compression: object, found: list[str], tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    for index in range(2):
+        planes = {name: (rng.random((32, 32)) ** 4 * 3).astype(np.float32) for name in "RGB"}
+        planes["Z"] = np.linspace(2, 9, 1024, dtype=np.float32).reshape(32, 32)
+        header = {"type": OpenEXR.scanlineimage, "compression": compression}
+        OpenEXR.File(header, planes).write(str(tmp_path / f"a.{index:04d}.exr"))
+    report, _ = check_folder(tmp_path)
+    assert names(report.findings) == found
