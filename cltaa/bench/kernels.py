@@ -47,7 +47,8 @@ class Timing(msgspec.Struct, frozen=True, kw_only=True):
     rows: list[Row]
     absent: dict[str, str]  # contender: why it could not run
     opengl: str | None  # who drew the shaders
-    noisy: bool
+    noisy: bool  # by the host's clock: rows without device times cannot be ranked
+    device_noisy: bool  # by the device's: the others cannot
     floor_ns: float  # a pixel: the core's bytes at the bandwidth of the copy
     copy_gigabytes_a_second: float
 
@@ -194,6 +195,7 @@ def _timing(
         absent=contenders.absent,
         opengl=contenders.opengl,
         noisy=too_noisy(samples.ratio(AGAIN, CORE)),
+        device_noisy=too_noisy(samples.ratio(AGAIN, CORE, device=True)),
         floor_ns=contenders.moved[CORE] / bandwidth * 1e9,
         copy_gigabytes_a_second=bandwidth * 1e-9,
     )

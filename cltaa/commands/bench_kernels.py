@@ -82,7 +82,7 @@ def print_bench(bench: KernelBench) -> None:
             console.print(f"GLSL by {timing.opengl}", highlight=False)
         for name, why in timing.absent.items():
             console.print(f"{name} is absent: {why}", markup=False, highlight=False, soft_wrap=True)
-        if timing.noisy:
+        if timing.noisy or timing.device_noisy:
             console.print("too noisy to rank: the core differs from its own copy, or by more than 2 % either way")
     where = bench.environment
     console.print(
@@ -108,10 +108,15 @@ def _table(bench: KernelBench, timing: Timing) -> Table:
             "–" if row.device_ns is None else f"{row.device_ns.median:.3g}",
             f"{row.gigabytes_a_second:.3g}",
             f"{row.of_floor:.1%}",
-            "noisy" if timing.noisy else f"{ratio.median:.3g}",
+            "noisy" if _is_noisy(timing, row) else f"{ratio.median:.3g}",
             f"{ratio.low:.3g}–{ratio.high:.3g}",
         )
     return table
+
+
+def _is_noisy(timing: Timing, row: Row) -> bool:
+    """Whether the clock that times the row says that nothing can be ranked."""
+    return timing.noisy if row.device_ratio is None else timing.device_noisy
 
 
 def _fairest(row: Row) -> Interval:
