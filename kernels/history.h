@@ -21,6 +21,15 @@ typedef struct
 #endif
 } taps_t;
 
+// The first pixel of a column finds nothing there.
+STAGE void forget_taps(taps_t* taps)
+{
+    taps->held = 0;
+#if LANES == 1
+    taps->dx = taps->dy = 0;
+#endif
+}
+
 #if LANES == 1
 STAGE real sample_taps(history_in p, footprint f, real* taps, int same, weights wx, weights wy, int stride)
 {

@@ -27,7 +27,7 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
     row_t above = read_row(current, closeness, motion, x, first - 1, frame);
     row_t centre = read_row(current, closeness, motion, x, first, frame);
     taps_t taps;
-    taps.held = 0;
+    forget_taps(&taps);
     for (int y = first; y < last; ++y) {
         const size_t at = texel_offset(frame, x, y);
         const row_t below = read_row(current, closeness, motion, x, y + 1, frame);

@@ -153,6 +153,11 @@ def rectify(
     settings: Record,
 ) -> Rectification:
     """The change that rectification makes, in RGB: history inside its box keeps its bits."""
+    choices = build.choices
+    moves = choices.rectify is not Rectify.NONE or choices.accumulate is Accumulate.ADAPTIVE
+    if not moves and choices.anti_flicker is not AntiFlicker.CLAMP_DISTANCE:
+        zero, one = np.zeros_like(gamma), np.ones_like(gamma)
+        return Rectification((zero, zero, zero), zero, zero, one)
     h = to_box_space(history, build)
     box = neighbourhood_box(s, gamma, build, settings["box_floor"])
     r = rectify_history(h, to_box_space(current, build), box, build)
