@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 import signal
 import subprocess
@@ -141,6 +142,14 @@ def test_nonsense(
     assert said.err.startswith("cltaa: error: ")
     assert said.err.count("\n") == 1
     assert words in said.err
+
+
+@pytest.mark.parametrize("line", ["profiles --json", "profiles blender --json", "presets --json", "scenes --json"])
+def test_lists_are_json_when_asked(line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(line.split()) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)
+    assert said.err == ""
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=name_of)
