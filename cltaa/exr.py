@@ -166,8 +166,9 @@ def _load(path: Path, sha256: str | None) -> tuple[Layout, bytes]:
     """Check the layout, and only then read the whole file, so that what was checked is what is decoded."""
     with open_regular(path) as file:
         layout = parse_layout(path, file)
-        # The pixels stand in memory twice: as decoded, and in the frame.
-        check_memory(path, file_size(file) + 2 * layout.decoded_bytes)
+        # Beside the pixels stands the packed file first, and then the one channel that is being moved into the frame.
+        columns, rows = layout.data_size
+        check_memory(path, layout.decoded_bytes + max(file_size(file), 4 * columns * rows))
         return layout, read_all(path, file, sha256)
 
 
