@@ -102,7 +102,7 @@ class DeviceLauncher:
         self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]
     ) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
         if kernel == "extend_edges":
-            return (layout.stride, layout.rows, int(arguments["planes"])), None
+            return (layout.stride * layout.rows - layout.width * layout.height, int(arguments["planes"])), None
         rows = build.rows if kernel in ("resolve", "gather") else 1
         columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
         group = self.device.group

@@ -1,5 +1,6 @@
 // Repeats the edge of PLANES planes into their halo, so that filters may read past the image. One work-item a halo
-// texel: first the PAD_Y rows above and below, over the whole stride, then PAD_X columns left and right of each row.
+// texel and plane: first the PAD_Y rows above and below, over the whole stride, then the columns left and right of each
+// row inside.
 #include "real.h"
 #include "image.h"
 
@@ -14,14 +15,21 @@ STAGE int limit_index(int v, int last) { return v < 0 ? 0 : (v > last ? last : v
 
 __kernel void extend_edges_kernel(history_out image, const frame_t frame, const int planes)
 {
-    const int i = (int)get_global_id(0), row = (int)get_global_id(1), plane = (int)get_global_id(2);
-    const int y = row - PAD_Y;
-    const int inside_rows = y >= 0 && y < frame.height;
-    // Rows inside the image have their halo columns only; the others their whole stride.
-    const int columns = inside_rows ? frame.stride - frame.width : frame.stride;
-    if (row >= frame.height + 2 * PAD_Y || plane >= planes || i >= columns)
+    const int i = (int)get_global_id(0), plane = (int)get_global_id(1);
+    const int whole_rows = 2 * PAD_Y * frame.stride, columns = frame.stride - frame.width;
+    const int rest = i - whole_rows;
+    if (rest >= frame.height * columns || plane >= planes)
         return;
-    const int x = inside_rows ? (i < PAD_X ? i - PAD_X : frame.width + (i - PAD_X)) : i - PAD_X;
+    int x, y;
+    if (rest < 0) {
+        const int row = i / frame.stride;
+        x = i - row * frame.stride - PAD_X;
+        y = row < PAD_Y ? row - PAD_Y : frame.height + (row - PAD_Y);
+    } else {
+        y = rest / columns;
+        const int column = rest - y * columns;
+        x = column < PAD_X ? column - PAD_X : frame.width + (column - PAD_X);
+    }
     texels p = (texels)image + (size_t)plane * plane_size(frame);
     const size_t from = texel_offset(frame, limit_index(x, frame.width - 1), limit_index(y, frame.height - 1));
     p[texel_offset(frame, x, y)] = p[from];
