@@ -84,20 +84,6 @@ def _checked_hashes(files: Any, path: Path) -> dict[str, str]:
     return files
 
 
-def check_recorded(path: Path, recorded: Mapping[str, str], name: str | None = None) -> None:
-    """Raise DataError where ``path`` has another SHA-256 than is recorded under ``name`` (else its file name).
-
-    A file that nothing vouches for passes.
-    """
-    expected = recorded.get(path.name if name is None else name)
-    if expected is None:
-        return
-    found = file_sha256(path)
-    if found != expected:
-        cure = "the file changed after it was finished: make it again"
-        raise DataError("the SHA-256 is not the recorded one", path=path, expected=expected, found=found, cure=cure)
-
-
 class Manifest:
     """The manifest of one folder, as far as it can be believed; ``settings`` is None where it was not begun."""
 
