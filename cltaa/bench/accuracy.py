@@ -74,9 +74,9 @@ def _measured(
     metrics: tuple[str, ...],
     progress: Progress,
 ) -> Measured:
-    megapixels = captured.width * captured.height * 1e-6
     default = tasks[0].variant
-    jobs, moved, stages = jobs_of(captured, tasks, launcher)
+    jobs, pixels, moved, stages = jobs_of(captured, tasks, launcher)
+    megapixels = pixels * 1e-6
     samples = measure(
         [*jobs, copy_job(launcher, moved)],
         rounds,
@@ -86,7 +86,7 @@ def _measured(
     by_device = samples.has_device_times(default.name)
     control = samples.ratio(f"{default.name} {AGAIN}", default.name, device=by_device)
     noisy = too_noisy(control)
-    yardstick = _yardstick(captured, metrics, megapixels)
+    yardstick = _yardstick(captured, metrics, captured.width * captured.height * 1e-6)
     return Measured(
         name=captured.folder.name,
         folder=str(captured.folder),

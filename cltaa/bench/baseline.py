@@ -45,14 +45,17 @@ def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int 
         if isinstance(launcher, DeviceLauncher):
             launcher.events = events
         resolver.run_again(frames[-1], frames[-2])
-        return None if events is None else span(events)
+        return None if events is None else busy(events)
 
     return Job(name, run, rounds), image
 
 
-def span(events: list[tuple[str, Any]]) -> float:
-    """Seconds from the start of the first to the end of the last of a queue's finished kernels."""
-    return float(max(event.profile.end for _, event in events) - min(event.profile.start for _, event in events)) * 1e-9
+def busy(events: list[tuple[str, Any]]) -> float:
+    """Seconds that the device worked on these finished kernels of one queue; the gaps between them left out.
+
+    A gap is the host's: it is in the wall time, and vanishes where the host runs ahead of the device.
+    """
+    return float(sum(event.profile.end - event.profile.start for _, event in events)) * 1e-9
 
 
 class PlainPort:
@@ -92,7 +95,7 @@ class PlainPort:
         columns, rows = (-(-extent // items) * items for extent, items in zip(self._size, group, strict=True))
         event = self._kernel.enqueue(self._launcher.device.queue, (columns, rows), group, given)
         self._launcher.finish()
-        return span([(self._kernel.name, event)])
+        return busy([(self._kernel.name, event)])
 
 
 def copy_job(launcher: DeviceLauncher, moved: int) -> Job:
@@ -105,7 +108,7 @@ def copy_job(launcher: DeviceLauncher, moved: int) -> Job:
     def run() -> float:
         event = kernel.enqueue(launcher.device.queue, (items,), None, given)
         launcher.finish()
-        return span([(kernel.name, event)])
+        return busy([(kernel.name, event)])
 
     return Job("copy", run)
 

@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from cltaa.bench.baseline import least_bytes, resolve_job, span
+from cltaa.bench.baseline import busy, least_bytes, resolve_job
 from cltaa.bench.errors_of import Task
 from cltaa.bench.ladder import Variant
 from cltaa.bench.timing import Job
-from cltaa.frames import Frame
+from cltaa.frames import Frame, Image
 from cltaa.launch import DeviceLauncher
 from cltaa.sources import Sequence as Captured
 
 AGAIN = "(A/A)"
+# A GPU is filled by this many pixels; with fewer it is the launches that are timed. Smaller frames are enlarged.
+GPU_PIXELS = 2_000_000
 
 
 def jobs_of(
     captured: Captured, tasks: Sequence[Task], launcher: DeviceLauncher
-) -> tuple[list[Job], int, dict[str, float]]:
-    """A job for each variant and a copy of the default's, the default's least bytes, and the times of its steps."""
+) -> tuple[list[Job], int, int, dict[str, float]]:
+    """A job for each variant and a copy of the default's; pixels and least bytes of a frame; the default's steps."""
     frames = pair_of(captured)
+    if not launcher.device.is_cpu:
+        factor = math.ceil(math.sqrt(GPU_PIXELS / (captured.width * captured.height)))
+        frames = [enlarged(frame, factor) for frame in frames]
+    pixels = frames[0].width * frames[0].height
     jobs: list[Job] = []
     moved, stages = 0, dict[str, float]()
     for place, task in enumerate(tasks):
@@ -30,10 +38,29 @@ def jobs_of(
         job, _ = resolve_job(task.variant.name, resolver, frames)
         jobs.append(job)
         if place == 0:
-            moved = least_bytes(resolver, task.variant.storage) * captured.width * captured.height
+            moved = least_bytes(resolver, task.variant.storage) * pixels
             stages = stage_seconds(task.variant, launcher, frames)
             jobs.append(Job(f"{task.variant.name} {AGAIN}", job.run))
-    return jobs, moved, stages
+    return jobs, pixels, moved, stages
+
+
+def enlarged(frame: Frame, factor: int) -> Frame:
+    """The frame with every pixel repeated ``factor`` times along both axes, and motion as many times as long."""
+
+    def repeat(image: Image | None, scale: float = 1.0) -> Image | None:
+        return None if image is None else (image * np.float32(scale)).repeat(factor, 0).repeat(factor, 1)
+
+    colour, depth = repeat(frame.colour), repeat(frame.depth)
+    assert colour is not None
+    assert depth is not None
+    return replace(
+        frame,
+        colour=colour,
+        depth=depth,
+        motion=repeat(frame.motion, factor),
+        alpha=repeat(frame.alpha),
+        reactive=repeat(frame.reactive),
+    )
 
 
 def pair_of(captured: Captured) -> list[Frame]:
@@ -58,6 +85,6 @@ def stage_seconds(
         seen.setdefault("upload", []).append(resolver.times.upload)
         for kernel in dict.fromkeys(name for name, _ in events):
             own = [(name, event) for name, event in events if name == kernel]
-            seen.setdefault(kernel, []).append(sum(span([item]) for item in own))
+            seen.setdefault(kernel, []).append(busy(own))
         seen.setdefault("read back", []).append(resolver.times.read_back)
     return {name: float(np.median(values)) for name, values in seen.items()}

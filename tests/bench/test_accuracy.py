@@ -13,11 +13,12 @@ import pytest
 from cltaa.bench.distribution import load, path_of, run_all, save
 from cltaa.bench.errors_of import Errors, Rounding, Task, run_task
 from cltaa.bench.ladder import ladder
+from cltaa.bench.times_of import enlarged
 from cltaa.build import Storage
 from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
 from cltaa.presets import load_preset, preset_names
-from tests.sequence_factory import write_images, write_sequence
+from tests.sequence_factory import make_frame, write_images, write_sequence
 
 FRAMES = 4
 
@@ -154,3 +155,15 @@ def test_what_is_finished_outlives_an_error(sequence: Path, tmp_path: Path) -> N
     with pytest.raises(InputMissing):
         list(run_all(tasks, tmp_path / "out", jobs=2))
     assert load(tasks[1], tmp_path / "out") is None
+
+
+def test_an_enlarged_frame_moves_as_far_in_pictures() -> None:
+    frame = make_frame(1, motion=True, alpha=True)
+    large = enlarged(frame, 3)
+    assert (large.width, large.height) == (3 * frame.width, 3 * frame.height)
+    np.testing.assert_array_equal(large.colour[1::3, 1::3], frame.colour)
+    assert large.motion is not None
+    assert frame.motion is not None
+    np.testing.assert_array_equal(large.motion[::3, ::3], 3 * frame.motion)
+    assert large.alpha is not None
+    assert large.alpha.shape == large.depth.shape
