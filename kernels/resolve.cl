@@ -26,8 +26,6 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
     const int last = first + ROWS < end ? first + ROWS : end;
     row_t above = read_row(current, closeness, motion, x, first - 1, frame);
     row_t centre = read_row(current, closeness, motion, x, first, frame);
-    taps_t taps;
-    forget_taps(&taps);
     for (int y = first; y < last; ++y) {
         const size_t at = texel_offset(frame, x, y);
         const row_t below = read_row(current, closeness, motion, x, y + 1, frame);
@@ -35,7 +33,7 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
         const surface s = nearest_surface(above, centre, below, settings);
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
         const colour sample = current_sample(above, centre, below, near, frame);
-        history_t h = sample_history(history, history_count, previous_closeness, m, s, x, y, frame, settings, &taps);
+        history_t h = sample_history(history, history_count, previous_closeness, m, s, x, y, frame, settings);
         const rectification r = rectify(h.rgb, sample, near, m, box_gamma(m, settings), frame, settings);
         if (ALPHA)
             h.alpha = past_alpha(alpha + at, h.alpha, frame);
