@@ -51,6 +51,7 @@ def test_disk_that_is_full_after_k_pages(tmp_path: Path, stride: int, capsys: py
             assert main(arguments(folder, output)) == 0
             check_finished(output, whole)
         pages += stride
+    print(f"{failures} sizes of a disk that was too small")
     assert failures >= 3
 
 
