@@ -187,9 +187,9 @@ class Device:
         with device_errors(self):
             self.queue.finish()
 
-    def first_use(self) -> AbstractContextManager[None]:
-        """Hold this while a kernel is built and runs for the first time, which is when PoCL fills its cache."""
-        return filling() if self.cl_device.platform.name == POCL else nullcontext()
+    def first_use(self, kernel: str) -> AbstractContextManager[None]:
+        """Hold this while ``kernel``, a hash, is built and runs for the first time: then PoCL fills its cache."""
+        return filling(kernel) if self.cl_device.platform.name == POCL else nullcontext()
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""The folder where PoCL keeps built kernels: private, looked at before use, filled by one process at a time.
+"""The folder where PoCL keeps built kernels: private, looked at before use, a kernel built by one process at a time.
 
 PoCL's compiler ends the whole process, uncatchably, where the disk of its cache is full, fails with an unrelated
 message where the folder cannot be written, and is not safe when several processes fill the folder at once
@@ -53,15 +53,21 @@ def check_cache() -> int:
 
 
 @contextmanager
-def filling() -> Iterator[None]:
-    """Look at the cache and be the one process that fills it; others wait. Raises as ``check_cache``."""
+def filling(kernel: str) -> Iterator[None]:
+    """Look at the cache and be the one process that builds ``kernel``, which is a hash; others wait for it.
+
+    A lock for each kernel: processes that need another one, or one that is built, do not wait. Raises as
+    ``check_cache``.
+    """
     global _depth
     with _held:
         if _depth:
             yield
             return
         check_cache()
-        with (cache_folder() / "lock").open("w") as lock:
+        locks = cache_folder() / "locks"
+        locks.mkdir(exist_ok=True)
+        with (locks / kernel).open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             _depth += 1
             try:

@@ -76,11 +76,12 @@ class DeviceLauncher:
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
         """Enqueue a kernel; it runs in the order of the queue. Raises DeviceLost."""
         from cltaa.device import device_errors
+        from cltaa.program import source_hash
 
         given = {name: getattr(value, "buffer", value) for name, value in arguments.items()}
         size, group = self._range(kernel, build, layout, given)
         first = (kernel, build, size) not in self._used
-        with self.device.first_use() if first else nullcontext(), device_errors(self.device):
+        with self.device.first_use(source_hash(kernel, build)) if first else nullcontext(), device_errors(self.device):
             event = self.kernel(kernel, build).enqueue(self.device.queue, size, group, given)
             if first:
                 self.device.finish()
@@ -90,11 +91,11 @@ class DeviceLauncher:
 
     def kernel(self, name: str, build: Build) -> Kernel:
         """The built kernel, from the cache of this launcher."""
-        from cltaa.program import Kernel
+        from cltaa.program import Kernel, source_hash
 
         key = (name, build)
         if key not in self._kernels:
-            with self.device.first_use():
+            with self.device.first_use(source_hash(name, build)):
                 self._kernels[key] = Kernel(self.device.context, name, build)
         return self._kernels[key]
 

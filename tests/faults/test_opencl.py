@@ -209,9 +209,9 @@ def test_context_that_cannot_be_made(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_lock_of_the_cache_is_taken_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A process that has it may take it again; nothing is left when it fails."""
     monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path))
-    with kernel_cache.filling(), kernel_cache.filling():
+    with kernel_cache.filling("a"), kernel_cache.filling("a"):
         pass
-    with pytest.raises(ResourceError), kernel_cache.filling():
+    with pytest.raises(ResourceError), kernel_cache.filling("a"):
         raise ResourceError("planted")
-    with kernel_cache.filling():
+    with kernel_cache.filling("a"):
         pass
