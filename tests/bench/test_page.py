@@ -188,6 +188,23 @@ def test_rounding_is_an_axis_of_its_own(window: Browser) -> None:
 
 
 @needs_browser
+def test_without_supersampling_the_points_spread_out(window: Browser) -> None:
+    marks = "return document.querySelectorAll('#front .sample').length"
+    # Made-up frames have no times; give the yardstick one, as a capture does.
+    window.run("current().yardstick.forEach((y, i) => { y.added = 1e6 * i }); drawFront()")
+    assert window.run(marks) == 1
+    spread = (
+        "const x = [...document.querySelectorAll('#front .point:not(.sample) circle')].map(c => +c.getAttribute('cx'));"
+    )
+    spread += "return Math.max(...x) - Math.min(...x)"
+    narrow = window.run(spread)
+    window.run("document.getElementById('yard').click()")
+    assert window.run(marks) == 0
+    assert window.run(spread) > narrow
+    window.run("document.getElementById('yard').click()")
+
+
+@needs_browser
 def test_light_and_dark(window: Browser) -> None:
     script = "return getComputedStyle(document.body).backgroundColor"
     first = window.run(script)

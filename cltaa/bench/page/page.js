@@ -70,7 +70,7 @@ function drawFront() {
   const box = { left: 58, right: width - 12, top: 24, bottom: height - 38 };
   const logarithmic = state.metric === "rounding" || !higher.has(state.metric);
   const cells = measured.cells.filter((c) => { const e = errorOf(c); return e && (!logarithmic || e.mean > 0); });
-  const yards = state.metric === "rounding" ? [] : measured.yardstick.filter((s) => s.added > 0);
+  const yards = state.metric === "rounding" || !$("yard").checked ? [] : measured.yardstick.filter((s) => s.added > 0);
   const errors = cells.flatMap((c) => [errorOf(c).mean, errorOf(c).p5, errorOf(c).p95]).concat(yards.map((s) => s.errors[state.metric].mean));
   const times = cells.flatMap((c) => [timeOf(c).low, timeOf(c).high]).concat(yards.map((s) => s.added), [measured.floor]);
   const svg = element("svg", { viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": "Error against time" });
@@ -269,6 +269,7 @@ function start() {
   $("metric").addEventListener("change", () => { state.metric = $("metric").value; drawAll(); });
   for (const id of ["a", "b"]) $(id).addEventListener("change", () => pick(id, $(id).value));
   for (const id of ["mode", "gain"]) $(id).addEventListener("change", paint);
+  $("yard").addEventListener("change", drawFront);
   $("slide").addEventListener("input", place);
   $("zoom").addEventListener("change", () => { const z = Number($("zoom").value), s = $("stage"); state.x = (s.clientWidth * (1 - z)) / 2; state.y = (s.clientHeight * (1 - z)) / 2; place(); });
   $("theme").addEventListener("click", () => {
