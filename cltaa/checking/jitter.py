@@ -92,7 +92,7 @@ def _undeclared(shot: Shot, measured: Vector, present: float) -> list[Finding]:
     if not shot.has_jitter or not any(np.any(frame.jitter_px) for frame in shot.frames):
         evidence = f"still regions move by {present:.2f} px rms between frames, first by "
         evidence += ", ".join(f"({x:.2f}, {y:.2f})" for x, y in measured[:4])
-        what = "the pixels are jittered and no jitter is declared"
+        what = "the pixels are jittered and no jitter is declared: give jitter_px of each frame with --camera FILE"
         confidence = float(min(0.99, present / (present + 0.05)))
         return [
             Finding(name="jitter-missing", mistake=True, confidence=confidence, what=what, evidence=evidence, fix={})
