@@ -59,7 +59,8 @@ STAGE mask seen_then(real closeness, surface s, motion_t m, settings_t settings)
 // The samples of `frames` kept frames, the latest first. past[k] says how to come from this frame to the k-th, where
 // its samples lie in their pixels (jitter) and in which slot of `kept` it is. The pixel's place in frame k falls into
 // the area of exactly one sample there: the one whose position rounds to it. A surface that moves on its own is
-// followed from sample to sample; where a sample has no motion the last step is taken again.
+// followed from sample to sample, by the motion of the sample at the surface's own place (which is not the pixel's
+// where the motion is a neighbour's). Where that sample has no motion the surface is lost, and so is all before it.
 STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, colour current, real alpha, surface s, int x,
     int y, frame_t frame, settings_t settings)
 {
@@ -67,7 +68,8 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, colour 
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
     gathered g = { { zero, zero, zero }, zero, zero, zero };
     const mask own = OWN_MOTION ? !(outside_domain(s.u) | outside_domain(s.v)) : (s.x != s.x);
-    real own_u = s.u, own_v = s.v, step_u = s.u, step_v = s.v;
+    real own_u = s.u, own_v = s.v;
+    mask lost = (s.x != s.x);
     for (int k = 0; k < frames; ++k) {
         const frame_t then = past[k];
         motion_t m = motion_from_depth(s, LANE_INDEX + K(x), SPLAT(y), then);
@@ -78,7 +80,7 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, colour 
             m.shift = own ? zero : m.shift;
             m.visible = m.visible | own;
         }
-        const mask seen = on_screen(m, LANE_INDEX + K(x), SPLAT(y), frame);
+        const mask seen = on_screen(m, LANE_INDEX + K(x), SPLAT(y), frame) & !lost;
         motion_t nearest = m;
         nearest.u = m.u + (K(0.5) - K(then.jitter_x));
         nearest.v = m.v + (K(0.5) - K(then.jitter_y));
@@ -102,13 +104,15 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, colour 
             g.alpha += good ? a - alpha : zero;
         }
         if (OWN_MOTION) {
-            const real u = texel_at(p + KEPT_MOTION * plane, f, frame.stride);
-            const real v = texel_at(p + (KEPT_MOTION + 1) * plane, f, frame.stride);
-            const mask told = good & !(outside_domain(u) | outside_domain(v));
-            step_u = told ? u : step_u;
-            step_v = told ? v : step_v;
-            own_u += step_u;
-            own_v += step_v;
+            motion_t place = nearest;
+            place.u += s.x;
+            place.v += s.y;
+            const footprint there = footprint_of(place, seen, frame);
+            const real u = texel_at(p + KEPT_MOTION * plane, there, frame.stride);
+            const real v = texel_at(p + (KEPT_MOTION + 1) * plane, there, frame.stride);
+            lost = lost | (own & (!seen | outside_domain(u) | outside_domain(v)));
+            own_u += u;
+            own_v += v;
         }
     }
     return g;

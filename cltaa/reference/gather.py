@@ -42,13 +42,12 @@ class Gathered:
 
 @dataclass(slots=True)
 class Track:
-    """Where surfaces that move on their own were, and the step that took them there."""
+    """Where surfaces that move on their own were, and which of them were lost on the way."""
 
     own: Mask
     u: Array
     v: Array
-    step_u: Array
-    step_v: Array
+    lost: Mask
 
     def motion(self, m: Motion) -> Motion:
         """``m`` where the camera alone moves a surface, the track elsewhere."""
@@ -61,10 +60,10 @@ class Track:
             m.visible | self.own,
         )
 
-    def follow(self, u: Array, v: Array, told: Mask) -> None:
-        """Take the step that a sample tells, or the last one again where it tells none."""
-        self.step_u, self.step_v = np.where(told, u, self.step_u), np.where(told, v, self.step_v)
-        self.u, self.v = self.u + self.step_u, self.v + self.step_v
+    def follow(self, u: Array, v: Array, seen: Mask) -> None:
+        """Take the step that the sample at the surface's place tells; where it tells none the surface is lost."""
+        self.lost = self.lost | (self.own & (~seen | outside_domain(u) | outside_domain(v)))
+        self.u, self.v = self.u + u, self.v + v
 
 
 def kept_planes(build: Build) -> int:
@@ -98,13 +97,13 @@ def gather_samples(
     g = Gathered([zero, zero, zero], zero, zero, zero)
     none = np.zeros(zero.shape, bool)
     own = ~(outside_domain(s.u) | outside_domain(s.v)) if build.steps.own_motion else none
-    track = Track(own, s.u, s.v, s.u, s.v)
+    track = Track(own, s.u, s.v, none)
     for then in past[:frames]:
         planes = kept[int(then["slot"])]
         m = track.motion(motion_from_depth(s, build, layout, then)) if build.steps.own_motion else motion_from_depth(
             s, build, layout, then
         )  # fmt: skip
-        seen = on_screen(m, layout)
+        seen = on_screen(m, layout) & ~track.lost
         half = number(0.5, zero)
         nearest = m._replace(
             u=m.u + (half - number(then["jitter_x"], zero)), v=m.v + (half - number(then["jitter_y"], zero))
@@ -127,8 +126,8 @@ def gather_samples(
             a = usable_share(_texel(planes[kept_planes(build) - 1], f, real), 1.0)
             g.alpha = g.alpha + np.where(good, a - alpha, zero)
         if build.steps.own_motion:
-            u, v = _texel(planes[KEPT_MOTION], f, real), _texel(planes[KEPT_MOTION + 1], f, real)
-            track.follow(u, v, good & ~(outside_domain(u) | outside_domain(v)))
+            there = footprint_of(nearest._replace(u=nearest.u + s.x, v=nearest.v + s.y), seen, layout)
+            track.follow(_texel(planes[KEPT_MOTION], there, real), _texel(planes[KEPT_MOTION + 1], there, real), seen)
     return g
 
 

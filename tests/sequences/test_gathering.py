@@ -119,3 +119,18 @@ def test_samples_are_gathered_where_no_light_changes(effects: set[Effect] | None
     plan = plan_frame(gathering(), frame, frame.camera)
     assert (plan.choices.history_of, plan.choices.rectify) == expected
     assert ("gathering" in {reason.step for reason in plan.reasons}) is True
+
+
+def test_a_thin_thing_that_speeds_up_leaves_no_trace() -> None:
+    # The pixels beside the bar follow its motion; they must follow the bar itself, wherever it was, and not their own
+    # old samples, which lie on the wall and tell no motion.
+    places = [4, 5, 7, 10, 14, 19, 25]
+    resolver = Resolver(gathering(weighting="none"))
+    for index, x in enumerate(places):
+        frame = make_frame(index, motion=True, camera=make_camera(), effects=frozenset({Effect.MOTION, Effect.UNCOVER}))
+        colour, depth = np.zeros_like(frame.colour), np.full_like(frame.depth, 5.0)
+        motion = np.full((*depth.shape, 2), np.nan, np.float32)
+        colour[:, x], depth[:, x] = 1.0, 2.0
+        motion[:, x] = (places[max(index - 1, 0)] - x, 0.0)
+        drawn = replace(frame, colour=colour, depth=depth, motion=motion, jitter_px=(0.0, 0.0))
+        assert (resolver.resolve(drawn) == colour).all(), index
