@@ -47,6 +47,9 @@ class _Complaints:
 
 _lock = threading.Lock()
 _output: _StandardOutput | None = None
+# Every one that was ever installed: CPython's print holds no reference to sys.stdout while it writes, so one that went
+# away in the middle of another thread's print would take the process with it.
+_made: list[_StandardOutput] = []
 
 
 @contextmanager
@@ -61,7 +64,7 @@ def muted_output() -> Iterator[None]:
     thread = threading.get_ident()
     with _lock:
         if _output is None:
-            _output = _StandardOutput(sys.stdout)
+            _output = _around(sys.stdout)
             sys.stdout = _output
             _mute_complaints(True)
         _output.muted.add(thread)
@@ -75,6 +78,14 @@ def muted_output() -> Iterator[None]:
                     sys.stdout = _output.stream
                 _output = None
                 _mute_complaints(False)
+
+
+def _around(stream: TextIO) -> _StandardOutput:
+    for made in _made:
+        if made.stream is stream:
+            return made
+    _made.append(_StandardOutput(stream))
+    return _made[-1]
 
 
 def _mute_complaints(on: bool) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import io
+import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -103,3 +104,34 @@ def test_progress_lines_come_now_and_then(capsys: pytest.CaptureFixture[str], mo
     lines = capsys.readouterr().err.splitlines()
     assert [line.split(",")[0] for line in lines] == [f"resolving: {n} of 7 frames" for n in (3, 6, 7)]
     assert all(line.endswith("0.2 frames/s") for line in lines)
+
+
+PRINTING = """
+import sys, threading, time
+from cltaa.quiet import muted_output
+
+class Slow:  # as a pipe whose reader is busy: other threads run while it takes the text
+    def write(self, text):
+        time.sleep(0.002)
+        return len(text)
+    def flush(self):
+        pass
+
+def mute():
+    while not done:
+        with muted_output():
+            time.sleep(0.001)
+
+done, sys.stdout = False, Slow()
+thread = threading.Thread(target=mute)
+thread.start()
+for _ in range(100):
+    print("written")
+done = True
+thread.join()
+"""
+
+
+def test_printing_while_another_thread_is_muted_does_not_crash() -> None:
+    child = subprocess.run([sys.executable, "-c", PRINTING], capture_output=True, text=True, check=False)
+    assert (child.returncode, child.stderr) == (0, "")

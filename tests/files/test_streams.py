@@ -188,7 +188,8 @@ for frame in frames:
     writer.write(Path(sys.argv[2]) / f"{frame.index}.exr", {"Z": frame.depth})
     print("written", flush=True)
     if len(sys.argv) > 3:
-        time.sleep(60)
+        while True:  # in short naps: a signal that comes just before a sleep is only seen after it
+            time.sleep(0.1)
     break
 """
 
