@@ -24,7 +24,6 @@ from cltaa.frames import Frame, Image
 from cltaa.launch import Buffer, DeviceLauncher, storage_dtype
 from cltaa.layout import Layout
 from cltaa.params import HistoryOf
-from cltaa.planning import plan_frame
 from cltaa.resolve import Resolver, Times
 from cltaa.upload import check_shapes, upload
 
@@ -119,12 +118,7 @@ class BandedResolver(Resolver):
         """The resolved colour of ``frame`` as ``Resolver.resolve`` gives it, in the frame's own memory."""
         check_shapes(frame)
         started = perf_counter()
-        previous = self._previous
-        if previous is not None and not previous.continues_in(frame, self.preset.choices):
-            previous = None
-        camera = None if previous is None else previous.camera
-        self.plan = plan_frame(self.preset, frame, camera, every=self.every_step)
-        build = self._build(self.plan)
+        previous, build = self._begin(frame)
         buffers = self._prepare(frame, build)
         record = frame_record(frame, previous, buffers.whole, self.plan)
         whole = _whole(frame, build.steps.alpha)

@@ -42,6 +42,11 @@ class Steps(msgspec.Struct, frozen=True, kw_only=True):
     reactive: bool = False
 
 
+def kept_planes(steps: Steps) -> int:
+    """Planes of a kept frame: r, g, b, closeness, and where steps read them own motion and alpha (KEPT_PLANES)."""
+    return 4 + 2 * steps.own_motion + steps.alpha
+
+
 class Build(msgspec.Struct, frozen=True, kw_only=True):
     """Everything that decides a kernel's text and flags, apart from its source files."""
 

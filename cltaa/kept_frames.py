@@ -6,7 +6,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from cltaa.buffers import Buffers
-from cltaa.build import FRAME_DTYPE, Build, Steps
+from cltaa.build import FRAME_DTYPE, Build, Steps, kept_planes
 from cltaa.cameras import is_still
 from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame
@@ -16,18 +16,19 @@ from cltaa.planning import Plan
 
 
 class KeptFrames:
-    """A ring of ``count`` frames of one size; ``past`` holds the facts about those that are in it, the latest first."""
+    """A ring of ``count`` frames of one size and the one in work; ``past``: the facts about each, the latest first."""
 
     def __init__(self, launcher: Launcher, layout: Layout, count: int, steps: Steps) -> None:
         self.layout, self._launcher, self._count = layout, launcher, count
-        self._planes = 4 + 2 * steps.own_motion + steps.alpha
-        self.planes = launcher.allocate((count * self._planes, layout.rows, layout.stride), np.float32)
+        self._planes = kept_planes(steps)
+        self._slots = count + 1
+        self.planes = launcher.allocate((self._slots * self._planes, layout.rows, layout.stride), np.float32)
         self.records = launcher.allocate((count,), FRAME_DTYPE)
         self.past: tuple[Past, ...] = ()
 
     def fit(self, layout: Layout, count: int, steps: Steps) -> bool:
         """True when this ring holds ``count`` frames of that size and with those channels."""
-        return (layout, count, 4 + 2 * steps.own_motion + steps.alpha) == (self.layout, self._count, self._planes)
+        return (layout, count, kept_planes(steps)) == (self.layout, self._count, self._planes)
 
     def build(self, build: Build, frame: Frame) -> Build:
         """``build`` with camera motion where the camera differs from that of any kept frame."""
@@ -37,22 +38,26 @@ class KeptFrames:
     def describe(self, frame: Frame, plan: Plan) -> int:
         """Tell the device how ``frame`` looks from each kept frame; returns how many there are."""
         with self.records.mapped(write=True) as records:
-            for place, past in enumerate(self.past):
+            for place, past in enumerate(self.past[: self._count]):
                 record = frame_record(frame, past, self.layout, plan)
                 record["jitter_x"], record["jitter_y"] = past.jitter_px
-                record["slot"] = past.index % self._count
+                record["slot"] = past.index % self._slots
                 records[place] = record
-        return len(self.past)
+        return min(len(self.past), self._count)
 
     def keep(self, frame: Frame, buffers: Buffers, steps: Steps) -> None:
         """Copy what was uploaded of ``frame`` into the ring, in the place of the oldest."""
-        sources = [buffers.current, buffers.closeness]
+        sources = [(buffers.current, 3), (buffers.closeness, 1)]
         if steps.own_motion:
-            sources.append(buffers.optional("motion", 2))
+            sources.append((buffers.optional("motion", 2), 2))
         if steps.alpha:
-            sources.append(buffers.optional("alpha", 1))
-        at = (frame.index % self._count) * self._planes * self.layout.plane
-        for source, planes in zip(sources, (3, 1, *((2,) if steps.own_motion else ()), 1), strict=False):
+            sources.append((buffers.optional("alpha", 1), 1))
+        at = (frame.index % self._slots) * self._planes * self.layout.plane
+        for source, planes in sources:
             self._launcher.copy(source, self.planes, at)
             at += planes * self.layout.plane
-        self.past = (Past.of(frame), *self.past)[: self._count]
+        self.past = (Past.of(frame), *self.past)[: self._slots]
+
+    def take_back(self) -> None:
+        """Forget the frame that was kept last; those before it are all still there."""
+        self.past = self.past[1:]

@@ -122,12 +122,7 @@ class Resolver:
         """
         check_shapes(frame)
         started = perf_counter()
-        previous = self._previous
-        if previous is not None and not previous.continues_in(frame, self.preset.choices):
-            previous = None
-        camera = None if previous is None else previous.camera
-        self.plan = plan_frame(self.preset, frame, camera, every=self.every_step)
-        build = self._build(self.plan)
+        previous, build = self._begin(frame)
         buffers = self._prepare(frame, build)
         upload(frame, buffers, build.steps, self.preset.settings)
         uploaded = perf_counter()
@@ -148,9 +143,20 @@ class Resolver:
         assert self.plan is not None
         assert self._buffers is not None
         self._buffers.swap()
+        if self._kept is not None:
+            self._kept.take_back()
         self._run(frame, Past.of(previous), self._build(self.plan), self._buffers)
         self._buffers.swap()
         self.launcher.finish()
+
+    def _begin(self, frame: Frame) -> tuple[Past | None, Build]:
+        """Make the plan of ``frame``; returns the past that it continues, and what its kernels are built from."""
+        previous = self._previous
+        if previous is not None and not previous.continues_in(frame, self.preset.choices):
+            previous = None
+        camera = None if previous is None else previous.camera
+        self.plan = plan_frame(self.preset, frame, camera, every=self.every_step)
+        return previous, self._build(self.plan)
 
     def _build(self, plan: Plan) -> Build:
         shape = self._shape

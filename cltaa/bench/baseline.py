@@ -6,6 +6,7 @@ blend, a counter) without what cltaa adds in its settings; the choices, which de
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from cltaa.errors import InternalError
 from cltaa.frames import Frame, Image
 from cltaa.launch import DeviceLauncher, storage_dtype
 from cltaa.layout import Layout
-from cltaa.params import Accumulate, Box, Choices, Dilation, Preset, Rectify, Reject, Settings
+from cltaa.params import Accumulate, Box, Choices, Dilation, HistoryOf, Preset, Rectify, Reject, Settings
 from cltaa.resolve import Past, Resolver, frame_record
 
 BASELINE = Preset(
@@ -37,6 +38,9 @@ COPY_BYTES = 16  # a work-item of copy.cl
 
 def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int | None = None) -> tuple[Job, Image]:
     """A job that runs the kernels of the last of ``frames`` again, and the image that they give."""
+    lead = int(resolver.preset.settings.frames_kept) if resolver.preset.choices.history_of is HistoryOf.SAMPLES else 0
+    for ago in range(lead, 0, -1):  # so that as many frames are kept as the preset keeps
+        resolver.resolve(replace(frames[0], index=frames[0].index - ago))
     image = [resolver.resolve(frame) for frame in frames][-1]
     launcher = resolver.launcher
 

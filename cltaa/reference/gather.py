@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.build import Build, Record
+from cltaa.build import Build, Record, kept_planes
 from cltaa.layout import Layout
 from cltaa.params import AlphaFrom, Reject, Weighting
 from cltaa.reference.colour import Colour, colour_outside_domain, from_range, luminance, to_range
@@ -66,11 +66,6 @@ class Track:
         self.u, self.v = self.u + u, self.v + v
 
 
-def kept_planes(build: Build) -> int:
-    """Planes of a kept frame: r, g, b, closeness, own motion, alpha."""
-    return KEPT_MOTION + 2 * build.steps.own_motion + build.steps.alpha
-
-
 def sample_share(v: Colour, build: Build, settings: Record) -> Array:
     """Luminance weight 1 / (knee + Y) of a sample."""
     one = number(1.0, v[0])
@@ -123,7 +118,7 @@ def gather_samples(
         g.sum = [total + w * (a - b) for total, a, b in zip(g.sum, c, current, strict=True)]
         g.weight, g.count = g.weight + w, g.count + np.where(good, one, zero)
         if build.steps.alpha:
-            a = usable_share(_texel(planes[kept_planes(build) - 1], f, real), 1.0)
+            a = usable_share(_texel(planes[kept_planes(build.steps) - 1], f, real), 1.0)
             g.alpha = g.alpha + np.where(good, a - alpha, zero)
         if build.steps.own_motion:
             there = footprint_of(nearest._replace(u=nearest.u + s.x, v=nearest.v + s.y), seen, layout)
@@ -189,7 +184,7 @@ def gather(
     m = surface_motion(s, build, layout, frame)
     sample = current_sample(above, centre, below, near, build, frame)
     a, reactivity = load_shares(alpha, reactive, sample[0], build, layout)
-    slots = kept.reshape(-1, kept_planes(build), layout.rows, layout.stride)
+    slots = kept.reshape(-1, kept_planes(build.steps), layout.rows, layout.stride)
     g = gather_samples(slots, past, frames, sample, a, s, build, layout, settings)
     store_resolved(
         resolve_gathered(g, sample, a, reactivity, near, m, build, layout, settings),

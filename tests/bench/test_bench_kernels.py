@@ -16,6 +16,8 @@ from cltaa.build import Storage
 from cltaa.cameras import displacement
 from cltaa.errors import InternalError, UsageError
 from cltaa.launch import DeviceLauncher
+from cltaa.params import override
+from cltaa.presets import load_preset
 from cltaa.resolve import Resolver
 
 SIZE = ["--size", "72x40", "--rounds", "3"]
@@ -91,9 +93,10 @@ def test_plain_port_computes_the_core(motion: Motion, storage: Storage) -> None:
         check_same("another frame", frames[0].colour, expected, storage)
 
 
-def test_running_again_gives_the_same() -> None:
-    frames = make_frames(61, 33, Motion.TURN)
-    resolver = Resolver("default", "numpy")
+@pytest.mark.parametrize("changes", [{}, {"history_of": "samples", "frames_kept": 2}])
+def test_running_again_gives_the_same(changes: dict[str, object]) -> None:
+    frames = make_frames(61, 33, Motion.TURN, count=4)
+    resolver = Resolver(override(load_preset(), changes), "numpy")
     for frame in frames:
         image = resolver.resolve(frame)
     for _ in range(2):
