@@ -6,12 +6,11 @@ The two packages know each other by their command lines alone (docs/decisions/00
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
-from cltaa.errors import CltaaError, InputMissing, InternalError
+from cltaa.child_command import run_cltaa
+from cltaa.errors import CltaaError, InputMissing
 from cltaa.frames import Effect
 from cltaa.sources import Sequence, open_sequence
 
@@ -84,13 +83,3 @@ def capture(case: Case, seed: int, shape: Shape) -> Sequence:
     if sequence is None:
         raise InputMissing("the capture left no finished sequence", path=case.folder)
     return sequence
-
-
-def run_cltaa(arguments: list[str]) -> str:
-    """What a command of cltaa prints; its standard error goes to ours."""
-    done = subprocess.run(
-        [sys.executable, "-m", "cltaa.cli", *arguments], stdout=subprocess.PIPE, text=True, check=False
-    )
-    if done.returncode:
-        raise InternalError(f"cltaa {' '.join(arguments)} failed", found=f"exit code {done.returncode}")
-    return done.stdout

@@ -9,7 +9,8 @@ import click
 from rich.console import Console
 
 from cltaa.bench.effects import EffectRow, cells, judge_effects, line, markdown
-from cltaa.bench.quality_cases import known_scenes, run_cltaa
+from cltaa.bench.quality_cases import known_scenes
+from cltaa.child_command import run_cltaa
 from cltaa.commands.options import FILE_PATH
 from cltaa.errors import DataError
 from cltaa.frames import Frame

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
-from contextlib import redirect_stdout
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -14,6 +12,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from cltaa.child_command import call_cltaa
 from cltaa.commands.options import FILE_PATH
 from cltaa.equal_quality import equal_quality_samples
 from cltaa.errors import UsageError
@@ -75,18 +74,15 @@ def demo(output: Path, scene: str, frames: int, device: str | None, as_json: boo
 
 
 def _capture(scene: str, folder: Path, frames: int) -> None:
-    """Run ``cltaa capture``, which is known here by its name alone, with what it prints kept off standard output."""
-    context = click.get_current_context()
-    group = context.find_root().command
-    assert isinstance(group, click.Group)
-    capture = group.get_command(context, "capture")
-    assert capture is not None
-    arguments = [scene, "-o", str(folder), "--frames", str(frames), "--reference", str(TRUTH_SAMPLES)]
-    with redirect_stdout(sys.stderr):
-        try:
-            capture.main(arguments, prog_name="cltaa capture", standalone_mode=False)
-        except UsageError:  # begun by another version or with other options; the demo's folder is its own
-            capture.main([*arguments, "--restart"], prog_name="cltaa capture", standalone_mode=False)
+    """Run ``cltaa capture`` in a process of its own, so that OpenGL and OpenCL never meet in one."""
+    arguments = ["capture", scene, "-o", str(folder), "--frames", str(frames), "--reference", str(TRUTH_SAMPLES)]
+    begun = folder.exists()
+    code = call_cltaa(arguments).returncode
+    if code == UsageError.exit_code and begun:
+        click.echo("cltaa: the folder is the demo's own: captured anew", err=True)
+        code = call_cltaa([*arguments, "--restart"]).returncode
+    if code:
+        click.get_current_context().exit(code)  # it has said why
 
 
 def _judge(before: ImageSequence, after: ImageSequence, truth: ImageSequence, outcome: Outcome) -> Gain:
