@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from cltaa.sequence_plan import plan
     from cltaa.sources import Sequence, open_sequence
 
+__version__ = "0.1.0"
+
 # Public name -> module. Imported on first use, so that ``import cltaa`` loads neither OpenCL nor OpenEXR.
 _HOMES = {
     "Camera": "cltaa.frames",

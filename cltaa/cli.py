@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from cltaa import __version__
 from cltaa.errors import CltaaError, InternalError, ResourceError, StorageError, UsageError
 from cltaa.lazy import Entry, LazyGroup
 from cltaa.printable import printable
@@ -38,7 +39,7 @@ COMMANDS = {
     entries=COMMANDS,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
-@click.version_option(package_name="cltaa")
+@click.version_option(__version__)
 @click.option("--debug", is_flag=True, help="Show the whole traceback of an error.")
 @click.pass_context
 def root(ctx: click.Context, debug: bool) -> None:

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from cltaa import __version__
+
 TOP = Path(__file__).parents[1]
 
 
@@ -45,6 +47,10 @@ def test_the_wheel_holds_every_file_of_the_packages_and_the_kernels(wheel: Path)
 
 def test_the_wheel_holds_the_three_packages_and_nothing_else(wheel: Path) -> None:
     assert {name.split("/")[0] for name in members(wheel)} == {"cltaa", "cltaa_capture", "cltaa_datasets"}
+
+
+def test_the_wheel_carries_the_version_of_the_code(wheel: Path) -> None:
+    assert wheel.name.startswith(f"cltaa-{__version__}-")
 
 
 def test_the_sdist_builds_the_same_wheel(wheel: Path, tmp_path: Path) -> None:

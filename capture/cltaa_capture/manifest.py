@@ -17,6 +17,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
+from cltaa import __version__
 from cltaa.atomic import atomic_path, make_folder, remove_stale_temporaries
 from cltaa.errors import DataError, StorageError, UsageError
 from cltaa.file_content import read_text
@@ -25,7 +26,7 @@ from cltaa.manifest import LARGEST_RECORD, file_sha256
 NAME = "sequence.json"
 REFERENCE = "reference"
 FORMAT = 1
-LIBRARIES = ("cltaa", "numpy", "OpenEXR", "pyrender", "PyOpenGL", "trimesh", "scipy", "Pillow")
+LIBRARIES = ("numpy", "OpenEXR", "pyrender", "PyOpenGL", "trimesh", "scipy", "Pillow")
 SAVE_EVERY = 1.0  # seconds; what a kill can cost
 CODE_SUFFIXES = (".py", ".vert", ".frag", ".glsl")
 
@@ -52,7 +53,8 @@ def _code_files(folder: Traversable, prefix: str) -> list[tuple[str, bytes]]:
 
 def versions(opengl: str) -> dict[str, str]:
     """Return the versions of what draws and writes; ``opengl`` is the driver's own words."""
-    return {"python": platform.python_version(), "opengl": opengl, **{name: version(name) for name in LIBRARIES}}
+    ours = {"python": platform.python_version(), "opengl": opengl, "cltaa": __version__}
+    return ours | {name: version(name) for name in LIBRARIES}
 
 
 class Manifest:

@@ -6,16 +6,17 @@ import hashlib
 import os
 import platform
 import time
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 
 import msgspec
 
+from cltaa import __version__
 from cltaa.unknown_cpu import cpu_flags
 
 # What of the CPU decides the speed of vector code, among its hundred flags.
 TELLING_FLAGS = ("sse4_2", "avx", "avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512_fp16", "asimd", "sve")
-LIBRARIES = ("cltaa", "numpy", "pyopencl")
+LIBRARIES = ("numpy", "pyopencl")
 
 
 class Environment(msgspec.Struct, frozen=True, kw_only=True):
@@ -59,17 +60,10 @@ def environment(device: str, load_before: float, options: tuple[str, ...], folde
         load_before=round(load_before, 2),
         load_after=round(load(), 2),
         device=device,
-        libraries={name: _version(name) for name in LIBRARIES},
+        libraries={"cltaa": __version__} | {name: version(name) for name in LIBRARIES},
         kernels_sha256=kernels_sha256(folder),
         options=list(options),
     )
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:  # run from a checkout
-        return "not installed"
 
 
 def _cpu_name() -> str:

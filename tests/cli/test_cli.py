@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cltaa import cli, errors
+from cltaa import __version__, cli, errors
 from tests.sequence_factory import write_sequence
 
 # Nothing that draws or computes may be imported to show help: it must work, and quickly, where those are not installed.
@@ -62,10 +62,7 @@ def test_help_lists_every_command_with_its_line() -> None:
 
 
 def test_version_is_that_of_the_project() -> None:
-    pyproject = Path(__file__).parents[2] / "pyproject.toml"
-    version = re.search(r'^version = "(.*)"$', pyproject.read_text(), re.MULTILINE)
-    assert version is not None
-    assert run("--version").stdout == f"cltaa, version {version[1]}\n"
+    assert run("--version").stdout == f"cltaa, version {__version__}\n"
 
 
 @pytest.mark.parametrize("shell", ["zsh", "fish"])
