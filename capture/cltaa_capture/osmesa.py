@@ -1,4 +1,4 @@
-"""Off-screen OpenGL without a display: OSMesa where it can be loaded, else surfaceless EGL.
+"""Off-screen OpenGL without a display: OSMesa where it can be loaded, else EGL, surfaceless or on a device of its own.
 
 PyOpenGL binds to its platform when it is first imported, so ``choose_backend`` comes before any ``import OpenGL``.
 pyrender 0.1.45 pins PyOpenGL 3.1.0; ``_mend_pyrender`` supplies the four things that this pair lacks.
@@ -10,6 +10,7 @@ import ctypes
 import os
 import sys
 import types
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -150,9 +151,7 @@ def open_context(backend: str = "auto") -> Context:
     chosen = choose_backend(backend)
     try:
         _mend_pyrender(chosen)
-        platform = _egl_platform() if chosen == "egl" else _osmesa_platform()
-        platform.init_context()
-        platform.make_current()
+        platform = _started(_egl_platforms() if chosen == "egl" else [_osmesa_platform()])
         from OpenGL import GL
 
         strings = [GL.glGetString(name) for name in (GL.GL_VERSION, GL.GL_RENDERER)]
@@ -172,12 +171,33 @@ def _osmesa_platform() -> Any:
     return OSMesaPlatform(1, 1)
 
 
-def _egl_platform() -> Any:
-    """Return pyrender's EGL platform on a display that needs neither a device file nor an X server."""
+def _egl_platforms() -> Iterator[Any]:
+    """Yield pyrender's EGL platform on displays that need no X server: surfaceless, then each device that EGL knows.
+
+    Mesa has the first; NVIDIA's driver has the second only (EGL_EXT_platform_device).
+    """
     from pyrender.platforms import egl
 
     class Surfaceless(egl.EGLDevice):  # type: ignore[misc]
         def get_display(self) -> Any:
             return egl._eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA, None, None)
 
-    return egl.EGLPlatform(1, 1, device=Surfaceless())
+    yield egl.EGLPlatform(1, 1, device=Surfaceless())
+    for device in egl.query_devices():
+        yield egl.EGLPlatform(1, 1, device=device)
+
+
+def _started(platforms: Iterable[Any]) -> Any:
+    """Return the first platform that gives a context, current; raises RuntimeError with the words of the last."""
+    from OpenGL.error import Error
+
+    failure: Exception | None = None
+    for platform in platforms:
+        try:
+            platform.init_context()
+            platform.make_current()
+        except (AssertionError, Error) as error:
+            failure = error
+        else:
+            return platform
+    raise RuntimeError(str(failure) or type(failure).__name__) from failure

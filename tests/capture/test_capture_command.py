@@ -112,6 +112,24 @@ def test_both_back_ends_draw_the_same_bits(tmp_path: Path) -> None:
     assert digests(tmp_path / "osmesa") == digests(tmp_path / "egl")
 
 
+@pytest.mark.skipif(not ctypes.util.find_library("EGL"), reason="needs EGL on this machine")
+def test_egl_without_a_surfaceless_display_draws_on_a_device(tmp_path: Path) -> None:
+    # As NVIDIA's driver has it: displays of devices alone. No platform has the number 0.
+    program = (
+        "import sys; from cltaa.cli import main; from cltaa_capture import osmesa; "
+        "osmesa.EGL_PLATFORM_SURFACELESS_MESA = 0; sys.exit(main(sys.argv[1:]))"
+    )
+    arguments = ["capture", "spinner", *TINY, "--backend", "egl", "-o"]
+    done = subprocess.run(
+        [sys.executable, "-c", program, *arguments, str(tmp_path / "device")],
+        capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    surfaceless = run_alone(*arguments, str(tmp_path / "surfaceless"))
+    assert surfaceless.returncode == 0, surfaceless.stderr
+    assert digests(tmp_path / "device") == digests(tmp_path / "surfaceless")
+
+
 @pytest.mark.skipif(not MODELS.is_dir(), reason=f"the sample models are not in {MODELS}")
 @pytest.mark.parametrize("motion", ["turntable", "orbit"])
 def test_a_sample_model(tmp_path: Path, motion: str) -> None:
