@@ -13,24 +13,9 @@ from typing import Any
 import msgspec
 
 from cltaa.errors import UsageError
+from cltaa.filters import CurrentFilter as CurrentFilter
+from cltaa.filters import HistoryFilter as HistoryFilter
 from cltaa.settings import Settings as Settings
-
-
-class HistoryFilter(StrEnum):
-    """How the history is read between its texels."""
-
-    NEAREST = "nearest"
-    BILINEAR = "bilinear"
-    CATMULL_ROM = "catmull-rom"
-
-
-class CurrentFilter(StrEnum):
-    """How the sample at the pixel's centre is rebuilt from the jittered samples of its 3x3."""
-
-    NONE = "none"  # the pixel's own sample stands for the pixel
-    BILINEAR = "bilinear"  # read between the samples, as a texture unit would at the unjittered place
-    GAUSSIAN = "gaussian"  # exp(-filter_falloff d^2), d in pixels from the centre
-    LANCZOS = "lanczos"  # windowed sinc of radius 2, its ringing held inside the extremes of the 3x3
 
 
 class HistoryOf(StrEnum):

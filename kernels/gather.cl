@@ -7,6 +7,7 @@
 #include "repair.h"
 #include "neighbourhood.h"
 #include "projection.h"
+#include "history_filter.h"
 #include "sampling.h"
 #include "reject.h"
 #include "history.h"

@@ -1,6 +1,6 @@
 // Reading the previous frame between its texels.
-#if !defined(HISTORY_FILTER) || !defined(CAMERA_MOTION) || !defined(OWN_MOTION)
-#error "sampling.h needs HISTORY_FILTER, CAMERA_MOTION and OWN_MOTION from the prelude"
+#if !defined(CAMERA_MOTION) || !defined(OWN_MOTION)
+#error "sampling.h needs CAMERA_MOTION and OWN_MOTION from the prelude"
 #endif
 
 // How the lanes of a segment lie in the previous frame: all moved by one whole number of texels (ALIKE), by numbers
@@ -43,64 +43,29 @@ STAGE footprint footprint_of(motion_t m, mask valid, frame_t frame)
     return f;
 }
 
-// Weights of the Catmull-Rom spline (Catmull and Rom 1974, tension 1/2) at fraction t, without the one of tap 1: the
-// filter is applied to differences from tap 1, so that equal taps give exactly their value, and t = 0 exactly tap 1.
-typedef struct
-{
-    real w0, w2, w3;
-} weights;
-
-STAGE weights catmull_rom(real t)
-{
-    weights w;
-    w.w0 = t * (K(-0.5) + t * (K(1.0) - K(0.5) * t));
-    w.w2 = t * (K(0.5) + t * (K(2.0) - K(1.5) * t));
-    w.w3 = (t * t) * (K(-0.5) + K(0.5) * t);
-    return w;
-}
-
-// Bilinear as the same sum: only tap 2 has a weight.
-STAGE weights linear(real t)
-{
-    weights w = { SPLAT(0.0), t, SPLAT(0.0) };
-    return w;
-}
-
-STAGE weights nearest(real t)
-{
-    weights w = { SPLAT(0.0), t >= SPLAT(0.5) ? SPLAT(1.0) : SPLAT(0.0), SPLAT(0.0) };
-    return w;
-}
-
-STAGE weights history_weights(real t)
-{
-    if (HISTORY_FILTER == HISTORY_FILTER_NEAREST)
-        return nearest(t);
-    if (HISTORY_FILTER == HISTORY_FILTER_BILINEAR)
-        return linear(t);
-    return catmull_rom(t);
-}
-
-STAGE real weigh(real p0, real p1, real p2, real p3, weights w)
-{
-    if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM)
-        return p1 + ((w.w0 * (p0 - p1) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p1));
-    return p1 + w.w2 * (p2 - p1);
-}
-
 // One row of taps around p, weighed along x. p points at tap 1 of the segment.
-STAGE real row_alike(history_in p, weights w)
+STAGE row_taps row_alike(history_in p, weights w)
 {
-    return weigh(load_history(p - 1), load_history(p), load_history(p + 1), load_history(p + 2), w);
+    real first = SPLAT(0.0), last = SPLAT(0.0);
+    if (SIX_TAPS) {
+        first = load_history(p - 2);
+        last = load_history(p + 3);
+    }
+    return weigh(first, load_history(p - 1), load_history(p), load_history(p + 1), load_history(p + 2), last, w);
 }
 
 #if LANES > 1
-STAGE real row_close(history_in p, weights w, whole step)
+STAGE row_taps row_close(history_in p, weights w, whole step)
 {
     const mask right = step != 0;
     const real a = load_history(p - 1), b = load_history(p), c = load_history(p + 1), d = load_history(p + 2),
                e = load_history(p + 3);
-    return weigh(right ? b : a, right ? c : b, right ? d : c, right ? e : d, w);
+    real first = SPLAT(0.0), last = SPLAT(0.0);
+    if (SIX_TAPS) {
+        first = right ? a : load_history(p - 2);
+        last = right ? load_history(p + 4) : e;
+    }
+    return weigh(first, right ? b : a, right ? c : b, right ? d : c, right ? e : d, last, w);
 }
 
 STAGE real gather(history_in p, whole dx, whole dy, int stride)
@@ -118,11 +83,22 @@ STAGE real gather(history_in p, whole dx, whole dy, int stride)
     return v;
 }
 
-STAGE real row_apart(history_in p, weights w, footprint f, int row, int stride)
+STAGE row_taps row_apart(history_in p, weights w, footprint f, int row, int stride)
 {
     const whole dy = f.dy + row;
-    return weigh(gather(p, f.dx - 1, dy, stride), gather(p, f.dx, dy, stride), gather(p, f.dx + 1, dy, stride),
-        gather(p, f.dx + 2, dy, stride), w);
+    real first = SPLAT(0.0), last = SPLAT(0.0);
+    if (SIX_TAPS) {
+        first = gather(p, f.dx - 2, dy, stride);
+        last = gather(p, f.dx + 3, dy, stride);
+    }
+    return weigh(first, gather(p, f.dx - 1, dy, stride), gather(p, f.dx, dy, stride), gather(p, f.dx + 1, dy, stride),
+        gather(p, f.dx + 2, dy, stride), last, w);
+}
+
+STAGE row_taps choose_row(mask m, row_taps a, row_taps b)
+{
+    const row_taps v = { m ? a.middle : b.middle, m ? a.sides : b.sides };
+    return v;
 }
 #endif
 
@@ -130,20 +106,36 @@ STAGE real row_apart(history_in p, weights w, footprint f, int row, int stride)
 STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int stride)
 {
     history_in q = p + f.offset;
+    const ptrdiff_t line = stride;
+    row_taps first = NO_TAPS, last = NO_TAPS;
 #if LANES > 1
     if (f.lanes == LANES_CLOSE) {
         const mask down = f.step_y != 0;
-        const real a = row_close(q - stride, wx, f.step_x), b = row_close(q, wx, f.step_x),
-                   c = row_close(q + stride, wx, f.step_x), d = row_close(q + 2 * (ptrdiff_t)stride, wx, f.step_x),
-                   e = row_close(q + 3 * (ptrdiff_t)stride, wx, f.step_x);
-        return weigh(down ? b : a, down ? c : b, down ? d : c, down ? e : d, wy);
+        const row_taps a = row_close(q - line, wx, f.step_x), b = row_close(q, wx, f.step_x),
+                       c = row_close(q + line, wx, f.step_x), d = row_close(q + 2 * line, wx, f.step_x),
+                       e = row_close(q + 3 * line, wx, f.step_x);
+        if (SIX_TAPS) {
+            first = choose_row(down, a, row_close(q - 2 * line, wx, f.step_x));
+            last = choose_row(down, row_close(q + 4 * line, wx, f.step_x), e);
+        }
+        return weigh_rows(first, choose_row(down, b, a), choose_row(down, c, b), choose_row(down, d, c),
+            choose_row(down, e, d), last, wx, wy);
     }
-    if (f.lanes == LANES_APART)
-        return weigh(row_apart(p, wx, f, -1, stride), row_apart(p, wx, f, 0, stride), row_apart(p, wx, f, 1, stride),
-            row_apart(p, wx, f, 2, stride), wy);
+    if (f.lanes == LANES_APART) {
+        if (SIX_TAPS) {
+            first = row_apart(p, wx, f, -2, stride);
+            last = row_apart(p, wx, f, 3, stride);
+        }
+        return weigh_rows(first, row_apart(p, wx, f, -1, stride), row_apart(p, wx, f, 0, stride),
+            row_apart(p, wx, f, 1, stride), row_apart(p, wx, f, 2, stride), last, wx, wy);
+    }
 #endif
-    return weigh(row_alike(q - stride, wx), row_alike(q, wx), row_alike(q + stride, wx),
-        row_alike(q + 2 * (ptrdiff_t)stride, wx), wy);
+    if (SIX_TAPS) {
+        first = row_alike(q - 2 * line, wx);
+        last = row_alike(q + 3 * line, wx);
+    }
+    return weigh_rows(first, row_alike(q - line, wx), row_alike(q, wx), row_alike(q + line, wx),
+        row_alike(q + 2 * line, wx), last, wx, wy);
 }
 
 // The four texels around the footprint in a plane of floats: count and closeness of the previous frame.

@@ -11,10 +11,11 @@ from cltaa.build import Build, Record
 from cltaa.layout import Layout
 from cltaa.params import Reject
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
+from cltaa.reference.history_filter import history_weights
 from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.projection import Motion, motion_to_edge, on_screen
 from cltaa.reference.real import Array, Mask, greater, limit, number
-from cltaa.reference.sampling import Quad, bilinear, footprint_of, history_weights, sample_plane, sample_quad
+from cltaa.reference.sampling import Quad, bilinear, footprint_of, sample_plane, sample_quad
 
 
 @dataclass(frozen=True, slots=True)

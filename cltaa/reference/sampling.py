@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 from cltaa.build import Build
 from cltaa.constants import PAD_X, PAD_Y
 from cltaa.layout import Layout
-from cltaa.params import HistoryFilter
+from cltaa.reference.history_filter import SIX_TAPS, Row, Weights, weigh, weigh_rows
 from cltaa.reference.projection import Motion
 from cltaa.reference.real import Array, Mask, number
-
-Weights = tuple[Array, Array, Array]  # of taps 0, 2 and 3; tap 1 is what the others are compared with
 
 
 class Footprint(NamedTuple):
@@ -45,37 +43,14 @@ def footprint_of(m: Motion, valid: Mask, layout: Layout) -> Footprint:
     return Footprint(y + dy.astype(np.int64) + PAD_Y, x + dx.astype(np.int64) + PAD_X, u - dx, v - dy)
 
 
-def history_weights(t: Array, build: Build) -> Weights:
-    """Weights at fraction ``t`` of the build's history filter."""
-    k = t.dtype.type
-    zero = np.zeros_like(t)
-    if build.choices.history_filter is HistoryFilter.NEAREST:
-        return zero, np.where(t >= k(0.5), k(1.0), k(0.0)), zero
-    if build.choices.history_filter is HistoryFilter.BILINEAR:
-        return zero, t, zero
-    w0 = t * (k(-0.5) + t * (k(1.0) - k(0.5) * t))
-    w2 = t * (k(0.5) + t * (k(2.0) - k(1.5) * t))
-    w3 = (t * t) * (k(-0.5) + k(0.5) * t)
-    return w0, w2, w3
-
-
-def weigh(p: list[Array], w: Weights, build: Build) -> Array:
-    """Four taps as tap 1 plus weighted differences from it (Catmull and Rom 1974)."""
-    w0, w2, w3 = w
-    if build.choices.history_filter is HistoryFilter.CATMULL_ROM:
-        sharp: Array = p[1] + ((w0 * (p[0] - p[1]) + w2 * (p[2] - p[1])) + w3 * (p[3] - p[1]))
-        return sharp
-    soft: Array = p[1] + w2 * (p[2] - p[1])
-    return soft
-
-
 def sample_plane(plane: Array, f: Footprint, wx: Weights, wy: Weights, build: Build, real: Any) -> Array:
     """The padded plane [rows, stride] filtered at the footprint, along x first."""
-    rows = []
-    for j in (-1, 0, 1, 2):
-        taps = [plane[f.row + j, f.column + i].astype(real) for i in (-1, 0, 1, 2)]
+    reach = range(-2, 4) if build.choices.history_filter in SIX_TAPS else range(-1, 3)
+    rows: list[Row] = []
+    for j in reach:
+        taps = [plane[f.row + j, f.column + i].astype(real) for i in reach]
         rows.append(weigh(taps, wx, build))
-    return weigh(rows, wy, build)
+    return weigh_rows(rows, wx, wy, build)
 
 
 def sample_quad(plane: Array, f: Footprint, real: Any) -> Quad:
