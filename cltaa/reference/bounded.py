@@ -14,13 +14,15 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import NDArray
 
-from cltaa.build import Build
+from cltaa.build import Build, Storage
+from cltaa.constants import value as value_of
 from cltaa.layout import Layout
 from cltaa.reference import KERNELS
-from cltaa.reference.decision import Decision, Mask, decision
+from cltaa.reference.decision import Decision, Mask, Whole, decision
 
 Values = NDArray[np.float64]
 
@@ -73,8 +75,12 @@ class Bounded(NDArrayOperatorsMixin):
         return (self[index] for index in range(len(self)))
 
     def __getitem__(self, index: Any) -> Bounded:
-        """A view of a part."""
-        return Bounded(self.value[index], self.error[index])
+        """A view of a part; texels at places that rounding may have turned can be any."""
+        if not isinstance(index, tuple) or not any(isinstance(part, Whole) for part in index):
+            return Bounded(self.value[index], self.error[index])
+        at = tuple(part.value if isinstance(part, Whole) else part for part in index)
+        turned = np.logical_or.reduce([part.open for part in index if isinstance(part, Whole)])
+        return Bounded(self.value[at], np.where(turned, np.inf, self.error[at]))
 
     def __setitem__(self, index: Any, given: Any) -> None:
         """Write values and errors."""
@@ -89,9 +95,13 @@ class Bounded(NDArrayOperatorsMixin):
         """The same number everywhere."""
         return Bounded(np.broadcast_to(self.value, shape), np.broadcast_to(self.error, shape))
 
+    def reshape(self, *shape: int) -> Bounded:
+        """The same numbers in another shape."""
+        return Bounded(self.value.reshape(shape), self.error.reshape(shape))
+
     def astype(self, dtype: Any) -> Any:
-        """Whole numbers as an array; the twins' own real changes nothing."""
-        return self.value.astype(dtype) if dtype in (int, np.int64) else self
+        """Whole numbers by themselves; the twins' own real changes nothing."""
+        return Whole(self.value.astype(dtype), self.error != 0) if dtype is np.int64 else self
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
         """Arithmetic and comparisons, with their roundings."""
@@ -115,9 +125,20 @@ def with_bounds(kernel: str, build: Build, layout: Layout, arguments: Mapping[st
 
     Returns every plane as it is afterwards, those that the kernel wrote among them.
     """
-    planes = {name: Bounded.exact(given) for name, given in arguments.items() if np.ndim(given)}
-    KERNELS[kernel](build, layout, **{**arguments, **planes})
+    planes = {name: Bounded.exact(given) for name, given in arguments.items() if np.ndim(given) > 1}
+    KERNELS[kernel](replace(build, storage=Storage.FLOAT), layout, **{**arguments, **planes})
+    if build.storage is not Storage.FLOAT and "output" in planes:
+        planes["output"] = _stored_in_halves(planes["output"], build.storage)
     return planes
+
+
+def _stored_in_halves(v: Bounded, storage: Storage) -> Bounded:
+    """What is kept of ``v``: limited to the range of halves, then off by half their distance, or by less than all."""
+    most = value_of("HALF_LIMIT")
+    kept = Bounded(np.clip(v.value, -most, most), v.error)
+    power = np.maximum(2.0 ** (np.frexp(np.abs(kept.value) + kept.error)[1] - 1), value_of("HALF_NORMAL"))
+    distance = power * value_of("HALF_STEP")
+    return Bounded(kept.value, kept.error + (distance if storage is Storage.HALF_STOCHASTIC else 0.5 * distance))
 
 
 def _rounded(value: Values, carried: Values, unit: float, kept: Any = False) -> Bounded:

@@ -1,4 +1,4 @@
-"""Masks that rounding may have turned: comparisons of numbers with errors, in three values."""
+"""What rounding may have turned: comparisons of numbers with errors, in three values, and whole parts of them."""
 
 from __future__ import annotations
 
@@ -44,3 +44,16 @@ def decision(given: Any) -> Decision:
         return given
     mask = np.asarray(given, bool)
     return Decision(mask, mask, mask)
+
+
+class Whole(NDArrayOperatorsMixin):
+    """Whole numbers [H, W] with a mask of those that rounding may have made others: where a texel lies."""
+
+    def __init__(self, value: NDArray[np.int64], open_at: Mask) -> None:
+        self.value, self.open = value, open_at
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        """Sums with plain whole numbers."""
+        if ufunc is not np.add or method != "__call__" or options:
+            return NotImplemented
+        return Whole(ufunc(*(part.value if part is self else part for part in inputs)), self.open)

@@ -7,19 +7,20 @@ wrote. What a stage needs is read from the signature of its twin, so that a new 
 from __future__ import annotations
 
 import inspect
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
 import numpy as np
+import pytest
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from cltaa.build import Build, Record, Steps, settings_record
+from cltaa.build import FRAME_DTYPE, Build, Record, Steps, Storage, settings_record
 from cltaa.constants import value as value_of
-from cltaa.launch import Launcher, NumpyLauncher
+from cltaa.launch import Launcher, NumpyLauncher, storage_dtype
 from cltaa.layout import Layout
-from cltaa.params import Choices, Settings
+from cltaa.params import Settings
 from cltaa.reference import KERNELS
 from cltaa.resolve import Past, frame_record
 from tests.kernels.test_resolve import turned
@@ -27,7 +28,7 @@ from tests.sequence_factory import SPECIAL_BITS, bits, make_frame
 
 Planes = dict[str, NDArray[Any]]
 
-# Kernel -> the planes that it writes: the stages in the order of the chain, and the fused kernel.
+# Kernel -> the planes that it writes: the stages in the order of the chain, and the two fused kernels.
 WRITES: dict[str, dict[str, int]] = {
     "repair_colour": {"repaired": 3},
     "neighbourhood_statistics": {"statistics_out": 15},
@@ -36,14 +37,16 @@ WRITES: dict[str, dict[str, int]] = {
     "rectify_history": {"change_out": 6},
     "blend": {"output": 4, "output_count": 1},
     "resolve": {"output": 4, "output_count": 1},
+    "gather": {"output": 4, "output_count": 1},
 }
-STAGES = [kernel for kernel in WRITES if kernel != "resolve"]
-# The choices and steps that each stage's code looks at.
+FUSED = ("resolve", "gather")
+STAGES = [kernel for kernel in WRITES if kernel not in FUSED]
+# The choices and steps that each stage's code looks at; of the fused kernels what no stage does.
 LOOKS_AT: dict[str, tuple[str, ...]] = {
     "repair_colour": (),
     "neighbourhood_statistics": ("neighbourhood", "box", "box_space", "current_filter", "tonemap"),
     "surface_motion": ("dilation", "camera_motion", "own_motion", "orthographic"),
-    "sample_history": ("history_filter", "reject", "exposure", "alpha", "tonemap", "off_screen"),
+    "sample_history": ("history_filter", "reject", "exposure", "alpha", "tonemap", "off_screen", "storage"),
     "rectify_history": ("box", "box_space", "rectify", "accumulate", "anti_flicker"),
     "blend": (
         "accumulate",
@@ -54,6 +57,21 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "box_space",
         "negatives",
         "reactive",
+        "storage",
+        "tonemap",
+        "weighting",
+    ),
+    "resolve": ("storage",),
+    "gather": (
+        "alpha",
+        "alpha_from",
+        "camera_motion",
+        "exposure",
+        "orthographic",
+        "own_motion",
+        "reactive",
+        "reject",
+        "storage",
         "tonemap",
         "weighting",
     ),
@@ -61,32 +79,37 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
 DOMAIN_LIMIT = value_of("DOMAIN_LIMIT")
 BACK = 0.2  # the nearest points of the planes lie at 0.1: the previous camera was in front of them
 UNWRITTEN = np.float32(-77.0)  # what no stage writes into a plane by itself
+KEPT = 3  # frames whose samples are gathered
 ALL_STEPS = Steps(alpha=True, reactive=True)
 
 
 @dataclass(frozen=True)
 class Work:
-    """What a frame of one size reads: planes, and the two structs."""
+    """What a frame of one size reads: planes, the two structs, and what is known of the kept frames, latest first."""
 
     layout: Layout
     planes: Planes
     frame: Record
     settings: Record
+    past: Record = field(default_factory=lambda: np.zeros(0, FRAME_DTYPE))
 
 
 def hard_work(width: int = 70, height: int = 41, seed: int = 0, settings: Settings | None = None) -> Work:
     """A frame whose planes hold every hard case, with a camera that turns, zooms and backs away."""
     layout = Layout(width, height)
-    cameras = [turned(index + seed % 7, width, height) for index in (0, 1)]
-    cameras[1].world_to_view[2, 3] -= BACK
-    before, now = (
-        make_frame(index, width=width, height=height, camera=camera, exposure=1.0 + 0.3 * index)
+    cameras = [turned(index + seed % 7, width, height) for index in range(1 - KEPT, 2)]
+    cameras[-1].world_to_view[2, 3] -= BACK
+    *before, now = (
+        make_frame(index, width=width, height=height, camera=camera, exposure=1.3 ** (index + 1 - KEPT))
         for index, camera in enumerate(cameras)
     )
-    record = frame_record(now, Past.of(before), layout)
+    record = frame_record(now, Past.of(before[-1]), layout)
     record["left_weight"], record["right_weight"], record["above_weight"], record["below_weight"] = 0.3, -0.05, 0.1, 0.2
+    past = np.array([frame_record(now, Past.of(frame), layout) for frame in reversed(before)], FRAME_DTYPE)
+    past["jitter_x"], past["jitter_y"] = np.linspace(-0.4, 0.3, KEPT), np.linspace(0.2, -0.5, KEPT)
+    past["slot"] = (np.arange(KEPT) + 1) % KEPT
     settings = Settings() if settings is None else settings
-    return Work(layout, hard_planes(layout, seed), record, settings_record(settings))
+    return Work(layout, hard_planes(layout, seed), record, settings_record(settings), past)
 
 
 def hard_planes(layout: Layout, seed: int = 0) -> Planes:
@@ -120,7 +143,19 @@ def hard_planes(layout: Layout, seed: int = 0) -> Planes:
         strew(earlier[None], random, 0.02),
     )
     names = ("current", "closeness", "motion", "alpha", "reactive", "history", "history_count", "previous_closeness")
-    return {name: padded(planes, layout) for name, planes in zip(names, strewn, strict=True)}
+    # Of each kept frame r, g, b, closeness, own motion and alpha.
+    kept = [
+        plane
+        for _ in range(KEPT)
+        for plane in (
+            *strew(near_mean(3), random, 0.01),
+            *strew((closeness * random.choice([1.0, 1.0, 1.02, 1.3], shape))[None], random, 0.02),
+            *strew(motion + random.choice([0.0, 0.1], shape), random, 0.02),
+            *strew(random.uniform(-0.2, 1.2, (1, *shape)), random, 0.02),
+        )
+    ]
+    named = {**dict(zip(names, strewn, strict=True)), "kept": np.array(kept)}
+    return {name: padded(planes, layout) for name, planes in named.items()}
 
 
 def tiles(random: np.random.Generator, shape: tuple[int, int], low: float, high: float) -> NDArray[np.float64]:
@@ -146,21 +181,36 @@ def padded(planes: NDArray[Any], layout: Layout) -> NDArray[np.float32]:
     return out
 
 
-def arguments_of(kernel: str, work: Work) -> dict[str, NDArray[Any]]:
+def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     """What a kernel is given, by the names in its twin's signature: structs, planes to read, and UNWRITTEN ones.
 
-    What an earlier stage wrote as ``x_out`` is read as ``x_in``.
+    What an earlier stage wrote as ``x_out`` is read as ``x_in``; history and output are in the build's storage, and of
+    the kept frames only the planes that its steps read are there.
     """
-    given: dict[str, NDArray[Any]] = {"frame": work.frame, "settings": work.settings, **work.planes}
+    given: dict[str, Any] = {"frame": work.frame, "settings": work.settings, **work.planes}
+    given |= {"past": work.past, "frames": len(work.past)}
+    if len(work.past):
+        given["kept"] = kept_of(build.steps, work)
     given |= {f"{name[:-4]}_in": planes for name, planes in work.planes.items() if name.endswith("_out")}
     given |= {name: np.full_like(work.layout.empty(count), UNWRITTEN) for name, count in WRITES[kernel].items()}
     names = [p.name for p in inspect.signature(KERNELS[kernel]).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    if build.storage is not Storage.FLOAT:
+        most = value_of("HALF_LIMIT")
+        stored = {name: np.clip(given[name], -most, most) for name in {"history", "output"} & set(names)}
+        given |= {name: planes.astype(storage_dtype(build)) for name, planes in stored.items()}
     return {name: given[name] for name in names}
+
+
+def kept_of(steps: Steps, work: Work) -> NDArray[np.float32]:
+    """The planes of the kept frames that a build with ``steps`` reads, one frame after another."""
+    read = [True] * 4 + [steps.own_motion] * 2 + [steps.alpha]
+    frames = work.planes["kept"].reshape(len(work.past), len(read), work.layout.rows, work.layout.stride)
+    return frames[:, read].reshape(-1, *frames.shape[2:])
 
 
 def run_stage(kernel: str, build: Build, work: Work, launcher: Launcher) -> Planes:
     """Run one kernel over the planes of ``work``; returns the padded planes that it wrote, UNWRITTEN elsewhere."""
-    buffers: dict[str, Any] = arguments_of(kernel, work)
+    buffers = arguments_of(kernel, build, work)
     for name, source in buffers.items():
         if np.ndim(source):
             buffers[name] = launcher.allocate(source.shape, source.dtype)
@@ -193,13 +243,21 @@ def differing(work: Work, a: Planes, b: Planes) -> int:
     return count
 
 
+def variant_names(kernel: str, build: Build) -> list[Any]:
+    """Parameters of a test: kernel and name of each variant; those of the fused kernels, 5 s to build, are big."""
+    marks = [pytest.mark.big] if kernel in FUSED else []
+    names = variants(kernel, build)
+    return [pytest.param(kernel, name, marks=[] if name == "default" else marks) for name in names]
+
+
 def variants(kernel: str, build: Build) -> dict[str, Build]:
     """``build``, and with each choice or step that a stage looks at changed on its own, by name."""
     named = {"default": build}
-    for name in LOOKS_AT.get(kernel, ()):
-        part = "choices" if name in Choices.__struct_fields__ else "steps"
-        before = getattr(getattr(build, part), name)
+    for name in LOOKS_AT[kernel]:
+        part = next((part for part in ("choices", "steps") if hasattr(getattr(build, part), name)), "")
+        holder = getattr(build, part) if part else build
+        before = getattr(holder, name)
         for value in [not before] if isinstance(before, bool) else [v for v in type(before) if v is not before]:
-            changed = replace(getattr(build, part), **{name: value})
-            named[f"{name}={value}"] = replace(build, **{part: changed})
+            changed = replace(holder, **{name: value})
+            named[f"{name}={value}"] = replace(build, **{part: changed}) if part else changed
     return named

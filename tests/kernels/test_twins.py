@@ -20,6 +20,7 @@ from cltaa.layout import Layout
 from cltaa.params import HOST_CHOICES, Choices
 from tests.kernels.stage_chain import (
     ALL_STEPS,
+    FUSED,
     LOOKS_AT,
     STAGES,
     UNWRITTEN,
@@ -27,6 +28,7 @@ from tests.kernels.stage_chain import (
     chain_work,
     differing,
     run_stage,
+    variant_names,
     variants,
 )
 from tests.sequence_factory import bits
@@ -41,7 +43,7 @@ class CutUp(DeviceLauncher):
         self.bands = 1
 
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
-        rows = build.rows if kernel == "resolve" else 1
+        rows = build.rows if kernel in FUSED else 1
         columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
         wide, high = self.group or (1, 1)
         band = -(-steps // self.bands)
@@ -74,13 +76,13 @@ def whole() -> None:
 
 
 @pytest.mark.parametrize("lanes", [1, 4, 8])
-@pytest.mark.parametrize("kernel", STAGES)
+@pytest.mark.parametrize("kernel", [*STAGES, "gather"])
 def test_a_stage_gives_the_bits_of_its_twin(kernel: str, lanes: int) -> None:
     assert compared(kernel, strict(lanes)) == 0
 
 
 @pytest.mark.parametrize(
-    ("kernel", "name"), [(k, name) for k in STAGES for name in variants(k, strict()) if name != "default"]
+    ("kernel", "name"), [names for k in WRITES for names in variant_names(k, strict()) if "default" not in names.values]
 )
 def test_a_stage_gives_the_bits_of_its_twin_for_every_choice(kernel: str, name: str) -> None:
     assert compared(kernel, variants(kernel, strict())[name]) == 0
@@ -149,6 +151,7 @@ def test_every_choice_and_step_is_looked_at_by_a_stage() -> None:
     assert {name for names in LOOKS_AT.values() for name in names} == {
         *(set(Choices.__struct_fields__) - HOST_CHOICES),
         *Steps.__struct_fields__,
+        "storage",
     }
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cltaa.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Record
 from cltaa.launch import NumpyLauncher
 from cltaa.layout import Layout
-from tests.kernels.stage_chain import ALL_STEPS, STAGES, Planes, Work, hard_work, padded, run_stage
+from tests.kernels.stage_chain import ALL_STEPS, KEPT, STAGES, WRITES, Planes, Work, hard_work, padded, run_stage
 
 FOLDER = Path(__file__).parent / "golden"
 LAYOUT = Layout(5, 4)
@@ -31,9 +31,10 @@ def golden_work() -> Work:
         name: padded(whole.layout.inside(planes)[:, y : y + LAYOUT.height, x : x + LAYOUT.width], LAYOUT)
         for name, planes in whole.planes.items()
     }
-    frame = whole.frame.copy()
-    frame["width"], frame["height"], frame["stride"] = LAYOUT.width, LAYOUT.height, LAYOUT.stride
-    return Work(LAYOUT, piece, frame, whole.settings)
+    frame, past = whole.frame.copy(), whole.past.copy()
+    for record in (frame, past):
+        record["width"], record["height"], record["stride"] = LAYOUT.width, LAYOUT.height, LAYOUT.stride
+    return Work(LAYOUT, piece, frame, whole.settings, past)
 
 
 def as_words(planes: NDArray[np.float32]) -> list[list[str]]:
@@ -85,7 +86,8 @@ def read_work() -> Work:
     """The frame that the golden vectors belong to."""
     frame = read_struct(FOLDER / "frame.csv", FRAME_DTYPE)
     settings = read_struct(FOLDER / "settings.csv", SETTINGS_DTYPE)
-    return Work(LAYOUT, read_table(FOLDER / "input.csv"), frame, settings)
+    past = np.array([read_struct(FOLDER / f"past{place}.csv", FRAME_DTYPE) for place in range(KEPT)], FRAME_DTYPE)
+    return Work(LAYOUT, read_table(FOLDER / "input.csv"), frame, settings, past)
 
 
 def main() -> None:
@@ -95,7 +97,9 @@ def main() -> None:
     write_table(FOLDER / "input.csv", work.planes)
     write_struct(FOLDER / "frame.csv", work.frame)
     write_struct(FOLDER / "settings.csv", work.settings)
-    for kernel in [*STAGES, "resolve"]:
+    for place, record in enumerate(work.past):
+        write_struct(FOLDER / f"past{place}.csv", record)
+    for kernel in WRITES:
         written = run_stage(kernel, Build(steps=ALL_STEPS), work, NumpyLauncher())
         write_table(FOLDER / f"{kernel}.csv", written)
         if kernel in STAGES:

@@ -22,7 +22,7 @@ from cltaa.program import Kernel, source_hash
 from cltaa.reference.projection import Motion, on_screen
 from cltaa.reference.sampling import footprint_of
 from cltaa.resolve import Resolver
-from tests.kernels.stage_chain import Work, chain_work, differing, hard_work, padded, run_stage
+from tests.kernels.stage_chain import chain_work, differing, hard_work, padded, run_stage
 from tests.kernels.test_resolve import turned
 from tests.numerics.kernel_text import calls_of, kernel_files
 from tests.numerics.still_frames import accumulator, grey, still_frame
@@ -237,7 +237,7 @@ def test_a6_any_displacement_reads_what_its_twin_reads(launcher: DeviceLauncher,
     for motion in motions(base.layout, 1):
         moved = base.planes["motion_out"].copy()
         moved[:2] = padded(motion, base.layout)
-        work = Work(base.layout, {**base.planes, "motion_out": moved}, base.frame, base.settings)
+        work = replace(base, planes={**base.planes, "motion_out": moved})
         ours, theirs = (run_stage("sample_history", build, work, where) for where in (launcher, NumpyLauncher()))
         assert differing(work, ours, theirs) == 0
 

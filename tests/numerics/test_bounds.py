@@ -13,8 +13,8 @@ from cltaa.launch import DeviceLauncher
 from cltaa.reference.bounded import Bounded
 from cltaa.reference.decision import Decision
 from cltaa.reference.real import greater
-from tests.kernels.stage_chain import ALL_STEPS, WRITES, chain_work, run_stage, variants
-from tests.numerics.tolerances import Row, bounds_of, row_of, strict_rows, tolerance_rows
+from tests.kernels.stage_chain import ALL_STEPS, WRITES, chain_work, run_stage, variant_names, variants
+from tests.numerics.tolerances import Row, bounds_of, row_of, stored_rows, strict_rows, tolerance_rows
 from tests.numerics.units import OUTPUTS
 
 # A bound that nothing comes within a hundredth of says nothing.
@@ -41,9 +41,13 @@ def check(rows: list[Row]) -> None:
     assert [row for row in rows if row.bound > 0 and row.ratio < TOO_LOOSE] == []
 
 
-@pytest.mark.parametrize(("kernel", "name"), [(k, name) for k in WRITES for name in variants(k, DEFAULT)])
+@pytest.mark.parametrize(("kernel", "name"), [names for k in WRITES for names in variant_names(k, DEFAULT)])
 def test_a_fast_kernel_lies_inside_its_bound_and_near_it(kernel: str, name: str) -> None:
     check(rows_of(kernel, variants(kernel, DEFAULT)[name]))
+
+
+def test_what_is_stored_in_halves_is_off_by_their_rounding_and_no_more() -> None:
+    check(list(stored_rows(96, device())))
 
 
 def test_every_channel_of_every_kernel_has_a_row() -> None:
@@ -55,7 +59,7 @@ def test_every_channel_of_every_kernel_has_a_row() -> None:
 
 @pytest.mark.big
 def test_a_million_pixels_of_every_stage_lie_inside() -> None:
-    check(list(tolerance_rows(1024, device())))
+    check([*tolerance_rows(1024, device()), *stored_rows(1024, device())])
 
 
 @pytest.mark.big
@@ -110,6 +114,13 @@ def test_decisions_combine_in_three_values() -> None:
         True,
         True,
     ]
+
+
+def test_a_texel_at_a_place_that_may_be_another_is_left_open() -> None:
+    place: Any = np.floor(Bounded(np.array([1.0, 2.5]), np.array([1e-7, 1e-7]))).astype(np.int64) + 1
+    read = Bounded.exact([[0.0, 1.0, 2.0, 3.0]])[np.zeros(2, int), place]
+    assert read.value.tolist() == [2.0, 3.0]
+    assert read.error.tolist() == [np.inf, 0.0]
 
 
 def test_an_overflow_is_left_open() -> None:

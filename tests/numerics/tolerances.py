@@ -15,12 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.build import Build
+from cltaa.build import Build, Storage
 from cltaa.launch import DeviceLauncher, Launcher, NumpyLauncher
 from cltaa.reference.bounded import with_bounds
 from tests.kernels.stage_chain import (
     ALL_STEPS,
-    STAGES,
     WRITES,
     Planes,
     Work,
@@ -29,10 +28,9 @@ from tests.kernels.stage_chain import (
     run_stage,
     variants,
 )
-from tests.numerics.units import OUTPUTS, Output
+from tests.numerics.units import OUTPUTS, STORED, Output, U
 
 PAGE = Path(__file__).parents[2] / "docs" / "numerics.md"
-U = 2.0**-24
 LEAST_SCALE = 2.0**-90  # below it, what flushes to 0 is more than what rounds
 
 
@@ -62,7 +60,7 @@ class Difference(NamedTuple):
 
 def bounds_of(kernel: str, build: Build, work: Work) -> dict[str, tuple[NDArray[Any], NDArray[Any]]]:
     """Value and bound of every plane that a kernel writes, inside the image."""
-    planes = with_bounds(kernel, build, work.layout, arguments_of(kernel, work))
+    planes = with_bounds(kernel, build, work.layout, arguments_of(kernel, build, work))
     inside = work.layout.inside
     return {name: (inside(planes[name].value), inside(planes[name].error)) for name in WRITES[kernel]}
 
@@ -114,10 +112,21 @@ def tolerance_rows(side: int, launcher: Launcher) -> Iterator[Row]:
         yield from (row_of(output, work, written, bounds) for output in OUTPUTS if output.kernel == kernel)
 
 
+def stored_rows(side: int, launcher: Launcher) -> Iterator[Row]:
+    """What the blend leaves in each kind of halves."""
+    work = chain_work(side, side)
+    for storage in (Storage.HALF, Storage.HALF_STOCHASTIC):
+        build = launcher.build(Build(steps=ALL_STEPS, storage=storage))
+        written, bounds = run_stage("blend", build, work, launcher), bounds_of("blend", build, work)
+        for output in STORED:
+            row = row_of(output, work, written, bounds)
+            yield row._replace(label=f"{storage}: {row.label}")
+
+
 def choice_rows(side: int, launcher: Launcher) -> Iterator[tuple[str, str, Row]]:
     """The output nearest to its bound, of every choice and step apart from the default."""
     work = chain_work(side, side)
-    for kernel in STAGES:
+    for kernel in WRITES:
         for name, wanted in variants(kernel, Build(steps=ALL_STEPS)).items():
             if name == "default":
                 continue
@@ -145,7 +154,7 @@ def tables(side: int, launcher: Launcher) -> str:
         "| stage: output | unit | largest bound | largest error | largest error / bound | outside | open | no number |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for row in tolerance_rows(side, launcher):
+    for row in (*tolerance_rows(side, launcher), *stored_rows(side, launcher)):
         lines.append(
             f"| {row.label} | {row.unit} | {row.bound:.3g} | {row.error:.3g} | {row.ratio:.2f} | {row.outside} |"
             f" {row.open:.2%} | {row.lost:.2%} |"

@@ -8,13 +8,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cltaa.build import Build, Real
 from cltaa.constants import PAD_X, PAD_Y
+from cltaa.constants import value as value_of
+from cltaa.reference.gather import gather_samples
+from cltaa.reference.neighbourhood import current_sample, nearest_surface, neighbourhood_statistics
 from cltaa.reference.projection import Motion, on_screen
 from cltaa.reference.real import outside_domain, quiet
+from cltaa.reference.resolve import read_rows
 from cltaa.reference.sampling import footprint_of
-from tests.kernels.stage_chain import Work
+from tests.kernels.stage_chain import ALL_STEPS, Work
 
 Values = Any  # [H, W] or [C, H, W]
+U = 2.0**-24
 
 
 class Output(NamedTuple):
@@ -114,6 +120,29 @@ def conditioned(work: Work) -> Values:
     return magnified * np.maximum(x / h, h / x)
 
 
+@quiet
+def gathered(work: Work) -> Values:
+    """Largest magnitude of the current sample, what lies around it and the mean of what was gathered, any channel."""
+    build = Build(steps=ALL_STEPS, real=Real.DOUBLE)
+    planes, layout = work.planes, work.layout
+    rows = read_rows(planes["current"], planes["closeness"], planes["motion"], build, layout, work.frame)
+    near = neighbourhood_statistics(*rows, build)
+    sample = current_sample(*rows, near, build, work.frame)
+    surface = nearest_surface(*rows, build, work.settings["edge_tolerance"])
+    kept = planes["kept"].reshape(len(work.past), -1, layout.rows, layout.stride)
+    g = gather_samples(
+        kept, work.past, len(work.past), sample, np.ones_like(sample[0]), surface, build, layout, work.settings
+    )
+    weight = np.where(g.count > 0, g.weight, 1.0)
+    past = [now + total / weight for now, total in zip(sample, g.sum, strict=True)]
+    return np.abs([*sample, *near.mean, *near.low, *near.high, *past]).max(0)
+
+
+def halves(scale: Callable[[Work], Any]) -> Callable[[Work], Any]:
+    """The distance of halves at a magnitude of ``scale``, over u: 2^-10 of it, the least normal half's at least."""
+    return lambda work: value_of("HALF_STEP") / U * np.maximum(scale(work), value_of("HALF_NORMAL"))
+
+
 def one(work: Work) -> float:  # noqa: ARG001
     return 1.0
 
@@ -130,6 +159,10 @@ def pulled(work: Work) -> Values:
 
 def counts(work: Work) -> Values:
     return 1 + taps(work, "history_count", slice(0, 1))
+
+
+def blended(work: Work) -> Values:
+    return both(work) * conditioned(work)
 
 
 RGB, FOURTH, FIRST = slice(0, 3), slice(3, 4), slice(0, 1)
@@ -151,10 +184,18 @@ OUTPUTS = [
     Output("rectify_history", "rectify: change", "change_out", RGB, "u·M", box),
     Output("rectify_history", "rectify: pull p", "change_out", FOURTH, "u·(M / extent + p)", pulled),
     Output("rectify_history", "rectify: unrest, calm", "change_out", slice(4, 6), "u", one),
-    Output("blend", "blend: colour", "output", RGB, "u·M·k", lambda work: both(work) * conditioned(work)),
+    Output("blend", "blend: colour", "output", RGB, "u·M·k", blended),
     Output("blend", "blend: alpha", "output", FOURTH, "u·k", conditioned),
     Output("blend", "blend: count n", "output_count", FIRST, "u·(1 + n)", counts),
-    Output("resolve", "resolve: colour", "output", RGB, "u·M·k", lambda work: both(work) * conditioned(work)),
+    Output("resolve", "resolve: colour", "output", RGB, "u·M·k", blended),
     Output("resolve", "resolve: alpha", "output", FOURTH, "u·k", conditioned),
     Output("resolve", "resolve: count n", "output_count", FIRST, "u·(1 + n)", counts),
+    Output("gather", "gather: colour", "output", RGB, "u·M", gathered),
+    Output("gather", "gather: alpha", "output", FOURTH, "u", one),
+    Output("gather", "gather: count n", "output_count", FIRST, "u·(1 + n)", one),
+]
+# The blend's output where the history is kept in halves: the error of the storage beside that of the arithmetic.
+STORED = [
+    Output("blend", "colour as stored", "output", RGB, "2⁻¹⁰·M·k", halves(blended)),
+    Output("blend", "alpha as stored", "output", FOURTH, "2⁻¹⁰·k", halves(conditioned)),
 ]
