@@ -11,7 +11,6 @@ from statistics import median
 from typing import Any, Literal
 
 import msgspec
-import numpy as np
 
 from cltaa.allocator import return_freed_frames
 from cltaa.atomic import atomic_path, check_creatable
@@ -21,7 +20,8 @@ from cltaa.debug import DebugViews
 from cltaa.errors import DeviceLost, UsageError
 from cltaa.exr_attributes import frame_attributes
 from cltaa.exr_channels import Pixels
-from cltaa.frames import Effect, Frame, Image
+from cltaa.frames import Effect, Frame
+from cltaa.halves import image_channels, saturated_pixels
 from cltaa.interrupt import Stop, stop_signals
 from cltaa.kept import merged
 from cltaa.output import OutputFolder, owned, sequence_settings
@@ -50,13 +50,15 @@ class StageTimes(msgspec.Struct, kw_only=True):
 class Outcome(msgspec.Struct, kw_only=True):
     """What a run of ``resolve_sequence`` did: of ``frames``, ``resolved`` were written now, the others before.
 
-    ``repaired`` counts the pixels of those whose colour was no usable number (NaN, infinite, beyond 2^50).
+    ``repaired`` counts the pixels of those whose colour was no usable number (NaN, infinite, beyond 2^50),
+    ``saturated`` those as bright as the largest half, where halves are written or kept as history.
     """
 
     output: str
     frames: int
     resolved: int
     repaired: int
+    saturated: int
     width: int
     height: int
     device: str
@@ -151,7 +153,7 @@ class _Run:
         self._layers = layers
         self._seconds: dict[str, list[float]] = {name: [] for name in StageTimes.__struct_fields__}
         self._written: set[int] = set()
-        self._repaired = 0
+        self._repaired = self._saturated = 0
 
     def resolve(self, half: bool, compression: str, checkpoint_every: int) -> None:
         """Resolve the frames that are missing, after those that their history needs."""
@@ -174,6 +176,8 @@ class _Run:
                     views = self._debug.write(self._folder.folder / "debug", frame.index)
                     self._write(writer, read, image_channels(image, half=half) | views)
                     self._repaired += read.unusable
+                    if half or self._resolver.keeps_halves:
+                        self._saturated += saturated_pixels(image)
                 self._note(self._resolver.times)
                 if self._stop.requested or done % checkpoint_every == 0:
                     self._checkpoints.save(self._resolver)
@@ -207,20 +211,13 @@ class _Run:
             frames=len(self._sequence),
             resolved=len(self._written),
             repaired=self._repaired,
+            saturated=self._saturated,
             width=self._sequence.width,
             height=self._sequence.height,
             device=self._resolver.launcher.description,
             preset=self._resolver.preset.name,
             seconds=StageTimes(**{name: median(seconds or [0.0]) for name, seconds in self._seconds.items()}),
         )
-
-
-def image_channels(image: Image, *, half: bool = False) -> dict[str, Pixels]:
-    """A resolved image [H, W, 3 or 4] as EXR channels R G B [A], in half (saturated to its range) or float32."""
-    if half:
-        largest = np.finfo(np.float16).max
-        image = np.clip(image, -largest, largest).astype(np.float16)
-    return {name: image[..., channel] for channel, name in enumerate("RGBA"[: image.shape[-1]])}
 
 
 def resolved_attributes(frame: Frame, resolver: Resolver) -> Mapping[str, object]:

@@ -76,6 +76,11 @@ class Resolver:
         """Forget the history: the next frame starts a new one."""
         self._previous = None
 
+    @property
+    def keeps_halves(self) -> bool:
+        """True where the history is kept in halves."""
+        return self._shape.storage is not Storage.FLOAT
+
     def settings(self) -> dict[str, Any]:
         """Everything that decides the bits of a result, beside the frames."""
         return {

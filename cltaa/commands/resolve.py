@@ -190,5 +190,7 @@ def _print_outcome(outcome: Outcome) -> None:
         console.print(f"{outcome.frames - outcome.resolved} frames were finished already", highlight=False)
     if outcome.repaired:
         console.print(f"{outcome.repaired} pixels were no usable numbers and were repaired", highlight=False)
+    if outcome.saturated:
+        console.print(f"{outcome.saturated} pixels reached 65504, the largest half, and saturated", highlight=False)
     console.print(f"on {shown(outcome.device)}", highlight=False)
     console.print(f"written to {shown(outcome.output)}", highlight=False, soft_wrap=True)

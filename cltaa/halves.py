@@ -1,0 +1,25 @@
+"""Images in half precision: their channels, and how many of their pixels reach the largest half."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cltaa.constants import value
+from cltaa.exr_channels import Pixels
+from cltaa.frames import Image
+
+
+def image_channels(image: Image, *, half: bool = False) -> dict[str, Pixels]:
+    """A resolved image [H, W, 3 or 4] as EXR channels R G B [A], in half (saturated to its range) or float32."""
+    if half:
+        largest = value("HALF_LIMIT")
+        image = np.clip(image, -largest, largest).astype(np.float16)
+    return {name: image[..., channel] for channel, name in enumerate("RGBA"[: image.shape[-1]])}
+
+
+def saturated_pixels(image: Image) -> int:
+    """Count the pixels of [H, W, 3 or 4] that halves cut: with a channel at 65504, the largest half, or beyond."""
+    largest = value("HALF_LIMIT")
+    if -largest < float(image.min()) and float(image.max()) < largest:
+        return 0
+    return int((np.abs(image) >= largest).any(axis=-1).sum())
