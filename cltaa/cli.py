@@ -11,6 +11,7 @@ import click
 
 from cltaa import __version__
 from cltaa.errors import CltaaError, InternalError, ResourceError, StorageError, UsageError
+from cltaa.interrupt import termination_interrupts
 from cltaa.lazy import Entry, LazyGroup
 from cltaa.printable import printable
 from cltaa.views import are_views
@@ -54,7 +55,8 @@ def main(arguments: list[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a letter that the terminal's encoding has not ends nothing
     try:
-        outcome: Any = root.main(arguments, prog_name="cltaa", standalone_mode=False)
+        with termination_interrupts():
+            outcome: Any = root.main(arguments, prog_name="cltaa", standalone_mode=False)
         sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):
         click.echo("cltaa: interrupted; the frames already written are complete, run the same again to go on", err=True)

@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM as a wish that a long run grants between two frames."""
+"""SIGINT and SIGTERM: the same exception, and a wish that a long run grants between two frames."""
 
 from __future__ import annotations
 
@@ -15,6 +15,22 @@ class Stop:
     """Whether a signal asked the run to stop."""
 
     requested = False
+
+
+@contextmanager
+def termination_interrupts() -> Iterator[None]:
+    """Let SIGTERM raise KeyboardInterrupt, as SIGINT does, so that whatever is half-done is cleared away.
+
+    Signals reach the main thread only; in another one nothing changes.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    earlier = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, earlier)
 
 
 @contextmanager

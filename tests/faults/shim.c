@@ -1,6 +1,5 @@
-// Makes the n-th system call on files below one folder fail, or kills the process there. Loaded with LD_PRELOAD, so that
-// calls of Python and of OpenEXR are seen alike. Armed from outside by FAULT_FOLDER, FAULT_AT and FAULT_ACTION, or from
-// inside by fault_arm().
+// Makes the n-th system call on files below one folder fail, or sends the process a signal there. Loaded with
+// LD_PRELOAD, so that calls of Python and of OpenEXR are seen alike. Armed from inside, by fault_arm().
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
@@ -14,7 +13,7 @@
 #include <sys/uio.h>
 #include <unistd.h>
 
-enum { COUNT, FAIL_ONCE, FAIL_FROM_THEN_ON, KILL };
+enum { COUNT, FAIL_ONCE, FAIL_FROM_THEN_ON };  // below nought: the number of a signal, negative
 
 static char folder[PATH_MAX];
 static long at, calls;
@@ -29,13 +28,6 @@ void fault_arm(const char* where, long n, int what, int error)
 
 long fault_calls(void) { return __atomic_load_n(&calls, __ATOMIC_SEQ_CST); }
 
-__attribute__((constructor)) static void from_environment(void)
-{
-    const char *where = getenv("FAULT_FOLDER"), *n = getenv("FAULT_AT"), *what = getenv("FAULT_ACTION");
-    if (where && n && what)
-        fault_arm(where, atol(n), atoi(what), EIO);
-}
-
 // True where the call on `path` is to fail; errno is set then.
 static int fails(const char* path)
 {
@@ -44,8 +36,10 @@ static int fails(const char* path)
     const long n = __atomic_add_fetch(&calls, 1, __ATOMIC_SEQ_CST);
     if (action == COUNT || n < at || (n > at && action != FAIL_FROM_THEN_ON))
         return 0;
-    if (action == KILL)
-        kill(getpid(), SIGKILL);
+    if (action < 0) {
+        kill(getpid(), -action);
+        return 0;
+    }
     errno = code;
     return 1;
 }

@@ -1,10 +1,9 @@
-"""A resolve that is killed, interrupted or refused: finished frames stay, and the same command finishes the rest."""
+"""A resolve that is interrupted or refused: finished frames stay, and the same command finishes the rest."""
 
 from __future__ import annotations
 
 import json
 import os
-import random
 import signal
 import subprocess
 import time
@@ -61,33 +60,6 @@ def test_signal_ends_with_130_and_a_checkpoint(tmp_path: Path, number: signal.Si
     kept = check_after_fault(output, expected)
     assert 5 <= kept < count
     assert any((output / name).exists() for name in SLOTS)
-    finish(folder, output, expected)
-
-
-@pytest.mark.parametrize("trials", [6, pytest.param(200, marks=pytest.mark.big)])
-def test_killed_at_random_times(tmp_path: Path, whole: tuple[Path, dict[str, str]], trials: int) -> None:
-    """SIGKILL at a random instant of a run, again and again on one folder until it is finished, then anew."""
-    folder, expected = whole
-    chance, output, kept, torn = random.Random(0), tmp_path / "out", 0, 0
-    begin = time.monotonic()
-    process = start(arguments(folder, tmp_path / "timed"))
-    process.communicate(timeout=PATIENCE)
-    longest = time.monotonic() - begin
-    for _ in range(trials):
-        process = start(arguments(folder, output))
-        try:
-            process.communicate(timeout=chance.uniform(0.3 * longest, longest))
-        except subprocess.TimeoutExpired:
-            torn += 1
-        process.kill()
-        process.communicate()
-        now = check_after_fault(output, expected)
-        assert now >= kept, "a finished frame was lost"
-        kept = now
-        if kept == len(expected):
-            finish(folder, output, expected)
-            output, kept = tmp_path / f"out{torn}", 0
-    assert torn > trials // 4
     finish(folder, output, expected)
 
 

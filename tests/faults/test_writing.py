@@ -10,20 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.faults.runs import arguments, check_after_fault, check_finished, prepare, start
-
 HERE = Path(__file__).parent
-KILL = "3"  # of shim.c
 PATIENCE = 300.0
-
-
-@pytest.fixture(scope="module")
-def shim(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The fault injector, built with the compiler that PoCL needs anyway."""
-    library = tmp_path_factory.mktemp("shim") / "shim.so"
-    flags = ["-shared", "-fPIC", "-O1", "-Wall", "-Werror"]
-    subprocess.run(["gcc", *flags, "-o", str(library), str(HERE / "shim.c"), "-ldl"], check=True)
-    return library
 
 
 @pytest.mark.parametrize("stride", [5, pytest.param(1, marks=pytest.mark.big)])
@@ -42,25 +30,3 @@ def test_every_call_that_can_fail(tmp_path: Path, shim: Path, action: str, strid
     # Only what is read when a run begins may fail without harm: the slots of a checkpoint, say.
     assert len(failed) > 0.85 * (len(trials) - 1)
     assert {trial["kept"] for trial in trials} == {0, 1, 2, 3, 4}
-
-
-@pytest.mark.parametrize("stride", [37, pytest.param(1, marks=pytest.mark.big)])
-def test_killed_at_each_step(tmp_path: Path, shim: Path, stride: int) -> None:
-    """SIGKILL at the n-th open, write, flush or rename: the steps of the protocol, one after another."""
-    folder, whole = prepare(tmp_path)
-    at, ended = 3, -9
-    while ended == -9:
-        output = tmp_path / f"out{at}"
-        variables = {"LD_PRELOAD": str(shim), "FAULT_FOLDER": str(output), "FAULT_AT": str(at), "FAULT_ACTION": KILL}
-        process = start(arguments(folder, output), **variables)
-        process.communicate(timeout=PATIENCE)
-        ended = process.returncode
-        check_after_fault(output, whole)
-        process = start(arguments(folder, output))
-        _, said = process.communicate(timeout=PATIENCE)
-        assert process.returncode == 0, said
-        check_finished(output, whole)
-        at += stride
-    print(f"{(at - 3) // stride - 1} kills")
-    assert ended == 0
-    assert at > 3 * stride

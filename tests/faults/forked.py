@@ -1,0 +1,182 @@
+"""``python -m tests.faults.forked TOP SHIM HOW SIGNAL COUNT``: runs that a signal ends, at each step or at any time.
+
+Every run is a fork of this process, which has imported everything and used nothing of it, neither threads nor drivers:
+a process that dies costs a tenth of a second instead of one or two. HOW ``steps``: the signal comes at each COUNT-th
+open, write, flush or rename in the output folder, of a fresh run each (``shim.c``). HOW ``times``: it comes COUNT
+times, at random times of runs that go on in one folder until it is finished, then anew. The invariants are checked
+after each run, and at the end that every frame has the bits of a run that met no signal. Prints one line of JSON for
+each run.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import json
+import os
+import random
+import shutil
+import signal
+import sys
+import time
+import traceback
+import warnings
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import OpenEXR
+
+import cltaa.commands.resolve
+import cltaa.reference
+from cltaa import cli
+from cltaa.checkpoint import SLOTS
+from cltaa.interrupt import SIGNALS
+from tests.faults.runs import FRAMES, arguments, check_after_fault, check_finished, digests, prepare
+
+PRELOADED = (cltaa.commands.resolve, cltaa.reference)
+PATIENCE = 60.0  # seconds after which a run of a few small frames counts as hung
+BROKEN = 99  # the exit code of a fork whose assertion failed
+INTERRUPTED = 130
+
+
+class Forks:
+    """Work in forks, one at a time; what it prints goes into a file."""
+
+    def __init__(self, top: Path) -> None:
+        self.said = top / "said"
+
+    def start(self, work: Callable[[], int]) -> int:
+        """Begin ``work``, whose result is the exit code, in a fork; returns its process number."""
+        assert len(list(Path("/proc/self/task").iterdir())) == 1
+        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # until the fork is ready for them (see ``Ended.resolve``)
+        process = os.fork()
+        if process:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+            return process
+        code = BROKEN
+        try:
+            OpenEXR.set_global_thread_count(2)
+            with self.said.open("w") as file, contextlib.redirect_stdout(file), contextlib.redirect_stderr(file):
+                try:
+                    code = work()
+                except BaseException:
+                    traceback.print_exc()
+        finally:
+            os._exit(code)
+
+    def end(self, process: int) -> int:
+        """Wait for a fork: its exit code, or the number of the signal that ended it, negative."""
+        deadline = time.monotonic() + PATIENCE
+        while (state := os.waitpid(process, os.WNOHANG)) == (0, 0):
+            if time.monotonic() > deadline:
+                os.kill(process, signal.SIGKILL)
+                raise TimeoutError("a run hangs")
+            time.sleep(0.001)
+        return os.waitstatus_to_exitcode(state[1])
+
+    def run(self, work: Callable[[], int]) -> int:
+        """Do ``work`` in a fork and return its result."""
+        code = self.end(self.start(work))
+        assert code != BROKEN, self.said.read_text()
+        return code
+
+
+class Ended:
+    """Runs on one sequence that a signal ends, and what has to be so after each."""
+
+    def __init__(self, top: Path, number: int) -> None:
+        self.forks, self.top, self.number = Forks(top), top, number
+        self.forks.run(lambda: bool(prepare(top)[1]) - 1)
+        self.whole = digests(top / "whole")
+        assert len(self.whole) == FRAMES
+
+    def resolve(self, output: Path) -> int:
+        """One run, which signals reach from where the command line has begun to where it has ended."""
+        command = cli.root.main
+
+        def open_to_signals(*given: Any, **named: Any) -> Any:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+            try:
+                return command(*given, **named)
+            finally:
+                signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+
+        with patch.object(cli.root, "main", open_to_signals):
+            return cli.main(arguments(self.top / "in", output))
+
+    def check(self, output: Path, code: int) -> int:
+        """The invariants after a run; returns the number of frames that are there."""
+        said = self.forks.said.read_text()
+        kept = self.forks.run(lambda: check_after_fault(output, self.whole))
+        expected = -signal.SIGKILL if self.number == signal.SIGKILL else INTERRUPTED
+        assert code in (0, expected), (code, said)
+        if code == INTERRUPTED and 0 < kept < len(self.whole):
+            assert any((output / name).exists() for name in SLOTS)
+        return kept
+
+    def finish(self, output: Path) -> None:
+        def work() -> int:
+            assert self.resolve(output) == 0
+            check_finished(output, self.whole)
+            return 0
+
+        self.forks.run(work)
+
+    def at_each_step(self, shim: ctypes.CDLL, stride: int) -> None:
+        output = self.top / "out"
+
+        def armed(at: int) -> int:
+            shim.fault_arm(str(output).encode(), at, -self.number, 0)
+            return self.resolve(output)
+
+        def counted() -> int:
+            assert armed(1 << 30) == 0
+            (self.top / "calls").write_text(str(shim.fault_calls()))
+            return 0
+
+        self.forks.run(counted)
+        for at in range(1, int((self.top / "calls").read_text()) + 1, stride):
+            shutil.rmtree(output)
+            code = self.forks.run(partial(armed, at))
+            kept = self.check(output, code)
+            self.finish(output)
+            print(json.dumps({"at": at, "code": code, "kept": kept}), flush=True)
+
+    def seconds(self) -> float:
+        """What an undisturbed run takes."""
+        begin = time.monotonic()
+        self.forks.run(partial(self.resolve, self.top / "timed"))
+        seconds = time.monotonic() - begin
+        shutil.rmtree(self.top / "timed")
+        return seconds
+
+    def at_any_time(self, count: int) -> None:
+        chance, output, before, round_ = random.Random(0), self.top / "out", 0, 0
+        longest = min(self.seconds() for _ in range(3))
+        for _ in range(count):
+            process = self.forks.start(partial(self.resolve, output))
+            time.sleep(chance.uniform(0.0, longest))
+            os.kill(process, self.number)
+            code = self.forks.end(process)
+            kept = self.check(output, code)
+            assert kept >= before, "a finished frame was lost"
+            before = kept
+            print(json.dumps({"code": code, "kept": kept}), flush=True)
+            if kept == len(self.whole):
+                self.finish(output)
+                round_, before = round_ + 1, 0
+                output = self.top / f"out{round_}"
+        self.finish(output)
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("error")
+    OpenEXR.set_global_thread_count(0)
+    runs = Ended(Path(sys.argv[1]), int(sys.argv[4]))
+    if sys.argv[3] == "steps":
+        runs.at_each_step(ctypes.CDLL(sys.argv[2]), int(sys.argv[5]))
+    else:
+        runs.at_any_time(int(sys.argv[5]))

@@ -1,0 +1,64 @@
+"""Signals that end a run, at each step and at any time. NUMERICS 3.2, rows 11 and 12."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.faults.runs import FRAMES
+
+PATIENCE = 1200.0
+KILLED, INTERRUPTED = -signal.SIGKILL, 130
+
+
+def forked(top: Path, shim: Path, how: str, number: signal.Signals, count: int) -> list[dict[str, Any]]:
+    """What ``forked.py`` says about each run; it has checked the invariants."""
+    child = subprocess.run(
+        [sys.executable, "-m", "tests.faults.forked", str(top), str(shim), how, str(int(number)), str(count)],
+        cwd=Path(__file__).parents[2], env=os.environ | {"LD_PRELOAD": str(shim), "OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True, text=True, timeout=PATIENCE, check=False,
+    )  # fmt: skip
+    runs = [json.loads(line) for line in child.stdout.splitlines()]
+    print(f"{number.name}: {len(runs)} runs, {dict(Counter(run['code'] for run in runs))}")
+    assert child.returncode == 0, child.stderr[-3000:]
+    return runs
+
+
+@pytest.mark.parametrize("stride", [3, pytest.param(1, marks=pytest.mark.big)])
+def test_killed_at_each_step(tmp_path: Path, shim: Path, stride: int) -> None:
+    """SIGKILL at the n-th open, write, flush or rename: the steps of the protocol, one after another."""
+    runs = forked(tmp_path, shim, "steps", signal.SIGKILL, stride)
+    assert {run["code"] for run in runs} == {KILLED}
+    assert {run["kept"] for run in runs} == set(range(FRAMES + 1))
+
+
+@pytest.mark.parametrize("count", [200, pytest.param(2000, marks=pytest.mark.big)])
+def test_killed_at_any_time(tmp_path: Path, shim: Path, count: int) -> None:
+    runs = forked(tmp_path, shim, "times", signal.SIGKILL, count)
+    assert sum(run["code"] == KILLED for run in runs) > count // 2
+    assert {run["kept"] for run in runs} == set(range(FRAMES + 1))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("count", [25, pytest.param(250, marks=pytest.mark.big)])
+def test_interrupted_at_any_time(tmp_path: Path, shim: Path, number: signal.Signals, count: int) -> None:
+    """The frame in work is finished or dropped, the state is saved, and the code is 130, or 0 where all was done."""
+    runs = forked(tmp_path, shim, "times", number, count)
+    assert sum(run["code"] == INTERRUPTED for run in runs) > count // 2
+    assert all(run["code"] == INTERRUPTED or run["kept"] == FRAMES for run in runs)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("stride", [23, pytest.param(1, marks=pytest.mark.big)])
+def test_interrupted_at_each_step(tmp_path: Path, shim: Path, number: signal.Signals, stride: int) -> None:
+    runs = forked(tmp_path, shim, "steps", number, stride)
+    assert runs[0]["code"] == INTERRUPTED
+    assert all(run["code"] == INTERRUPTED or run["kept"] == FRAMES for run in runs)
