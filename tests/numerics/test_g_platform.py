@@ -7,20 +7,17 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from cltaa.build import Build, prelude
-from cltaa.errors import ResourceError
-from cltaa.frames import Effect, Frame, Image
+from cltaa.frames import Frame, Image
 from cltaa.launch import DeviceLauncher, NumpyLauncher
 from cltaa.params import HistoryFilter, override
 from cltaa.presets import load_preset
 from cltaa.resolve import Resolver
 from tests.kernels.stage_chain import ALL_STEPS, chain_work, differing, run_stage
-from tests.kernels.test_resolve import hard_frames
 from tests.kernels.test_twins import CutUp
 from tests.numerics.kernel_text import calls_of, kernel_files, without_comments
 from tests.numerics.still_frames import UNIT_ROUNDOFF, accumulator, grey, last_of
@@ -84,55 +81,6 @@ def test_g4_no_library_function_but_the_root() -> None:
     # Whatever is not + - x / and the square root may differ from device to device.
     assert {name: calls for name, text in kernel_files().items() if (calls := calls_of(text, *INEXACT))} == {}
     assert calls_of("x = half_sqrt(y) + mad(a, b, c);", *INEXACT) == ["half_sqrt(", "mad("]
-
-
-def assert_like_numpy(launcher: DeviceLauncher, width: int, height: int, count: int = 2) -> None:
-    ours, theirs = Resolver(device=launcher, strict=True), Resolver(device="numpy")
-    for frame in hard_frames(width, height, count):
-        assert np.array_equal(bits(ours.resolve(frame)), bits(theirs.resolve(frame)))
-
-
-@pytest.mark.parametrize("size", [(1, 1), (1, 13), (13, 1), (2, 2), (3, 3), (17, 13), (97, 5), (641, 363)])
-def test_g5_every_size_gives_the_oracles_bits(launcher: DeviceLauncher, size: tuple[int, int]) -> None:
-    assert_like_numpy(launcher, *size)
-
-
-@pytest.mark.big
-def test_g5_a_large_odd_size_gives_the_oracles_bits(launcher: DeviceLauncher) -> None:
-    assert_like_numpy(launcher, 1919, 1081)
-
-
-def test_g5_no_index_is_formed_in_32_bits() -> None:
-    text = without_comments(kernel_files()["image.h"])
-    assert "(size_t)frame.stride * (size_t)(frame.height + 2 * PAD_Y)" in text
-    assert "(size_t)(y + PAD_Y) * (size_t)frame.stride" in text
-
-
-@pytest.mark.big
-def test_g5_sixteen_thousand_squared(launcher: DeviceLauncher) -> None:
-    # A plane is 2^30 bytes, four of them 2^32: every tile has to come out as the first one did.
-    side, tile = 16384, 256
-    small = [make_frame(i, width=tile, height=tile, alpha=True, effects=frozenset({Effect.ALPHA})) for i in range(2)]
-    camera = make_camera()
-
-    def tiled(frame: Frame) -> Frame:
-        def wide(plane: Any) -> Any:
-            return np.tile(plane, (side // tile, side // tile) + (1,) * (plane.ndim - 2))
-
-        depth = np.full((side, side), 4.0, np.float32)
-        return replace(frame, colour=wide(frame.colour), depth=depth, alpha=wide(frame.alpha), camera=camera)
-
-    resolver = Resolver(device=launcher)
-    try:
-        for frame in small:
-            resolved = resolver.resolve(tiled(frame))
-    except ResourceError as error:
-        pytest.skip(f"this device has too little memory for 16384 x 16384 in one piece: {error}")
-    expected = resolved[tile : 2 * tile, tile : 2 * tile]
-    for y in range(tile, side - tile, tile):
-        for x in range(tile, side - tile, tile):
-            assert np.array_equal(bits(resolved[y : y + tile, x : x + tile]), bits(expected)), (y, x)
-    assert not np.array_equal(expected, small[1].colour)
 
 
 # ---- G6: what has to hold without any reference ----

@@ -1,0 +1,95 @@
+"""Sizes from one pixel to 16384 x 16384, NUMERICS G5: see docs/numerics.md."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cltaa.bands import BandedResolver
+from cltaa.errors import ResourceError
+from cltaa.file_content import memory_limit
+from cltaa.frames import Effect, Frame, Image
+from cltaa.launch import DeviceLauncher
+from cltaa.resolve import Resolver
+from tests.kernels.test_resolve import hard_frames
+from tests.numerics.kernel_text import kernel_files, without_comments
+from tests.sequence_factory import bits, make_camera, make_frame
+
+
+def assert_like_numpy(launcher: DeviceLauncher, width: int, height: int, count: int = 2) -> None:
+    ours, theirs = Resolver(device=launcher, strict=True), Resolver(device="numpy")
+    for frame in hard_frames(width, height, count):
+        assert np.array_equal(bits(ours.resolve(frame)), bits(theirs.resolve(frame)))
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 13), (13, 1), (2, 2), (3, 3), (17, 13), (97, 5), (641, 363)])
+def test_g5_every_size_gives_the_oracles_bits(launcher: DeviceLauncher, size: tuple[int, int]) -> None:
+    assert_like_numpy(launcher, *size)
+
+
+@pytest.mark.big
+def test_g5_a_large_odd_size_gives_the_oracles_bits(launcher: DeviceLauncher) -> None:
+    assert_like_numpy(launcher, 1919, 1081)
+
+
+def test_g5_no_index_is_formed_in_32_bits() -> None:
+    text = without_comments(kernel_files()["image.h"])
+    assert "(size_t)frame.stride * (size_t)(frame.height + 2 * PAD_Y)" in text
+    assert "(size_t)(y + PAD_Y) * (size_t)frame.stride" in text
+
+
+SIDE, TILE = 16384, 256
+
+
+def huge(frame: Frame) -> Frame:
+    """16384 x 16384 pixels of one tile before a wall: a plane is 2^30 bytes, four of them 2^32."""
+
+    def wide(plane: Any) -> Any:
+        return np.tile(plane, (SIDE // TILE, SIDE // TILE) + (1,) * (plane.ndim - 2))
+
+    alpha = None if frame.alpha is None else wide(frame.alpha)
+    return replace(frame, colour=wide(frame.colour), depth=np.full((SIDE, SIDE), 4.0, np.float32), alpha=alpha)
+
+
+def assert_tiles_are_equal(resolved: Image) -> None:
+    expected = bits(resolved[TILE : 2 * TILE, TILE : 2 * TILE])
+    for y in range(TILE, SIDE - TILE, TILE):
+        for x in range(TILE, SIDE - TILE, TILE):
+            assert np.array_equal(bits(resolved[y : y + TILE, x : x + TILE]), expected), (y, x)
+
+
+@pytest.mark.big
+def test_g5_sixteen_thousand_squared(launcher: DeviceLauncher) -> None:
+    effects, camera = frozenset({Effect.ALPHA}), make_camera()
+    small = [make_frame(i, width=TILE, height=TILE, alpha=True, effects=effects, camera=camera) for i in range(2)]
+    resolver = Resolver(device=launcher)
+    try:
+        for frame in small:
+            resolved = resolver.resolve(huge(frame))
+    except ResourceError as error:
+        pytest.skip(f"this device has too little memory for 16384 x 16384 in one piece: {error}")
+    assert_tiles_are_equal(resolved)
+    assert not np.array_equal(resolved[TILE : 2 * TILE, TILE : 2 * TILE], small[1].colour)
+
+
+@pytest.mark.big
+def test_g5_sixteen_thousand_squared_in_bands_of_two_heights(launcher: DeviceLauncher) -> None:
+    # Two frames of a camera that stands still, where all tiles have to come out alike, and one of another camera.
+    if memory_limit() < 14e9:  # 11 GB were seen, for files read ahead too
+        pytest.skip(f"16384 x 16384 in bands takes 11 GB, and here are {memory_limit() / 1e9:.0f}")
+    cameras = [make_camera(), make_camera(), make_camera((0.01, 0.02, 4.9))]
+    digests = []
+    for rows in (512, 1000):
+        resolver = BandedResolver(device=launcher, strict=True, band_rows=rows)
+        for index, camera in enumerate(cameras):
+            resolved = resolver.resolve(huge(make_frame(index, width=TILE, height=TILE, camera=camera, effects=None)))
+            if index == 1:
+                assert_tiles_are_equal(resolved)
+            digests.append(hashlib.sha256(bits(resolved).data).hexdigest())
+            del resolved
+    assert digests[:3] == digests[3:]
+    assert len(set(digests)) == 3
