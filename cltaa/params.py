@@ -94,6 +94,14 @@ class Neighbourhood(StrEnum):
 
     CROSS = "cross"
     SQUARE = "square"
+    WEIGHTED = "weighted"  # the square, its mean and deviation with weights 1 2 1 both ways
+
+
+class Variance(StrEnum):
+    """How the deviation of the neighbourhood is summed up."""
+
+    SHIFTED = "shifted"  # of differences from the centre: right at any mean
+    NAIVE = "naive"  # E[x^2] - E[x]^2, the popular form: it cancels where the mean is large beside the deviation
 
 
 class Box(StrEnum):
@@ -177,6 +185,7 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     exposure_change: ExposureChange = ExposureChange.FOLLOW
     reactive_mask: ReactiveMask = ReactiveMask.USE
     neighbourhood: Neighbourhood = Neighbourhood.SQUARE
+    variance: Variance = Variance.SHIFTED
     box: Box = Box.EXTREMES
     box_space: BoxSpace = BoxSpace.YCOCG
     rectify: Rectify = Rectify.CLAMP

@@ -2,6 +2,9 @@
 #if !defined(BOX) || !defined(DILATION) || !defined(OWN_MOTION) || !defined(NEIGHBOURHOOD) || !defined(CURRENT_FILTER)
 #error "neighbourhood.h needs BOX, DILATION, OWN_MOTION, NEIGHBOURHOOD and CURRENT_FILTER from the prelude"
 #endif
+#if !defined(VARIANCE)
+#error "neighbourhood.h needs VARIANCE from the prelude"
+#endif
 
 // Shifted first and second moments: mean = shift + offset, spread = sum of squared distances from the mean.
 typedef struct
@@ -54,6 +57,62 @@ STAGE moments cross_moments(moments above, moments centre, moments below)
     return m;
 }
 
+// The weighted 3x3: 1 2 1 along a row and down the rows, 16 in all. The middle's own difference is 0.
+STAGE moments weighted_row(moments m, real left, real centre, real right)
+{
+    const real dl = left - centre, dr = right - centre, sum = dl + dr;
+    m.offset = sum * K(0.25);
+    m.spread = (dl * dl + dr * dr) - sum * m.offset;
+    return m;
+}
+
+STAGE moments weighted_window(moments m, moments above, moments centre, moments below)
+{
+    const real da = (above.shift - centre.shift) + (above.offset - centre.offset);
+    const real db = (below.shift - centre.shift) + (below.offset - centre.offset);
+    const real sum = da + db, offset = sum * K(0.25);
+    m.offset = centre.offset + offset;
+    m.spread = ((above.spread + below.spread) + K(2.0) * centre.spread) + K(4.0) * ((da * da + db * db) - sum * offset);
+    return m;
+}
+
+// The popular form of the variance, E[x^2] - E[x]^2, an option so that its failure can be seen: it cancels where the
+// mean is large beside the deviation. Rows hold their sum as offset and their sum of squares as spread; the whole has
+// its mean as shift, and its variance as spread.
+#define MIDDLE (NEIGHBOURHOOD == NEIGHBOURHOOD_WEIGHTED ? 2 : 1)
+#define SHARE                                                                                                          \
+    (NEIGHBOURHOOD == NEIGHBOURHOOD_CROSS ? ONE_FIFTH : (NEIGHBOURHOOD == NEIGHBOURHOOD_WEIGHTED ? 0.0625 : ONE_NINTH))
+
+STAGE moments naive_row(moments m, real left, real centre, real right)
+{
+    m.offset = (left + right) + K(MIDDLE) * centre;
+    m.spread = (left * left + right * right) + K(MIDDLE) * (centre * centre);
+    return m;
+}
+
+STAGE moments naive_window(moments m, moments above, moments centre, moments below)
+{
+    real sum = (above.offset + below.offset) + K(MIDDLE) * centre.offset;
+    real squares = (above.spread + below.spread) + K(MIDDLE) * centre.spread;
+    if (NEIGHBOURHOOD == NEIGHBOURHOOD_CROSS) {
+        sum = centre.offset + (above.shift + below.shift);
+        squares = centre.spread + (above.shift * above.shift + below.shift * below.shift);
+    }
+    m.shift = sum * K(SHARE);
+    m.offset = SPLAT(0.0);
+    m.spread = squares * K(SHARE) - m.shift * m.shift;
+    return m;
+}
+
+// The moments of a row as the chosen neighbourhood and variance need them.
+STAGE moments chosen_row(real left, real centre, real right)
+{
+    moments m = row_moments(left, centre, right);
+    if (NEIGHBOURHOOD == NEIGHBOURHOOD_WEIGHTED)
+        m = weighted_row(m, left, centre, right);
+    return VARIANCE == VARIANCE_NAIVE ? naive_row(m, left, centre, right) : m;
+}
+
 // What one row contributes: moments a channel, and the nearest surface of the three texels. Closeness is 1/Z (-Z for an
 // orthographic camera): the greater, the nearer.
 typedef struct
@@ -74,20 +133,22 @@ typedef struct
 
 STAGE real deviation_of(moments m)
 {
-    const real variance = m.spread * K(NEIGHBOURHOOD == NEIGHBOURHOOD_CROSS ? ONE_FIFTH : ONE_NINTH);
+    const real variance = VARIANCE == VARIANCE_NAIVE ? m.spread : m.spread * K(SHARE);
     return square_root(greater(variance, SPLAT(0.0)));
 }
 
 STAGE moments neighbourhood_moments(moments above, moments centre, moments below)
 {
-    if (NEIGHBOURHOOD == NEIGHBOURHOOD_CROSS)
-        return cross_moments(above, centre, below);
     moments m = window_moments(above, centre, below);
+    if (NEIGHBOURHOOD == NEIGHBOURHOOD_WEIGHTED)
+        m = weighted_window(m, above, centre, below);
     if (BOX == BOX_ROUNDED) {
         m.low = K(0.5) * (m.low + lesser(lesser(above.shift, below.shift), centre.low));
         m.high = K(0.5) * (m.high + greater(greater(above.shift, below.shift), centre.high));
     }
-    return m;
+    if (NEIGHBOURHOOD == NEIGHBOURHOOD_CROSS)
+        m = cross_moments(above, centre, below);
+    return VARIANCE == VARIANCE_NAIVE ? naive_window(m, above, centre, below) : m;
 }
 
 STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below)
@@ -134,9 +195,9 @@ STAGE row_t read_row(plane_in image, plane_in closeness, plane_in motion, int x,
     l = to_range(l), c = to_range(c), r = to_range(r);
     const boxed bl = to_box_space(l), bc = to_box_space(c), br = to_box_space(r);
     row_t row;
-    row.a = row_moments(bl.a, bc.a, br.a);
-    row.b = row_moments(bl.b, bc.b, br.b);
-    row.c = row_moments(bl.c, bc.c, br.c);
+    row.a = chosen_row(bl.a, bc.a, br.a);
+    row.b = chosen_row(bl.b, bc.b, br.b);
+    row.c = chosen_row(bl.c, bc.c, br.c);
     row.centre = c;
     row.across = weigh_line(l, c, r, K(frame.left_weight), K(frame.right_weight));
 

@@ -16,6 +16,7 @@ from cltaa.build import Real, Storage
 from cltaa.launch import Launcher
 from cltaa.params import (
     Accumulate,
+    Box,
     Choices,
     Dilation,
     HistoryFilter,
@@ -36,6 +37,8 @@ SETTINGS_RUNGS: dict[str, tuple[float, ...]] = {
     "pull_cost": (0.0,),
     "fresh_blur": (0.0,),
 }
+# What a box of deviations shows and a box of extremes does not: these choices are also rungs beside that box.
+IN_VARIANCE_BOX = ("neighbourhood", "variance")
 SLOW_WEIGHT = 0.05  # of the exponential blend, beside its own default
 
 
@@ -72,6 +75,8 @@ def steps(base: Variant) -> Iterator[Variant]:
         for member in type(current):
             if member is not current:
                 yield _changed(base, field, str(member), choices={field: member})
+    if base.choices.box is not Box.VARIANCE:
+        yield from _in_variance_box(base)
     exponential = {"accumulate": Accumulate.EXPONENTIAL}
     slow = {"blend_weight": SLOW_WEIGHT}
     yield _changed(base, "accumulate", f"exponential {SLOW_WEIGHT:g}", choices=exponential, settings=slow)
@@ -84,6 +89,15 @@ def steps(base: Variant) -> Iterator[Variant]:
             yield _changed(base, "storage", str(storage), storage=storage)
     yield _changed(base, "arithmetic", "double", real=Real.DOUBLE)
     yield _changed(base, "build", "strict", strict=True)
+
+
+def _in_variance_box(base: Variant) -> Iterator[Variant]:
+    for field in IN_VARIANCE_BOX:
+        current = getattr(base.choices, field)
+        for member in type(current):
+            if member is not current:
+                name, both = f"{member}, box: variance", {field: member, "box": Box.VARIANCE}
+                yield _changed(base, field, name, choices=both)
 
 
 def combinations(base: Variant) -> Iterator[Variant]:

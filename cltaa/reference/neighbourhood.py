@@ -9,8 +9,9 @@ import numpy as np
 from cltaa.build import Build, Record
 from cltaa.constants import PAD_X, PAD_Y
 from cltaa.layout import Layout
-from cltaa.params import Box, CurrentFilter, Dilation, Neighbourhood
+from cltaa.params import Box, CurrentFilter, Dilation, Neighbourhood, Variance
 from cltaa.reference.colour import Colour, from_box_space, to_box_space, to_range
+from cltaa.reference.other_moments import chosen_row, naive_window, share_of_one, weighted_window
 from cltaa.reference.real import Array, constant, greater, lesser, limit, number, outside_domain
 
 
@@ -103,17 +104,30 @@ def cross_moments(above: Moments, centre: Moments, below: Moments) -> Moments:
     )
 
 
+def neighbourhood_moments(above: Moments, centre: Moments, below: Moments, build: Build) -> Moments:
+    """Of one channel."""
+    cross = build.choices.neighbourhood is Neighbourhood.CROSS
+    m = (cross_moments if cross else window_moments)(above, centre, below)
+    if build.choices.neighbourhood is Neighbourhood.WEIGHTED:
+        m = weighted_window(m, above, centre, below)
+    if build.choices.box is Box.ROUNDED and not cross:
+        m = _rounded(m, above, centre, below)
+    return naive_window(m, above, centre, below, build) if build.choices.variance is Variance.NAIVE else m
+
+
+def deviation_of(m: Moments, build: Build) -> Array:
+    """The root of the variance; of 0, where rounding made that less."""
+    naive = build.choices.variance is Variance.NAIVE
+    variance = m.spread if naive else m.spread * share_of_one(build, m.spread)
+    deviation: Array = np.sqrt(greater(variance, number(0.0, variance)))
+    return deviation
+
+
 def neighbourhood_statistics(above: Row, centre: Row, below: Row, build: Build) -> Statistics:
     """Mean, deviation and extremes of each channel."""
-    cross = build.choices.neighbourhood is Neighbourhood.CROSS
-    combine = cross_moments if cross else window_moments
-    parts = [combine(*rows) for rows in zip(above.channels, centre.channels, below.channels, strict=True)]
-    if build.choices.box is Box.ROUNDED and not cross:
-        rows = zip(parts, above.channels, centre.channels, below.channels, strict=True)
-        parts = [_rounded(m, a, c, b) for m, a, c, b in rows]
-    share = "ONE_FIFTH" if cross else "ONE_NINTH"
-    deviation = [np.sqrt(greater(m.spread * constant(share, m.spread), number(0.0, m.spread))) for m in parts]
-    mean = [m.shift + m.offset for m in parts]
+    rows = zip(above.channels, centre.channels, below.channels, strict=True)
+    parts = [neighbourhood_moments(a, c, b, build) for a, c, b in rows]
+    mean, deviation = [m.shift + m.offset for m in parts], [deviation_of(m, build) for m in parts]
     return Statistics(_three(mean), _three(deviation), _three([m.low for m in parts]), _three([m.high for m in parts]))
 
 
@@ -165,7 +179,8 @@ def read_row(
 
     line = texels(-1), texels(0), texels(1)
     left, centre, right = (to_box_space(v, build) for v in line)
-    channels = [row_moments(left[k], centre[k], right[k]) for k in range(3)]
+    texels_of = list(zip(left, centre, right, strict=True))
+    channels = [chosen_row(row_moments(*three), *three, build) for three in texels_of]
     usable = usable_closeness(closeness[0], frame)
     zl, zc, zr = (window(usable, dx) for dx in (-1, 0, 1))
     to_left = zl > zc

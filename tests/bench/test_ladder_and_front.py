@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from cltaa.bench.front import dominated_by
 from cltaa.bench.ladder import COMBINATIONS, DEFAULT, PRESETS, ladder
 from cltaa.build import Real, Storage
-from cltaa.params import Choices, Preset
+from cltaa.params import Box, Choices, Preset
 from cltaa.presets import load_preset
 
 
@@ -43,6 +43,9 @@ def test_a_step_changes_one_thing() -> None:
             for name in type(base.settings).__struct_fields__
             if getattr(rung.settings, name) != getattr(base.settings, name)
         ]
+        if changed in (["neighbourhood", "box"], ["variance", "box"]):  # what only a box of deviations shows
+            assert (rung.choices.box, settings) == (Box.VARIANCE, [])
+            continue
         # An exponential blend is one step with its weight; the default's own weight is no change.
         assert len(changed) + len(settings) == 1 or (changed, settings) == (["accumulate"], ["blend_weight"]), rung.name
 

@@ -15,7 +15,17 @@ import pytest
 
 from cltaa.build import Build, Steps
 from cltaa.device import Device
-from cltaa.params import Choices, Dilation, Rectify, Reject, Weighting
+from cltaa.params import (
+    Box,
+    Choices,
+    Dilation,
+    HistoryFilter,
+    Neighbourhood,
+    Rectify,
+    Reject,
+    Variance,
+    Weighting,
+)
 from cltaa.program import source
 
 BARE = Steps(camera_motion=False, own_motion=False, orthographic=False, exposure=False, alpha=False, reactive=False)
@@ -32,6 +42,17 @@ CODE: dict[str, tuple[str, dict[str, bool], dict[str, object]]] = {
     "rejection": ("K(settings.depth_tolerance)", {}, {"reject": Reject.DEPTH}),
     "rectification": ("K(settings.box_floor)", {}, {"rectify": Rectify.CLAMP}),
     "dilation": ("K(settings.edge_tolerance)", {}, {"dilation": Dilation.EDGE}),
+    "naive variance": (
+        "K(MIDDLE) * (centre * centre)",
+        {},
+        {"rectify": Rectify.CLAMP, "box": Box.VARIANCE, "variance": Variance.NAIVE},
+    ),
+    "weighted 3x3": (
+        "K(4.0) * ((da",
+        {},
+        {"rectify": Rectify.CLAMP, "box": Box.VARIANCE, "neighbourhood": Neighbourhood.WEIGHTED},
+    ),
+    "six taps": ("double_zero * double_zero", {"camera_motion": True}, {"history_filter": HistoryFilter.LANCZOS_3}),
     "luminance weights": ("SPLAT(settings.luminance_knee)", {}, {"weighting": Weighting.LUMINANCE}),
 }
 

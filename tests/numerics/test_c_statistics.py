@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from cltaa.build import Build, Steps, settings_record
 from cltaa.launch import DeviceLauncher, NumpyLauncher
 from cltaa.layout import Layout
-from cltaa.params import BoxSpace, Choices, Neighbourhood, Settings
+from cltaa.params import BoxSpace, Choices, Neighbourhood, Settings, Variance
 from cltaa.resolve import Past, Resolver, frame_record
 from tests.kernels.stage_chain import Work, padded, run_stage, tiles
 from tests.numerics.still_frames import CAMERA, UNIT_ROUNDOFF, accumulator, grey, still_frame
@@ -47,11 +47,13 @@ def measured(launcher: DeviceLauncher, image: Planes, **choices: Any) -> tuple[P
     return found[:3], found[3:6]
 
 
-def windows(image: NDArray[Any], cross: bool) -> NDArray[Any]:
-    """[9 or 5, C, H, W]: the texels around each, edges repeated."""
+def windows(image: NDArray[Any], neighbourhood: Neighbourhood) -> NDArray[Any]:
+    """[9, 5 or 16, C, H, W]: the texels around each, edges repeated; in the weighted 3x3 as often as they count."""
     around = np.pad(image, ((0, 0), (1, 1), (1, 1)), mode="edge")
     height, width = image.shape[1:]
-    taps = [(y, x) for y in range(3) for x in range(3) if not cross or 1 in (y, x)]
+    line = [0, 1, 1, 2] if neighbourhood is Neighbourhood.WEIGHTED else [0, 1, 2]
+    cross = neighbourhood is Neighbourhood.CROSS
+    taps = [(y, x) for y in line for x in line if not cross or 1 in (y, x)]
     return np.array([around[:, y : y + height, x : x + width] for y, x in taps])
 
 
@@ -66,11 +68,11 @@ def box_space(image: NDArray[Any]) -> NDArray[Any]:
 def test_c1_deviation_is_right_at_any_mean(
     launcher: DeviceLauncher, neighbourhood: Neighbourhood, space: BoxSpace
 ) -> None:
-    image, cross = patches(), neighbourhood is Neighbourhood.CROSS
+    image = patches()
     mean, deviation = measured(launcher, image, neighbourhood=neighbourhood, box_space=space)
     exact = image.astype(np.float64)
-    taps = windows(exact if space is BoxSpace.RGB else box_space(exact), cross)
-    largest = np.abs(windows(exact, cross)).max(axis=(0, 1))
+    taps = windows(exact if space is BoxSpace.RGB else box_space(exact), neighbourhood)
+    largest = np.abs(windows(exact, neighbourhood)).max(axis=(0, 1))
     # NUMERICS C1: 60 u of the deviation whatever the mean, and 2 u of the largest value for YCoCg's own rounding.
     rounding = 0.0 if space is BoxSpace.RGB else 2 * UNIT_ROUNDOFF * largest
     error = np.abs(deviation - taps.std(axis=0))
@@ -83,7 +85,7 @@ def test_c1_deviation_is_right_at_any_mean(
 @pytest.mark.parametrize("neighbourhood", list(Neighbourhood))
 def test_c1_a_flat_patch_has_no_deviation_at_all(launcher: DeviceLauncher, neighbourhood: Neighbourhood) -> None:
     image = patches()
-    taps = windows(image, neighbourhood is Neighbourhood.CROSS)
+    taps = windows(image, neighbourhood)
     flat = (taps == taps[0]).all(axis=(0, 1))
     _, deviation = measured(launcher, image, neighbourhood=neighbourhood)
     assert flat.sum() > 1000
@@ -93,7 +95,7 @@ def test_c1_a_flat_patch_has_no_deviation_at_all(launcher: DeviceLauncher, neigh
 
 def test_c1_the_usual_form_would_fail() -> None:
     # E[x^2] - E[x]^2 in float32, which half of the published code uses: the patches do tell it from the shifted form.
-    taps = windows(patches(), cross=False)
+    taps = windows(patches(), Neighbourhood.SQUARE)
     ninth = np.float32(1 / 9)
     mean = taps.sum(axis=0, dtype=np.float32) * ninth
     naive = (taps * taps).sum(axis=0, dtype=np.float32) * ninth - mean * mean
@@ -101,6 +103,22 @@ def test_c1_the_usual_form_would_fail() -> None:
     assert (naive < 0).mean() > 0.05
     off = np.abs(np.sqrt(np.maximum(naive, 0)) - true) > 60 * UNIT_ROUNDOFF * true
     assert off.mean() > 0.3
+
+
+@pytest.mark.parametrize("neighbourhood", list(Neighbourhood))
+def test_c1_the_naive_variance_fails_as_it_is_known_to(launcher: DeviceLauncher, neighbourhood: Neighbourhood) -> None:
+    # The option: what it gives is E[x^2] - E[x]^2 within its own rounding, and most of it is not the deviation.
+    image = patches()
+    mean, deviation = measured(
+        launcher, image, neighbourhood=neighbourhood, box_space=BoxSpace.RGB, variance=Variance.NAIVE
+    )
+    taps = windows(image.astype(np.float64), neighbourhood)
+    true, size = taps.std(axis=0), (taps**2).mean(axis=0)
+    assert (np.abs(mean - taps.mean(axis=0)) <= 12 * UNIT_ROUNDOFF * np.abs(taps).max(axis=0)).all()
+    # NUMERICS C1: (n + 2) u of the mean square, in the variance.
+    assert (np.abs(deviation**2 - true**2) <= (len(taps) + 2) * 2 * UNIT_ROUNDOFF * size).all()
+    assert np.isfinite(deviation).all()
+    assert (np.abs(deviation - true) > 60 * UNIT_ROUNDOFF * true).mean() > 0.3
 
 
 def after_a_firefly(weight: float, **changes: Any) -> float:
