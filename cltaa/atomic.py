@@ -1,7 +1,8 @@
-"""Files that are either complete or not there: write beside the final name, flush, rename."""
+"""Files that are either complete or not there (write beside the final name, flush, rename), in folders of one owner."""
 
 from __future__ import annotations
 
+import fcntl
 import os
 import re
 from collections.abc import Iterator
@@ -24,6 +25,24 @@ def make_folder(folder: Path) -> Path:
             f"the folder cannot be created: {error.strerror}", path=folder, cure="choose another output folder"
         ) from error
     return folder
+
+
+@contextmanager
+def owned(folder: Path) -> Iterator[None]:
+    """Lock ``folder`` for this process, whose end, however sudden, unlocks it; raises OutputError where it is taken."""
+    try:
+        descriptor = os.open(make_folder(folder), os.O_RDONLY)
+    except OSError as error:
+        raise OutputError(f"the folder cannot be opened: {error.strerror}", path=folder) from error
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            cure = "wait until it has ended, or name another folder"
+            raise OutputError("another process is writing into the folder", path=folder, cure=cure) from error
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def check_creatable(path: Path) -> None:

@@ -2,38 +2,17 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
-import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cltaa.atomic import make_folder, remove_stale_temporaries
-from cltaa.errors import DataError, OutputError, UsageError
+from cltaa.atomic import remove_stale_temporaries
+from cltaa.errors import DataError, UsageError
 from cltaa.manifest import NAME, RESTART_CURE, Entry, Manifest, file_sha256
 from cltaa.progress import track
 from cltaa.sources import Sequence
-
-
-@contextmanager
-def owned(folder: Path) -> Iterator[None]:
-    """Lock ``folder`` for this process, whose end, however sudden, unlocks it; raises OutputError where it is taken."""
-    try:
-        descriptor = os.open(make_folder(folder), os.O_RDONLY)
-    except OSError as error:
-        raise OutputError(f"the folder cannot be opened: {error.strerror}", path=folder) from error
-    try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            cure = "wait until it has ended, or name another folder"
-            raise OutputError("another process is writing into the folder", path=folder, cure=cure) from error
-        yield
-    finally:
-        os.close(descriptor)
 
 
 def sequence_settings(sequence: Sequence) -> dict[str, Any]:
@@ -50,7 +29,7 @@ class Source(NamedTuple):
 
 
 class OutputFolder:
-    """Which frames are finished, by what settings they were made, and their hashes. Use it inside ``owned``."""
+    """Which frames are finished, by what settings they were made, and their hashes. Use it inside ``atomic.owned``."""
 
     def __init__(self, folder: Path, settings: Mapping[str, Any], *, restart: bool = False) -> None:
         """Begin the folder, or go on with it; ``restart`` deletes what its manifest lists first.

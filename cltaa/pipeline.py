@@ -13,7 +13,7 @@ from typing import Any, Literal
 import msgspec
 
 from cltaa.allocator import return_freed_frames
-from cltaa.atomic import atomic_path, check_creatable
+from cltaa.atomic import atomic_path, check_creatable, owned
 from cltaa.bands import BandedResolver
 from cltaa.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.debug import DebugViews
@@ -24,7 +24,7 @@ from cltaa.frames import Effect, Frame
 from cltaa.halves import image_channels, saturated_pixels
 from cltaa.interrupt import Stop, stop_signals
 from cltaa.kept import merged
-from cltaa.output import OutputFolder, owned, sequence_settings
+from cltaa.output import OutputFolder, sequence_settings
 from cltaa.params import Preset
 from cltaa.planning import with_effects
 from cltaa.progress import track

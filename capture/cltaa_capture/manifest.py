@@ -61,7 +61,7 @@ class Manifest:
     """The finished files of one capture folder."""
 
     def __init__(self, folder: Path, settings: dict[str, Any], facts: dict[str, Any], *, restart: bool = False) -> None:
-        """Open or begin the manifest of ``folder``.
+        """Open or begin the manifest of ``folder``, which is this process' own (``cltaa.atomic.owned``).
 
         ``settings`` decide the pixels: a folder begun with others is refused by a UsageError that names the
         difference, unless ``restart``, which deletes what the folder's own manifest began. ``facts`` are only noted.
@@ -80,8 +80,14 @@ class Manifest:
             raise UsageError(
                 "holds EXR files of another origin", path=folder, expected=NAME, cure="choose an empty folder"
             )
-        remove_stale_temporaries(folder)
+        for inside in self._folders():
+            remove_stale_temporaries(inside, owned=True)
         self.save()
+
+    def _folders(self) -> list[Path]:
+        """The folder itself, then those of its references that are there."""
+        truths = (self._folder / REFERENCE, *self._folder.glob(f"{REFERENCE}-[0-9]*"))
+        return [self._folder, *(truth for truth in truths if truth.is_dir())]
 
     def _resume(self, path: Path) -> None:
         text = read_text(path, "a record", LARGEST_RECORD)
@@ -104,14 +110,13 @@ class Manifest:
 
     def _clear(self) -> None:
         (self._folder / NAME).unlink()
-        truths = [self._folder / REFERENCE, *self._folder.glob(f"{REFERENCE}-[0-9]*")]
-        for folder in (self._folder, *truths):
+        for folder in self._folders():
             for path in folder.glob("*.[0-9][0-9][0-9][0-9]*.exr"):
                 path.unlink()
-        # An empty reference folder would say that there is a truth.
-        for folder in truths:
-            with suppress(OSError):
-                folder.rmdir()
+            # An empty reference folder would say that there is a truth.
+            if folder != self._folder:
+                with suppress(OSError):
+                    folder.rmdir()
 
     def vouches_for(self, path: Path) -> bool:
         """Tell whether a file is finished: it is listed, and its content has the SHA-256 that is listed."""

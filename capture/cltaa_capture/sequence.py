@@ -12,7 +12,7 @@ from time import perf_counter
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from cltaa.atomic import make_folder
+from cltaa.atomic import make_folder, owned
 from cltaa.errors import CltaaError, ResourceError, UsageError
 from cltaa.exr import write_frame, write_image
 from cltaa.exr_layout import LARGEST_SIDE
@@ -121,12 +121,12 @@ def capture_sequence(request: Request, progress: Callable[[int, int], None] | No
         raise UsageError("the frames are too large", expected=expected, found=found)
     jitter_sequence(request.jitter)  # refuse a wrong one before anything is opened
     scene = build_scene(request.scene, request.seed, request.motion)
-    make_folder(request.output)
-    context = open_context(request.backend)
-    try:
-        return _capture(request, scene, context, progress)
-    finally:
-        context.close()
+    with owned(request.output):
+        context = open_context(request.backend)
+        try:
+            return _capture(request, scene, context, progress)
+        finally:
+            context.close()
 
 
 def _capture(request: Request, scene: Scene, context: Context, progress: Callable[[int, int], None] | None) -> Captured:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -195,3 +196,22 @@ def test_a_yardstick_is_drawn_later_and_its_time_is_kept(tmp_path: Path) -> None
         np.testing.assert_array_equal(found, expected)
     capture_sequence(replace(asked, seed=1, restart=True))
     assert not (tmp_path / "reference-2").exists()
+
+
+def test_second_capture_into_one_folder_is_refused(tmp_path: Path) -> None:
+    def meanwhile(done: int, _: int) -> None:
+        if done == 1:
+            with pytest.raises(OutputError, match="another process is writing into the folder"):
+                capture_sequence(request(tmp_path))
+
+    assert capture_sequence(request(tmp_path), meanwhile).drawn == FRAMES
+
+
+@pytest.mark.parametrize("folder", [".", "reference", "reference-2"])
+def test_what_a_killed_capture_left_goes(tmp_path: Path, folder: str) -> None:
+    """Also where a process that runs has the number of the one that was killed: this very one, as in a container."""
+    left = tmp_path / folder / f".occluder.0009.exr.tmp.{os.getpid()}"
+    left.parent.mkdir(exist_ok=True)
+    left.write_bytes(b"half")
+    capture_sequence(request(tmp_path))
+    assert not left.exists()
