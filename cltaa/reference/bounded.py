@@ -136,7 +136,8 @@ def _stored_in_halves(v: Bounded, storage: Storage) -> Bounded:
     """What is kept of ``v``: limited to the range of halves, then off by half their distance, or by less than all."""
     most = value_of("HALF_LIMIT")
     kept = Bounded(np.clip(v.value, -most, most), v.error)
-    power = np.maximum(2.0 ** (np.frexp(np.abs(kept.value) + kept.error)[1] - 1), value_of("HALF_NORMAL"))
+    size = np.maximum(np.abs(kept.value) + kept.error, value_of("HALF_NORMAL"))
+    power = np.exp2(np.frexp(size)[1] - 1.0)
     distance = power * value_of("HALF_STEP")
     return Bounded(kept.value, kept.error + (distance if storage is Storage.HALF_STOCHASTIC else 0.5 * distance))
 
