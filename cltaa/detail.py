@@ -38,9 +38,15 @@ def import_ndimage() -> Any:
 
 def blurred(image: Array) -> Array:
     """The wide filter along both axes of [H, W, ...]; edges repeat."""
-    ndimage = import_ndimage()
-    result: Array = ndimage.correlate1d(ndimage.correlate1d(image, WIDE, 0, mode="nearest"), WIDE, 1, mode="nearest")
-    return result
+    for axis in (0, 1):
+        margin = [(0, 0)] * image.ndim
+        margin[axis] = (REACH, REACH)
+        # Sums of whole slices take half the time of scipy's filter.
+        padded = np.moveaxis(np.pad(image, margin, mode="edge"), axis, 0)
+        length = image.shape[axis]
+        taps = (weight * padded[at : at + length] for at, weight in enumerate(WIDE))
+        image = np.moveaxis(sum(taps, start=np.zeros(())), 0, axis)
+    return image
 
 
 def judge_detail(truth: Array, tests: list[Array], judged: Mask) -> list[Detail]:
@@ -54,14 +60,15 @@ def judge_detail(truth: Array, tests: list[Array], judged: Mask) -> list[Detail]
     judged = inside
     truth_fine = truth - blurred(truth)
     tests_fine = [test - blurred(test) for test in tests]
-    square = float((truth_fine[judged] ** 2).sum())
+    judged_fine = np.where(judged[..., None], truth_fine, 0.0)
+    square = float((judged_fine**2).sum())
     false = np.zeros((len(tests), 2))
     for top in range(0, truth.shape[0], TILE):
         band = np.s_[top : top + TILE]
         family = _family(truth, top)
         false += _unexplained(family, np.stack([fine[band] for fine in tests_fine]), judged[band])
     return [
-        Detail(float((fine * truth_fine)[judged].sum()), square, float(rest), int(count))
+        Detail(float((fine * judged_fine).sum()), square, float(rest), int(count))
         for fine, (rest, count) in zip(tests_fine, false, strict=True)
     ]
 

@@ -22,7 +22,7 @@ def shown_light(linear: Image, stops: float = 0.0) -> Image:
     """Linear colour as far as a screen can show it: after ``stops`` of exposure, cut to [0, 1]; NaN shows as black."""
     with np.errstate(over="ignore", invalid="ignore"):  # signalling NaN, and stops that leave float32
         exposed = np.multiply(linear, np.float32(2.0**stops), dtype=np.float32)
-    light: Image = np.clip(np.nan_to_num(exposed, nan=0.0), 0.0, 1.0)
+    light: Image = np.where(np.isnan(exposed), np.float32(0), np.clip(exposed, 0.0, 1.0))
     return light
 
 

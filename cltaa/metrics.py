@@ -60,12 +60,17 @@ def ssim(test: Image, reference: Image, stops: float = 0.0) -> float:
 
     Raises UsageError without scikit-image and DataError for images smaller than the window.
     """
+    return display_ssim(to_display(test, stops), to_display(reference, stops))
+
+
+def display_ssim(test: Image, reference: Image) -> float:
+    """``ssim`` of two display images."""
     if min(test.shape[:2]) < SSIM_SMALLEST_SIDE:
         expected = f"at least {SSIM_SMALLEST_SIDE} pixels a side"
         raise DataError("image too small for SSIM", expected=expected, found=f"{test.shape[1]} x {test.shape[0]}")
     module = import_extra("skimage.metrics", package="scikit-image", extra="metrics", purpose="metric ssim")
     value = module.structural_similarity(
-        luma(to_display(test, stops)), luma(to_display(reference, stops)),
+        luma(test), luma(reference),
         gaussian_weights=True, sigma=SSIM_SIGMA, use_sample_covariance=False, data_range=1.0,
     )  # fmt: skip
     return float(value)
@@ -77,14 +82,23 @@ def flip_map(test: Image, reference: Image, stops: float = 0.0, *, hdr: bool = F
     LDR: of the display images. HDR: of the linear images without negative values, the largest error over the range
     of exposures that FLIP derives from the reference, with its ACES curve. Raises UsageError without flip-evaluator.
     """
+    light = [np.maximum(image, 0.0) * np.float32(2.0**stops) for image in (test, reference)]
+    # Where it is too dark for HDR-FLIP's range of exposures the module would end the program.
+    if hdr and float(luma(light[1]).max()) >= FLIP_DARKEST:
+        return _flip(light[0], light[1], "HDR")
+    return display_flip(to_display(test, stops), to_display(reference, stops))
+
+
+def display_flip(test: Image, reference: Image) -> Image:
+    """``flip_map`` of two display images."""
+    return _flip(test, reference, "LDR")
+
+
+def _flip(test: Image, reference: Image, scale: str) -> Image:
     module = import_extra("flip_evaluator", package="flip-evaluator", extra="metrics", purpose="metric flip")
-    light = [np.maximum(image, 0.0) * np.float32(2.0**stops) for image in (reference, test)]
-    if hdr and float(luma(light[0]).max()) < FLIP_DARKEST:
-        hdr = False  # too dark for its range of exposures; the module would end the program
-    pair = light if hdr else [to_display(image, stops) for image in (reference, test)]
-    reference_image, test_image = (np.ascontiguousarray(image, dtype=np.float32) for image in pair)
+    reference_image, test_image = (np.ascontiguousarray(image, dtype=np.float32) for image in (reference, test))
     error, _, _ = module.evaluate(
-        reference_image, test_image, "HDR" if hdr else "LDR",
+        reference_image, test_image, scale,
         applyMagma=False, computeMeanError=False, parameters={"ppd": FLIP_PIXELS_PER_DEGREE},
     )  # fmt: skip
     per_pixel: Image = np.asarray(error, dtype=np.float32)[..., 0]

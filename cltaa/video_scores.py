@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.correspondence import Correspondence, Mask, correspondence
+from cltaa.cubic_sampler import CubicSampler
 from cltaa.detail import REACH, blurred, import_ndimage, judge_detail
 from cltaa.display import to_display
 from cltaa.frames import Frame, Image
@@ -101,25 +102,30 @@ class VideoScores:
 
     def add(self, frame: Frame, truth: Image, tests: list[Image]) -> list[Sums]:
         """Judge one frame: ``frame`` as captured, the truth and each test, linear [H, W, 3]."""
-        shown = to_display(truth, self._stops).astype(np.float64)
-        errors = [to_display(test, self._stops).astype(np.float64) - shown for test in tests]
+        return self.add_shown(frame, to_display(truth, self._stops), [to_display(test, self._stops) for test in tests])
+
+    def add_shown(self, frame: Frame, truth: Image, tests: list[Image]) -> list[Sums]:
+        """Judge one frame of which truth and tests are display images already."""
+        shown = truth.astype(np.float64)
+        errors = [test - shown for test in tests]
         past = self._past
         if past is not None and (frame.cut or frame.index != past.frame.index + 1):
             past = None
         found = None if past is None else correspondence(frame, past.frame)
         stale, age = _follow_stale(shown, past, found)
         watched = age > 0
-        steady = None if past is None or found is None else _steady(found, watched, past.watched)
-        details = judge_detail(shown, [shown + error for error in errors], ~_grown(watched))
+        trail = _Trail(shown, stale, watched, found)
+        path = None if past is None or found is None else _Path(found, _steady(found, watched, past.watched))
+        details = judge_detail(shown, [test.astype(np.float64) for test in tests], ~_grown(watched))
         results = []
         for number, (error, detail) in enumerate(zip(errors, details, strict=True)):
             sums = Sums(
                 detail_product=detail.product, detail_square=detail.square,
                 false_square=detail.false_square, false_count=detail.false_count,
             )  # fmt: skip
-            if past is not None and found is not None and steady is not None:
-                sums += _ghosting(error, shown, stale, watched, ~found.edge)
-                sums += _flicker(error, past.errors[number], found, steady)
+            if past is not None and path is not None:
+                sums += trail.ghosting(error)
+                sums += path.flicker(error, past.errors[number])
             self.totals[number] += sums
             results.append(sums)
         self.fresh = (age == 1) & ~found.edge if found is not None else np.zeros_like(watched)
@@ -140,26 +146,44 @@ def _follow_stale(truth: Array, past: _Past | None, found: Correspondence | None
     return np.where((age > 0)[..., None], stale, truth), age
 
 
-def _ghosting(error: Array, truth: Array, stale: Array, watched: Mask, whole: Mask) -> Sums:
-    """Regression of the error on what stood there before, beside what a blur of the truth would do.
+class _Trail:
+    """Uncovered pixels of one frame, and what still shows there if the past does.
 
-    An error of the whole picture (all of it too bright) is no ghost: its mean over the other pixels is taken off.
-    Only pixels that show ``whole`` surfaces count: where an edge runs through a pixel, that its one captured sample
-    fell behind the edge already says which way the error of this frame points.
+    Only pixels that show whole surfaces count: where an edge runs through a pixel, that its one captured sample fell
+    behind the edge already says which way the error of this frame points.
     """
-    judged = watched & whole
-    if not judged.any():
-        return Sums()
-    ghost = (stale - truth)[judged].ravel()
-    blur = (blurred(truth) - truth)[judged].ravel()
-    elsewhere = error[~watched].mean(0) if not watched.all() else 0.0
-    wrong = (error[judged] - elsewhere).ravel()
-    # What a blur explains is taken off both sides (Frisch-Waugh), so that the rest is a plain ratio of sums.
-    square = float(blur @ blur)
-    if square > 0:
-        ghost = ghost - blur * (float(ghost @ blur) / square)
-        wrong = wrong - blur * (float(wrong @ blur) / square)
-    return Sums(stale_product=float(wrong @ ghost), stale_square=float(ghost @ ghost), stale_pixels=int(judged.sum()))
+
+    def __init__(self, truth: Array, stale: Array, watched: Mask, found: Correspondence | None) -> None:
+        judged = watched & ~found.edge if found is not None else np.zeros_like(watched)
+        self._judged, self._watched = np.flatnonzero(judged), np.flatnonzero(watched)
+        if not self._judged.size:
+            return
+        self._blur = (blurred(truth) - truth)[judged].ravel()
+        self._blur_square = float(self._blur @ self._blur)
+        self._ghost = self._unexplained((stale - truth)[judged].ravel())
+        self._square = float(self._ghost @ self._ghost)
+
+    def _unexplained(self, values: Array) -> Array:
+        """What a blur of the truth does not explain."""
+        if self._blur_square > 0:
+            values = values - self._blur * (float(values @ self._blur) / self._blur_square)
+        return values
+
+    def ghosting(self, error: Array) -> Sums:
+        """Regression of the error on what stood there before, beside what a blur of the truth would do.
+
+        What a blur explains is taken off both sides (Frisch-Waugh), so that the rest is a plain ratio of sums. An error
+        of the whole picture (all of it too bright) is no ghost: its mean over the other pixels is taken off.
+        """
+        if not self._judged.size:
+            return Sums()
+        pixels = error.reshape(-1, error.shape[-1])
+        others = max(1, len(pixels) - self._watched.size)
+        elsewhere = (pixels.sum(0) - pixels[self._watched].sum(0)) / others
+        wrong = self._unexplained((pixels[self._judged] - elsewhere).ravel())
+        return Sums(
+            stale_product=float(wrong @ self._ghost), stale_square=self._square, stale_pixels=self._judged.size
+        )  # fmt: skip
 
 
 def _steady(found: Correspondence, watched: Mask, watched_before: Mask) -> Mask:
@@ -172,16 +196,24 @@ def _steady(found: Correspondence, watched: Mask, watched_before: Mask) -> Mask:
     return steady
 
 
-def _flicker(error: Array, before: Array, found: Correspondence, steady: Mask) -> Sums:
-    """Change of the error along the motion: what the test changed and the truth did not."""
-    at = [found.y[steady] - 0.5, found.x[steady] - 0.5]
-    if np.abs(found.motion[steady]).max(initial=0.0) == 0.0:
-        moved = before[steady]
-    else:
-        sampled = [import_ndimage().map_coordinates(before[..., k], at, order=3, mode="nearest") for k in range(3)]
-        moved = np.stack(sampled, axis=-1)
-    change = error[steady] - moved
-    return Sums(flicker_square=float((change**2).sum()), flicker_count=change.size)
+class _Path:
+    """Pixels that are followed from the frame before, and where each was."""
+
+    def __init__(self, found: Correspondence, steady: Mask) -> None:
+        moving = steady & (found.motion != 0).any(-1)
+        self._stayed, self._moved = np.flatnonzero(steady & ~moving), np.flatnonzero(moving)
+        self._sampler = CubicSampler(steady.shape[0], steady.shape[1], found.x[moving] - 0.5, found.y[moving] - 0.5)
+
+    def flicker(self, error: Array, before: Array) -> Sums:
+        """Change of the error along the motion: what the test changed and the truth did not."""
+        pixels, earlier = (image.reshape(-1, image.shape[-1]) for image in (error, before))
+        changes = [pixels[self._stayed] - earlier[self._stayed]]
+        if self._moved.size:
+            changes.append(pixels[self._moved] - self._sampler(before))
+        return Sums(
+            flicker_square=math.fsum(float((change**2).sum()) for change in changes),
+            flicker_count=sum(change.size for change in changes),
+        )
 
 
 def _grown(mask: Mask) -> Mask:

@@ -5,18 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
 
 from cltaa.comparison import truth_samples
 from cltaa.correspondence import Mask
-from cltaa.display import shown_light
+from cltaa.display import shown_light, to_display
 from cltaa.equal_quality import equal_quality_samples
 from cltaa.errors import DataError, InputMissing
 from cltaa.frames import Image
 from cltaa.launch import Launcher
-from cltaa.metrics import METRICS, mean, measure
+from cltaa.metrics import display_flip, display_ssim, mean, mse, psnr
 from cltaa.params import Preset
 from cltaa.progress import track
 from cltaa.resolve import Resolver
@@ -60,6 +61,18 @@ class Judged(msgspec.Struct, kw_only=True):
     device: str
 
 
+class _Shown(NamedTuple):
+    """An image as far as a screen can show it: what every score looks at, worked out once."""
+
+    light: Image  # linear, in [0, 1]
+    display: Image  # encoded
+
+    @classmethod
+    def of(cls, image: Image) -> _Shown:
+        light = shown_light(image)
+        return cls(light, to_display(light))
+
+
 @dataclass(slots=True)
 class _Tally:
     """What is gathered of one contender."""
@@ -78,13 +91,19 @@ class _Tally:
         self.not_finite += bad
         return np.where(finite, image, np.float32(0)) if bad else image
 
-    def add(self, image: Image, truth: Image, sums: Sums, fresh: Mask, *, flip: bool) -> None:
+    def add(self, image: _Shown, truth: _Shown, sums: Sums, fresh: Mask, *, flip: bool) -> None:
         """Judge one frame, by FLIP too where asked."""
-        self.rows.append(measure(image, truth, [METRICS[name] for name in ("mse", "psnr", "ssim")]))
+        self.rows.append(
+            {
+                "mse": mse(image.light, truth.light),
+                "psnr": psnr(mse(image.display, truth.display)),
+                "ssim": display_ssim(image.display, truth.display),
+            }
+        )
         if flip:
-            self.flip.append(METRICS["flip"].function(image, truth, 0.0))
+            self.flip.append(float(display_flip(image.display, truth.display).mean()))
         self.video += sums
-        wrong = shown_light(image[fresh]).astype(np.float64) - shown_light(truth[fresh])
+        wrong = image.light[fresh].astype(np.float64) - truth.light[fresh]
         self.fresh_square += float((wrong**2).sum())
         self.fresh_count += wrong.size
 
@@ -131,12 +150,13 @@ def judge_sequence(
     with read_ahead(zip(sequence, reference, strict=True)) as pairs:
         for frame, truth in track(pairs, len(sequence), f"judging {sequence.folder.name}"):
             outputs = [frame.colour, *(resolver.resolve(frame)[..., :3] for resolver in resolvers.values())]
-            images = [tally.repaired(image) for tally, image in zip(tallies.values(), outputs, strict=True)]
-            sums = video.add(frame, truth, images)
+            repaired = [tally.repaired(image) for tally, image in zip(tallies.values(), outputs, strict=True)]
+            shown, images = _Shown.of(truth), [_Shown.of(image) for image in repaired]
+            sums = video.add_shown(frame, shown.display, [image.display for image in images])
             if frame.index - sequence.first >= settled:
                 flip = (sequence.last - frame.index) % flip_every == 0
                 for tally, image, score in zip(tallies.values(), images, sums, strict=True):
-                    tally.add(image, truth, score, video.fresh, flip=flip)
+                    tally.add(image, shown, score, video.fresh, flip=flip)
     return _judged(tallies, truth_samples(reference), len(sequence), launcher.description)
 
 
