@@ -148,10 +148,11 @@ def _capture(request: Request, scene: Scene, context: Context, progress: Callabl
     renderer = None
     try:
         renderer = SceneRenderer(scene, request.width, request.height)
+        pen = _Pen(renderer, seconds)
         with _Writing(manifest) as writing:
             for index in range(request.frames):
                 tasks = 0
-                for path, write in _missing_files(request, scene, index, renderer, manifest, seconds):
+                for path, write in _missing_files(request, scene, index, pen, manifest):
                     writing.submit(path, write)
                     tasks += 1
                 drawn += tasks > 0
@@ -184,27 +185,46 @@ class _Seconds:
             manifest.note_seconds(samples, median(spent))
 
 
+class _Pen:
+    """Draws, and keeps the time; a reference only where something has changed since the last one."""
+
+    def __init__(self, renderer: SceneRenderer, seconds: _Seconds) -> None:
+        self._renderer, self._seconds = renderer, seconds
+        self._reference: tuple[Instant, Image] | None = None
+
+    def frame(self, request: Request, scene: Scene, index: int, now: Instant, before: Instant) -> Frame:
+        with self._seconds.of(1):
+            return _frame(request, scene, index, now, before, self._renderer)
+
+    def samples(self, now: Instant, samples: int) -> Image:
+        with self._seconds.of(samples):
+            return self._renderer.draw_reference(now, jitter_sequence(f"hammersley:{samples}"))
+
+    def reference(self, now: Instant, samples: int) -> Image:
+        if self._reference is None or not now.looks_like(self._reference[0]):
+            self._reference = now, self.samples(now, samples)
+        return self._reference[1]
+
+
 def _missing_files(
-    request: Request, scene: Scene, index: int, renderer: SceneRenderer, manifest: Manifest, seconds: _Seconds
+    request: Request, scene: Scene, index: int, pen: _Pen, manifest: Manifest
 ) -> Iterator[tuple[Path, Callable[[], None]]]:
     """Draw what the manifest does not vouch for of one frame; yield each file with the call that writes it."""
     name = f"{scene.name}.{index:04d}.exr"
     now, before = scene.at(index / request.fps), scene.at((index - 1) / request.fps)
     path = request.output / name
     if not manifest.vouches_for(path):
-        with seconds.of(1):
-            frame = _frame(request, scene, index, now, before, renderer)
+        frame = pen.frame(request, scene, index, now, before)
         yield path, lambda: write_frame(path, frame)
-    folders = {f"{REFERENCE}-{samples}": samples for samples in request.yardstick}
+    # A yardstick is also a measurement of time, so each of its frames is drawn.
+    folders = {f"{REFERENCE}-{samples}": (samples, pen.samples) for samples in request.yardstick}
     if request.reference:
-        folders[REFERENCE] = request.reference
-    for folder, samples in folders.items():
+        folders[REFERENCE] = request.reference, pen.reference
+    for folder, (samples, draw) in folders.items():
         truth_path = request.output / folder / name
         if not manifest.vouches_for(truth_path):
             make_folder(truth_path.parent)
-            with seconds.of(samples):
-                truth = renderer.draw_reference(now, jitter_sequence(f"hammersley:{samples}"))
-            yield truth_path, _writing(truth_path, truth, scene, index, samples)
+            yield truth_path, _writing(truth_path, draw(now, samples), scene, index, samples)
 
 
 def _writing(path: Path, truth: Image, scene: Scene, index: int, samples: int) -> Callable[[], None]:

@@ -158,6 +158,24 @@ class Instant:
     shot: int = 0  # number of the take: between two instants of different shots lies a cut
     shapes: Mapping[str, Shape] = field(default_factory=dict)  # of the parts that deform, by name
 
+    def looks_like(self, other: Instant) -> bool:
+        """Tell whether a picture of this instant is one of the ``other``, too: nothing but the shot differs."""
+        return (
+            (self.lens, self.lights, self.sky, self.exposure) == (other.lens, other.lights, other.sky, other.exposure)
+            and self.shapes.keys() == other.shapes.keys()
+            and all(_same(a, b) for a, b in zip(self._arrays(), other._arrays(), strict=True))
+        )
+
+    def _arrays(self) -> list[Matrix | None]:
+        shapes = [
+            side for name in sorted(self.shapes) for side in (self.shapes[name].positions, self.shapes[name].normals)
+        ]
+        return [self.world_to_view, *self.poses, *shapes]
+
+
+def _same(one: Matrix | None, other: Matrix | None) -> bool:
+    return one is other or (one is not None and other is not None and np.array_equal(one, other))
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Scene:

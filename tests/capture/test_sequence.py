@@ -12,12 +12,13 @@ import pytest
 
 from cltaa.errors import DataError, OutputError, StorageError, UsageError
 from cltaa.exr import read_colour, read_image, write_frame
-from cltaa.frames import Effect
+from cltaa.frames import Effect, Image
 from cltaa.manifest import file_sha256
 from cltaa.sources import open_sequence
 from cltaa_capture import manifest, sequence
-from cltaa_capture.jitter import jitter_sequence
+from cltaa_capture.jitter import Offsets, jitter_sequence
 from cltaa_capture.sequence import Request, capture_sequence
+from cltaa_datasets.scene import Instant
 
 FRAMES = 3
 
@@ -176,6 +177,26 @@ def test_a_file_in_the_way_of_the_folder(tmp_path: Path) -> None:
 def test_sizes_must_be_positive(tmp_path: Path) -> None:
     with pytest.raises(UsageError):
         capture_sequence(replace(request(tmp_path), fps=0.0))
+
+
+@pytest.mark.parametrize(("scene", "references"), [("charts", 1), ("occluder", FRAMES)])
+def test_a_reference_is_drawn_where_something_has_changed(
+    scene: str, references: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from cltaa_capture.render import SceneRenderer  # here: it binds OpenGL to its platform
+
+    draw, drawn = SceneRenderer.draw_reference, []
+
+    def counted(renderer: SceneRenderer, now: Instant, offsets: Offsets) -> Image:
+        drawn.append(draw(renderer, now, offsets))
+        return drawn[-1]
+
+    monkeypatch.setattr(SceneRenderer, "draw_reference", counted)
+    capture_sequence(request(tmp_path, scene))
+    assert len(drawn) == references
+    for index in range(FRAMES):
+        found = read_colour(tmp_path / "reference" / f"{scene}.{index:04d}.exr")
+        np.testing.assert_array_equal(found, drawn[min(index, references - 1)][..., :3])
 
 
 def test_a_yardstick_is_drawn_later_and_its_time_is_kept(tmp_path: Path) -> None:

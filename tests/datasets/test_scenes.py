@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ import pytest
 from cltaa.cli import main
 from cltaa.errors import UsageError
 from cltaa.frames import Effect
-from cltaa_datasets.scene import AlphaMode, Instant, Material, Scene
+from cltaa_datasets.scene import AlphaMode, Instant, Material, Perspective, Scene, Sky
 from cltaa_datasets.scenes import build_scene, registered
 
 NAMES = [entry.name for entry in registered()]
@@ -107,3 +109,26 @@ def test_the_list_for_people(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["scenes"]) == 0
     out = capsys.readouterr().out
     assert all(name in out for name in NAMES)
+
+
+def test_an_instant_looks_like_itself_and_notices_every_change() -> None:
+    now = build_scene("morphing").at(0.5)
+    assert now.looks_like(
+        replace(now, shot=now.shot + 1, poses=tuple(None if p is None else p.copy() for p in now.poses))
+    )
+    (name, shape), *others = now.shapes.items()
+    moved, nudged = now.world_to_view.copy(), shape.positions.copy()
+    moved[0, 3] += 1e-9
+    nudged[0, 0] += 1e-9
+    changes: list[dict[str, Any]] = [
+        {"world_to_view": moved},
+        {"lens": Perspective(0.1)},
+        {"poses": (None, *now.poses[1:])},
+        {"lights": now.lights[1:]},
+        {"sky": Sky(stars=1.0)},
+        {"exposure": 2.0},
+        {"shapes": dict(others)},
+        {"shapes": {**now.shapes, name: replace(shape, positions=nudged)}},
+    ]
+    for change in changes:
+        assert not now.looks_like(replace(now, **change)), list(change)
