@@ -29,6 +29,11 @@ class Storage(StrEnum):
     FLOAT = "float"
     HALF = "half"  # rounded to the nearest: an old history stands still within ulp / (2 weight) of its goal
     HALF_STOCHASTIC = "half-stochastic"  # rounded up or down at random: true on average, at the price of noise
+    DOUBLE = "double"  # for the ladder of cltaa bench accuracy alone
+
+
+# What a result may be asked for in.
+STORAGES = (Storage.FLOAT, Storage.HALF, Storage.HALF_STOCHASTIC)
 
 
 class Steps(msgspec.Struct, frozen=True, kw_only=True):
@@ -57,11 +62,14 @@ class Build(msgspec.Struct, frozen=True, kw_only=True):
     lanes: int = 0  # 0: what suits the device
     rows: int = 0
     strict: bool = False
+    relaxed: bool = False  # what the compiler may do with -cl-fast-relaxed-math: only to be timed (decision 16)
 
     def flags(self) -> tuple[str, ...]:
         """Options of the OpenCL compiler."""
         always = ("-cl-std=CL1.2", "-Werror", "-cl-kernel-arg-info")
-        return (*always, "-cl-fp32-correctly-rounded-divide-sqrt") if self.strict else always
+        if self.strict:
+            return (*always, "-cl-fp32-correctly-rounded-divide-sqrt")
+        return (*always, "-cl-fast-relaxed-math") if self.relaxed else always
 
 
 # The per-frame struct: name -> (C type, meaning). All members have 4 bytes, so that every compiler lays it out alike.
@@ -145,9 +153,11 @@ def prelude(build: Build) -> str:
         "LANES": build.lanes,
         "ROWS": build.rows,
         "REAL_DOUBLE": int(build.real is Real.DOUBLE),
-        "STORAGE_HALF": int(build.storage is not Storage.FLOAT),
+        "STORAGE_DOUBLE": int(build.storage is Storage.DOUBLE),
+        "STORAGE_HALF": int(build.storage in (Storage.HALF, Storage.HALF_STOCHASTIC)),
         "STORAGE_STOCHASTIC": int(build.storage is Storage.HALF_STOCHASTIC),
         "STRICT": int(build.strict),
+        "RELAXED": int(build.relaxed),
         "PAD_X": PAD_X,
         "PAD_Y": PAD_Y,
         **{_macro(name): int(getattr(build.steps, name)) for name in Steps.__struct_fields__},

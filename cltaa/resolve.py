@@ -44,7 +44,8 @@ class Resolver:
 
     ``preset`` is a name or a Preset; ``device`` is None (first OpenCL device), a part of a device's name, its index, or
     ``numpy``; ``strict`` builds kernels that match the NumPy oracle bit for bit; ``real`` and ``storage`` are the
-    numbers that they compute with and keep the history in; ``every_step`` runs also the steps that no frame calls for.
+    numbers that they compute with and keep the history in; ``relaxed`` lets the compiler leave guards out, only to time
+    what that would gain; ``every_step`` runs also the steps that no frame calls for.
     A cut, a gap in the frame numbers or a change of size starts a new history.
     """
 
@@ -54,6 +55,7 @@ class Resolver:
         device: str | Launcher | None = None,
         *,
         strict: bool = False,
+        relaxed: bool = False,
         storage: Storage = Storage.FLOAT,
         real: Real = Real.FLOAT,
         lanes: int = 0,
@@ -64,7 +66,7 @@ class Resolver:
         self.preset = load_preset(preset) if isinstance(preset, str) else preset
         self._device = device
         self.launcher = launcher_for(device) if device is None or isinstance(device, str) else device
-        self._shape = Build(strict=strict, storage=storage, real=real, lanes=lanes, rows=rows)
+        self._shape = Build(strict=strict, relaxed=relaxed, storage=storage, real=real, lanes=lanes, rows=rows)
         self._buffers: Buffers | None = None
         self._kept: KeptFrames | None = None
         self._previous: Past | None = None
@@ -79,7 +81,7 @@ class Resolver:
     @property
     def keeps_halves(self) -> bool:
         """True where the history is kept in halves."""
-        return self._shape.storage is not Storage.FLOAT
+        return self._shape.storage in (Storage.HALF, Storage.HALF_STOCHASTIC)
 
     def settings(self) -> dict[str, Any]:
         """Everything that decides the bits of a result, beside the frames."""
@@ -164,16 +166,7 @@ class Resolver:
         return previous, self._build(self.plan)
 
     def _build(self, plan: Plan) -> Build:
-        shape = self._shape
-        build = Build(
-            choices=plan.choices,
-            steps=plan.steps,
-            real=shape.real,
-            storage=shape.storage,
-            lanes=shape.lanes,
-            rows=shape.rows,
-            strict=shape.strict,
-        )
+        build = msgspec.structs.replace(self._shape, choices=plan.choices, steps=plan.steps)
         return self.launcher.build(build)
 
     def _prepare(self, frame: Frame, build: Build) -> Buffers:

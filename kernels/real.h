@@ -3,10 +3,13 @@
 // and values are chosen with `mask ? a : b`, which selects lane by lane on vectors.
 //
 // No max, min, clamp or mix on reals: they are undefined or inexact for NaN in OpenCL C, and calls on some CPU drivers.
-#if !defined(LANES) || !defined(REAL_DOUBLE) || !defined(STORAGE_HALF) || !defined(STRICT)
-#error "real.h needs LANES, REAL_DOUBLE, STORAGE_HALF and STRICT from the prelude"
+#if !defined(LANES) || !defined(REAL_DOUBLE) || !defined(STORAGE_HALF) || !defined(STORAGE_DOUBLE)
+#error "real.h needs LANES, REAL_DOUBLE, STORAGE_HALF and STORAGE_DOUBLE from the prelude"
 #endif
-#ifdef __FAST_RELAXED_MATH__
+#if !defined(STRICT) || !defined(RELAXED)
+#error "real.h needs STRICT and RELAXED from the prelude"
+#endif
+#if defined(__FAST_RELAXED_MATH__) && !RELAXED
 #error "finite-math flags remove the guards against NaN: build without -cl-fast-relaxed-math"
 #endif
 #if STRICT
@@ -33,8 +36,10 @@
 #define LANED(type) PASTE(type, LANES)
 #endif
 
-#if REAL_DOUBLE
+#if REAL_DOUBLE || STORAGE_DOUBLE
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
+#endif
+#if REAL_DOUBLE
 typedef double scalar;
 typedef long scalar_whole;
 typedef LANED(double) real;
@@ -59,12 +64,15 @@ typedef whole mask;
 #define K(value) ((scalar)(value))
 #define SPLAT(value) ((real)(K(value)))
 
-// Planes hold floats; only the history may be stored in half.
+// Planes hold floats; only the history may be stored in half or double.
 typedef __global const float* restrict plane_in;
 typedef __global float* restrict plane_out;
 #if STORAGE_HALF
 typedef __global const half* restrict history_in;
 typedef __global half* restrict history_out;
+#elif STORAGE_DOUBLE
+typedef __global const double* restrict history_in;
+typedef __global double* restrict history_out;
 #else
 typedef __global const float* restrict history_in;
 typedef __global float* restrict history_out;

@@ -77,7 +77,7 @@ STAGE real gather(history_in p, whole dx, whole dy, int stride)
 #if STORAGE_HALF
         ((scalar*)&v)[lane] = vload_half(0, q);
 #else
-        ((scalar*)&v)[lane] = *q;
+        ((scalar*)&v)[lane] = (scalar)*q;
 #endif
     }
     return v;

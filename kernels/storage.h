@@ -1,6 +1,6 @@
-// The numbers that the history is kept in: floats, halves rounded to the nearest, or halves rounded at random.
-#if !defined(STORAGE_HALF) || !defined(STORAGE_STOCHASTIC)
-#error "storage.h needs STORAGE_HALF and STORAGE_STOCHASTIC from the prelude"
+// The numbers that the history is kept in: floats, doubles, halves rounded to the nearest, or halves rounded at random.
+#if !defined(STORAGE_HALF) || !defined(STORAGE_STOCHASTIC) || !defined(STORAGE_DOUBLE)
+#error "storage.h needs STORAGE_HALF, STORAGE_STOCHASTIC and STORAGE_DOUBLE from the prelude"
 #endif
 
 #if STORAGE_HALF
@@ -59,7 +59,16 @@ STAGE floats stored_half(real v, int x, int y, frame_t frame)
 }
 #endif
 
-#if !STORAGE_HALF
+#if STORAGE_DOUBLE && LANES == 1
+STAGE real load_history(history_in p) { return (real)*p; }
+STAGE void store_history(history_out p, real v, int x, int y, frame_t frame) { *p = (double)v; }
+#elif STORAGE_DOUBLE
+STAGE real load_history(history_in p) { return TO_REAL(PASTE(vload, LANES)(0, p)); }
+STAGE void store_history(history_out p, real v, int x, int y, frame_t frame)
+{
+    PASTE(vstore, LANES)(PASTE(convert_, LANED(double))(v), 0, p);
+}
+#elif !STORAGE_HALF
 STAGE real load_history(history_in p) { return load(p); }
 STAGE void store_history(history_out p, real v, int x, int y, frame_t frame) { store(p, v); }
 #elif LANES == 1

@@ -102,7 +102,8 @@ def run_task(task: Task) -> Errors:
         for name, value in found.items():
             frames[name].append(value)
         if twin is not None and place < task.rounding_frames:
-            apart.append(_apart(image, _in_double(twin, frame)))
+            twin.resolve(frame)
+            apart.append(_apart(_kept(resolver, frame), _kept(twin, frame)))
     pictures = {"picture": png(to_picture(image)), "count": png(heat(_count(resolver, sequence), COUNT_WHITE))}
     if "flip" in task.metrics:
         pictures["flip"] = png(heat(flip_map(image, truth.image(sequence.last))))
@@ -150,15 +151,14 @@ def _count(resolver: Resolver, sequence: Sequence) -> Image:
     return count
 
 
-def _in_double(twin: Resolver, frame: Frame) -> NDArray[np.float64]:
-    """The twin's image of ``frame``, [H, W, 3] float64, before anything rounds it."""
-    twin.resolve(frame)
-    _, memory = twin.recurrent()
+def _kept(resolver: Resolver, frame: Frame) -> NDArray[np.float64]:
+    """The image that was made of ``frame`` in the numbers that the history is kept in, [H, W, 3]."""
+    _, memory = resolver.recurrent()
     with memory["history"].mapped(write=False) as planes:
-        return np.moveaxis(Layout(frame.width, frame.height).inside(planes)[:3].copy(), 0, -1)
+        return np.moveaxis(Layout(frame.width, frame.height).inside(planes)[:3].astype(np.float64), 0, -1)
 
 
-def _apart(image: Image, exact: NDArray[np.float64]) -> tuple[float, float]:
+def _apart(image: NDArray[np.float64], exact: NDArray[np.float64]) -> tuple[float, float]:
     """Relative root mean square and largest distance."""
     difference = image - exact
     size = float(np.sqrt(np.mean(np.square(exact)))) or 1.0

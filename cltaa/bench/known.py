@@ -63,6 +63,7 @@ def remember(result: Accuracy) -> Path:
             error=_over_default([measured.cells for measured in result.sequences], place, metric),
         )
         for place, variant in enumerate(result.variants)
+        if not variant.laboratory
     ]
     known = Known(
         device=result.environment.device,

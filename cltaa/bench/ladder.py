@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from cltaa.build import Real, Storage
+from cltaa.build import STORAGES, Real, Storage
 from cltaa.launch import Launcher
 from cltaa.params import (
     Accumulate,
@@ -52,6 +52,7 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
     storage: Storage = Storage.FLOAT
     real: Real = Real.FLOAT
     strict: bool = False
+    relaxed: bool = False
 
     @property
     def preset(self) -> Preset:
@@ -60,7 +61,13 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
 
     def resolver(self, device: str | Launcher | None) -> Resolver:
         """A new resolver of this variant."""
-        return Resolver(self.preset, device, storage=self.storage, real=self.real, strict=self.strict)
+        shape: dict[str, Any] = {"storage": self.storage, "real": self.real}
+        return Resolver(self.preset, device, strict=self.strict, relaxed=self.relaxed, **shape)
+
+    @property
+    def laboratory(self) -> bool:
+        """True for what only a measurement asks for: other arithmetic, another build, a history in doubles."""
+        return self.strict or self.relaxed or self.real is not Real.FLOAT or self.storage not in STORAGES
 
 
 def base_variant(preset: Preset) -> Variant:
@@ -88,7 +95,11 @@ def steps(base: Variant) -> Iterator[Variant]:
         if storage is not base.storage:
             yield _changed(base, "storage", str(storage), storage=storage)
     yield _changed(base, "arithmetic", "double", real=Real.DOUBLE)
+    for storage in Storage:
+        if storage is not base.storage:
+            yield _changed(base, "arithmetic", f"double, storage: {storage}", real=Real.DOUBLE, storage=storage)
     yield _changed(base, "build", "strict", strict=True)
+    yield _changed(base, "build", "fast-relaxed", relaxed=True)
 
 
 def _in_variance_box(base: Variant) -> Iterator[Variant]:
@@ -108,7 +119,7 @@ def combinations(base: Variant) -> Iterator[Variant]:
         "rectify": (Rectify.NONE, Rectify.CLAMP, Rectify.CLIP),
         "dilation": Dilation,
         "reject": Reject,
-        "storage": Storage,
+        "storage": STORAGES,
     }
     for values in itertools.product(*grid.values()):
         chosen: dict[str, Any] = dict(zip(grid, values, strict=True))

@@ -10,7 +10,7 @@ from rich.table import Table
 from cltaa.bench.frames import Motion
 from cltaa.bench.kernels import KernelBench, Row, Timing, bench_kernels
 from cltaa.bench.timing import Interval
-from cltaa.build import Storage
+from cltaa.build import STORAGES, Storage
 from cltaa.errors import UsageError
 from cltaa.presets import load_preset
 from cltaa.progress import track
@@ -23,7 +23,7 @@ from cltaa.progress import track
 @click.option("--motion", "motions", multiple=True, type=click.Choice([kind.value for kind in Motion]),
               help="Camera motion: uniform, or turn (rotation with zoom, another displacement at each pixel); "
                    "repeatable; both unless given.")  # fmt: skip
-@click.option("--storage", type=click.Choice([kind.value for kind in Storage]), default=Storage.FLOAT.value,
+@click.option("--storage", type=click.Choice([kind.value for kind in STORAGES]), default=Storage.FLOAT.value,
               show_default=True, help="Number that the history is kept in.")  # fmt: skip
 @click.option("--rounds", default=31, show_default=True, type=click.IntRange(min=3), help="Rounds of all contenders.")
 @click.option("--oracle/--no-oracle", default=True, show_default=True, help="Also time the NumPy oracle, in 3 rounds.")

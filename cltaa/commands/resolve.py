@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.bands import BandedResolver, band_rows_for
-from cltaa.build import Storage
+from cltaa.build import STORAGES, Storage
 from cltaa.checkpoint import CHECKPOINT_EVERY
 from cltaa.commands.options import FILE_PATH, chosen_effects, input_options, verify_option
 from cltaa.errors import UsageError
@@ -44,7 +44,7 @@ from cltaa.views import View, parse_views
 @click.option("--compression", help="EXR compression that loses nothing.  [default: the input's, else zip]")
 @click.option("--layers", metavar="NAMES", help="Channels of the input to keep beside the resolved ones: all, none, or "
               "names separated by commas, * for anything.  [default: all of other tools' files]")  # fmt: skip
-@click.option("--storage", type=click.Choice([kind.value for kind in Storage]), default=Storage.FLOAT.value,
+@click.option("--storage", type=click.Choice([kind.value for kind in STORAGES]), default=Storage.FLOAT.value,
               show_default=True, help="Number that the history is kept in.")  # fmt: skip
 @click.option("--budget-ms", type=click.FloatRange(min=0.0, min_open=True), metavar="MS",
               help="Take what cltaa bench accuracy found best on this device within MS a frame.")  # fmt: skip

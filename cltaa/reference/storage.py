@@ -50,7 +50,7 @@ def stochastic_half(v: Array, dither: Array) -> Array:
 
 def stored_history(v: Array, build: Build, layout: Layout, frame: Record) -> NDArray[Any]:
     """``v`` [H, W] in the numbers of the history."""
-    if build.storage is Storage.FLOAT:
+    if build.storage in (Storage.FLOAT, Storage.DOUBLE):
         return v
     kept = half_storable(v.astype(np.float32))
     if build.storage is Storage.HALF_STOCHASTIC:

@@ -14,7 +14,7 @@ from cltaa.bench.distribution import load, path_of, run_all, save
 from cltaa.bench.errors_of import Errors, Rounding, Task, run_task
 from cltaa.bench.ladder import ladder
 from cltaa.bench.times_of import enlarged
-from cltaa.build import Storage
+from cltaa.build import Real, Storage
 from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
 from cltaa.presets import load_preset, preset_names
@@ -46,6 +46,10 @@ def test_rounding_is_that_of_the_numbers(sequence: Path) -> None:
     assert 22.0 < single.bits < 26.5  # seen: 24.6
     assert 10.0 < half.bits < 13.5  # seen: 11.9
     assert len(single.frames) == 3
+    # Doubles throughout but for the count of samples, which stays in float: what is left is its rounding, in weights.
+    double = run_task(task(sequence, storage=Storage.DOUBLE, real=Real.DOUBLE)).rounding
+    assert double is not None
+    assert double.bits > single.bits + 2.0
     assert single.largest >= max(single.frames)
 
 
@@ -104,7 +108,8 @@ def test_command(sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     result = json.loads(capsys.readouterr().out)
     assert result == json.loads((tmp_path / "accuracy.json").read_text())
     (measured,) = result["sequences"]
-    assert [cell["variant"] for cell in measured["cells"]] == ["default", "storage: half", "storage: half-stochastic"]
+    kept_in = ["half", "half-stochastic", "double"]
+    assert [cell["variant"] for cell in measured["cells"]] == ["default", *(f"storage: {kind}" for kind in kept_in)]
     assert [yard["samples"] for yard in measured["yardstick"]] == [1, 2]
     assert measured["cells"][0]["ratio"]["median"] == 1.0
     assert set(measured["stages"]) >= {"upload", "resolve", "extend_edges", "read back"}
@@ -114,7 +119,7 @@ def test_command(sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     if measured["noisy"]:
         assert not any(cell["dominated_by"] for cell in measured["cells"])
     rows = list(csv.DictReader((tmp_path / "accuracy.csv").read_text().splitlines()))
-    assert [row["group"] for row in rows] == ["default", "storage", "storage", "supersampling", "supersampling"]
+    assert [row["group"] for row in rows] == ["default", *["storage"] * 3, *["supersampling"] * 2]
     assert float(rows[0]["mse"]) == measured["cells"][0]["errors"]["mse"]["mean"]
 
     finished = {path: path.stat().st_mtime_ns for path in (tmp_path / "tasks").iterdir()}

@@ -12,7 +12,7 @@ import pytest
 from cltaa.bench.baseline import BASELINE, PlainPort, check_same, least_bytes
 from cltaa.bench.frames import SHIFT_PX, Motion, camera_at, make_frames
 from cltaa.bench.kernels import AGAIN, CORE
-from cltaa.build import Storage
+from cltaa.build import STORAGES, Storage
 from cltaa.cameras import displacement
 from cltaa.errors import InternalError, UsageError
 from cltaa.launch import DeviceLauncher
@@ -78,7 +78,7 @@ def test_motion_is_what_it_says() -> None:
     assert np.abs(turn[:2, :2]).min() > 1e-3
 
 
-@pytest.mark.parametrize("storage", list(Storage))
+@pytest.mark.parametrize("storage", STORAGES)
 @pytest.mark.parametrize("motion", list(Motion))
 def test_plain_port_computes_the_core(motion: Motion, storage: Storage) -> None:
     frames = make_frames(131, 67, motion)

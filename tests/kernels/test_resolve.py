@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import get_type_hints
+from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
 
-from cltaa.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Storage, prelude
+from cltaa.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Real, Storage, prelude
 from cltaa.frames import Camera, Frame
 from cltaa.params import Choices, override
 from cltaa.presets import load_preset
@@ -83,6 +83,21 @@ def test_same_bits_for_every_storage(storage: Storage) -> None:
         resolved = device.resolve(frame)
         assert np.array_equal(resolved, resolved.astype(np.float16))
         assert np.array_equal(bits(resolved), bits(twin.resolve(frame)))
+
+
+@pytest.mark.parametrize("real", list(Real))
+def test_same_numbers_with_a_history_of_doubles(real: Real) -> None:
+    # A device may contract or reorder nothing in a strict build, whatever the numbers are.
+    shape: dict[str, Any] = {"storage": Storage.DOUBLE, "real": real, "strict": True}
+    device, twin = Resolver(**shape), Resolver(device="numpy", **shape)
+    for frame in hard_frames():
+        assert np.array_equal(bits(device.resolve(frame)), bits(twin.resolve(frame)))
+        kept = []
+        for resolver in (device, twin):
+            with resolver.recurrent()[1]["history"].mapped(write=False) as planes:
+                kept.append(planes.copy())
+        assert kept[0].dtype == kept[1].dtype == np.float64
+        assert np.array_equal(kept[0].view(np.uint64), kept[1].view(np.uint64))
 
 
 def test_fast_build_is_another_program() -> None:
