@@ -6,6 +6,7 @@ All functions take the test image first and the reference second, linear [H, W, 
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -95,6 +96,8 @@ def display_flip(test: Image, reference: Image) -> Image:
 
 
 def _flip(test: Image, reference: Image, scale: str) -> Image:
+    # The module brings an OpenMP of its own, whose threads spin while they wait: nine times as long on a busy machine.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     module = import_extra("flip_evaluator", package="flip-evaluator", extra="metrics", purpose="metric flip")
     reference_image, test_image = (np.ascontiguousarray(image, dtype=np.float32) for image in (reference, test))
     error, _, _ = module.evaluate(

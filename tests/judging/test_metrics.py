@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import builtins
 import math
+import os
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -161,3 +164,17 @@ def test_mean_over_frames() -> None:
     assert result["psnr"] == pytest.approx(10 * math.log10(2 / 0.01), abs=1e-12)  # of the mean of 0.01 and 0
     assert mean([{"psnr": math.inf}]) == {"psnr": math.inf}
     assert mean([]) == {}
+
+
+def test_flips_threads_do_not_spin() -> None:
+    code = (
+        "import os, sys, numpy as np\n"
+        "from cltaa.metrics import flip_map\n"
+        "assert 'flip_evaluator' not in sys.modules\n"
+        "flip_map(np.zeros((8, 8, 3), np.float32), np.ones((8, 8, 3), np.float32))\n"
+        "print(os.environ['OMP_WAIT_POLICY'])"
+    )
+    plain = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
+    for given, expected in ((plain, "passive"), ({**plain, "OMP_WAIT_POLICY": "active"}, "active")):
+        child = subprocess.run([sys.executable, "-c", code], env=given, capture_output=True, text=True, check=True)
+        assert child.stdout.split() == [expected]
