@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from datetime import date
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -146,8 +147,9 @@ def strict_rows(side: int, launcher: Launcher) -> Iterator[Difference]:
 
 def tables(side: int, launcher: Launcher) -> str:
     """The three tables as Markdown."""
+    small = max(64, side // 4)
     lines = [
-        f"{launcher.description}; {side} x {side} pixels a stage.",
+        f"{launcher.description}; {side} x {side} pixels a stage, {small} x {small} a choice; {date.today()}.",
         "",
         "Fast builds beside float64 with its running bound:",
         "",
@@ -161,7 +163,7 @@ def tables(side: int, launcher: Launcher) -> str:
         )
     lines += ["", "The same for every other choice, its output nearest to the bound:", ""]
     lines += ["| stage | choice | output | largest error / bound | outside | open |", "|---|---|---|---|---|---|"]
-    for kernel, name, row in choice_rows(max(64, side // 4), launcher):
+    for kernel, name, row in choice_rows(small, launcher):
         lines.append(f"| {kernel} | {name} | {row.label} | {row.ratio:.2f} | {row.outside} | {row.open:.2%} |")
     lines += ["", "Strict builds beside their twins in float32:", ""]
     lines += ["| kernel | values | different | largest difference, ulp | relative |", "|---|---|---|---|---|"]
