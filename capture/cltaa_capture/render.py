@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pyrender
@@ -15,7 +16,7 @@ from cltaa_capture.jitter import Offsets
 from cltaa_capture.programs import ProgramShelf, Uniforms
 from cltaa_capture.shadows import ShadowMap
 from cltaa_capture.stage import Placed, Staged, jitter_uniforms, stage
-from cltaa_capture.targets import Target, use_reversed_depth
+from cltaa_capture.targets import Readback, Target, use_reversed_depth
 from cltaa_capture.upload import Drawable, upload
 from cltaa_datasets.scene import Instant, Scene, Shadow
 
@@ -62,6 +63,7 @@ class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]
         self._update_context(holder, pyrender.RenderFlags.NONE)
         self._no_vertices = GL.glGenVertexArrays(1)
         self._shadow_map: ShadowMap | None = None
+        self._readback: Readback | None = None
 
     def delete(self) -> None:
         """Free everything that this renderer put into the context."""
@@ -77,6 +79,8 @@ class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]
         # Called by pyrender's delete; pyrender's own framebuffer is never made.
         self._target.delete()
         self._colour_target.delete()
+        if self._readback is not None:
+            self._readback.delete()
 
     def draw(self, now: Instant, before: Instant, jitter_px: tuple[float, float]) -> Drawn:
         """Draw ``now`` with one sample a pixel; motion leads to ``before``."""
@@ -93,9 +97,11 @@ class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]
         """Draw the mean of the samples at ``offsets`` [N, 2] pixels: colour [H, W, 4], summed in float64."""
         staged = self._stage(now, now)
         total = np.zeros((self._size[1], self._size[0], 4))
-        for jx, jy in offsets.tolist():
-            self._paint(self._colour_target, staged, (jx, jy))
-            total += self._colour_target.read("colour")
+        if self._readback is None:
+            self._readback = Readback(self._colour_target, "colour")
+        drawings = (partial(self._paint, self._colour_target, staged, tuple(offset)) for offset in offsets.tolist())
+        for pixels in self._readback.each(drawings):
+            total += pixels
         return np.asarray(total / len(offsets), np.float32)
 
     def _stage(self, now: Instant, before: Instant) -> Staged:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL, platform
+from OpenGL.raw.GL.VERSION import GL_1_0, GL_1_5  # the wrappers want an array where a buffer is read into
 
 from cltaa.errors import DeviceMissing, ResourceError
 
@@ -21,6 +23,7 @@ FORMATS = {
 }
 CLEARED = {"colour": 0.0, "motion": np.nan, "reactive": 0.0}
 FAR = 0.0  # reversed depth of infinity
+MOST_WAITING, WAITING_BYTES = 8, 2**25  # of pictures that a Readback holds
 
 
 def use_reversed_depth() -> None:
@@ -79,13 +82,18 @@ class Target:
     def read(self, output: str) -> NDArray[np.float32]:
         """Read one output [H, W] or [H, W, C], row 0 at the top: the one place where OpenGL's rows are turned over."""
         _, layout, channels = FORMATS[output]
-        GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT0 + self.outputs.index(output))
+        self.choose(output)
         shape = (self.height, self.width) if channels == 1 else (self.height, self.width, channels)
         return self._read(layout, np.empty(shape, np.float32))
 
     def read_depth(self) -> NDArray[np.float32]:
         """Read reversed device depth [H, W], row 0 at the top."""
         return self._read(GL.GL_DEPTH_COMPONENT, np.empty((self.height, self.width), np.float32))
+
+    def choose(self, output: str) -> None:
+        """Let what is read next come from ``output``."""
+        GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._framebuffer)
+        GL.glReadBuffer(GL.GL_COLOR_ATTACHMENT0 + self.outputs.index(output))
 
     def _read(self, layout: int, pixels: NDArray[np.float32]) -> NDArray[np.float32]:
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._framebuffer)
@@ -96,3 +104,62 @@ class Target:
         """Free the framebuffer and its textures."""
         GL.glDeleteFramebuffers(1, [self._framebuffer])
         GL.glDeleteTextures(self._textures)
+
+
+class Readback:
+    """Reads one output of a target behind the drawing: several pictures are under way before the first is waited for.
+
+    To wait for each picture at once would leave a GPU idle meanwhile, and let it change between the contexts of
+    several processes at every picture.
+    """
+
+    def __init__(self, target: Target, output: str) -> None:
+        """Allocate as many buffers of the driver's as fit into WAITING_BYTES, one at least."""
+        _, self._layout, channels = FORMATS[output]
+        self._target, self._output = target, output
+        self._shape = (target.height, target.width, channels)
+        self._bytes = 4 * int(np.prod(self._shape))
+        depth = max(1, min(MOST_WAITING, WAITING_BYTES // self._bytes))
+        self._free = [int(name) for name in np.atleast_1d(GL.glGenBuffers(depth))]
+        self._waiting: deque[int] = deque()
+        for name in self._free:
+            GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, name)
+            GL.glBufferData(GL.GL_PIXEL_PACK_BUFFER, self._bytes, None, GL.GL_STREAM_READ)
+        GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, 0)
+
+    def each(self, drawings: Iterable[Callable[[], None]]) -> Iterator[NDArray[np.float32]]:
+        """Draw into the target again and again; yields the pixels [H, W, C] of each, in order, row 0 at the top.
+
+        They are to be looked at before the next ones are asked for.
+        """
+        for draw in drawings:
+            draw()
+            self._begin()
+            if not self._free:
+                yield from self._finish()
+        while self._waiting:
+            yield from self._finish()
+
+    def _begin(self) -> None:
+        name = self._free.pop()
+        self._target.choose(self._output)
+        GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, name)
+        GL_1_0.glReadPixels(0, 0, self._target.width, self._target.height, self._layout, GL.GL_FLOAT, None)
+        GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, 0)
+        self._waiting.append(name)
+
+    def _finish(self) -> Iterator[NDArray[np.float32]]:
+        """Wait for the oldest picture and yield it where the driver has it; it is gone after that."""
+        name = self._waiting.popleft()
+        GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, name)
+        address = GL_1_5.glMapBuffer(GL.GL_PIXEL_PACK_BUFFER, GL.GL_READ_ONLY)
+        pixels = np.ctypeslib.as_array((ctypes.c_float * (self._bytes // 4)).from_address(address))
+        yield pixels.reshape(self._shape)[::-1]
+        GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, name)
+        GL.glUnmapBuffer(GL.GL_PIXEL_PACK_BUFFER)
+        GL.glBindBuffer(GL.GL_PIXEL_PACK_BUFFER, 0)
+        self._free.append(name)
+
+    def delete(self) -> None:
+        """Free the buffers."""
+        GL.glDeleteBuffers(len(self._free), self._free)
