@@ -15,6 +15,7 @@ from cltaa.frames import Effect
 from cltaa.sources import Sequence, open_sequence
 
 TRAIN, HELD_OUT = "train", "held-out"
+MODEL = "file:"  # begins the name of a scene that is a model's path
 # Without any of these nothing changes from frame to frame, and the truth has to be better than any resolve can get.
 _CHANGES = {*Effect} - {Effect.SKY, Effect.HDR, Effect.THIN, Effect.ALPHA}
 
@@ -41,6 +42,11 @@ class Case(NamedTuple):
         """Name of the folder, unique within the table."""
         return self.folder.name
 
+    @property
+    def title(self) -> str:
+        """The scene as the table names it: a model by its file alone, wherever that lies."""
+        return f"{MODEL}{Path(self.scene).name}" if self.scene.startswith(MODEL) else self.scene
+
 
 def known_scenes() -> dict[str, frozenset[str]]:
     """Every scene that ``cltaa scenes`` lists, with its effects."""
@@ -59,7 +65,7 @@ def planned(scenes: dict[str, frozenset[str]], seeds: dict[int, str], shape: Sha
 
 
 def _stem(scene: str) -> str:
-    return Path(scene.removeprefix("file:")).stem if scene.startswith("file:") else scene
+    return Path(scene.removeprefix(MODEL)).stem if scene.startswith(MODEL) else scene
 
 
 def open_case(case: Case) -> Sequence | None:

@@ -51,7 +51,7 @@ class Table(msgspec.Struct, kw_only=True):
 
 def summarise(judged: Iterable[tuple[Case, Mapping[str, Judged]]]) -> Table:
     """The table of all cells."""
-    rows = [Row(scene=c.scene, split=c.split, key=c.key, presets=dict(presets)) for c, presets in judged]
+    rows = [Row(scene=c.title, split=c.split, key=c.key, presets=dict(presets)) for c, presets in judged]
     splits = list(dict.fromkeys(row.split for row in rows))
     names = list(dict.fromkeys(name for row in rows for name in row.presets))
     means = {
@@ -88,7 +88,7 @@ def _mean_scores(cells: list[Judged]) -> dict[str, float | None]:
 
 
 def _duel(rows: list[Row], preset: str, against: str) -> Duel:
-    losses = [row.key for row in rows if not _better(row.presets[preset], row.presets[against])]
+    losses = [f"{row.scene} ({row.split})" for row in rows if not _better(row.presets[preset], row.presets[against])]
     pair = [_mean_scores([row.presets[name] for row in rows]) for name in (preset, against)]
     flip, decibels = ((_number(pair[0][name]), _number(pair[1][name])) for name in DECIDING)
     return Duel(

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 
 from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged, judge_sequence
-from cltaa.bench.quality_cases import HELD_OUT, TRAIN, Case, Shape, capture, known_scenes, open_case, planned
+from cltaa.bench.quality_cases import HELD_OUT, MODEL, TRAIN, Case, Shape, capture, known_scenes, open_case, planned
 from cltaa.bench.quality_cells import Cells
 from cltaa.bench.quality_page import markdown, write_page
 from cltaa.bench.quality_pictures import write_pictures
@@ -146,7 +146,7 @@ def _numbers(text: str) -> list[int]:
 def _planned(scenes: tuple[str, ...], seeds: dict[int, str], shape: Shape, work: Path) -> list[tuple[Case, int]]:
     known = known_scenes()
     for scene in scenes:
-        if scene not in {*known, ALL} and not scene.startswith("file:"):
+        if scene not in {*known, ALL} and not scene.startswith(MODEL):
             raise UsageError(f"unknown scene {scene}", expected=f"{', '.join(known)}, {ALL} or file:PATH")
     names = [name for scene in scenes or [ALL] for name in (known if scene == ALL else [scene])]
     effects = {name: known.get(name, frozenset({"motion"})) for name in names}

@@ -146,7 +146,7 @@ def test_means_and_duels() -> None:
     assert table.means[HELD_OUT]["default"]["flip"] is None
     (duel,) = table.duels
     assert (duel.preset, duel.against, duel.better, duel.sequences) == ("default", "simvx", 1, 3)
-    assert duel.not_better == ["b-train", "a-held-out"]
+    assert duel.not_better == ["b (train)", "a (held-out)"]
 
 
 def test_presets_stand_in_their_families() -> None:
@@ -165,6 +165,11 @@ def test_the_page_needs_its_marks(tmp_path: Path) -> None:
         write_page(tmp_path / "page.md", "text")
 
 
+def test_a_model_goes_by_its_file() -> None:
+    table = summarise([(case("file:/some/where/Box.glb"), {"default": scores(psnr=30.0)})])
+    assert [row.scene for row in table.rows] == ["file:Box.glb"]
+
+
 def test_the_table_marks_the_best_resolve_and_says_who_lost() -> None:
     table = summarise([
         (case("a"), {ONE_SAMPLE: scores(blur=0.0), "default": scores(blur=-0.1, psnr=30.0), "bevy": scores(blur=0.2)}),
@@ -172,6 +177,6 @@ def test_the_table_marks_the_best_resolve_and_says_who_lost() -> None:
     text = markdown(table, "about", {"bevy": "picture"})
     assert "| **-0.100** |" in text
     assert "| 0.000 |" in text
-    assert "| default | bevy | 0 of 1 | 1.0000 : 1.0000 | 30.00 : 1.00 | a-train |" in text
+    assert "| default | bevy | 0 of 1 | 1.0000 : 1.0000 | 30.00 : 1.00 | a (train) |" in text
     assert "Best classic by mean FLIP (train): bevy." in text
     assert text.endswith("**bevy.** picture")
