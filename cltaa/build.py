@@ -32,8 +32,9 @@ class Storage(StrEnum):
     DOUBLE = "double"  # for the ladder of cltaa bench accuracy alone
 
 
+HALVES = (Storage.HALF, Storage.HALF_STOCHASTIC)
 # What a result may be asked for in.
-STORAGES = (Storage.FLOAT, Storage.HALF, Storage.HALF_STOCHASTIC)
+STORAGES = (Storage.FLOAT, *HALVES)
 
 
 class Steps(msgspec.Struct, frozen=True, kw_only=True):
@@ -154,7 +155,7 @@ def prelude(build: Build) -> str:
         "ROWS": build.rows,
         "REAL_DOUBLE": int(build.real is Real.DOUBLE),
         "STORAGE_DOUBLE": int(build.storage is Storage.DOUBLE),
-        "STORAGE_HALF": int(build.storage in (Storage.HALF, Storage.HALF_STOCHASTIC)),
+        "STORAGE_HALF": int(build.storage in HALVES),
         "STORAGE_STOCHASTIC": int(build.storage is Storage.HALF_STOCHASTIC),
         "STRICT": int(build.strict),
         "RELAXED": int(build.relaxed),

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from cltaa.buffers import Buffers
-from cltaa.build import Build, Real, Record, Steps, Storage, settings_record
+from cltaa.build import HALVES, Build, Real, Record, Steps, Storage, settings_record
 from cltaa.frame_record import Past as Past
 from cltaa.frame_record import frame_record as frame_record
 from cltaa.frames import Frame, Image
@@ -81,7 +81,7 @@ class Resolver:
     @property
     def keeps_halves(self) -> bool:
         """True where the history is kept in halves."""
-        return self._shape.storage in (Storage.HALF, Storage.HALF_STOCHASTIC)
+        return self._shape.storage in HALVES
 
     def settings(self) -> dict[str, Any]:
         """Everything that decides the bits of a result, beside the frames."""

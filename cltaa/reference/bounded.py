@@ -18,7 +18,7 @@ from msgspec.structs import replace
 from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import NDArray
 
-from cltaa.build import Build, Storage
+from cltaa.build import HALVES, Build, Storage
 from cltaa.constants import value as value_of
 from cltaa.layout import Layout
 from cltaa.reference import KERNELS
@@ -127,7 +127,7 @@ def with_bounds(kernel: str, build: Build, layout: Layout, arguments: Mapping[st
     """
     planes = {name: Bounded.exact(given) for name, given in arguments.items() if np.ndim(given) > 1}
     KERNELS[kernel](replace(build, storage=Storage.FLOAT), layout, **{**arguments, **planes})
-    if build.storage is not Storage.FLOAT and "output" in planes:
+    if build.storage in HALVES and "output" in planes:
         planes["output"] = _stored_in_halves(planes["output"], build.storage)
     return planes
 

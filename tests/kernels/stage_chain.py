@@ -16,7 +16,7 @@ import pytest
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from cltaa.build import FRAME_DTYPE, Build, Record, Steps, Storage, settings_record
+from cltaa.build import FRAME_DTYPE, HALVES, Build, Record, Steps, settings_record
 from cltaa.constants import value as value_of
 from cltaa.launch import Launcher, NumpyLauncher, storage_dtype
 from cltaa.layout import Layout
@@ -194,10 +194,10 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     given |= {f"{name[:-4]}_in": planes for name, planes in work.planes.items() if name.endswith("_out")}
     given |= {name: np.full_like(work.layout.empty(count), UNWRITTEN) for name, count in WRITES[kernel].items()}
     names = [p.name for p in inspect.signature(KERNELS[kernel]).parameters.values() if p.kind is p.KEYWORD_ONLY]
-    if build.storage is not Storage.FLOAT:
-        most = value_of("HALF_LIMIT")
-        stored = {name: np.clip(given[name], -most, most) for name in {"history", "output"} & set(names)}
-        given |= {name: planes.astype(storage_dtype(build)) for name, planes in stored.items()}
+    most = value_of("HALF_LIMIT") if build.storage in HALVES else np.inf
+    for name in {"history", "output"} & set(names):
+        with np.errstate(invalid="ignore"):  # signalling NaN
+            given[name] = np.clip(given[name], -most, most).astype(storage_dtype(build))
     return {name: given[name] for name in names}
 
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.build import Build, Storage
+from cltaa.build import HALVES, Build
 from cltaa.launch import DeviceLauncher, Launcher, NumpyLauncher
 from cltaa.reference.bounded import with_bounds
 from tests.kernels.stage_chain import (
@@ -116,7 +116,7 @@ def tolerance_rows(side: int, launcher: Launcher) -> Iterator[Row]:
 def stored_rows(side: int, launcher: Launcher) -> Iterator[Row]:
     """What the blend leaves in each kind of halves."""
     work = chain_work(side, side)
-    for storage in (Storage.HALF, Storage.HALF_STOCHASTIC):
+    for storage in HALVES:
         build = launcher.build(Build(steps=ALL_STEPS, storage=storage))
         written, bounds = run_stage("blend", build, work, launcher), bounds_of("blend", build, work)
         for output in STORED:
