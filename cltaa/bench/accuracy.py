@@ -16,7 +16,7 @@ from cltaa.bench.environment import load as load_average
 from cltaa.bench.errors_of import Task, truth_of, yardstick_errors
 from cltaa.bench.front import dominated_by
 from cltaa.bench.ladder import Variant
-from cltaa.bench.results import Accuracy, Cell, Measured, Yardstick, spread
+from cltaa.bench.results import Accuracy, Cell, Measured, Yardstick, exponential_noise, spread
 from cltaa.bench.times_of import AGAIN, jobs_of
 from cltaa.bench.timing import Interval, Samples, measure, too_noisy
 from cltaa.build import Build
@@ -87,6 +87,7 @@ def _measured(
     control = samples.ratio(f"{default.name} {AGAIN}", default.name, device=by_device)
     noisy = too_noisy(control)
     yardstick = _yardstick(captured, metrics, captured.width * captured.height * 1e-6)
+    one = _one_sample(yardstick)
     return Measured(
         name=captured.folder.name,
         folder=str(captured.folder),
@@ -97,6 +98,7 @@ def _measured(
         cells=cells if noisy else _with_front(cells, metrics),  # no ranking out of noise
         yardstick=yardstick,
         truth_noise=_truth_noise(captured, yardstick),
+        mean_noise=None if one is None else exponential_noise(one, default.settings.blend_weight),
         noisy=noisy,
         control=control,
         floor=samples.interval("copy", device=True).median * 1e3 / megapixels,
@@ -152,10 +154,15 @@ def _yardstick(captured: Captured, metrics: tuple[str, ...], megapixels: float) 
     return rows
 
 
+def _one_sample(yardstick: Sequence[Yardstick]) -> float | None:
+    """Mean squared error of the capture itself, one sample a pixel."""
+    return next((row.errors["mse"].mean for row in yardstick if row.samples == 1 and "mse" in row.errors), None)
+
+
 def _truth_noise(captured: Captured, yardstick: Sequence[Yardstick]) -> float | None:
     """What the law of stratified samples leaves of one sample's error in the truth."""
     samples = truth_samples(truth_of(captured))
-    one = next((row.errors["mse"].mean for row in yardstick if row.samples == 1 and "mse" in row.errors), None)
+    one = _one_sample(yardstick)
     return None if samples is None or one is None else float(one * samples**-STRATIFIED_EXPONENT)
 
 

@@ -14,7 +14,7 @@ from cltaa.metrics import METRICS
 
 FORMATS = ("svg", "png")
 DOTS_AN_INCH = 150
-FRONT, BEATEN, SAMPLES = "#0b62c4", "#a3a6ad", "#16784a"
+FRONT, BEATEN, SAMPLES, LIMIT = "#0b62c4", "#a3a6ad", "#16784a", "#b4500a"
 
 
 def write_plots(result: Accuracy, output: Path) -> Iterator[Path]:
@@ -22,9 +22,10 @@ def write_plots(result: Accuracy, output: Path) -> Iterator[Path]:
     pyplot: Any = import_extra("matplotlib.pyplot", package="matplotlib", extra="bench", purpose="drawing plots")
     pyplot.switch_backend("agg")
     groups = {variant.name: variant.group for variant in result.variants}
+    weight = result.variants[0].settings.blend_weight
     for measured in result.sequences:
         for name, figure in (
-            (f"front-{measured.name}", front_figure(pyplot, measured, result.metrics[0])),
+            (f"front-{measured.name}", front_figure(pyplot, measured, result.metrics[0], weight)),
             (f"steps-{measured.name}", steps_figure(pyplot, measured, result.metrics[0], groups)),
         ):
             for suffix in FORMATS:
@@ -41,8 +42,11 @@ def time_of(cell: Cell) -> tuple[float, float, float]:
     return time.median, time.low, time.high
 
 
-def front_figure(pyplot: Any, measured: Measured, metric: str) -> Any:
-    """Error against time, with intervals, the front, supersampling, and the floor."""
+def front_figure(pyplot: Any, measured: Measured, metric: str, weight: float) -> Any:
+    """Error against time, with intervals, the front, supersampling, and what nothing can be better than.
+
+    ``weight`` is that of the exponential mean whose noise is drawn.
+    """
     figure, axes = pyplot.subplots(figsize=(7, 4.5))
     for cell in measured.cells:
         time, low, high = time_of(cell)
@@ -57,10 +61,14 @@ def front_figure(pyplot: Any, measured: Measured, metric: str) -> Any:
             axes.annotate(cell.variant, (time, error.mean), textcoords="offset points", xytext=(5, 4), fontsize=6)
     yards = [(row.added, row.errors[metric].mean, row.samples) for row in measured.yardstick if row.added]
     if yards:
-        axes.plot([x for x, _, _ in yards], [y for _, y, _ in yards], "D--", ms=4, lw=0.8, color=SAMPLES)
+        named = "supersampling, by its drawing time"
+        axes.plot([x for x, _, _ in yards], [y for _, y, _ in yards], "D--", ms=4, lw=0.8, color=SAMPLES, label=named)
         for x, y, samples in yards:
             axes.annotate(f"{samples}×", (x, y), textcoords="offset points", xytext=(5, 4), fontsize=6, color=SAMPLES)
-    axes.axvline(measured.floor, color="#b4500a", ls=":", lw=1)
+    axes.axvline(measured.floor, color=LIMIT, ls=":", lw=1, label="floor: the least bytes at the speed of a copy")
+    for level, style, named in noise_lines(measured, metric, weight):
+        axes.axhline(level, color=LIMIT, ls=style, lw=1, label=f"{named}: {level:.2g}")
+    axes.legend(fontsize=6, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, frameon=False)
     axes.set_xscale("log")
     if not METRICS[metric].higher_is_better:
         axes.set_yscale("log")
@@ -68,6 +76,14 @@ def front_figure(pyplot: Any, measured: Measured, metric: str) -> Any:
     axes.set_title(measured.name + (" (times too noisy to rank)" if measured.noisy else ""), fontsize=10)
     axes.grid(visible=True, which="major", lw=0.3)
     return figure
+
+
+def noise_lines(measured: Measured, metric: str, weight: float) -> Iterator[tuple[float, str, str]]:
+    """Level, line style and name of the noises that are known of an error."""
+    if metric == "mse" and measured.mean_noise:
+        yield measured.mean_noise, "--", f"noise of an exponential mean, weight {weight:g}"
+    if metric == "mse" and measured.truth_noise:
+        yield measured.truth_noise, "-.", "noise of the truth itself"
 
 
 def steps_figure(pyplot: Any, measured: Measured, metric: str, groups: dict[str, str]) -> Any:

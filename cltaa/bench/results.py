@@ -60,6 +60,7 @@ class Measured(msgspec.Struct, frozen=True, kw_only=True):
     control: Interval  # the default against its own copy
     floor: float  # milliseconds a megapixel: the default's least bytes at the bandwidth of a copy
     truth_noise: float | None  # mean squared error of the truth itself, by its samples: nothing can be seen below it
+    mean_noise: float | None  # mean squared error that an exponential mean of independent samples ends with
     stages: dict[str, float]  # milliseconds a megapixel of the default's steps, medians
 
 
@@ -71,6 +72,15 @@ class Accuracy(msgspec.Struct, frozen=True, kw_only=True):
     rounds: int
     variants: list[Variant]
     sequences: list[Measured]
+
+
+def exponential_noise(one_sample: float, weight: float) -> float:
+    """Mean squared error that m <- m + ``weight`` (x - m) ends with, where one sample x has ``one_sample``.
+
+    The variance of a geometric sum of independent samples: weight^2 sum (1 - weight)^2k = weight / (2 - weight). A mean
+    whose samples are spread evenly over the pixel, or one that counts, may be better; this one never is.
+    """
+    return one_sample * weight / (2.0 - weight)
 
 
 def spread(values: Sequence[float]) -> Spread:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from enum import StrEnum
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cltaa.bench.front import dominated_by
 from cltaa.bench.ladder import COMBINATIONS, DEFAULT, PRESETS, ladder
+from cltaa.bench.results import exponential_noise
 from cltaa.build import Real, Storage
 from cltaa.params import Box, Choices, Preset
 from cltaa.presets import load_preset
@@ -67,6 +69,15 @@ def test_presets_and_combinations_join() -> None:
 def test_the_dominated_are_named_with_what_beats_them() -> None:
     points = {"fast": (1.0, 9.0), "good": (9.0, 1.0), "middle": (3.0, 3.0), "worse": (4.0, 3.0), "worst": (9.0, 9.0)}
     assert dominated_by(points) == {"worse": "middle", "worst": "good"}
+
+
+@pytest.mark.parametrize("weight", [0.05, 0.1, 1.0])
+def test_noise_of_an_exponential_mean(weight: float) -> None:
+    random, mean = np.random.default_rng(0), np.zeros(4000)
+    for _ in range(int(20 / weight)):
+        mean += weight * (random.normal(0.0, 3.0, mean.size) - mean)
+    # The variance of 4000 means is known to within 2.2 % (one standard deviation).
+    assert float(mean.var()) == pytest.approx(exponential_noise(9.0, weight), rel=0.09)
 
 
 def test_equal_points_do_not_beat_each_other() -> None:

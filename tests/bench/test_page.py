@@ -180,6 +180,22 @@ def test_a_point_shows_its_frame_by_keyboard(window: Browser) -> None:
 
 
 @needs_browser
+def test_noise_lines_are_drawn_and_named(window: Browser, report: Path) -> None:
+    choose(window, "metric", "mse")
+    measured = msgspec.json.decode((report / "accuracy.json").read_bytes(), type=Accuracy).sequences[0]
+    (one,) = (row.errors["mse"].mean for row in measured.yardstick if row.samples == 1)
+    assert measured.mean_noise == pytest.approx(one * 0.1 / 1.9)  # weight 0.1
+    drawn = window.run("return document.getElementById('front').textContent")
+    named = window.run("return document.getElementById('front-legend').textContent")
+    for text in (drawn, named):
+        assert "noise of an exponential mean, weight 0.1" in text
+    assert "copy speed" in named
+    choose(window, "metric", "flip")
+    assert "exponential" not in window.run("return document.getElementById('front-legend').textContent")
+    choose(window, "metric", "mse")
+
+
+@needs_browser
 def test_rounding_is_an_axis_of_its_own(window: Browser) -> None:
     choose(window, "metric", "rounding")
     assert "half an ulp" in window.run("return document.getElementById('front').textContent")

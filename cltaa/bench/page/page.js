@@ -61,7 +61,10 @@ function axes(svg, x, y, box, labels) {
 function limits(measured) {
   const found = [];
   if (state.metric === "rounding") found.push([2 ** -25, "half an ulp of float"], [2 ** -12, "half an ulp of half"]);
-  else if (measured.truth_noise && state.metric === "mse") found.push([measured.truth_noise, "noise of the truth itself"]);
+  if (state.metric !== "mse") return found;
+  const weight = number(report.variants[0].settings.blend_weight);
+  if (measured.mean_noise) found.push([measured.mean_noise, `noise of an exponential mean, weight ${weight}`]);
+  if (measured.truth_noise) found.push([measured.truth_noise, "noise of the truth itself"]);
   return found;
 }
 
@@ -71,7 +74,8 @@ function drawFront() {
   const logarithmic = state.metric === "rounding" || !higher.has(state.metric);
   const cells = measured.cells.filter((c) => { const e = errorOf(c); return e && (!logarithmic || e.mean > 0); });
   const yards = state.metric === "rounding" || !$("yard").checked ? [] : measured.yardstick.filter((s) => s.added > 0);
-  const errors = cells.flatMap((c) => [errorOf(c).mean, errorOf(c).p5, errorOf(c).p95]).concat(yards.map((s) => s.errors[state.metric].mean));
+  const own = state.metric === "mse" && measured.mean_noise ? [measured.mean_noise] : [];
+  const errors = cells.flatMap((c) => [errorOf(c).mean, errorOf(c).p5, errorOf(c).p95]).concat(yards.map((s) => s.errors[state.metric].mean), own);
   const times = cells.flatMap((c) => [timeOf(c).low, timeOf(c).high]).concat(yards.map((s) => s.added), [measured.floor]);
   const svg = element("svg", { viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": "Error against time" });
   host.replaceChildren(svg);
@@ -86,6 +90,7 @@ function drawFront() {
     svg.append(element("line", { class: "limit", x1: box.left, x2: box.right, y1: y(value), y2: y(value) }));
     svg.append(element("text", { x: box.right, y: y(value) - 4, "text-anchor": "end" }, name));
   }
+  drawFrontLegend(measured, yards);
   const beaten = (c) => state.metric !== "rounding" && c.dominated_by[state.metric];
   if (!measured.noisy && state.metric !== "rounding") {
     const front = cells.filter((c) => !beaten(c)).sort((p, q) => timeOf(p).median - timeOf(q).median);
@@ -101,6 +106,14 @@ function drawFront() {
   }
   const labelled = [];
   for (const cell of [...cells].sort((p, q) => Boolean(beaten(q)) - Boolean(beaten(p)))) svg.append(pointOf(cell, x, y, box, beaten(cell), labelled, logarithmic));
+}
+
+function drawFrontLegend(measured, yards) {
+  const mark = (name) => element("span", { class: `line-mark ${name}` }), parts = [mark("limit"), `floor: the bytes that must move, at copy speed, ${number(measured.floor)} ms/Mpx`];
+  for (const [value, name] of limits(measured)) parts.push(mark("limit"), `${name}: ${number(value)}` + (name.includes("weight") ? ", w / (2 − w) of one sample's error" : ""));
+  if (!measured.noisy && state.metric !== "rounding") parts.push(mark("front"), "front: nothing is both faster and better");
+  if (yards.length) parts.push(mark("yard"), "supersampling, by its drawing time");
+  $("front-legend").replaceChildren(...parts);
 }
 
 function pointOf(cell, x, y, box, beatenBy, labelled, logarithmic) {
