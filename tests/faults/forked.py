@@ -1,11 +1,11 @@
-"""``python -m tests.faults.forked TOP SHIM HOW SIGNAL COUNT``: runs that a signal ends, at each step or at any time.
+"""``python -m tests.faults.forked TOP SHIM WORK HOW SIGNAL COUNT``: runs that a signal ends.
 
 Every run is a fork of this process, which has imported everything and used nothing of it, neither threads nor drivers:
-a process that dies costs a tenth of a second instead of one or two. HOW ``steps``: the signal comes at each COUNT-th
-open, write, flush or rename in the output folder, of a fresh run each (``shim.c``). HOW ``times``: it comes COUNT
-times, at random times of runs that go on in one folder until it is finished, then anew. The invariants are checked
-after each run, and at the end that every frame has the bits of a run that met no signal. Prints one line of JSON for
-each run.
+a process that dies costs a tenth of a second instead of one or two. WORK: ``resolve`` or ``capture``. HOW ``steps``:
+the signal comes at each COUNT-th open, write, flush or rename in the output folder, of a fresh run each (``shim.c``).
+HOW ``times``: it comes COUNT times, at random times of runs that go on in one folder until it is finished, then anew.
+The invariants are checked after each run, and at the end that every frame has the bits of a run that met no signal.
+Prints one line of JSON for each run.
 """
 
 from __future__ import annotations
@@ -31,12 +31,13 @@ import OpenEXR
 
 import cltaa.commands.resolve
 import cltaa.reference
+import cltaa_capture.cli
 from cltaa import cli
 from cltaa.checkpoint import SLOTS
 from cltaa.interrupt import SIGNALS
-from tests.faults.runs import FRAMES, arguments, check_after_fault, check_finished, digests, prepare
+from tests.faults.runs import WORK, Work, check_after_fault, check_finished, digests
 
-PRELOADED = (cltaa.commands.resolve, cltaa.reference)
+PRELOADED = (cltaa.commands.resolve, cltaa.reference, cltaa_capture.cli)
 PATIENCE = 60.0  # seconds after which a run of a few small frames counts as hung
 BROKEN = 99  # the exit code of a fork whose assertion failed
 INTERRUPTED = 130
@@ -85,15 +86,20 @@ class Forks:
 
 
 class Ended:
-    """Runs on one sequence that a signal ends, and what has to be so after each."""
+    """Runs of one command that a signal ends, and what has to be so after each."""
 
-    def __init__(self, top: Path, number: int) -> None:
-        self.forks, self.top, self.number = Forks(top), top, number
-        self.forks.run(lambda: bool(prepare(top)[1]) - 1)
-        self.whole = digests(top / "whole")
-        assert len(self.whole) == FRAMES
+    def __init__(self, top: Path, work: Work, number: int) -> None:
+        self.forks, self.top, self.work, self.number = Forks(top), top, work, number
+        self.whole: dict[str, str] = {}
 
-    def resolve(self, output: Path) -> int:
+        def prepared() -> int:
+            work.prepare(top)
+            return cli.main(work.command(top, top / "whole"))
+
+        assert self.forks.run(prepared) == 0, self.forks.said.read_text()
+        self.whole |= digests(top / "whole")
+
+    def once(self, output: Path) -> int:
         """One run, which signals reach from where the command line has begun to where it has ended."""
         command = cli.root.main
 
@@ -105,7 +111,7 @@ class Ended:
                 signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
 
         with patch.object(cli.root, "main", open_to_signals):
-            return cli.main(arguments(self.top / "in", output))
+            return cli.main(self.work.command(self.top, output))
 
     def check(self, output: Path, code: int) -> int:
         """The invariants after a run; returns the number of frames that are there."""
@@ -113,14 +119,14 @@ class Ended:
         kept = self.forks.run(lambda: check_after_fault(output, self.whole))
         expected = -signal.SIGKILL if self.number == signal.SIGKILL else INTERRUPTED
         assert code in (0, expected), (code, said)
-        if code == INTERRUPTED and 0 < kept < len(self.whole):
+        if self.work is WORK["resolve"] and code == INTERRUPTED and 0 < kept < len(self.whole):
             assert any((output / name).exists() for name in SLOTS)
         return kept
 
     def finish(self, output: Path) -> None:
         def work() -> int:
-            assert self.resolve(output) == 0
-            check_finished(output, self.whole)
+            assert self.once(output) == 0
+            check_finished(output, self.whole, self.work.records)
             return 0
 
         self.forks.run(work)
@@ -130,7 +136,7 @@ class Ended:
 
         def armed(at: int) -> int:
             shim.fault_arm(str(output).encode(), at, -self.number, 0)
-            return self.resolve(output)
+            return self.once(output)
 
         def counted() -> int:
             assert armed(1 << 30) == 0
@@ -148,7 +154,7 @@ class Ended:
     def seconds(self) -> float:
         """What an undisturbed run takes."""
         begin = time.monotonic()
-        self.forks.run(partial(self.resolve, self.top / "timed"))
+        self.forks.run(partial(self.once, self.top / "timed"))
         seconds = time.monotonic() - begin
         shutil.rmtree(self.top / "timed")
         return seconds
@@ -157,7 +163,7 @@ class Ended:
         chance, output, before, round_ = random.Random(0), self.top / "out", 0, 0
         longest = min(self.seconds() for _ in range(3))
         for _ in range(count):
-            process = self.forks.start(partial(self.resolve, output))
+            process = self.forks.start(partial(self.once, output))
             time.sleep(chance.uniform(0.0, longest))
             os.kill(process, self.number)
             code = self.forks.end(process)
@@ -175,8 +181,9 @@ class Ended:
 if __name__ == "__main__":
     warnings.simplefilter("error")
     OpenEXR.set_global_thread_count(0)
-    runs = Ended(Path(sys.argv[1]), int(sys.argv[4]))
-    if sys.argv[3] == "steps":
-        runs.at_each_step(ctypes.CDLL(sys.argv[2]), int(sys.argv[5]))
+    folder, library, name, how, signal_number, given = sys.argv[1:]
+    runs = Ended(Path(folder), WORK[name], int(signal_number))
+    if how == "steps":
+        runs.at_each_step(ctypes.CDLL(library), int(given))
     else:
-        runs.at_any_time(int(sys.argv[5]))
+        runs.at_any_time(int(given))

@@ -1,15 +1,17 @@
-"""What the tests of faults share: short sequences, runs of the command line, and the invariants after any fault."""
+"""What the tests of faults share: short runs of two commands, and the invariants after any fault."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 from cltaa.cli import main
 from cltaa.exr import read_image
-from cltaa.manifest import Manifest, file_sha256
+from cltaa.manifest import file_sha256, recorded_hashes
 from tests.sequence_factory import write_sequence
 
 FRAMES = 7  # with a checkpoint every 2 frames both slots are written and overwritten
@@ -28,32 +30,59 @@ def prepare(top: Path, count: int = FRAMES) -> tuple[Path, dict[str, str]]:
     return folder, digests(top / "whole")
 
 
+def prepare_resolve(top: Path) -> None:
+    """The sequence that is resolved."""
+    write_sequence(top / "in", FRAMES, width=9, height=7, motion=True)
+
+
+def resolving(top: Path, output: Path) -> list[str]:
+    """The command line of a resolve of what lies in ``top``."""
+    return arguments(top / "in", output)
+
+
+def capturing(_: Path, output: Path) -> list[str]:
+    """The command line of a capture of two frames with their truth and a yardstick."""
+    return ["capture", "occluder", "-o", str(output), "--frames", "2", "--size", "16x9", "--reference", "2"]
+
+
+class Work(NamedTuple):
+    """A command that writes a folder: what it needs, how it is called, and what it leaves beside images."""
+
+    prepare: Callable[[Path], None]
+    command: Callable[[Path, Path], list[str]]
+    records: tuple[str, ...]
+
+
+WORK = {
+    "resolve": Work(prepare_resolve, resolving, ("manifest.jsonl", "resolve.json")),
+    "capture": Work(lambda _: None, capturing, ("sequence.json",)),
+}
+
+
 def digests(folder: Path) -> dict[str, str]:
-    """SHA-256 of every image under its final name."""
-    return {path.name: file_sha256(path) for path in sorted(folder.glob("*.exr")) if path.name[0] != "."}
+    """SHA-256 of every image under its final name, by its place in ``folder``."""
+    images = [path for path in sorted(folder.rglob("*.exr")) if path.name[0] != "."]
+    return {path.relative_to(folder).as_posix(): file_sha256(path) for path in images}
 
 
 def check_after_fault(output: Path, whole: dict[str, str]) -> int:
-    """I1, I2: what has a final name is complete and right, and what the manifest lists is there; returns the count."""
+    """I1, I2: what has a final name is complete and right, and what the records list is there; returns the count."""
     if not output.is_dir():
         return 0
     found = digests(output)
     assert found.items() <= whole.items()
     for name in found:
         read_image(output / name)
-    try:
-        listed = {name: entry.sha256 for name, entry in Manifest(output).entries.items()}
-    except FileNotFoundError:
-        listed = {}
-    assert listed.items() <= found.items()
+    assert recorded_hashes(output).items() <= found.items()
     return len(found)
 
 
-def check_finished(output: Path, whole: dict[str, str]) -> None:
+def check_finished(output: Path, whole: dict[str, str], records: tuple[str, ...] = WORK["resolve"].records) -> None:
     """I3, I4: every frame is there with the bits of a run without faults, and nothing temporary is left."""
     assert digests(output) == whole
-    assert {name: entry.sha256 for name, entry in Manifest(output).entries.items()} == whole
-    assert sorted(path.name for path in output.iterdir()) == sorted([*whole, "manifest.jsonl", "resolve.json"])
+    assert recorded_hashes(output) == whole
+    files = (path for path in output.rglob("*") if not path.is_dir())
+    assert sorted(path.relative_to(output).as_posix() for path in files) == sorted([*whole, *records])
 
 
 def start(command: list[str], **variables: str) -> subprocess.Popen[str]:

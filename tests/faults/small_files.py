@@ -12,26 +12,26 @@ import sys
 import warnings
 from pathlib import Path
 
-from tests.faults.failing import quiet_prepare, run
-from tests.faults.runs import arguments, check_after_fault, check_finished
+from tests.faults.failing import prepared, run
+from tests.faults.runs import WORK, check_after_fault, check_finished
 
-FRAMES = 4
 LARGEST = 24_000  # bytes: more than an image, the manifest and a checkpoint of this size take
 
 
 def limit_each_size(top: Path, steps: int) -> None:
     """Every assertion that fails ends the process."""
-    folder, whole = quiet_prepare(top, FRAMES)
+    work = WORK["resolve"]
+    whole = prepared(top, work)
     output, (_, hard) = top / "out", resource.getrlimit(resource.RLIMIT_FSIZE)
     for step in range(steps):
         shutil.rmtree(output, ignore_errors=True)
         most = LARGEST * step // (steps - 1)
         resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))
-        code, said = run(arguments(folder, output))
+        code, said = run(work.command(top, output))
         resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
         kept = check_after_fault(output, whole)
         assert code == 0 or (code in (73, 74) and str(output) in said), (most, code, said)
-        again, said_again = run(arguments(folder, output))
+        again, said_again = run(work.command(top, output))
         assert again == 0, (most, said, said_again)
         check_finished(output, whole)
         print(json.dumps({"most": most, "code": code, "kept": kept}), flush=True)

@@ -67,14 +67,14 @@ def test_larger_file_cut_off_at_1500_places(tmp_path: Path, compression: str) ->
                 read(path)
 
 
-def read_damaged(folder: Path, compression: str, count: int, step: int) -> Counter[str]:
-    """Read each ``step``-th of ``count`` damaged copies of a file in a process of its own; count what came of them."""
+def read_damaged(folder: Path, compression: str, count: int) -> Counter[str]:
+    """Read ``count`` damaged copies of a file in a process of its own; count what came of them."""
     path = folder / "sound.exr"
     write_frame(path, smooth_frame(48, 32), compression=compression)
     totals: Counter[str] = Counter()
     first = 0
     while first < count:
-        job = {"path": str(path), "seed": 11, "numbers": [first, count, step]}
+        job = {"path": str(path), "seed": 11, "numbers": [first, count, 1]}
         command = [sys.executable, reading_process.__file__]
         child = subprocess.run(command, input=json.dumps(job), capture_output=True, text=True, check=False)
         lines = child.stdout.splitlines()
@@ -83,7 +83,7 @@ def read_damaged(folder: Path, compression: str, count: int, step: int) -> Count
             assert answer["peak"] < 2 * answer["usual"], "memory"
             return totals + Counter(answer["counts"])
         totals["hangs" if "Timeout" in child.stderr else "crashes"] += 1
-        first = int(lines[-1]) + step
+        first = int(lines[-1]) + 1
     return totals
 
 
@@ -99,17 +99,11 @@ def check(counts: Counter[str], compression: str, tries: int) -> None:
 
 
 @pytest.mark.parametrize("compression", ["zip", "piz", "none"])
-def test_damaged_bytes(tmp_path: Path, compression: str) -> None:
-    check(read_damaged(tmp_path, compression, 8000, 10), compression, 800)
-
-
-@pytest.mark.big
-@pytest.mark.parametrize("compression", ["zip", "piz", "none"])
 def test_twenty_four_thousand_damaged_files(tmp_path: Path, compression: str) -> None:
-    check(read_damaged(tmp_path, compression, 8000, 1), compression, 8000)
+    check(read_damaged(tmp_path, compression, 8000), compression, 8000)
 
 
 @pytest.mark.big
 @pytest.mark.parametrize("compression", ["zip", "piz", "none"])
 def test_a_million_damaged_files(tmp_path: Path, compression: str) -> None:
-    check(read_damaged(tmp_path, compression, 336_000, 1), compression, 336_000)
+    check(read_damaged(tmp_path, compression, 336_000), compression, 336_000)

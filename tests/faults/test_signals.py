@@ -1,4 +1,4 @@
-"""Signals that end a run, at each step and at any time. NUMERICS 3.2, rows 11 and 12."""
+"""Signals that end a run, of a resolve and of a capture, at each step and at any time. NUMERICS 3.2, rows 11 and 12."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ PATIENCE = 1200.0
 KILLED, INTERRUPTED = -signal.SIGKILL, 130
 
 
-def forked(top: Path, shim: Path, how: str, number: signal.Signals, count: int) -> list[dict[str, Any]]:
+def forked(top: Path, shim: Path, work: str, how: str, number: signal.Signals, count: int) -> list[dict[str, Any]]:
     """What ``forked.py`` says about each run; it has checked the invariants."""
     child = subprocess.run(
-        [sys.executable, "-m", "tests.faults.forked", str(top), str(shim), how, str(int(number)), str(count)],
+        [sys.executable, "-m", "tests.faults.forked", str(top), str(shim), work, how, str(int(number)), str(count)],
         cwd=Path(__file__).parents[2], env=os.environ | {"LD_PRELOAD": str(shim), "OPENBLAS_NUM_THREADS": "1"},
         capture_output=True, text=True, timeout=PATIENCE, check=False,
     )  # fmt: skip
@@ -35,14 +35,28 @@ def forked(top: Path, shim: Path, how: str, number: signal.Signals, count: int) 
 @pytest.mark.parametrize("stride", [3, pytest.param(1, marks=pytest.mark.big)])
 def test_killed_at_each_step(tmp_path: Path, shim: Path, stride: int) -> None:
     """SIGKILL at the n-th open, write, flush or rename: the steps of the protocol, one after another."""
-    runs = forked(tmp_path, shim, "steps", signal.SIGKILL, stride)
+    runs = forked(tmp_path, shim, "resolve", "steps", signal.SIGKILL, stride)
     assert {run["code"] for run in runs} == {KILLED}
     assert {run["kept"] for run in runs} == set(range(FRAMES + 1))
 
 
+@pytest.mark.parametrize("stride", [16, pytest.param(1, marks=pytest.mark.big)])  # a capture takes seconds to begin
+def test_capture_killed_at_each_step(tmp_path: Path, shim: Path, stride: int) -> None:
+    runs = forked(tmp_path, shim, "capture", "steps", signal.SIGKILL, stride)
+    assert {run["code"] for run in runs} == {KILLED}
+    assert len({run["kept"] for run in runs}) > 2
+
+
+@pytest.mark.big
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_capture_interrupted_at_any_time(tmp_path: Path, shim: Path, number: signal.Signals) -> None:
+    runs = forked(tmp_path, shim, "capture", "times", number, 25)
+    assert INTERRUPTED in {run["code"] for run in runs}
+
+
 @pytest.mark.parametrize("count", [200, pytest.param(2000, marks=pytest.mark.big)])
 def test_killed_at_any_time(tmp_path: Path, shim: Path, count: int) -> None:
-    runs = forked(tmp_path, shim, "times", signal.SIGKILL, count)
+    runs = forked(tmp_path, shim, "resolve", "times", signal.SIGKILL, count)
     assert sum(run["code"] == KILLED for run in runs) > count // 2
     assert {run["kept"] for run in runs} == set(range(FRAMES + 1))
 
@@ -51,7 +65,7 @@ def test_killed_at_any_time(tmp_path: Path, shim: Path, count: int) -> None:
 @pytest.mark.parametrize("count", [25, pytest.param(250, marks=pytest.mark.big)])
 def test_interrupted_at_any_time(tmp_path: Path, shim: Path, number: signal.Signals, count: int) -> None:
     """The frame in work is finished or dropped, the state is saved, and the code is 130, or 0 where all was done."""
-    runs = forked(tmp_path, shim, "times", number, count)
+    runs = forked(tmp_path, shim, "resolve", "times", number, count)
     assert sum(run["code"] == INTERRUPTED for run in runs) > count // 2
     assert all(run["code"] == INTERRUPTED or run["kept"] == FRAMES for run in runs)
 
@@ -59,6 +73,6 @@ def test_interrupted_at_any_time(tmp_path: Path, shim: Path, number: signal.Sign
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("stride", [23, pytest.param(1, marks=pytest.mark.big)])
 def test_interrupted_at_each_step(tmp_path: Path, shim: Path, number: signal.Signals, stride: int) -> None:
-    runs = forked(tmp_path, shim, "steps", number, stride)
+    runs = forked(tmp_path, shim, "resolve", "steps", number, stride)
     assert runs[0]["code"] == INTERRUPTED
     assert all(run["code"] == INTERRUPTED or run["kept"] == FRAMES for run in runs)

@@ -10,15 +10,18 @@ from pathlib import Path
 
 import pytest
 
+from tests.faults.runs import WORK
+
 HERE = Path(__file__).parent
 PATIENCE = 300.0
 
 
-@pytest.mark.parametrize("stride", [5, pytest.param(1, marks=pytest.mark.big)])
+@pytest.mark.parametrize("stride", [11, pytest.param(1, marks=pytest.mark.big)])
 @pytest.mark.parametrize("action", ["once", "from then on"])
-def test_every_call_that_can_fail(tmp_path: Path, shim: Path, action: str, stride: int) -> None:
+@pytest.mark.parametrize("work", WORK)
+def test_every_call_that_can_fail(tmp_path: Path, shim: Path, work: str, action: str, stride: int) -> None:
     """The n-th open, write, flush or rename in the output folder fails, for every n (see ``failing.py``)."""
-    command = [sys.executable, "-m", "tests.faults.failing", str(tmp_path), str(shim), action, str(stride)]
+    command = [sys.executable, "-m", "tests.faults.failing", str(tmp_path), str(shim), work, action, str(stride)]
     child = subprocess.run(
         command, cwd=HERE.parents[1], env={**os.environ, "LD_PRELOAD": str(shim)},
         capture_output=True, text=True, timeout=PATIENCE, check=False,
@@ -27,6 +30,8 @@ def test_every_call_that_can_fail(tmp_path: Path, shim: Path, action: str, strid
     trials = [json.loads(line) for line in child.stdout.splitlines()]
     failed = [trial for trial in trials if trial["code"]]
     assert not trials[-1]["reached"]
-    # Only what is read when a run begins may fail without harm: the slots of a checkpoint, say.
+    # Only what is read when a run begins may fail without harm (the slots of a checkpoint, say), or is written again.
+    print(f"{len(trials) - 1} faults")
     assert len(failed) > 0.85 * (len(trials) - 1)
-    assert {trial["kept"] for trial in trials} == {0, 1, 2, 3, 4}
+    kept = [trial["kept"] for trial in trials]
+    assert min(kept) == 0 < max(kept) == kept[-1]
