@@ -155,7 +155,7 @@ class Device:
         """Pixels a work-item computes side by side: a vector of a CPU, one on a GPU."""
         if not self.is_cpu:
             return 1
-        return 8
+        return 16 if self.cl_device.native_vector_width_float >= 16 else 8
 
     @property
     def rows(self) -> int:

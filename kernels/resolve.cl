@@ -14,6 +14,7 @@
 #include "rectify.h"
 #include "blend.h"
 #include "pixel.h"
+#include "ahead.h"
 
 __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha, plane_in reactive,
     history_in history, plane_in history_count, plane_in previous_closeness, history_out output, plane_out output_count,
@@ -29,6 +30,8 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
     row_t centre = read_row(current, closeness, motion, x, first, frame);
     for (int y = first; y < last; ++y) {
         const size_t at = texel_offset(frame, x, y);
+        fetch_frame(current, closeness, motion, x, y, frame);
+        fetch_history(history, history_count, previous_closeness, x, y, frame);
         const row_t below = read_row(current, closeness, motion, x, y + 1, frame);
         const statistics near = neighbourhood_statistics(above, centre, below);
         const surface s = nearest_surface(above, centre, below, settings);
