@@ -8,6 +8,7 @@ from typing import Any
 
 from cltaa.atomic import atomic_path
 from cltaa.bench.ladder import COMBINATIONS, DEFAULT, PRESETS
+from cltaa.bench.overview import overview_figure
 from cltaa.bench.results import Accuracy, Cell, Measured
 from cltaa.extras import import_extra
 from cltaa.metrics import METRICS
@@ -18,22 +19,26 @@ FRONT, BEATEN, SAMPLES, LIMIT = "#0b62c4", "#a3a6ad", "#16784a", "#b4500a"
 
 
 def write_plots(result: Accuracy, output: Path) -> Iterator[Path]:
-    """Write ``front-<sequence>`` and ``steps-<sequence>`` in every format and yield the paths; or UsageError."""
+    """Write ``front-<sequence>``, ``steps-<sequence>``, and ``overview`` of several; yield the paths; or UsageError."""
     pyplot: Any = import_extra("matplotlib.pyplot", package="matplotlib", extra="bench", purpose="drawing plots")
     pyplot.switch_backend("agg")
+    for name, figure in _figures(pyplot, result, result.metrics[0]):
+        for suffix in FORMATS:
+            path = output / f"{name}.{suffix}"
+            with atomic_path(path) as temporary:
+                figure.savefig(temporary, format=suffix, dpi=DOTS_AN_INCH, bbox_inches="tight")
+            yield path
+        pyplot.close(figure)
+
+
+def _figures(pyplot: Any, result: Accuracy, metric: str) -> Iterator[tuple[str, Any]]:
     groups = {variant.name: variant.group for variant in result.variants}
     weight = result.variants[0].settings.blend_weight
     for measured in result.sequences:
-        for name, figure in (
-            (f"front-{measured.name}", front_figure(pyplot, measured, result.metrics[0], weight)),
-            (f"steps-{measured.name}", steps_figure(pyplot, measured, result.metrics[0], groups)),
-        ):
-            for suffix in FORMATS:
-                path = output / f"{name}.{suffix}"
-                with atomic_path(path) as temporary:
-                    figure.savefig(temporary, format=suffix, dpi=DOTS_AN_INCH, bbox_inches="tight")
-                yield path
-            pyplot.close(figure)
+        yield f"front-{measured.name}", front_figure(pyplot, measured, metric, weight)
+        yield f"steps-{measured.name}", steps_figure(pyplot, measured, metric, groups)
+    if len(result.sequences) > 1 and not METRICS[metric].higher_is_better:
+        yield "overview", overview_figure(pyplot, result, metric)
 
 
 def time_of(cell: Cell) -> tuple[float, float, float]:

@@ -21,12 +21,13 @@ from cltaa.bench.distribution import run_all
 from cltaa.bench.errors_of import Task
 from cltaa.bench.known import remember
 from cltaa.bench.ladder import Variant, ladder
+from cltaa.bench.overview import table
 from cltaa.bench.plots import write_plots
 from cltaa.bench.results import Accuracy, Measured
 from cltaa.bench.tables import csv_text
 from cltaa.commands.options import FILE_PATH
 from cltaa.errors import UsageError
-from cltaa.metrics import parse_metrics
+from cltaa.metrics import METRICS, parse_metrics
 from cltaa.presets import load_preset, preset_names
 from cltaa.progress import track
 
@@ -92,12 +93,15 @@ def accuracy(
 
 
 def write_report(result: Accuracy, tasks: list[Task], output: Path) -> None:
-    """Write the page, the numbers as JSON and CSV, and the plots."""
+    """Write the page, the numbers as JSON and CSV, the plots, and of several sequences a table over all of them."""
     texts = {
         "accuracy.json": msgspec.json.encode(result).decode(),
         "accuracy.csv": csv_text(result),
         "index.html": page(result, tasks, output),
     }
+    falling = [name for name in result.metrics if not METRICS[name].higher_is_better]
+    if len(result.sequences) > 1:
+        texts |= {f"overview-{name}.md": table(result, name) for name in falling}
     for name, text in texts.items():
         with atomic_path(output / name) as temporary:
             temporary.write_text(text, encoding="utf-8")

@@ -221,6 +221,27 @@ def test_without_supersampling_the_points_spread_out(window: Browser) -> None:
 
 
 @needs_browser
+def test_several_sequences_stand_in_one_table(window: Browser) -> None:
+    assert window.run("return document.getElementById('several').hidden")
+    window.run(
+        "const s = structuredClone(report.sequences[0]); s.name = 'second'; pictures.second = pictures[current().name];"
+        "s.cells[1].errors.mse.mean *= 4; report.sequences.push(s);"
+        "document.getElementById('sequence').append(new Option('second', 1)); drawAll()"
+    )
+    cells = "[...document.querySelectorAll('#overview tbody tr:last-child td')].map(c => c.textContent)"
+    mean, first, second = window.run(f"return {cells}")
+    assert float(second) == pytest.approx(4 * float(first), rel=0.01)
+    assert float(mean) == pytest.approx(2 * float(first), rel=0.01)
+    window.run("document.querySelector('#overview tbody tr:last-child td:last-child button').click()")
+    assert window.run("return [state.sequence, state.a]") == [1, "arithmetic: double"]
+    window.size(400, 900)
+    assert window.run("return document.documentElement.scrollWidth") == 400
+    window.size(1280, 900)
+    window.run("report.sequences.pop(); document.getElementById('sequence').lastChild.remove(); state.sequence = 0")
+    window.run("document.getElementById('sequence').value = 0; drawAll()")
+
+
+@needs_browser
 def test_light_and_dark(window: Browser) -> None:
     script = "return getComputedStyle(document.body).backgroundColor"
     first = window.run(script)

@@ -266,13 +266,32 @@ function drawNumbers() {
   $("numbers").replaceChildren(element("thead", {}, element("tr", {}, ...head.map((h) => element("th", {}, h)))), element("tbody", {}, ...rows.map((r) => element("tr", {}, ...r.map((v) => element("td", {}, v))))));
 }
 
+function drawOverview() {
+  const sequences = report.sequences, metric = state.metric === "rounding" ? report.metrics[0] : state.metric;
+  $("several").hidden = sequences.length < 2;
+  const rows = report.variants.map((variant, i) => {
+    const ratios = sequences.map((s) => s.cells[i].errors[metric].mean / s.cells[0].errors[metric].mean);
+    const logs = ratios.filter((r) => r > 0 && Number.isFinite(r)).map(Math.log2);
+    return { name: variant.name, ratios, mean: 2 ** (logs.reduce((sum, v) => sum + v, 0) / Math.max(logs.length, 1)) };
+  });
+  rows.sort((p, q) => (higher.has(metric) ? q.mean - p.mean : p.mean - q.mean));
+  const cellOf = (ratio, name, place) => {
+    const share = Math.round(Math.min(1, Math.abs(Math.log2(ratio) || 0)) * 70), good = ratio < 1 !== higher.has(metric);
+    const button = element("button", { type: "button", "aria-label": `${sequences[place].name}, ${name}: ${number(ratio)} times the default's ${metric}` }, Number.isFinite(ratio) ? ratio.toFixed(2) : "–");
+    button.addEventListener("click", () => { $("sequence").value = state.sequence = place; drawAll(); pick("a", name); });
+    return element("td", { style: `background: color-mix(in srgb, var(--${good ? "good" : "bad"}) ${share}%, transparent)` }, button);
+  };
+  const body = rows.map((row) => element("tr", {}, element("th", { scope: "row" }, row.name), element("td", {}, row.mean.toFixed(3)), ...row.ratios.map((ratio, place) => cellOf(ratio, row.name, place))));
+  $("overview").replaceChildren(element("thead", {}, element("tr", {}, ...[metric, "mean", ...sequences.map((s) => s.name)].map((h) => element("th", { scope: "col" }, h)))), element("tbody", {}, ...body));
+}
+
 function drawAll() {
   const measured = current(), where = report.environment;
   $("where").textContent = `${measured.name}: ${measured.frames.length} frames, ${measured.width} × ${measured.height}, ${measured.effects || "no effects declared"}. ` +
     `${where.device}; ${where.cpu}, ${where.cores} cores, load ${where.load_before} to ${where.load_after}; ${where.date} UTC; kernels ${where.kernels_sha256.slice(0, 12)}.`;
   $("noise").hidden = !measured.noisy;
   $("noise").textContent = `Too noisy to rank by time: the default against its own copy took ${number(measured.control.median)} times as long [${number(measured.control.low)}, ${number(measured.control.high)}]. Errors are exact.`;
-  fillChoices(); drawFront(); drawSteps(); drawFrames(); drawStages(); drawDebug(); drawNumbers(); paint();
+  fillChoices(); drawFront(); drawSteps(); drawFrames(); drawStages(); drawDebug(); drawNumbers(); drawOverview(); paint();
 }
 function start() {
   $("sequence").replaceChildren(...report.sequences.map((s, i) => element("option", { value: i }, s.name)));

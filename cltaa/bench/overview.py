@@ -1,0 +1,91 @@
+"""All sequences of an accuracy measurement together: what each step does to the error of each, as figure and table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+from cltaa.bench.results import Accuracy, Cell, Measured
+
+MOST = 2.0  # times the default's error at which the colours end, both ways
+
+
+class Overall(NamedTuple):
+    """A variant over all sequences: error and time over the default's, one a sequence and their geometric means."""
+
+    variant: str
+    errors: list[float | None]  # None where either of the two has no error at all
+    error: float
+    time: float | None  # None where any sequence was too noisy to rank
+    rounding: float | None  # root mean square over the sequences
+    best_of: int  # sequences in which nothing has less error
+
+
+def overall(result: Accuracy, metric: str) -> list[Overall]:
+    """Every variant, least error first; ``metric`` is one whose values fall as the image gets better."""
+    noisy = any(measured.noisy for measured in result.sequences)
+    least = [min(cell.errors[metric].mean for cell in measured.cells) for measured in result.sequences]
+    rows = []
+    for place, variant in enumerate(result.variants):
+        cells = [measured.cells[place] for measured in result.sequences]
+        ratios = [_ratio(measured, cell, metric) for measured, cell in zip(result.sequences, cells, strict=True)]
+        best = sum(cell.errors[metric].mean <= value for cell, value in zip(cells, least, strict=True))
+        time = None if noisy else geometric_mean([cell.ratio.median for cell in cells])
+        rows.append(
+            Overall(
+                variant.name, ratios, geometric_mean(r for r in ratios if r is not None), time, _rounding(cells), best
+            )
+        )
+    return sorted(rows, key=lambda row: row.error)
+
+
+def geometric_mean(values: Iterable[float]) -> float:
+    """Of positive numbers; 1 of none."""
+    logarithms = [math.log(value) for value in values]
+    return math.exp(math.fsum(logarithms) / len(logarithms)) if logarithms else 1.0
+
+
+def table(result: Accuracy, metric: str) -> str:
+    """Markdown, a row a variant."""
+    lines = [
+        f"| variant | {metric} over the default's, geometric mean | least and greatest of the sequences | best in |"
+        " time over the default's | relative rms rounding |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in overall(result, metric):
+        known = [ratio for ratio in row.errors if ratio is not None] or [1.0]
+        time = "too noisy to rank" if row.time is None else f"{row.time:.3f}"
+        rounding = "–" if row.rounding is None else f"{row.rounding:.1e}"
+        lines.append(
+            f"| {row.variant} | {row.error:.3f} | {min(known):.3f} to {max(known):.3f} | {row.best_of} of"
+            f" {len(row.errors)} | {time} | {rounding} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def overview_figure(pyplot: Any, result: Accuracy, metric: str) -> Any:
+    """Sequences across, variants down: blue where a step has less error than the default there, red where more."""
+    rows, names = overall(result, metric), [measured.name for measured in result.sequences]
+    size = (3.2 + 0.27 * len(names), 1.2 + 0.17 * len(rows))
+    figure, axes = pyplot.subplots(figsize=size)
+    span = math.log2(MOST)
+    shown = [[math.nan if ratio is None else math.log2(ratio) for ratio in row.errors] for row in rows]
+    image = axes.imshow(shown, cmap="RdBu_r", vmin=-span, vmax=span, aspect="auto")
+    axes.set_facecolor("#bbbbbb")
+    axes.set_xticks(range(len(names)), names, rotation=90, fontsize=6)
+    axes.set_yticks(range(len(rows)), [f"{row.variant}  {row.error:.3f}" for row in rows], fontsize=6)
+    axes.set_title(f"{metric} over the default's (behind each name: geometric mean)", fontsize=8)
+    bar = figure.colorbar(image, ax=axes, ticks=[-span, 0, span], shrink=0.5)
+    bar.ax.set_yticklabels([f"1/{MOST:g} and less", "the same", f"{MOST:g} and more"], fontsize=6)
+    return figure
+
+
+def _ratio(measured: Measured, cell: Cell, metric: str) -> float | None:
+    base, own = measured.cells[0].errors[metric].mean, cell.errors[metric].mean
+    return own / base if base > 0 and own > 0 else None
+
+
+def _rounding(cells: list[Cell]) -> float | None:
+    found = [cell.rounding.rms for cell in cells if cell.rounding is not None]
+    return math.sqrt(math.fsum(value**2 for value in found) / len(found)) if found else None
