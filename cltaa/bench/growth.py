@@ -1,0 +1,146 @@
+"""``cltaa bench growth``: what a pixel takes, and what memory a resolve takes, from small images to large ones.
+
+Each size is timed in turn with one size that stays, and the ratio of the two is what is reported. Images that whole do
+not fit into a buffer or into memory are resolved in bands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from cltaa.bands import BAND_ROWS, BandedResolver
+from cltaa.bench.baseline import busy
+from cltaa.bench.environment import Environment, environment, load
+from cltaa.bench.frames import EFFECTS, Motion, camera_at
+from cltaa.bench.timing import Interval, Job, measure
+from cltaa.build import Build, Steps, Storage
+from cltaa.frames import Frame
+from cltaa.kernel_files import kernel_folder
+from cltaa.launch import Buffer, DeviceLauncher
+from cltaa.memory import device_bytes
+from cltaa.params import Preset
+from cltaa.resolve import Resolver
+
+SIZES = (256, 512, 1024, 2048, 4096, 8192)
+REFERENCE = 2048
+FLAT = 0.15
+TILE = 256  # of random pixels that an image is filled with
+Progress = Callable[[Iterable[int], int], Iterable[int]]
+
+
+class Growth(msgspec.Struct, frozen=True, kw_only=True):
+    """One size. ``ratio`` is of the kernels' time a pixel to that of ``REFERENCE``, paired."""
+
+    side: int
+    band_rows: int  # 0: in one piece
+    ns_a_pixel: Interval
+    least_ns: float
+    ratio: Interval
+    allocated: int  # bytes on the device
+    formula: int  # what cltaa.memory says
+
+
+class GrowthBench(msgspec.Struct, frozen=True, kw_only=True):
+    """The whole measurement."""
+
+    preset: str
+    rounds: int
+    environment: Environment
+    rows: list[Growth]
+
+
+class _Counting(DeviceLauncher):
+    """A launcher that counts the bytes it was asked for."""
+
+    allocated = 0
+
+    def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
+        self.allocated += int(np.prod(shape)) * np.dtype(dtype).itemsize
+        return super().allocate(shape, dtype)
+
+
+class _Sized:
+    """A resolver of one size with an endless sequence of frames to resolve."""
+
+    def __init__(self, preset: Preset, device: str | None, side: int, band_rows: int) -> None:
+        self.launcher = _Counting(device)
+        if band_rows:
+            self._resolver: Resolver = BandedResolver(preset, self.launcher, band_rows=band_rows)
+        else:
+            self._resolver = Resolver(preset, self.launcher)
+        self._frame, self.pixels = square(side), side * side
+
+    def run(self) -> float:
+        """Resolve the next frame; the device's seconds in the kernel that resolves."""
+        events: list[tuple[str, Any]] = []
+        self.launcher.events = events
+        self._resolver.resolve(self._frame)
+        side, number = len(self._frame.depth), self._frame.index + 1
+        self._frame = replace(self._frame, index=number, camera=camera_at(number, Motion.UNIFORM, side, side))
+        return busy([(name, event) for name, event in events if name == "resolve"])
+
+    @property
+    def steps(self) -> Steps:
+        """The steps of the last frame."""
+        assert self._resolver.plan is not None
+        return self._resolver.plan.steps
+
+
+def square(side: int) -> Frame:
+    """A frame of random pixels at a distance of 1, which is its own inverse: bands leave closeness where depth was."""
+    random = np.random.default_rng(0)
+    times = -(-side // TILE)
+    planes = np.tile(random.random((3, TILE, TILE), dtype=np.float32), (1, times, times))[:, :side, :side]
+    return Frame(
+        index=0, colour=np.moveaxis(np.ascontiguousarray(planes), 0, -1), depth=np.ones((side, side), np.float32),
+        camera=camera_at(0, Motion.UNIFORM, side, side), jitter_px=(0.25, -0.125), scene="growth", effects=EFFECTS,
+    )  # fmt: skip
+
+
+def bench_growth(
+    preset: Preset,
+    device: str | None,
+    sizes: Sequence[int] = SIZES,
+    *,
+    rounds: int,
+    banded_from: int,
+    band_rows: int = BAND_ROWS,
+    progress: Progress | None = None,
+) -> GrowthBench:
+    """Time the resolve of square images of ``sizes``; from ``banded_from`` on in bands of ``band_rows`` rows.
+
+    Raises ResourceError where the device has too little memory for one of them.
+    """
+    before, reference = load(), _Sized(preset, device, REFERENCE, 0)
+    rows = []
+    for side in sizes:
+        bands = band_rows if side >= banded_from else 0
+        sized = _Sized(preset, device, side, bands)
+        samples = measure(
+            [Job("size", sized.run), Job("reference", reference.run)], rounds, warm_up=2, progress=progress
+        )
+        scale = 1e9 / sized.pixels
+        seconds, ratio = samples.interval("size", device=True), samples.ratio("size", "reference", device=True)
+        rows.append(
+            Growth(
+                side=side,
+                band_rows=bands,
+                ns_a_pixel=_scaled(seconds, scale),
+                least_ns=float(samples.seconds("size", device=True).min()) * scale,
+                ratio=_scaled(ratio, reference.pixels / sized.pixels),
+                allocated=sized.launcher.allocated,
+                formula=device_bytes(side, side, sized.steps, Storage.FLOAT, band_rows=bands),
+            )
+        )
+        del sized
+    where = environment(reference.launcher.description, before, Build().flags(), kernel_folder())
+    return GrowthBench(preset=preset.name, rounds=rounds, environment=where, rows=rows)
+
+
+def _scaled(value: Interval, by: float) -> Interval:
+    return Interval(median=value.median * by, low=value.low * by, high=value.high * by)

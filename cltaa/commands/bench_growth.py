@@ -1,0 +1,74 @@
+"""``cltaa bench growth``: time a pixel and memory from small images to large ones."""
+
+from __future__ import annotations
+
+import click
+import msgspec
+from rich.console import Console
+from rich.table import Table
+
+from cltaa.bands import BAND_ROWS
+from cltaa.bench.growth import FLAT, REFERENCE, SIZES, GrowthBench, bench_growth
+from cltaa.errors import UsageError
+from cltaa.presets import load_preset
+from cltaa.progress import track
+
+
+@click.command("growth")
+@click.option("--preset", default="default", show_default=True, help="Whose choices.")
+@click.option("--sizes", default=",".join(map(str, SIZES)), show_default=True, metavar="LIST",
+              help="Sides of the square images.")  # fmt: skip
+@click.option("--banded-from", default=16384, show_default=True, type=click.IntRange(min=1), metavar="SIDE",
+              help=f"From this size on in bands of {BAND_ROWS} rows.")  # fmt: skip
+@click.option("--device", metavar="NAME", help="OpenCL device: its index or a part of its name; see cltaa doctor.")
+@click.option("--rounds", default=9, show_default=True, type=click.IntRange(min=3), help="Rounds a size.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
+def growth(preset: str, sizes: str, banded_from: int, device: str | None, rounds: int, as_json: bool) -> None:
+    """Time a pixel of square images of growing size, and count the memory on the device.
+
+    Each size runs in turn with one of 2048 x 2048; "x 2048" is the ratio of the kernels' times a pixel, with its 95 %
+    interval. "formula" is what cltaa inspect --plan says that the planes take.
+    """
+    bench = bench_growth(
+        load_preset(preset), device, parse_sizes(sizes), rounds=rounds, banded_from=banded_from,
+        progress=lambda numbers, total: track(numbers, total, "timing", unit="rounds"),
+    )  # fmt: skip
+    if as_json:
+        click.echo(msgspec.json.encode(bench).decode())
+    else:
+        print_growth(bench)
+
+
+def parse_sizes(text: str) -> list[int]:
+    """The sides of a list; raises UsageError for anything but whole numbers."""
+    sides = [side.strip() for side in text.split(",")]
+    if not all(side.isdecimal() and int(side) for side in sides):
+        raise UsageError("--sizes: no list of sizes", expected="as 256,1024", found=text)
+    return [int(side) for side in sides]
+
+
+def print_growth(bench: GrowthBench) -> None:
+    """Print the table, and where it was measured."""
+    console = Console()
+    table = Table(title=f"preset {bench.preset}, float history, {bench.rounds} rounds")
+    for heading in ("size", "bands", "ns/px", "least", f"x {REFERENCE}", "95 %", "MB on the device", "of formula"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in bench.rows:
+        table.add_row(
+            f"{row.side}²", str(row.band_rows or "–"), f"{row.ns_a_pixel.median:.3g}", f"{row.least_ns:.3g}",
+            f"{row.ratio.median:.3f}", f"{row.ratio.low:.3f}–{row.ratio.high:.3f}",
+            f"{row.allocated / 1e6:.1f}", f"{row.allocated / row.formula:.1%}",
+        )  # fmt: skip
+    console.print(table)
+    apart = [row.side for row in bench.rows if row.side >= REFERENCE and abs(row.ratio.median - 1.0) > FLAT]
+    console.print(
+        f"from {REFERENCE}² on: flat within {FLAT:.0%}" if not apart else f"apart by more than {FLAT:.0%}: {apart}",
+        highlight=False,
+    )
+    where = bench.environment
+    console.print(
+        f"{where.device}; {where.cpu}, {where.cores} cores; load {where.load_before} to {where.load_after}; "
+        f"{where.date} UTC; kernels {where.kernels_sha256[:12]}",
+        highlight=False,
+        soft_wrap=True,
+    )

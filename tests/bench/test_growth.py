@@ -1,0 +1,84 @@
+"""Memory by its formula, and the command that times images of growing size."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cltaa.bands import BandedResolver
+from cltaa.bench.growth import square
+from cltaa.build import Steps, Storage
+from cltaa.cli import main
+from cltaa.launch import Buffer, NumpyLauncher
+from cltaa.memory import device_bytes
+from cltaa.params import override
+from cltaa.presets import load_preset
+from cltaa.resolve import Resolver
+from tests.sequence_factory import make_frame
+
+
+class Counting(NumpyLauncher):
+    """A launcher that counts the bytes it was asked for."""
+
+    def __init__(self) -> None:
+        self.allocated = 0
+
+    def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
+        self.allocated += int(np.prod(shape)) * np.dtype(dtype).itemsize
+        return super().allocate(shape, dtype)
+
+
+@pytest.mark.parametrize("storage", list(Storage))
+@pytest.mark.parametrize("channels", [{}, {"motion": True}, {"alpha": True, "reactive": True}], ids=str)
+def test_what_is_allocated_is_what_the_formula_says(storage: Storage, channels: dict[str, bool]) -> None:
+    launcher = Counting()
+    resolver = Resolver(device=launcher, storage=storage)
+    for index in range(2):
+        resolver.resolve(make_frame(index, width=50, height=31, effects=None, **channels))  # type: ignore[arg-type]
+    assert resolver.plan is not None
+    assert launcher.allocated == device_bytes(50, 31, resolver.plan.steps, storage)
+
+
+def test_the_ring_of_kept_frames_is_in_the_formula() -> None:
+    launcher = Counting()
+    resolver = Resolver(override(load_preset(), {"history_of": "samples", "frames_kept": 3}), launcher)
+    resolver.resolve(make_frame(0, width=50, height=31, effects=None))
+    assert resolver.plan is not None
+    told = device_bytes(50, 31, resolver.plan.steps, frames_kept=3)
+    # Beside the planes the device holds three records of 136 bytes.
+    assert 0 < launcher.allocated - told < 1024
+
+
+def test_the_command_counts_whole_images_and_bands(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "growth", "--sizes", "16,48", "--banded-from", "40", "--rounds", "3", "--json"]) == 0
+    bench = json.loads(capsys.readouterr().out)
+    small, banded = bench["rows"]
+    assert (small["side"], small["band_rows"], banded["side"]) == (16, 0, 48)
+    assert banded["band_rows"] > 0
+    for row in bench["rows"]:
+        assert row["allocated"] == row["formula"]
+        assert 0 < row["least_ns"] <= row["ns_a_pixel"]["median"]
+
+
+def test_frames_of_the_bench_stay_what_they_are_in_bands() -> None:
+    frame = square(40)
+    resolver = BandedResolver(band_rows=16)
+    for index in range(2):
+        resolver.resolve(replace(frame, index=index))
+        assert np.array_equal(frame.depth, np.ones((40, 40), np.float32))
+
+
+def test_a_step_costs_its_planes() -> None:
+    base = device_bytes(64, 64, Steps(own_motion=False))
+    plane = 4 * (64 + 32) * (64 + 8)
+    assert device_bytes(64, 64, Steps(own_motion=True)) - base == 2 * plane
+    assert device_bytes(64, 64, Steps(own_motion=False), Storage.HALF) == base - 2 * 3 * plane // 2
+
+
+@pytest.mark.parametrize("text", ["", "12,", "a", "-3", "0"])
+def test_no_sizes(text: str) -> None:
+    assert main(["bench", "growth", "--sizes", text]) == 64
