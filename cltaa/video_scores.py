@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cltaa.correspondence import Correspondence, Mask, correspondence
 from cltaa.cubic_sampler import CubicSampler
-from cltaa.detail import REACH, blurred, import_ndimage, judge_detail
+from cltaa.detail import REACH, Detail, blurred, import_ndimage, judge_detail
 from cltaa.display import to_display
 from cltaa.frames import Frame, Image
 
@@ -105,9 +105,10 @@ class VideoScores:
         return self.add_shown(frame, to_display(truth, self._stops), [to_display(test, self._stops) for test in tests])
 
     def add_shown(self, frame: Frame, truth: Image, tests: list[Image]) -> list[Sums]:
-        """Judge one frame of which truth and tests are display images already."""
+        """Judge one frame of which truth and tests are display images already; an image given twice is judged once."""
         shown = truth.astype(np.float64)
-        errors = [test - shown for test in tests]
+        different = {id(test): test.astype(np.float64) for test in tests}
+        errors = {key: test - shown for key, test in different.items()}
         past = self._past
         if past is not None and (frame.cut or frame.index != past.frame.index + 1):
             past = None
@@ -116,21 +117,30 @@ class VideoScores:
         watched = age > 0
         trail = _Trail(shown, stale, watched, found)
         path = None if past is None or found is None else _Path(found, _steady(found, watched, past.watched))
-        details = judge_detail(shown, [test.astype(np.float64) for test in tests], ~_grown(watched))
+        details = dict(zip(different, judge_detail(shown, [*different.values()], ~_grown(watched)), strict=True))
+        befores = [None] * len(tests) if past is None else past.errors
+        known: dict[tuple[int, int], Sums] = {}
         results = []
-        for number, (error, detail) in enumerate(zip(errors, details, strict=True)):
-            sums = Sums(
-                detail_product=detail.product, detail_square=detail.square,
-                false_square=detail.false_square, false_count=detail.false_count,
-            )  # fmt: skip
-            if past is not None and path is not None:
-                sums += trail.ghosting(error)
-                sums += path.flicker(error, past.errors[number])
-            self.totals[number] += sums
-            results.append(sums)
+        for total, test, before in zip(self.totals, tests, befores, strict=True):
+            key = id(test), id(before)
+            if key not in known:
+                known[key] = _sums(errors[id(test)], before, details[id(test)], trail, path)
+            total += known[key]
+            results.append(known[key])
         self.fresh = (age == 1) & ~found.edge if found is not None else np.zeros_like(watched)
-        self._past = _Past(frame, shown, errors, stale, age, watched)
+        self._past = _Past(frame, shown, [errors[id(test)] for test in tests], stale, age, watched)
         return results
+
+
+def _sums(error: Array, before: Array | None, detail: Detail, trail: _Trail, path: _Path | None) -> Sums:
+    sums = Sums(
+        detail_product=detail.product, detail_square=detail.square,
+        false_square=detail.false_square, false_count=detail.false_count,
+    )  # fmt: skip
+    if before is not None and path is not None:
+        sums += trail.ghosting(error)
+        sums += path.flicker(error, before)
+    return sums
 
 
 def _follow_stale(truth: Array, past: _Past | None, found: Correspondence | None) -> tuple[Array, NDArray[np.int64]]:

@@ -72,6 +72,34 @@ class _Shown(NamedTuple):
         light = shown_light(image)
         return cls(light, to_display(light))
 
+    @classmethod
+    def of_each(cls, images: Sequence[Image]) -> list[_Shown]:
+        """What is shown of every image; images of the same bits share one, so that they are judged once."""
+        different: dict[bytes, Image] = {}
+        kept = [different.setdefault(image.tobytes(), image) for image in images]
+        shown = {id(image): cls.of(image) for image in different.values()}
+        return [shown[id(image)] for image in kept]
+
+
+class _Marks(NamedTuple):
+    """What one frame scores by itself."""
+
+    row: dict[str, float]
+    flip: float | None  # None where it is not judged by FLIP
+    fresh_square: float  # error of the pixels that appeared in it
+    fresh_count: int
+
+    @classmethod
+    def of(cls, image: _Shown, truth: _Shown, fresh: Mask, *, flip: bool) -> _Marks:
+        row = {
+            "mse": mse(image.light, truth.light),
+            "psnr": psnr(mse(image.display, truth.display)),
+            "ssim": display_ssim(image.display, truth.display),
+        }
+        wrong = image.light[fresh].astype(np.float64) - truth.light[fresh]
+        error = float(display_flip(image.display, truth.display).mean()) if flip else None
+        return cls(row, error, float((wrong**2).sum()), wrong.size)
+
 
 @dataclass(slots=True)
 class _Tally:
@@ -91,21 +119,14 @@ class _Tally:
         self.not_finite += bad
         return np.where(finite, image, np.float32(0)) if bad else image
 
-    def add(self, image: _Shown, truth: _Shown, sums: Sums, fresh: Mask, *, flip: bool) -> None:
-        """Judge one frame, by FLIP too where asked."""
-        self.rows.append(
-            {
-                "mse": mse(image.light, truth.light),
-                "psnr": psnr(mse(image.display, truth.display)),
-                "ssim": display_ssim(image.display, truth.display),
-            }
-        )
-        if flip:
-            self.flip.append(float(display_flip(image.display, truth.display).mean()))
+    def add(self, marks: _Marks, sums: Sums) -> None:
+        """Count one frame."""
+        self.rows.append(marks.row)
+        if marks.flip is not None:
+            self.flip.append(marks.flip)
         self.video += sums
-        wrong = image.light[fresh].astype(np.float64) - truth.light[fresh]
-        self.fresh_square += float((wrong**2).sum())
-        self.fresh_count += wrong.size
+        self.fresh_square += marks.fresh_square
+        self.fresh_count += marks.fresh_count
 
     def scores(self, one: _Tally, truth_samples: int | None) -> dict[str, float | None]:
         """All scores, with the single samples as the currency of three of them."""
@@ -151,12 +172,14 @@ def judge_sequence(
         for frame, truth in track(pairs, len(sequence), f"judging {sequence.folder.name}"):
             outputs = [frame.colour, *(resolver.resolve(frame)[..., :3] for resolver in resolvers.values())]
             repaired = [tally.repaired(image) for tally, image in zip(tallies.values(), outputs, strict=True)]
-            shown, images = _Shown.of(truth), [_Shown.of(image) for image in repaired]
+            shown, images = _Shown.of(truth), _Shown.of_each(repaired)
             sums = video.add_shown(frame, shown.display, [image.display for image in images])
             if frame.index - sequence.first >= settled:
                 flip = (sequence.last - frame.index) % flip_every == 0
+                different = {id(image): image for image in images}
+                marks = {key: _Marks.of(image, shown, video.fresh, flip=flip) for key, image in different.items()}
                 for tally, image, score in zip(tallies.values(), images, sums, strict=True):
-                    tally.add(image, shown, score, video.fresh, flip=flip)
+                    tally.add(marks[id(image)], score)
     return _judged(tallies, truth_samples(reference), len(sequence), launcher.description)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cltaa.display import to_display
 from cltaa.frames import Frame, Image
 from cltaa.video_scores import SCORES, VideoScores
 from tests.sequence_factory import make_camera, make_frame
@@ -210,3 +211,18 @@ def test_several_tests_are_judged_as_each_alone() -> None:
         together.add(frame, linear(truth), [linear(fault(index, truth)) for fault in faults])
     for fault, sums in zip(faults, together.totals, strict=True):
         assert sums.scores() == pytest.approx(judge(moving_card, fault), abs=QUIET)
+
+
+def test_an_image_given_twice_is_judged_as_it_is_alone() -> None:
+    """Also where the two differed in the frame before."""
+    together, first, second = VideoScores(2), VideoScores(), VideoScores()
+    for index in range(FRAMES):
+        frame, truth = moving_card(index)
+        one, other = to_display(linear(pulse(0.05)(index, truth))), to_display(linear(ghost(0.3)(index, truth)))
+        other = one if index % 3 else other
+        together.add_shown(frame, to_display(linear(truth)), [one, other])
+        first.add_shown(frame, to_display(linear(truth)), [one])
+        second.add_shown(frame, to_display(linear(truth)), [other])
+    for sums, alone in zip(together.totals, [*first.totals, *second.totals], strict=True):
+        assert sums.scores() == pytest.approx(alone.scores(), abs=QUIET)
+    assert together.totals[0].scores() != pytest.approx(together.totals[1].scores(), abs=0.01)
