@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
 from cltaa.build import FRAME_DTYPE, Record
@@ -11,7 +12,7 @@ from cltaa.cameras import Displacement, displacement, is_still, sky_closeness
 from cltaa.current_filter import axis_weights
 from cltaa.frames import Camera, Frame
 from cltaa.layout import Layout
-from cltaa.params import Choices, OnCameraMove, RayThrough
+from cltaa.params import Choices, CurrentFilter, FilterUse, OnCameraMove, RayThrough
 from cltaa.planning import Plan
 
 
@@ -68,6 +69,10 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan
     if plan is not None:
         if plan.choices.ray_through is RayThrough.CENTRE:
             record["origin_x"], record["origin_y"] = 0.5 - layout.width / 2.0, 0.5 - layout.height / 2.0
-        axes = (axis_weights(jitter, plan.choices, plan.settings) for jitter in frame.jitter_px)
+        choices = plan.choices
+        if previous is None and choices.filter_use is FilterUse.FEW:
+            # A first frame is what was drawn, to the bit.
+            choices = msgspec.structs.replace(choices, current_filter=CurrentFilter.NONE)
+        axes = (axis_weights(jitter, choices, plan.settings) for jitter in frame.jitter_px)
         (record["left_weight"], record["right_weight"]), (record["above_weight"], record["below_weight"]) = axes
     return record

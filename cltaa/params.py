@@ -18,6 +18,13 @@ from cltaa.filters import HistoryFilter as HistoryFilter
 from cltaa.settings import Settings as Settings
 
 
+class FilterUse(StrEnum):
+    """Where the current filter stands for the pixel's own sample."""
+
+    ALWAYS = "always"
+    FEW = "few-samples"  # the less, the more samples there are: for the share 1 / n of the n-th
+
+
 class HistoryOf(StrEnum):
     """What is remembered of earlier frames."""
 
@@ -177,6 +184,7 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     history_filter: HistoryFilter = HistoryFilter.CATMULL_ROM
     history_of: HistoryOf = HistoryOf.RESULT
     current_filter: CurrentFilter = CurrentFilter.NONE
+    filter_use: FilterUse = FilterUse.ALWAYS
     tonemap: Tonemap = Tonemap.NONE
     reproject: Reproject = Reproject.FULL
     on_camera_move: OnCameraMove = OnCameraMove.KEEP

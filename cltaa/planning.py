@@ -55,6 +55,9 @@ STEP_NAMES = {
 # Steps whose absence is another estimate.
 RECTIFICATION, WEIGHTS, GATHERING = "rectification", "luminance weights", "gathering"
 
+# Pixels a frame from which a surface counts as moving, where that decides how wide its box is.
+LEAST_MOTION_PX = 2.0**-6
+
 # Effects that can make a pixel's history wrong although the camera stands still.
 _CHANGING = frozenset({Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.REACTIVE, Effect.EXPOSURE})
 
@@ -84,6 +87,8 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
     still = declared is not None and not declared & (_CHANGING | {Effect.CAMERA})
     if free and still:
         choices, settings = plain_mean(choices, settings)
+    elif free and _light_may_change(declared):
+        settings = narrow_in_motion(settings)
     reasons.append(Reason(RECTIFICATION, not (free and still), _why_rectified(free, still)))
     if free and declared is not None and Effect.HDR not in declared:
         choices = msgspec.structs.replace(choices, weighting=Weighting.NONE)
@@ -98,6 +103,13 @@ def plain_mean(choices: Choices, settings: Settings) -> tuple[Choices, Settings]
         choices, rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE, history_of=HistoryOf.RESULT
     )
     return choices, msgspec.structs.replace(settings, sample_limit=2.0**20)
+
+
+def narrow_in_motion(settings: Settings) -> Settings:
+    """Of light that changes on what moves, however slowly, the box alone tells: no wider than the 3x3 there."""
+    if settings.gamma_moving <= 1.0:
+        return settings
+    return msgspec.structs.replace(settings, gamma_moving=1.0, motion_px=LEAST_MOTION_PX)
 
 
 def toggled(plan: Plan, preset: Preset, step: str) -> Plan:
@@ -135,11 +147,15 @@ def _why_rectified(free: bool, still: bool) -> str:
     return "declared still: plain mean of all samples" if still else "something may make history wrong"
 
 
+def _light_may_change(declared: frozenset[Effect] | None) -> bool:
+    return declared is None or bool(declared & {Effect.SHADING, Effect.REACTIVE})
+
+
 def _gathered(choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choices, Reason]:
     """What gathering samples asks of a sequence: old samples say nothing of light that has changed since."""
     if declared is None:
         return choices, Reason(GATHERING, True, "the sequence declares no effects: the past is held in its box")
-    if Effect.SHADING in declared or Effect.REACTIVE in declared:
+    if _light_may_change(declared):
         why = "light changes without motion: the resolved image forgets faster than samples do"
         return msgspec.structs.replace(choices, history_of=HistoryOf.RESULT), Reason(GATHERING, False, why)
     why = "no change of light is declared: samples of the same surface stand"

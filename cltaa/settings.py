@@ -52,10 +52,10 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         float, _number("loss of count per half extent that rectification moved the history", 0.0, 64.0, "1", "measured")
     ] = 0.5
     gamma_still: Annotated[
-        float, _number("half width of the box where nothing moves", 0.0, 64.0, "standard deviations", "measured")
+        float, _number("half width of the box where nothing moves", 0.0, 64.0, "deviations, half extents", "measured")
     ] = 1.0
     gamma_moving: Annotated[
-        float, _number("half width of the box in motion", 0.0, 64.0, "standard deviations", "Salvi 2016: 0.75 to 1.25")
+        float, _number("half width of the box in motion", 0.0, 64.0, "the same", "Salvi 2016: 0.75 to 1.25")
     ] = 1.0
     motion_px: Annotated[
         float, _number("motion from which gamma_moving holds", 1e-3, 1e6, "pixels a frame", "measured")

@@ -14,8 +14,9 @@
 #include "blend.h"
 #include "pixel.h"
 
-__kernel void blend_kernel(plane_in alpha, plane_in reactive, plane_in statistics_in, plane_in history_at,
-    plane_in change_in, history_out output, plane_out output_count, const frame_t frame, const settings_t settings)
+__kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, plane_in statistics_in,
+    plane_in history_at, plane_in change_in, history_out output, plane_out output_count, const frame_t frame,
+    const settings_t settings)
 {
     const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
     if (x >= frame.width || y >= frame.height)
@@ -36,7 +37,8 @@ __kernel void blend_kernel(plane_in alpha, plane_in reactive, plane_in statistic
     const boxed mean_at = { mean.r, mean.g, mean.b };
     const real a = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
     const real reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
-    const resolved out
-        = resolve_pixel(load_colour(statistics_in + at + 12 * plane, plane), a, reactivity, mean_at, h, r, settings);
+    const colour sample = load_colour(statistics_in + at + 12 * plane, plane);
+    const colour own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? usable_colour(current, plane, x, y, frame) : sample;
+    const resolved out = resolve_pixel(own, sample, a, reactivity, mean_at, h, r, settings);
     store_resolved(output + at, output_count + at, out, x, y, frame);
 }

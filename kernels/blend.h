@@ -51,6 +51,17 @@ STAGE real difference_share(colour current, colour history, settings_t settings)
     return K(settings.differing_share) + (u * u) * (K(settings.agreeing_share) - K(settings.differing_share));
 }
 
+// Share of the filtered sample where filter_use says few-samples. A bright sample that the filter has spread over its
+// neighbours weighs less twice: as the sample of each, and for the shares of the others.
+STAGE real filtered_share(real share, colour filtered, settings_t settings)
+{
+    if (WEIGHTING == WEIGHTING_NONE)
+        return share;
+    const real knee = SPLAT(settings.luminance_knee);
+    const real dim = knee / (knee + greater(luminance(filtered), SPLAT(0.0)));
+    return share * (dim * dim);
+}
+
 // h + w (x - h): equal inputs stay as they are, to the bit. A weight of 1 selects the sample, which the sum would lose
 // beside a far brighter history; so does the caller where there is no history.
 STAGE real blend(real history, real current, real weight)

@@ -34,11 +34,12 @@ __kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motio
         const statistics near = neighbourhood_statistics(above, centre, below);
         const surface s = nearest_surface(above, centre, below, settings);
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
-        const colour sample = current_sample(above, centre, below, near, frame);
+        const colour filtered = current_sample(above, centre, below, near, frame);
+        const colour sample = FILTER_USE == FILTER_USE_FEW_SAMPLES ? centre.centre : filtered;
         const real a = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
         const real reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
         const gathered g = gather_samples(kept, past, frames, sample, a, s, x, y, frame, settings);
-        const resolved out = resolve_gathered(g, sample, a, reactivity, near, m, frame, settings);
+        const resolved out = resolve_gathered(g, sample, filtered, a, reactivity, near, m, frame, settings);
         store_resolved(output + at, output_count + at, out, x, y, frame);
         above = centre;
         centre = below;

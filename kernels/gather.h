@@ -119,8 +119,8 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, colour 
 }
 
 // The pixel as the weighted mean of its samples, the current one among them.
-STAGE resolved resolve_gathered(gathered g, colour current, real alpha, real reactivity, statistics near, motion_t m,
-    frame_t frame, settings_t settings)
+STAGE resolved resolve_gathered(gathered g, colour current, colour filtered, real alpha, real reactivity,
+    statistics near, motion_t m, frame_t frame, settings_t settings)
 {
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
     const mask any = g.count > zero;
@@ -136,7 +136,10 @@ STAGE resolved resolve_gathered(gathered g, colour current, real alpha, real rea
     const colour mixed = { current.r + share * ((past.r - current.r) + r.change.r),
         current.g + share * ((past.g - current.g) + r.change.g),
         current.b + share * ((past.b - current.b) + r.change.b) };
-    const colour v = from_range(choose_colour(any, mixed, fresh_colour(current, near.mean, settings)));
+    colour chosen = choose_colour(any, mixed, fresh_colour(current, near.mean, settings));
+    if (FILTER_USE == FILTER_USE_FEW_SAMPLES)
+        chosen = drawn_towards(chosen, filtered, filtered_share(one / (g.count + one), filtered, settings));
+    const colour v = from_range(chosen);
     resolved out;
     out.rgb.r = storable(v.r, lesser(current.r, zero));
     out.rgb.g = storable(v.g, lesser(current.g, zero));

@@ -1,6 +1,6 @@
 // One output pixel from its current sample, its neighbourhood and its history.
-#if !defined(ALPHA) || !defined(REACTIVE) || !defined(ALPHA_FROM)
-#error "pixel.h needs ALPHA, REACTIVE and ALPHA_FROM from the prelude"
+#if !defined(ALPHA) || !defined(REACTIVE) || !defined(ALPHA_FROM) || !defined(FILTER_USE)
+#error "pixel.h needs ALPHA, REACTIVE, ALPHA_FROM and FILTER_USE from the prelude"
 #endif
 
 typedef struct
@@ -29,13 +29,26 @@ STAGE colour fresh_colour(colour current, boxed mean, settings_t settings)
     return v;
 }
 
-STAGE resolved resolve_pixel(
-    colour current, real alpha, real reactivity, boxed mean, history_t h, rectification r, settings_t settings)
+// `own` drawn towards `filtered` by a share; equal colours keep their bits.
+STAGE colour drawn_towards(colour own, colour filtered, real share)
+{
+    const colour v = { own.r + share * (filtered.r - own.r), own.g + share * (filtered.g - own.g),
+        own.b + share * (filtered.b - own.b) };
+    return v;
+}
+
+// `own` is the pixel's own sample, `current` the same or what the current filter makes of it.
+STAGE resolved resolve_pixel(colour own, colour current, real alpha, real reactivity, boxed mean, history_t h,
+    rectification r, settings_t settings)
 {
     const colour past = { h.rgb.r + r.change.r, h.rgb.g + r.change.g, h.rgb.b + r.change.b };
     real count = believed_count(h.count, h.fx, h.fy, r.pull, settings);
     if (REACTIVE)
         count *= SPLAT(1.0) - reactivity;
+    if (FILTER_USE == FILTER_USE_FEW_SAMPLES) {
+        const real share = h.valid ? SPLAT(1.0) / (count + K(1.0)) : SPLAT(1.0);
+        current = drawn_towards(own, current, filtered_share(share, current, settings));
+    }
     real weight = sample_weight(count, r.unrest, settings);
     if (REACTIVE)
         weight += reactivity * (SPLAT(1.0) - weight);

@@ -21,6 +21,15 @@ STAGE void narrow(real* low, real* high, real mean, real width)
     *high = lesser(mean + width, *high);
 }
 
+// Ends moved outwards (inwards where `more` is negative) by a multiple of the half extent.
+STAGE void widen(real* low, real* high, real* extent, real more)
+{
+    const real by = more * *extent;
+    *low -= by;
+    *high += by;
+    *extent += by;
+}
+
 STAGE box_t neighbourhood_box(statistics s, real gamma, settings_t settings)
 {
     box_t box;
@@ -43,6 +52,13 @@ STAGE box_t neighbourhood_box(statistics s, real gamma, settings_t settings)
         box.extent
             = (boxed) { half_width(s.low.a, s.high.a), half_width(s.low.b, s.high.b), half_width(s.low.c, s.high.c) };
         box.centre = (boxed) { s.low.a + box.extent.a, s.low.b + box.extent.b, s.low.c + box.extent.c };
+        if (BOX == BOX_EXTREMES) {
+            // A gamma of 1 adds exactly nothing.
+            const real more = gamma - SPLAT(1.0);
+            widen(&s.low.a, &s.high.a, &box.extent.a, more);
+            widen(&s.low.b, &s.high.b, &box.extent.b, more);
+            widen(&s.low.c, &s.high.c, &box.extent.c, more);
+        }
     }
     box.low = s.low;
     box.high = s.high;

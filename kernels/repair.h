@@ -51,3 +51,10 @@ STAGE colour repaired_colour(plane_in image, size_t plane, int x, int y, frame_t
     v.b = repaired_channel(image, plane, 2, x, y, frame);
     return v;
 }
+
+// The colour at (x, y), repaired where need be, in the range that everything is compared in.
+STAGE colour usable_colour(plane_in image, size_t plane, int x, int y, frame_t frame)
+{
+    const colour v = load_colour(image + texel_offset(frame, x, y), plane);
+    return to_range(any_of(colour_outside_domain(v)) ? repaired_colour(image, plane, x, y, frame) : v);
+}

@@ -43,7 +43,7 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
             h.alpha = past_alpha(alpha + at, h.alpha, frame);
         const real a = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
         const real reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
-        const resolved out = resolve_pixel(sample, a, reactivity, near.mean, h, r, settings);
+        const resolved out = resolve_pixel(centre.centre, sample, a, reactivity, near.mean, h, r, settings);
         store_resolved(output + at, output_count + at, out, x, y, frame);
         above = centre;
         centre = below;

@@ -9,7 +9,7 @@ import numpy as np
 
 from cltaa.build import Build, Record, kept_planes
 from cltaa.layout import Layout
-from cltaa.params import AlphaFrom, Reject, Weighting
+from cltaa.params import AlphaFrom, FilterUse, Reject, Weighting
 from cltaa.reference.colour import Colour, colour_outside_domain, from_range, luminance, to_range
 from cltaa.reference.history import same_surface
 from cltaa.reference.neighbourhood import (
@@ -20,7 +20,15 @@ from cltaa.reference.neighbourhood import (
     neighbourhood_statistics,
     usable_closeness,
 )
-from cltaa.reference.pixel import Resolved, box_gamma, fresh_colour, storable, usable_share
+from cltaa.reference.pixel import (
+    Resolved,
+    box_gamma,
+    drawn_towards,
+    filtered_share,
+    fresh_colour,
+    storable,
+    usable_share,
+)
 from cltaa.reference.projection import Motion, motion_from_depth, on_screen, surface_motion
 from cltaa.reference.real import Array, Mask, greater, lesser, number, outside_domain, quiet
 from cltaa.reference.rectify import rectify
@@ -129,6 +137,7 @@ def gather_samples(
 def resolve_gathered(
     g: Gathered,
     current: Colour,
+    filtered: Colour,
     alpha: Array,
     reactivity: Array,
     near: Statistics,
@@ -151,8 +160,11 @@ def resolve_gathered(
         share = share * alpha_share
     mixed = [x + share * ((p - x) + c) for x, p, c in zip(current, past, change, strict=True)]
     fresh = fresh_colour(current, near.mean, build, settings)
-    chosen = [np.where(any_of, k, f) for k, f in zip(mixed, fresh, strict=True)]
-    v = from_range((chosen[0], chosen[1], chosen[2]), build)
+    r, gr, b = (np.where(any_of, k, f) for k, f in zip(mixed, fresh, strict=True))
+    chosen = (r, gr, b)
+    if build.choices.filter_use is FilterUse.FEW:
+        chosen = drawn_towards(chosen, filtered, filtered_share(one / (g.count + one), filtered, build, settings))
+    v = from_range(chosen, build)
     stored = [storable(k, lesser(x, zero), build) for k, x in zip(v, current, strict=True)]
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = alpha + alpha_share * (g.alpha / (g.count + one))
@@ -182,12 +194,13 @@ def gather(
     near = neighbourhood_statistics(above, centre, below, build)
     s = nearest_surface(above, centre, below, build, settings["edge_tolerance"])
     m = surface_motion(s, build, layout, frame)
-    sample = current_sample(above, centre, below, near, build, frame)
+    filtered = current_sample(above, centre, below, near, build, frame)
+    sample = centre.centre if build.choices.filter_use is FilterUse.FEW else filtered
     a, reactivity = load_shares(alpha, reactive, sample[0], build, layout)
     slots = kept.reshape(-1, kept_planes(build.steps), layout.rows, layout.stride)
     g = gather_samples(slots, past, frames, sample, a, s, build, layout, settings)
     store_resolved(
-        resolve_gathered(g, sample, a, reactivity, near, m, build, layout, settings),
+        resolve_gathered(g, sample, filtered, a, reactivity, near, m, build, layout, settings),
         build, layout, frame, output, output_count,
     )  # fmt: skip
 

@@ -9,7 +9,7 @@ import numpy as np
 from cltaa.build import Build, Record
 from cltaa.constants import PAD_X, PAD_Y
 from cltaa.layout import Layout
-from cltaa.params import Accumulate, AlphaFrom, AntiFlicker, Box, Negatives, Weighting
+from cltaa.params import Accumulate, AlphaFrom, AntiFlicker, Box, FilterUse, Negatives, Weighting
 from cltaa.reference.colour import Colour, from_box_space, from_range, luminance, to_box_space
 from cltaa.reference.history import History
 from cltaa.reference.projection import Motion
@@ -60,6 +60,16 @@ def luminance_weight(weight: Array, current: Colour, history: Colour, build: Bui
     h = knee + greater(luminance(history), zero)
     for_current, for_history = weight * h, (one - weight) * x
     result: Array = for_current / (for_current + for_history)
+    return result
+
+
+def filtered_share(share: Array, filtered: Colour, build: Build, settings: Record) -> Array:
+    """Share of the filtered sample where ``filter_use`` says few-samples; bright ones weigh less, twice."""
+    if build.choices.weighting is Weighting.NONE:
+        return share
+    knee = number(settings["luminance_knee"], share)
+    dim = knee / (knee + greater(luminance(filtered), number(0.0, share)))
+    result: Array = share * (dim * dim)
     return result
 
 
@@ -121,7 +131,14 @@ def fresh_colour(current: Colour, mean: Colour, build: Build, settings: Record) 
     return r, g, b
 
 
+def drawn_towards(own: Colour, filtered: Colour, share: Array) -> Colour:
+    """``own`` drawn towards ``filtered`` by a share."""
+    r, g, b = (c + share * (f - c) for c, f in zip(own, filtered, strict=True))
+    return r, g, b
+
+
 def resolve_pixel(
+    own: Colour,
     current: Colour,
     alpha: Array,
     reactivity: Array,
@@ -131,12 +148,16 @@ def resolve_pixel(
     build: Build,
     settings: Record,
 ) -> Resolved:
-    """The current sample blended with the rectified history, or a fresh start where there is none."""
+    """The current sample (``own``, or what the current filter makes of it) blended with the rectified history, or a
+    fresh start where there is none."""
     one, zero = number(1.0, h.count), number(0.0, h.count)
     past = (h.rgb[0] + r.change[0], h.rgb[1] + r.change[1], h.rgb[2] + r.change[2])
     count = believed_count(h.count, h.fx, h.fy, r.pull, settings)
     if build.steps.reactive:
         count = count * (one - reactivity)
+    if build.choices.filter_use is FilterUse.FEW:
+        share = np.where(h.valid, one / (count + one), one)
+        current = drawn_towards(own, current, filtered_share(share, current, build, settings))
     weight = sample_weight(count, r.unrest, build, settings)
     if build.steps.reactive:
         weight = weight + reactivity * (one - weight)

@@ -56,6 +56,11 @@ def neighbourhood_box(s: Statistics, gamma: Array, build: Build, box_floor: Any)
             high = [greater(hi, number(0.0, hi)) for hi in high]
         extent = [number(0.5, lo) * (hi - lo) for lo, hi in zip(low, high, strict=True)]
         centre = [lo + e for lo, e in zip(low, extent, strict=True)]
+        if build.choices.box is Box.EXTREMES:
+            by = [(gamma - number(1.0, gamma)) * e for e in extent]
+            low = [lo - b for lo, b in zip(low, by, strict=True)]
+            high = [hi + b for hi, b in zip(high, by, strict=True)]
+            extent = [e + b for e, b in zip(extent, by, strict=True)]
     box = BoxOf(_three(centre), _three(extent), _three(low), _three(high))
     if build.choices.rectify in (Rectify.CLIP, Rectify.ELLIPSOID):
         size = greater(np.abs(centre[0]), greater(np.abs(centre[1]), np.abs(centre[2])))

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from cltaa.build import Build, Real
 from cltaa.constants import PAD_X, PAD_Y
 from cltaa.layout import Layout
-from cltaa.reference.colour import colour_outside_domain
+from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.real import Array, greater, number, quiet
 
 
@@ -31,3 +32,10 @@ def repaired_planes(planes: Array, layout: Layout) -> Array:
         repaired[:3, rows, columns] = np.where(count > number(0.0, count), total / greater(count, 1.0), zero)
         layout.extend_edges(repaired)
     return repaired
+
+
+def usable_colour(current: Array, build: Build, layout: Layout) -> Colour:
+    """Each pixel's own colour [H, W], repaired where need be, in the range that everything is compared in."""
+    real = np.float64 if build.real is Real.DOUBLE else np.float32
+    r, g, b = (layout.inside(plane).astype(real) for plane in repaired_planes(current, layout)[:3])
+    return to_range((r, g, b), build)

@@ -65,6 +65,7 @@ def resolve(
     if build.steps.alpha and alpha is not None:
         h = replace(h, alpha=past_alpha(alpha, h.alpha, build, layout))
     resolved = resolve_pixel(
+        centre.centre,
         sample,
         *load_shares(alpha, reactive, h.count, build, layout),
         near.mean,

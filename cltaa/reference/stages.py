@@ -8,13 +8,14 @@ import numpy as np
 
 from cltaa.build import Build, Record
 from cltaa.layout import Layout
+from cltaa.params import FilterUse
 from cltaa.reference.history import History, sample_history
 from cltaa.reference.neighbourhood import Statistics, Surface, current_sample, nearest_surface, neighbourhood_statistics
 from cltaa.reference.pixel import box_gamma, past_alpha, resolve_pixel
 from cltaa.reference.projection import Motion, surface_motion
 from cltaa.reference.real import Array, number, quiet
 from cltaa.reference.rectify import Rectification, rectify
-from cltaa.reference.repair import repaired_planes
+from cltaa.reference.repair import repaired_planes, usable_colour
 from cltaa.reference.resolve import load_shares, read_rows, real_type, store_resolved
 
 
@@ -111,6 +112,7 @@ def blend_kernel(
     build: Build,
     layout: Layout,
     *,
+    current: Array,
     alpha: Array | None,
     reactive: Array | None,
     statistics_in: Array,
@@ -128,9 +130,12 @@ def blend_kernel(
     h = History((r, g, b), opacity, count, fx, fy, valid > number(0.5, valid))
     change_r, change_g, change_b, pull, unrest, calm = _load(change_in, build, layout)
     mean_a, mean_b, mean_c = _load(statistics_in[:3], build, layout)
-    current_r, current_g, current_b = _load(statistics_in[12:15], build, layout)
+    sample_r, sample_g, sample_b = _load(statistics_in[12:15], build, layout)
+    sample = sample_r, sample_g, sample_b
+    few = build.choices.filter_use is FilterUse.FEW
     resolved = resolve_pixel(
-        (current_r, current_g, current_b),
+        usable_colour(current, build, layout) if few else sample,
+        sample,
         *load_shares(alpha, reactive, count, build, layout),
         (mean_a, mean_b, mean_c),
         h,

@@ -55,6 +55,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "anti_flicker",
         "box",
         "box_space",
+        "filter_use",
         "negatives",
         "reactive",
         "storage",

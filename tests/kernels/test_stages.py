@@ -46,7 +46,7 @@ class Kept(Resolver):
             previous_closeness=read.closeness, history_at=made["history"], **both)  # fmt: skip
         run("rectify_history", statistics_in=made["statistics"], motion_in=made["motion"],
             history_at=made["history"], change_out=made["change"], **both)  # fmt: skip
-        run("blend", alpha=read.optional("alpha", 1), reactive=read.optional("reactive", 1),
+        run("blend", current=current, alpha=read.optional("alpha", 1), reactive=read.optional("reactive", 1),
             statistics_in=made["statistics"], history_at=made["history"], change_in=made["change"],
             output=made["output"], output_count=made["count"], **both)  # fmt: skip
         self.launcher.finish()
@@ -54,7 +54,10 @@ class Kept(Resolver):
             return np.moveaxis(layout.inside(planes).copy(), 0, -1)
 
 
-@pytest.mark.parametrize("changes", [{}, {"box": "variance", "rectify": "clip", "dilation": "closest"}])
+OTHERWISE = {"box": "variance", "rectify": "clip", "dilation": "closest", "filter_use": "always"}
+
+
+@pytest.mark.parametrize("changes", [{}, OTHERWISE])
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_chain_of_stages_is_the_fused_kernel(changes: dict[str, object], lanes: int) -> None:
     resolver = Kept(override(load_preset(), changes), strict=True, lanes=lanes, rows=5)

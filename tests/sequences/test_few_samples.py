@@ -1,0 +1,95 @@
+"""The current filter where samples are few, and the width of the box where nothing moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cltaa.build import Build, settings_record
+from cltaa.frames import Effect, Frame
+from cltaa.layout import Layout
+from cltaa.params import BoxSpace, Choices, Preset, Settings, override
+from cltaa.planning import plan_frame
+from cltaa.presets import load_preset
+from cltaa.reference.neighbourhood import Statistics
+from cltaa.reference.projection import Motion
+from cltaa.reference.rectify import rectify
+from cltaa.resolve import Resolver
+from tests.sequence_factory import bits, make_camera, make_frame
+
+CAMERA = frozenset({Effect.CAMERA, Effect.SKY})
+
+
+def few(history_of: str, **changes: object) -> Preset:
+    values = {"history_of": history_of, "weighting": "none", "rectify": "none", "reject": "none", "resample_cost": 0.0}
+    return override(load_preset(), {**values, **changes})
+
+
+def dotted(index: int, **changes: Any) -> Frame:
+    """Black but for one white texel, sampled at the pixels' centres by a camera that stands."""
+    frame = make_frame(index, camera=make_camera(), effects=CAMERA, jitter_px=(0.0, 0.0))
+    colour = np.zeros_like(frame.colour)
+    colour[10, 12] = 1.0
+    return replace(frame, colour=colour, depth=np.full_like(frame.depth, 5.0), **changes)
+
+
+@pytest.mark.parametrize("history_of", ["result", "samples"])
+def test_the_filter_has_the_share_of_one_sample(history_of: str) -> None:
+    resolver = Resolver(few(history_of), "numpy")
+    side = np.exp(-np.float32(resolver.preset.settings.filter_falloff))
+    middle = 1 / (1 + 2 * side) ** 2
+    alone = resolver.resolve(dotted(0))
+    assert (bits(alone) == bits(dotted(0).colour)).all(), "a first frame is what was drawn"
+    for number in (2, 3, 4):
+        value = resolver.resolve(dotted(number - 1))[10, 12, 0]
+        # The recurrent image keeps what the filter took: after a first sample as drawn, 1 - share is lost in each n.
+        lost = sum(1 / n**2 if history_of == "samples" else 1 / n / number for n in range(2, number + 1))
+        expected = 1 - (1 - middle) * (1 / number if history_of == "samples" else lost)
+        assert abs(value - expected) < 1e-6
+
+
+def test_a_pixel_that_comes_into_view_is_the_filter_alone() -> None:
+    resolver = Resolver(few("result", reject="depth"), "numpy")
+    resolver.resolve(dotted(0))
+    nearer = dotted(1)
+    resolved = resolver.resolve(replace(nearer, depth=np.full_like(nearer.depth, 2.0)))
+    side = np.exp(-resolver.preset.settings.filter_falloff)
+    weights = np.array([side, 1, side]) / (1 + 2 * side)
+    assert np.abs(resolved[9:12, 11:14, 0] - np.outer(weights, weights)).max() < 1e-6
+
+
+def test_a_highlight_does_not_leak_through_the_filter() -> None:
+    resolver = Resolver(few("result", weighting="luminance"), "numpy")
+    frames = [dotted(index, effects=CAMERA | {Effect.HDR}) for index in range(3)]
+    for frame in frames:
+        resolved = resolver.resolve(replace(frame, colour=frame.colour * np.float32(1e4)))
+    # Without the two weights the filter alone would give the pixel beside 1e4 / 3 times 0.1.
+    assert resolved[10, 13, 0] < 0.1
+
+
+@pytest.mark.parametrize(("gamma", "moved"), [(1.0, 2.0), (2.0, 1.0), (3.0, 0.0), (8.0, 0.0)])
+def test_the_box_of_extremes_is_widened_by_gamma(gamma: float, moved: float) -> None:
+    layout = Layout(1, 1)
+    one = np.ones((1, 1), np.float32)
+    zero = 0 * one
+    near = Statistics(*(((v * one,) * 3) for v in (0.0, 1.0, -1.0, 1.0)))
+    build = Build(choices=Choices(box_space=BoxSpace.RGB))
+    still = Motion(zero, zero, one, zero, one > 0)
+    history = (3 * one, zero, -3 * one)
+    found = rectify(history, (zero,) * 3, near, still, gamma * one, build, layout, settings_record(Settings()))
+    assert [float(v[0, 0]) for v in found.change] == [-moved, 0.0, moved]
+    assert float(found.pull[0, 0]) == moved / gamma
+
+
+@pytest.mark.parametrize(
+    ("effects", "wide"), [(CAMERA, True), ({Effect.SHADING}, False), ({Effect.REACTIVE}, False), (None, False)]
+)
+def test_what_moves_keeps_its_narrow_box_where_light_may_change(effects: set[Effect] | None, wide: bool) -> None:
+    frame = make_frame(1, camera=make_camera(), effects=None if effects is None else frozenset(effects))
+    default, planned = load_preset().settings, plan_frame(load_preset(), frame, frame.camera).settings
+    assert default.gamma_moving > 1
+    assert planned.gamma_still == default.gamma_still
+    assert (planned.gamma_moving, planned.motion_px) == (default.gamma_moving, 1.0) if wide else (1.0, 2.0**-6)
