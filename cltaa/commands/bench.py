@@ -9,6 +9,7 @@ from cltaa.lazy import Entry, LazyGroup
 MEASUREMENTS = {
     "accuracy": Entry("cltaa.commands.bench_accuracy", "accuracy", "Measure what each step of accuracy costs in time."),
     "effects": Entry("cltaa.commands.bench_effects", "effects", "Measure what the plan saves."),
+    "files": Entry("cltaa.commands.bench_files", "files", "Time files, and how well the stages of a resolve overlap."),
     "growth": Entry("cltaa.commands.bench_growth", "growth", "Time a pixel from small images to large ones."),
     "kernels": Entry("cltaa.commands.bench_kernels", "kernels", "Time the kernels against the alternatives."),
     "quality": Entry("cltaa.commands.bench_quality", "quality", "Judge presets on scenes against the truth."),

@@ -1,0 +1,197 @@
+"""``cltaa bench files``: what packing and unpacking cost, and how far ``cltaa resolve`` hides stages behind others."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import msgspec
+import numpy as np
+import OpenEXR
+
+from cltaa.bench.environment import Environment, environment, load
+from cltaa.bench.timing import Interval, Job, interval, measure
+from cltaa.build import Build
+from cltaa.exr import read_image, write_image
+from cltaa.exr_channels import Pixels
+from cltaa.halves import image_channels
+from cltaa.kernel_files import kernel_folder
+from cltaa.launch import DeviceLauncher
+from cltaa.params import Preset
+from cltaa.pipeline import resolve_sequence
+from cltaa.reading import read_frames
+from cltaa.resolve import Resolver
+from cltaa.sources import Sequence as Captured
+from cltaa.streams import Writer
+
+CODECS = (
+    "none",
+    "rle",
+    "zips",
+    "zip",
+    "piz",
+    "zstd",
+)  # those that lose nothing and that most programs read; zstd is new
+HELD = 3  # frames in memory while a stage is timed alone
+Progress = Callable[[Iterable[int], int], Iterable[int]]
+
+
+class Packing(msgspec.Struct, frozen=True, kw_only=True):
+    """One way to write a resolved image. Milliseconds."""
+
+    codec: str
+    half: bool
+    threads: int
+    write: Interval
+    read: Interval
+    megabytes: float
+
+
+class Stages(msgspec.Struct, frozen=True, kw_only=True):
+    """Seconds a frame: of each stage with nothing beside it, and of the command in which they overlap."""
+
+    codec: str
+    half: bool
+    read: Interval
+    resolve: Interval
+    write: Interval
+    whole: Interval
+    over_slowest: Interval  # whole over the slowest stage, round by round
+
+
+class FilesBench(msgspec.Struct, frozen=True, kw_only=True):
+    """The whole measurement."""
+
+    width: int
+    height: int
+    frames: int
+    rounds: int
+    environment: Environment
+    packings: list[Packing]
+    stages: list[Stages]
+
+
+def bench_files(
+    sequence: Captured,
+    preset: Preset,
+    device: str | None,
+    *,
+    codecs: Sequence[str] = CODECS,
+    threads: Sequence[int] = (),
+    commands: Sequence[tuple[str, bool]] = (("zip", False),),
+    rounds: int = 5,
+    progress: Progress | None = None,
+) -> FilesBench:
+    """Time writing and reading a resolved frame of ``sequence`` in every codec, and the command with its stages.
+
+    ``threads`` are OpenEXR's, none: as many as it has now. ``commands`` are codecs with whether to write halves.
+    """
+    before, resolver = load(), Resolver(preset, device)
+    channels = image_channels(resolver.resolve(sequence.frame(sequence.first)))
+    resolver.reset()
+    counts = threads or (OpenEXR.global_thread_count(),)
+    with TemporaryDirectory() as folder:
+        packings = [
+            packing
+            for half in (False, True)
+            for packing in _packings(Path(folder), _as_half(channels, half), codecs, counts, rounds, progress)
+        ]
+        stages = [_stages(Path(folder), sequence, resolver, codec, half, rounds) for codec, half in commands]
+    launcher = resolver.launcher
+    assert isinstance(launcher, DeviceLauncher)
+    return FilesBench(
+        width=sequence.width, height=sequence.height, frames=len(sequence), rounds=rounds,
+        environment=environment(launcher.description, before, Build().flags(), kernel_folder()),
+        packings=packings, stages=stages,
+    )  # fmt: skip
+
+
+def _as_half(channels: dict[str, Pixels], half: bool) -> dict[str, Pixels]:
+    return {name: pixels.astype("float16") if half else pixels for name, pixels in channels.items()}
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[None]:
+    """OpenEXR with ``count`` threads of its own."""
+    before = OpenEXR.global_thread_count()
+    OpenEXR.set_global_thread_count(count)
+    try:
+        yield
+    finally:
+        OpenEXR.set_global_thread_count(before)
+
+
+def _packings(
+    folder: Path, channels: dict[str, Pixels], codecs: Sequence[str], threads: Sequence[int], rounds: int,
+    progress: Progress | None,
+) -> Iterator[Packing]:  # fmt: skip
+    half = channels["R"].dtype == "float16"
+    for count in threads:
+        with _threads(count):
+            jobs = []
+            for codec in codecs:
+                path = folder / f"{codec}.exr"
+                jobs.append(Job(f"write {codec}", partial(write_image, path, channels, compression=codec)))
+                jobs[-1].run()
+                jobs.append(Job(f"read {codec}", partial(_read, path)))
+            samples = measure(jobs, rounds, warm_up=1, progress=progress)
+            for codec in codecs:
+                yield Packing(
+                    codec=codec, half=half, threads=count,
+                    write=_milliseconds(samples.interval(f"write {codec}")),
+                    read=_milliseconds(samples.interval(f"read {codec}")),
+                    megabytes=(folder / f"{codec}.exr").stat().st_size * 1e-6,
+                )  # fmt: skip
+
+
+def _read(path: Path) -> None:
+    read_image(path)
+
+
+def _milliseconds(seconds: Interval) -> Interval:
+    return Interval(median=seconds.median * 1e3, low=seconds.low * 1e3, high=seconds.high * 1e3)
+
+
+def _stages(folder: Path, sequence: Captured, resolver: Resolver, codec: str, half: bool, rounds: int) -> Stages:
+    times: dict[str, list[float]] = {"read": [], "resolve": [], "write": [], "whole": []}
+    held = [read.frame for read, _ in zip(read_frames(sequence, None, ()), range(HELD), strict=False)]
+    count = len(sequence)
+    for number in range(rounds + 1):  # the first builds kernels and fills caches
+        # Each as the command does it, frames one after the other, with all that belongs to it.
+        steps: dict[str, Callable[[], object]] = {
+            "read": lambda: [None for _ in read_frames(sequence, None, ())],
+            "resolve": lambda: [
+                resolver.resolve(replace(held[index % len(held)], index=index)) for index in range(count)
+            ],
+            "write": partial(_write, folder, image_channels(resolver.resolve(held[0]), half=half), codec, count),
+            "whole": partial(
+                resolve_sequence, sequence, folder / "out", resolver, half=half, compression=codec, restart=True
+            ),
+        }
+        for name, step in steps.items():
+            resolver.reset()
+            started = time.perf_counter()
+            step()
+            if number:
+                times[name].append((time.perf_counter() - started) / count)
+    slowest = [max(times[name][number] for name in ("read", "resolve", "write")) for number in range(rounds)]
+    ratios = [whole / alone for whole, alone in zip(times["whole"], slowest, strict=True)]
+    return Stages(
+        codec=codec, half=half, over_slowest=_interval(ratios),
+        **{name: _interval(seconds) for name, seconds in times.items()},
+    )  # fmt: skip
+
+
+def _write(folder: Path, channels: dict[str, Pixels], codec: str, count: int) -> None:
+    with Writer(compression=codec) as writer:
+        for index in range(count):
+            writer.write(folder / f"alone.{index:04d}.exr", channels)
+
+
+def _interval(values: list[float]) -> Interval:
+    return interval(np.array(values))

@@ -1,0 +1,104 @@
+"""``cltaa bench files``: what files cost, and how well the stages of a resolve overlap."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import msgspec
+from rich.console import Console
+from rich.table import Table
+
+from cltaa.bench.files import CODECS, FilesBench, bench_files
+from cltaa.bench.timing import Interval
+from cltaa.errors import UsageError
+from cltaa.exr_layout import LOSSLESS
+from cltaa.presets import load_preset
+from cltaa.progress import track
+from cltaa.sources import open_sequence
+
+
+@click.command("files")
+@click.argument("sequence", type=click.Path(path_type=Path))
+@click.option("--preset", default="default", show_default=True, help="That resolves.")
+@click.option("--device", metavar="NAME", help="OpenCL device: its index or a part of its name; see cltaa doctor.")
+@click.option("--compressions", default=",".join(CODECS), show_default=True, metavar="LIST", help="Of EXR, lossless.")
+@click.option("--threads", default="", metavar="LIST", help="Threads of OpenEXR.  [default: a thread a core]")
+@click.option("--commands", "commands", default="zip", show_default=True, metavar="LIST",
+              help="Compressions to run the whole command with; with :half behind it, writing halves.")  # fmt: skip
+@click.option("--rounds", default=5, show_default=True, type=click.IntRange(min=3), help="Rounds.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
+def files(
+    sequence: Path, preset: str, device: str | None, compressions: str, threads: str, commands: str, rounds: int,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Time writing and reading a resolved frame of SEQUENCE, and the whole resolve against its stages.
+
+    "alone" is a stage with nothing beside it: reading (with all checks), resolving (with the way to the device and
+    back) and writing. "whole" is cltaa resolve, where they overlap; "over slowest" is its time a frame over that of the
+    slowest stage, which it cannot pass.
+    """
+    found = bench_files(
+        open_sequence(sequence), load_preset(preset), device,
+        codecs=[_codec(name) for name in compressions.split(",")], threads=_numbers(threads),
+        commands=[_command(text) for text in commands.split(",") if text], rounds=rounds,
+        progress=lambda numbers, total: track(numbers, total, "timing", unit="rounds"),
+    )  # fmt: skip
+    if as_json:
+        click.echo(msgspec.json.encode(found).decode())
+    else:
+        _print(found)
+
+
+def _codec(name: str) -> str:
+    if name not in LOSSLESS:
+        raise UsageError("unknown or lossy compression", expected=", ".join(sorted(LOSSLESS)), found=name)
+    return name
+
+
+def _command(text: str) -> tuple[str, bool]:
+    name, colon, kind = text.partition(":")
+    if colon and kind != "half":
+        raise UsageError("--commands: no compression", expected="as zip or zip:half", found=text)
+    return _codec(name), bool(colon)
+
+
+def _numbers(text: str) -> list[int]:
+    counts = [count.strip() for count in text.split(",") if count.strip()]
+    if not all(count.isdecimal() for count in counts):
+        raise UsageError("--threads: no list of numbers", expected="as 1,2", found=text)
+    return [int(count) for count in counts]
+
+
+def _print(found: FilesBench) -> None:
+    console = Console()
+    table = Table(title=f"a resolved frame, {found.width} x {found.height}, {found.rounds} rounds")
+    for heading in ("compression", "pixels", "threads", "write ms", "95 %", "read ms", "95 %", "MB"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in found.packings:
+        table.add_row(
+            row.codec, "half" if row.half else "float", str(row.threads), f"{row.write.median:.0f}",
+            _range(row.write), f"{row.read.median:.0f}", _range(row.read), f"{row.megabytes:.1f}",
+        )  # fmt: skip
+    console.print(table)
+    table = Table(title=f"cltaa resolve, {found.frames} frames, milliseconds a frame")
+    for heading in ("compression", "read alone", "resolve alone", "write alone", "whole", "over slowest", "95 %"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for stage in found.stages:
+        alone = (f"{seconds.median * 1e3:.0f}" for seconds in (stage.read, stage.resolve, stage.write, stage.whole))
+        ratio = stage.over_slowest
+        table.add_row(
+            stage.codec + (", half" if stage.half else ""), *alone, f"{ratio.median:.2f}", _range(ratio, ".2f")
+        )
+    console.print(table)
+    where = found.environment
+    console.print(
+        f"{where.device}; {where.cpu}, {where.cores} cores; load {where.load_before} to {where.load_after}; "
+        f"{where.date} UTC",
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
+def _range(value: Interval, form: str = ".0f") -> str:
+    return f"{value.low:{form}}–{value.high:{form}}"

@@ -1,0 +1,34 @@
+"""``cltaa bench files``: the table of compressions, and the command against its stages."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import OpenEXR
+import pytest
+
+from cltaa.cli import main
+from tests.sequence_factory import write_sequence
+
+
+def test_every_compression_and_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, before = write_sequence(tmp_path / "in", 4), OpenEXR.global_thread_count()
+    arguments = ["--compressions", "none,zip", "--threads", "1,2", "--commands", "zip,none:half", "--rounds", "3"]
+    assert main(["bench", "files", str(folder), *arguments, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    ways = [(row["codec"], row["half"], row["threads"]) for row in found["packings"]]
+    assert sorted(ways) == sorted((c, h, t) for c in ("none", "zip") for h in (False, True) for t in (1, 2))
+    size = {way: row["megabytes"] for way, row in zip(ways, found["packings"], strict=True)}
+    assert size["zip", False, 1] < size["none", False, 1]
+    assert size["none", True, 1] < size["none", False, 1]
+    assert [(stage["codec"], stage["half"]) for stage in found["stages"]] == [("zip", False), ("none", True)]
+    for stage in found["stages"]:
+        assert all(stage[name]["median"] > 0 for name in ("read", "resolve", "write", "whole", "over_slowest"))
+    assert OpenEXR.global_thread_count() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
+
+
+@pytest.mark.parametrize("wrong", [("--compressions", "b44"), ("--threads", "x"), ("--commands", "zip:full")])
+def test_nonsense(tmp_path: Path, wrong: tuple[str, str]) -> None:
+    assert main(["bench", "files", str(write_sequence(tmp_path, 1)), *wrong]) == 64
