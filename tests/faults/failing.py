@@ -21,6 +21,7 @@ from cltaa.cli import main
 from tests.faults.runs import WORK, Work, check_after_fault, check_finished, digests
 
 ACTIONS = {"once": 1, "from then on": 2}
+ERRORS = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EROFS)
 
 
 def run(command: list[str]) -> tuple[int, str]:
@@ -45,7 +46,7 @@ def fail_each_call(top: Path, shim: ctypes.CDLL, work: Work, action: str, stride
     at, output = 1, top / "out"
     while True:
         shutil.rmtree(output, ignore_errors=True)
-        shim.fault_arm(str(output).encode(), at, ACTIONS[action], (errno.ENOSPC, errno.EIO)[at % 2])
+        shim.fault_arm(str(output).encode(), at, ACTIONS[action], ERRORS[at % len(ERRORS)])
         code, said = run(work.command(top, output))
         reached = shim.fault_calls() >= at
         shim.fault_arm(b"", 0, 0, 0)

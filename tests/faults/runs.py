@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +17,7 @@ from tests.sequence_factory import write_sequence
 
 FRAMES = 7  # with a checkpoint every 2 frames both slots are written and overwritten
 CHECKPOINT = 2
+PAGE = 4096  # bytes, of which a small disk has a few
 
 
 def arguments(folder: Path, output: Path, *more: str) -> list[str]:
@@ -23,9 +25,9 @@ def arguments(folder: Path, output: Path, *more: str) -> list[str]:
     return ["resolve", str(folder), "-o", str(output), "--checkpoint", str(CHECKPOINT), "--device", "numpy", *more]
 
 
-def prepare(top: Path, count: int = FRAMES) -> tuple[Path, dict[str, str]]:
+def prepare(top: Path, count: int = FRAMES, width: int = 9, height: int = 7) -> tuple[Path, dict[str, str]]:
     """A small sequence in ``top`` and the hashes of its frames, resolved without a fault."""
-    folder = write_sequence(top / "in", count, width=9, height=7, motion=True)
+    folder = write_sequence(top / "in", count, width=width, height=height, motion=True)
     assert main(arguments(folder, top / "whole")) == 0
     return folder, digests(top / "whole")
 
@@ -91,3 +93,15 @@ def start(command: list[str], **variables: str) -> subprocess.Popen[str]:
         [sys.executable, "-m", "cltaa.cli", *command],
         env={**os.environ, **variables}, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
+
+
+@contextmanager
+def small_disk(folder: Path, pages: int) -> Iterator[None]:
+    """A file system of its own at ``folder``."""
+    folder.mkdir(exist_ok=True)
+    options = f"size={pages * PAGE}"
+    subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)], check=True)
+    try:
+        yield
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)

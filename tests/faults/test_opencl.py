@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -13,9 +12,9 @@ from typing import Any
 import pyopencl as cl
 import pytest
 
-from cltaa import device, kernel_cache, launch, program
+from cltaa import device, launch, program
 from cltaa.cli import main
-from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError
+from cltaa.errors import DeviceLost, DeviceMissing, InternalError
 from cltaa.resolve import Resolver
 from tests.faults.runs import check_after_fault, check_finished, digests
 from tests.sequence_factory import make_frame, write_sequence
@@ -71,49 +70,6 @@ def test_kernel_that_does_not_build(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     assert "__kernel void resolve_kernel" in log.read_text()
 
 
-def test_cache_that_cannot_be_written(tmp_path: Path, whole: tuple[Path, dict[str, str]]) -> None:
-    (tmp_path / "file").touch()
-    cache = str(tmp_path / "file" / "cache")
-    done = run(arguments(whole[0], tmp_path / "out"), POCL_CACHE_DIR=cache)
-    assert done.returncode == 69, done.stderr
-    assert f"{cache}: the kernel cache cannot be written: Not a directory" in done.stderr
-
-
-def test_full_cache_is_seen_before_the_compiler_aborts(
-    tmp_path: Path,
-    whole: tuple[Path, dict[str, str]],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    usage = shutil.disk_usage(tmp_path)
-    free = kernel_cache.LEAST_FREE - 1
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=free))
-    assert main(arguments(whole[0], tmp_path / "out")) == 75
-    assert "too little room for built kernels (expected 67 MB, found 67 MB free)" in capsys.readouterr().err
-    monkeypatch.undo()
-    assert main(arguments(whole[0], tmp_path / "out")) == 0
-    check_finished(tmp_path / "out", whole[1])
-
-
-@pytest.mark.parametrize("rounds", [1, pytest.param(5, marks=pytest.mark.big)])
-def test_processes_on_one_cold_cache(tmp_path: Path, whole: tuple[Path, dict[str, str]], rounds: int) -> None:
-    folder, expected = whole
-    for turn in range(rounds):
-        top = tmp_path / str(turn)
-        top.mkdir()
-        processes = [
-            subprocess.Popen(
-                [sys.executable, "-m", "cltaa.cli", *arguments(folder, top / str(number))],
-                env=os.environ | {"POCL_CACHE_DIR": str(top / "cache")}, stderr=subprocess.PIPE, text=True,
-            )
-            for number in range(PROCESSES)
-        ]  # fmt: skip
-        said = [process.communicate(timeout=300)[1] for process in processes]
-        assert [process.returncode for process in processes] == [0] * PROCESSES, said
-        for number in range(PROCESSES):
-            check_finished(top / str(number), expected)
-
-
 class Failing:
     """Calls of a function, of which the ``at``-th (and with ``always`` every later one) raises."""
 
@@ -156,22 +112,34 @@ def test_device_lost_at_the_nth_call(
     assert at > FRAMES
 
 
-@pytest.mark.parametrize("at", range(1, 9))
+@pytest.mark.parametrize("name", ["enqueue_fill", "Buffer"])
+@pytest.mark.parametrize("more", [[], ["--band-rows", "5"], ["--preset", "t5"]], ids=["whole", "bands", "gathering"])
 def test_no_memory_for_the_nth_buffer(
-    tmp_path: Path, whole: tuple[Path, dict[str, str]], at: int, monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, whole: tuple[Path, dict[str, str]], name: str, more: list[str], monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     """Buffers are touched when they are made: a lack of memory shows before the first frame, with the bytes needed."""
     failure = planted(cl.MemoryError, "clEnqueueFillBuffer", cl.status_code.MEM_OBJECT_ALLOCATION_FAILURE)
-    failing = Failing(cl.enqueue_fill, at, failure)
-    monkeypatch.setattr(cl, "enqueue_fill", failing)
-    assert main(arguments(whole[0], tmp_path / "out")) == 75
-    said = capsys.readouterr().err
-    assert "not enough memory on" in said
-    assert "bytes in one buffer, found largest buffer" in said
-    assert digests(tmp_path / "out") == {}
-    assert main(arguments(whole[0], tmp_path / "out")) == 0
-    check_finished(tmp_path / "out", whole[1])
+    real, output, at, reached, expected = getattr(cl, name), tmp_path / "out", 0, True, None
+    while reached:
+        at += 1
+        failing = Failing(real, at, failure)
+        monkeypatch.setattr(cl, name, failing)
+        code = main([*arguments(whole[0], output), *more, "--restart"])
+        monkeypatch.setattr(cl, name, real)
+        said, reached = capsys.readouterr().err, failing.calls >= at
+        assert code == (75 if reached else 0), said
+        if reached:
+            assert "not enough memory on" in said
+            assert "bytes in one buffer, found largest buffer" in said
+            assert digests(output) == {}
+            assert main([*arguments(whole[0], output), *more]) == 0
+            expected = expected or digests(output)
+        assert expected is not None
+        check_finished(output, expected)
+        assert more == ["--preset", "t5"] or expected == whole[1]
+    print(f"{at - 1} buffers")
+    assert at > 8
 
 
 def test_memory_limit_of_the_driver() -> None:
@@ -204,14 +172,3 @@ def test_context_that_cannot_be_made(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cl, "Context", Failing(cl.Context, 1, error))
     with pytest.raises(DeviceMissing, match=r"cannot be opened: .*planted"):
         launch.DeviceLauncher()
-
-
-def test_lock_of_the_cache_is_taken_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A process that has it may take it again; nothing is left when it fails."""
-    monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path))
-    with kernel_cache.filling("a"), kernel_cache.filling("a"):
-        pass
-    with pytest.raises(ResourceError), kernel_cache.filling("a"):
-        raise ResourceError("planted")
-    with kernel_cache.filling("a"):
-        pass
