@@ -19,7 +19,7 @@ from cltaa.build import Build
 from cltaa.display import Picture, quantise
 from cltaa.frames import Image
 from cltaa.launch import Buffer
-from cltaa.params import Reject
+from cltaa.params import Rectify, Reject
 from cltaa.pictures import heat, write_png
 from cltaa.resolve import LastRun, Resolver
 from cltaa.views import View
@@ -66,14 +66,15 @@ class DebugViews:
             raise ValueError("nothing was resolved yet")
         stages = _Stages(self._resolver, last)
         layers: dict[str, Image] = {}
+        gathers = "kept" in last.arguments
         if View.REJECT in self.views:
-            layers["debug.reject"] = _reasons(stages, last).astype(np.float32)
+            layers["debug.reject"] = (_reasons_gathered(stages) if gathers else _reasons(stages)).astype(np.float32)
         if View.COUNT in self.views:
             layers["debug.count"] = stages.read(last.arguments["output_count"])[0]
         if View.MOTION in self.views:
             layers["debug.motion.u"], layers["debug.motion.v"] = stages.read(stages.motion)[:2]
         if View.CLIP in self.views:
-            layers["debug.clip"] = _clip_distance(stages)
+            layers["debug.clip"] = _clip_gathered(stages) if gathers else _clip_distance(stages)
         return layers
 
     def write(self, folder: Path, number: int) -> dict[str, Image]:
@@ -92,6 +93,7 @@ class _Stages:
 
     def __init__(self, resolver: Resolver, last: LastRun) -> None:
         self._launcher, self._last = resolver.launcher, last
+        self.shape = (last.layout.height, last.layout.width)
         self.motion = self.run("surface_motion", last.build, 7, "motion_out", "current closeness motion", {})
 
     def run(self, kernel: str, build: Build, planes: int, output: str, given: str, made: dict[str, Buffer]) -> Buffer:
@@ -120,33 +122,69 @@ class _Stages:
         valid: NDArray[np.bool_] = self.read(self.history(build, **made))[7] > 0.5
         return valid
 
+    def gather(self, build: Build) -> Planes:
+        """The colour that gathering gives with another build, [3, H, W]."""
+        layout, arguments = self._last.layout, self._last.arguments
+        made = {name: self.blank(name) for name in ("output", "output_count")}
+        self._launcher.run("gather", build, layout, {**arguments, **made})
+        self._launcher.finish()
+        return self.read(made["output"])[:3]
+
+    def given(self, name: str) -> Any:
+        """An argument of the fused kernel."""
+        return self._last.arguments[name]
+
     @property
     def build(self) -> Build:
         """The build of the fused kernel."""
         return self._last.build
 
-    def empty_history(self) -> Buffer:
-        """A history that is black, and so has no bad texel."""
+    def blank(self, name: str) -> Buffer:
+        """New memory like that of an argument; as a history it is black, and so has no bad texel."""
         layout = self._last.layout
-        with self._last.arguments["history"].mapped(write=False) as planes:
+        with self._last.arguments[name].mapped(write=False) as planes:
             count, dtype = len(planes), planes.dtype
         return self._launcher.allocate((count, layout.rows, layout.stride), dtype)
 
 
-def _reasons(stages: _Stages, last: LastRun) -> NDArray[np.int64]:
+def _reasons(stages: _Stages) -> NDArray[np.int64]:
     """A Reason a pixel, by running the history stage with one cause of rejection after another taken away."""
-    shape = (last.layout.height, last.layout.width)
-    if last.arguments["frame"]["reset"]:
-        return np.full(shape, Reason.NO_HISTORY.value)
+    if stages.given("frame")["reset"]:
+        return np.full(stages.shape, Reason.NO_HISTORY.value)
     without_depth = replace(stages.build, choices=replace(stages.build.choices, reject=Reject.NONE))
     kept = stages.valid(stages.build)
     sound = stages.valid(without_depth)
-    seen = stages.valid(without_depth, history=stages.empty_history())
+    seen = stages.valid(without_depth, history=stages.blank("history"))
     reasons = np.select([kept, ~seen, ~sound], [Reason.KEPT, Reason.OFF_SCREEN, Reason.BAD_TEXEL], Reason.DEPTH)
-    reactive = last.arguments["reactive"]
+    return _with_reactive(reasons, stages)
+
+
+def _reasons_gathered(stages: _Stages) -> NDArray[np.int64]:
+    """A Reason a pixel that gathers samples: where not one of the kept frames had one, why the latest had none."""
+    if stages.given("frames") == 0:
+        return np.full(stages.shape, Reason.NO_HISTORY.value)
+    count = stages.read(stages.given("output_count"))[0]
+    u, v = stages.read(stages.motion)[:2]
+    y, x = np.mgrid[: stages.shape[0], : stages.shape[1]] + 0.5
+    inside = (x + u >= 0) & (y + v >= 0) & (x + u < stages.shape[1]) & (y + v < stages.shape[0])
+    return _with_reactive(np.select([count > 1, ~inside], [Reason.KEPT, Reason.OFF_SCREEN], Reason.DEPTH), stages)
+
+
+def _with_reactive(reasons: NDArray[np.int64], stages: _Stages) -> NDArray[np.int64]:
+    reactive = stages.given("reactive")
     if reactive is not None:
-        reasons[kept & (stages.read(reactive)[0] >= MOST_REACTIVE)] = Reason.REACTIVE
+        reasons[(reasons == Reason.KEPT) & (stages.read(reactive)[0] >= MOST_REACTIVE)] = Reason.REACTIVE
     return reasons
+
+
+def _clip_gathered(stages: _Stages) -> Image:
+    """Length of the change that rectification makes to the result, linear colour: where there is any, gather twice."""
+    if stages.build.choices.rectify is Rectify.NONE:
+        return np.zeros(stages.shape, np.float32)
+    free = replace(stages.build, choices=replace(stages.build.choices, rectify=Rectify.NONE))
+    change = stages.gather(stages.build) - stages.gather(free)
+    distance: Image = np.sqrt((change**2).sum(0))
+    return distance
 
 
 def _clip_distance(stages: _Stages) -> Image:

@@ -32,7 +32,10 @@ class Times(NamedTuple):
 
 
 class LastRun(NamedTuple):
-    """What the fused kernel was given for the last frame; its memory holds that until the next one."""
+    """What the fused kernel was given for the last frame; its memory holds that until the next one.
+
+    The arguments of a resolve that gathers samples have ``kept``, its ring of frames, among them.
+    """
 
     build: Build
     layout: Layout
@@ -201,7 +204,8 @@ class Resolver:
             kept = self._ring(previous, layout, steps)
             build = kept.build(build, frame)
             ring = {"kept": kept.planes, "past": kept.records, "frames": kept.describe(frame, self.plan)}
-            self.launcher.run("gather", build, layout, self._arguments(record, steps, buffers) | ring)
+            self.last = LastRun(build, layout, self._arguments(record, steps, buffers) | ring)
+            self.launcher.run("gather", *self.last)
             kept.keep(frame, buffers, steps)
         else:
             self._resolve(record, build, buffers)

@@ -14,7 +14,7 @@ from cltaa.cli import main
 from cltaa.debug import COLOURS, DebugViews, Reason, view_picture
 from cltaa.errors import UsageError
 from cltaa.exr import read_image
-from cltaa.frames import Frame, Image
+from cltaa.frames import Effect, Frame, Image
 from cltaa.params import Preset, override
 from cltaa.presets import load_preset
 from cltaa.resolve import Resolver
@@ -173,3 +173,29 @@ def test_names_of_views() -> None:
     assert are_views("reject,count")
     assert not are_views("folder")
     assert not are_views("")
+
+
+def test_a_gathering_preset_shows_what_it_found() -> None:
+    shift, first = 5, flat_frame(0)
+    second = flat_frame(1, camera=panned(first.camera, shift, first.width))
+    layers = look([first, second], "t5")
+    found = np.full(first.depth.shape, float(Reason.KEPT))
+    found[:, -shift:] = Reason.OFF_SCREEN
+    np.testing.assert_array_equal(layers["debug.reject"], found)
+    np.testing.assert_array_equal(layers["debug.count"], np.where(found == Reason.KEPT, 2, 1))
+    assert (layers["debug.motion.u"] == shift).all()
+    # Random colours differ from frame to frame, and without declared effects the past is held in its box.
+    assert (layers["debug.clip"][:, :-shift] > 0).mean() > 0.5
+    assert (layers["debug.clip"][:, -shift:] == 0).all()
+    again = look([replace(frame, effects=frozenset({Effect.CAMERA})) for frame in (first, second)], "t5")
+    assert (again["debug.clip"] == 0).all()
+    assert (look([first], "t5")["debug.reject"] == Reason.NO_HISTORY).all()
+
+
+def test_a_gathering_preset_says_what_came_into_view() -> None:
+    first = flat_frame(0)
+    second = flat_frame(1)
+    second.depth[:, :9] = 40.0
+    reasons = look([first, second], "t5")["debug.reject"]
+    assert (reasons[:, :8] == Reason.DEPTH).all()
+    assert (reasons[:, 10:] == Reason.KEPT).all()
