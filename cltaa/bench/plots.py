@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from cltaa.metrics import METRICS
 
 FORMATS = ("svg", "png")
 DOTS_AN_INCH = 150
+NAME_WIDE, NAME_HIGH = 130, 9  # pixels that a name takes
 FRONT, BEATEN, SAMPLES, LIMIT = "#0b62c4", "#a3a6ad", "#16784a", "#b4500a"
 
 
@@ -48,39 +50,66 @@ def time_of(cell: Cell) -> tuple[float, float, float]:
 
 
 def front_figure(pyplot: Any, measured: Measured, metric: str, weight: float) -> Any:
-    """Error against time, with intervals, the front, supersampling, and what nothing can be better than.
+    """Error against time: beside supersampling and what nothing can be better than, and the variants alone, named.
 
     ``weight`` is that of the exponential mean whose noise is drawn.
     """
-    figure, axes = pyplot.subplots(figsize=(7, 4.5))
-    for cell in measured.cells:
-        time, low, high = time_of(cell)
-        error = cell.errors[metric]
-        beaten = metric in cell.dominated_by
-        axes.errorbar(
-            time, error.mean, xerr=[[time - low], [high - time]],
-            yerr=[[max(error.mean - error.p5, 0)], [max(error.p95 - error.mean, 0)]],
-            fmt="o", ms=4, lw=0.7, color=BEATEN if beaten else FRONT,
-        )  # fmt: skip
-        if not beaten:
-            axes.annotate(cell.variant, (time, error.mean), textcoords="offset points", xytext=(5, 4), fontsize=6)
+    figure, (wide, near) = pyplot.subplots(1, 2, figsize=(10, 4.6))
+    for axes in (wide, near):
+        for cell in measured.cells:
+            time, low, high = time_of(cell)
+            error, beaten = cell.errors[metric], metric in cell.dominated_by
+            frames = [[max(error.mean - error.p5, 0)], [max(error.p95 - error.mean, 0)]] if axes is wide else None
+            axes.errorbar(
+                time, error.mean, xerr=[[max(time - low, 0)], [max(high - time, 0)]], yerr=frames, fmt="o", ms=4,
+                lw=0.7, color=BEATEN if beaten else FRONT,
+            )  # fmt: skip
+        axes.set_xscale("log")
+        if not METRICS[metric].higher_is_better:
+            axes.set_yscale("log")
+        axes.grid(visible=True, which="major", lw=0.3)
+        axes.tick_params(labelsize=7)
+    _limits(wide, measured, metric, weight)
+    wide.set(xlabel="ms a megapixel, added to drawing one sample", ylabel=f"{metric} against the truth")
+    near.set(xlabel="ms a megapixel", title="the variants alone")
+    ticker: Any = importlib.import_module("matplotlib.ticker")
+    for axis in (near.xaxis, near.yaxis):
+        axis.set_major_formatter("{x:g}")
+        if axis.get_scale() == "log":
+            axis.set_minor_formatter("{x:g}")
+            axis.set_minor_locator(ticker.LogLocator(subs=(2, 5) if axis is near.xaxis else range(2, 10)))
+    near.tick_params(which="minor", labelsize=6)
+    _name_points(near, measured, metric)
+    wide.set_title(measured.name + (" (times too noisy to rank)" if measured.noisy else ""))
+    return figure
+
+
+def _limits(axes: Any, measured: Measured, metric: str, weight: float) -> None:
+    """Supersampling, the floor of time and the noises, with a legend."""
     yards = [(row.added, row.errors[metric].mean, row.samples) for row in measured.yardstick if row.added]
     if yards:
         named = "supersampling, by its drawing time"
         axes.plot([x for x, _, _ in yards], [y for _, y, _ in yards], "D--", ms=4, lw=0.8, color=SAMPLES, label=named)
         for x, y, samples in yards:
-            axes.annotate(f"{samples}×", (x, y), textcoords="offset points", xytext=(5, 4), fontsize=6, color=SAMPLES)
+            place = {"textcoords": "offset points", "xytext": (-5, -8), "ha": "right"}
+            axes.annotate(f"{samples}×", (x, y), fontsize=6, color=SAMPLES, **place)
     axes.axvline(measured.floor, color=LIMIT, ls=":", lw=1, label="floor: the least bytes at the speed of a copy")
     for level, style, named in noise_lines(measured, metric, weight):
         axes.axhline(level, color=LIMIT, ls=style, lw=1, label=f"{named}: {level:.2g}")
-    axes.legend(fontsize=6, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2, frameon=False)
-    axes.set_xscale("log")
-    if not METRICS[metric].higher_is_better:
-        axes.set_yscale("log")
-    axes.set(xlabel="ms a megapixel, added to drawing one sample", ylabel=f"{metric} against the truth")
-    axes.set_title(measured.name + (" (times too noisy to rank)" if measured.noisy else ""), fontsize=10)
-    axes.grid(visible=True, which="major", lw=0.3)
-    return figure
+    axes.legend(fontsize=6, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, frameon=False)
+
+
+def _name_points(axes: Any, measured: Measured, metric: str) -> None:
+    """Names beside the points that nothing beats, the default first, as far as they do not cover each other."""
+    taken: list[Any] = []
+    axes.figure.canvas.draw()  # the scales are final from here on
+    for cell in sorted(measured.cells, key=lambda cell: (cell.variant != DEFAULT, cell.errors[metric].mean)):
+        at = time_of(cell)[0], cell.errors[metric].mean
+        pixel = axes.transData.transform(at)
+        clear = all(abs(pixel[1] - y) > NAME_HIGH or abs(pixel[0] - x) > NAME_WIDE for x, y in taken)
+        if clear and metric not in cell.dominated_by:
+            axes.annotate(cell.variant, at, textcoords="offset points", xytext=(5, 3), fontsize=6)
+            taken.append(pixel)
 
 
 def noise_lines(measured: Measured, metric: str, weight: float) -> Iterator[tuple[float, str, str]]:

@@ -6,6 +6,7 @@ const state = { sequence: 0, metric: report.metrics[0], a: null, b: null, x: 0, 
 const groups = Object.fromEntries(report.variants.map((v) => [v.name, v.group]));
 const current = () => report.sequences[state.sequence];
 const number = (v) => (Number.isInteger(v) && Math.abs(v) < 1e4 ? String(v) : Math.abs(v) >= 1e4 || Math.abs(v) < 1e-3 ? v.toExponential(2) : v.toPrecision(3));
+const tick = (v) => (v >= 1e4 || (v < 1e-3 && v > 0) ? v.toExponential(0).replace("+", "") : String(Number(v.toPrecision(3))));
 const timeOf = (cell) => cell.device || cell.wall;
 const higher = new Set(data.higher_is_better);
 
@@ -47,12 +48,12 @@ function axes(svg, x, y, box, labels) {
   let last = -1e9;
   for (const v of x.ticks) {
     svg.append(element("line", { class: "grid", x1: x(v), x2: x(v), y1: box.top, y2: box.bottom }));
-    if (x(v) - last > 34) { svg.append(element("text", { x: x(v), y: box.bottom + 15, "text-anchor": "middle" }, number(v))); last = x(v); }
+    if (x(v) - last > 34) { svg.append(element("text", { x: x(v), y: box.bottom + 15, "text-anchor": "middle" }, tick(v))); last = x(v); }
   }
   last = 1e9;
   for (const v of [...y.ticks].sort((p, q) => p - q)) {
     svg.append(element("line", { class: "grid", x1: box.left, x2: box.right, y1: y(v), y2: y(v) }));
-    if (last - y(v) > 15) { svg.append(element("text", { x: box.left - 5, y: y(v) + 4, "text-anchor": "end" }, number(v))); last = y(v); }
+    if (last - y(v) > 15) { svg.append(element("text", { x: box.left - 5, y: y(v) + 4, "text-anchor": "end" }, tick(v))); last = y(v); }
   }
   svg.append(element("text", { x: box.right, y: box.bottom + 31, "text-anchor": "end" }, labels[0]));
   svg.append(element("text", { x: box.left, y: box.top - 7 }, labels[1]));
@@ -62,7 +63,7 @@ function limits(measured) {
   const found = [];
   if (state.metric === "rounding") found.push([2 ** -25, "half an ulp of float"], [2 ** -12, "half an ulp of half"]);
   if (state.metric !== "mse") return found;
-  const weight = number(report.variants[0].settings.blend_weight);
+  const weight = tick(report.variants[0].settings.blend_weight);
   if (measured.mean_noise) found.push([measured.mean_noise, `noise of an exponential mean, weight ${weight}`]);
   if (measured.truth_noise) found.push([measured.truth_noise, "noise of the truth itself"]);
   return found;
@@ -100,7 +101,7 @@ function drawFront() {
   if (yards.length) svg.append(element("path", { class: "yard", d: "M" + yards.map((s) => `${x(s.added)} ${y(s.errors[state.metric].mean)}`).join("L") }));
   for (const s of yards) {
     const px = x(s.added), py = y(s.errors[state.metric].mean), text = `${s.samples} samples a pixel: ${number(s.added)} ms/Mpx of drawing, ${state.metric} ${number(s.errors[state.metric].mean)}`;
-    const mark = element("g", { class: "point sample", tabindex: 0, role: "img", "aria-label": text }, element("path", { d: `M${px} ${py - 6}l6 6l-6 6l-6-6z` }), element("text", { x: px + 8, y: py + 4 }, `${s.samples}×`), element("title", {}, text));
+    const mark = element("g", { class: "point sample", tabindex: 0, role: "img", "aria-label": text }, element("path", { d: `M${px} ${py - 6}l6 6l-6 6l-6-6z` }), element("text", { x: px - 8, y: py + 4, "text-anchor": "end" }, `${s.samples}×`), element("title", {}, text));
     mark.addEventListener("focus", () => { $("point").textContent = text; });
     svg.append(mark);
   }
@@ -200,8 +201,8 @@ function fillChoices() {
 
 // --- steps, frames, stages, numbers ------------------------------------------------------------------------------------
 function barOf(ratio, span, uncertain) {
-  // 38 %: the number stands to the right of the longest bar.
-  const share = Math.min(1, Math.abs(Math.log2(ratio)) / span) * 38, more = ratio > 1;
+  // The number stands to the right of the longest bar.
+  const share = Math.min(1, Math.abs(Math.log2(ratio)) / span) * ($("steps").clientWidth < 560 ? 18 : 38), more = ratio > 1;
   const bar = element("i", { class: uncertain ? "" : more ? "more" : "less" });
   bar.style.left = more ? "50%" : `${50 - share}%`; bar.style.width = `${share}%`;
   const sign = ratio >= 100 ? ratio.toExponential(1) : ratio.toFixed(ratio < 2 ? 3 : 2);
