@@ -30,7 +30,7 @@ from tests.numerics.mutations import Mutation, copy_tree
 from tests.sequence_factory import bits
 
 SIZES = [(9, 7), (1, 1), (17, 2)]
-LANES = (1, 4, 8)
+LANES = (1, 4, 8, 16)
 # What the simulator asks for.
 EDITS = [
     Mutation("no inlining", "kernels/real.h", " __attribute__((always_inline))", ""),
