@@ -1,9 +1,9 @@
 """Every kernel under Oclgrind, a simulator that watches each access to memory: ``sh scripts/memcheck``.
 
 It looks for accesses outside a buffer, reads of what nobody wrote, and races between work-items. The simulator's LLVM
-does not know what its own inliner leaves in the code, nor the root as an instruction, nor fetches ahead, so the kernels
-are built without inlining and fetches and with the library's root; what they read and write is the same. That the
-simulator would notice is shown by planting faults.
+does not know what its own inliner leaves in the code, nor the root as an instruction, nor fetches ahead, and takes the
+halves of 16 lanes for uninitialised: the kernels are built without inlining and fetches and with the library's root and
+any. What they read and write is the same. That the simulator would notice is shown by planting faults.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ LANES = (1, 4, 8, 16)
 EDITS = [
     Mutation("no inlining", "kernels/real.h", " __attribute__((always_inline))", ""),
     Mutation("library root", "kernels/real.h", "#define SCALAR_ROOT __builtin_sqrtf", "#define SCALAR_ROOT sqrt"),
+    Mutation("halves of masks", "kernels/real.h",
+             "return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0;", "return any(m);"),
     Mutation("no reading ahead", "kernels/real.h", "#if __has_builtin(__builtin_prefetch)", "#if 0"),
 ]  # fmt: skip
 # Fault and the simulator's word for it.

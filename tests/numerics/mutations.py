@@ -31,7 +31,11 @@ BITS = [
     "tests/kernels/test_twins.py::test_a_stage_gives_the_bits_of_its_twin_for_every_choice",
     "tests/kernels/test_resolve.py::test_same_bits_for_every_storage",
 ]
-BOUND = "tests/numerics/test_bounds.py::test_a_fast_kernel_lies_inside_its_bound_and_near_it"
+# What the table calls ``bound of KERNEL-CHOICE`` and ``twin of KERNEL-CHOICE``.
+TESTS = {
+    "bound": "tests/numerics/test_bounds.py::test_a_fast_kernel_lies_inside_its_bound_and_near_it",
+    "twin": "tests/kernels/test_twins.py::test_a_stage_gives_the_bits_of_its_twin_for_every_choice",
+}
 SECONDS = 900  # of one selection
 
 
@@ -44,11 +48,12 @@ class Mutation(NamedTuple):
     wrong: str
     values: tuple[str, ...] = ()  # tests that need no twin and should notice
 
-    @property
-    def selection(self) -> list[str]:
-        """``values`` as pytest takes them."""
-        of = "bound of "
-        return [f"{BOUND}[{test.removeprefix(of)}]" if test.startswith(of) else test for test in self.values]
+    bits: tuple[str, ...] = ()  # tests of bits to ask before all the others
+
+    def selection(self, kind: str) -> list[str]:
+        """``values`` or ``bits`` as pytest takes them."""
+        wanted: tuple[str, ...] = getattr(self, kind)
+        return [re.sub("^(bound|twin) of (.*)", lambda name: f"{TESTS[name[1]]}[{name[2]}]", test) for test in wanted]
 
 
 TABLE = Path(__file__).with_suffix(".toml")
@@ -76,6 +81,8 @@ def copy_tree(to: Path) -> None:
 
 def noticed_by(tree: Path, selection: list[str]) -> str:
     """The first test that fails in a tree, or nothing; raises SystemExit where a kernel does not build."""
+    if not selection:
+        return ""
     paths = os.pathsep.join(str(tree / name) for name in ("", "capture", "datasets_gen"))
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *selection]
     # Kernels with faults stay out of the cache that other programs use.
@@ -100,14 +107,18 @@ def results(chosen: list[Mutation]) -> Iterator[tuple[Mutation, str, str]]:
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder) / "tree"
         copy_tree(tree)
-        already = noticed_by(tree, BITS + sorted({test for mutation in chosen for test in mutation.selection}))
+        already = noticed_by(
+            tree, BITS + sorted({test for mutation in chosen for test in mutation.selection("values")})
+        )
         if already:
             raise SystemExit(f"fails without any mutation: {already}")
         for mutation in chosen:
             file = tree / mutation.file
             text = file.read_text(encoding="utf-8")
             file.write_text(text.replace(mutation.right, mutation.wrong), encoding="utf-8")
-            yield mutation, noticed_by(tree, BITS), noticed_by(tree, mutation.selection) if mutation.values else ""
+            first, values = (mutation.selection(kind) for kind in ("bits", "values"))
+            bits = noticed_by(tree, first) or noticed_by(tree, BITS)
+            yield mutation, bits, noticed_by(tree, values)
             file.write_text(text, encoding="utf-8")
 
 
