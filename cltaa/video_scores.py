@@ -104,8 +104,11 @@ class VideoScores:
         """Judge one frame: ``frame`` as captured, the truth and each test, linear [H, W, 3]."""
         return self.add_shown(frame, to_display(truth, self._stops), [to_display(test, self._stops) for test in tests])
 
-    def add_shown(self, frame: Frame, truth: Image, tests: list[Image]) -> list[Sums]:
-        """Judge one frame of which truth and tests are display images already; an image given twice is judged once."""
+    def add_shown(self, frame: Frame, truth: Image, tests: list[Image], *, judged: bool = True) -> list[Sums]:
+        """Judge one frame of which truth and tests are display images already; an image given twice is judged once.
+
+        A frame that is not to be ``judged`` is only remembered for the next one, and gives no sums.
+        """
         shown = truth.astype(np.float64)
         different = {id(test): test.astype(np.float64) for test in tests}
         errors = {key: test - shown for key, test in different.items()}
@@ -115,6 +118,10 @@ class VideoScores:
         found = None if past is None else correspondence(frame, past.frame)
         stale, age = _follow_stale(shown, past, found)
         watched = age > 0
+        self.fresh = (age == 1) & ~found.edge if found is not None else np.zeros_like(watched)
+        self._past = _Past(frame, shown, [errors[id(test)] for test in tests], stale, age, watched)
+        if not judged:
+            return []
         trail = _Trail(shown, stale, watched, found)
         path = None if past is None or found is None else _Path(found, _steady(found, watched, past.watched))
         details = dict(zip(different, judge_detail(shown, [*different.values()], ~_grown(watched)), strict=True))
@@ -127,8 +134,6 @@ class VideoScores:
                 known[key] = _sums(errors[id(test)], before, details[id(test)], trail, path)
             total += known[key]
             results.append(known[key])
-        self.fresh = (age == 1) & ~found.edge if found is not None else np.zeros_like(watched)
-        self._past = _Past(frame, shown, [errors[id(test)] for test in tests], stale, age, watched)
         return results
 
 

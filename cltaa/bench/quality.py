@@ -173,8 +173,9 @@ def judge_sequence(
             outputs = [frame.colour, *(resolver.resolve(frame)[..., :3] for resolver in resolvers.values())]
             repaired = [tally.repaired(image) for tally, image in zip(tallies.values(), outputs, strict=True)]
             shown, images = _Shown.of(truth), _Shown.of_each(repaired)
-            sums = video.add_shown(frame, shown.display, [image.display for image in images])
-            if frame.index - sequence.first >= settled:
+            judged = frame.index - sequence.first >= settled
+            sums = video.add_shown(frame, shown.display, [image.display for image in images], judged=judged)
+            if judged:
                 flip = (sequence.last - frame.index) % flip_every == 0
                 different = {id(image): image for image in images}
                 marks = {key: _Marks.of(image, shown, video.fresh, flip=flip) for key, image in different.items()}
