@@ -112,7 +112,8 @@ class Memory:
             try:
                 yield array
             finally:
-                array.base.release(queue)
+                with device_errors(self._device):
+                    array.base.release(queue)
             return
         if self._staging is None:
             self._staging = self._pinned()
@@ -126,9 +127,11 @@ class Memory:
 
     def _pinned(self) -> NDArray[Any]:
         queue, context = self._device.queue, self._device.context
-        host = cl.Buffer(context, cl.mem_flags.READ_WRITE | cl.mem_flags.ALLOC_HOST_PTR, self.size)
+        with _memory_errors(self.size, self._device):
+            host = cl.Buffer(context, cl.mem_flags.READ_WRITE | cl.mem_flags.ALLOC_HOST_PTR, self.size)
         both = cl.map_flags.WRITE | cl.map_flags.READ
-        array, _ = cl.enqueue_map_buffer(queue, host, cast(cl.map_flags, both), 0, self.shape, self.dtype)
+        with device_errors(self._device):
+            array, _ = cl.enqueue_map_buffer(queue, host, cast(cl.map_flags, both), 0, self.shape, self.dtype)
         return array  # type: ignore[no-any-return]
 
 

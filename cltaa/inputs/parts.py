@@ -75,7 +75,8 @@ def _described(layouts: tuple[Layout, ...], file: OpenEXR.File) -> FileHeader:
     """Layout over all parts, and the attributes of the first."""
     first = layouts[0]
     if len(file.parts) != len(layouts):
-        raise DataError("the file changed while it was read", path=first.path, cure="run again")
+        expected, found, cure = f"{len(layouts)} parts", f"{len(file.parts)} that can be read", "write the file again"
+        raise DataError("a part is damaged", path=first.path, expected=expected, found=found, cure=cure)
     channels = {
         full_name(layout.part or "", name): kind for layout in layouts for name, kind in layout.channels.items()
     }

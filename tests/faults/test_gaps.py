@@ -20,7 +20,7 @@ from cltaa.resolve import Resolver
 from tests.faults.runs import arguments
 from tests.sequence_factory import bits, make_frame, write_sequence
 
-SIZES = ((9, 7), (9, 8), (8, 7), (37, 23))  # columns, rows
+SIZES = ((9, 7), (9, 8), (8, 7), (37, 23), (7, 9), (10, 7), (1, 1))  # columns, rows
 
 
 def frame_path(folder: Path, number: int) -> Path:

@@ -93,6 +93,11 @@ def change(name: bytes, value: bytes) -> Callable[[list[Anatomy]], object]:
     return lambda parts: parts[1].set(name, value)
 
 
+def resized(name: bytes, columns: int, rows: int) -> Callable[[list[Anatomy]], object]:
+    """Colour of one size and, say, depth or motion of another."""
+    return change(name, window(0, 0, columns - 1, rows - 1))
+
+
 def huge(parts: list[Anatomy]) -> None:
     """Each part is 16384 x 16384 of 500 channels in PIZ, for which a chunk may be of any size."""
     for part in parts:
@@ -118,6 +123,10 @@ def huge(parts: list[Anatomy]) -> None:
         (change(b"dataWindow", window(0, 0, LARGE - 1, 0)), DataError, "impossible data window"),
         (change(b"displayWindow", window(0, 0, WIDTH - 2, HEIGHT - 2)), DataError, "do not make one picture"),
         (change(b"dataWindow", window(1, 0, WIDTH, HEIGHT - 1)), DataError, "does not cover"),
+        (resized(b"dataWindow", WIDTH - 1, HEIGHT), DataError, "does not cover"),
+        (resized(b"dataWindow", WIDTH, HEIGHT + 1), DataError, "a part is damaged (expected 2 parts, found 1 "),
+        (resized(b"displayWindow", WIDTH + 1, HEIGHT), DataError, "does not cover"),
+        (resized(b"displayWindow", 1, 1), DataError, "do not make one picture"),
         (change(b"compression", b"\xff"), DataError, "unknown compression"),
         (change(b"channels", channel(b"G", 2, 2, 2) + b"\0"), DataError, "sub-sampled"),
         (lambda parts: parts[1].drop(b"name"), DataError, "damaged"),
