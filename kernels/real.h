@@ -90,6 +90,17 @@ typedef __global float* restrict history_out;
 #define FETCH_NEXT(p) (void)(p)
 #endif
 
+// Results that fill a line of the cache go past it: the line need not be fetched to be overwritten, and the stores
+// behind it do not wait for that. Segments begin on a multiple of 64 bytes: so do rows (ROW_ALIGNMENT, PAD_X), and
+// buffers on 128, the size of the largest type of OpenCL.
+#define STORES_LINES 0
+#if LANES == 16 && defined(__has_builtin)
+#if __has_builtin(__builtin_nontemporal_store)
+#undef STORES_LINES
+#define STORES_LINES 1
+#endif
+#endif
+
 #if LANES == 1
 STAGE real load(plane_in p) { return *p; }
 STAGE void store(plane_out p, real v) { *p = (float)v; }
@@ -104,7 +115,11 @@ STAGE void store(plane_out p, real v) { PASTE(vstore, LANES)(PASTE(convert_, LAN
 // A vector at any float's address; vloadn and vstoren are calls on some CPU drivers.
 typedef real loose_real __attribute__((aligned(4)));
 STAGE real load(plane_in p) { return *(__global const loose_real*)p; }
+#if STORES_LINES
+STAGE void store(plane_out p, real v) { __builtin_nontemporal_store(v, (__global real*)p); }
+#else
 STAGE void store(plane_out p, real v) { *(__global loose_real*)p = v; }
+#endif
 #endif
 #if LANES == 16
 #define HALVES(m) ((m).lo.lo | (m).lo.hi | (m).hi.lo | (m).hi.hi)
