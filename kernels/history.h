@@ -10,9 +10,17 @@ typedef struct
     mask valid;
 } history_t;
 
+STAGE colour load_history_colour(history_in p, size_t plane)
+{
+    const colour v = { load_history(p), load_history(p + plane), load_history(p + 2 * plane) };
+    return v;
+}
+
 STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, size_t plane, int stride)
 {
     colour v;
+    if (f.lanes == LANES_ON_TEXELS) // tested here too, once for the three: faster than a test a plane
+        return load_history_colour(p + f.offset, plane);
     v.r = sample_plane(p, f, wx, wy, stride);
     v.g = sample_plane(p + plane, f, wx, wy, stride);
     v.b = sample_plane(p + 2 * plane, f, wx, wy, stride);
@@ -26,7 +34,7 @@ STAGE history_t sample_history(history_in history, plane_in count, plane_in prev
     history_t h;
     const motion_t seen = motion_to_edge(m, LANE_INDEX + K(x), SPLAT(y), frame);
     h.valid = on_screen(seen, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
-    const footprint f = footprint_of(seen, h.valid, frame);
+    const footprint f = CAMERA_MOTION || OWN_MOTION ? footprint_of(seen, h.valid, frame) : own_texel();
     const weights wx = history_weights(f.fx), wy = history_weights(f.fy);
     h.rgb = sample_colour(history + at, f, wx, wy, plane, frame.stride);
     h.valid = h.valid & !colour_outside_domain(h.rgb);

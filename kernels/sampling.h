@@ -3,12 +3,15 @@
 #error "sampling.h needs CAMERA_MOTION and OWN_MOTION from the prelude"
 #endif
 
-// How the lanes of a segment lie in the previous frame: all moved by one whole number of texels (ALIKE), by numbers
-// that differ by at most 1 a axis (CLOSE), or freely (APART). The values read are the same in each case, only the loads
-// differ.
-#define LANES_ALIKE 0
-#define LANES_CLOSE 1
-#define LANES_APART 2
+// How the lanes of a segment lie in the previous frame: all on texels and moved by one whole number of them
+// (ON_TEXELS), between texels of one row (ON_ROWS), between texels with one whole part (ALIKE), with whole parts that
+// differ by at most 1 an axis (CLOSE), or freely (APART). The values read are the same in each case, only the loads
+// differ. What stands still lies on texels.
+#define LANES_ON_TEXELS 0
+#define LANES_ON_ROWS 1
+#define LANES_ALIKE 2
+#define LANES_CLOSE 3
+#define LANES_APART 4
 
 typedef struct
 {
@@ -28,7 +31,9 @@ STAGE footprint footprint_of(motion_t m, mask valid, frame_t frame)
     f.fx = u - TO_REAL(f.dx);
     f.fy = v - TO_REAL(f.dy);
     scalar_whole x = first_lane(f.dx), y = first_lane(f.dy);
-    f.lanes = LANES_ALIKE;
+    f.lanes = any_of(f.fy != SPLAT(0.0)) ? LANES_ALIKE : LANES_ON_ROWS;
+    if (f.lanes == LANES_ON_ROWS)
+        f.lanes = any_of(f.fx != SPLAT(0.0)) ? LANES_ON_ROWS : LANES_ON_TEXELS;
     f.step_x = f.step_y = (whole)(0);
 #if LANES > 1
     if (any_of((f.dx ^ x) | (f.dy ^ y))) {
@@ -40,6 +45,13 @@ STAGE footprint footprint_of(motion_t m, mask valid, frame_t frame)
     }
 #endif
     f.offset = (ptrdiff_t)y * frame.stride + (ptrdiff_t)x;
+    return f;
+}
+
+// Where nothing moves: said outright, since not every compiler sees through the conversions of footprint_of.
+STAGE footprint own_texel(void)
+{
+    const footprint f = { (whole)(0), (whole)(0), SPLAT(0.0), SPLAT(0.0), (whole)(0), (whole)(0), 0, LANES_ON_TEXELS };
     return f;
 }
 
@@ -102,12 +114,19 @@ STAGE row_taps choose_row(mask m, row_taps a, row_taps b)
 }
 #endif
 
-// The history plane at the footprint. p points at the segment's own texel.
+// The history plane at the footprint. p points at the segment's own texel. What was stored is finite and never -0: taps
+// without weight add nothing to it, and are not read where the whole segment does without them.
 STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int stride)
 {
     history_in q = p + f.offset;
     const ptrdiff_t line = stride;
     row_taps first = NO_TAPS, last = NO_TAPS;
+    if (f.lanes == LANES_ON_TEXELS)
+        return load_history(q);
+    if (f.lanes == LANES_ON_ROWS) {
+        const row_taps row = row_alike(q, wx);
+        return row.middle + row.sides;
+    }
 #if LANES > 1
     if (f.lanes == LANES_CLOSE) {
         const mask down = f.step_y != 0;
@@ -186,6 +205,8 @@ STAGE quad sample_quad(plane_in p, footprint f, int stride)
 
 STAGE real bilinear(quad t, footprint f)
 {
+    if (f.lanes == LANES_ON_TEXELS)
+        return t.p00;
     const real top = t.p00 + f.fx * (t.p10 - t.p00), bottom = t.p01 + f.fx * (t.p11 - t.p01);
     return top + f.fy * (bottom - top);
 }

@@ -77,7 +77,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "weighting",
     ),
 }
-DOMAIN_LIMIT = value_of("DOMAIN_LIMIT")
+DOMAIN_LIMIT, TINY = value_of("DOMAIN_LIMIT"), value_of("TINY")
 BACK = 0.2  # the nearest points of the planes lie at 0.1: the previous camera was in front of them
 UNWRITTEN = np.float32(-77.0)  # what no stage writes into a plane by itself
 KEPT = 3  # frames whose samples are gathered
@@ -139,7 +139,7 @@ def hard_planes(layout: Layout, seed: int = 0) -> Planes:
         strew(motion, random, 0.02),
         strew(random.uniform(-0.2, 1.2, (1, *shape)), random, 0.02),
         strew(random.choice([0.0, 1.0, 0.3], (1, *shape)), random, 0.02),
-        strew(history, random, 0.002),
+        storable(strew(history, random, 0.002)),
         random.choice([0.0, 1.0, 7.0, 24.0, 1000.0], (1, *shape)),
         strew(earlier[None], random, 0.02),
     )
@@ -172,6 +172,12 @@ def strew(planes: NDArray[Any], random: np.random.Generator, share: float) -> ND
     hard = np.concatenate([np.array(SPECIAL_BITS, np.uint32).view(np.float32), np.array(numbers, np.float32)])
     single = planes.astype(np.float32)
     return np.where(random.random(planes.shape) < share, random.choice(hard, planes.shape), single)
+
+
+def storable(planes: NDArray[np.float32]) -> NDArray[np.float32]:
+    """``planes`` as a resolve can have stored them (blend.h): inside the domain, no denormal, no -0."""
+    size = np.abs(planes)
+    return np.where((size <= DOMAIN_LIMIT) & (size >= TINY), planes, np.float32(0.0))
 
 
 def padded(planes: NDArray[Any], layout: Layout) -> NDArray[np.float32]:

@@ -36,6 +36,8 @@ LEAST = Build(choices=PLAIN, steps=BARE, lanes=8, rows=4)
 CODE: dict[str, tuple[str, dict[str, bool], dict[str, object]]] = {
     "reprojection": ("SPLAT(LEAST_W)", {"camera_motion": True}, {}),
     "own motion": ("outside_domain(s.u)", {"own_motion": True}, {}),
+    # Where nothing moves the history is read at its texels: no filter is left.
+    "history filter": ("load_history(p + 2)", {"camera_motion": True}, {}),
     "exposure": ("K(frame.exposure_ratio)", {"exposure": True}, {}),
     "alpha": ("load_share(alpha + at, SPLAT(1.0))", {"alpha": True}, {}),
     "reactive": ("load_share(reactive + at, SPLAT(0.0))", {"reactive": True}, {}),
