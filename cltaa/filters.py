@@ -23,3 +23,10 @@ class CurrentFilter(StrEnum):
     BILINEAR = "bilinear"  # read between the samples, as a texture unit would at the unjittered place
     GAUSSIAN = "gaussian"  # exp(-filter_falloff d^2), d in pixels from the centre
     LANCZOS = "lanczos"  # windowed sinc of radius 2, its ringing held inside the extremes of the 3x3
+
+
+class FilterUse(StrEnum):
+    """Where the current filter stands for the pixel's own sample."""
+
+    ALWAYS = "always"
+    FEW = "few-samples"  # the less, the more samples there are: for the share 1 / n of the n-th

@@ -14,22 +14,11 @@ import msgspec
 
 from cltaa.errors import UsageError
 from cltaa.filters import CurrentFilter as CurrentFilter
+from cltaa.filters import FilterUse as FilterUse
 from cltaa.filters import HistoryFilter as HistoryFilter
+from cltaa.remembered import GatherFit as GatherFit
+from cltaa.remembered import HistoryOf as HistoryOf
 from cltaa.settings import Settings as Settings
-
-
-class FilterUse(StrEnum):
-    """Where the current filter stands for the pixel's own sample."""
-
-    ALWAYS = "always"
-    FEW = "few-samples"  # the less, the more samples there are: for the share 1 / n of the n-th
-
-
-class HistoryOf(StrEnum):
-    """What is remembered of earlier frames."""
-
-    RESULT = "result"  # their resolved image: any number of frames in one
-    SAMPLES = "samples"  # the samples of the last frames_kept frames, as they were drawn
 
 
 class Tonemap(StrEnum):
@@ -183,6 +172,7 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 
     history_filter: HistoryFilter = HistoryFilter.CATMULL_ROM
     history_of: HistoryOf = HistoryOf.RESULT
+    gather_fit: GatherFit = GatherFit.MEAN
     current_filter: CurrentFilter = CurrentFilter.NONE
     filter_use: FilterUse = FilterUse.ALWAYS
     tonemap: Tonemap = Tonemap.NONE

@@ -42,6 +42,13 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     frames_kept: Annotated[
         float, _number("earlier frames whose samples are kept (history_of samples)", 1.0, 64.0, "frames", "measured")
     ] = 15.0
+    fit_ridge: Annotated[
+        float,
+        _number("even samples' worth that holds the fitted slope back", 2.0**-6, 2.0**20, "1", "measured"),
+    ] = 0.5
+    fit_reach: Annotated[
+        float, _number("farthest sample from the pixel's centre, along an axis", 0.0, 64.0, "pixels", "measured")
+    ] = 0.6
     sample_limit: Annotated[
         float, _number("most samples that the history counts for", 1.0, 2.0**20, "samples", "measured")
     ] = 24.0

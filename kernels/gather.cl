@@ -15,6 +15,8 @@
 #include "blend.h"
 #include "pixel.h"
 #include "ahead.h"
+#include "gather_fit.h"
+#include "gather_track.h"
 #include "gather.h"
 
 __kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha, plane_in reactive,
@@ -38,8 +40,16 @@ __kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motio
         const colour sample = FILTER_USE == FILTER_USE_FEW_SAMPLES ? centre.centre : filtered;
         const real a = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
         const real reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
-        const gathered g = gather_samples(kept, past, frames, sample, a, s, x, y, frame, settings);
-        const resolved out = resolve_gathered(g, sample, filtered, a, reactivity, near, m, frame, settings);
+        const layers_t l = layers_of(above, centre, below, s, settings);
+        const real w = sample_share(sample, settings);
+        const mask first = !l.edge | (centre.closeness > l.cut);
+        gathered g = first_sample(w, first | !first, first, frame), far = first_sample(w, !first, !first, frame);
+        g = gather_samples(kept, past, frames, g, sample, a, s, l, 0, x, y, frame, settings);
+        if (GATHER_FIT == GATHER_FIT_LAYERS && any_of(l.edge)) {
+            const surface behind = farthest_surface(s, closeness, motion, x, y, frame);
+            far = gather_samples(kept, past, frames, far, sample, a, behind, l, 1, x, y, frame, settings);
+        }
+        const resolved out = resolve_gathered(g, far, l, sample, filtered, a, reactivity, near, m, frame, settings);
         store_resolved(output + at, output_count + at, out, x, y, frame);
         above = centre;
         centre = below;

@@ -4,20 +4,7 @@
 #error "gather.h needs OWN_MOTION, ALPHA, REJECT, EXPOSURE and WEIGHTING from the prelude"
 #endif
 
-// Planes of a kept frame, as it was drawn: r, g, b, closeness, then own motion and alpha where there are such.
-#define KEPT_CLOSENESS 3
-#define KEPT_MOTION 4
-#define KEPT_ALPHA (4 + 2 * OWN_MOTION)
-#define KEPT_PLANES (4 + 2 * OWN_MOTION + ALPHA)
-
 typedef __global const frame_t* restrict frames_in;
-
-// Weighted differences of the samples from the current one, so that equal samples leave it as it is, to the bit.
-typedef struct
-{
-    colour sum;
-    real alpha, weight, count;
-} gathered;
 
 // Luminance weight 1 / (knee + Y): one firefly does not outweigh a pixel's whole past (Karis 2014 with knee 1).
 STAGE real sample_share(colour v, settings_t settings)
@@ -25,22 +12,6 @@ STAGE real sample_share(colour v, settings_t settings)
     if (WEIGHTING == WEIGHTING_NONE)
         return SPLAT(1.0);
     return SPLAT(1.0) / (SPLAT(settings.luminance_knee) + greater(luminance(v), SPLAT(0.0)));
-}
-
-// The texel at the whole part of a footprint.
-STAGE real texel_at(plane_in p, footprint f, int stride)
-{
-    plane_in q = p + f.offset;
-#if LANES > 1
-    if (f.lanes == LANES_CLOSE) {
-        const mask right = f.step_x != 0, down = f.step_y != 0;
-        const real a = right ? load(q + 1) : load(q), b = right ? load(q + stride + 1) : load(q + stride);
-        return down ? b : a;
-    }
-    if (f.lanes == LANES_APART)
-        return texel_apart(p, f, 0, 0, stride);
-#endif
-    return load(q);
 }
 
 STAGE colour colour_at(plane_in p, footprint f, size_t plane, int stride)
@@ -57,30 +28,39 @@ STAGE mask seen_then(real closeness, surface s, motion_t m, settings_t settings)
 }
 
 // The samples of `frames` kept frames, the latest first. past[k] says how to come from this frame to the k-th, where
-// its samples lie in their pixels (jitter) and in which slot of `kept` it is. The pixel's place in frame k falls into
-// the area of exactly one sample there: the one whose position rounds to it. A surface that moves on its own is
-// followed from sample to sample, by the motion of the sample at the surface's own place (which is not the pixel's
-// where the motion is a neighbour's). Where that sample has no motion the surface is lost, and so is all before it.
-STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, colour current, real alpha, surface s, int x,
-    int y, frame_t frame, settings_t settings)
+// its samples lie in their pixels (jitter) and in which slot of `kept` it is. The place of the pixel's centre in frame
+// k falls into the area of exactly one sample there: the one whose position rounds to it. It counts if it shows one of
+// the pixel's surfaces and lies within fit_reach of the centre, seen from now; with `far_only` true, if it shows the
+// farther one.
+STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, gathered g, colour current, real alpha,
+    surface s, layers_t l, int far_only, int x, int y, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
-    const real zero = SPLAT(0.0), one = SPLAT(1.0);
-    gathered g = { { zero, zero, zero }, zero, zero, zero };
-    const mask own = OWN_MOTION ? !(outside_domain(s.u) | outside_domain(s.v)) : (s.x != s.x);
-    real own_u = s.u, own_v = s.v;
-    mask lost = (s.x != s.x);
+    const real zero = SPLAT(0.0), one = SPLAT(1.0), px = LANE_INDEX + K(x), py = SPLAT(y);
+    track_t t = { s.x != s.x, s.x != s.x, s.u, s.v };
+    if (OWN_MOTION)
+        t.own = !untold(s.u, s.v);
     for (int k = 0; k < frames; ++k) {
         const frame_t then = past[k];
-        motion_t m = motion_from_depth(s, LANE_INDEX + K(x), SPLAT(y), then);
-        if (OWN_MOTION) {
-            m.u = own ? own_u : m.u;
-            m.v = own ? own_v : m.v;
-            m.scale = own ? one : m.scale;
-            m.shift = own ? zero : m.shift;
-            m.visible = m.visible | own;
+        motion_t m = motion_from_depth(s, px, py, then);
+        stretch_t stretch = { zero, zero, zero, zero };
+        if (GATHER_FIT != GATHER_FIT_MEAN) {
+            // From the sample that told the depth to the pixel's centre.
+            stretch = stretch_of(s, l.slope_x, l.slope_y, m, px, py, then);
+            const real ox = s.x + K(frame.jitter_x), oy = s.y + K(frame.jitter_y);
+            m.u -= stretch.xx * ox + stretch.xy * oy;
+            m.v -= stretch.yx * ox + stretch.yy * oy;
         }
-        const mask seen = on_screen(m, LANE_INDEX + K(x), SPLAT(y), frame) & !lost;
+        if (OWN_MOTION) {
+            m.u = t.own ? t.u : m.u;
+            m.v = t.own ? t.v : m.v;
+            m.scale = t.own ? one : m.scale;
+            m.shift = t.own ? zero : m.shift;
+            m.visible = m.visible | t.own;
+            stretch.xx = t.own ? zero : stretch.xx, stretch.xy = t.own ? zero : stretch.xy;
+            stretch.yx = t.own ? zero : stretch.yx, stretch.yy = t.own ? zero : stretch.yy;
+        }
+        const mask seen = on_screen(m, px, py, frame) & !t.lost;
         motion_t nearest = m;
         nearest.u = m.u + (K(0.5) - K(then.jitter_x));
         nearest.v = m.v + (K(0.5) - K(then.jitter_y));
@@ -90,14 +70,22 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, colour 
         mask good = seen & !colour_outside_domain(c);
         const real q = usable_closeness(texel_at(p + KEPT_CLOSENESS * plane, f, frame.stride), then);
         good = good & seen_then(q, s, m, settings);
+        real dx = SPLAT(0.5) - f.fx, dy = SPLAT(0.5) - f.fy;
+        mask near = (s.x == s.x);
+        if (GATHER_FIT != GATHER_FIT_MEAN) {
+            mask visible;
+            offset_now(&dx, &dy, &visible, stretch);
+            const real reach = greater(absolute(dx), absolute(dy));
+            good = good & visible & (reach <= SPLAT(settings.fit_reach));
+            near = !l.edge | (q > l.cut * m.scale + m.shift);
+            good = far_only ? good & !near : good;
+        }
         if (EXPOSURE)
             c = scaled(c, SPLAT(then.exposure_ratio));
         c = choose_colour(good, to_range(c), current);
-        const real w = good ? sample_share(c, settings) : zero;
-        g.sum.r += w * (c.r - current.r);
-        g.sum.g += w * (c.g - current.g);
-        g.sum.b += w * (c.b - current.b);
-        g.weight += w;
+        const colour d = { c.r - current.r, c.g - current.g, c.b - current.b };
+        add_sample(&g, d, good ? sample_share(c, settings) : zero, good ? dx : zero, good ? dy : zero,
+            far_only ? !near : near);
         g.count += good ? one : zero;
         if (ALPHA) {
             const real a = usable_share(texel_at(p + KEPT_ALPHA * plane, f, frame.stride), one);
@@ -107,27 +95,47 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, colour 
             motion_t place = nearest;
             place.u += s.x;
             place.v += s.y;
-            const footprint there = footprint_of(place, seen, frame);
-            const real u = texel_at(p + KEPT_MOTION * plane, there, frame.stride);
-            const real v = texel_at(p + (KEPT_MOTION + 1) * plane, there, frame.stride);
-            lost = lost | (own & (!seen | outside_domain(u) | outside_domain(v)));
-            own_u += u;
-            own_v += v;
+            follow(&t, p, footprint_of(place, seen, frame), seen, plane, frame.stride);
         }
     }
     return g;
 }
 
-// The pixel as the weighted mean of its samples, the current one among them.
-STAGE resolved resolve_gathered(gathered g, colour current, colour filtered, real alpha, real reactivity,
-    statistics near, motion_t m, frame_t frame, settings_t settings)
+// What the samples of a pixel come to, less the current one. Across a depth edge the nearer surface's share and colour
+// are fitted to the samples along its way, and behind it is the mean of the samples along the farther one's own way.
+STAGE colour gathered_change(gathered g, gathered far, layers_t l, settings_t settings)
+{
+    const fit_t f = fit_at_centre(g, g.count + K(1.0), settings);
+    colour v = { fitted(f, g.sum.r, g.along.r, g.down.r), fitted(f, g.sum.g, g.along.g, g.down.g),
+        fitted(f, g.sum.b, g.along.b, g.down.b) };
+    if (GATHER_FIT == GATHER_FIT_LAYERS) {
+        const real zero = SPLAT(0.0), one = SPLAT(1.0);
+        const real seen = one - limit(fitted(f, g.near, g.near_x, g.near_y), zero, one);
+        const mask any = far.weight > zero;
+        // Where no sample of the farther surface is left, the nearer one has to stand for it.
+        const real mean = (l.edge ? seen : zero) / (any ? far.weight : (g.near > zero ? g.near : one));
+        v.r += mean * (any ? far.sum.r : g.sum.r);
+        v.g += mean * (any ? far.sum.g : g.sum.g);
+        v.b += mean * (any ? far.sum.b : g.sum.b);
+    }
+    return v;
+}
+
+// The pixel from its samples, the current one among them.
+STAGE resolved resolve_gathered(gathered g, gathered far, layers_t l, colour current, colour filtered, real alpha,
+    real reactivity, statistics near, motion_t m, frame_t frame, settings_t settings)
 {
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
     const mask any = g.count > zero;
     const real weight = any ? g.weight : one;
-    const colour past = { current.r + g.sum.r / weight, current.g + g.sum.g / weight, current.b + g.sum.b / weight };
+    colour past = { current.r + g.sum.r / weight, current.g + g.sum.g / weight, current.b + g.sum.b / weight };
+    if (GATHER_FIT != GATHER_FIT_MEAN) {
+        const colour change = gathered_change(g, far, l, settings);
+        past.r = current.r + change.r, past.g = current.g + change.g, past.b = current.b + change.b;
+    }
     const rectification r = rectify(past, current, near, m, box_gamma(m, settings), frame, settings);
-    real share = g.weight / (sample_share(current, settings) + g.weight);
+    // The mean of the others has its share beside the current sample, which a fit holds already.
+    real share = GATHER_FIT == GATHER_FIT_MEAN ? g.weight / (sample_share(current, settings) + g.weight) : one;
     real alpha_share = one;
     if (REACTIVE) {
         share *= one - reactivity;
@@ -137,7 +145,7 @@ STAGE resolved resolve_gathered(gathered g, colour current, colour filtered, rea
         current.g + share * ((past.g - current.g) + r.change.g),
         current.b + share * ((past.b - current.b) + r.change.b) };
     colour chosen = choose_colour(any, mixed, fresh_colour(current, near.mean, settings));
-    if (FILTER_USE == FILTER_USE_FEW_SAMPLES)
+    if ((FILTER_USE == FILTER_USE_FEW_SAMPLES) & (CURRENT_FILTER != CURRENT_FILTER_NONE))
         chosen = drawn_towards(chosen, filtered, filtered_share(one / (g.count + one), filtered, settings));
     const colour v = from_range(chosen);
     resolved out;

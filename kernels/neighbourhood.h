@@ -121,6 +121,7 @@ typedef struct
     colour centre;
     colour across; // the three texels weighed by the current filter along x
     real nearest, nearest_x, farthest, closeness;
+    real rise; // of closeness from the left texel to the right one
     real u, v; // own motion of the nearest texel
     real centre_u, centre_v;
 } row_t;
@@ -206,6 +207,7 @@ STAGE row_t read_row(plane_in image, plane_in closeness, plane_in motion, int x,
                zr = usable_closeness(load(z + 1), frame);
     const mask left = zl > zc;
     row.closeness = zc;
+    row.rise = zr - zl;
     row.nearest = left ? zl : zc;
     row.nearest_x = left ? SPLAT(-1.0) : SPLAT(0.0);
     const mask right = zr > row.nearest;

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from cltaa.build import Build, Record, kept_planes
 from cltaa.layout import Layout
-from cltaa.params import AlphaFrom, FilterUse, Reject, Weighting
+from cltaa.params import AlphaFrom, CurrentFilter, FilterUse, GatherFit, Reject, Weighting
 from cltaa.reference.colour import Colour, colour_outside_domain, from_range, luminance, to_range
+from cltaa.reference.gather_fit import Gathered, Stretch, first_sample, fit_at_centre, offset_now, stretch_of
+from cltaa.reference.gather_track import (
+    KEPT_CLOSENESS,
+    Layers,
+    Track,
+    farthest_surface,
+    layers_of,
+    texel_at,
+    untold,
+)
 from cltaa.reference.history import same_surface
 from cltaa.reference.neighbourhood import (
     Statistics,
@@ -30,48 +39,10 @@ from cltaa.reference.pixel import (
     usable_share,
 )
 from cltaa.reference.projection import Motion, motion_from_depth, on_screen, surface_motion
-from cltaa.reference.real import Array, Mask, greater, lesser, number, outside_domain, quiet
+from cltaa.reference.real import Array, greater, lesser, limit, number, quiet
 from cltaa.reference.rectify import rectify
 from cltaa.reference.resolve import load_shares, read_rows, store_resolved
 from cltaa.reference.sampling import Footprint, Quad, footprint_of
-
-KEPT_CLOSENESS, KEPT_MOTION = 3, 4
-
-
-@dataclass(slots=True)
-class Gathered:
-    """Weighted differences of the samples from the current one; weight and number of the samples."""
-
-    sum: list[Array]
-    alpha: Array
-    weight: Array
-    count: Array
-
-
-@dataclass(slots=True)
-class Track:
-    """Where surfaces that move on their own were, and which of them were lost on the way."""
-
-    own: Mask
-    u: Array
-    v: Array
-    lost: Mask
-
-    def motion(self, m: Motion) -> Motion:
-        """``m`` where the camera alone moves a surface, the track elsewhere."""
-        one, zero = np.ones_like(m.scale), np.zeros_like(m.shift)
-        return Motion(
-            np.where(self.own, self.u, m.u),
-            np.where(self.own, self.v, m.v),
-            np.where(self.own, one, m.scale),
-            np.where(self.own, zero, m.shift),
-            m.visible | self.own,
-        )
-
-    def follow(self, u: Array, v: Array, seen: Mask) -> None:
-        """Take the step that the sample at the surface's place tells; where it tells none the surface is lost."""
-        self.lost = self.lost | (self.own & (~seen | outside_domain(u) | outside_domain(v)))
-        self.u, self.v = self.u + u, self.v + v
 
 
 def sample_share(v: Colour, build: Build, settings: Record) -> Array:
@@ -86,56 +57,100 @@ def sample_share(v: Colour, build: Build, settings: Record) -> Array:
 def gather_samples(
     kept: Array,
     past: Any,
-    frames: int,
+    g: Gathered,
     current: Colour,
     alpha: Array,
     s: Surface,
+    layers: Layers,
     build: Build,
     layout: Layout,
+    frame: Record,
     settings: Record,
+    *,
+    far_only: bool = False,
 ) -> Gathered:
-    """The samples of ``frames`` kept frames [slots, planes, rows, stride], the latest first."""
-    real: Any = current[0].dtype
+    """``g`` and the samples of the kept frames [slots, planes, rows, stride] of ``past``, the latest first."""
     zero, one = np.zeros_like(current[0]), np.ones_like(current[0])
-    g = Gathered([zero, zero, zero], zero, zero, zero)
     none = np.zeros(zero.shape, bool)
-    own = ~(outside_domain(s.u) | outside_domain(s.v)) if build.steps.own_motion else none
-    track = Track(own, s.u, s.v, none)
-    for then in past[:frames]:
+    fit, own_motion = build.choices.gather_fit, build.steps.own_motion
+    track = Track(~untold(s.u, s.v) if own_motion else none, s.u, s.v, none)
+    for then in past:
         planes = kept[int(then["slot"])]
-        m = track.motion(motion_from_depth(s, build, layout, then)) if build.steps.own_motion else motion_from_depth(
-            s, build, layout, then
-        )  # fmt: skip
+        m, stretch = _way_back(track, s, layers, build, layout, frame, then)
         seen = on_screen(m, layout) & ~track.lost
         half = number(0.5, zero)
         nearest = m._replace(
             u=m.u + (half - number(then["jitter_x"], zero)), v=m.v + (half - number(then["jitter_y"], zero))
         )
         f = footprint_of(nearest, seen, layout)
-        c: Colour = (_texel(planes[0], f, real), _texel(planes[1], f, real), _texel(planes[2], f, real))
+        c, q = _sample(planes, f, zero, then)
         good = seen & ~colour_outside_domain(c)
         if build.choices.reject is Reject.DEPTH:
-            q = usable_closeness(_texel(planes[KEPT_CLOSENESS], f, real), then)
-            good &= same_surface(Quad(q, q, q, q), s, m, settings["depth_tolerance"])
+            good = good & same_surface(Quad(q, q, q, q), s, m, settings["depth_tolerance"])
+        dx, dy, near = half - f.fx, half - f.fy, ~none
+        if fit is not GatherFit.MEAN:
+            dx, dy, visible = offset_now(dx, dy, stretch)
+            good = good & visible & (greater(np.abs(dx), np.abs(dy)) <= number(settings["fit_reach"], zero))
+            near = ~layers.edge | (q > layers.cut * m.scale + m.shift)
+            good = good & ~near if far_only else good
         if build.steps.exposure:
             ratio = number(then["exposure_ratio"], zero)
             c = (c[0] * ratio, c[1] * ratio, c[2] * ratio)
         c = to_range(c, build)
         c = (np.where(good, c[0], current[0]), np.where(good, c[1], current[1]), np.where(good, c[2], current[2]))
+        d = [a - b for a, b in zip(c, current, strict=True)]
         w = np.where(good, sample_share(c, build, settings), zero)
-        g.sum = [total + w * (a - b) for total, a, b in zip(g.sum, c, current, strict=True)]
-        g.weight, g.count = g.weight + w, g.count + np.where(good, one, zero)
+        g.add(d, w, np.where(good, dx, zero), np.where(good, dy, zero), ~near if far_only else near, fit)
+        g.count = g.count + np.where(good, one, zero)
         if build.steps.alpha:
-            a = usable_share(_texel(planes[kept_planes(build.steps) - 1], f, real), 1.0)
+            a = usable_share(texel_at(planes[kept_planes(build.steps) - 1], f, zero.dtype), 1.0)
             g.alpha = g.alpha + np.where(good, a - alpha, zero)
-        if build.steps.own_motion:
+        if own_motion:
             there = footprint_of(nearest._replace(u=nearest.u + s.x, v=nearest.v + s.y), seen, layout)
-            track.follow(_texel(planes[KEPT_MOTION], there, real), _texel(planes[KEPT_MOTION + 1], there, real), seen)
+            track.follow(planes, there, seen, build)
     return g
+
+
+def _way_back(
+    track: Track, s: Surface, layers: Layers, build: Build, layout: Layout, frame: Record, then: Record
+) -> tuple[Motion, Stretch]:
+    """The motion of the pixel's centre to a kept frame, and how pixels are stretched on the way."""
+    zero = np.zeros_like(s.centre)
+    m = motion_from_depth(s, build, layout, then)
+    stretch = Stretch(zero, zero, zero, zero)
+    if build.choices.gather_fit is not GatherFit.MEAN:
+        stretch = stretch_of(s, layers.slope, m, build, layout, then)
+        ox, oy = s.x + number(frame["jitter_x"], zero), s.y + number(frame["jitter_y"], zero)
+        m = m._replace(u=m.u - (stretch.xx * ox + stretch.xy * oy), v=m.v - (stretch.yx * ox + stretch.yy * oy))
+    if build.steps.own_motion:
+        m = track.motion(m)
+        stretch = Stretch(*(np.where(track.own, zero, part) for part in stretch))
+    return m, stretch
+
+
+def _sample(planes: Array, f: Footprint, like: Array, then: Record) -> tuple[Colour, Array]:
+    r, g, b = (texel_at(planes[channel], f, like.dtype) for channel in range(3))
+    return (r, g, b), usable_closeness(texel_at(planes[KEPT_CLOSENESS], f, like.dtype), then)
+
+
+def gathered_change(g: Gathered, far: Gathered, layers: Layers, build: Build, settings: Record) -> list[Array]:
+    """What the samples of a pixel come to, less the current one."""
+    zero, one = np.zeros_like(g.count), np.ones_like(g.count)
+    f = fit_at_centre(g, g.count + one, settings)
+    v = [f.value(*sums) for sums in zip(g.sum, g.along, g.down, strict=True)]
+    if build.choices.gather_fit is GatherFit.LAYERS:
+        seen = one - limit(f.value(g.near, g.near_x, g.near_y), zero, one)
+        any_of = far.weight > zero
+        instead = np.where(any_of, far.weight, np.where(g.near > zero, g.near, one))
+        mean = np.where(layers.edge, seen, zero) / instead
+        v = [k + mean * np.where(any_of, a, b) for k, a, b in zip(v, far.sum, g.sum, strict=True)]
+    return v
 
 
 def resolve_gathered(
     g: Gathered,
+    far: Gathered,
+    layers: Layers,
     current: Colour,
     filtered: Colour,
     alpha: Array,
@@ -146,23 +161,25 @@ def resolve_gathered(
     layout: Layout,
     settings: Record,
 ) -> Resolved:
-    """The pixel as the weighted mean of its samples, the current one among them."""
+    """The pixel from its samples, the current one among them."""
     zero, one = np.zeros_like(alpha), np.ones_like(alpha)
     any_of = g.count > zero
     weight = np.where(any_of, g.weight, one)
-    r, gr, b = (x + total / weight for x, total in zip(current, g.sum, strict=True))
-    past = (r, gr, b)
-    change = rectify(past, current, near, m, box_gamma(m, settings), build, layout, settings).change
-    share = g.weight / (sample_share(current, build, settings) + g.weight)
+    plain = build.choices.gather_fit is GatherFit.MEAN
+    change = [total / weight for total in g.sum] if plain else gathered_change(g, far, layers, build, settings)
+    past = (current[0] + change[0], current[1] + change[1], current[2] + change[2])
+    moved = rectify(past, current, near, m, box_gamma(m, settings), build, layout, settings).change
+    share = g.weight / (sample_share(current, build, settings) + g.weight) if plain else one
     alpha_share = one
     if build.steps.reactive:
         alpha_share = one - reactivity
         share = share * alpha_share
-    mixed = [x + share * ((p - x) + c) for x, p, c in zip(current, past, change, strict=True)]
+    mixed = [x + share * ((p - x) + c) for x, p, c in zip(current, past, moved, strict=True)]
     fresh = fresh_colour(current, near.mean, build, settings)
     r, gr, b = (np.where(any_of, k, f) for k, f in zip(mixed, fresh, strict=True))
     chosen = (r, gr, b)
-    if build.choices.filter_use is FilterUse.FEW:
+    filters = build.choices.current_filter is not CurrentFilter.NONE
+    if filters and build.choices.filter_use is FilterUse.FEW:
         chosen = drawn_towards(chosen, filtered, filtered_share(one / (g.count + one), filtered, build, settings))
     v = from_range(chosen, build)
     stored = [storable(k, lesser(x, zero), build) for k, x in zip(v, current, strict=True)]
@@ -198,13 +215,17 @@ def gather(
     sample = centre.centre if build.choices.filter_use is FilterUse.FEW else filtered
     a, reactivity = load_shares(alpha, reactive, sample[0], build, layout)
     slots = kept.reshape(-1, kept_planes(build.steps), layout.rows, layout.stride)
-    g = gather_samples(slots, past, frames, sample, a, s, build, layout, settings)
+    layers = layers_of(above, centre, below, s, settings)
+    near_one = ~layers.edge | (centre.closeness > layers.cut)
+    w = sample_share(sample, build, settings)
+    g = first_sample(w, near_one | ~near_one, near_one, build, frame)
+    far = first_sample(w, ~near_one, ~near_one, build, frame)
+    told = past[:frames]
+    g = gather_samples(slots, told, g, sample, a, s, layers, build, layout, frame, settings)
+    if build.choices.gather_fit is GatherFit.LAYERS:
+        behind = farthest_surface(s, closeness, motion, build, layout, frame)
+        far = gather_samples(slots, told, far, sample, a, behind, layers, build, layout, frame, settings, far_only=True)
     store_resolved(
-        resolve_gathered(g, sample, filtered, a, reactivity, near, m, build, layout, settings),
+        resolve_gathered(g, far, layers, sample, filtered, a, reactivity, near, m, build, layout, settings),
         build, layout, frame, output, output_count,
     )  # fmt: skip
-
-
-def _texel(plane: Array, f: Footprint, real: Any) -> Array:
-    texels: Array = plane[f.row, f.column].astype(real)
-    return texels

@@ -35,6 +35,7 @@ class Row(NamedTuple):
     nearest_x: Array
     farthest: Array
     closeness: Array
+    rise: Array
     u: Array
     v: Array
     centre_u: Array
@@ -204,6 +205,7 @@ def read_row(
         nearest_x,
         lesser(lesser(zl, zr), zc),
         zc,
+        zr - zl,
         u,
         v,
         centre_u,

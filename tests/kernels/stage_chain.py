@@ -68,6 +68,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "alpha_from",
         "camera_motion",
         "exposure",
+        "gather_fit",
         "orthographic",
         "own_motion",
         "reactive",

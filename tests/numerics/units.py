@@ -12,6 +12,8 @@ from cltaa.build import Build, Real
 from cltaa.constants import PAD_X, PAD_Y
 from cltaa.constants import value as value_of
 from cltaa.reference.gather import gather_samples
+from cltaa.reference.gather_fit import Gathered
+from cltaa.reference.gather_track import layers_of
 from cltaa.reference.neighbourhood import current_sample, nearest_surface, neighbourhood_statistics
 from cltaa.reference.projection import Motion, on_screen
 from cltaa.reference.real import outside_domain, quiet
@@ -130,8 +132,19 @@ def gathered(work: Work) -> Values:
     sample = current_sample(*rows, near, build, work.frame)
     surface = nearest_surface(*rows, build, work.settings["edge_tolerance"])
     kept = planes["kept"].reshape(len(work.past), -1, layout.rows, layout.stride)
+    layers, none = layers_of(*rows, surface, work.settings), Gathered(np.zeros_like(sample[0]))
     g = gather_samples(
-        kept, work.past, len(work.past), sample, np.ones_like(sample[0]), surface, build, layout, work.settings
+        kept,
+        work.past,
+        none,
+        sample,
+        np.ones_like(sample[0]),
+        surface,
+        layers,
+        build,
+        layout,
+        work.frame,
+        work.settings,
     )
     weight = np.where(g.count > 0, g.weight, 1.0)
     past = [now + total / weight for now, total in zip(sample, g.sum, strict=True)]

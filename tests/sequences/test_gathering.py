@@ -20,7 +20,7 @@ KEPT = 5
 
 
 def gathering(**changes: object) -> Preset:
-    values: dict[str, object] = {"history_of": "samples", "frames_kept": KEPT, "fresh_blur": 0.0, **changes}
+    values: dict[str, object] = {"history_of": "samples", "frames_kept": KEPT, "current_filter": "none", **changes}
     return override(load_preset(), values)
 
 

@@ -1,0 +1,130 @@
+"""Twin of ``gather_fit.h``: from the samples that lie in a pixel to its colour."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from cltaa.build import Build, Record
+from cltaa.layout import Layout
+from cltaa.params import GatherFit
+from cltaa.reference.neighbourhood import Surface
+from cltaa.reference.projection import Motion, pixel_grid
+from cltaa.reference.real import Array, Mask, constant, number
+
+
+@dataclass(slots=True)
+class Gathered:
+    """Sums over the samples of a pixel: of differences from the current one, of weights, and of both times offsets."""
+
+    zero: Array
+    sum: list[Array] = field(init=False)
+    along: list[Array] = field(init=False)
+    down: list[Array] = field(init=False)
+    alpha: Array = field(init=False)
+    weight: Array = field(init=False)
+    count: Array = field(init=False)
+    x: Array = field(init=False)
+    y: Array = field(init=False)
+    xx: Array = field(init=False)
+    xy: Array = field(init=False)
+    yy: Array = field(init=False)
+    near: Array = field(init=False)
+    near_x: Array = field(init=False)
+    near_y: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """No samples."""
+        self.sum, self.along, self.down = ([self.zero] * 3 for _ in range(3))
+        for name in ("alpha", "weight", "count", "x", "y", "xx", "xy", "yy", "near", "near_x", "near_y"):
+            setattr(self, name, self.zero)
+
+    def add(self, d: list[Array], w: Array, dx: Array, dy: Array, near: Mask, fit: GatherFit) -> None:
+        """One sample that differs by ``d`` and lies at (dx, dy) from the centre; of a farther one only the place."""
+        n = np.where(near, w, self.zero) if fit is GatherFit.LAYERS else w
+        self.sum = [total + n * k for total, k in zip(self.sum, d, strict=True)]
+        self.weight = self.weight + w
+        if fit is GatherFit.MEAN:
+            return
+        wx, wy, nx, ny = w * dx, w * dy, n * dx, n * dy
+        self.x, self.y = self.x + wx, self.y + wy
+        self.xx, self.xy, self.yy = self.xx + wx * dx, self.xy + wx * dy, self.yy + wy * dy
+        self.along = [total + nx * k for total, k in zip(self.along, d, strict=True)]
+        self.down = [total + ny * k for total, k in zip(self.down, d, strict=True)]
+        self.near, self.near_x, self.near_y = self.near + n, self.near_x + nx, self.near_y + ny
+
+
+def first_sample(w: Array, counted: Mask, near: Mask, build: Build, frame: Record) -> Gathered:
+    """The sums with the current sample alone, where it is ``counted``; none for a mean of the others."""
+    zero = np.zeros_like(w)
+    g = Gathered(zero)
+    if build.choices.gather_fit is not GatherFit.MEAN:
+        x, y = (np.full_like(w, number(frame[name], w)) for name in ("jitter_x", "jitter_y"))
+        g.add([zero, zero, zero], np.where(counted, w, zero), x, y, near, build.choices.gather_fit)
+    return g
+
+
+class Fit(NamedTuple):
+    """What the value at the pixel's centre takes of the sums: one * sum - (x * along + y * down)."""
+
+    one: Array
+    x: Array
+    y: Array
+
+    def value(self, total: Array, along: Array, down: Array) -> Array:
+        """The value at the centre."""
+        result: Array = self.one * total - (self.x * along + self.y * down)
+        return result
+
+
+def fit_at_centre(g: Gathered, samples: Array, settings: Record) -> Fit:
+    """Weighted least squares of a plane, its slope held back by a ridge."""
+    mean = number(1.0, samples) / g.weight
+    mx, my = g.x * mean, g.y * mean
+    ridge = number(settings["fit_ridge"], samples) * (g.weight / samples)
+    xx, xy, yy = (g.xx - g.x * mx) + ridge, g.xy - g.x * my, (g.yy - g.y * my) + ridge
+    det = xx * yy - xy * xy
+    x, y = (yy * mx - xy * my) / det, (xx * my - xy * mx) / det
+    return Fit(mean + (x * mx + y * my), x, y)
+
+
+class Stretch(NamedTuple):
+    """How one pixel step here is seen in an earlier frame, less the step itself."""
+
+    xx: Array
+    xy: Array
+    yx: Array
+    yy: Array
+
+
+def stretch_of(
+    s: Surface, slope: tuple[Array, Array], m: Motion, build: Build, layout: Layout, then: Record
+) -> Stretch:
+    """The derivative of the camera's motion on a plane whose closeness changes by ``slope`` a pixel."""
+    zero, one = np.zeros_like(s.centre), np.ones_like(s.centre)
+    if not build.steps.camera_motion:
+        return Stretch(zero, zero, zero, zero)
+    x, y = pixel_grid(layout, zero)
+    f = {name: number(then[name], zero) for name in then.dtype.fields or ()}
+    px, py, q = (x + s.x) + f["origin_x"], (y + s.y) + f["origin_y"], s.closeness
+    dw = ((f["wx"] * px + f["wy"] * py) + f["wq"] * q) + f["w1"]
+    w = np.where(m.visible, one + dw, one)
+    wx, wy = f["wx"] + f["wq"] * slope[0], f["wy"] + f["wq"] * slope[1]
+    return Stretch(
+        ((f["xx"] + f["xq"] * slope[0]) - dw - (px + m.u) * wx) / w,
+        ((f["xy"] + f["xq"] * slope[1]) - (px + m.u) * wy) / w,
+        ((f["yx"] + f["yq"] * slope[0]) - (py + m.v) * wx) / w,
+        ((f["yy"] + f["yq"] * slope[1]) - dw - (py + m.v) * wy) / w,
+    )
+
+
+def offset_now(dx: Array, dy: Array, t: Stretch) -> tuple[Array, Array, Mask]:
+    """An offset of an earlier frame as one of now, and where the surface was seen at all."""
+    one = number(1.0, dx)
+    xx, yy = one + t.xx, one + t.yy
+    det = xx * yy - t.xy * t.yx
+    visible = det > constant("LEAST_W", dx)
+    safe = np.where(visible, det, one)
+    return (yy * dx - t.xy * dy) / safe, (xx * dy - t.yx * dx) / safe, visible
