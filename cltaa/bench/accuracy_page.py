@@ -37,7 +37,7 @@ def page(result: Accuracy, tasks: Sequence[Task], output: Path) -> str:
             for measured in result.sequences
         },
     }
-    text = msgspec.json.encode(data).decode().replace("</", "<\\/")  # nothing in it may end the script
+    text = msgspec.json.encode(data).decode().replace("<", "\\u003c")  # nothing in it may end the script
     parts = {"STYLE": _read("page.css"), "SCRIPT": _read("page.js"), "DATA": text}
     html = _read("page.html")
     for name, part in parts.items():
