@@ -55,9 +55,6 @@ STEP_NAMES = {
 # Steps whose absence is another estimate.
 RECTIFICATION, WEIGHTS, GATHERING = "rectification", "luminance weights", "gathering"
 
-# Pixels a frame from which a surface counts as moving, where that decides how wide its box is.
-LEAST_MOTION_PX = 2.0**-6
-
 # Effects that can make a pixel's history wrong although the camera stands still.
 _CHANGING = frozenset({Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.REACTIVE, Effect.EXPOSURE})
 
@@ -88,7 +85,7 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
     if free and still:
         choices, settings = plain_mean(choices, settings)
     elif free and _light_may_change(declared):
-        settings = narrow_in_motion(settings)
+        settings = narrowed(settings)
     reasons.append(Reason(RECTIFICATION, not (free and still), _why_rectified(free, still)))
     if free and declared is not None and Effect.HDR not in declared:
         choices = msgspec.structs.replace(choices, weighting=Weighting.NONE)
@@ -105,11 +102,10 @@ def plain_mean(choices: Choices, settings: Settings) -> tuple[Choices, Settings]
     return choices, msgspec.structs.replace(settings, sample_limit=2.0**20)
 
 
-def narrow_in_motion(settings: Settings) -> Settings:
-    """Of light that changes on what moves, however slowly, the box alone tells: no wider than the 3x3 there."""
-    if settings.gamma_moving <= 1.0:
-        return settings
-    return msgspec.structs.replace(settings, gamma_moving=1.0, motion_px=LEAST_MOTION_PX)
+def narrowed(settings: Settings) -> Settings:
+    """Of light that changes without motion the box alone tells: no wider than the 3x3."""
+    still, moving = min(settings.gamma_still, 1.0), min(settings.gamma_moving, 1.0)
+    return msgspec.structs.replace(settings, gamma_still=still, gamma_moving=moving)
 
 
 def toggled(plan: Plan, preset: Preset, step: str) -> Plan:
