@@ -50,6 +50,9 @@ def write_pictures(
     make_folder(output)
     texts = {}
     for preset in track(presets, len(presets), "showing failures", unit="presets"):
+        if preset.name != DEFAULT and all(row.presets[preset.name] == row.presets.get(DEFAULT) for row in table.rows):
+            texts[preset.name] = f"The same as {DEFAULT} on every sequence."
+            continue
         row = worst_row(table.rows, preset.name)
         others = [] if preset.name == DEFAULT else [load_preset(DEFAULT)]
         resolvers = {each.name: Resolver(each, launcher) for each in (preset, *others)}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from pathlib import Path
 
 import click
@@ -170,8 +171,10 @@ def _judge(
 
 def _about(table: Table, shape: Shape, settled: int) -> str:
     devices = sorted({judged.device for row in table.rows for judged in row.presets.values()})
+    splits = Counter(row.split for row in table.rows)
+    counts = " and ".join(f"{count} {split}" for split, count in splits.items())
     return (
-        f"{len(table.rows)} sequences, {shape.width} × {shape.height}, {shape.frames} frames, judged from frame "
+        f"{counts} sequences, {shape.width} × {shape.height}, {shape.frames} frames, judged from frame "
         f"{settled} on, truth of {shape.samples} samples a pixel ({shape.still_samples} where nothing moves); "
         f"{time.strftime('%Y-%m-%d', time.gmtime())}, {'; '.join(devices)}."
     )

@@ -15,6 +15,7 @@ from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged, judge_sequence
 from cltaa.bench.quality_cases import HELD_OUT, TRAIN, Case, Shape, planned
 from cltaa.bench.quality_cells import Cells
 from cltaa.bench.quality_page import BEGIN, END, markdown, write_page
+from cltaa.bench.quality_pictures import write_pictures
 from cltaa.bench.quality_summary import best_classic, ordered, summarise
 from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
@@ -163,6 +164,12 @@ def test_the_page_needs_its_marks(tmp_path: Path) -> None:
     (tmp_path / "page.md").write_text(f"{BEGIN} and no end", encoding="utf-8")
     with pytest.raises(DataError, match="the marks are missing"):
         write_page(tmp_path / "page.md", "text")
+
+
+def test_a_preset_that_is_the_default_gets_no_picture(tmp_path: Path) -> None:
+    table = summarise([(case("a"), {"default": scores(psnr=30.0), "t3": scores(psnr=30.0)})])
+    texts = write_pictures(table, {}, [load_preset("t3")], tmp_path / "pictures", None, NUMPY)
+    assert texts == {"t3": "The same as default on every sequence."}
 
 
 def test_a_model_goes_by_its_file() -> None:
