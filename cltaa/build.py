@@ -62,12 +62,15 @@ class Build(msgspec.Struct, frozen=True, kw_only=True):
     storage: Storage = Storage.FLOAT
     lanes: int = 0  # 0: what suits the device
     rows: int = 0
+    registers: int = 0  # the most a work-item may have, where the compiler can be told; 0: as many as it likes
     strict: bool = False
     relaxed: bool = False  # what the compiler may do with -cl-fast-relaxed-math: only to be timed (decision 16)
 
     def flags(self) -> tuple[str, ...]:
         """Options of the OpenCL compiler."""
-        always = ("-cl-std=CL1.2", "-Werror", "-cl-kernel-arg-info")
+        always: tuple[str, ...] = ("-cl-std=CL1.2", "-Werror", "-cl-kernel-arg-info")
+        if self.registers:
+            always += (f"-cl-nv-maxrregcount={self.registers}",)
         if self.strict:
             return (*always, "-cl-fp32-correctly-rounded-divide-sqrt")
         return (*always, "-cl-fast-relaxed-math") if self.relaxed else always

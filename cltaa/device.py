@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +77,21 @@ def choose_device(wish: str | None = None) -> cl.Device:
         listed = "; ".join(f"{index}: {describe(device)}" for index, device in enumerate(found))
         raise UsageError(f"no OpenCL device matches {wish}", found=listed, cure="name one of them, or numpy")
     return matching[0]
+
+
+class Shape(NamedTuple):
+    """How kernels are cut up for a class of devices, as was measured to be fast: docs/performance.md, Shapes."""
+
+    lanes: int  # pixels that a work-item computes side by side: a vector of a CPU, one on a GPU
+    rows: int  # rows that it slides down: long on a CPU, short on a GPU, which needs many work-items
+    group: tuple[int, int]  # work-items a group
+    registers: int = 0  # the most that a work-item may have; 0: as many as the compiler likes
+    registers_to_reject: int = 0  # the same where history is rejected by its depth, which takes more of them
+
+
+CPU_8, CPU_16 = Shape(lanes=8, rows=32, group=(1, 1)), Shape(lanes=16, rows=32, group=(1, 1))
+GPU = Shape(lanes=1, rows=8, group=(64, 2))
+NVIDIA = Shape(lanes=1, rows=16, group=(128, 1), registers=96, registers_to_reject=120)
 
 
 class Memory:
@@ -154,21 +169,11 @@ class Device:
         return describe(self.cl_device)
 
     @property
-    def lanes(self) -> int:
-        """Pixels a work-item computes side by side: a vector of a CPU, one on a GPU."""
-        if not self.is_cpu:
-            return 1
-        return 16 if self.cl_device.native_vector_width_float >= 16 else 8
-
-    @property
-    def rows(self) -> int:
-        """Rows a work-item slides down: long on a CPU, short on a GPU, which needs many work-items."""
-        return 32 if self.is_cpu else 4
-
-    @property
-    def group(self) -> tuple[int, int]:
-        """Work-items a group."""
-        return (1, 1) if self.is_cpu else (32, 4)
+    def shape(self) -> Shape:
+        """How kernels are cut up for this device."""
+        if self.is_cpu:
+            return CPU_16 if self.cl_device.native_vector_width_float >= 16 else CPU_8
+        return NVIDIA if self.cl_device.platform.name == "NVIDIA CUDA" else GPU
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Memory:
         """Zeroed device memory; raises ResourceError where there is not enough."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cltaa.build import Build, Storage
 from cltaa.layout import Layout
+from cltaa.params import Reject
 
 if TYPE_CHECKING:
     from cltaa.program import Kernel
@@ -62,12 +63,14 @@ class DeviceLauncher:
         self._used: set[tuple[str, Build, tuple[int, ...]]] = set()
 
     def build(self, plan_build: Build) -> Build:
-        """The build with lanes and rows for this device, unless it states its own."""
+        """The build as this device's shape has it, unless it states lanes or rows of its own."""
         import msgspec
 
-        lanes = plan_build.lanes or self.device.lanes
-        rows = plan_build.rows or self.device.rows
-        return msgspec.structs.replace(plan_build, lanes=lanes, rows=rows)
+        shape = self.device.shape
+        lanes, rows = plan_build.lanes or shape.lanes, plan_build.rows or shape.rows
+        rejects = plan_build.choices.reject is not Reject.NONE
+        registers = shape.registers_to_reject if rejects else shape.registers
+        return msgspec.structs.replace(plan_build, lanes=lanes, rows=rows, registers=registers)
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
         """Zeroed device memory."""
@@ -106,7 +109,7 @@ class DeviceLauncher:
             return (layout.stride * layout.rows - layout.width * layout.height, int(arguments["planes"])), None
         rows = build.rows if kernel in ("resolve", "gather") else 1
         columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
-        group = self.device.group
+        group = self.device.shape.group
         return (-(-columns // group[0]) * group[0], -(-steps // group[1]) * group[1]), group
 
     def copy(self, source: Buffer, target: Buffer, offset: int) -> None:

@@ -21,7 +21,8 @@ __kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, 
     const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
     if (x >= frame.width || y >= frame.height)
         return;
-    const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
+    const size_t plane = plane_size(frame);
+    const uint at = texel_offset(frame, x, y);
     plane_in q = history_at + at, c = change_in + at;
     history_t h;
     h.rgb = load_colour(q, plane);
@@ -40,5 +41,5 @@ __kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, 
     const colour sample = load_colour(statistics_in + at + 12 * plane, plane);
     const colour own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? usable_colour(current, plane, x, y, frame) : sample;
     const resolved out = resolve_pixel(own, sample, a, reactivity, mean_at, h, r, settings);
-    store_resolved(output + at, output_count + at, out, x, y, frame);
+    store_resolved(output, output_count, out, x, y, frame);
 }

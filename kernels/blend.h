@@ -12,7 +12,7 @@ STAGE real sample_weight(real count, real unrest, settings_t settings)
         return SPLAT(settings.blend_weight);
     if (ACCUMULATE == ACCUMULATE_ADAPTIVE)
         return K(settings.blend_weight) + unrest * (K(settings.moving_weight) - K(settings.blend_weight));
-    const real mean = SPLAT(1.0) / (count + K(1.0));
+    const real mean = reciprocal(count + K(1.0));
     if (ACCUMULATE == ACCUMULATE_COUNT)
         return mean;
     return greater(mean, SPLAT(settings.blend_weight));
@@ -24,8 +24,8 @@ STAGE real sample_weight(real count, real unrest, settings_t settings)
 STAGE real believed_count(real count, real fx, real fy, real pull, settings_t settings)
 {
     const real between = fx * (SPLAT(1.0) - fx) + fy * (SPLAT(1.0) - fy);
-    const real most = SPLAT(1.0) / (SPLAT(1.0) / K(settings.sample_limit) + K(settings.resample_cost) * between);
-    const real believed = count / (SPLAT(1.0) + K(settings.pull_cost) * pull);
+    const real most = reciprocal(reciprocal(SPLAT(settings.sample_limit)) + K(settings.resample_cost) * between);
+    const real believed = quotient(count, SPLAT(1.0) + K(settings.pull_cost) * pull);
     return lesser(believed, most);
 }
 
@@ -38,7 +38,7 @@ STAGE real luminance_weight(real weight, colour current, colour history, setting
     const real x = SPLAT(settings.luminance_knee) + greater(luminance(current), SPLAT(0.0));
     const real h = SPLAT(settings.luminance_knee) + greater(luminance(history), SPLAT(0.0));
     const real for_current = weight * h, for_history = (SPLAT(1.0) - weight) * x;
-    return for_current / (for_current + for_history);
+    return quotient(for_current, for_current + for_history);
 }
 
 // Lottes' measure u = 1 - |dY| / max(Y, Y, knee): the weight is scaled by a share that goes with u^2 from that of
@@ -47,7 +47,7 @@ STAGE real difference_share(colour current, colour history, settings_t settings)
 {
     const real x = luminance(current), h = luminance(history);
     const real size = greater(greater(x, h), SPLAT(settings.difference_knee));
-    const real u = SPLAT(1.0) - absolute(x - h) / size;
+    const real u = SPLAT(1.0) - quotient(absolute(x - h), size);
     return K(settings.differing_share) + (u * u) * (K(settings.agreeing_share) - K(settings.differing_share));
 }
 
@@ -58,7 +58,7 @@ STAGE real filtered_share(real share, colour filtered, settings_t settings)
     if (WEIGHTING == WEIGHTING_NONE)
         return share;
     const real knee = SPLAT(settings.luminance_knee);
-    const real dim = knee / (knee + greater(luminance(filtered), SPLAT(0.0)));
+    const real dim = quotient(knee, knee + greater(luminance(filtered), SPLAT(0.0)));
     return share * (dim * dim);
 }
 

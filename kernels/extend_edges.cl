@@ -33,6 +33,6 @@ __kernel void extend_edges_kernel(history_out image, const frame_t frame, const 
         x = column < PAD_X ? column - PAD_X : frame.width + (column - PAD_X);
     }
     texels p = (texels)image + (size_t)plane * plane_size(frame);
-    const size_t from = texel_offset(frame, limit_index(x, frame.width - 1), limit_index(y, frame.height - 1));
+    const uint from = texel_offset(frame, limit_index(x, frame.width - 1), limit_index(y, frame.height - 1));
     p[texel_offset(frame, x, y)] = p[from];
 }

@@ -30,7 +30,7 @@ __kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motio
     row_t above = read_row(current, closeness, motion, x, first - 1, frame);
     row_t centre = read_row(current, closeness, motion, x, first, frame);
     for (int y = first; y < last; ++y) {
-        const size_t at = texel_offset(frame, x, y);
+        const uint at = texel_offset(frame, x, y);
         fetch_frame(current, closeness, motion, x, y, frame);
         const row_t below = read_row(current, closeness, motion, x, y + 1, frame);
         const statistics near = neighbourhood_statistics(above, centre, below);
@@ -50,7 +50,7 @@ __kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motio
             far = gather_samples(kept, past, frames, far, sample, a, behind, l, 1, x, y, frame, settings);
         }
         const resolved out = resolve_gathered(g, far, l, sample, filtered, a, reactivity, near, m, frame, settings);
-        store_resolved(output + at, output_count + at, out, x, y, frame);
+        store_resolved(output, output_count, out, x, y, frame);
         above = centre;
         centre = below;
     }

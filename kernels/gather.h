@@ -11,7 +11,7 @@ STAGE real sample_share(colour v, settings_t settings)
 {
     if (WEIGHTING == WEIGHTING_NONE)
         return SPLAT(1.0);
-    return SPLAT(1.0) / (SPLAT(settings.luminance_knee) + greater(luminance(v), SPLAT(0.0)));
+    return reciprocal(SPLAT(settings.luminance_knee) + greater(luminance(v), SPLAT(0.0)));
 }
 
 STAGE colour colour_at(plane_in p, footprint f, size_t plane, int stride)
@@ -35,7 +35,8 @@ STAGE mask seen_then(real closeness, surface s, motion_t m, settings_t settings)
 STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, gathered g, colour current, real alpha,
     surface s, layers_t l, int far_only, int x, int y, frame_t frame, settings_t settings)
 {
-    const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
+    const size_t plane = plane_size(frame);
+    const uint at = texel_offset(frame, x, y);
     const real zero = SPLAT(0.0), one = SPLAT(1.0), px = LANE_INDEX + K(x), py = SPLAT(y);
     track_t t = { s.x != s.x, s.x != s.x, s.u, s.v };
     if (OWN_MOTION)
@@ -64,8 +65,8 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, gathere
         motion_t nearest = m;
         nearest.u = m.u + (K(0.5) - K(then.jitter_x));
         nearest.v = m.v + (K(0.5) - K(then.jitter_y));
-        const footprint f = footprint_of(nearest, seen, frame);
-        plane_in p = kept + (size_t)then.slot * KEPT_PLANES * plane + at;
+        const footprint f = footprint_of(nearest, seen, at, frame);
+        plane_in p = kept + (size_t)then.slot * KEPT_PLANES * plane;
         colour c = colour_at(p, f, plane, frame.stride);
         mask good = seen & !colour_outside_domain(c);
         const real q = usable_closeness(texel_at(p + KEPT_CLOSENESS * plane, f, frame.stride), then);
@@ -95,7 +96,7 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, gathere
             motion_t place = nearest;
             place.u += s.x;
             place.v += s.y;
-            follow(&t, p, footprint_of(place, seen, frame), seen, plane, frame.stride);
+            follow(&t, p, footprint_of(place, seen, at, frame), seen, plane, frame.stride);
         }
     }
     return g;

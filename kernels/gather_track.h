@@ -12,7 +12,7 @@
 // The texel at the whole part of a footprint.
 STAGE real texel_at(plane_in p, footprint f, int stride)
 {
-    plane_in q = p + f.offset;
+    plane_in q = p + f.at;
 #if LANES > 1
     if (f.lanes == LANES_CLOSE) {
         const mask right = f.step_x != 0, down = f.step_y != 0;
@@ -20,7 +20,7 @@ STAGE real texel_at(plane_in p, footprint f, int stride)
         return down ? b : a;
     }
     if (f.lanes == LANES_APART)
-        return texel_apart(p, f, 0, 0, stride);
+        return texel_apart(p + f.own, f, 0, 0, stride);
 #endif
     return load(q);
 }

@@ -20,7 +20,7 @@ STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, si
 {
     colour v;
     if (f.lanes == LANES_ON_TEXELS) // tested here too, once for the three: faster than a test a plane
-        return load_history_colour(p + f.offset, plane);
+        return load_history_colour(p + f.at, plane);
     v.r = sample_plane(p, f, wx, wy, stride);
     v.g = sample_plane(p + plane, f, wx, wy, stride);
     v.b = sample_plane(p + 2 * plane, f, wx, wy, stride);
@@ -30,13 +30,14 @@ STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, si
 STAGE history_t sample_history(history_in history, plane_in count, plane_in previous_closeness, motion_t m, surface s,
     int x, int y, frame_t frame, settings_t settings)
 {
-    const size_t plane = history_plane_size(frame), at = history_offset(frame, x, y);
+    const size_t plane = history_plane_size(frame);
+    const uint at = history_offset(frame, x, y);
     history_t h;
     const motion_t seen = motion_to_edge(m, LANE_INDEX + K(x), SPLAT(y), frame);
     h.valid = on_screen(seen, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
-    const footprint f = CAMERA_MOTION || OWN_MOTION ? footprint_of(seen, h.valid, frame) : own_texel();
+    const footprint f = CAMERA_MOTION || OWN_MOTION ? footprint_of(seen, h.valid, at, frame) : own_texel(at);
     const weights wx = history_weights(f.fx), wy = history_weights(f.fy);
-    h.rgb = sample_colour(history + at, f, wx, wy, plane, frame.stride);
+    h.rgb = sample_colour(history, f, wx, wy, plane, frame.stride);
     h.valid = h.valid & !colour_outside_domain(h.rgb);
     if (EXPOSURE) {
         h.rgb.r *= K(frame.exposure_ratio);
@@ -46,10 +47,10 @@ STAGE history_t sample_history(history_in history, plane_in count, plane_in prev
     h.rgb = to_range(h.rgb);
     h.alpha = SPLAT(1.0);
     if (ALPHA)
-        h.alpha = limit(sample_plane(history + at + 3 * plane, f, wx, wy, frame.stride), SPLAT(0.0), SPLAT(1.0));
-    h.count = bilinear(sample_quad(count + at, f, frame.stride), f);
+        h.alpha = limit(sample_plane(history + 3 * plane, f, wx, wy, frame.stride), SPLAT(0.0), SPLAT(1.0));
+    h.count = bilinear(sample_quad(count, f, frame.stride), f);
     if (REJECT == REJECT_DEPTH)
-        h.valid = h.valid & same_surface(sample_quad(previous_closeness + at, f, frame.stride), s, m, settings);
+        h.valid = h.valid & same_surface(sample_quad(previous_closeness, f, frame.stride), s, m, settings);
     h.fx = f.fx;
     h.fy = f.fy;
     return h;

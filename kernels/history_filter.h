@@ -82,7 +82,7 @@ STAGE row_taps weigh(real first, real p0, real p1, real p2, real p3, real last, 
     row_taps v = { p1 + w.w2 * (p2 - p1), SPLAT(0.0) };
     const real pair = v.middle;
     if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM)
-        v.middle = p1 + ((w.w0 * (p0 - p1) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p1));
+        v.middle = (pair + w.w0 * (p0 - p1)) + w.w3 * (p3 - p1);
     if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9)
         v.middle = pair + (w.w0 * (p0 - pair) + w.w3 * (p3 - pair));
     if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5)

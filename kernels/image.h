@@ -7,14 +7,15 @@ STAGE int band_rows(frame_t frame) { return frame.band_rows > 0 ? frame.band_row
 
 STAGE size_t plane_size(frame_t frame) { return (size_t)frame.stride * (size_t)(band_rows(frame) + 2 * PAD_Y); }
 
-STAGE size_t texel_offset(frame_t frame, int x, int y)
+// Where a texel is in its plane. In 32 bits, since a GPU has no wider integers; a plane has less than 2^31 texels.
+STAGE uint texel_offset(frame_t frame, int x, int y)
 {
-    return (size_t)(y - frame.first_row + PAD_Y) * (size_t)frame.stride + (size_t)(x + PAD_X);
+    return (uint)(y - frame.first_row + PAD_Y) * (uint)frame.stride + (uint)(x + PAD_X);
 }
 
 STAGE size_t history_plane_size(frame_t frame) { return (size_t)frame.stride * (size_t)(frame.height + 2 * PAD_Y); }
 
-STAGE size_t history_offset(frame_t frame, int x, int y)
+STAGE uint history_offset(frame_t frame, int x, int y)
 {
-    return (size_t)(y + PAD_Y) * (size_t)frame.stride + (size_t)(x + PAD_X);
+    return (uint)(y + PAD_Y) * (uint)frame.stride + (uint)(x + PAD_X);
 }

@@ -6,21 +6,25 @@
 #error "neighbourhood.h needs VARIANCE from the prelude"
 #endif
 
-// Shifted first and second moments: mean = shift + offset, spread = sum of squared distances from the mean.
+// Shifted first and second moments: mean = shift + offset, spread = sum of squared distances from the mean; 3/2 of it
+// in a row of three and in the 3x3.
 typedef struct
 {
     real shift, offset, spread, low, high;
 } moments;
 
+// 3/2 of the spread of a, b and 0. Nothing cancels: it is (a^2 + b^2 + (a - b)^2) / 2, and never less than 0.
+STAGE real spread_of_three(real a, real b) { return a * (a - b) + b * b; }
+
 // Three texels of a row. The shift is the centre texel, so the differences are exact for neighbours within a factor of
-// 2 (Sterbenz) and a flat row has exactly no spread, whatever its level. sum (d - mean)^2 = sum d^2 - (sum d)^2 / 3.
+// 2 (Sterbenz) and a flat row has exactly no spread, whatever its level.
 STAGE moments row_moments(real left, real centre, real right)
 {
-    const real dl = left - centre, dr = right - centre, sum = dl + dr;
+    const real dl = left - centre, dr = right - centre;
     moments m;
     m.shift = centre;
-    m.offset = sum * K(ONE_THIRD);
-    m.spread = (dl * dl + dr * dr) - sum * m.offset;
+    m.offset = (dl + dr) * K(ONE_THIRD);
+    m.spread = spread_of_three(dl, dr);
     m.low = lesser(lesser(left, right), centre);
     m.high = greater(greater(left, right), centre);
     return m;
@@ -32,11 +36,10 @@ STAGE moments window_moments(moments above, moments centre, moments below)
 {
     const real da = (above.shift - centre.shift) + (above.offset - centre.offset);
     const real db = (below.shift - centre.shift) + (below.offset - centre.offset);
-    const real sum = da + db, offset = sum * K(ONE_THIRD);
     moments m;
     m.shift = centre.shift;
-    m.offset = centre.offset + offset;
-    m.spread = ((above.spread + below.spread) + centre.spread) + K(3.0) * ((da * da + db * db) - sum * offset);
+    m.offset = centre.offset + (da + db) * K(ONE_THIRD);
+    m.spread = ((above.spread + below.spread) + centre.spread) + K(3.0) * spread_of_three(da, db);
     m.low = lesser(lesser(above.low, below.low), centre.low);
     m.high = greater(greater(above.high, below.high), centre.high);
     return m;
@@ -47,7 +50,7 @@ STAGE moments cross_moments(moments above, moments centre, moments below)
 {
     const real du = above.shift - centre.shift, dd = below.shift - centre.shift;
     const real across = K(3.0) * centre.offset, sum = across + (du + dd);
-    const real squares = (centre.spread + across * centre.offset) + (du * du + dd * dd);
+    const real squares = (K(TWO_THIRDS) * centre.spread + across * centre.offset) + (du * du + dd * dd);
     moments m;
     m.shift = centre.shift;
     m.offset = sum * K(ONE_FIFTH);
@@ -134,6 +137,8 @@ typedef struct
 
 STAGE real deviation_of(moments m)
 {
+    if ((VARIANCE != VARIANCE_NAIVE) & (NEIGHBOURHOOD == NEIGHBOURHOOD_SQUARE))
+        return square_root(m.spread * K(TWO_27THS));
     const real variance = VARIANCE == VARIANCE_NAIVE ? m.spread : m.spread * K(SHARE);
     return square_root(greater(variance, SPLAT(0.0)));
 }
@@ -185,9 +190,14 @@ STAGE colour weigh_line(colour before, colour middle, colour after, scalar first
 
 STAGE row_t read_row(plane_in image, plane_in closeness, plane_in motion, int x, int y, frame_t frame)
 {
-    const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
-    plane_in p = image + at;
-    colour l = load_colour(p - 1, plane), c = load_colour(p, plane), r = load_colour(p + 1, plane);
+    const size_t plane = plane_size(frame);
+    const uint at = texel_offset(frame, x, y);
+    plane_in reds = image + at, greens = image + plane + at, blues = image + 2 * plane + at, z = closeness + at;
+    colour l = { load(reds - 1), load(greens - 1), load(blues - 1) }, c = { load(reds), load(greens), load(blues) },
+           r = { load(reds + 1), load(greens + 1), load(blues + 1) };
+    // Asked for before the branch below, past which a GPU's compiler moves no load.
+    const real zl = usable_closeness(load(z - 1), frame), zc = usable_closeness(load(z), frame),
+               zr = usable_closeness(load(z + 1), frame);
     if (any_of(colour_outside_domain(l) | colour_outside_domain(c) | colour_outside_domain(r))) {
         l = repaired_colour(image, plane, x - 1, y, frame);
         c = repaired_colour(image, plane, x, y, frame);
@@ -202,16 +212,13 @@ STAGE row_t read_row(plane_in image, plane_in closeness, plane_in motion, int x,
     row.centre = c;
     row.across = weigh_line(l, c, r, K(frame.left_weight), K(frame.right_weight));
 
-    plane_in z = closeness + at;
-    const real zl = usable_closeness(load(z - 1), frame), zc = usable_closeness(load(z), frame),
-               zr = usable_closeness(load(z + 1), frame);
     const mask left = zl > zc;
     row.closeness = zc;
     row.rise = zr - zl;
-    row.nearest = left ? zl : zc;
+    row.nearest = greater(zl, zc);
     row.nearest_x = left ? SPLAT(-1.0) : SPLAT(0.0);
     const mask right = zr > row.nearest;
-    row.nearest = right ? zr : row.nearest;
+    row.nearest = greater(zr, row.nearest);
     row.nearest_x = right ? SPLAT(1.0) : row.nearest_x;
     row.farthest = lesser(lesser(zl, zr), zc);
     row.u = row.v = row.centre_u = row.centre_v = SPLAT(0.0);
@@ -234,15 +241,14 @@ typedef struct
 
 STAGE surface nearest_surface(row_t above, row_t centre, row_t below, settings_t settings)
 {
+    const real nearer = greater(above.nearest, centre.nearest);
     surface s = { SPLAT(0.0), SPLAT(0.0), centre.closeness, centre.centre_u, centre.centre_v, centre.closeness,
-        greater(greater(above.nearest, below.nearest), centre.nearest),
-        lesser(lesser(above.farthest, below.farthest), centre.farthest) };
+        greater(below.nearest, nearer), lesser(lesser(above.farthest, below.farthest), centre.farthest) };
     if (DILATION == DILATION_NONE)
         return s;
     const mask up = above.nearest > centre.nearest;
-    real z = up ? above.nearest : centre.nearest;
-    const mask down = below.nearest > z;
-    mask across = (z == z);
+    const mask down = below.nearest > nearer;
+    mask across = (mask)(-1);
     if (DILATION == DILATION_EDGE) {
         // Closeness is linear in the pixel coordinates on every plane, so there the window is symmetric about its
         // centre: nearest + farthest = 2 centre. Only where it is not does an edge pass through, and only there is the

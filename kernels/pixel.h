@@ -12,7 +12,7 @@ typedef struct
 // Half width of the box in standard deviations: wide where nothing moves, narrow from motion_px pixels a frame on.
 STAGE real box_gamma(motion_t m, settings_t settings)
 {
-    const real speed = greater(absolute(m.u), absolute(m.v)) / K(settings.motion_px);
+    const real speed = quotient(greater(absolute(m.u), absolute(m.v)), SPLAT(settings.motion_px));
     const real still = greater(SPLAT(1.0) - speed, SPLAT(0.0));
     return SPLAT(settings.gamma_moving) + still * (K(settings.gamma_still) - K(settings.gamma_moving));
 }
@@ -46,7 +46,7 @@ STAGE resolved resolve_pixel(colour own, colour current, real alpha, real reacti
     if (REACTIVE)
         count *= SPLAT(1.0) - reactivity;
     if (FILTER_USE == FILTER_USE_FEW_SAMPLES) {
-        const real share = h.valid ? SPLAT(1.0) / (count + K(1.0)) : SPLAT(1.0);
+        const real share = h.valid ? reciprocal(count + K(1.0)) : SPLAT(1.0);
         current = drawn_towards(own, current, filtered_share(share, current, settings));
     }
     real weight = sample_weight(count, r.unrest, settings);
@@ -60,7 +60,10 @@ STAGE resolved resolve_pixel(colour own, colour current, real alpha, real reacti
 
     const colour mixed
         = { blend(past.r, current.r, weight), blend(past.g, current.g, weight), blend(past.b, current.b, weight) };
-    const colour v = from_range(choose_colour(h.valid, mixed, fresh_colour(current, mean, settings)));
+    colour v = mixed;
+    if (any_of(!h.valid))
+        v = choose_colour(h.valid, mixed, fresh_colour(current, mean, settings));
+    v = from_range(v);
     const real zero = SPLAT(0.0);
     resolved out;
     out.rgb.r = storable(v.r, lesser(current.r, zero));
@@ -96,13 +99,14 @@ STAGE real past_alpha(plane_in alpha_at, real past, frame_t frame)
     return limit(past, low, high);
 }
 
-STAGE void store_resolved(history_out colour_at, plane_out count_at, resolved r, int x, int y, frame_t frame)
+STAGE void store_resolved(history_out image, plane_out count, resolved r, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame);
-    store_history(colour_at, r.rgb.r, x, y, frame);
-    store_history(colour_at + plane, r.rgb.g, x, y, frame);
-    store_history(colour_at + 2 * plane, r.rgb.b, x, y, frame);
+    const uint at = texel_offset(frame, x, y);
+    store_history(image + at, r.rgb.r, x, y, frame);
+    store_history(image + plane + at, r.rgb.g, x, y, frame);
+    store_history(image + 2 * plane + at, r.rgb.b, x, y, frame);
     if (ALPHA)
-        store_history(colour_at + 3 * plane, r.alpha < SPLAT(TINY) ? SPLAT(0.0) : r.alpha, x, y, frame);
-    store(count_at, r.count);
+        store_history(image + 3 * plane + at, r.alpha < SPLAT(TINY) ? SPLAT(0.0) : r.alpha, x, y, frame);
+    store(count + at, r.count);
 }

@@ -9,7 +9,7 @@
 #if !defined(STRICT) || !defined(RELAXED)
 #error "real.h needs STRICT and RELAXED from the prelude"
 #endif
-#if defined(__FAST_RELAXED_MATH__) && !RELAXED
+#if (defined(__FAST_RELAXED_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)) && !RELAXED
 #error "finite-math flags remove the guards against NaN: build without -cl-fast-relaxed-math"
 #endif
 #if STRICT
@@ -23,6 +23,15 @@
 // Vectors wider than the CPU's registers are passed in memory; every function here is inlined, so no ABI is at stake.
 #pragma clang diagnostic ignored "-Wpsabi"
 #endif
+#endif
+
+// One float a work-item, and no need of the strict build's roundings: the device's own reciprocal, root, maximum.
+#define NATIVE (LANES == 1 && !REAL_DOUBLE && !STRICT)
+// What the instruction set of NVIDIA's GPUs has and OpenCL C has not: docs/performance.md, A GPU.
+#if LANES == 1 && defined(cl_nv_pragma_unroll)
+#define NVIDIA 1
+#else
+#define NVIDIA 0
 #endif
 
 // Every stage function is inlined: a call would pass whole rows of vectors through memory.
@@ -86,6 +95,10 @@ typedef __global float* restrict history_out;
 #define FETCH_NEXT(p) __builtin_prefetch((const void*)(size_t)((p) + LANES))
 #endif
 #endif
+// On a GPU the work-items beside this one read those at the same time, so p itself is fetched.
+#if NVIDIA
+#define FETCH_NEXT(p) __asm volatile("prefetch.global.L1 [%0];" ::"l"(p))
+#endif
 #ifndef FETCH_NEXT
 #define FETCH_NEXT(p) (void)(p)
 #endif
@@ -137,6 +150,10 @@ STAGE int any_of(mask m) { return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HAL
 STAGE scalar_whole first_lane(whole v) { return v.s0; }
 #endif
 
+#if LANES == 1
+// A GPU's instructions take the magnitude of an operand for nothing.
+STAGE real absolute(real v) { return fabs(v); }
+#else
 STAGE real absolute(real v)
 {
 #if REAL_DOUBLE
@@ -145,15 +162,40 @@ STAGE real absolute(real v)
     return PASTE(as_, LANED(float))(AS_WHOLE(v) & MAGNITUDE_BITS);
 #endif
 }
+#endif
 
-// Greater and lesser of two finite reals.
+// Greater and lesser of two reals; where b is no number, a GPU's instruction gives a.
+#if NATIVE
+STAGE real greater(real a, real b) { return fmax(a, b); }
+STAGE real lesser(real a, real b) { return fmin(a, b); }
+#else
 STAGE real greater(real a, real b) { return a > b ? a : b; }
 STAGE real lesser(real a, real b) { return a < b ? a : b; }
+#endif
+// The same, and b where that is no number.
+STAGE real greater_or_nan(real a, real b) { return a > b ? a : b; }
 // v limited to [lo, hi]; the caller makes sure that lo <= hi.
 STAGE real limit(real v, real lo, real hi) { return lesser(greater(v, lo), hi); }
 
 // A lane's root. The compiler's own is one instruction; the library's is a call on some CPU drivers.
-#if defined(__clang__) && LANES > 1
+#if NATIVE && NVIDIA
+// native_sqrt and native_recip take three instructions more for what is nearly 0, and here counts as 0.
+STAGE float SCALAR_ROOT(float v)
+{
+    float root;
+    __asm("sqrt.approx.ftz.f32 %0, %1;" : "=f"(root) : "f"(v));
+    return root;
+}
+STAGE float scalar_reciprocal(float v)
+{
+    float one_over;
+    __asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(one_over) : "f"(v));
+    return one_over;
+}
+#elif NATIVE
+#define SCALAR_ROOT native_sqrt
+#define scalar_reciprocal native_recip
+#elif defined(__clang__) && LANES > 1
 #if REAL_DOUBLE
 #define SCALAR_ROOT __builtin_sqrt
 #else
@@ -177,17 +219,32 @@ STAGE real square_root(real v)
 #endif
 }
 
+// a / b: correctly rounded in a strict build, within 2.5 ulp otherwise, where 2^-126 <= |b| <= 2^126.
+#if NATIVE
+STAGE real quotient(real a, real b) { return a * scalar_reciprocal(b); }
+#else
+STAGE real quotient(real a, real b) { return a / b; }
+#endif
+STAGE real reciprocal(real v) { return quotient(SPLAT(1.0), v); }
+
 // Largest whole number not above v; |v| < 2^22, which the caller has tested.
+#if LANES == 1
+STAGE whole floor_whole(real v) { return TO_WHOLE(floor(v)); }
+#else
 STAGE whole floor_whole(real v)
 {
     const whole cut = TO_WHOLE(v);
     return cut - (TO_REAL(cut) > v ? (whole)(1) : (whole)(0));
 }
+#endif
 
-// Usable input: finite and |v| <= DOMAIN_LIMIT. Tested on the bits, so that no compiler flag can remove it.
+// Usable input: finite and |v| <= DOMAIN_LIMIT. Tested on the bits where that costs nothing, so that no compiler flag
+// can remove it; a GPU compares in one instruction.
 STAGE mask outside_domain(real v)
 {
-#if REAL_DOUBLE
+#if LANES == 1 && !RELAXED
+    return !(fabs(v) <= K(DOMAIN_LIMIT));
+#elif REAL_DOUBLE
     return (AS_WHOLE(v) & MAGNITUDE_BITS) > as_long(DOMAIN_LIMIT);
 #else
     return (AS_WHOLE(v) & MAGNITUDE_BITS) > as_int(DOMAIN_LIMIT);

@@ -76,10 +76,11 @@ STAGE box_t neighbourhood_box(statistics s, real gamma, settings_t settings)
 // these (ellipsoid). At most 1 means inside.
 STAGE real outsideness(boxed d, boxed extent)
 {
-    const real a = absolute(d.a) / extent.a, b = absolute(d.b) / extent.b, c = absolute(d.c) / extent.c;
+    const real a = quotient(absolute(d.a), extent.a), b = quotient(absolute(d.b), extent.b),
+               c = quotient(absolute(d.c), extent.c);
     if (RECTIFY == RECTIFY_ELLIPSOID)
         return square_root((a * a + b * b) + c * c);
-    return greater(a, greater(b, c));
+    return greater_or_nan(a, greater_or_nan(b, c));
 }
 
 STAGE mask outside_ends(boxed v, box_t box)
@@ -128,9 +129,9 @@ STAGE boxed rectify_history(boxed history, boxed current, box_t box)
         const real t = outsideness(d, box.extent);
         const mask out_of_it = (t > SPLAT(1.0)) & (RECTIFY == RECTIFY_CLIP ? outside_ends(history, box) : (mask)(-1));
         const real safe = out_of_it ? t : SPLAT(1.0);
-        out.a = out_of_it ? box.centre.a + d.a / safe : history.a;
-        out.b = out_of_it ? box.centre.b + d.b / safe : history.b;
-        out.c = out_of_it ? box.centre.c + d.c / safe : history.c;
+        out.a = out_of_it ? box.centre.a + quotient(d.a, safe) : history.a;
+        out.b = out_of_it ? box.centre.b + quotient(d.b, safe) : history.b;
+        out.c = out_of_it ? box.centre.c + quotient(d.c, safe) : history.c;
     }
     return out;
 }
@@ -152,7 +153,7 @@ STAGE real unrest_of(motion_t m, boxed moved, frame_t frame, settings_t settings
     const real speed = square_root(across * across + down * down);
     const real distance = square_root((moved.a * moved.a + moved.b * moved.b) + moved.c * moved.c);
     const real by_motion = K(settings.motion_rate) * speed, by_distance = K(settings.clip_rate) * distance;
-    return lesser(greater(by_motion, by_distance), SPLAT(1.0));
+    return lesser(greater_or_nan(by_motion, by_distance), SPLAT(1.0));
 }
 
 // d / (d + range) with d the distance of the history's first coordinate from the nearer end of the box: history that
@@ -179,7 +180,7 @@ STAGE rectification rectify(
     rectification out;
     out.change = from_box_space(moved);
     const real least = K(settings.box_floor) * absolute(box.centre.a) + K(TINY);
-    out.pull = absolute(moved.a) / greater(box.extent.a, least);
+    out.pull = quotient(absolute(moved.a), greater(box.extent.a, least));
     out.unrest = ACCUMULATE == ACCUMULATE_ADAPTIVE ? unrest_of(m, moved, frame, settings) : SPLAT(0.0);
     out.calm = ANTI_FLICKER == ANTI_FLICKER_CLAMP_DISTANCE ? calm_of(h.a, box.centre.a, box.extent.a) : SPLAT(1.0);
     return out;

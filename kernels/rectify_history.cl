@@ -27,7 +27,8 @@ __kernel void rectify_history_kernel(plane_in statistics_in, plane_in motion_in,
     const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
     if (x >= frame.width || y >= frame.height)
         return;
-    const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
+    const size_t plane = plane_size(frame);
+    const uint at = texel_offset(frame, x, y);
     plane_in q = statistics_in + at;
     const statistics near = { load_boxed(q, plane), load_boxed(q + 3 * plane, plane), load_boxed(q + 6 * plane, plane),
         load_boxed(q + 9 * plane, plane) };

@@ -29,7 +29,7 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
     row_t above = read_row(current, closeness, motion, x, first - 1, frame);
     row_t centre = read_row(current, closeness, motion, x, first, frame);
     for (int y = first; y < last; ++y) {
-        const size_t at = texel_offset(frame, x, y);
+        const uint at = texel_offset(frame, x, y);
         fetch_frame(current, closeness, motion, x, y, frame);
         fetch_history(history, history_count, previous_closeness, x, y, frame);
         const row_t below = read_row(current, closeness, motion, x, y + 1, frame);
@@ -44,7 +44,7 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
         const real a = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
         const real reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
         const resolved out = resolve_pixel(centre.centre, sample, a, reactivity, near.mean, h, r, settings);
-        store_resolved(output + at, output_count + at, out, x, y, frame);
+        store_resolved(output, output_count, out, x, y, frame);
         above = centre;
         centre = below;
     }

@@ -17,7 +17,8 @@ __kernel void sample_history_kernel(plane_in motion_in, history_in history, plan
     const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
     if (x >= frame.width || y >= frame.height)
         return;
-    const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
+    const size_t plane = plane_size(frame);
+    const uint at = texel_offset(frame, x, y);
     plane_in q = motion_in + at;
     const motion_t m
         = { load(q), load(q + plane), load(q + 2 * plane), load(q + 3 * plane), load(q + 4 * plane) > SPLAT(0.5) };

@@ -18,11 +18,11 @@ typedef struct
     whole dx, dy; // whole part of the displacement, a lane
     real fx, fy; // fraction in [0, 1)
     whole step_x, step_y; // lane's whole part minus the segment's: 0 or 1, where CLOSE
-    ptrdiff_t offset; // of the segment's whole displacement
+    uint own, at; // texels of a plane: the segment's own, and where its whole displacement takes it
     int lanes;
 } footprint;
 
-STAGE footprint footprint_of(motion_t m, mask valid, frame_t frame)
+STAGE footprint footprint_of(motion_t m, mask valid, uint at, frame_t frame)
 {
     footprint f;
     const real u = valid ? m.u : SPLAT(0.0), v = valid ? m.v : SPLAT(0.0);
@@ -31,11 +31,12 @@ STAGE footprint footprint_of(motion_t m, mask valid, frame_t frame)
     f.fx = u - TO_REAL(f.dx);
     f.fy = v - TO_REAL(f.dy);
     scalar_whole x = first_lane(f.dx), y = first_lane(f.dy);
-    f.lanes = any_of(f.fy != SPLAT(0.0)) ? LANES_ALIKE : LANES_ON_ROWS;
-    if (f.lanes == LANES_ON_ROWS)
-        f.lanes = any_of(f.fx != SPLAT(0.0)) ? LANES_ON_ROWS : LANES_ON_TEXELS;
+    f.lanes = LANES_ALIKE;
     f.step_x = f.step_y = (whole)(0);
 #if LANES > 1
+    // Not on a GPU, which waits for each load behind a branch, but reads what lies before the first all at once.
+    if (!any_of(f.fy != SPLAT(0.0)))
+        f.lanes = any_of(f.fx != SPLAT(0.0)) ? LANES_ON_ROWS : LANES_ON_TEXELS;
     if (any_of((f.dx ^ x) | (f.dy ^ y))) {
         x -= any_of(f.dx < x) ? 1 : 0;
         y -= any_of(f.dy < y) ? 1 : 0;
@@ -44,14 +45,16 @@ STAGE footprint footprint_of(motion_t m, mask valid, frame_t frame)
         f.lanes = any_of((f.step_x | f.step_y) & ~(whole)(1)) ? LANES_APART : LANES_CLOSE;
     }
 #endif
-    f.offset = (ptrdiff_t)y * frame.stride + (ptrdiff_t)x;
+    f.own = at;
+    f.at = at + (uint)((int)y * frame.stride + (int)x);
     return f;
 }
 
 // Where nothing moves: said outright, since not every compiler sees through the conversions of footprint_of.
-STAGE footprint own_texel(void)
+STAGE footprint own_texel(uint at)
 {
-    const footprint f = { (whole)(0), (whole)(0), SPLAT(0.0), SPLAT(0.0), (whole)(0), (whole)(0), 0, LANES_ON_TEXELS };
+    const whole no = (whole)(0);
+    const footprint f = { no, no, SPLAT(0.0), SPLAT(0.0), no, no, at, at, LANES_ON_TEXELS };
     return f;
 }
 
@@ -114,12 +117,12 @@ STAGE row_taps choose_row(mask m, row_taps a, row_taps b)
 }
 #endif
 
-// The history plane at the footprint. p points at the segment's own texel. What was stored is finite and never -0: taps
+// The history plane at the footprint. What was stored is finite and never -0: taps
 // without weight add nothing to it, and are not read where the whole segment does without them.
 STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int stride)
 {
-    history_in q = p + f.offset;
-    const ptrdiff_t line = stride;
+    history_in q = p + f.at;
+    const uint line = (uint)stride;
     row_taps first = NO_TAPS, last = NO_TAPS;
     if (f.lanes == LANES_ON_TEXELS)
         return load_history(q);
@@ -141,6 +144,7 @@ STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int s
             choose_row(down, e, d), last, wx, wy);
     }
     if (f.lanes == LANES_APART) {
+        p += f.own;
         if (SIX_TAPS) {
             first = row_apart(p, wx, f, -2, stride);
             last = row_apart(p, wx, f, 3, stride);
@@ -150,11 +154,12 @@ STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int s
     }
 #endif
     if (SIX_TAPS) {
-        first = row_alike(q - 2 * line, wx);
-        last = row_alike(q + 3 * line, wx);
+        first = row_alike(p + (f.at - 2 * line), wx);
+        last = row_alike(p + (f.at + 3 * line), wx);
     }
-    return weigh_rows(first, row_alike(q - line, wx), row_alike(q, wx), row_alike(q + line, wx),
-        row_alike(q + 2 * line, wx), last, wx, wy);
+    // In whole numbers of 32 bits, since a GPU has no wider ones.
+    return weigh_rows(first, row_alike(p + (f.at - line), wx), row_alike(q, wx), row_alike(p + (f.at + line), wx),
+        row_alike(p + (f.at + 2 * line), wx), last, wx, wy);
 }
 
 // The four texels around the footprint in a plane of floats: count and closeness of the previous frame.
@@ -176,7 +181,7 @@ STAGE real texel_apart(plane_in p, footprint f, int column, int row, int stride)
 
 STAGE quad sample_quad(plane_in p, footprint f, int stride)
 {
-    plane_in q = p + f.offset;
+    plane_in q = p + f.at;
     quad t;
 #if LANES > 1
     if (f.lanes == LANES_CLOSE) {
@@ -193,6 +198,7 @@ STAGE quad sample_quad(plane_in p, footprint f, int stride)
         return t;
     }
     if (f.lanes == LANES_APART) {
+        p += f.own;
         t.p00 = texel_apart(p, f, 0, 0, stride), t.p10 = texel_apart(p, f, 1, 0, stride);
         t.p01 = texel_apart(p, f, 0, 1, stride), t.p11 = texel_apart(p, f, 1, 1, stride);
         return t;

@@ -85,7 +85,7 @@ def weigh(p: Sequence[Array], w: Weights, build: Build) -> Row:
     pair: Array = p1 + w.w2 * (p2 - p1)
     middle, sides = pair, np.zeros_like(pair)
     if kind is HistoryFilter.CATMULL_ROM:
-        middle = p1 + ((w.w0 * (p0 - p1) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p1))
+        middle = (pair + w.w0 * (p0 - p1)) + w.w3 * (p3 - p1)
     if kind is HistoryFilter.CATMULL_ROM_9:
         middle = pair + (w.w0 * (p0 - pair) + w.w3 * (p3 - pair))
     if kind is HistoryFilter.CATMULL_ROM_5:

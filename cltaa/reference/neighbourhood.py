@@ -16,7 +16,7 @@ from cltaa.reference.real import Array, constant, greater, lesser, limit, number
 
 
 class Moments(NamedTuple):
-    """Shifted moments: mean = shift + offset, spread = sum of squared distances from the mean."""
+    """Shifted moments: mean = shift + offset, spread = sum of squared distances from the mean; of three, 3/2 of it."""
 
     shift: Array
     offset: Array
@@ -64,26 +64,28 @@ class Surface(NamedTuple):
     farthest: Array
 
 
+def spread_of_three(a: Array, b: Array) -> Array:
+    """3/2 of the spread of a, b and 0."""
+    spread: Array = a * (a - b) + b * b
+    return spread
+
+
 def row_moments(left: Array, centre: Array, right: Array) -> Moments:
     """Three texels, shifted by the centre one."""
     dl, dr = left - centre, right - centre
-    total = dl + dr
-    offset = total * constant("ONE_THIRD", centre)
-    spread = (dl * dl + dr * dr) - total * offset
-    return Moments(centre, offset, spread, lesser(lesser(left, right), centre), greater(greater(left, right), centre))
+    offset = (dl + dr) * constant("ONE_THIRD", centre)
+    low, high = lesser(lesser(left, right), centre), greater(greater(left, right), centre)
+    return Moments(centre, offset, spread_of_three(dl, dr), low, high)
 
 
 def window_moments(above: Moments, centre: Moments, below: Moments) -> Moments:
     """Three rows of three (Chan, Golub and LeVeque 1983)."""
     da = (above.shift - centre.shift) + (above.offset - centre.offset)
     db = (below.shift - centre.shift) + (below.offset - centre.offset)
-    total = da + db
-    offset = total * constant("ONE_THIRD", total)
-    between = number(3.0, total) * ((da * da + db * db) - total * offset)
     return Moments(
         centre.shift,
-        centre.offset + offset,
-        ((above.spread + below.spread) + centre.spread) + between,
+        centre.offset + (da + db) * constant("ONE_THIRD", da),
+        ((above.spread + below.spread) + centre.spread) + number(3.0, da) * spread_of_three(da, db),
         lesser(lesser(above.low, below.low), centre.low),
         greater(greater(above.high, below.high), centre.high),
     )
@@ -94,7 +96,7 @@ def cross_moments(above: Moments, centre: Moments, below: Moments) -> Moments:
     du, dd = above.shift - centre.shift, below.shift - centre.shift
     across = number(3.0, du) * centre.offset
     total = across + (du + dd)
-    squares = (centre.spread + across * centre.offset) + (du * du + dd * dd)
+    squares = (constant("TWO_THIRDS", du) * centre.spread + across * centre.offset) + (du * du + dd * dd)
     offset = total * constant("ONE_FIFTH", du)
     return Moments(
         centre.shift,
@@ -118,8 +120,9 @@ def neighbourhood_moments(above: Moments, centre: Moments, below: Moments, build
 
 def deviation_of(m: Moments, build: Build) -> Array:
     """The root of the variance; of 0, where rounding made that less."""
-    naive = build.choices.variance is Variance.NAIVE
-    variance = m.spread if naive else m.spread * share_of_one(build, m.spread)
+    square = build.choices.neighbourhood is Neighbourhood.SQUARE
+    share = constant("TWO_27THS", m.spread) if square else share_of_one(build, m.spread)
+    variance = m.spread if build.choices.variance is Variance.NAIVE else m.spread * share
     deviation: Array = np.sqrt(greater(variance, number(0.0, variance)))
     return deviation
 
@@ -185,9 +188,9 @@ def read_row(
     usable = usable_closeness(closeness[0], frame)
     zl, zc, zr = (window(usable, dx) for dx in (-1, 0, 1))
     to_left = zl > zc
-    nearest = np.where(to_left, zl, zc)
+    nearest = greater(zl, zc)
     to_right = zr > nearest
-    nearest = np.where(to_right, zr, nearest)
+    nearest = greater(zr, nearest)
     nearest_x = np.where(to_right, number(1, zc), np.where(to_left, number(-1, zc), number(0, zc)))
     zero = np.zeros_like(zc)
     u = v = centre_u = centre_v = zero
@@ -216,13 +219,14 @@ def read_row(
 def nearest_surface(above: Row, centre: Row, below: Row, build: Build, edge_tolerance: Any) -> Surface:
     """The nearest surface of the 3x3, or the pixel's own, as the build's dilation says."""
     zero = np.zeros_like(centre.closeness)
-    nearest = greater(greater(above.nearest, below.nearest), centre.nearest)
+    nearer = greater(above.nearest, centre.nearest)
+    nearest = greater(below.nearest, nearer)
     farthest = lesser(lesser(above.farthest, below.farthest), centre.farthest)
     own = Surface(zero, zero, centre.closeness, centre.centre_u, centre.centre_v, centre.closeness, nearest, farthest)
     if build.choices.dilation is Dilation.NONE:
         return own
     up = above.nearest > centre.nearest
-    down = below.nearest > np.where(up, above.nearest, centre.nearest)
+    down = below.nearest > nearer
     across = np.ones_like(up)
     if build.choices.dilation is Dilation.EDGE:
         skew = (nearest - centre.closeness) - (centre.closeness - farthest)
