@@ -84,7 +84,8 @@ def noticed_by(tree: Path, selection: list[str]) -> str:
     if not selection:
         return ""
     paths = os.pathsep.join(str(tree / name) for name in ("", "capture", "datasets_gen"))
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *selection]
+    heavy = ["-m", ""] if all("::" in test for test in selection) else []  # single tests, however heavy
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *heavy, *selection]
     # Kernels with faults stay out of the cache that other programs use.
     settings = {"PYTHONPATH": paths, "POCL_CACHE_DIR": str(tree.with_name(f"{tree.name}-cache"))}
     try:
