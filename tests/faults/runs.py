@@ -105,3 +105,22 @@ def small_disk(folder: Path, pages: int) -> Iterator[None]:
         yield
     finally:
         subprocess.run(["umount", str(folder)], check=True)
+
+
+# Root may read everything; without these two rights (capability.h) it may not. They are given up for what is executed.
+UNPRIVILEGED = """
+import ctypes, os, sys
+PR_CAPBSET_DROP, CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH = 24, 1, 2
+for right in (CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH):
+    ctypes.CDLL(None).prctl(PR_CAPBSET_DROP, right, 0, 0, 0)
+os.execv(sys.executable, [sys.executable, "-m", "cltaa.cli", *sys.argv[1:]])
+"""
+
+
+def unprivileged(command: list[str], **variables: str) -> tuple[int, str]:
+    """Exit code and standard error of ``cltaa`` run by a user whom permissions bind."""
+    child = subprocess.run(
+        [sys.executable, "-c", UNPRIVILEGED, *command],
+        env=os.environ | variables, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    return child.returncode, child.stderr

@@ -16,7 +16,7 @@ import pytest
 from cltaa import kernel_cache
 from cltaa.cli import main
 from cltaa.errors import ResourceError
-from tests.faults.runs import check_after_fault, check_finished, digests, small_disk
+from tests.faults.runs import check_after_fault, check_finished, digests, small_disk, unprivileged
 from tests.sequence_factory import write_sequence
 
 FRAMES = 5
@@ -57,6 +57,13 @@ def test_cache_that_cannot_be_written(tmp_path: Path, whole: tuple[Path, dict[st
     code, said = run(arguments(whole[0], tmp_path / "out"), cache)
     assert code == 69, said
     assert f"{cache}: the kernel cache cannot be written: Not a directory" in said
+
+
+def test_cache_of_another_owner(tmp_path: Path, whole: tuple[Path, dict[str, str]]) -> None:
+    (tmp_path / "cache").mkdir(mode=0o555)
+    code, said = unprivileged(arguments(whole[0], tmp_path / "out"), POCL_CACHE_DIR=str(tmp_path / "cache"))
+    assert code == 69, said
+    assert f"{tmp_path / 'cache'}: the kernel cache cannot be written: Permission denied" in said
 
 
 def test_full_cache_is_seen_before_the_compiler_aborts(

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,7 +15,7 @@ from cltaa.cli import main
 from cltaa.exr import read_image, write_frame
 from cltaa.manifest import file_sha256
 from cltaa.resolve import Resolver
-from tests.faults.runs import arguments
+from tests.faults.runs import arguments, unprivileged
 from tests.sequence_factory import bits, make_frame, write_sequence
 
 SIZES = ((9, 7), (9, 8), (8, 7), (37, 23), (7, 9), (10, 7), (1, 1))  # columns, rows
@@ -122,24 +120,6 @@ def test_what_is_no_frame_is_refused_by_name(
     said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("cltaa: error: ")]
     assert len(said) == 1
     assert "synthetic.2.exr" in said[0] or "synthetic.0002.exr" in said[0]
-
-
-# Root may read everything; without these two rights (capability.h) it may not. They are given up for what is executed.
-UNPRIVILEGED = """
-import ctypes, os, sys
-PR_CAPBSET_DROP, CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH = 24, 1, 2
-for right in (CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH):
-    ctypes.CDLL(None).prctl(PR_CAPBSET_DROP, right, 0, 0, 0)
-os.execv(sys.executable, [sys.executable, "-m", "cltaa.cli", *sys.argv[1:]])
-"""
-
-
-def unprivileged(command: list[str]) -> tuple[int, str]:
-    """Exit code and standard error of ``cltaa`` run by a user whom permissions bind."""
-    child = subprocess.run(
-        [sys.executable, "-c", UNPRIVILEGED, *command], capture_output=True, text=True, check=False
-    )  # fmt: skip
-    return child.returncode, child.stderr
 
 
 def test_no_permission_to_read(tmp_path: Path) -> None:

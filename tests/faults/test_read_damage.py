@@ -28,6 +28,13 @@ def smooth_frame(width: int, height: int) -> Frame:
     return frame
 
 
+OTHER_CHANNELS = (("motion", "alpha"), ("object_id", "normal", "reactive"))
+
+
+def with_channels(width: int, height: int, channels: tuple[str, ...]) -> Frame:
+    return make_frame(width=width, height=height, **dict.fromkeys(channels, True))  # type: ignore[arg-type]
+
+
 COMPRESSIONS = pytest.mark.parametrize("compression", ["zip", "zips", "none", "piz"])
 
 
@@ -47,17 +54,19 @@ def test_cut_off_at_every_byte(tmp_path: Path, compression: str, capfd: pytest.C
 
 
 @pytest.mark.big
-@pytest.mark.parametrize("channels", [("motion", "alpha"), ("object_id", "normal", "reactive")], ids="-".join)
+@pytest.mark.parametrize("channels", OTHER_CHANNELS, ids="-".join)
 @COMPRESSIONS
 def test_other_channels_cut_off_at_every_byte(tmp_path: Path, compression: str, channels: tuple[str, ...]) -> None:
-    frame = make_frame(width=5, height=17, **dict.fromkeys(channels, True))  # type: ignore[arg-type]
-    cut_off_at_every_byte(tmp_path / "a.exr", frame, compression)
+    cut_off_at_every_byte(tmp_path / "a.exr", with_channels(5, 17, channels), compression)
 
 
+@pytest.mark.parametrize(
+    "channels", [(), *(pytest.param(names, marks=pytest.mark.big) for names in OTHER_CHANNELS)], ids="-".join
+)
 @COMPRESSIONS
-def test_larger_file_cut_off_at_1500_places(tmp_path: Path, compression: str) -> None:
+def test_larger_file_cut_off_at_1500_places(tmp_path: Path, compression: str, channels: tuple[str, ...]) -> None:
     path = tmp_path / "a.exr"
-    write_frame(path, make_frame(width=64, height=52), compression=compression)
+    write_frame(path, with_channels(64, 52, channels), compression=compression)
     size = path.stat().st_size
     assert size > 40_000
     for length in np.linspace(size - 1, 0, 1500).astype(int):
