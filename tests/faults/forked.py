@@ -1,7 +1,7 @@
 """``python -m tests.faults.forked TOP SHIM WORK HOW SIGNAL COUNT``: runs that a signal ends.
 
 Every run is a fork of this process, which has imported everything and used nothing of it, neither threads nor drivers:
-a process that dies costs a tenth of a second instead of one or two. WORK: ``resolve`` or ``capture``. HOW ``steps``:
+a process that dies costs a tenth of a second instead of one or two. WORK: a key of ``runs.WORK``. HOW ``steps``:
 the signal comes at each COUNT-th open, write, flush or rename in the output folder, of a fresh run each (``shim.c``).
 HOW ``times``: it comes COUNT times, at random times of runs that go on in one folder until it is finished, then anew.
 The invariants are checked after each run, and at the end that every frame has the bits of a run that met no signal.
@@ -35,7 +35,7 @@ import cltaa_capture.cli
 from cltaa import cli
 from cltaa.checkpoint import SLOTS
 from cltaa.interrupt import SIGNALS
-from tests.faults.runs import WORK, Work, check_after_fault, check_finished, digests
+from tests.faults.runs import RECORDS, WORK, Work, check_after_fault, check_finished, digests
 
 PRELOADED = (cltaa.commands.resolve, cltaa.reference, cltaa_capture.cli)
 PATIENCE = 180.0  # seconds after which a run of a few small frames counts as hung, on a machine however busy
@@ -119,7 +119,7 @@ class Ended:
         kept = self.forks.run(lambda: check_after_fault(output, self.whole))
         expected = -signal.SIGKILL if self.number == signal.SIGKILL else INTERRUPTED
         assert code in (0, expected), (code, said)
-        if self.work is WORK["resolve"] and code == INTERRUPTED and 0 < kept < len(self.whole):
+        if self.work.records == RECORDS and code == INTERRUPTED and 0 < kept < len(self.whole):
             assert any((output / name).exists() for name in SLOTS)
         return kept
 

@@ -32,12 +32,14 @@ def forked(top: Path, shim: Path, work: str, how: str, number: signal.Signals, c
     return runs
 
 
-@pytest.mark.parametrize("stride", [3, pytest.param(1, marks=pytest.mark.big)])
-def test_killed_at_each_step(tmp_path: Path, shim: Path, stride: int) -> None:
+@pytest.mark.parametrize(
+    ("work", "frames"), [("short resolve", 3), pytest.param("resolve", FRAMES, marks=pytest.mark.big)]
+)
+def test_killed_at_each_step(tmp_path: Path, shim: Path, work: str, frames: int) -> None:
     """SIGKILL at the n-th open, write, flush or rename: the steps of the protocol, one after another."""
-    runs = forked(tmp_path, shim, "resolve", "steps", signal.SIGKILL, stride)
+    runs = forked(tmp_path, shim, work, "steps", signal.SIGKILL, 1)
     assert {run["code"] for run in runs} == {KILLED}
-    assert {run["kept"] for run in runs} == set(range(FRAMES + 1))
+    assert {run["kept"] for run in runs} == set(range(frames + 1))
 
 
 @pytest.mark.parametrize("stride", [16, pytest.param(1, marks=pytest.mark.big)])  # a capture takes seconds to begin

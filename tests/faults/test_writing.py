@@ -10,15 +10,18 @@ from pathlib import Path
 
 import pytest
 
-from tests.faults.runs import WORK
-
 HERE = Path(__file__).parent
 PATIENCE = 300.0
 
 
-@pytest.mark.parametrize("stride", [11, pytest.param(1, marks=pytest.mark.big)])
 @pytest.mark.parametrize("action", ["once", "from then on"])
-@pytest.mark.parametrize("work", WORK)
+@pytest.mark.parametrize(
+    ("work", "stride"),
+    [
+        ("short resolve", 1), ("capture", 11),
+        pytest.param("resolve", 1, marks=pytest.mark.big), pytest.param("capture", 1, marks=pytest.mark.big),
+    ],
+)  # fmt: skip
 def test_every_call_that_can_fail(tmp_path: Path, shim: Path, work: str, action: str, stride: int) -> None:
     """The n-th open, write, flush or rename in the output folder fails, for every n (see ``failing.py``)."""
     command = [sys.executable, "-m", "tests.faults.failing", str(tmp_path), str(shim), work, action, str(stride)]
