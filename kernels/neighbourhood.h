@@ -199,9 +199,9 @@ STAGE row_t read_row(plane_in image, plane_in closeness, plane_in motion, int x,
     const real zl = usable_closeness(load(z - 1), frame), zc = usable_closeness(load(z), frame),
                zr = usable_closeness(load(z + 1), frame);
     if (any_of(colour_outside_domain(l) | colour_outside_domain(c) | colour_outside_domain(r))) {
-        l = repaired_colour(image, plane, x - 1, y, frame);
-        c = repaired_colour(image, plane, x, y, frame);
-        r = repaired_colour(image, plane, x + 1, y, frame);
+        colour line[3];
+        repair_colours(line, 3, image, plane, x - 1, y, frame);
+        l = line[0], c = line[1], r = line[2];
     }
     l = to_range(l), c = to_range(c), r = to_range(r);
     const boxed bl = to_box_space(l), bc = to_box_space(c), br = to_box_space(r);

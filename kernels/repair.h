@@ -30,31 +30,25 @@ STAGE float repaired_texel(plane_in image, size_t plane, int channel, int x, int
     return usable > 0 ? sum / (float)usable : 0.0f;
 }
 
-STAGE real repaired_channel(plane_in image, size_t plane, int channel, int x, int y, frame_t frame)
+// The colours at (x, y) and the texels right of it, `count` of them, of LANES texels each. On a CPU in a loop that
+// stays one: what is rare shall be small, for the compiler took a third of its time over this.
+STAGE void repair_colours(colour* out, int count, plane_in image, size_t plane, int x, int y, frame_t frame)
 {
 #if LANES == 1
-    return repaired_texel(image, plane, channel, x, y, frame);
+#pragma unroll
+    for (int i = 0; i < count; ++i) {
+        out[i].r = repaired_texel(image, plane, 0, x + i, y, frame);
+        out[i].g = repaired_texel(image, plane, 1, x + i, y, frame);
+        out[i].b = repaired_texel(image, plane, 2, x + i, y, frame);
+    }
 #else
-    real v;
-    for (int lane = 0; lane < LANES; ++lane)
-        ((scalar*)&v)[lane] = repaired_texel(image, plane, channel, x + lane, y, frame);
-    return v;
+    scalar* values = (scalar*)out;
+#ifdef __clang__
+#pragma clang loop unroll(disable) vectorize(disable)
 #endif
-}
-
-// The colour at (x, y) and the LANES - 1 texels right of it.
-STAGE colour repaired_colour(plane_in image, size_t plane, int x, int y, frame_t frame)
-{
-    colour v;
-    v.r = repaired_channel(image, plane, 0, x, y, frame);
-    v.g = repaired_channel(image, plane, 1, x, y, frame);
-    v.b = repaired_channel(image, plane, 2, x, y, frame);
-    return v;
-}
-
-// The colour at (x, y), repaired where need be, in the range that everything is compared in.
-STAGE colour usable_colour(plane_in image, size_t plane, int x, int y, frame_t frame)
-{
-    const colour v = load_colour(image + texel_offset(frame, x, y), plane);
-    return to_range(any_of(colour_outside_domain(v)) ? repaired_colour(image, plane, x, y, frame) : v);
+    for (int i = 0; i < count * 3 * LANES; ++i) {
+        const int texel = i / (3 * LANES), channel = i / LANES % 3, lane = i % LANES;
+        values[i] = repaired_texel(image, plane, channel, x + texel + lane, y, frame);
+    }
+#endif
 }

@@ -10,7 +10,8 @@ __kernel void repair_colour_kernel(plane_in current, plane_out repaired, const f
     if (x >= frame.width || y >= frame.height)
         return;
     const size_t plane = plane_size(frame);
-    const colour v = repaired_colour(current, plane, x, y, frame);
+    colour v;
+    repair_colours(&v, 1, current, plane, x, y, frame);
     plane_out p = repaired + texel_offset(frame, x, y);
     store(p, v.r);
     store(p + plane, v.g);
