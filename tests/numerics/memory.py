@@ -36,7 +36,7 @@ EDITS = [
     Mutation("no inlining", "kernels/real.h", " __attribute__((always_inline))", ""),
     Mutation("library root", "kernels/real.h", "#define SCALAR_ROOT __builtin_sqrtf", "#define SCALAR_ROOT sqrt"),
     Mutation("halves of masks", "kernels/real.h",
-             "return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0;", "return any(m);"),
+             "return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0;", "return any(m != 0);"),
     Mutation("no reading ahead", "kernels/real.h", "#if __has_builtin(__builtin_prefetch)", "#if 0"),
 ]  # fmt: skip
 # Fault and the simulator's word for it.

@@ -34,9 +34,9 @@ def grey(values: Any) -> Image:
 
 def accumulator(launcher: Launcher, weight: float = 0.0, storage: Storage = Storage.FLOAT, **changes: Any) -> Resolver:
     """A resolver of still frames: exponential with ``weight`` for the current sample, or the plain mean (0)."""
-    values: dict[str, object] = {"accumulate": "count"}
+    values: dict[str, object] = {"accumulate": "count", "current_filter": "none"}
     if weight:
-        values = {"accumulate": "exponential", "blend_weight": weight}
+        values |= {"accumulate": "exponential", "blend_weight": weight}
     return Resolver(override(load_preset(), {**values, **changes}), launcher, strict=True, storage=storage)
 
 

@@ -14,6 +14,7 @@ from cltaa.errors import ResourceError
 from cltaa.file_content import memory_limit
 from cltaa.frames import Effect, Frame, Image
 from cltaa.launch import DeviceLauncher
+from cltaa.layout import Layout
 from cltaa.resolve import Resolver
 from tests.kernels.test_resolve import hard_frames
 from tests.numerics.kernel_text import kernel_files, without_comments
@@ -36,10 +37,11 @@ def test_g5_a_large_odd_size_gives_the_oracles_bits(launcher: DeviceLauncher) ->
     assert_like_numpy(launcher, 1919, 1081)
 
 
-def test_g5_no_index_is_formed_in_32_bits() -> None:
+def test_g5_a_plane_is_counted_in_32_bits_and_planes_in_64() -> None:
     text = without_comments(kernel_files()["image.h"])
-    assert "(size_t)frame.stride * (size_t)(frame.height + 2 * PAD_Y)" in text
-    assert "(size_t)(y + PAD_Y) * (size_t)frame.stride" in text
+    assert text.count("(size_t)frame.stride * (size_t)") == 2  # both kinds of plane_size
+    assert "uint texel_offset" in text
+    assert Layout(16384, 16384).plane < 2**31  # larger images are refused: cltaa.upload
 
 
 SIDE, TILE = 16384, 256
