@@ -7,10 +7,14 @@ import numpy as np
 from cltaa.buffers import Buffers, fill
 from cltaa.build import Steps
 from cltaa.cameras import closeness, closeness_at
+from cltaa.constants import PAD_X, PAD_Y
 from cltaa.errors import DataError
 from cltaa.frames import Frame
+from cltaa.layout import Layout
 from cltaa.settings import Settings
 
+# Kernels count the texels of a plane in 32 bits, and steps from one to another in 31.
+MOST_TEXELS = 2**31 - 1
 # What a channel that a frame does not have would hold: no vector, all covered, nothing to distrust.
 NOTHING = {"motion": np.nan, "alpha": 1.0, "reactive": 0.0}
 
@@ -37,8 +41,17 @@ def upload(frame: Frame, buffers: Buffers, steps: Steps, settings: Settings) -> 
 
 
 def check_shapes(frame: Frame) -> None:
-    """Raise DataError where the channels of a frame differ in size."""
+    """Raise DataError where the channels of a frame differ in size, or a plane is too large to be counted."""
     size = frame.colour.shape[:2]
+    if Layout(size[1], size[0]).plane > MOST_TEXELS:
+        raise DataError(
+            "the image is too large",
+            path=frame.path,
+            frame=frame.index,
+            expected=f"at most {MOST_TEXELS} texels, the halo of {PAD_X} columns and {PAD_Y} rows a side included",
+            found=f"{size[1]} x {size[0]}",
+            cure="resolve it in parts",
+        )
     expected = {"colour": (*size, 3), "depth": size, "motion": (*size, 2), "alpha": size, "reactive": size}
     for name, shape in expected.items():
         array = getattr(frame, name)

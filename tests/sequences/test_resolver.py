@@ -116,6 +116,14 @@ def test_wrong_shapes_are_refused() -> None:
         Resolver().resolve(replace(frame, depth=frame.depth[1:]))
 
 
+def test_an_image_whose_texels_32_bits_do_not_count_is_refused() -> None:
+    frame = still_frame(0)
+    large = np.broadcast_to(np.float32(1.0), (50_000, 50_000))
+    frame = replace(frame, colour=np.broadcast_to(large[..., None], (50_000, 50_000, 3)), depth=large)
+    with pytest.raises(DataError, match=r"the image is too large .*found 50000 x 50000"):
+        Resolver(device="numpy").resolve(frame)
+
+
 def test_unknown_names_are_refused() -> None:
     with pytest.raises(UsageError, match=r"unknown preset nonsense; known presets: .*default"):
         Resolver("nonsense")
