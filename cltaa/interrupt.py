@@ -1,12 +1,17 @@
-"""SIGINT and SIGTERM: the same exception, and a wish that a long run grants between two frames."""
+"""SIGINT and SIGTERM: the same exception, and a wish that a long run grants between two frames.
+
+Signals reach the main thread only; in another one nothing here changes anything. One that the process was started to
+ignore, by nohup or as a shell's background job, stays ignored.
+"""
 
 from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -19,43 +24,40 @@ class Stop:
 
 @contextmanager
 def termination_interrupts() -> Iterator[None]:
-    """Let SIGTERM raise KeyboardInterrupt, as SIGINT does, so that whatever is half-done is cleared away.
-
-    Signals reach the main thread only; in another one nothing changes.
-    """
-    if threading.current_thread() is not threading.main_thread():
+    """Let SIGTERM raise KeyboardInterrupt, as SIGINT does, so that whatever is half-done is cleared away."""
+    with _handled((signal.SIGTERM,), signal.default_int_handler):
         yield
-        return
-    earlier = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, earlier)
 
 
 @contextmanager
 def stop_signals() -> Iterator[Stop]:
-    """Note the first SIGINT or SIGTERM instead of acting on it; a second one acts as if this were not here.
-
-    Signals reach the main thread only; in another one nothing is noted.
-    """
+    """Note the first SIGINT or SIGTERM instead of acting on it; a second one acts as if this were not here."""
     stop = Stop()
-    if threading.current_thread() is not threading.main_thread():
-        yield stop
-        return
-    earlier = {number: signal.getsignal(number) for number in SIGNALS}
-
-    def restore() -> None:
-        for number, handler in earlier.items():
-            signal.signal(number, handler)
 
     def note(_: int, __: FrameType | None) -> None:
         stop.requested = True
         restore()
 
-    for number in SIGNALS:
-        signal.signal(number, note)
-    try:
+    with _handled(SIGNALS, note) as restore:
         yield stop
+
+
+@contextmanager
+def _handled(
+    numbers: tuple[signal.Signals, ...], handler: Callable[[int, FrameType | None], Any]
+) -> Iterator[Callable[[], None]]:
+    """Handle signals by ``handler`` until the end, or until what this yields is called."""
+    reached = threading.current_thread() is threading.main_thread()
+    found = {number: signal.getsignal(number) for number in numbers if reached}
+    earlier = {number: before for number, before in found.items() if before is not signal.SIG_IGN}
+
+    def restore() -> None:
+        for number, before in earlier.items():
+            signal.signal(number, before)
+
+    for number in earlier:
+        signal.signal(number, handler)
+    try:
+        yield restore
     finally:
         restore()

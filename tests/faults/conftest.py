@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 from pathlib import Path
 
@@ -16,3 +17,9 @@ def shim(tmp_path_factory: pytest.TempPathFactory) -> Path:
     source = Path(__file__).with_name("shim.c")
     subprocess.run(["gcc", *flags, "-o", str(library), str(source), "-ldl"], check=True)
     return library
+
+
+@pytest.fixture(autouse=True, scope="session")
+def interrupts_that_arrive() -> None:
+    """A shell lets what it starts in the background ignore SIGINT, and so would every process that is started here."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -8,12 +8,14 @@ import signal
 import subprocess
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from cltaa.checkpoint import SLOTS
 from cltaa.cli import main
 from cltaa.exr import write_frame
+from cltaa.manifest import Manifest
 from cltaa.presets import load_preset
 from tests.faults.runs import FRAMES, arguments, check_after_fault, check_finished, prepare, start
 from tests.sequence_factory import make_frame, write_sequence
@@ -44,6 +46,27 @@ def wait_for_frames(process: subprocess.Popen[str], output: Path, frames: int) -
     while process.poll() is None and len(list(output.glob("[!.]*.exr"))) < frames:
         assert time.monotonic() < deadline
         time.sleep(0.001)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signal_that_is_ignored_stays_ignored(
+    tmp_path: Path, whole: tuple[Path, dict[str, str]], number: signal.Signals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As nohup and the shell ask for, for what runs in the background."""
+    write = Manifest.append
+
+    def interrupted(*given: Any) -> None:
+        os.kill(os.getpid(), number)
+        write(*given)
+
+    monkeypatch.setattr(Manifest, "append", interrupted)
+    earlier = signal.signal(number, signal.SIG_IGN)
+    try:
+        assert main(arguments(whole[0], tmp_path / "out")) == 0
+        assert signal.getsignal(number) is signal.SIG_IGN
+    finally:
+        signal.signal(number, earlier)
+    check_finished(tmp_path / "out", whole[1])
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
