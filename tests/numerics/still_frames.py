@@ -11,7 +11,7 @@ from cltaa.buffers import fill
 from cltaa.build import Storage
 from cltaa.frames import Effect, Frame, Image
 from cltaa.launch import Launcher
-from cltaa.params import override
+from cltaa.params import Preset, override
 from cltaa.presets import load_preset
 from cltaa.resolve import Resolver
 from tests.sequence_factory import make_camera
@@ -32,12 +32,17 @@ def grey(values: Any) -> Image:
     return np.repeat(np.asarray(values, np.float32)[..., None], 3, axis=-1)
 
 
+def unfiltered() -> Preset:
+    """The default preset, each sample taken as it was drawn."""
+    return override(load_preset(), {"current_filter": "none"})
+
+
 def accumulator(launcher: Launcher, weight: float = 0.0, storage: Storage = Storage.FLOAT, **changes: Any) -> Resolver:
     """A resolver of still frames: exponential with ``weight`` for the current sample, or the plain mean (0)."""
-    values: dict[str, object] = {"accumulate": "count", "current_filter": "none"}
+    values: dict[str, object] = {"accumulate": "count"}
     if weight:
         values |= {"accumulate": "exponential", "blend_weight": weight}
-    return Resolver(override(load_preset(), {**values, **changes}), launcher, strict=True, storage=storage)
+    return Resolver(override(unfiltered(), {**values, **changes}), launcher, strict=True, storage=storage)
 
 
 def last_of(resolver: Resolver, images: Iterable[Image]) -> Image:

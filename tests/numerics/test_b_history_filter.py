@@ -17,7 +17,7 @@ from cltaa.params import Choices, HistoryFilter, Reject, Settings, override
 from cltaa.presets import load_preset
 from cltaa.resolve import Past, Resolver, frame_record
 from tests.kernels.stage_chain import Work, padded, run_stage
-from tests.numerics.still_frames import CAMERA, UNIT_ROUNDOFF, grey, still_frame
+from tests.numerics.still_frames import CAMERA, UNIT_ROUNDOFF, grey, still_frame, unfiltered
 from tests.sequence_factory import bits, make_camera, make_frame
 
 Plane = NDArray[np.float32]
@@ -240,7 +240,7 @@ def panned(frame: Frame, pixels: float) -> Frame:
 
 @pytest.mark.parametrize("width", [37, 640, 1919])
 def test_b5_a_camera_that_pans_by_whole_pixels_is_lossless(width: int) -> None:
-    preset = override(load_preset(), {"rectify": "none", "reject": "none", "sample_limit": 2.0**20})
+    preset = override(unfiltered(), {"rectify": "none", "reject": "none", "sample_limit": 2.0**20})
     resolver, shift = Resolver(preset, "numpy"), 3
     first, second = (make_frame(i, width=width, height=9, camera=make_camera(aspect=width / 9)) for i in (0, 1))
     resolver.resolve(first)
@@ -251,7 +251,7 @@ def test_b5_a_camera_that_pans_by_whole_pixels_is_lossless(width: int) -> None:
 
 @pytest.mark.parametrize("distance", [0.0, 1e6])
 def test_b5_a_still_camera_is_lossless_whatever_the_jitter(distance: float) -> None:
-    resolver = Resolver(override(load_preset(), {"rectify": "none"}), "numpy")
+    resolver = Resolver(override(unfiltered(), {"rectify": "none"}), "numpy")
     camera = make_camera((distance, -distance, 3 * distance))
     first = make_frame(0, camera=camera, jitter_px=(0.4, -0.4), effects=None)
     resolver.resolve(first)

@@ -14,10 +14,9 @@ from cltaa.build import Build, Storage, settings_record
 from cltaa.frames import Image
 from cltaa.launch import DeviceLauncher
 from cltaa.params import Box, Rectify, Settings, override
-from cltaa.presets import load_preset
 from cltaa.reference.pixel import blend, luminance_weight
 from cltaa.resolve import Resolver
-from tests.numerics.still_frames import UNIT_ROUNDOFF, accumulator, grey, last_of, looped, still_frame
+from tests.numerics.still_frames import UNIT_ROUNDOFF, accumulator, grey, last_of, looped, still_frame, unfiltered
 from tests.sequence_factory import bits, make_frame
 
 HEIGHT, WIDTH = 96, 128
@@ -58,7 +57,7 @@ def test_e1_equal_frames_give_equal_bits(rectify: Rectify, box: Box) -> None:
     random = np.random.default_rng(41)
     image = (10.0 ** random.uniform(-4, 4, (20, 26, 3))).astype(np.float32)
     share = random.random((20, 26)).astype(np.float32)
-    resolver = Resolver(override(load_preset(), {"rectify": rectify, "box": box}), "numpy")
+    resolver = Resolver(override(unfiltered(), {"rectify": rectify, "box": box}), "numpy")
     for index in range(12):
         resolved = resolver.resolve(still_frame(index, image, effects=None, alpha=share))
         assert np.array_equal(bits(resolved), bits(np.dstack([image, share])))
@@ -186,7 +185,7 @@ def test_e5_a_full_weight_takes_the_sample_as_it_is() -> None:
         ({"accumulate": "exponential", "blend_weight": 1.0}, {}),
         ({}, {"reactive": np.ones((6, 9), np.float32)}),
     ):
-        resolver = Resolver(override(load_preset(), {**changes, "rectify": "none"}), "numpy")
+        resolver = Resolver(override(unfiltered(), {**changes, "rectify": "none"}), "numpy")
         bright, dim = np.full((6, 9, 3), 1e8, np.float32), np.full((6, 9, 3), 1.1, np.float32)
         resolver.resolve(still_frame(0, bright, effects=None, alpha=np.ones((6, 9), np.float32), **channels))
         third = np.full((6, 9), 1 / 3, np.float32)
@@ -231,7 +230,7 @@ def test_e7_alpha_and_colour_share_one_weight() -> None:
     # Premultiplied: what one colour of changing coverage leaves is that colour times the coverage that it leaves.
     random = np.random.default_rng(48)
     colour = random.uniform(0.5, 2.0, (12, 14, 3)).astype(np.float32)
-    resolver = Resolver(override(load_preset(), {"rectify": "none"}), "numpy")
+    resolver = Resolver(override(unfiltered(), {"rectify": "none"}), "numpy")
     for index in range(30):
         share = random.random((12, 14)).astype(np.float32)
         resolved = resolver.resolve(still_frame(index, colour * share[..., None], effects=None, alpha=share))
@@ -240,7 +239,7 @@ def test_e7_alpha_and_colour_share_one_weight() -> None:
 
 
 def test_e7_light_without_coverage_passes() -> None:
-    resolver = Resolver(device="numpy")
+    resolver = Resolver(unfiltered(), "numpy")
     glow, none = pictures(1, 9, 11)[0], np.zeros((9, 11), np.float32)
     for index in range(4):
         resolved = resolver.resolve(still_frame(index, glow, effects=None, alpha=none))
@@ -249,7 +248,7 @@ def test_e7_light_without_coverage_passes() -> None:
 
 def test_e7_coverage_stays_a_share_through_the_filter() -> None:
     # Catmull-Rom overshoots a step to 1.07; alpha is limited after the filter.
-    resolver = Resolver(override(load_preset(), {"rectify": "none", "reject": "none"}), "numpy")
+    resolver = Resolver(override(unfiltered(), {"rectify": "none", "reject": "none"}), "numpy")
     motion = np.full((12, 40, 2), 0.5, np.float32)
     share = (np.arange(40) % 8 > 3).astype(np.float32)[None].repeat(12, 0)
     for index in range(8):

@@ -21,10 +21,10 @@ from cltaa.frames import Camera, Frame
 from cltaa.launch import DeviceLauncher, Launcher, NumpyLauncher
 from cltaa.layout import Layout
 from cltaa.params import Choices, Dilation, Settings, override
-from cltaa.presets import load_preset
 from cltaa.resolve import Past, Resolver, frame_record
 from tests.kernels.stage_chain import Work, padded, run_stage
 from tests.numerics.exact_cameras import displacement_of, orthographic, perspective, rotation, view_at
+from tests.numerics.still_frames import unfiltered
 from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame
 
 # A few rows of a picture that is 3840 pixels and 93 degrees wide, with square pixels.
@@ -153,7 +153,7 @@ def test_f3_what_was_behind_the_previous_camera_is_new() -> None:
     clip = perspective(width / height)
     views = [view_at(np.array([0.0, 0.0, z]), np.eye(3)) for z in (0.0, 5.0)]
     depth = np.geomspace(0.2, 50.0, height * width, dtype=np.float32).reshape(height, width)
-    resolver = Resolver(override(load_preset(), {"fresh_blur": 0.0, "dilation": "none"}), "numpy")
+    resolver = Resolver(override(unfiltered(), {"fresh_blur": 0.0, "dilation": "none"}), "numpy")
     frames = [
         replace(make_frame(i, width=width, height=height, effects=None), camera=Camera(view, clip), depth=depth)
         for i, view in enumerate(views)
