@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 
 from cltaa.build import Build, Steps, Storage, kept_planes
@@ -9,6 +10,11 @@ from cltaa.launch import storage_dtype
 from cltaa.layout import Layout
 
 REAL = 4  # bytes of a float
+FRAMES = 3  # in work, and two that are decoded or being decoded (cltaa.streams)
+RESULTS = 2  # that wait to be written or are being written
+# Interpreter, libraries and driver: the peak of a resolve of 16 x 16 pixels with built kernels, PoCL 3.0, 2026-11-21. A
+# kernel that has to be built first takes 140 MB more, before frames take any.
+PROGRAM = 102_000_000
 
 
 def device_bytes(
@@ -26,3 +32,30 @@ def device_bytes(
     frame = REAL * (4 + 2 * steps.own_motion + steps.alpha + steps.reactive)
     ring = REAL * kept_planes(steps) * (frames_kept + 1) if frames_kept else 0
     return (frame + colour + REAL) * band.plane + (colour + 2 * REAL) * whole.plane + ring * whole.plane
+
+
+class Memory(msgspec.Struct, frozen=True, kw_only=True):
+    """Bytes that ``cltaa resolve`` takes at its peak; on a CPU the planes of the device are the process's too."""
+
+    device: int
+    frames: int
+    results: int
+    file: int  # a packed file, beside the pixels that it becomes
+    program: int = PROGRAM
+
+    @property
+    def whole(self) -> int:
+        """All of it together."""
+        return self.device + self.frames + self.results + self.file + self.program
+
+
+def of_resolve(pixels: int, channels: int, file: int, device: int, *, alpha: bool, banded: bool = False) -> Memory:
+    """Memory of a resolve of frames of ``pixels`` in float ``channels``, whose packed files have ``file`` bytes.
+
+    In bands one frame at a time is in memory, its result in its place, and beside it the count of each pixel.
+    """
+    frames, results = (1, 0) if banded else (FRAMES, RESULTS)
+    return Memory(
+        device=device, frames=frames * channels * REAL * pixels,
+        results=REAL * pixels * (1 if banded else results * (3 + alpha)), file=file,
+    )  # fmt: skip

@@ -9,11 +9,14 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
+from cltaa.bands import band_rows_for
 from cltaa.bench.timing import Job, Samples, measure
+from cltaa.build import Steps
 from cltaa.frame_record import Past
 from cltaa.frames import Effect, Frame
 from cltaa.launch import Launcher
-from cltaa.params import Preset
+from cltaa.memory import Memory, device_bytes, of_resolve
+from cltaa.params import HistoryOf, Preset
 from cltaa.planning import Plan, plan_frame, toggled, with_effects
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence
@@ -53,6 +56,7 @@ class SequencePlan(msgspec.Struct, kw_only=True):
     device: str
     kernels: int  # different builds of the resolve that the sequence needs
     spans: list[Span]
+    memory: Memory
 
 
 def plan(
@@ -90,7 +94,23 @@ def plan(
     kernels = len({(planned.choices, planned.steps) for planned in plans})
     return SequencePlan(
         folder=str(sequence.folder), preset=resolver.preset.name, device=resolver.launcher.description,
-        kernels=kernels, spans=spans,
+        kernels=kernels, spans=spans, memory=memory(sequence, resolver.preset, plans),
+    )  # fmt: skip
+
+
+def memory(sequence: Sequence, preset: Preset, plans: list[Plan]) -> Memory:
+    """What a resolve of ``sequence`` takes at its peak, in bands where it would run in bands."""
+    used = {name: any(getattr(each.steps, name) for each in plans) for name in Steps.__struct_fields__}
+    kept = any(each.choices.history_of is HistoryOf.SAMPLES for each in plans)
+    width, height = sequence.width, sequence.height
+    rows = 0 if kept else band_rows_for(width, height)
+    device = device_bytes(
+        width, height, Steps(**used), band_rows=rows, frames_kept=int(preset.settings.frames_kept) if kept else 0
+    )
+    return of_resolve(
+        width * height, max(len(layout.channels) for layout in sequence.layouts.values()),
+        max(sequence.path(number).stat().st_size for number in sequence.numbers), device,
+        alpha=used["alpha"], banded=bool(rows),
     )  # fmt: skip
 
 

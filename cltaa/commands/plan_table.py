@@ -14,6 +14,12 @@ def print_plan(plan: SequencePlan) -> None:
     console = Console()
     builds = f"{plan.kernels} build" + ("" if plan.kernels == 1 else "s")
     console.print(f"preset {shown(plan.preset)}, {builds} of the resolve, on {shown(plan.device)}", highlight=False)
+    parts = {
+        "on the device": plan.memory.device, "of frames": plan.memory.frames, "of results": plan.memory.results,
+        "of a file": plan.memory.file, "of the program": plan.memory.program,
+    }  # fmt: skip
+    told = " + ".join(f"{size / 1e6:.0f} {what}" for what, size in parts.items())
+    console.print(f"memory at the peak: {plan.memory.whole / 1e6:.0f} MB = {told}", highlight=False, soft_wrap=True)
     before: dict[tuple[tuple[str, bool, str], ...], str] = {}
     for span in plan.spans:
         frames = f"frame {span.first}" if span.first == span.last else f"frames {span.first} to {span.last}"

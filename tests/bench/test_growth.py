@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +21,9 @@ from cltaa.memory import device_bytes
 from cltaa.params import override
 from cltaa.presets import load_preset
 from cltaa.resolve import Resolver
-from tests.sequence_factory import make_frame
+from cltaa.sequence_plan import plan
+from cltaa.sources import open_sequence
+from tests.sequence_factory import make_frame, write_sequence
 
 
 class Counting(NumpyLauncher):
@@ -82,3 +87,28 @@ def test_a_step_costs_its_planes() -> None:
 @pytest.mark.parametrize("text", ["", "12,", "a", "-3", "0"])
 def test_no_sizes(text: str) -> None:
     assert main(["bench", "growth", "--sizes", text]) == 64
+
+
+def test_the_plan_of_a_sequence_says_its_memory(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_sequence(tmp_path / "in", 2, width=50, height=31, motion=True)
+    assert main(["inspect", str(folder), "--plan", "--json"]) == 0
+    memory = json.loads(capsys.readouterr().out)["memory"]
+    assert memory["device"] == device_bytes(50, 31, Steps(own_motion=True))
+    assert memory["frames"] == 3 * 6 * 4 * 50 * 31
+    assert memory["results"] == 2 * 3 * 4 * 50 * 31
+    assert memory["file"] == max(path.stat().st_size for path in folder.glob("*.exr"))
+
+
+@pytest.mark.big
+@pytest.mark.parametrize("motion", [False, True])
+def test_the_peak_is_what_the_formula_says(tmp_path: Path, motion: bool) -> None:
+    folder = write_sequence(tmp_path / "in", 10, width=1920, height=1080, motion=motion)
+    resolve = ["resolve", str(folder), "-o", str(tmp_path / "out"), "--restart", "--device", "pthread"]
+    script = (
+        "import resource, sys\nfrom cltaa.cli import main\nassert main(sys.argv[1:]) == 0\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)"
+    )
+    for _ in range(2):  # the first builds the kernels
+        run = subprocess.run([sys.executable, "-c", script, *resolve], capture_output=True, text=True, check=True)
+    peak = int(run.stdout.split()[-1])
+    assert peak == pytest.approx(plan(open_sequence(folder), rounds=0).memory.whole, rel=0.10)
