@@ -53,7 +53,7 @@ STEP_NAMES = {
     "reactive": "reactive",
 }  # fmt: skip
 # Steps whose absence is another estimate.
-RECTIFICATION, WEIGHTS, GATHERING = "rectification", "luminance weights", "gathering"
+RECTIFICATION, REJECTION, WEIGHTS, GATHERING = "rectification", "rejection", "luminance weights", "gathering"
 
 # Effects that can make a pixel's history wrong although the camera stands still.
 _CHANGING = frozenset({Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.REACTIVE, Effect.EXPOSURE})
@@ -87,6 +87,8 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
     elif free and _light_may_change(declared):
         settings = narrowed(settings)
     reasons.append(Reason(RECTIFICATION, not (free and still), _why_rectified(free, still)))
+    choices, reason = _rejecting(choices, declared, free)
+    reasons.append(reason)
     if free and declared is not None and Effect.HDR not in declared:
         choices = msgspec.structs.replace(choices, weighting=Weighting.NONE)
     weighted = choices.weighting is Weighting.LUMINANCE
@@ -115,6 +117,9 @@ def toggled(plan: Plan, preset: Preset, step: str) -> Plan:
         whole = msgspec.structs.replace(preset.choices, weighting=plan.choices.weighting), preset.settings
         choices, settings = plain_mean(plan.choices, plan.settings) if on else whole
         return plan._replace(choices=choices, settings=settings)
+    if step == REJECTION:
+        reject = Reject.NONE if on else Reject.DEPTH
+        return plan._replace(choices=msgspec.structs.replace(plan.choices, reject=reject))
     if step == GATHERING:
         history_of = HistoryOf.RESULT if on else HistoryOf.SAMPLES
         return plan._replace(choices=msgspec.structs.replace(plan.choices, history_of=history_of))
@@ -156,6 +161,16 @@ def _gathered(choices: Choices, declared: frozenset[Effect] | None) -> tuple[Cho
         return msgspec.structs.replace(choices, history_of=HistoryOf.RESULT), Reason(GATHERING, False, why)
     why = "no change of light is declared: samples of the same surface stand"
     return msgspec.structs.replace(choices, rectify=Rectify.NONE), Reason(GATHERING, True, why)
+
+
+def _rejecting(choices: Choices, declared: frozenset[Effect] | None, free: bool) -> tuple[Choices, Reason]:
+    """Depth tells what was uncovered; where nothing is, it has nothing to reject. Samples are chosen by it always."""
+    why = _declared_or_not(Effect.UNCOVER, declared) if free else "as published"
+    if free and choices.history_of is HistoryOf.SAMPLES:
+        why = "which surface a kept sample shows"
+    elif free and declared is not None and Effect.UNCOVER not in declared:
+        choices = msgspec.structs.replace(choices, reject=Reject.NONE)
+    return choices, Reason(REJECTION, choices.reject is not Reject.NONE, why)
 
 
 def _steps(preset: Preset, frame: Frame, camera_moves: bool, *, every: bool) -> Steps:

@@ -42,13 +42,17 @@ def test_a_still_scene(tmp_path: Path) -> None:
 
 
 def test_a_scene_that_calls_for_what_it_gets(tmp_path: Path) -> None:
-    row = judged(captured(tmp_path, {Effect.CAMERA, Effect.HDR}, moving=True))
+    declared = {Effect.CAMERA, Effect.HDR, Effect.SHADING, Effect.UNCOVER}
+    row = judged(captured(tmp_path, declared, moving=True))
     assert row.same_bits
     assert row.replaced == 0.0
-    assert row.steps == ["reprojection", "rectification", "luminance weights"]
+    assert row.steps == ["reprojection", "rectification", "rejection", "luminance weights"]
     text = markdown([row]).splitlines()
     assert len(text) == 3
-    assert "| synthetic | camera hdr | reprojection, rectification, luminance weights |" in text[2]
+    assert (
+        "| synthetic | camera hdr shading uncover | reprojection, rectification, rejection, luminance weights |"
+        in text[2]
+    )
     assert text[2].endswith("| yes | nothing |")
 
 

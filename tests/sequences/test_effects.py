@@ -10,7 +10,7 @@ import pytest
 
 from cltaa.frames import Camera, Effect, Frame
 from cltaa.launch import DeviceLauncher, Launcher, NumpyLauncher
-from cltaa.params import override
+from cltaa.params import Reject, override
 from cltaa.planning import plan_frame, with_effects
 from cltaa.presets import load_preset
 from cltaa.resolve import Resolver
@@ -73,6 +73,24 @@ def test_a_camera_that_stops_is_not_reprojected() -> None:
     assert reasons(frame, STANDING)["reprojection"] == (False, "the camera stands")
 
 
+@pytest.mark.parametrize(
+    ("preset", "effects", "rejects"),
+    [
+        ("default", {Effect.CAMERA}, False),
+        ("default", {Effect.SHADING}, False),
+        ("default", {Effect.CAMERA, Effect.UNCOVER}, True),
+        ("default", None, True),
+        ("t5", {Effect.CAMERA}, True),  # a kept sample is chosen by its depth
+        ("filament", {Effect.CAMERA}, False),  # published: never does
+    ],
+)
+def test_depth_is_asked_where_something_is_uncovered(preset: str, effects: set[Effect] | None, rejects: bool) -> None:
+    frame = make_frame(1, effects=None if effects is None else frozenset(effects))
+    plan = plan_frame(load_preset(preset), frame, STANDING)
+    assert (plan.choices.reject is Reject.DEPTH) is rejects
+    assert [reason.on for reason in plan.reasons if reason.step == "rejection"] == [rejects]
+
+
 def test_named_effects_leave_the_others_out() -> None:
     frame = make_frame(0, motion=True, alpha=True, reactive=True)
     kept = with_effects(frame, frozenset({Effect.MOTION}))
@@ -89,7 +107,7 @@ def test_plain_weights_stay_within_their_bound_of_luminance_weights() -> None:
 
     That is the largest value of w r / (w r + 1 - w) - w, at w = 1 / (1 + sqrt r). docs/effects.md.
     """
-    preset = override(DEFAULT, {"rectify": "none", "fresh_blur": 0.0})
+    preset = override(DEFAULT, {"rectify": "none", "fresh_blur": 0.0, "current_filter": "none"})
     rng = np.random.default_rng(0)
     colours = rng.random((2, 23, 37, 3), np.float32)
     results = []

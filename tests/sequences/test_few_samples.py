@@ -53,8 +53,9 @@ def test_the_filter_has_the_share_of_one_sample(history_of: str) -> None:
 
 def test_a_pixel_that_comes_into_view_is_the_filter_alone() -> None:
     resolver = Resolver(few("result", reject="depth"), "numpy")
-    resolver.resolve(dotted(0))
-    nearer = dotted(1)
+    uncovering = CAMERA | {Effect.UNCOVER}
+    resolver.resolve(dotted(0, effects=uncovering))
+    nearer = dotted(1, effects=uncovering)
     resolved = resolver.resolve(replace(nearer, depth=np.full_like(nearer.depth, 2.0)))
     side = np.exp(-resolver.preset.settings.filter_falloff)
     weights = np.array([side, 1, side]) / (1 + 2 * side)

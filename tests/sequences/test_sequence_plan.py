@@ -16,7 +16,8 @@ from tests.sequence_factory import make_camera, make_frame
 
 WALK = (0, 1, 2, 2, 2, 3, 4)  # steps of the camera: it stands on frames 3 and 4; frame 5 is a cut
 STEPS = [
-    "reprojection", "own motion", "exposure", "alpha", "reactive", "rectification", "luminance weights",
+    "reprojection", "own motion", "exposure", "alpha", "reactive", "rectification", "rejection",
+    "luminance weights",
 ]  # fmt: skip
 
 
