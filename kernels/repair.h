@@ -52,3 +52,12 @@ STAGE void repair_colours(colour* out, int count, plane_in image, size_t plane, 
     }
 #endif
 }
+
+// The colour at (x, y), repaired where need be, in the range that everything is compared in.
+STAGE colour usable_colour(plane_in image, size_t plane, int x, int y, frame_t frame)
+{
+    colour v = load_colour(image + texel_offset(frame, x, y), plane);
+    if (any_of(colour_outside_domain(v)))
+        repair_colours(&v, 1, image, plane, x, y, frame);
+    return to_range(v);
+}
