@@ -78,10 +78,11 @@ def test_a1_nan_dies_in_its_own_frame(launcher: DeviceLauncher, bad: float, when
         assert touched.any() == (index >= when)
 
 
+@pytest.mark.parametrize("lanes", [0, 1])
 @pytest.mark.parametrize("seed", range(4))
-def test_a1_any_bits_of_input_give_finite_output(launcher: DeviceLauncher, seed: int) -> None:
+def test_a1_any_bits_of_input_give_finite_output(launcher: DeviceLauncher, seed: int, lanes: int) -> None:
     random = np.random.default_rng(seed)
-    resolver = Resolver(device=launcher)  # the fast build, as it is used
+    resolver = Resolver(device=launcher, lanes=lanes)  # the fast build, as it is used: a CPU's and a GPU's
 
     def any_bits(like: Image) -> Image:
         wild = random.integers(0, 2**32, like.shape, np.uint32).view(np.float32)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from cltaa.build import Build
 from cltaa.launch import DeviceLauncher
@@ -44,6 +45,12 @@ def check(rows: list[Row]) -> None:
 @pytest.mark.parametrize(("kernel", "name"), [names for k in WRITES for names in variant_names(k, DEFAULT)])
 def test_a_fast_kernel_lies_inside_its_bound_and_near_it(kernel: str, name: str) -> None:
     check(rows_of(kernel, variants(kernel, DEFAULT)[name]))
+
+
+@pytest.mark.parametrize("kernel", WRITES)
+def test_the_kernels_of_a_gpu_lie_inside_their_bounds(kernel: str) -> None:
+    # One lane, not strict: the device's own reciprocal, root, minimum and maximum.
+    check(rows_of(kernel, replace(DEFAULT, lanes=1)))
 
 
 def test_what_is_stored_in_halves_is_off_by_their_rounding_and_no_more() -> None:
