@@ -131,7 +131,7 @@ def test_command(sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
 def test_a_render_farm_gets_one_line_a_task(
     sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path), "--only", "build", "--rounding-frames", "0"]
+    arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path), "--only", "reject", "--rounding-frames", "0"]
     monkeypatch.setattr("sys.argv", ["cltaa", *arguments, "--list"])
     assert main([*arguments, "--list"]) == 0
     lines = capsys.readouterr().out.splitlines()
