@@ -85,7 +85,7 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
     if free and still:
         choices, settings = plain_mean(choices, settings)
     elif free and _light_may_change(declared):
-        settings = narrowed(settings)
+        settings = for_changing_light(settings, declared)
     reasons.append(Reason(RECTIFICATION, not (free and still), _why_rectified(free, still)))
     choices, reason = _rejecting(choices, declared, free)
     reasons.append(reason)
@@ -104,10 +104,17 @@ def plain_mean(choices: Choices, settings: Settings) -> tuple[Choices, Settings]
     return choices, msgspec.structs.replace(settings, sample_limit=2.0**20)
 
 
-def narrowed(settings: Settings) -> Settings:
-    """Of light that changes without motion the box alone tells: no wider than the 3x3."""
-    still, moving = min(settings.gamma_still, 1.0), min(settings.gamma_moving, 1.0)
-    return msgspec.structs.replace(settings, gamma_still=still, gamma_moving=moving)
+def for_changing_light(settings: Settings, declared: frozenset[Effect] | None) -> Settings:
+    """Light that changes without motion: what is declared to change is forgotten sooner; of the rest the box tells.
+
+    So the box is no wider than the 3x3 in motion, and where highlights may run over what stands, nowhere.
+    """
+    still, moving = settings.gamma_still, min(settings.gamma_moving, 1.0)
+    if declared is None:
+        return msgspec.structs.replace(settings, gamma_still=min(still, 1.0), gamma_moving=moving)
+    still = min(still, 1.0) if Effect.HDR in declared else still
+    limit = min(settings.sample_limit, settings.changing_limit)
+    return msgspec.structs.replace(settings, gamma_still=still, gamma_moving=moving, sample_limit=limit)
 
 
 def toggled(plan: Plan, preset: Preset, step: str) -> Plan:

@@ -52,6 +52,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     sample_limit: Annotated[
         float, _number("most samples that the history counts for", 1.0, 2.0**20, "samples", "measured")
     ] = 24.0
+    changing_limit: Annotated[
+        float, _number("the same, where light is declared to change", 1.0, 2.0**20, "samples", "measured")
+    ] = 2.0**20
     resample_cost: Annotated[
         float, _number("loss of count per fraction f(1-f) read between texels", 0.0, 16.0, "1", "measured")
     ] = 1.5

@@ -45,10 +45,10 @@ def test_the_filter_has_the_share_of_one_sample(history_of: str) -> None:
     assert (bits(alone) == bits(dotted(0).colour)).all(), "a first frame is what was drawn"
     for number in (2, 3, 4):
         value = resolver.resolve(dotted(number - 1))[10, 12, 0]
-        # The recurrent image keeps what the filter took: after a first sample as drawn, 1 - share is lost in each n.
-        lost = sum(1 / n**2 if history_of == "samples" else 1 / n / number for n in range(2, number + 1))
-        expected = 1 - (1 - middle) * (1 / number if history_of == "samples" else lost)
-        assert abs(value - expected) < 1e-6
+        # The recurrent image keeps what the filter took of each sample after the first: 1/n of the n-th.
+        kept = sum(1 / n for n in range(2, number + 1)) / number
+        taken = 1 / number if history_of == "samples" else kept
+        assert abs(value - (1 - (1 - middle) * taken)) < 1e-6
 
 
 def test_a_pixel_that_comes_into_view_is_the_filter_alone() -> None:
@@ -86,11 +86,21 @@ def test_the_box_of_extremes_is_widened_by_gamma(gamma: float, moved: float) -> 
 
 
 @pytest.mark.parametrize(
-    ("effects", "wide"), [(CAMERA, True), ({Effect.SHADING}, False), ({Effect.REACTIVE}, False), (None, False)]
+    ("effects", "still", "moving", "limited"),
+    [
+        (CAMERA, True, True, False),
+        ({Effect.SHADING}, True, False, True),
+        ({Effect.REACTIVE}, True, False, True),
+        ({Effect.SHADING, Effect.HDR}, False, False, True),
+        (None, False, False, False),
+    ],
 )
-def test_the_box_stays_narrow_where_light_may_change(effects: set[Effect] | None, wide: bool) -> None:
+def test_light_that_may_change_is_forgotten_sooner(
+    effects: set[Effect] | None, *, still: bool, moving: bool, limited: bool
+) -> None:
     frame = make_frame(1, camera=make_camera(), effects=None if effects is None else frozenset(effects))
     default, planned = load_preset().settings, plan_frame(load_preset(), frame, frame.camera).settings
     assert min(default.gamma_still, default.gamma_moving) > 1
-    expected = (default.gamma_still, default.gamma_moving) if wide else (1.0, 1.0)
-    assert (planned.gamma_still, planned.gamma_moving) == expected
+    assert planned.gamma_still == (default.gamma_still if still else 1.0)
+    assert planned.gamma_moving == (default.gamma_moving if moving else 1.0)
+    assert planned.sample_limit == (default.changing_limit if limited else default.sample_limit)

@@ -37,7 +37,8 @@ def test_first_frame_is_the_current_one() -> None:
 
 
 def test_still_sequence_is_the_mean_of_its_samples() -> None:
-    resolver, total = Resolver(), np.zeros_like(still_frame(0).colour, np.float64)
+    plain = override(load_preset(), {"current_filter": "none"})
+    resolver, total = Resolver(plain), np.zeros_like(still_frame(0).colour, np.float64)
     for index in range(64):
         frame = still_frame(index)
         total += frame.colour
@@ -70,7 +71,7 @@ def test_history_starts_anew(change: str) -> None:
 
 
 def test_whole_pixel_motion_is_lossless() -> None:
-    preset = override(load_preset(), {"rectify": "none", "reject": "none", "sample_limit": 2.0**20})
+    preset = override(load_preset(), {"rectify": "none", "reject": "none", "current_filter": "none"})
     resolver, shift = Resolver(preset), 3
     first = make_frame(0)  # declares the camera's motion only, so that no luminance weights enter
     first = replace(first, depth=np.full_like(first.depth, 4.0))
@@ -84,7 +85,7 @@ def test_whole_pixel_motion_is_lossless() -> None:
 
 
 def test_what_comes_into_view_is_the_current_sample() -> None:
-    resolver, shift = Resolver(override(load_preset(), {"fresh_blur": 0.0})), 5
+    resolver, shift = Resolver(override(load_preset(), {"current_filter": "none"})), 5
     first = make_frame(0, effects=None)
     flat = np.full_like(first.depth, 4.0)
     resolver.resolve(replace(first, depth=flat))
