@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections import Counter
@@ -91,7 +92,8 @@ def read_damaged(folder: Path, compression: str, count: int) -> Counter[str]:
             answer = json.loads(lines[-1])
             assert answer["peak"] < 2 * answer["usual"], "memory"
             return totals + Counter(answer["counts"])
-        totals["hangs" if "Timeout" in child.stderr else "crashes"] += 1
+        hung = child.returncode == -signal.SIGPROF or "Timeout" in child.stderr
+        totals["hangs" if hung else "crashes"] += 1
         first = int(lines[-1]) + 1
     return totals
 
