@@ -59,12 +59,13 @@ def main(arguments: list[str] | None = None) -> int:
             outcome: Any = root.main(arguments, prog_name="cltaa", standalone_mode=False)
         sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):
-        click.echo("cltaa: interrupted; the frames already written are complete, run the same again to go on", err=True)
-        return 130
+        return _interrupted()
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         return error.exit_code
     except Exception as error:
+        if _hides_an_interrupt(error):
+            return _interrupted()
         if debug and not isinstance(error, click.ClickException):
             raise
         return _failed(error)
@@ -82,6 +83,20 @@ def _take_debug(arguments: list[str]) -> tuple[bool, list[str]]:
     others = [argument for argument, after in pairs if argument != "--debug" or are_views(after)]
     debug = len(others) < end
     return debug, ["--debug"] * debug + others + arguments[end:]
+
+
+def _interrupted() -> int:
+    click.echo("cltaa: interrupted; the frames already written are complete, run the same again to go on", err=True)
+    return 130
+
+
+def _hides_an_interrupt(error: BaseException | None) -> bool:
+    """Whether another module's code stumbled over an interrupt, while it was imported, say; our own errors stand."""
+    if isinstance(error, CltaaError):
+        return False
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _failed(error: Exception) -> int:

@@ -191,3 +191,34 @@ def test_debug_behind_two_dashes_is_a_name(capsys: pytest.CaptureFixture[str]) -
 def test_an_interrupt_ends_with_130(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_main_raising(monkeypatch, KeyboardInterrupt()) == 130
     assert "run the same again to go on" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("error", [NameError, RuntimeError])
+def test_interrupt_that_another_module_turned_into_an_error(
+    error: type[Exception], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """SciPy, interrupted while it is imported, cleans up what is not there yet."""
+
+    def interrupted(*_: object, **__: object) -> None:
+        try:
+            raise KeyboardInterrupt
+        finally:
+            raise error("planted")
+
+    monkeypatch.setattr(cli.root, "main", interrupted)
+    assert cli.main([]) == 130
+    assert capsys.readouterr().err.startswith("cltaa: interrupted; ")
+
+
+def test_error_of_an_interrupted_run_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        try:
+            raise KeyboardInterrupt
+        finally:
+            raise errors.StorageError("the disk is full")
+
+    monkeypatch.setattr(cli.root, "main", interrupted)
+    assert cli.main([]) == 74
+    assert "the disk is full" in capsys.readouterr().err

