@@ -247,6 +247,29 @@ def test_a6_any_displacement_reads_what_its_twin_reads(launcher: DeviceLauncher,
         assert differing(work, ours, theirs) == 0
 
 
+@pytest.mark.parametrize("lanes", [1, 8])
+def test_a1_filtered_history_that_is_no_number_is_dropped(launcher: DeviceLauncher, lanes: int) -> None:
+    # Nothing stores such history; were it there, no tap of it might pass. Between texels all taps are read.
+    base, random = chain_work(), np.random.default_rng(9)
+    history, moved = base.planes["history"].copy(), base.planes["motion_out"].copy()
+    bad = random.random(history[0].shape) < 0.01
+    history[:, bad] = random.choice([np.nan, np.inf, -np.inf, 1e30], int(bad.sum()))
+    moved[:2] = np.array([0.3, -0.4], np.float32)[:, None, None]
+    work = replace(base, planes={**base.planes, "history": history, "motion_out": moved})
+    build = Build(steps=Steps(alpha=True, reactive=True), strict=True, lanes=lanes, rows=1)
+    ours, theirs = (
+        work.layout.inside(run_stage("sample_history", build, work, where)["history_at"])
+        for where in (launcher, NumpyLauncher())
+    )
+    usable = theirs[7] > 0.5
+    assert usable.any()
+    assert np.array_equal(ours[7], theirs[7])
+    assert np.array_equal(bits(ours[:, usable]), bits(theirs[:, usable]))
+    # The rest is not looked at; where a segment lies outside the image not all of its taps are read.
+    assert (np.abs(ours[:3, usable]) <= value("DOMAIN_LIMIT") * work.frame["exposure_ratio"]).all()
+    assert (~usable & ~(np.abs(theirs[0]) <= value("DOMAIN_LIMIT"))).sum() > 50
+
+
 def test_a7_no_image_no_sampler() -> None:
     # What a sampler gives for NaN, and how precisely it filters, is not defined.
     words = ("image2d_t", "sampler_t", "read_image", "write_image")
