@@ -11,7 +11,7 @@ import click
 
 from cltaa import __version__
 from cltaa.errors import CltaaError, InternalError, ResourceError, StorageError, UsageError
-from cltaa.interrupt import termination_interrupts
+from cltaa.interrupt import Stop, interrupts
 from cltaa.lazy import Entry, LazyGroup
 from cltaa.printable import printable
 from cltaa.views import are_views
@@ -54,8 +54,9 @@ def main(arguments: list[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a letter that the terminal's encoding has not ends nothing
+    stop = Stop()
     try:
-        with termination_interrupts():
+        with interrupts(stop):
             outcome: Any = root.main(arguments, prog_name="cltaa", standalone_mode=False)
         sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):
@@ -64,7 +65,7 @@ def main(arguments: list[str] | None = None) -> int:
         error.show()
         return error.exit_code
     except Exception as error:
-        if _hides_an_interrupt(error):
+        if stop.requested and not isinstance(error, CltaaError):  # what it stumbled over; our own errors stand
             return _interrupted()
         if debug and not isinstance(error, click.ClickException):
             raise
@@ -88,15 +89,6 @@ def _take_debug(arguments: list[str]) -> tuple[bool, list[str]]:
 def _interrupted() -> int:
     click.echo("cltaa: interrupted; the frames already written are complete, run the same again to go on", err=True)
     return 130
-
-
-def _hides_an_interrupt(error: BaseException | None) -> bool:
-    """Whether another module's code stumbled over an interrupt, while it was imported, say; our own errors stand."""
-    if isinstance(error, CltaaError):
-        return False
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error is not None
 
 
 def _failed(error: Exception) -> int:

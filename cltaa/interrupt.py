@@ -23,9 +23,18 @@ class Stop:
 
 
 @contextmanager
-def termination_interrupts() -> Iterator[None]:
-    """Let SIGTERM raise KeyboardInterrupt, as SIGINT does, so that whatever is half-done is cleared away."""
-    with _handled((signal.SIGTERM,), signal.default_int_handler):
+def interrupts(stop: Stop) -> Iterator[None]:
+    """Let SIGTERM raise KeyboardInterrupt, as SIGINT does, so that whatever is half-done is cleared away.
+
+    ``stop`` remembers it, because what is raised while another package is imported may get lost there, or come out as
+    another error.
+    """
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        stop.requested = True
+        signal.default_int_handler(number, frame)
+
+    with _handled(SIGNALS, interrupt):
         yield
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -193,32 +195,25 @@ def test_an_interrupt_ends_with_130(monkeypatch: pytest.MonkeyPatch, capsys: pyt
     assert "run the same again to go on" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("error", [NameError, RuntimeError])
-def test_interrupt_that_another_module_turned_into_an_error(
-    error: type[Exception], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """SciPy, interrupted while it is imported, cleans up what is not there yet."""
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (NameError("planted"), 130, "cltaa: interrupted; "),
+        (errors.StorageError("the disk is full"), 74, "cltaa: error: the disk is full"),
+    ],
+)
+def test_interrupt_that_another_module_swallows(
+    number: signal.Signals, error: Exception, code: int, words: str, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    """Packages that are interrupted while they are imported go on without a part of theirs; our own errors stand."""
 
-    def interrupted(*_: object, **__: object) -> None:
-        try:
-            raise KeyboardInterrupt
-        finally:
-            raise error("planted")
+    def swallowed(*_: object, **__: object) -> None:
+        with contextlib.suppress(KeyboardInterrupt):
+            os.kill(os.getpid(), number)
+        raise error
 
-    monkeypatch.setattr(cli.root, "main", interrupted)
-    assert cli.main([]) == 130
-    assert capsys.readouterr().err.startswith("cltaa: interrupted; ")
-
-
-def test_error_of_an_interrupted_run_is_told(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupted(*_: object, **__: object) -> None:
-        try:
-            raise KeyboardInterrupt
-        finally:
-            raise errors.StorageError("the disk is full")
-
-    monkeypatch.setattr(cli.root, "main", interrupted)
-    assert cli.main([]) == 74
-    assert "the disk is full" in capsys.readouterr().err
+    monkeypatch.setattr(cli.root, "main", swallowed)
+    assert cli.main([]) == code
+    assert capsys.readouterr().err.startswith(words)
