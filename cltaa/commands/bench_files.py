@@ -11,6 +11,7 @@ from rich.table import Table
 
 from cltaa.bench.files import CODECS, FilesBench, bench_files
 from cltaa.bench.timing import Interval
+from cltaa.commands.options import FILE_PATH
 from cltaa.errors import UsageError
 from cltaa.exr_layout import LOSSLESS
 from cltaa.presets import load_preset
@@ -19,7 +20,7 @@ from cltaa.sources import open_sequence
 
 
 @click.command("files")
-@click.argument("sequence", type=click.Path(path_type=Path))
+@click.argument("sequence", type=FILE_PATH)
 @click.option("--preset", default="default", show_default=True, help="That resolves.")
 @click.option("--device", metavar="NAME", help="OpenCL device: its index or a part of its name; see cltaa doctor.")
 @click.option("--compressions", default=",".join(CODECS), show_default=True, metavar="LIST", help="Of EXR, lossless.")

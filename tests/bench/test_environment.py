@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from cltaa import __version__
 from cltaa.bench import environment as module
 from cltaa.bench.environment import environment, kernels_sha256
 
@@ -33,6 +34,14 @@ def test_a_changed_kernel_changes_the_hash(tmp_path: Path) -> None:
     assert kernels_sha256(tmp_path) == before
 
 
-def test_a_checkout_that_is_not_installed_will_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(module, "LIBRARIES", ("no-such-package-anywhere",))
-    assert environment("d", 0.0, (), tmp_path).libraries == {"no-such-package-anywhere": "not installed"}
+def test_a_checkout_that_is_not_installed_knows_its_version(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    asked: list[str] = []
+
+    def version(name: str) -> str:
+        asked.append(name)
+        return "1"
+
+    monkeypatch.setattr(module, "version", version)
+    found = environment("d", 0.0, (), tmp_path).libraries
+    assert found == {"cltaa": __version__} | dict.fromkeys(module.LIBRARIES, "1")
+    assert "cltaa" not in asked
