@@ -9,12 +9,14 @@ record of the device.
 from __future__ import annotations
 
 import ctypes
+import os
 import platform
+import sys
 from pathlib import Path
-from typing import NamedTuple
 
 RECORD_BYTES = 4096  # more than PoCL's record of a device in any release; what is not mapped is not read
 POINTER_BYTES = 8
+HIGHEST_ADDRESS = 2**47 - 1  # of a process on x86-64
 REFUSED = b"generic"
 
 # The levels of the x86-64 psABI, best first, and the flags by which Linux names what each adds. Every LLVM since 12
@@ -29,13 +31,6 @@ LEVELS: tuple[tuple[bytes, frozenset[str]], ...] = (
     (b"x86-64", frozenset()),
 )
 _names = {name: ctypes.create_string_buffer(name) for name, _ in LEVELS}  # PoCL keeps the address: never freed
-
-
-class Range(NamedTuple):
-    """Addresses of this process that can be read, the last one excluded."""
-
-    first: int
-    end: int
 
 
 def cpu_flags() -> frozenset[str]:
@@ -59,28 +54,28 @@ def name_unknown_cpu(record: int) -> bool:
     """
     if platform.system() != "Linux" or platform.machine() != "x86_64":
         return False
-    readable = _readable()
-    for address in range(record, record + RECORD_BYTES, POINTER_BYTES):
-        if not _is_readable(address, POINTER_BYTES, readable):
-            return False
-        field = ctypes.c_uint64.from_address(address)
-        text = REFUSED + b"\0"
-        if _is_readable(field.value, len(text), readable) and ctypes.string_at(field.value, len(text)) == text:
-            field.value = ctypes.addressof(_names[level_of(cpu_flags())])
-            return True
+    text = REFUSED + b"\0"
+    try:
+        memory = os.open("/proc/self/mem", os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        for address in range(record, record + RECORD_BYTES, POINTER_BYTES):
+            field = _read(memory, address, POINTER_BYTES)
+            if len(field) < POINTER_BYTES:
+                return False
+            if _read(memory, int.from_bytes(field, sys.byteorder), len(text)) == text:
+                ctypes.c_uint64.from_address(address).value = ctypes.addressof(_names[level_of(cpu_flags())])
+                return True
+    finally:
+        os.close(memory)
     return False
 
 
-def _readable() -> list[Range]:
-    ranges = []
-    for line in Path("/proc/self/maps").read_text(encoding="utf-8").splitlines():
-        addresses, rights = line.split(maxsplit=2)[:2]
-        first, _, end = addresses.partition("-")
-        # The kernel's own pages ([vvar] and the like) are listed as readable and are not.
-        if rights.startswith("r") and "[v" not in line:
-            ranges.append(Range(int(first, 16), int(end, 16)))
-    return ranges
-
-
-def _is_readable(address: int, count: int, readable: list[Range]) -> bool:
-    return any(part.first <= address and address + count <= part.end for part in readable)
+def _read(memory: int, address: int, count: int) -> bytes:
+    """What stands at ``address`` of this process, asked of the system: where nothing can be read it says so, and other
+    threads may unmap memory at any time. Behind the record lies what is no pointer at all."""
+    try:
+        return os.pread(memory, count, address) if address <= HIGHEST_ADDRESS else b""
+    except OSError:
+        return b""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import platform
+import subprocess
+import sys
 
 import pytest
 
@@ -32,3 +34,34 @@ def test_only_the_refused_name_is_replaced() -> None:
     assert ctypes.string_at(record[4]) == level_of(cpu_flags())
     assert record[5] == addresses[5]
     assert not name_unknown_cpu(ctypes.addressof(record))
+
+
+# A thread that maps and unmaps the page at which every word of the record points, as threads that free memory do.
+UNMAPPED_MEANWHILE = """
+import ctypes, mmap, threading
+from cltaa.unknown_cpu import name_unknown_cpu
+libc = ctypes.CDLL(None)
+libc.mmap.restype = ctypes.c_void_p
+libc.mmap.argtypes = [ctypes.c_void_p, ctypes.c_size_t] + [ctypes.c_int] * 3 + [ctypes.c_long]
+libc.munmap.argtypes = [ctypes.c_void_p, ctypes.c_size_t]
+FLAGS = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS
+page = libc.mmap(None, 4096, mmap.PROT_READ | mmap.PROT_WRITE, FLAGS, -1, 0)
+record = (ctypes.c_uint64 * 512)(*[page] * 512)
+done = False
+def change():
+    while not done:
+        libc.munmap(page, 4096)
+        assert libc.mmap(page, 4096, mmap.PROT_READ | mmap.PROT_WRITE, FLAGS, -1, 0) == page
+thread = threading.Thread(target=change)
+thread.start()
+for _ in range(200):
+    assert not name_unknown_cpu(ctypes.addressof(record))
+done = True
+thread.join()
+"""
+
+
+@needs_linux
+def test_memory_that_is_unmapped_meanwhile_is_not_followed() -> None:
+    done = subprocess.run([sys.executable, "-c", UNMAPPED_MEANWHILE], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
