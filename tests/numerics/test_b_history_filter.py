@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -89,21 +90,36 @@ def fireflies(height: int = 60, width: int = 90) -> Plane:
     return np.where(random.random((height, width)) < 0.1, 1e5, random.random((height, width))).astype(np.float32)
 
 
-@pytest.mark.parametrize("kind", list(HistoryFilter))
-def test_b1_every_tap_weighs_what_the_filter_says(launcher: DeviceLauncher, kind: HistoryFilter) -> None:
+class Filtered(NamedTuple):
+    """A history read at random places, and its texels around each, which may be asked for by row and column."""
+
+    read: NDArray[np.float64]
+    u: Plane
+    v: Plane
+    texels: Callable[[int, int], NDArray[np.float64]]
+    inside: NDArray[np.bool_]
+
+
+def filtered(launcher: DeviceLauncher, kind: HistoryFilter) -> Filtered:
+    """Fireflies read with ``kind``."""
     history, random = fireflies(), np.random.default_rng(2)
     u, v = random.uniform(-2, 2, (2, *history.shape)).astype(np.float32)
     read = sampled(launcher, history, u, v, kind).astype(np.float64)
     y, x = np.mgrid[: history.shape[0], : history.shape[1]]
     around = np.pad(history, 8, mode="edge").astype(np.float64)
-    down, right = np.floor(v), np.floor(u)
-    rows, columns = y + down.astype(int) + 8, x + right.astype(int) + 8
-    expected, size = np.zeros(history.shape), np.zeros(history.shape)
-    for (j, i), weight in plane_weights(kind, u - right, v - down).items():
-        tap = around[rows + j, columns + i]
+    rows, columns = y + np.floor(v).astype(int) + 8, x + np.floor(u).astype(int) + 8
+    inside = (x + u >= -0.5) & (x + u <= x.max() + 0.5) & (y + v >= -0.5) & (y + v <= y.max() + 0.5)
+    return Filtered(read, u, v, lambda j, i: around[rows + j, columns + i], inside)
+
+
+@pytest.mark.parametrize("kind", list(HistoryFilter))
+def test_b1_every_tap_weighs_what_the_filter_says(launcher: DeviceLauncher, kind: HistoryFilter) -> None:
+    read, u, v, texels, inside = filtered(launcher, kind)
+    expected, size = np.zeros(read.shape), np.zeros(read.shape)
+    for (j, i), weight in plane_weights(kind, u - np.floor(u), v - np.floor(v)).items():
+        tap = texels(j, i)
         expected += weight * tap
         size = np.maximum(size, np.abs(tap))
-    inside = (x + u >= -0.5) & (x + u <= x.max() + 0.5) & (y + v >= -0.5) & (y + v <= y.max() + 0.5)
     # 32 u M for 4 x 4 taps (NUMERICS 4); the polynomial in place of Lanczos' sines is 1e-5 of each of 12 weights off.
     most = 12 * 1e-5 if kind is HistoryFilter.LANCZOS_3 else 32 * UNIT_ROUNDOFF
     assert (np.abs(read - expected) <= most * size)[inside].all()
@@ -111,15 +127,9 @@ def test_b1_every_tap_weighs_what_the_filter_says(launcher: DeviceLauncher, kind
 
 @pytest.mark.parametrize("kind", list(HistoryFilter))
 def test_b1_negative_lobes_stay_inside_their_bound(launcher: DeviceLauncher, kind: HistoryFilter) -> None:
-    history, random = fireflies(), np.random.default_rng(2)
-    u, v = random.uniform(-2, 2, (2, *history.shape)).astype(np.float32)
-    read = sampled(launcher, history, u, v, kind).astype(np.float64)
-    y, x = np.mgrid[: history.shape[0], : history.shape[1]]
-    around = np.pad(history, 8, mode="edge").astype(np.float64)
-    rows, columns = y + np.floor(v).astype(int) + 8, x + np.floor(u).astype(int) + 8
-    taps = np.array([around[rows + j, columns + i] for j, i in plane_weights(kind, 0.5, 0.5)])
+    read, _, _, texels, inside = filtered(launcher, kind)
+    taps = np.array([texels(j, i) for j, i in plane_weights(kind, 0.5, 0.5)])
     low, high = taps.min(0), taps.max(0)
-    inside = (x + u >= -0.5) & (x + u <= x.max() + 0.5) & (y + v >= -0.5) & (y + v <= y.max() + 0.5)
     # Negative weights come to 0.28125 of the taps' range at most for Catmull-Rom, and to more or less for the others.
     lobes = least_sum(kind)
     slack = 1.001 * lobes * (high - low) + 32 * UNIT_ROUNDOFF * np.maximum(abs(low), abs(high))
