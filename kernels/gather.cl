@@ -30,26 +30,21 @@ __kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motio
     row_t above = read_row(current, closeness, motion, x, first - 1, frame);
     row_t centre = read_row(current, closeness, motion, x, first, frame);
     for (int y = first; y < last; ++y) {
-        const uint at = texel_offset(frame, x, y);
         fetch_frame(current, closeness, motion, x, y, frame);
         const row_t below = read_row(current, closeness, motion, x, y + 1, frame);
-        const statistics near = neighbourhood_statistics(above, centre, below);
+        const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
         const surface s = nearest_surface(above, centre, below, settings);
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
-        const colour filtered = current_sample(above, centre, below, near, frame);
-        const colour sample = FILTER_USE == FILTER_USE_FEW_SAMPLES ? centre.centre : filtered;
-        const real a = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
-        const real reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
         const layers_t l = layers_of(above, centre, below, s, settings);
-        const real w = sample_share(sample, settings);
+        const real w = sample_share(p.own, settings);
         const mask first = !l.edge | (centre.closeness > l.cut);
         gathered g = first_sample(w, first | !first, first, frame), far = first_sample(w, !first, !first, frame);
-        g = gather_samples(kept, past, frames, g, sample, a, s, l, 0, x, y, frame, settings);
+        g = gather_samples(kept, past, frames, g, p, s, l, 0, x, y, frame, settings);
         if (GATHER_FIT == GATHER_FIT_LAYERS && any_of(l.edge)) {
             const surface behind = farthest_surface(s, closeness, motion, x, y, frame);
-            far = gather_samples(kept, past, frames, far, sample, a, behind, l, 1, x, y, frame, settings);
+            far = gather_samples(kept, past, frames, far, p, behind, l, 1, x, y, frame, settings);
         }
-        const resolved out = resolve_gathered(g, far, l, sample, filtered, a, reactivity, near, m, frame, settings);
+        const resolved out = resolve_gathered(g, far, l, p, m, frame, settings);
         store_resolved(output, output_count, out, x, y, frame);
         above = centre;
         centre = below;

@@ -27,13 +27,13 @@ STAGE mask seen_then(real closeness, surface s, motion_t m, settings_t settings)
     return REJECT == REJECT_NONE ? (closeness == closeness) : same_surface(alone, s, m, settings);
 }
 
-// The samples of `frames` kept frames, the latest first. past[k] says how to come from this frame to the k-th, where
-// its samples lie in their pixels (jitter) and in which slot of `kept` it is. The place of the pixel's centre in frame
-// k falls into the area of exactly one sample there: the one whose position rounds to it. It counts if it shows one of
-// the pixel's surfaces and lies within fit_reach of the centre, seen from now; with `far_only` true, if it shows the
-// farther one.
-STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, gathered g, colour current, real alpha,
-    surface s, layers_t l, int far_only, int x, int y, frame_t frame, settings_t settings)
+// The samples of the pixel `now` on surface s in `frames` kept frames, the latest first. past[k] says how to come from
+// this frame to the k-th, where its samples lie in their pixels (jitter) and in which slot of `kept` it is. The place
+// of the pixel's centre in frame k falls into the area of exactly one sample there: the one whose position rounds to
+// it. It counts if it shows one of the pixel's surfaces and lies within fit_reach of the centre, seen from now; with
+// `far_only` true, if it shows the farther one.
+STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, gathered g, pixel_t now, surface s, layers_t l,
+    int far_only, int x, int y, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
     const uint at = texel_offset(frame, x, y);
@@ -83,14 +83,14 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, gathere
         }
         if (EXPOSURE)
             c = scaled(c, SPLAT(then.exposure_ratio));
-        c = choose_colour(good, to_range(c), current);
-        const colour d = { c.r - current.r, c.g - current.g, c.b - current.b };
+        c = choose_colour(good, to_range(c), now.own);
+        const colour d = { c.r - now.own.r, c.g - now.own.g, c.b - now.own.b };
         add_sample(&g, d, good ? sample_share(c, settings) : zero, good ? dx : zero, good ? dy : zero,
             far_only ? !near : near);
         g.count += good ? one : zero;
         if (ALPHA) {
             const real a = usable_share(texel_at(p + KEPT_ALPHA * plane, f, frame.stride), one);
-            g.alpha += good ? a - alpha : zero;
+            g.alpha += good ? a - now.alpha : zero;
         }
         if (OWN_MOTION) {
             motion_t place = nearest;
@@ -123,9 +123,10 @@ STAGE colour gathered_change(gathered g, gathered far, layers_t l, settings_t se
 }
 
 // The pixel from its samples, the current one among them.
-STAGE resolved resolve_gathered(gathered g, gathered far, layers_t l, colour current, colour filtered, real alpha,
-    real reactivity, statistics near, motion_t m, frame_t frame, settings_t settings)
+STAGE resolved resolve_gathered(
+    gathered g, gathered far, layers_t l, pixel_t p, motion_t m, frame_t frame, settings_t settings)
 {
+    const colour current = p.own;
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
     const mask any = g.count > zero;
     const real weight = any ? g.weight : one;
@@ -134,28 +135,28 @@ STAGE resolved resolve_gathered(gathered g, gathered far, layers_t l, colour cur
         const colour change = gathered_change(g, far, l, settings);
         past.r = current.r + change.r, past.g = current.g + change.g, past.b = current.b + change.b;
     }
-    const rectification r = rectify(past, current, near, m, box_gamma(m, settings), frame, settings);
+    const rectification r = rectify(past, current, p.near, m, box_gamma(m, settings), frame, settings);
     // The mean of the others has its share beside the current sample, which a fit holds already.
     real share = GATHER_FIT == GATHER_FIT_MEAN ? g.weight / (sample_share(current, settings) + g.weight) : one;
     real alpha_share = one;
     if (REACTIVE) {
-        share *= one - reactivity;
-        alpha_share = one - reactivity;
+        share *= one - p.reactivity;
+        alpha_share = one - p.reactivity;
     }
     const colour mixed = { current.r + share * ((past.r - current.r) + r.change.r),
         current.g + share * ((past.g - current.g) + r.change.g),
         current.b + share * ((past.b - current.b) + r.change.b) };
-    colour chosen = choose_colour(any, mixed, fresh_colour(current, near.mean, settings));
+    colour chosen = choose_colour(any, mixed, fresh_colour(current, p.near.mean, settings));
     if ((FILTER_USE == FILTER_USE_FEW_SAMPLES) & (CURRENT_FILTER != CURRENT_FILTER_NONE))
-        chosen = drawn_towards(chosen, filtered, filtered_share(one / (g.count + one), filtered, settings));
+        chosen = drawn_towards(chosen, p.filtered, filtered_share(one / (g.count + one), p.filtered, settings));
     const colour v = from_range(chosen);
     resolved out;
     out.rgb.r = storable(v.r, lesser(current.r, zero));
     out.rgb.g = storable(v.g, lesser(current.g, zero));
     out.rgb.b = storable(v.b, lesser(current.b, zero));
-    out.alpha = alpha;
+    out.alpha = p.alpha;
     if (ALPHA_FROM == ALPHA_FROM_BLEND)
-        out.alpha = alpha + alpha_share * (g.alpha / (g.count + one));
+        out.alpha = p.alpha + alpha_share * (g.alpha / (g.count + one));
     out.count = g.count + one;
     return out;
 }

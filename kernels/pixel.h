@@ -3,11 +3,41 @@
 #error "pixel.h needs ALPHA, REACTIVE, ALPHA_FROM and FILTER_USE from the prelude"
 #endif
 
+// What the current frame says of a pixel. `own` is its sample, `filtered` what the current filter makes of it, which
+// takes the place of `own` but where filter_use is few-samples.
+typedef struct
+{
+    colour own, filtered;
+    real alpha, reactivity;
+    statistics near;
+} pixel_t;
+
 typedef struct
 {
     colour rgb;
     real alpha, count;
 } resolved;
+
+// Alpha and reactivity are shares: outside [0, 1], or no number, means the nearer end (no number: `otherwise`).
+STAGE real usable_share(real v, real otherwise)
+{
+    return outside_domain(v) ? otherwise : limit(v, SPLAT(0.0), SPLAT(1.0));
+}
+
+STAGE real load_share(plane_in p, real otherwise) { return usable_share(load(p), otherwise); }
+
+STAGE pixel_t current_pixel(
+    row_t above, row_t centre, row_t below, plane_in alpha, plane_in reactive, int x, int y, frame_t frame)
+{
+    const uint at = texel_offset(frame, x, y);
+    pixel_t p;
+    p.near = neighbourhood_statistics(above, centre, below);
+    p.filtered = current_sample(above, centre, below, p.near, frame);
+    p.own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? centre.centre : p.filtered;
+    p.alpha = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
+    p.reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
+    return p;
+}
 
 // Half width of the box in standard deviations: wide where nothing moves, narrow from motion_px pixels a frame on.
 STAGE real box_gamma(motion_t m, settings_t settings)
@@ -37,21 +67,21 @@ STAGE colour drawn_towards(colour own, colour filtered, real share)
     return v;
 }
 
-// `own` is the pixel's own sample, `current` the same or what the current filter makes of it.
-STAGE resolved resolve_pixel(colour own, colour current, real alpha, real reactivity, boxed mean, history_t h,
-    rectification r, settings_t settings)
+// The pixel blended with its rectified history, or begun anew where there is none.
+STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t settings)
 {
+    colour current = p.filtered;
     const colour past = { h.rgb.r + r.change.r, h.rgb.g + r.change.g, h.rgb.b + r.change.b };
     real count = believed_count(h.count, h.fx, h.fy, r.pull, settings);
     if (REACTIVE)
-        count *= SPLAT(1.0) - reactivity;
+        count *= SPLAT(1.0) - p.reactivity;
     if (FILTER_USE == FILTER_USE_FEW_SAMPLES) {
         const real share = h.valid ? reciprocal(count + K(1.0)) : SPLAT(1.0);
-        current = drawn_towards(own, current, filtered_share(share, current, settings));
+        current = drawn_towards(p.own, current, filtered_share(share, current, settings));
     }
     real weight = sample_weight(count, r.unrest, settings);
     if (REACTIVE)
-        weight += reactivity * (SPLAT(1.0) - weight);
+        weight += p.reactivity * (SPLAT(1.0) - weight);
     weight = luminance_weight(weight, current, past, settings);
     if (ANTI_FLICKER == ANTI_FLICKER_DIFFERENCE)
         weight *= difference_share(current, past, settings);
@@ -62,27 +92,19 @@ STAGE resolved resolve_pixel(colour own, colour current, real alpha, real reacti
         = { blend(past.r, current.r, weight), blend(past.g, current.g, weight), blend(past.b, current.b, weight) };
     colour v = mixed;
     if (any_of(!h.valid))
-        v = choose_colour(h.valid, mixed, fresh_colour(current, mean, settings));
+        v = choose_colour(h.valid, mixed, fresh_colour(current, p.near.mean, settings));
     v = from_range(v);
     const real zero = SPLAT(0.0);
     resolved out;
     out.rgb.r = storable(v.r, lesser(current.r, zero));
     out.rgb.g = storable(v.g, lesser(current.g, zero));
     out.rgb.b = storable(v.b, lesser(current.b, zero));
-    out.alpha = alpha;
+    out.alpha = p.alpha;
     if (ALPHA_FROM == ALPHA_FROM_BLEND)
-        out.alpha = h.valid ? blend(h.alpha, alpha, weight) : alpha;
+        out.alpha = h.valid ? blend(h.alpha, p.alpha, weight) : p.alpha;
     out.count = h.valid ? count + K(1.0) : SPLAT(1.0);
     return out;
 }
-
-// Alpha and reactivity are shares: outside [0, 1], or no number, means the nearer end (no number: `otherwise`).
-STAGE real usable_share(real v, real otherwise)
-{
-    return outside_domain(v) ? otherwise : limit(v, SPLAT(0.0), SPLAT(1.0));
-}
-
-STAGE real load_share(plane_in p, real otherwise) { return usable_share(load(p), otherwise); }
 
 // The alpha of the history; where the box is `unit`, held in the extremes of the current 3x3 as colour is.
 STAGE real past_alpha(plane_in alpha_at, real past, frame_t frame)

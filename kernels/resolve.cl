@@ -29,21 +29,17 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
     row_t above = read_row(current, closeness, motion, x, first - 1, frame);
     row_t centre = read_row(current, closeness, motion, x, first, frame);
     for (int y = first; y < last; ++y) {
-        const uint at = texel_offset(frame, x, y);
         fetch_frame(current, closeness, motion, x, y, frame);
         fetch_history(history, history_count, previous_closeness, x, y, frame);
         const row_t below = read_row(current, closeness, motion, x, y + 1, frame);
-        const statistics near = neighbourhood_statistics(above, centre, below);
+        const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
         const surface s = nearest_surface(above, centre, below, settings);
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
-        const colour sample = current_sample(above, centre, below, near, frame);
         history_t h = sample_history(history, history_count, previous_closeness, m, s, x, y, frame, settings);
-        const rectification r = rectify(h.rgb, sample, near, m, box_gamma(m, settings), frame, settings);
+        const rectification r = rectify(h.rgb, p.filtered, p.near, m, box_gamma(m, settings), frame, settings);
         if (ALPHA)
-            h.alpha = past_alpha(alpha + at, h.alpha, frame);
-        const real a = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
-        const real reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
-        const resolved out = resolve_pixel(centre.centre, sample, a, reactivity, near.mean, h, r, settings);
+            h.alpha = past_alpha(alpha + texel_offset(frame, x, y), h.alpha, frame);
+        const resolved out = resolve_pixel(p, h, r, settings);
         store_resolved(output, output_count, out, x, y, frame);
         above = centre;
         centre = below;

@@ -21,17 +21,12 @@ from cltaa.reference.gather_track import (
     untold,
 )
 from cltaa.reference.history import same_surface
-from cltaa.reference.neighbourhood import (
-    Statistics,
-    Surface,
-    current_sample,
-    nearest_surface,
-    neighbourhood_statistics,
-    usable_closeness,
-)
+from cltaa.reference.neighbourhood import Surface, nearest_surface, usable_closeness
 from cltaa.reference.pixel import (
+    Pixel,
     Resolved,
     box_gamma,
+    current_pixel,
     drawn_towards,
     filtered_share,
     fresh_colour,
@@ -41,7 +36,7 @@ from cltaa.reference.pixel import (
 from cltaa.reference.projection import Motion, motion_from_depth, on_screen, surface_motion
 from cltaa.reference.real import Array, greater, lesser, limit, number, quiet
 from cltaa.reference.rectify import rectify
-from cltaa.reference.resolve import load_shares, read_rows, store_resolved
+from cltaa.reference.resolve import read_rows, store_resolved
 from cltaa.reference.sampling import Footprint, Quad, footprint_of
 
 
@@ -58,8 +53,7 @@ def gather_samples(
     kept: Array,
     past: Any,
     g: Gathered,
-    current: Colour,
-    alpha: Array,
+    now: Pixel,
     s: Surface,
     layers: Layers,
     build: Build,
@@ -69,7 +63,9 @@ def gather_samples(
     *,
     far_only: bool = False,
 ) -> Gathered:
-    """``g`` and the samples of the kept frames [slots, planes, rows, stride] of ``past``, the latest first."""
+    """``g`` and the samples of ``now`` on ``s`` in the kept frames [slots, planes, rows, stride] of ``past``, latest
+    first."""
+    current = now.own
     zero, one = np.zeros_like(current[0]), np.ones_like(current[0])
     none = np.zeros(zero.shape, bool)
     fit, own_motion = build.choices.gather_fit, build.steps.own_motion
@@ -104,7 +100,7 @@ def gather_samples(
         g.count = g.count + np.where(good, one, zero)
         if build.steps.alpha:
             a = usable_share(texel_at(planes[kept_planes(build.steps) - 1], f, zero.dtype), 1.0)
-            g.alpha = g.alpha + np.where(good, a - alpha, zero)
+            g.alpha = g.alpha + np.where(good, a - now.alpha, zero)
         if own_motion:
             there = footprint_of(nearest._replace(u=nearest.u + s.x, v=nearest.v + s.y), seen, layout)
             track.follow(planes, there, seen, build)
@@ -151,36 +147,34 @@ def resolve_gathered(
     g: Gathered,
     far: Gathered,
     layers: Layers,
-    current: Colour,
-    filtered: Colour,
-    alpha: Array,
-    reactivity: Array,
-    near: Statistics,
+    p: Pixel,
     m: Motion,
     build: Build,
     layout: Layout,
     settings: Record,
 ) -> Resolved:
     """The pixel from its samples, the current one among them."""
+    current, alpha = p.own, p.alpha
     zero, one = np.zeros_like(alpha), np.ones_like(alpha)
     any_of = g.count > zero
     weight = np.where(any_of, g.weight, one)
     plain = build.choices.gather_fit is GatherFit.MEAN
     change = [total / weight for total in g.sum] if plain else gathered_change(g, far, layers, build, settings)
     past = (current[0] + change[0], current[1] + change[1], current[2] + change[2])
-    moved = rectify(past, current, near, m, box_gamma(m, settings), build, layout, settings).change
+    moved = rectify(past, current, p.near, m, box_gamma(m, settings), build, layout, settings).change
     share = g.weight / (sample_share(current, build, settings) + g.weight) if plain else one
     alpha_share = one
     if build.steps.reactive:
-        alpha_share = one - reactivity
+        alpha_share = one - p.reactivity
         share = share * alpha_share
-    mixed = [x + share * ((p - x) + c) for x, p, c in zip(current, past, moved, strict=True)]
-    fresh = fresh_colour(current, near.mean, build, settings)
+    mixed = [x + share * ((y - x) + c) for x, y, c in zip(current, past, moved, strict=True)]
+    fresh = fresh_colour(current, p.near.mean, build, settings)
     r, gr, b = (np.where(any_of, k, f) for k, f in zip(mixed, fresh, strict=True))
     chosen = (r, gr, b)
     filters = build.choices.current_filter is not CurrentFilter.NONE
     if filters and build.choices.filter_use is FilterUse.FEW:
-        chosen = drawn_towards(chosen, filtered, filtered_share(one / (g.count + one), filtered, build, settings))
+        share = filtered_share(one / (g.count + one), p.filtered, build, settings)
+        chosen = drawn_towards(chosen, p.filtered, share)
     v = from_range(chosen, build)
     stored = [storable(k, lesser(x, zero), build) for k, x in zip(v, current, strict=True)]
     if build.choices.alpha_from is AlphaFrom.BLEND:
@@ -207,25 +201,20 @@ def gather(
     settings: Record,
 ) -> None:
     """Resolve one frame from padded planes and ``frames`` kept ones into ``output`` and ``output_count``."""
-    above, centre, below = read_rows(current, closeness, motion, build, layout, frame)
-    near = neighbourhood_statistics(above, centre, below, build)
-    s = nearest_surface(above, centre, below, build, settings["edge_tolerance"])
+    rows = read_rows(current, closeness, motion, build, layout, frame)
+    p = current_pixel(rows, alpha, reactive, build, layout, frame)
+    s = nearest_surface(*rows, build, settings["edge_tolerance"])
     m = surface_motion(s, build, layout, frame)
-    filtered = current_sample(above, centre, below, near, build, frame)
-    sample = centre.centre if build.choices.filter_use is FilterUse.FEW else filtered
-    a, reactivity = load_shares(alpha, reactive, sample[0], build, layout)
     slots = kept.reshape(-1, kept_planes(build.steps), layout.rows, layout.stride)
-    layers = layers_of(above, centre, below, s, settings)
-    near_one = ~layers.edge | (centre.closeness > layers.cut)
-    w = sample_share(sample, build, settings)
+    layers = layers_of(*rows, s, settings)
+    near_one = ~layers.edge | (s.centre > layers.cut)
+    w = sample_share(p.own, build, settings)
     g = first_sample(w, near_one | ~near_one, near_one, build, frame)
     far = first_sample(w, ~near_one, ~near_one, build, frame)
     told = past[:frames]
-    g = gather_samples(slots, told, g, sample, a, s, layers, build, layout, frame, settings)
+    g = gather_samples(slots, told, g, p, s, layers, build, layout, frame, settings)
     if build.choices.gather_fit is GatherFit.LAYERS:
         behind = farthest_surface(s, closeness, motion, build, layout, frame)
-        far = gather_samples(slots, told, far, sample, a, behind, layers, build, layout, frame, settings, far_only=True)
-    store_resolved(
-        resolve_gathered(g, far, layers, sample, filtered, a, reactivity, near, m, build, layout, settings),
-        build, layout, frame, output, output_count,
-    )  # fmt: skip
+        far = gather_samples(slots, told, far, p, behind, layers, build, layout, frame, settings, far_only=True)
+    resolved = resolve_gathered(g, far, layers, p, m, build, layout, settings)
+    store_resolved(resolved, build, layout, frame, output, output_count)

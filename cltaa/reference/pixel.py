@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,10 +13,22 @@ from cltaa.layout import Layout
 from cltaa.params import Accumulate, AlphaFrom, AntiFlicker, Box, FilterUse, Negatives, Weighting
 from cltaa.reference.colour import Colour, from_box_space, from_range, luminance, to_box_space
 from cltaa.reference.history import History
+from cltaa.reference.neighbourhood import Row, Statistics, current_sample, neighbourhood_statistics
 from cltaa.reference.projection import Motion
 from cltaa.reference.real import Array, constant, greater, lesser, limit, number, outside_domain
 from cltaa.reference.rectify import Rectification
 from cltaa.reference.sampling import between_texels
+
+
+class Pixel(NamedTuple):
+    """What the current frame says of each pixel; ``own`` is its sample, ``filtered`` what the current filter makes of
+    it, which takes the place of ``own`` but where ``filter_use`` says few-samples."""
+
+    own: Colour
+    filtered: Colour
+    alpha: Array
+    reactivity: Array
+    near: Statistics
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +38,40 @@ class Resolved:
     rgb: Colour
     alpha: Array
     count: Array
+
+
+def usable_share(v: Array, otherwise: float) -> Array:
+    """Alpha or reactivity limited to [0, 1]; no number means ``otherwise``."""
+    return np.where(outside_domain(v), number(otherwise, v), limit(v, number(0, v), number(1, v)))
+
+
+def load_shares(
+    alpha: Array | None, reactive: Array | None, like: Array, build: Build, layout: Layout
+) -> tuple[Array, Array]:
+    """Alpha and reactivity of each pixel from padded planes [1, rows, stride]; 1 and 0 where a build has none."""
+    one, zero = np.ones_like(like), np.zeros_like(like)
+    steps = build.steps
+    return (
+        usable_share(layout.inside(alpha)[0].astype(like.dtype), 1.0) if steps.alpha and alpha is not None else one,
+        usable_share(layout.inside(reactive)[0].astype(like.dtype), 0.0)
+        if steps.reactive and reactive is not None
+        else zero,
+    )
+
+
+def current_pixel(
+    rows: tuple[Row, Row, Row],
+    alpha: Array | None,
+    reactive: Array | None,
+    build: Build,
+    layout: Layout,
+    frame: Record,
+) -> Pixel:
+    """Each pixel from the rows above, at and below it, and from padded planes [1, rows, stride] of shares."""
+    near = neighbourhood_statistics(*rows, build)
+    filtered = current_sample(*rows, near, build, frame)
+    own = rows[1].centre if build.choices.filter_use is FilterUse.FEW else filtered
+    return Pixel(own, filtered, *load_shares(alpha, reactive, own[0], build, layout), near)
 
 
 def sample_weight(count: Array, unrest: Array, build: Build, settings: Record) -> Array:
@@ -104,11 +151,6 @@ def storable(v: Array, floor_value: Array, build: Build) -> Array:
     return np.where(bad, number(0.0, v), raised)
 
 
-def usable_share(v: Array, otherwise: float) -> Array:
-    """Alpha or reactivity limited to [0, 1]; no number means ``otherwise``."""
-    return np.where(outside_domain(v), number(otherwise, v), limit(v, number(0, v), number(1, v)))
-
-
 def past_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> Array:
     """The history's alpha; where the box is ``unit``, held in the extremes of the current 3x3 of ``plane``."""
     if build.choices.box is not Box.UNIT:
@@ -137,40 +179,31 @@ def drawn_towards(own: Colour, filtered: Colour, share: Array) -> Colour:
     return r, g, b
 
 
-def resolve_pixel(
-    own: Colour,
-    current: Colour,
-    alpha: Array,
-    reactivity: Array,
-    mean: Colour,
-    h: History,
-    r: Rectification,
-    build: Build,
-    settings: Record,
-) -> Resolved:
-    """The current sample (``own``, or what the current filter makes of it) blended with the rectified history, or a
-    fresh start where there is none."""
+def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Resolved:
+    """The pixel blended with its rectified history, or begun anew where there is none."""
+    current = p.filtered
     one, zero = number(1.0, h.count), number(0.0, h.count)
     past = (h.rgb[0] + r.change[0], h.rgb[1] + r.change[1], h.rgb[2] + r.change[2])
     count = believed_count(h.count, h.fx, h.fy, r.pull, settings)
     if build.steps.reactive:
-        count = count * (one - reactivity)
+        count = count * (one - p.reactivity)
     if build.choices.filter_use is FilterUse.FEW:
         share = np.where(h.valid, one / (count + one), one)
-        current = drawn_towards(own, current, filtered_share(share, current, build, settings))
+        current = drawn_towards(p.own, current, filtered_share(share, current, build, settings))
     weight = sample_weight(count, r.unrest, build, settings)
     if build.steps.reactive:
-        weight = weight + reactivity * (one - weight)
+        weight = weight + p.reactivity * (one - weight)
     weight = luminance_weight(weight, current, past, build, settings)
     if build.choices.anti_flicker is AntiFlicker.DIFFERENCE:
         weight = weight * difference_share(current, past, settings)
     if build.choices.anti_flicker is AntiFlicker.CLAMP_DISTANCE:
         weight = weight * r.calm
-    fresh = fresh_colour(current, mean, build, settings)
-    mixed = [blend(p, c, weight) for p, c in zip(past, current, strict=True)]
+    fresh = fresh_colour(current, p.near.mean, build, settings)
+    mixed = [blend(y, c, weight) for y, c in zip(past, current, strict=True)]
     chosen = [np.where(h.valid, m, f) for m, f in zip(mixed, fresh, strict=True)]
     v = from_range((chosen[0], chosen[1], chosen[2]), build)
     stored = [storable(k, lesser(c, zero), build) for k, c in zip(v, current, strict=True)]
+    alpha = p.alpha
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = np.where(h.valid, blend(h.alpha, alpha, weight), alpha)
     return Resolved((stored[0], stored[1], stored[2]), alpha, np.where(h.valid, count + one, one))

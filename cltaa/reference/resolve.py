@@ -10,8 +10,8 @@ import numpy as np
 from cltaa.build import Build, Real, Record
 from cltaa.layout import Layout
 from cltaa.reference.history import sample_history
-from cltaa.reference.neighbourhood import Row, current_sample, nearest_surface, neighbourhood_statistics, read_row
-from cltaa.reference.pixel import Resolved, box_gamma, past_alpha, resolve_pixel, usable_share
+from cltaa.reference.neighbourhood import Row, nearest_surface, read_row
+from cltaa.reference.pixel import Resolved, box_gamma, current_pixel, past_alpha, resolve_pixel
 from cltaa.reference.projection import surface_motion
 from cltaa.reference.real import Array, constant, quiet
 from cltaa.reference.rectify import rectify
@@ -55,40 +55,15 @@ def resolve(
     settings: Record,
 ) -> None:
     """Resolve one frame from padded planes into ``output`` [3 or 4, rows, stride] and ``output_count``."""
-    above, centre, below = read_rows(current, closeness, motion, build, layout, frame)
-    near = neighbourhood_statistics(above, centre, below, build)
-    s = nearest_surface(above, centre, below, build, settings["edge_tolerance"])
+    rows = read_rows(current, closeness, motion, build, layout, frame)
+    p = current_pixel(rows, alpha, reactive, build, layout, frame)
+    s = nearest_surface(*rows, build, settings["edge_tolerance"])
     m = surface_motion(s, build, layout, frame)
-    sample = current_sample(above, centre, below, near, build, frame)
     h = sample_history(history, history_count, previous_closeness, m, s, build, layout, frame, settings)
-    r = rectify(h.rgb, sample, near, m, box_gamma(m, settings), build, layout, settings)
+    r = rectify(h.rgb, p.filtered, p.near, m, box_gamma(m, settings), build, layout, settings)
     if build.steps.alpha and alpha is not None:
         h = replace(h, alpha=past_alpha(alpha, h.alpha, build, layout))
-    resolved = resolve_pixel(
-        centre.centre,
-        sample,
-        *load_shares(alpha, reactive, h.count, build, layout),
-        near.mean,
-        h,
-        r,
-        build,
-        settings,
-    )
-    store_resolved(resolved, build, layout, frame, output, output_count)
-
-
-def load_shares(
-    alpha: Array | None, reactive: Array | None, like: Array, build: Build, layout: Layout
-) -> tuple[Array, Array]:
-    """Alpha and reactivity of each pixel from padded planes [1, rows, stride]; 1 and 0 where a build has none."""
-    one, zero = np.ones_like(like), np.zeros_like(like)
-    steps = build.steps
-    return (
-        usable_share(layout.inside(alpha)[0].astype(like.dtype), 1.0) if steps.alpha and alpha is not None else one,
-        usable_share(layout.inside(reactive)[0].astype(like.dtype), 0.0)
-        if steps.reactive and reactive is not None
-        else zero,
-    )
+    store_resolved(resolve_pixel(p, h, r, build, settings), build, layout, frame, output, output_count)
 
 
 def store_resolved(

@@ -9,14 +9,15 @@ import numpy as np
 from cltaa.build import Build, Record
 from cltaa.layout import Layout
 from cltaa.params import FilterUse
+from cltaa.reference.colour import Colour
 from cltaa.reference.history import History, sample_history
 from cltaa.reference.neighbourhood import Statistics, Surface, current_sample, nearest_surface, neighbourhood_statistics
-from cltaa.reference.pixel import box_gamma, past_alpha, resolve_pixel
+from cltaa.reference.pixel import Pixel, box_gamma, load_shares, past_alpha, resolve_pixel
 from cltaa.reference.projection import Motion, surface_motion
 from cltaa.reference.real import Array, number, quiet
 from cltaa.reference.rectify import Rectification, rectify
 from cltaa.reference.repair import repaired_planes, usable_colour
-from cltaa.reference.resolve import load_shares, read_rows, real_type, store_resolved
+from cltaa.reference.resolve import read_rows, real_type, store_resolved
 
 
 def repair_colour_kernel(build: Build, layout: Layout, *, current: Array, repaired: Array, frame: Record) -> None:  # noqa: ARG001
@@ -98,11 +99,10 @@ def rectify_history_kernel(
     settings: Record,
 ) -> None:
     """``change_out`` [6, rows, stride]: change of r, g, b, pull, unrest, calm."""
-    s, m = _load(statistics_in, build, layout), _load(motion_in, build, layout)
-    near = Statistics((s[0], s[1], s[2]), (s[3], s[4], s[5]), (s[6], s[7], s[8]), (s[9], s[10], s[11]))
+    near, sample = _load_statistics(statistics_in, build, layout)
+    m = _load(motion_in, build, layout)
     moved = Motion(m[0], m[1], m[2], m[3], m[4] > number(0.5, m[4]))
     r, g, b = _load(history_at[:3], build, layout)
-    sample = (s[12], s[13], s[14])
     change = rectify((r, g, b), sample, near, moved, box_gamma(moved, settings), build, layout, settings)
     _store(change_out, layout, (*change.change, change.pull, change.unrest, change.calm))
 
@@ -129,25 +129,23 @@ def blend_kernel(
         opacity = past_alpha(alpha, opacity, build, layout)
     h = History((r, g, b), opacity, count, fx, fy, valid > number(0.5, valid))
     change_r, change_g, change_b, pull, unrest, calm = _load(change_in, build, layout)
-    mean_a, mean_b, mean_c = _load(statistics_in[:3], build, layout)
-    sample_r, sample_g, sample_b = _load(statistics_in[12:15], build, layout)
-    sample = sample_r, sample_g, sample_b
+    near, sample = _load_statistics(statistics_in, build, layout)
     few = build.choices.filter_use is FilterUse.FEW
-    resolved = resolve_pixel(
-        usable_colour(current, build, layout) if few else sample,
-        sample,
-        *load_shares(alpha, reactive, count, build, layout),
-        (mean_a, mean_b, mean_c),
-        h,
-        Rectification((change_r, change_g, change_b), pull, unrest, calm),
-        build,
-        settings,
-    )
-    store_resolved(resolved, build, layout, frame, output, output_count)
+    own = usable_colour(current, build, layout) if few else sample
+    p = Pixel(own, sample, *load_shares(alpha, reactive, count, build, layout), near)
+    change = Rectification((change_r, change_g, change_b), pull, unrest, calm)
+    store_resolved(resolve_pixel(p, h, change, build, settings), build, layout, frame, output, output_count)
 
 
 def _load(planes: Array, build: Build, layout: Layout) -> list[Array]:
     return [layout.inside(plane).astype(real_type(build)) for plane in planes]
+
+
+def _load_statistics(planes: Array, build: Build, layout: Layout) -> tuple[Statistics, Colour]:
+    """The statistics of the neighbourhood, and the current sample."""
+    v = _load(planes, build, layout)
+    mean, deviation, low, high, sample = ((v[i], v[i + 1], v[i + 2]) for i in range(0, 15, 3))
+    return Statistics(mean, deviation, low, high), sample
 
 
 def _store(planes: Array, layout: Layout, values: Iterable[Array]) -> None:

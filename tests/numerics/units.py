@@ -14,7 +14,8 @@ from cltaa.constants import value as value_of
 from cltaa.reference.gather import gather_samples
 from cltaa.reference.gather_fit import Gathered
 from cltaa.reference.gather_track import layers_of
-from cltaa.reference.neighbourhood import current_sample, nearest_surface, neighbourhood_statistics
+from cltaa.reference.neighbourhood import nearest_surface
+from cltaa.reference.pixel import current_pixel
 from cltaa.reference.projection import Motion, on_screen
 from cltaa.reference.real import outside_domain, quiet
 from cltaa.reference.resolve import read_rows
@@ -128,17 +129,15 @@ def gathered(work: Work) -> Values:
     build = Build(steps=ALL_STEPS, real=Real.DOUBLE)
     planes, layout = work.planes, work.layout
     rows = read_rows(planes["current"], planes["closeness"], planes["motion"], build, layout, work.frame)
-    near = neighbourhood_statistics(*rows, build)
-    sample = current_sample(*rows, near, build, work.frame)
+    p = current_pixel(rows, None, None, build, layout, work.frame)
     surface = nearest_surface(*rows, build, work.settings["edge_tolerance"])
     kept = planes["kept"].reshape(len(work.past), -1, layout.rows, layout.stride)
-    layers, none = layers_of(*rows, surface, work.settings), Gathered(np.zeros_like(sample[0]))
+    layers, none = layers_of(*rows, surface, work.settings), Gathered(np.zeros_like(p.alpha))
     g = gather_samples(
         kept,
         work.past,
         none,
-        sample,
-        np.ones_like(sample[0]),
+        p,
         surface,
         layers,
         build,
@@ -147,8 +146,8 @@ def gathered(work: Work) -> Values:
         work.settings,
     )
     weight = np.where(g.count > 0, g.weight, 1.0)
-    past = [now + total / weight for now, total in zip(sample, g.sum, strict=True)]
-    return np.abs([*sample, *near.mean, *near.low, *near.high, *past]).max(0)
+    past = [now + total / weight for now, total in zip(p.own, g.sum, strict=True)]
+    return np.abs([*p.own, *p.near.mean, *p.near.low, *p.near.high, *past]).max(0)
 
 
 def halves(scale: Callable[[Work], Any]) -> Callable[[Work], Any]:
