@@ -3,6 +3,8 @@
 // texels ROWS_AHEAD rows below. Its own filters read some of that, and the next work-item all of it. An address beyond
 // the image is harmless: nothing is read, nothing fails. On a GPU it is the next row that the work-item itself has not
 // read yet.
+#include "image.h"
+
 #define ROWS_AHEAD (LANES > 1 ? 4 : 2)
 
 STAGE void fetch_frame(plane_in current, plane_in closeness, plane_in motion, int x, int y, frame_t frame)

@@ -1,17 +1,4 @@
 // Stage 6 on its own: the current sample blended with the rectified history. Writes the output and its count.
-#include "real.h"
-#include "image.h"
-#include "storage.h"
-#include "colour.h"
-#include "repair.h"
-#include "neighbourhood.h"
-#include "projection.h"
-#include "history_filter.h"
-#include "sampling.h"
-#include "reject.h"
-#include "history.h"
-#include "rectify.h"
-#include "blend.h"
 #include "pixel.h"
 
 __kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, plane_in statistics_in,

@@ -1,4 +1,6 @@
 // Blending: how much the current sample counts against the history.
+#include "colour.h"
+
 #if !defined(ACCUMULATE) || !defined(WEIGHTING) || !defined(ANTI_FLICKER) || !defined(NEGATIVES)
 #error "blend.h needs ACCUMULATE, WEIGHTING, ANTI_FLICKER and NEGATIVES from the prelude"
 #endif

@@ -1,7 +1,6 @@
 // Repeats the edge of PLANES planes into their halo, so that filters may read past the image. One work-item a halo
 // texel and plane: first the PAD_Y rows above and below, over the whole stride, then the columns left and right of each
 // row inside.
-#include "real.h"
 #include "image.h"
 
 // Texels are copied as they are; halves as bits, since a device may lack arithmetic on them.

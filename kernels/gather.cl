@@ -1,23 +1,7 @@
 // The temporal resolve without a recurrent image: each pixel gathers the samples that the last frames drew inside it.
 // One work-item slides a segment of LANES pixels down ROWS rows, as in resolve.cl.
-#include "real.h"
-#include "image.h"
-#include "storage.h"
-#include "colour.h"
-#include "repair.h"
-#include "neighbourhood.h"
-#include "projection.h"
-#include "history_filter.h"
-#include "sampling.h"
-#include "reject.h"
-#include "history.h"
-#include "rectify.h"
-#include "blend.h"
-#include "pixel.h"
-#include "ahead.h"
-#include "gather_fit.h"
-#include "gather_track.h"
 #include "gather.h"
+#include "ahead.h"
 
 __kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha, plane_in reactive,
     plane_in kept, frames_in past, const int frames, history_out output, plane_out output_count, const frame_t frame,

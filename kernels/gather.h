@@ -1,5 +1,9 @@
 // Gathering: a pixel's past as the samples that earlier frames drew inside it, each read where it was drawn. Nothing is
 // ever read between texels, so nothing blurs, however far and however long things move.
+#include "pixel.h"
+#include "gather_fit.h"
+#include "gather_track.h"
+
 #if !defined(OWN_MOTION) || !defined(ALPHA) || !defined(REJECT) || !defined(EXPOSURE) || !defined(WEIGHTING)
 #error "gather.h needs OWN_MOTION, ALPHA, REJECT, EXPOSURE and WEIGHTING from the prelude"
 #endif

@@ -1,4 +1,6 @@
 // The surfaces of a pixel and their ways back through the kept frames.
+#include "sampling.h"
+
 #if !defined(OWN_MOTION) || !defined(ALPHA) || !defined(GATHER_FIT)
 #error "gather_track.h needs OWN_MOTION, ALPHA and GATHER_FIT from the prelude"
 #endif

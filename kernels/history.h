@@ -1,4 +1,6 @@
 // The history of a pixel: its colour at the place where the surface was, and whether it can be used at all.
+#include "reject.h"
+
 #if !defined(EXPOSURE) || !defined(ALPHA) || !defined(REJECT)
 #error "history.h needs EXPOSURE, ALPHA and REJECT from the prelude"
 #endif

@@ -1,4 +1,6 @@
 // The 3x3 neighbourhood, gathered row by row so that a window sliding down a column reads and converts each row once.
+#include "repair.h"
+
 #if !defined(BOX) || !defined(DILATION) || !defined(OWN_MOTION) || !defined(NEIGHBOURHOOD) || !defined(CURRENT_FILTER)
 #error "neighbourhood.h needs BOX, DILATION, OWN_MOTION, NEIGHBOURHOOD and CURRENT_FILTER from the prelude"
 #endif

@@ -1,9 +1,5 @@
 // Stage 2 on its own: mean, standard deviation and extremes of the 3x3, and the current sample. 15 planes: 12 in the
 // box space, 3 of colour. See neighbourhood.h.
-#include "real.h"
-#include "image.h"
-#include "colour.h"
-#include "repair.h"
 #include "neighbourhood.h"
 
 STAGE void store_boxed(plane_out p, boxed v, size_t plane)

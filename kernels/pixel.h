@@ -1,4 +1,8 @@
 // One output pixel from its current sample, its neighbourhood and its history.
+#include "history.h"
+#include "rectify.h"
+#include "blend.h"
+
 #if !defined(ALPHA) || !defined(REACTIVE) || !defined(ALPHA_FROM) || !defined(FILTER_USE)
 #error "pixel.h needs ALPHA, REACTIVE, ALPHA_FROM and FILTER_USE from the prelude"
 #endif

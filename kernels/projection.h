@@ -1,4 +1,6 @@
 // Where a surface was in the previous frame.
+#include "neighbourhood.h"
+
 #if !defined(CAMERA_MOTION) || !defined(OWN_MOTION) || !defined(ORTHOGRAPHIC) || !defined(OFF_SCREEN)
 #error "projection.h needs CAMERA_MOTION, OWN_MOTION, ORTHOGRAPHIC and OFF_SCREEN from the prelude"
 #endif

@@ -1,18 +1,5 @@
 // Stage 5 on its own: the change that moves the history of stage 4 into the box of stage 2. 6 planes: r, g, b, pull,
 // unrest, calm.
-#include "real.h"
-#include "image.h"
-#include "storage.h"
-#include "colour.h"
-#include "repair.h"
-#include "neighbourhood.h"
-#include "projection.h"
-#include "history_filter.h"
-#include "sampling.h"
-#include "reject.h"
-#include "history.h"
-#include "rectify.h"
-#include "blend.h"
 #include "pixel.h"
 
 STAGE boxed load_boxed(plane_in p, size_t plane)

@@ -1,7 +1,4 @@
 // Stage 1 on its own: every texel outside the domain replaced by its neighbours' mean. See repair.h.
-#include "real.h"
-#include "image.h"
-#include "colour.h"
 #include "repair.h"
 
 __kernel void repair_colour_kernel(plane_in current, plane_out repaired, const frame_t frame)

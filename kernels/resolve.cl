@@ -1,18 +1,5 @@
 // The temporal resolve, fused. One work-item slides a segment of LANES pixels down ROWS rows, so that each row of the
 // neighbourhood is read and converted once.
-#include "real.h"
-#include "image.h"
-#include "storage.h"
-#include "colour.h"
-#include "repair.h"
-#include "neighbourhood.h"
-#include "projection.h"
-#include "history_filter.h"
-#include "sampling.h"
-#include "reject.h"
-#include "history.h"
-#include "rectify.h"
-#include "blend.h"
 #include "pixel.h"
 #include "ahead.h"
 

@@ -1,14 +1,4 @@
 // Stage 4 on its own: the history at the motion of stage 3. 8 planes: r, g, b, alpha, count, fx, fy, valid (1 or 0).
-#include "real.h"
-#include "image.h"
-#include "storage.h"
-#include "colour.h"
-#include "repair.h"
-#include "neighbourhood.h"
-#include "projection.h"
-#include "history_filter.h"
-#include "sampling.h"
-#include "reject.h"
 #include "history.h"
 
 __kernel void sample_history_kernel(plane_in motion_in, history_in history, plane_in history_count,

@@ -1,4 +1,6 @@
 // The numbers that the history is kept in: floats, doubles, halves rounded to the nearest, or halves rounded at random.
+#include "real.h"
+
 #if !defined(STORAGE_HALF) || !defined(STORAGE_STOCHASTIC) || !defined(STORAGE_DOUBLE)
 #error "storage.h needs STORAGE_HALF, STORAGE_STOCHASTIC and STORAGE_DOUBLE from the prelude"
 #endif

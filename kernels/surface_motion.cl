@@ -1,10 +1,5 @@
 // Stage 3 on its own: the motion that each pixel follows. 7 planes: u, v, scale, shift, visible (1 or 0), and the
 // nearest and farthest closeness of the 3x3. See neighbourhood.h and projection.h.
-#include "real.h"
-#include "image.h"
-#include "colour.h"
-#include "repair.h"
-#include "neighbourhood.h"
 #include "projection.h"
 
 __kernel void surface_motion_kernel(plane_in current, plane_in closeness, plane_in motion, plane_out motion_out,
