@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.constants import CONSTANTS, PAD_X, PAD_Y
-from cltaa.params import HOST_CHOICES, Choices, Settings
+from cltaa.params import HOST_CHOICES, Choices
+from cltaa.settings import KERNEL_SETTINGS, Settings
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -119,13 +120,13 @@ Record = NDArray[np.void]
 
 _NUMPY_TYPES = {"int": np.int32, "float": np.float32}
 FRAME_DTYPE = np.dtype([(name, _NUMPY_TYPES[kind]) for name, (kind, _) in FRAME_FIELDS.items()])
-SETTINGS_DTYPE = np.dtype([(name, np.float32) for name in Settings.__struct_fields__])
+SETTINGS_DTYPE = np.dtype([(name, np.float32) for name in KERNEL_SETTINGS])
 
 
 def settings_record(settings: Settings) -> Record:
     """The settings as the struct that a kernel receives, every value rounded to float32."""
     record = np.zeros((), SETTINGS_DTYPE)
-    for name in Settings.__struct_fields__:
+    for name in KERNEL_SETTINGS:
         record[name] = getattr(settings, name)
     return record
 
@@ -171,5 +172,5 @@ def prelude(build: Build) -> str:
         lines.extend(_enum_lines(name, getattr(build.choices, name)))
     lines.extend(f"#define {name} {_literal(constant.value, build.real)}" for name, constant in CONSTANTS.items())
     lines.extend(_struct_lines("frame_t", {name: kind for name, (kind, _) in FRAME_FIELDS.items()}))
-    lines.extend(_struct_lines("settings_t", dict.fromkeys(Settings.__struct_fields__, "float")))
+    lines.extend(_struct_lines("settings_t", dict.fromkeys(KERNEL_SETTINGS, "float")))
     return "\n".join(lines) + "\n"

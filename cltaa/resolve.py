@@ -121,7 +121,7 @@ class Resolver:
         if not past.earlier:
             return buffers.recurrent()
         steps = Steps(own_motion=past.own_motion or self.every_step, alpha=past.alpha or self.every_step)
-        self._kept = KeptFrames(self.launcher, layout, self._frames_kept, steps)
+        self._kept = KeptFrames(self.launcher, layout, self.preset.settings.frames_kept, steps)
         self._kept.past = past.earlier
         return {**buffers.recurrent(), "kept": self._kept.planes}
 
@@ -183,15 +183,11 @@ class Resolver:
         self._buffers = Buffers(self.launcher, layout, alpha, storage_dtype(self._shape))
         return self._buffers
 
-    @property
-    def _frames_kept(self) -> int:
-        return int(self.preset.settings.frames_kept)
-
     def _ring(self, previous: Past | None, layout: Layout, steps: Steps) -> KeptFrames:
         """The ring of kept frames for this frame; it holds none where there is no predecessor."""
-        if self._kept is None or not self._kept.fit(layout, self._frames_kept, steps):
+        if self._kept is None or not self._kept.fit(layout, self.preset.settings.frames_kept, steps):
             self._kept = None  # released before the new one is allocated
-            self._kept = KeptFrames(self.launcher, layout, self._frames_kept, steps)
+            self._kept = KeptFrames(self.launcher, layout, self.preset.settings.frames_kept, steps)
         if previous is None:
             self._kept.past = ()
         return self._kept

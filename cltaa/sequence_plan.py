@@ -105,7 +105,7 @@ def memory(sequence: Sequence, preset: Preset, plans: list[Plan]) -> Memory:
     width, height = sequence.width, sequence.height
     rows = 0 if kept else band_rows_for(width, height)
     device = device_bytes(
-        width, height, Steps(**used), band_rows=rows, frames_kept=int(preset.settings.frames_kept) if kept else 0
+        width, height, Steps(**used), band_rows=rows, frames_kept=preset.settings.frames_kept if kept else 0
     )
     return of_resolve(
         width * height, max(len(layout.channels) for layout in sequence.layouts.values()),

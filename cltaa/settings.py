@@ -13,7 +13,7 @@ def _number(meaning: str, low: float, high: float, unit: str, source: str) -> Me
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Continuous parameters; they reach the kernels as one struct by value and cost nothing to change."""
+    """Numbers; they reach the kernels as one struct of floats by value and cost nothing to change."""
 
     blend_weight: Annotated[
         float, _number("least weight of the current sample (exponential)", 1e-6, 1.0, "1", "Karis 2014: 0.1")
@@ -40,8 +40,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         float, _number("falloff of the gaussian current filter", 0.0, 64.0, "1 / pixel^2", "2.29: Blackman-Harris, 3.3")
     ] = 2.29
     frames_kept: Annotated[
-        float, _number("earlier frames whose samples are kept (history_of samples)", 1.0, 64.0, "frames", "measured")
-    ] = 15.0
+        int, _number("earlier frames whose samples are kept (history_of samples)", 1, 64, "frames", "measured")
+    ] = 15
     fit_ridge: Annotated[
         float,
         _number("even samples' worth that holds the fitted slope back", 2.0**-6, 2.0**20, "1", "measured"),
@@ -93,3 +93,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     fresh_blur: Annotated[
         float, _number("share of the 3x3 mean in a pixel without history", 0.0, 1.0, "1", "measured")
     ] = 0.5
+
+
+# What the host alone looks at: it does not reach the kernels' struct.
+HOST_SETTINGS = frozenset({"changing_limit", "filter_falloff", "frames_kept", "sky_at", "sky_below"})
+KERNEL_SETTINGS = tuple(name for name in Settings.__struct_fields__ if name not in HOST_SETTINGS)

@@ -38,7 +38,7 @@ COPY_BYTES = 16  # a work-item of copy.cl
 
 def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int | None = None) -> tuple[Job, Image]:
     """A job that runs the kernels of the last of ``frames`` again, and the image that they give."""
-    lead = int(resolver.preset.settings.frames_kept) if resolver.preset.choices.history_of is HistoryOf.SAMPLES else 0
+    lead = resolver.preset.settings.frames_kept if resolver.preset.choices.history_of is HistoryOf.SAMPLES else 0
     for ago in range(lead, 0, -1):  # so that as many frames are kept as the preset keeps
         resolver.resolve(replace(frames[0], index=frames[0].index - ago))
     image = [resolver.resolve(frame) for frame in frames][-1]

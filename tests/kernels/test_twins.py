@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -14,10 +15,11 @@ import pyopencl as cl
 import pytest
 from msgspec.structs import replace
 
-from cltaa.build import Build, Steps, Storage
+from cltaa.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Steps, Storage
 from cltaa.launch import DeviceLauncher, NumpyLauncher, storage_dtype
 from cltaa.layout import Layout
 from cltaa.params import HOST_CHOICES, Choices
+from cltaa.settings import HOST_SETTINGS, Settings
 from tests.kernels.stage_chain import (
     ALL_STEPS,
     FUSED,
@@ -31,6 +33,7 @@ from tests.kernels.stage_chain import (
     variant_names,
     variants,
 )
+from tests.numerics.kernel_text import kernel_files, without_comments
 from tests.sequence_factory import bits
 
 
@@ -153,6 +156,13 @@ def test_every_choice_and_step_is_looked_at_by_a_stage() -> None:
         *Steps.__struct_fields__,
         "storage",
     }
+
+
+def test_the_structs_hold_what_a_kernel_reads_and_nothing_else() -> None:
+    text = "".join(without_comments(text) for text in kernel_files().values())
+    for struct, fields in (("settings", SETTINGS_DTYPE.fields), ("(?:frame|then)", FRAME_DTYPE.fields)):
+        assert set(re.findall(rf"\b{struct}\.(\w+)", text)) == set(fields or ())
+    assert set(Settings.__struct_fields__) > HOST_SETTINGS
 
 
 def test_sixteen_lanes_give_the_same_bits() -> None:
