@@ -18,7 +18,7 @@ from cltaa.bench.front import dominated_by
 from cltaa.bench.ladder import Variant
 from cltaa.bench.results import Accuracy, Cell, Measured, Yardstick, exponential_noise, spread
 from cltaa.bench.times_of import AGAIN, jobs_of
-from cltaa.bench.timing import Interval, Samples, measure, too_noisy
+from cltaa.bench.timing import Interval, Samples, measure, too_noisy_among
 from cltaa.build import Build
 from cltaa.comparison import truth_samples
 from cltaa.equal_quality import STRATIFIED_EXPONENT
@@ -52,10 +52,10 @@ def bench_accuracy(
         pass
     device, metrics = tasks[0].device, tasks[0].metrics
     launcher = DeviceLauncher(device)
-    sequences = []
-    for folder in dict.fromkeys(task.sequence for task in tasks):
+    sequences, folders = [], list(dict.fromkeys(task.sequence for task in tasks))
+    for folder in folders:
         mine = [task for task in tasks if task.sequence == folder]
-        sequences.append(_measured(open_sequence(Path(folder)), mine, output, launcher, rounds, metrics, progress))
+        sequences.append(_measured(open_sequence(Path(folder)), mine, output, launcher, rounds, len(folders), progress))
     return Accuracy(
         environment=environment(launcher.description, before, Build().flags(), kernel_folder()),
         metrics=list(metrics),
@@ -71,10 +71,10 @@ def _measured(
     output: Path,
     launcher: DeviceLauncher,
     rounds: int,
-    metrics: tuple[str, ...],
+    together: int,
     progress: Progress,
 ) -> Measured:
-    default = tasks[0].variant
+    default, metrics = tasks[0].variant, tasks[0].metrics
     jobs, pixels, moved, stages = jobs_of(captured, tasks, launcher)
     megapixels = pixels * 1e-6
     samples = measure(
@@ -84,8 +84,9 @@ def _measured(
     )
     cells = [_cell(task, output, samples, default.name, megapixels) for task in tasks]
     by_device = samples.has_device_times(default.name)
-    control = samples.ratio(f"{default.name} {AGAIN}", default.name, device=by_device)
-    noisy = too_noisy(control)
+    pair = f"{default.name} {AGAIN}", default.name
+    control = samples.ratio(*pair, device=by_device)
+    noisy = too_noisy_among(samples.ratios(*pair, device=by_device), together)
     yardstick = _yardstick(captured, metrics, captured.width * captured.height * 1e-6)
     one = _one_sample(yardstick)
     return Measured(

@@ -26,15 +26,18 @@ from cltaa.sources import open_sequence
 _FOLDER = resources.files("cltaa") / "bench" / "page"
 
 
-def page(result: Accuracy, tasks: Sequence[Task], output: Path) -> str:
-    """The report as HTML; ``tasks`` are those of the measurement, whose results lie in ``output``."""
+def page(result: Accuracy, tasks: Sequence[Task], output: Path, pictured: int | None = None) -> str:
+    """The report as HTML; ``tasks`` are those of the measurement, whose results lie in ``output``.
+
+    ``pictured`` sequences, the first ones, have their frames in it; None: all.
+    """
     data = {
         "accuracy": msgspec.to_builtins(result),
         "higher_is_better": [metric.name for metric in METRICS.values() if metric.higher_is_better],
         "count_white": COUNT_WHITE,
         "pictures": {
             measured.name: _pictures([task for task in tasks if Path(task.sequence) == Path(measured.folder)], output)
-            for measured in result.sequences
+            for measured in result.sequences[:pictured]
         },
     }
     text = msgspec.json.encode(data).decode().replace("<", "\\u003c")  # nothing in it may end the script

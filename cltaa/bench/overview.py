@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 from cltaa.bench.results import Accuracy, Cell, Measured
+from cltaa.bench.timing import Interval
 
 MOST = 2.0  # times the default's error at which the colours end, both ways
 
@@ -17,26 +18,32 @@ class Overall(NamedTuple):
     variant: str
     errors: list[float | None]  # None where either of the two has no error at all
     error: float
-    time: float | None  # None where any sequence was too noisy to rank
+    times: list[Interval]  # of the sequences that were not too noisy to rank
     rounding: float | None  # root mean square over the sequences
     best_of: int  # sequences in which nothing has less error
+
+    @property
+    def time(self) -> float | None:
+        """The geometric mean of the times; None where every sequence was too noisy."""
+        return geometric_mean(time.median for time in self.times) if self.times else None
+
+    @property
+    def known(self) -> list[float]:
+        """The errors that there are; [1] without any."""
+        return [error for error in self.errors if error is not None] or [1.0]
 
 
 def overall(result: Accuracy, metric: str) -> list[Overall]:
     """Every variant, least error first; ``metric`` is one whose values fall as the image gets better."""
-    noisy = any(measured.noisy for measured in result.sequences)
     least = [min(cell.errors[metric].mean for cell in measured.cells) for measured in result.sequences]
     rows = []
     for place, variant in enumerate(result.variants):
         cells = [measured.cells[place] for measured in result.sequences]
-        ratios = [_ratio(measured, cell, metric) for measured, cell in zip(result.sequences, cells, strict=True)]
+        errors = [_ratio(measured, cell, metric) for measured, cell in zip(result.sequences, cells, strict=True)]
+        times = [measured.cells[place].ratio for measured in result.sequences if not measured.noisy]
         best = sum(cell.errors[metric].mean <= value for cell, value in zip(cells, least, strict=True))
-        time = None if noisy else geometric_mean([cell.ratio.median for cell in cells])
-        rows.append(
-            Overall(
-                variant.name, ratios, geometric_mean(r for r in ratios if r is not None), time, _rounding(cells), best
-            )
-        )
+        mean = geometric_mean(error for error in errors if error is not None)
+        rows.append(Overall(variant.name, errors, mean, times, _rounding(cells), best))
     return sorted(rows, key=lambda row: row.error)
 
 
@@ -46,22 +53,34 @@ def geometric_mean(values: Iterable[float]) -> float:
     return math.exp(math.fsum(logarithms) / len(logarithms)) if logarithms else 1.0
 
 
-def table(result: Accuracy, metric: str) -> str:
-    """Markdown, a row a variant."""
-    lines = [
-        f"| variant | {metric} over the default's, geometric mean | least and greatest of the sequences | best in |"
-        " time over the default's | relative rms rounding |",
-        "|---|---|---|---|---|---|",
-    ]
-    for row in overall(result, metric):
-        known = [ratio for ratio in row.errors if ratio is not None] or [1.0]
-        time = "too noisy to rank" if row.time is None else f"{row.time:.3f}"
-        rounding = "–" if row.rounding is None else f"{row.rounding:.1e}"
-        lines.append(
-            f"| {row.variant} | {row.error:.3f} | {min(known):.3f} to {max(known):.3f} | {row.best_of} of"
-            f" {len(row.errors)} | {time} | {rounding} |"
-        )
+def table(result: Accuracy, metrics: Sequence[str]) -> str:
+    """Markdown, a row a variant, least error by the first of ``metrics`` first."""
+    every = {metric: {row.variant: row for row in overall(result, metric)} for metric in metrics}
+    heads = ["variant"]
+    for metric in metrics:
+        heads += [metric, "least to greatest", "best in"]
+    heads += ["time", "95 % of every sequence within", "rounding"]
+    lines = [_about(result), "", f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    for variant, row in every[metrics[0]].items():
+        texts = [variant]
+        for rows in every.values():
+            own = rows[variant]
+            texts += [f"{own.error:.3f}", f"{min(own.known):.3f} to {max(own.known):.3f}", str(own.best_of)]
+        low, high = min((t.low for t in row.times), default=0.0), max((t.high for t in row.times), default=0.0)
+        texts += ["too noisy to rank", "–"] if row.time is None else [f"{row.time:.3f}", f"{low:.3f} to {high:.3f}"]
+        texts.append("–" if row.rounding is None else f"{row.rounding:.1e}")
+        lines.append(f"| {' | '.join(texts)} |")
     return "\n".join(lines) + "\n"
+
+
+def _about(result: Accuracy) -> str:
+    noisy = [measured.name for measured in result.sequences if measured.noisy]
+    without = f" Times without those that were too noisy to rank: {', '.join(noisy)}." if noisy else ""
+    where = result.environment
+    return (
+        f"{where.device}; {where.cpu}; {where.date} UTC. Multiples of the default's, geometric means over"
+        f" {len(result.sequences)} sequences; rounding is the relative rms distance from float64.{without}"
+    )
 
 
 def overview_figure(pyplot: Any, result: Accuracy, metric: str) -> Any:

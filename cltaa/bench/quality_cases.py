@@ -28,6 +28,7 @@ class Shape(NamedTuple):
     frames: int
     samples: int  # of the truth
     still_samples: int  # of the truth of scenes in which nothing changes
+    jitter: str  # sample positions, as cltaa capture reads them
 
 
 class Case(NamedTuple):
@@ -56,8 +57,9 @@ def known_scenes() -> dict[str, frozenset[str]]:
 
 def planned(scenes: dict[str, frozenset[str]], seeds: dict[int, str], shape: Shape, work: Path) -> list[Case]:
     """The cases of every scene with every seed; the folder's name says what the capture was asked for."""
+    size = f"{shape.width}x{shape.height}x{shape.frames}"
     return [
-        Case(scene, split, work / f"{_stem(scene)}-seed{seed}-{shape.width}x{shape.height}x{shape.frames}-{truth}")
+        Case(scene, split, work / f"{_stem(scene)}-seed{seed}-{size}-{shape.jitter.replace(':', '')}-{truth}")
         for scene, effects in scenes.items()
         for truth in (shape.samples if effects & _CHANGES else shape.still_samples,)
         for seed, split in seeds.items()
@@ -84,6 +86,7 @@ def capture(case: Case, seed: int, shape: Shape) -> Sequence:
     run_cltaa([
         "capture", case.scene, "-o", str(case.folder), "--frames", str(shape.frames),
         "--size", f"{shape.width}x{shape.height}", "--reference", truth, "--seed", str(seed),
+        "--jitter", shape.jitter,
     ])  # fmt: skip
     sequence = open_case(case)
     if sequence is None:

@@ -6,6 +6,7 @@ that comes and goes hits both. The statistic is the median of these ratios; its 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -81,9 +82,13 @@ class Samples:
 
     def ratio(self, job: str, base: str, *, device: bool = False) -> Interval:
         """How many times as long as ``base`` a job takes: the median over the rounds that both ran in."""
+        return interval(self.ratios(job, base, device=device))
+
+    def ratios(self, job: str, base: str, *, device: bool = False) -> NDArray[np.float64]:
+        """What ``ratio`` is the median of: one a round that both ran in."""
         both = sorted(self.by_job[job].keys() & self.by_job[base].keys())
         pairs = [(self.by_job[job][number], self.by_job[base][number]) for number in both]
-        return interval(np.array([_seconds(a, device) / _seconds(b, device) for a, b in pairs]))
+        return np.array([_seconds(a, device) / _seconds(b, device) for a, b in pairs])
 
 
 def _seconds(sample: Sample, device: bool) -> float:
@@ -102,6 +107,24 @@ def interval(values: NDArray[np.float64], seed: int = 0) -> Interval:
 def too_noisy(control: Interval) -> bool:
     """Whether the ratio of a job to its own copy (A/A) says that this machine cannot rank anything now."""
     return control.excludes_one or control.half_width > WIDEST
+
+
+def too_noisy_among(ratios: NDArray[np.float64], controls: int) -> bool:
+    """``too_noisy`` of one of several ``controls``, of which one in twenty excludes 1 on the quietest machine too.
+
+    So that chance calls any of them noisy in at most 1 - CONFIDENCE of all runs, 1 is excluded by the exact sign test
+    at that share of it (Bonferroni).
+    """
+    control = interval(ratios)
+    return control.half_width > WIDEST or (control.excludes_one and sign_test(ratios) < (1 - CONFIDENCE) / controls)
+
+
+def sign_test(ratios: NDArray[np.float64]) -> float:
+    """How likely ratios that are above 1 as often as below it are at least as lopsided as these, both ways."""
+    above, below = int((ratios > 1).sum()), int((ratios < 1).sum())
+    count = above + below
+    tail = sum(math.comb(count, least) for least in range(min(above, below) + 1))
+    return min(1.0, 2.0 * tail / 2.0**count)
 
 
 def measure(

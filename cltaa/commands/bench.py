@@ -12,6 +12,7 @@ MEASUREMENTS = {
     "files": Entry("cltaa.commands.bench_files", "files", "Time files, and how well the stages of a resolve overlap."),
     "growth": Entry("cltaa.commands.bench_growth", "growth", "Time a pixel from small images to large ones."),
     "kernels": Entry("cltaa.commands.bench_kernels", "kernels", "Time the kernels against the alternatives."),
+    "overview": Entry("cltaa.commands.bench_overview", "overview", "Put reports of bench accuracy together."),
     "quality": Entry("cltaa.commands.bench_quality", "quality", "Judge presets on scenes against the truth."),
 }
 

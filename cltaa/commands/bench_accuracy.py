@@ -47,6 +47,8 @@ from cltaa.progress import track
     "--jobs", default=1, show_default=True, type=click.IntRange(min=1), help="Processes to measure errors in."
 )
 @click.option("--dask", metavar="ADDRESS", help="Measure errors on a Dask cluster: the scheduler's address.")
+@click.option("--pictured", default=4, show_default=True, type=click.IntRange(min=0),
+              help="Sequences, the first ones, whose frames the page shows; each takes megabytes.")  # fmt: skip
 @click.option("--list", "listed", is_flag=True, help="Print one command line a task, for a render farm, and stop.")
 @click.option("--task", "number", type=click.IntRange(min=0), metavar="K", help="Do task K of that list, and stop.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
@@ -62,6 +64,7 @@ def accuracy(
     rounds: int,
     jobs: int,
     dask: str | None,
+    pictured: int,
     listed: bool,
     number: int | None,
     as_json: bool,
@@ -83,7 +86,7 @@ def accuracy(
         _run_one(tasks, number, output)
         return
     result = bench_accuracy(tasks, output, rounds=rounds, jobs=jobs, dask=dask, progress=_progress)
-    write_report(result, tasks, output)
+    write_report(result, tasks, output, pictured)
     remember(result)
     if as_json:
         click.echo(msgspec.json.encode(result).decode())
@@ -92,16 +95,16 @@ def accuracy(
         click.echo(f"look at {output / 'index.html'}")
 
 
-def write_report(result: Accuracy, tasks: list[Task], output: Path) -> None:
+def write_report(result: Accuracy, tasks: list[Task], output: Path, pictured: int | None = None) -> None:
     """Write the page, the numbers as JSON and CSV, the plots, and of several sequences a table over all of them."""
     texts = {
         "accuracy.json": msgspec.json.encode(result).decode(),
         "accuracy.csv": csv_text(result),
-        "index.html": page(result, tasks, output),
+        "index.html": page(result, tasks, output, pictured),
     }
     falling = [name for name in result.metrics if not METRICS[name].higher_is_better]
-    if len(result.sequences) > 1:
-        texts |= {f"overview-{name}.md": table(result, name) for name in falling}
+    if len(result.sequences) > 1 and falling:
+        texts["overview.md"] = table(result, falling)
     for name, text in texts.items():
         with atomic_path(output / name) as temporary:
             temporary.write_text(text, encoding="utf-8")

@@ -58,6 +58,9 @@ NARROWEST = 160  # columns of the terminal, so that no number is cut off
     type=click.IntRange(min=1),
     help="Samples of the truth where nothing moves.",
 )
+@click.option(
+    "--jitter", default="halton:16", show_default=True, help="Sample positions of a capture; see cltaa capture."
+)
 @click.option("--train", default="0", show_default=True, metavar="LIST", help="Seeds that presets were tuned on.")
 @click.option("--held-out", default="1", show_default=True, metavar="LIST", help="Other seeds; may be empty.")
 @click.option("--settled", default=8, show_default=True, type=click.IntRange(min=0), help="First frame that is judged.")
@@ -93,6 +96,7 @@ def quality(
     frames: int,
     samples: int,
     still_samples: int,
+    jitter: str,
     train: str,
     held_out: str,
     settled: int,
@@ -110,7 +114,7 @@ def quality(
     other scenes may share --work at the same time.
     """
     chosen = [load_preset(name) for name in presets or preset_names()]
-    shape = Shape(*parse_size(size), frames, samples, still_samples)
+    shape = Shape(*parse_size(size), frames, samples, still_samples, jitter)
     seeds = dict.fromkeys(_numbers(train), TRAIN) | dict.fromkeys(_numbers(held_out), HELD_OUT)
     cases = [(Case(folder.name, TRAIN, folder), 0) for folder in folders]
     if scenes or not folders:
@@ -174,8 +178,9 @@ def _about(table: Table, shape: Shape, settled: int) -> str:
     splits = Counter(row.split for row in table.rows)
     counts = " and ".join(f"{count} {split}" for split, count in splits.items())
     return (
-        f"{counts} sequences, {shape.width} × {shape.height}, {shape.frames} frames, judged from frame "
-        f"{settled} on, truth of {shape.samples} samples a pixel ({shape.still_samples} where nothing moves); "
+        f"{counts} sequences, {shape.width} × {shape.height}, {shape.frames} frames, jitter {shape.jitter}, judged "
+        f"from frame {settled} on, truth of {shape.samples} samples a pixel "
+        f"({shape.still_samples} where nothing moves); "
         f"{time.strftime('%Y-%m-%d', time.gmtime())}, {'; '.join(devices)}."
     )
 

@@ -28,7 +28,7 @@ from tests.sequence_factory import write_sequence
 
 NUMPY = NumpyLauncher()
 SMALL = ["--scene", "occluder", "--size", "64x36", "--frames", "5", "--samples", "4", "--settled", "1", "--held-out",
-         "", "--preset", "default", "--device", "numpy"]  # fmt: skip
+         "", "--preset", "default", "--device", "numpy", "--jitter", "r2:5"]  # fmt: skip
 
 
 def scores(**values: float | None) -> Judged:
@@ -51,11 +51,13 @@ def test_a_run_captures_judges_and_goes_on(
     (row,) = found["rows"]
     assert (row["scene"], row["split"]) == ("occluder", TRAIN)
     sequence = open_sequence(tmp_path / "work" / "sequences" / row["key"])
+    assert sequence.sequence_json["settings"]["jitter"] == "r2:5"
     expected = judge_sequence(sequence, [load_preset()], NUMPY, settled=1)
     for name in (ONE_SAMPLE, "default"):
         assert row["presets"][name]["scores"] == expected[name].scores
     assert row["presets"]["default"]["scores"]["psnr"] > row["presets"][ONE_SAMPLE]["scores"]["psnr"]
     text = page.read_text(encoding="utf-8")
+    assert "jitter r2:5" in text
     assert text.startswith("before\n")
     assert text.endswith("after\n")
     assert "old" not in text
@@ -125,11 +127,11 @@ def test_scenes_in_which_nothing_changes_get_the_better_truth(tmp_path: Path) ->
         "still": frozenset({"sky"}),
         "file:a/b.glb": frozenset({"motion"}),
     }
-    cases = planned(scenes, {0: TRAIN, 5: HELD_OUT}, Shape(32, 18, 8, 256, 1024), tmp_path)
+    cases = planned(scenes, {0: TRAIN, 5: HELD_OUT}, Shape(32, 18, 8, 256, 1024, "r2:64"), tmp_path)
     assert [(c.key, c.split) for c in cases] == [
-        ("moving-seed0-32x18x8-256", TRAIN), ("moving-seed5-32x18x8-256", HELD_OUT),
-        ("still-seed0-32x18x8-1024", TRAIN), ("still-seed5-32x18x8-1024", HELD_OUT),
-        ("b-seed0-32x18x8-256", TRAIN), ("b-seed5-32x18x8-256", HELD_OUT),
+        ("moving-seed0-32x18x8-r264-256", TRAIN), ("moving-seed5-32x18x8-r264-256", HELD_OUT),
+        ("still-seed0-32x18x8-r264-1024", TRAIN), ("still-seed5-32x18x8-r264-1024", HELD_OUT),
+        ("b-seed0-32x18x8-r264-256", TRAIN), ("b-seed5-32x18x8-r264-256", HELD_OUT),
     ]  # fmt: skip
 
 

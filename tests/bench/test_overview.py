@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from cltaa.bench.environment import Environment
 from cltaa.bench.errors_of import Rounding
 from cltaa.bench.ladder import ladder
+from cltaa.bench.merge import read_report
 from cltaa.bench.overview import overall, table
 from cltaa.bench.plots import write_plots
 from cltaa.bench.results import Accuracy, Cell, Measured, spread
 from cltaa.bench.timing import Interval
+from cltaa.cli import main
 from cltaa.presets import load_preset
 
 VARIANTS = ladder(load_preset())[:3]
@@ -30,8 +33,8 @@ def cell(place: int, error: float, time: float) -> Cell:
     )  # fmt: skip
 
 
-def sequence(name: str, errors: tuple[float, float, float], *, noisy: bool = False) -> Measured:
-    cells = [cell(place, error, 1.0 + place) for place, error in enumerate(errors)]
+def sequence(name: str, errors: tuple[float, float, float], *, noisy: bool = False, slower: float = 1.0) -> Measured:
+    cells = [cell(place, error, slower * (1.0 + place)) for place, error in enumerate(errors)]
     return Measured(
         name=name, folder=name, frames=[0, 1], width=37, height=23, effects="", cells=cells, yardstick=[], noisy=noisy,
         control=at(1.0), floor=0.1, truth_noise=None, mean_noise=None, stages={"resolve": 1.0},
@@ -57,10 +60,14 @@ def test_errors_are_geometric_means_over_the_default() -> None:
     assert best.rounding == pytest.approx(3e-8)
 
 
-def test_nothing_is_said_of_times_where_any_is_noise() -> None:
-    result = accuracy(sequence("one", (1.0, 4.0, 0.5)), sequence("two", (2.0, 2.0, 1.0), noisy=True))
-    assert {row.time for row in overall(result, "mse")} == {None}
-    assert table(result, "mse").count("too noisy to rank") == 3
+def test_times_of_noise_count_for_nothing() -> None:
+    quiet, noise = sequence("one", (1.0, 4.0, 0.5)), sequence("two", (2.0, 2.0, 1.0), noisy=True, slower=7.0)
+    assert [row.time for row in overall(accuracy(quiet, noise), "mse")] == pytest.approx([3.0, 1.0, 2.0])
+    text = table(accuracy(quiet, noise), ["mse"])
+    assert "without those that were too noisy to rank: two." in text
+    assert "| 2.000 | 1.980 to 2.020 |" in text
+    assert {row.time for row in overall(accuracy(noise), "mse")} == {None}
+    assert table(accuracy(noise), ["mse"]).count("too noisy to rank | –") == 3
 
 
 def test_a_sequence_without_error_counts_for_nothing() -> None:
@@ -74,3 +81,33 @@ def test_the_figure_is_drawn_for_several_sequences_alone(tmp_path: Path) -> None
     assert "overview.png" not in {path.name for path in write_plots(accuracy(one), tmp_path)}
     assert {"overview.png", "overview.svg"} <= {path.name for path in write_plots(accuracy(one, two), tmp_path)}
     assert (tmp_path / "overview.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_reports_of_one_device_become_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    one, two = accuracy(sequence("one", (1.0, 4.0, 0.5))), accuracy(sequence("two", (2.0, 2.0, 1.0)))
+    folders = [report(tmp_path / name, result) for name, result in (("a", one), ("b", two))]
+    assert main(["bench", "overview", *folders, "-o", str(tmp_path / "both")]) == 0
+    text = capsys.readouterr().out
+    assert text == table(accuracy(*one.sequences, *two.sequences), ["mse"])
+    assert text == (tmp_path / "both" / "overview.md").read_text()
+    assert [measured.name for measured in read_report(tmp_path / "both").sequences] == ["one", "two"]
+    assert {"overview.png", "accuracy.csv", "front-two.svg"} <= {path.name for path in (tmp_path / "both").iterdir()}
+
+
+def test_reports_that_cannot_be_one_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    one, two = accuracy(sequence("one", (1.0, 4.0, 0.5))), accuracy(sequence("two", (2.0, 2.0, 1.0)))
+    elsewhere = msgspec.structs.replace(two, environment=msgspec.structs.replace(two.environment, device="another"))
+    folders = [report(tmp_path / str(place), result) for place, result in enumerate((one, elsewhere, one))]
+    for wrong, words in ((folders[1], "another device than in"), (folders[2], "the sequence one is in two reports")):
+        assert main(["bench", "overview", folders[0], wrong, "-o", str(tmp_path / "out")]) == 65
+        assert words in capsys.readouterr().err
+    (tmp_path / "1" / "accuracy.json").write_text("{}")
+    assert main(["bench", "overview", folders[1], "-o", str(tmp_path / "out")]) == 65
+    assert main(["bench", "overview", str(tmp_path / "none"), "-o", str(tmp_path / "out")]) == 66
+    assert not (tmp_path / "out").exists()
+
+
+def report(folder: Path, result: Accuracy) -> str:
+    folder.mkdir()
+    (folder / "accuracy.json").write_bytes(msgspec.json.encode(result))
+    return str(folder)

@@ -64,6 +64,15 @@ def choose(window: Browser, name: str, value: str) -> None:
     )
 
 
+def test_only_as_many_sequences_as_asked_for_have_frames_in_it(report: Path) -> None:
+    result = msgspec.json.decode((report / "accuracy.json").read_bytes(), type=Accuracy)
+    (measured,) = result.sequences
+    tasks = tasks_of([Path(measured.folder)], result.variants, None, ("mse", "flip"), 2)
+    whole, without = page(result, tasks, report), page(result, tasks, report, 0)
+    assert whole == (report / "index.html").read_text()
+    assert ("data:image" in whole, "data:image" in without) == (True, False)
+
+
 def test_files_beside_it(report: Path) -> None:
     names = {path.name for path in report.iterdir()}
     plots = {f"{kind}-seq.{suffix}" for kind in ("front", "steps") for suffix in ("svg", "png")}
@@ -239,6 +248,21 @@ def test_several_sequences_stand_in_one_table(window: Browser) -> None:
     window.size(1280, 900)
     window.run("report.sequences.pop(); document.getElementById('sequence').lastChild.remove(); state.sequence = 0")
     window.run("document.getElementById('sequence').value = 0; drawAll()")
+
+
+@needs_browser
+def test_a_sequence_without_frames_says_so(window: Browser) -> None:
+    shown = (
+        "['stage', 'slide-row', 'debug', 'no-pictures'].map(id => document.getElementById(id).offsetParent !== null)"
+    )
+    assert window.run(f"return {shown}") == [True, True, True, False]
+    window.run("kept = pictures[current().name]; delete pictures[current().name]; drawAll()")
+    assert window.run(f"return {shown}") == [False, False, False, True]
+    assert window.run("return [...document.getElementById('a').options].some(o => o.value === 'arithmetic: double')")
+    window.run("document.querySelector('.point[data-variant]').dispatchEvent(new Event('click'))")
+    assert window.run("return document.querySelectorAll('#frames path').length") >= 2  # errors are there all the same
+    window.run("pictures[current().name] = kept; drawAll()")
+    assert window.run(f"return {shown}") == [True, True, True, False]
 
 
 @needs_browser

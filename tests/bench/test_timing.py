@@ -5,7 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cltaa.bench.timing import WIDEST, Interval, Job, Sample, Samples, interval, measure, too_noisy
+from cltaa.bench.timing import (
+    WIDEST,
+    Interval,
+    Job,
+    Sample,
+    Samples,
+    interval,
+    measure,
+    sign_test,
+    too_noisy,
+    too_noisy_among,
+)
 
 
 def paired(load: np.ndarray, slower: float, noise: float = 0.0) -> Samples:
@@ -50,6 +61,22 @@ def test_interval_is_the_same_each_time() -> None:
 )
 def test_a_copy_tells_when_nothing_can_be_ranked(control: Interval, noisy: bool) -> None:
     assert too_noisy(control) is noisy
+
+
+def test_one_of_many_copies_may_differ_by_chance() -> None:
+    # Of 330 controls without any fault one in twenty would exclude 1; of the ten times 33, at most one in twenty may.
+    controls = [np.random.default_rng(seed).normal(1.0, 0.005, 21) for seed in range(330)]
+    assert sum(too_noisy(interval(ratios)) for ratios in controls) == 25
+    assert not any(too_noisy_among(ratios, 33) for ratios in controls)
+    off = np.random.default_rng(0).normal(1.01, 0.005, 21)  # what takes longer than itself is found among as many
+    assert too_noisy_among(off, 33)
+    assert too_noisy_among(np.random.default_rng(0).normal(1.0, 0.1, 21), 33)  # and what is all over the place
+
+
+def test_sign_test() -> None:
+    assert sign_test(np.array([1.1] * 5)) == pytest.approx(2 / 2**5)
+    assert sign_test(np.array([0.9, 1.1, 1.1, 1.0])) == pytest.approx(2 * (1 + 3) / 2**3)
+    assert sign_test(np.array([0.9, 1.1])) == 1.0
 
 
 def test_every_round_runs_every_job_once_in_an_order_of_its_own() -> None:

@@ -146,11 +146,15 @@ function load(url) {
   return loaded.get(url);
 }
 function urlOf(name, kind) {
-  const own = pictures[current().name];
+  const own = pictures[current().name] || { variants: {}, inputs: {} };
   return (own.variants[name] || own.inputs[name] || {})[kind] || null;
 }
 let painting = 0;
 async function paint() {
+  const there = Boolean(pictures[current().name]);
+  $("no-pictures").hidden = there;
+  for (const id of ["stage", "slide-row"]) $(id).hidden = !there;
+  if (!there) return;
   const mine = ++painting, mode = $("mode").value, kind = { flip: "flip", count: "count" }[mode] || "picture";
   const urls = [urlOf(state.a, kind) || urlOf(state.a, "picture"), urlOf(state.b, kind) || urlOf(state.b, "picture")];
   const [a, b] = await Promise.all(urls.map(load));
@@ -192,7 +196,8 @@ function pick(which, name) {
   paint(); drawFrames(); drawDebug();
 }
 function fillChoices() {
-  const own = pictures[current().name], names = [...Object.keys(own.inputs), ...Object.keys(own.variants)];
+  const own = pictures[current().name];
+  const names = own ? [...Object.keys(own.inputs), ...Object.keys(own.variants)] : current().cells.map((c) => c.variant);
   for (const id of ["a", "b"]) $(id).replaceChildren(...names.map((name) => element("option", { value: name }, name)));
   state.a = names.includes(state.a) ? state.a : "default"; state.b = names.includes(state.b) ? state.b : "one sample";
   if (!names.includes(state.a)) state.a = names[names.length - 1];
@@ -255,7 +260,8 @@ function drawStages() {
 }
 function drawDebug() {
   const own = pictures[current().name], shown = [];
-  for (const [title, url] of Object.entries(own.debug)) shown.push([title, url]);
+  $("h-debug").parentElement.hidden = !own;
+  for (const [title, url] of Object.entries(own ? own.debug : {})) shown.push([title, url]);
   if (urlOf(state.a, "count")) shown.push([`samples in the history (white: ${data.count_white} and more), ${state.a}`, urlOf(state.a, "count")]);
   $("debug").replaceChildren(...shown.map(([title, url]) => element("figure", {}, element("img", { src: url, alt: title }), element("figcaption", {}, title))));
 }

@@ -1,0 +1,42 @@
+"""``cltaa bench overview``: several accuracy reports of one device as one figure and one table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+import msgspec
+
+from cltaa.atomic import atomic_path, make_folder
+from cltaa.bench.merge import NAME, merged, read_report
+from cltaa.bench.overview import table
+from cltaa.bench.plots import write_plots
+from cltaa.bench.tables import csv_text
+from cltaa.commands.options import FILE_PATH
+from cltaa.errors import UsageError
+from cltaa.metrics import METRICS
+
+
+@click.command("overview")
+@click.argument("reports", nargs=-1, required=True, type=FILE_PATH, metavar="REPORT...")
+@click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder to write into.")
+@click.option("--json", "as_json", is_flag=True, help="Print all numbers as JSON and nothing else.")
+def overview(reports: tuple[Path, ...], output: Path, as_json: bool) -> None:
+    """Put the reports of cltaa bench accuracy together: their sequences in one figure, one table, one JSON and CSV.
+
+    Each REPORT is the folder of one; all must be of the same device, kernels and variants, as when several processes,
+    each on a card of its own, measured some of the sequences.
+    """
+    result = merged([(folder, read_report(folder)) for folder in reports])
+    falling = [name for name in result.metrics if not METRICS[name].higher_is_better]
+    if not falling:
+        raise UsageError("no error to compare by: no metric that falls with it", found=", ".join(result.metrics))
+    make_folder(output)
+    text = table(result, falling)
+    numbers = msgspec.json.encode(result).decode()
+    for name, content in {NAME: numbers, "accuracy.csv": csv_text(result), "overview.md": text}.items():
+        with atomic_path(output / name) as temporary:
+            temporary.write_text(content, encoding="utf-8")
+    for _ in write_plots(result, output):
+        pass
+    click.echo(numbers if as_json else text, nl=False)
