@@ -25,7 +25,7 @@
 #endif
 #endif
 
-// One float a work-item, and no need of the strict build's roundings: the device's own reciprocal, root, maximum.
+// One float a work-item, and no need of the strict build's roundings: the device's own maximum and minimum.
 #define NATIVE (LANES == 1 && !REAL_DOUBLE && !STRICT)
 // What the instruction set of NVIDIA's GPUs has and OpenCL C has not: docs/performance.md, A GPU.
 #if LANES == 1 && defined(cl_nv_pragma_unroll)
@@ -179,7 +179,8 @@ STAGE real limit(real v, real lo, real hi) { return lesser(greater(v, lo), hi); 
 
 // A lane's root. The compiler's own is one instruction; the library's is a call on some CPU drivers.
 #if NATIVE && NVIDIA
-// native_sqrt and native_recip take three instructions more for what is nearly 0, and here counts as 0.
+// The errors of these instructions are stated, and less than OpenCL allows a root and a division. Those of native_sqrt
+// and native_recip it leaves open, so that other GPUs take root and division. What is nearly 0 counts as 0.
 STAGE float SCALAR_ROOT(float v)
 {
     float root;
@@ -192,9 +193,6 @@ STAGE float scalar_reciprocal(float v)
     __asm("rcp.approx.ftz.f32 %0, %1;" : "=f"(one_over) : "f"(v));
     return one_over;
 }
-#elif NATIVE
-#define SCALAR_ROOT native_sqrt
-#define scalar_reciprocal native_recip
 #elif defined(__clang__) && LANES > 1
 #if REAL_DOUBLE
 #define SCALAR_ROOT __builtin_sqrt
@@ -220,7 +218,7 @@ STAGE real square_root(real v)
 }
 
 // a / b: correctly rounded in a strict build, within 2.5 ulp otherwise, where 2^-126 <= |b| <= 2^126.
-#if NATIVE
+#if NATIVE && NVIDIA
 STAGE real quotient(real a, real b) { return a * scalar_reciprocal(b); }
 #else
 STAGE real quotient(real a, real b) { return a / b; }
