@@ -91,6 +91,13 @@ def test_a_stage_gives_the_bits_of_its_twin_for_every_choice(kernel: str, name: 
     assert compared(kernel, variants(kernel, strict())[name]) == 0
 
 
+@pytest.mark.big
+@pytest.mark.parametrize(("kernel", "name"), [(k, name) for k in WRITES for name in variants(k, strict(1))])
+def test_one_lane_gives_the_bits_of_the_twin_for_every_choice(kernel: str, name: str) -> None:
+    # A GPU's program: other loads, roots, floors and tests of the domain than those of vectors.
+    assert compared(kernel, variants(kernel, strict(1))[name]) == 0
+
+
 @pytest.mark.parametrize("kernel", ["sample_history", "resolve"])
 def test_a_reset_uses_no_history_and_gives_the_bits_of_the_twin(kernel: str) -> None:
     work = chain_work()
@@ -105,7 +112,8 @@ def test_a_reset_uses_no_history_and_gives_the_bits_of_the_twin(kernel: str) -> 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 17), (17, 1), (2, 2), (3, 3), (33, 9), (131, 64)])
 def test_stages_give_the_bits_of_their_twins_at_every_size(size: tuple[int, int]) -> None:
-    assert {kernel: compared(kernel, strict(), size) for kernel in STAGES} == dict.fromkeys(STAGES, 0)
+    kernels = [*STAGES, "gather"]
+    assert {kernel: compared(kernel, strict(), size) for kernel in kernels} == dict.fromkeys(kernels, 0)
 
 
 @pytest.mark.parametrize("kernel", WRITES)
@@ -168,10 +176,10 @@ def test_the_structs_hold_what_a_kernel_reads_and_nothing_else() -> None:
 def test_sixteen_lanes_give_the_same_bits() -> None:
     # PoCL 3.0 cannot build 16 lanes for every CPU: LLVM may end the whole process, so it is tried in one of its own.
     code = (
-        "from tests.kernels.test_twins import STAGES, compared, strict\n"
-        "print({kernel: compared(kernel, strict(16)) for kernel in STAGES})"
+        "from tests.kernels.test_twins import WRITES, compared, strict\n"
+        "print({kernel: compared(kernel, strict(16)) for kernel in WRITES})"
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     if child.returncode and ("LLVM ERROR" in child.stderr or child.returncode < 0 or "does not build" in child.stderr):
         pytest.skip(f"the driver cannot build 16 lanes here: {child.stderr.strip().splitlines()[-1:]}")
-    assert child.stdout.strip() == str(dict.fromkeys(STAGES, 0)), child.stderr
+    assert child.stdout.strip() == str(dict.fromkeys(WRITES, 0)), child.stderr

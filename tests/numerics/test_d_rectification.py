@@ -85,11 +85,12 @@ def test_d1_a_flat_neighbourhood_divides_nothing_by_nothing(kind: Rectify) -> No
     assert np.abs(resolved - flat).max() <= (allowed + 8 * UNIT_ROUNDOFF) * 0.7
 
 
-@pytest.mark.parametrize("space", list(BoxSpace))
-def test_d2_clamp_moves_no_further_than_the_history(launcher: DeviceLauncher, space: BoxSpace) -> None:
-    # Each channel's clamp is 1-Lipschitz and so is the sum of the three; what is left is rounding, at most 2 u in and
-    # 2 u out of the box space, 1 u for the difference and 1 u for the sum, twice. Worst seen 4.6.
-    assert moved_by_one_ulp(launcher, Rectify.CLAMP, space).max() <= 12
+@pytest.mark.parametrize(("space", "most"), [(BoxSpace.RGB, 2), (BoxSpace.YCOCG, 12)])
+def test_d2_clamp_moves_no_further_than_the_history(launcher: DeviceLauncher, space: BoxSpace, most: int) -> None:
+    # Each channel's clamp is 1-Lipschitz and so is the sum of the three; what is left is rounding: 2 u (NUMERICS D2),
+    # worst seen 1.2, and of the box space at most 2 u in and 2 u out, 1 u for the difference and the sum, twice: worst
+    # seen 4.6.
+    assert moved_by_one_ulp(launcher, Rectify.CLAMP, space).max() <= most
 
 
 @pytest.mark.parametrize("kind", [Rectify.CLIP, Rectify.ELLIPSOID])
@@ -134,7 +135,8 @@ def test_d2_the_result_lies_in_the_box(launcher: DeviceLauncher, kind: Rectify) 
     largest = np.maximum(np.abs(mean).max(axis=0), np.abs(history).max(axis=0))
     floor = SETTINGS.box_floor * np.abs(mean).max(axis=0) if kind is Rectify.CLIP else 0.0
     extent = np.maximum(deviation.astype(np.float64), floor)
-    assert (np.abs(result - mean) <= extent + 4 * UNIT_ROUNDOFF * largest).all()
+    # Worst seen: 1.95 u.
+    assert (np.abs(result - mean) <= extent + 2 * UNIT_ROUNDOFF * largest).all()
 
 
 @pytest.mark.parametrize("space", list(BoxSpace))

@@ -142,7 +142,7 @@ POISON = np.array([np.nan, np.inf, -np.inf, 1e30, -3e38], np.float32)
 
 
 @pytest.mark.parametrize("storage", [Storage.FLOAT, Storage.HALF])
-@pytest.mark.parametrize("why", ["cut", "gap", "reset"])
+@pytest.mark.parametrize("why", ["cut", "gap", "reset", "size"])
 def test_e5_a_new_history_never_looks_at_the_old_one(launcher: DeviceLauncher, why: str, storage: Storage) -> None:
     random = np.random.default_rng(46)
     resolver = Resolver(device=launcher, strict=True, storage=storage)
@@ -155,6 +155,8 @@ def test_e5_a_new_history_never_looks_at_the_old_one(launcher: DeviceLauncher, w
             planes[...] = random.choice(POISON, planes.shape).astype(planes.dtype)
     if why == "reset":
         resolver.reset()
+    if why == "size":
+        frames[2] = make_frame(2, width=WIDTH, height=HEIGHT, alpha=True, effects=None)
     last = replace(frames[2], cut=why == "cut", index=7 if why == "gap" else 2)
     resolved = resolver.resolve(last)
     assert last.alpha is not None
@@ -177,6 +179,23 @@ def test_e5_even_history_that_is_used_may_be_poisoned(launcher: DeviceLauncher) 
         resolved = resolver.resolve(frame)
         assert np.isfinite(resolved).all()
         assert np.abs(resolved).max() <= 8.0  # twice the factory's largest colour
+
+
+@pytest.mark.parametrize("by", ["weight", "mask"])
+def test_e5_a_full_weight_never_looks_at_poison(launcher: DeviceLauncher, by: str) -> None:
+    changes = {"accumulate": "exponential", "blend_weight": 1.0} if by == "weight" else {}
+    resolver = Resolver(override(unfiltered(), {**changes, "fresh_blur": 0.0}), launcher, strict=True)
+    frames = [make_frame(i, alpha=True, effects=None) for i in range(3)]
+    share = np.ones(frames[0].depth.shape, np.float32)
+    for frame in frames[:2]:
+        resolver.resolve(replace(frame, reactive=share if by == "mask" else None))
+    _, memory = resolver.recurrent()
+    for buffer in memory.values():
+        with buffer.mapped(write=True) as planes:
+            planes[...] = np.random.default_rng(49).choice(POISON, planes.shape)
+    last = replace(frames[2], reactive=share if by == "mask" else None)
+    assert last.alpha is not None
+    assert np.array_equal(bits(resolver.resolve(last)), bits(np.dstack([last.colour, last.alpha])))
 
 
 def test_e5_a_full_weight_takes_the_sample_as_it_is() -> None:
