@@ -8,6 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from cltaa.cli import main
+from tests.faults.runs import digests, on_first_device
+from tests.sequence_factory import write_sequence
+
 
 @pytest.fixture(scope="session")
 def shim(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -17,6 +21,15 @@ def shim(tmp_path_factory: pytest.TempPathFactory) -> Path:
     source = Path(__file__).with_name("shim.c")
     subprocess.run(["gcc", *flags, "-o", str(library), str(source), "-ldl"], check=True)
     return library
+
+
+@pytest.fixture(scope="session")
+def on_device(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
+    """A sequence and the hashes of its frames, resolved without a fault on the machine's first device."""
+    top = tmp_path_factory.mktemp("device")
+    folder = write_sequence(top / "in", 5, motion=True)
+    assert main(on_first_device(folder, top / "whole")) == 0
+    return folder, digests(top / "whole")
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -17,12 +17,18 @@ from tests.sequence_factory import write_sequence
 
 FRAMES = 7  # with a checkpoint every 2 frames both slots are written and overwritten
 CHECKPOINT = 2
+PATIENCE = 600.0  # seconds that a process may take
 PAGE = 4096  # bytes, of which a small disk has a few
 
 
+def on_first_device(folder: Path, output: Path) -> list[str]:
+    """The command line of one run on the machine's first device."""
+    return ["resolve", str(folder), "-o", str(output), "--checkpoint", str(CHECKPOINT)]
+
+
 def arguments(folder: Path, output: Path, *more: str) -> list[str]:
-    """The command line of one run."""
-    return ["resolve", str(folder), "-o", str(output), "--checkpoint", str(CHECKPOINT), "--device", "numpy", *more]
+    """The command line of one run without OpenCL."""
+    return [*on_first_device(folder, output), "--device", "numpy", *more]
 
 
 def prepare(top: Path, count: int = FRAMES, width: int = 9, height: int = 7) -> tuple[Path, dict[str, str]]:
@@ -100,6 +106,13 @@ def start(command: list[str], **variables: str) -> subprocess.Popen[str]:
         [sys.executable, "-m", "cltaa.cli", *command],
         env={**os.environ, **variables}, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
+
+
+def run(command: list[str], **variables: str) -> tuple[int, str]:
+    """Exit code and standard error of ``cltaa`` in a process of its own."""
+    process = start(command, **variables)
+    said = process.communicate(timeout=PATIENCE)[1]
+    return process.returncode, said
 
 
 @contextmanager

@@ -16,82 +16,54 @@ import pytest
 from cltaa import kernel_cache
 from cltaa.cli import main
 from cltaa.errors import ResourceError
-from tests.faults.runs import check_after_fault, check_finished, digests, small_disk, unprivileged
-from tests.sequence_factory import write_sequence
+from tests.faults.runs import PATIENCE, check_after_fault, check_finished, run, small_disk, start, unprivileged
+from tests.faults.runs import on_first_device as arguments
 
-FRAMES = 5
 PROCESSES = 8
 ROUNDS = 5
-PATIENCE = 600.0
 
 
-def arguments(folder: Path, output: Path) -> list[str]:
-    return ["resolve", str(folder), "-o", str(output), "--checkpoint", "2"]
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
-    top = tmp_path_factory.mktemp("cache")
-    folder = write_sequence(top / "in", FRAMES, motion=True)
-    assert main(arguments(folder, top / "whole")) == 0
-    return folder, digests(top / "whole")
-
-
-def start(command: list[str], cache: Path) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "cltaa.cli", *command], env=os.environ | {"POCL_CACHE_DIR": str(cache)},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-
-
-def run(command: list[str], cache: Path) -> tuple[int, str]:
-    """Exit code and standard error of a process of its own."""
-    process = start(command, cache)
-    said = process.communicate(timeout=PATIENCE)[1]
-    return process.returncode, said
-
-
-def test_cache_that_cannot_be_written(tmp_path: Path, whole: tuple[Path, dict[str, str]]) -> None:
+def test_cache_that_cannot_be_written(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
     (tmp_path / "file").touch()
     cache = tmp_path / "file" / "cache"
-    code, said = run(arguments(whole[0], tmp_path / "out"), cache)
+    code, said = run(arguments(on_device[0], tmp_path / "out"), POCL_CACHE_DIR=str(cache))
     assert code == 69, said
     assert f"{cache}: the kernel cache cannot be written: Not a directory" in said
 
 
-def test_cache_of_another_owner(tmp_path: Path, whole: tuple[Path, dict[str, str]]) -> None:
+def test_cache_of_another_owner(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
     (tmp_path / "cache").mkdir(mode=0o555)
-    code, said = unprivileged(arguments(whole[0], tmp_path / "out"), POCL_CACHE_DIR=str(tmp_path / "cache"))
+    code, said = unprivileged(arguments(on_device[0], tmp_path / "out"), POCL_CACHE_DIR=str(tmp_path / "cache"))
     assert code == 69, said
     assert f"{tmp_path / 'cache'}: the kernel cache cannot be written: Permission denied" in said
 
 
 def test_full_cache_is_seen_before_the_compiler_aborts(
     tmp_path: Path,
-    whole: tuple[Path, dict[str, str]],
+    on_device: tuple[Path, dict[str, str]],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     usage = shutil.disk_usage(tmp_path)
     free = kernel_cache.LEAST_FREE - 1
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=free))
-    assert main(arguments(whole[0], tmp_path / "out")) == 75
+    assert main(arguments(on_device[0], tmp_path / "out")) == 75
     assert "too little room for built kernels (expected 67 MB, found 67 MB free)" in capsys.readouterr().err
     monkeypatch.undo()
-    assert main(arguments(whole[0], tmp_path / "out")) == 0
-    check_finished(tmp_path / "out", whole[1])
+    assert main(arguments(on_device[0], tmp_path / "out")) == 0
+    check_finished(tmp_path / "out", on_device[1])
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root may mount a small disk; the test above says that it is small")
-def test_cache_on_a_disk_that_is_full(tmp_path: Path, whole: tuple[Path, dict[str, str]]) -> None:
+def test_cache_on_a_disk_that_is_full(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
     """PoCL's compiler would end the process; the next command, with room, finishes."""
     cache, output = tmp_path / "cache", tmp_path / "out"
     with small_disk(cache, 200):
-        code, said = run(arguments(whole[0], output), cache)
+        code, said = run(arguments(on_device[0], output), POCL_CACHE_DIR=str(cache))
         assert code == 75, said
         assert f"{cache}: too little room for built kernels (expected 67 MB, found 1 MB free)" in said
-    assert run(arguments(whole[0], output), kernel_cache.cache_folder())[0] == 0
-    check_finished(output, whole[1])
+    assert run(arguments(on_device[0], output), POCL_CACHE_DIR=str(kernel_cache.cache_folder()))[0] == 0
+    check_finished(output, on_device[1])
 
 
 def test_processes_on_one_cold_cache(tmp_path: Path) -> None:
@@ -105,12 +77,13 @@ def test_processes_on_one_cold_cache(tmp_path: Path) -> None:
 
 
 @pytest.mark.big
-def test_whole_processes_on_one_cold_cache(tmp_path: Path, whole: tuple[Path, dict[str, str]]) -> None:
-    folder, expected = whole
+def test_whole_processes_on_one_cold_cache(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
+    folder, expected = on_device
     for turn in range(ROUNDS):
         top = tmp_path / str(turn)
         top.mkdir()
-        processes = [start(arguments(folder, top / str(number)), top / "cache") for number in range(PROCESSES)]
+        cache = {"POCL_CACHE_DIR": str(top / "cache")}
+        processes = [start(arguments(folder, top / str(number)), **cache) for number in range(PROCESSES)]
         said = [process.communicate(timeout=PATIENCE)[1] for process in processes]
         assert [process.returncode for process in processes] == [0] * PROCESSES, said
         for number in range(PROCESSES):
@@ -118,26 +91,26 @@ def test_whole_processes_on_one_cold_cache(tmp_path: Path, whole: tuple[Path, di
 
 
 @pytest.mark.big
-def test_killed_while_kernels_are_built(tmp_path: Path, whole: tuple[Path, dict[str, str]]) -> None:
+def test_killed_while_kernels_are_built(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
     """SIGKILL at random times of runs that begin without a cache: what one leaves serves the next, or does no harm."""
     chance, killed = random.Random(0), 0
     begin = time.monotonic()
-    assert run(arguments(whole[0], tmp_path / "timed"), tmp_path / "timed cache")[0] == 0
+    assert run(arguments(on_device[0], tmp_path / "timed"), POCL_CACHE_DIR=str(tmp_path / "timed cache"))[0] == 0
     longest = time.monotonic() - begin
     for turn in range(12):
         cache, output = tmp_path / f"cache{turn}", tmp_path / f"out{turn}"
         for _ in range(3):
-            process = start(arguments(whole[0], output), cache)
+            process = start(arguments(on_device[0], output), POCL_CACHE_DIR=str(cache))
             try:
                 process.communicate(timeout=chance.uniform(0.1 * longest, 0.9 * longest))
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.communicate()
             killed += process.returncode < 0
-            check_after_fault(output, whole[1])
-        code, said = run(arguments(whole[0], output), cache)
+            check_after_fault(output, on_device[1])
+        code, said = run(arguments(on_device[0], output), POCL_CACHE_DIR=str(cache))
         assert code == 0, said
-        check_finished(output, whole[1])
+        check_finished(output, on_device[1])
     print(f"{killed} kills")
     assert killed > 6  # fewer where runs are faster than the one timed
 

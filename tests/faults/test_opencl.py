@@ -16,24 +16,11 @@ from cltaa import device, launch, program
 from cltaa.cli import main
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError
 from cltaa.resolve import Resolver
-from tests.faults.runs import check_after_fault, check_finished, digests
-from tests.sequence_factory import make_frame, write_sequence
+from tests.faults.runs import check_after_fault, check_finished, digests, run
+from tests.faults.runs import on_first_device as arguments
+from tests.sequence_factory import make_frame
 
-FRAMES = 5
-PROCESSES = 8
 OUT_OF_RESOURCES = cl.status_code.OUT_OF_RESOURCES
-
-
-def arguments(folder: Path, output: Path) -> list[str]:
-    return ["resolve", str(folder), "-o", str(output), "--checkpoint", "2"]
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
-    top = tmp_path_factory.mktemp("opencl")
-    folder = write_sequence(top / "in", FRAMES, motion=True)
-    assert main(arguments(folder, top / "whole")) == 0
-    return folder, digests(top / "whole")
 
 
 def planted(kind: type[cl.Error], routine: str, code: int) -> cl.Error:
@@ -41,19 +28,12 @@ def planted(kind: type[cl.Error], routine: str, code: int) -> cl.Error:
     return kind(cl._cl._ErrorRecord(routine, code, "planted"))
 
 
-def run(command: list[str], **variables: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "cltaa.cli", *command], env=os.environ | variables, capture_output=True, text=True,
-        check=False, timeout=300,
-    )  # fmt: skip
-
-
-def test_no_device(tmp_path: Path, whole: tuple[Path, dict[str, str]]) -> None:
-    done = run(arguments(whole[0], tmp_path / "out"), OCL_ICD_VENDORS="/nonexistent", OCL_ICD_FILENAMES="")
-    assert done.returncode == 69, done.stderr
-    assert done.stderr.startswith("cltaa: error: no OpenCL device found; install one with: pip install")
-    numpy = [*arguments(whole[0], tmp_path / "out"), "--device", "numpy"]
-    assert run(numpy, OCL_ICD_VENDORS="/nonexistent").returncode == 0
+def test_no_device(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
+    code, said = run(arguments(on_device[0], tmp_path / "out"), OCL_ICD_VENDORS="/nonexistent", OCL_ICD_FILENAMES="")
+    assert code == 69, said
+    assert said.startswith("cltaa: error: no OpenCL device found; install one with: pip install")
+    numpy = [*arguments(on_device[0], tmp_path / "out"), "--device", "numpy"]
+    assert run(numpy, OCL_ICD_VENDORS="/nonexistent")[0] == 0
 
 
 def test_kernel_that_does_not_build(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -103,11 +83,11 @@ def copying(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("call", CALLS)
 @pytest.mark.parametrize("stride", [5, pytest.param(1, marks=pytest.mark.big)])
 def test_device_lost_at_the_nth_call(
-    tmp_path: Path, whole: tuple[Path, dict[str, str]], call: str, error: type[cl.Error], stride: int,
+    tmp_path: Path, on_device: tuple[Path, dict[str, str]], call: str, error: type[cl.Error], stride: int,
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     """Once: the device is opened again and the run ends with the same bits. From then on: 75, and a rerun finishes."""
-    folder, expected = whole
+    folder, expected = on_device
     owner, name, copies = CALLS[call]
     if copies:
         copying(monkeypatch)
@@ -131,14 +111,14 @@ def test_device_lost_at_the_nth_call(
                 calls = failing.calls
         at += stride
     print(f"{tries} faults")
-    assert at > FRAMES
+    assert at > len(expected)
 
 
 @pytest.mark.parametrize("name", ["enqueue_fill", "Buffer"])
 @pytest.mark.parametrize("more", [[], ["--band-rows", "5"], ["--preset", "t5"], None],
                          ids=["whole", "bands", "gathering", "copying"])  # fmt: skip
 def test_no_memory_for_the_nth_buffer(
-    tmp_path: Path, whole: tuple[Path, dict[str, str]], name: str, more: list[str] | None,
+    tmp_path: Path, on_device: tuple[Path, dict[str, str]], name: str, more: list[str] | None,
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     """Buffers are touched when they are made: a lack of memory shows before the first frame, with the bytes needed."""
@@ -152,7 +132,7 @@ def test_no_memory_for_the_nth_buffer(
         at += 1
         failing = Failing(real, at, failure)
         monkeypatch.setattr(cl, name, failing)
-        code = main([*arguments(whole[0], output), *more, "--restart"])
+        code = main([*arguments(on_device[0], output), *more, "--restart"])
         monkeypatch.setattr(cl, name, real)
         said, reached = capsys.readouterr().err, failing.calls >= at
         assert code == (75 if reached else 0), said
@@ -160,12 +140,12 @@ def test_no_memory_for_the_nth_buffer(
             assert "not enough memory on" in said
             assert "bytes in one buffer, found largest buffer" in said
             # What is copied through the host is pinned when it is copied first: the state for the first checkpoint.
-            assert digests(output) == {} or (copies and check_after_fault(output, whole[1]) <= 2)
-            assert main([*arguments(whole[0], output), *more]) == 0
+            assert digests(output) == {} or (copies and check_after_fault(output, on_device[1]) <= 2)
+            assert main([*arguments(on_device[0], output), *more]) == 0
             expected = expected or digests(output)
         assert expected is not None
         check_finished(output, expected)
-        assert more == ["--preset", "t5"] or expected == whole[1]
+        assert more == ["--preset", "t5"] or expected == on_device[1]
     print(f"{at - 1} buffers")
     assert at > 8
 
