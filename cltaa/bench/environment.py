@@ -34,6 +34,14 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
     kernels_sha256: str
     options: list[str]  # of the OpenCL compiler
 
+    @property
+    def line(self) -> str:
+        """All that decides how far the numbers may be compared, in a line."""
+        return (
+            f"{self.device}; {self.cpu}, {self.cores} cores, {' '.join(self.cpu_flags)}; load {self.load_before} to "
+            f"{self.load_after}; {self.date} UTC; kernels {self.kernels_sha256[:12]}"
+        )
+
 
 def load() -> float:
     """Runnable processes, mean of the last minute; 0 where the system does not say."""

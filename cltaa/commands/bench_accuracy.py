@@ -25,7 +25,7 @@ from cltaa.bench.overview import table
 from cltaa.bench.plots import write_plots
 from cltaa.bench.results import Accuracy, Measured
 from cltaa.bench.tables import csv_text
-from cltaa.commands.options import FILE_PATH
+from cltaa.commands.options import FILE_PATH, device_option, json_option
 from cltaa.errors import UsageError
 from cltaa.metrics import METRICS, parse_metrics
 from cltaa.presets import load_preset, preset_names
@@ -35,7 +35,7 @@ from cltaa.progress import track
 @click.command("accuracy")
 @click.argument("sequences", nargs=-1, required=True, type=FILE_PATH, metavar="SEQUENCE...")
 @click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder of the report.")
-@click.option("--device", metavar="NAME", help="OpenCL device: its index or a part of its name; see cltaa doctor.")
+@device_option
 @click.option("--preset", default="default", show_default=True, help="Preset that the steps depart from.")
 @click.option("--only", metavar="GROUPS", help="Only these groups of variants, comma-separated, beside the default.")
 @click.option("--full", is_flag=True, help="Also every combination of the choices that cost time, for the front.")
@@ -51,7 +51,7 @@ from cltaa.progress import track
               help="Sequences, the first ones, whose frames the page shows; each takes megabytes.")  # fmt: skip
 @click.option("--list", "listed", is_flag=True, help="Print one command line a task, for a render farm, and stop.")
 @click.option("--task", "number", type=click.IntRange(min=0), metavar="K", help="Do task K of that list, and stop.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
+@json_option
 def accuracy(
     sequences: tuple[Path, ...],
     output: Path,

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from cltaa.bench.files import CODECS, FilesBench, bench_files
 from cltaa.bench.timing import Interval
-from cltaa.commands.options import FILE_PATH
+from cltaa.commands.options import FILE_PATH, device_option, json_option
 from cltaa.errors import UsageError
 from cltaa.exr_layout import LOSSLESS
 from cltaa.presets import load_preset
@@ -22,13 +22,13 @@ from cltaa.sources import open_sequence
 @click.command("files")
 @click.argument("sequence", type=FILE_PATH)
 @click.option("--preset", default="default", show_default=True, help="That resolves.")
-@click.option("--device", metavar="NAME", help="OpenCL device: its index or a part of its name; see cltaa doctor.")
+@device_option
 @click.option("--compressions", default=",".join(CODECS), show_default=True, metavar="LIST", help="Of EXR, lossless.")
 @click.option("--threads", default="", metavar="LIST", help="Threads of OpenEXR.  [default: a thread a core]")
 @click.option("--commands", "commands", default="zip", show_default=True, metavar="LIST",
               help="Compressions to run the whole command with; with :half behind it, writing halves.")  # fmt: skip
 @click.option("--rounds", default=5, show_default=True, type=click.IntRange(min=3), help="Rounds.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
+@json_option
 def files(
     sequence: Path, preset: str, device: str | None, compressions: str, threads: str, commands: str, rounds: int,
     as_json: bool,
@@ -92,13 +92,7 @@ def _print(found: FilesBench) -> None:
             stage.codec + (", half" if stage.half else ""), *alone, f"{ratio.median:.2f}", _range(ratio, ".2f")
         )
     console.print(table)
-    where = found.environment
-    console.print(
-        f"{where.device}; {where.cpu}, {where.cores} cores; load {where.load_before} to {where.load_after}; "
-        f"{where.date} UTC",
-        highlight=False,
-        soft_wrap=True,
-    )
+    console.print(found.environment.line, highlight=False, soft_wrap=True)
 
 
 def _range(value: Interval, form: str = ".0f") -> str:

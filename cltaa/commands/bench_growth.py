@@ -9,6 +9,7 @@ from rich.table import Table
 
 from cltaa.bands import BAND_ROWS
 from cltaa.bench.growth import FLAT, REFERENCE, SIZES, GrowthBench, bench_growth
+from cltaa.commands.options import device_option, json_option
 from cltaa.errors import UsageError
 from cltaa.presets import load_preset
 from cltaa.progress import track
@@ -20,9 +21,9 @@ from cltaa.progress import track
               help="Sides of the square images.")  # fmt: skip
 @click.option("--banded-from", default=16384, show_default=True, type=click.IntRange(min=1), metavar="SIDE",
               help=f"From this size on in bands of {BAND_ROWS} rows.")  # fmt: skip
-@click.option("--device", metavar="NAME", help="OpenCL device: its index or a part of its name; see cltaa doctor.")
+@device_option
 @click.option("--rounds", default=9, show_default=True, type=click.IntRange(min=3), help="Rounds a size.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
+@json_option
 def growth(preset: str, sizes: str, banded_from: int, device: str | None, rounds: int, as_json: bool) -> None:
     """Time a pixel of square images of growing size, and count the memory on the device.
 
@@ -65,10 +66,4 @@ def print_growth(bench: GrowthBench) -> None:
         f"from {REFERENCE}² on: flat within {FLAT:.0%}" if not apart else f"apart by more than {FLAT:.0%}: {apart}",
         highlight=False,
     )
-    where = bench.environment
-    console.print(
-        f"{where.device}; {where.cpu}, {where.cores} cores; load {where.load_before} to {where.load_after}; "
-        f"{where.date} UTC; kernels {where.kernels_sha256[:12]}",
-        highlight=False,
-        soft_wrap=True,
-    )
+    console.print(bench.environment.line, highlight=False, soft_wrap=True)

@@ -11,6 +11,7 @@ from cltaa.bench.frames import Motion
 from cltaa.bench.kernels import KernelBench, Row, Timing, bench_kernels
 from cltaa.bench.timing import Interval
 from cltaa.build import STORAGES, Storage
+from cltaa.commands.options import device_option, json_option
 from cltaa.errors import UsageError
 from cltaa.presets import load_preset
 from cltaa.progress import track
@@ -19,7 +20,7 @@ from cltaa.progress import track
 @click.command("kernels")
 @click.option("--preset", "presets", multiple=True, default=["default"], show_default=True, help="To time; repeatable.")
 @click.option("--size", default="1920x1080", show_default=True, metavar="WxH", help="Pixels.")
-@click.option("--device", metavar="NAME", help="OpenCL device: its index or a part of its name; see cltaa doctor.")
+@device_option
 @click.option("--motion", "motions", multiple=True, type=click.Choice([kind.value for kind in Motion]),
               help="Camera motion: uniform, or turn (rotation with zoom, another displacement at each pixel); "
                    "repeatable; both unless given.")  # fmt: skip
@@ -27,7 +28,7 @@ from cltaa.progress import track
               show_default=True, help="Number that the history is kept in.")  # fmt: skip
 @click.option("--rounds", default=31, show_default=True, type=click.IntRange(min=3), help="Rounds of all contenders.")
 @click.option("--oracle/--no-oracle", default=True, show_default=True, help="Also time the NumPy oracle, in 3 rounds.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
+@json_option
 def kernels(
     presets: tuple[str, ...],
     size: str,
@@ -84,13 +85,7 @@ def print_bench(bench: KernelBench) -> None:
             console.print(f"{name} is absent: {why}", markup=False, highlight=False, soft_wrap=True)
         if timing.noisy or timing.device_noisy:
             console.print("too noisy to rank: the core differs from its own copy, or by more than 2 % either way")
-    where = bench.environment
-    console.print(
-        f"{where.device}; {where.cpu}, {where.cores} cores, {' '.join(where.cpu_flags)}; load {where.load_before} to "
-        f"{where.load_after}; {where.date} UTC; kernels {where.kernels_sha256[:12]}",
-        highlight=False,
-        soft_wrap=True,
-    )
+    console.print(bench.environment.line, highlight=False, soft_wrap=True)
 
 
 def _table(bench: KernelBench, timing: Timing) -> Table:

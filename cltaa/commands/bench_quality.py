@@ -19,7 +19,7 @@ from cltaa.bench.quality_page import markdown, write_page
 from cltaa.bench.quality_pictures import write_pictures
 from cltaa.bench.quality_summary import Table, ordered, summarise
 from cltaa.commands.bench_kernels import parse_size
-from cltaa.commands.options import FILE_PATH
+from cltaa.commands.options import FILE_PATH, json_option
 from cltaa.errors import UsageError
 from cltaa.launch import Launcher, launcher_for
 from cltaa.params import Preset
@@ -86,7 +86,7 @@ NARROWEST = 160  # columns of the terminal, so that no number is cut off
     metavar="DIR",
     help="Write a picture of each preset's worst place beside the truth.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print everything as JSON and nothing else.")
+@json_option
 def quality(
     scenes: tuple[str, ...],
     folders: tuple[Path, ...],

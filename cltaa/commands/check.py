@@ -9,7 +9,7 @@ from rich.console import Console
 
 from cltaa.atomic import atomic_path, check_creatable
 from cltaa.checking.report import FRAMES, Report, check_folder
-from cltaa.commands.options import FILE_PATH, input_options
+from cltaa.commands.options import FILE_PATH, input_options, json_option
 from cltaa.errors import DataError
 from cltaa.inputs.profile_text import toml_text
 from cltaa.printable import json_of, shown
@@ -22,7 +22,7 @@ from cltaa.printable import json_of, shown
               help="Look at the first N frames; 8 or more tell the jitter's mistakes apart.")  # fmt: skip
 @click.option("--fix", type=FILE_PATH, metavar="FILE.toml",
               help="Write a profile that reads the sequence right.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON and nothing else.")
+@json_option
 @click.pass_context
 def check(
     ctx: click.Context,

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.atomic import make_folder
-from cltaa.commands.options import FILE_PATH, STOPS, verify_option
+from cltaa.commands.options import FILE_PATH, STOPS, json_option, verify_option
 from cltaa.comparison import Comparison, equal_quality, pair_up
 from cltaa.errors import UsageError
 from cltaa.frames import Image
@@ -48,7 +48,7 @@ Values = dict[str, float]
     help=f"Also judge A as moving pictures: {', '.join(score.name for score in SCORES)}.",
 )
 @verify_option
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
+@json_option
 def compare(
     test: Path,
     reference: Path | None,

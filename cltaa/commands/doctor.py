@@ -6,13 +6,14 @@ import click
 from rich.console import Console
 from rich.table import Table
 
+from cltaa.commands.options import json_option
 from cltaa.doctor import Diagnosis, diagnose
 from cltaa.errors import DeviceMissing
 from cltaa.printable import json_of, shown
 
 
 @click.command()
-@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON and nothing else.")
+@json_option
 @click.pass_context
 def doctor(ctx: click.Context, as_json: bool) -> None:
     """Look for what capture and resolve need on this machine.

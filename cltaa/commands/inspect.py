@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from cltaa.commands.options import FILE_PATH, chosen_effects, input_options
+from cltaa.commands.options import FILE_PATH, chosen_effects, input_options, json_option
 from cltaa.errors import DataError
 from cltaa.inputs.description import Description, describe_input
 from cltaa.inspection import Inspection, inspect_folder
@@ -29,7 +29,7 @@ from cltaa.printable import json_of, shown
 @click.option("--device", metavar="NAME", help="With --plan: where; its index or a part of its name.")
 @click.option("--effects", default="auto", show_default=True, help="With --plan: auto (as declared), all, or names.")
 @partial(input_options, default="cltaa")
-@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON and nothing else.")
+@json_option
 @click.pass_context
 def inspect(
     ctx: click.Context,

@@ -46,6 +46,12 @@ verify_option = click.option(
 )
 
 
+device_option = click.option(
+    "--device", metavar="NAME", help="OpenCL device: its index or a part of its name; see cltaa doctor."
+)
+json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
+
+
 def input_options(command: Command, *, default: str = "auto") -> Command:
     """Add ``--profile``, ``--input`` and ``--camera``: how the files of a sequence are read."""
     for option in (

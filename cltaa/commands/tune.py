@@ -8,6 +8,7 @@ import click
 import msgspec
 
 from cltaa.atomic import atomic_path
+from cltaa.commands.options import json_option
 from cltaa.errors import UsageError
 from cltaa.launch import launcher_for
 from cltaa.presets import load_preset
@@ -34,7 +35,7 @@ PATH = click.Path(path_type=Path)
 @click.option(
     "-o", "--output", required=True, type=PATH, help="TOML file to write; use it with cltaa resolve --config."
 )
-@click.option("--json", "as_json", is_flag=True, help="Print the outcome as JSON and nothing else.")
+@json_option
 def command(
     sequences: tuple[Path, ...],
     budget: str | None,
