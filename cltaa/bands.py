@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
+from functools import partial
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -17,13 +18,13 @@ from numpy.typing import NDArray
 
 from cltaa.buffers import Buffers
 from cltaa.constants import PAD_X, PAD_Y
-from cltaa.errors import UsageError
+from cltaa.errors import ResourceError, UsageError
 from cltaa.file_content import memory_limit
 from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame, Image
 from cltaa.launch import Buffer, DeviceLauncher, storage_dtype
 from cltaa.layout import Layout
-from cltaa.params import HistoryOf
+from cltaa.params import HistoryOf, Preset
 from cltaa.resolve import Resolver, Times
 from cltaa.upload import check_shapes, upload
 
@@ -33,9 +34,14 @@ PLANES_OF_A_RUN = 13 + 4 * 6 + 2 * 3
 BAND_ROWS = 512  # 400 MB of band at 16384 columns
 
 
+def whole_bytes(width: int, height: int) -> int:
+    """Bytes that a run over whole images takes, kept frames left out."""
+    return 4 * width * height * PLANES_OF_A_RUN
+
+
 def band_rows_for(width: int, height: int) -> int:
     """Rows of a band that suit an image of this size on this machine; 0 where whole images do."""
-    return BAND_ROWS if 4 * width * height * PLANES_OF_A_RUN > memory_limit() else 0
+    return BAND_ROWS if whole_bytes(width, height) > memory_limit() else 0
 
 
 class Band(Layout):
@@ -111,7 +117,10 @@ class BandedResolver(Resolver):
         if not isinstance(self.launcher, DeviceLauncher):
             raise UsageError("NumPy resolves whole images only", cure="leave --band-rows out, or name a device")
         if self.preset.choices.history_of is HistoryOf.SAMPLES:
-            raise UsageError("a preset that keeps frames resolves whole images only", cure="leave --band-rows out")
+            raise UsageError(
+                f"preset {self.preset.name} keeps frames, so it resolves whole images only",
+                cure="leave --band-rows out, or take --preset default",
+            )
         self._rows = band_rows
 
     def resolve(self, frame: Frame) -> Image:
@@ -147,6 +156,30 @@ class BandedResolver(Resolver):
         band = Band.of(layout, 0, self._rows)
         self._buffers = Buffers(self.launcher, band, alpha, storage_dtype(self._shape), layout)
         return self._buffers
+
+
+def resolver_for(
+    preset: Preset, device: str | None, size: tuple[int, int], band_rows: int | None = None, **options: Any
+) -> Resolver:
+    """A resolver for images of this size: in bands where whole ones take more memory than this machine has.
+
+    ``band_rows`` says it instead of the machine; 0 is whole images. Raises ResourceError where they would have to be
+    resolved in bands and the preset keeps frames, which only whole images can.
+    """
+    if band_rows is None:
+        band_rows = band_rows_for(*size)
+        if band_rows and preset.choices.history_of is HistoryOf.SAMPLES:
+            raise ResourceError(
+                f"{size[0]} x {size[1]} pixels are too many for preset {preset.name}, which keeps frames, "
+                "so it resolves whole images only",
+                expected=f"{whole_bytes(*size) / 1e6:.0f} MB beside the kept frames",
+                found=f"{memory_limit() / 1e6:.0f} MB of memory",
+                cure="take --preset default, which resolves them in bands, or --band-rows 0 to try all the same",
+            )
+        if device == "numpy":
+            band_rows = 0
+    kind = partial(BandedResolver, band_rows=band_rows) if band_rows else Resolver
+    return kind(preset, device, **options)
 
 
 def _whole(frame: Frame, alpha: bool) -> _Whole:

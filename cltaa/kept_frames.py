@@ -8,9 +8,10 @@ from msgspec.structs import replace
 from cltaa.buffers import Buffers
 from cltaa.build import FRAME_DTYPE, Build, Steps, kept_planes
 from cltaa.cameras import is_still
+from cltaa.errors import ResourceError
 from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame
-from cltaa.launch import Launcher
+from cltaa.launch import Buffer, Launcher
 from cltaa.layout import Layout
 from cltaa.planning import Plan
 
@@ -22,7 +23,7 @@ class KeptFrames:
         self.layout, self._launcher, self._count = layout, launcher, count
         self._planes = kept_planes(steps)
         self._slots = count + 1
-        self.planes = launcher.allocate((self._slots * self._planes, layout.rows, layout.stride), np.float32)
+        self.planes = _ring(launcher, (self._slots * self._planes, layout.rows, layout.stride), self._slots)
         self.records = launcher.allocate((count,), FRAME_DTYPE)
         self.past: tuple[Past, ...] = ()
 
@@ -61,3 +62,13 @@ class KeptFrames:
     def take_back(self) -> None:
         """Forget the frame that was kept last; those before it are all still there."""
         self.past = self.past[1:]
+
+
+def _ring(launcher: Launcher, shape: tuple[int, int, int], frames: int) -> Buffer:
+    try:
+        return launcher.allocate(shape, np.float32)
+    except ResourceError as error:
+        raise ResourceError(
+            f"{error.what} to keep {frames} frames", expected=error.expected, found=error.found,
+            cure="keep fewer with --set frames_kept=N, or none with --preset default",
+        ) from error  # fmt: skip

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import click
 from rich.console import Console
 from rich.table import Table
 
-from cltaa.bands import BandedResolver, band_rows_for
+from cltaa.bands import resolver_for
 from cltaa.build import STORAGES, Storage
 from cltaa.checkpoint import CHECKPOINT_EVERY
 from cltaa.commands.options import FILE_PATH, chosen_effects, input_options, verify_option
@@ -19,11 +18,10 @@ from cltaa.inputs.intake import intake_lines
 from cltaa.kept import kept_compression
 from cltaa.launch import launcher_for
 from cltaa.numbered import OnBreak
-from cltaa.params import HistoryOf, Preset, override
+from cltaa.params import Preset, override
 from cltaa.pipeline import Outcome, resolve_sequence, stage_rows
 from cltaa.presets import load_config, load_preset
 from cltaa.printable import json_of, printable, shown
-from cltaa.resolve import Resolver
 from cltaa.sources import Sequence
 from cltaa.views import View, parse_views
 
@@ -109,11 +107,7 @@ def resolve(
         if preset != "default" or config is not None:
             raise UsageError("--budget-ms chooses the preset itself", cure="leave out --preset and --config")
         settings, kept = within_budget(budget_ms, device, (source.width, source.height), assignments)
-    if band_rows is None:
-        whole_only = device == "numpy" or settings.choices.history_of is HistoryOf.SAMPLES
-        band_rows = 0 if whole_only else band_rows_for(source.width, source.height)
-    kind = partial(BandedResolver, band_rows=band_rows) if band_rows else Resolver
-    resolver = kind(settings, device, strict=strict, storage=kept)
+    resolver = resolver_for(settings, device, (source.width, source.height), band_rows, strict=strict, storage=kept)
     outcome = resolve_sequence(
         source,
         output,

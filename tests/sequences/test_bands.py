@@ -95,6 +95,23 @@ def test_only_large_images_are_banded(monkeypatch: pytest.MonkeyPatch) -> None:
     assert band_rows_for(16384, 16384) > 0
 
 
+def test_a_preset_that_keeps_frames_has_no_bands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where images would need them it says so before it reads one, and what to do; so it does when it is asked to."""
+    command = ["resolve", str(write_sequence(tmp_path / "in", 2)), "-o", str(tmp_path / "out"), "--preset", "t5"]
+    assert main([*command, "--band-rows", "6"]) == 64
+    assert "preset t5 keeps frames, so it resolves whole images only; leave --band-rows out" in capsys.readouterr().err
+    monkeypatch.setattr("cltaa.bands.memory_limit", lambda: 10**5)
+    assert main(command) == 75
+    said = capsys.readouterr().err
+    assert "37 x 23 pixels are too many for preset t5, which keeps frames, so it resolves whole images only" in said
+    assert "take --preset default, which resolves them in bands, or --band-rows 0" in said
+    assert not list(tmp_path.glob("out/*.exr"))
+    assert main([*command, "--band-rows", "0"]) == 0
+    assert main([*command[:3], str(tmp_path / "bands")]) == 0  # the default, in bands
+
+
 def test_command_line_writes_the_same_files(tmp_path: Path) -> None:
     folder = write_sequence(tmp_path / "in", 4)
     for name, more in (("whole", ["--band-rows", "0"]), ("bands", ["--band-rows", "6"])):
