@@ -89,8 +89,8 @@ typedef __global float* restrict history_out;
 
 // Starts to bring the texels right of the LANES from p on into the cache. On a CPU, where a work-item walks down, those
 // are what the work-items after this one will find there; nothing foresees a step of a whole row. OpenCL's own prefetch
-// does nothing on some CPU drivers.
-#if LANES > 1 && defined(__has_builtin)
+// does nothing on some CPU drivers, and the compiler's takes no pointer into a GPU's memory.
+#if LANES > 1 && defined(__has_builtin) && (defined(__x86_64__) || defined(__aarch64__))
 #if __has_builtin(__builtin_prefetch)
 #define FETCH_NEXT(p) __builtin_prefetch((const void*)(size_t)((p) + LANES))
 #endif

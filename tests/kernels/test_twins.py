@@ -16,6 +16,7 @@ import pytest
 from msgspec.structs import replace
 
 from cltaa.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Steps, Storage
+from cltaa.device import POCL
 from cltaa.launch import DeviceLauncher, NumpyLauncher, storage_dtype
 from cltaa.layout import Layout
 from cltaa.params import HOST_CHOICES, Choices
@@ -180,6 +181,7 @@ def test_sixteen_lanes_give_the_same_bits() -> None:
         "print({kernel: compared(kernel, strict(16)) for kernel in WRITES})"
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    if child.returncode and ("LLVM ERROR" in child.stderr or child.returncode < 0 or "does not build" in child.stderr):
+    ended = "LLVM ERROR" in child.stderr or child.returncode < 0 or "does not build" in child.stderr
+    if child.returncode and ended and device().device.cl_device.platform.name == POCL:
         pytest.skip(f"the driver cannot build 16 lanes here: {child.stderr.strip().splitlines()[-1:]}")
     assert child.stdout.strip() == str(dict.fromkeys(WRITES, 0)), child.stderr

@@ -9,13 +9,22 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from cltaa.build import Build
+from cltaa.build import Build, Storage
 from cltaa.launch import DeviceLauncher
 from cltaa.reference.bounded import Bounded
 from cltaa.reference.decision import Decision
 from cltaa.reference.real import greater
 from tests.kernels.stage_chain import ALL_STEPS, WRITES, chain_work, run_stage, variant_names, variants
-from tests.numerics.tolerances import Row, bounds_of, row_of, stored_rows, strict_rows, tolerance_rows
+from tests.numerics.tolerances import (
+    Row,
+    bounds_of,
+    compare_strict,
+    difference,
+    row_of,
+    stored_rows,
+    strict_rows,
+    tolerance_rows,
+)
 from tests.numerics.units import OUTPUTS
 
 # A bound that nothing comes within a hundredth of says nothing.
@@ -72,6 +81,23 @@ def test_a_million_pixels_of_every_stage_lie_inside() -> None:
 @pytest.mark.big
 def test_a_million_pixels_of_every_strict_kernel_are_the_twins() -> None:
     assert [row for row in strict_rows(1024, device()) if row.different] == []
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64])
+def test_a_difference_is_counted_in_the_numbers_between(kind: type[np.floating[Any]]) -> None:
+    ours = np.array([1.5, -2.0, 0.0, 7.0, np.nan, np.inf], kind)
+    theirs = np.array([np.nextafter(kind(1.5), kind(0)), -2.0, -0.0, 7.0, np.nan, np.inf], kind)
+    found = difference("blend", {"output": ours}, {"output": theirs})
+    assert (found.values, found.different, found.ulps) == (6, 2, 1)
+    assert found.relative == pytest.approx(np.finfo(kind).eps / 1.5)
+    two_away = {"output": np.nextafter(theirs[:1], kind(0))}
+    assert difference("blend", {"output": ours[:1]}, two_away).ulps == 2
+
+
+@pytest.mark.parametrize("storage", list(Storage))
+def test_a_strict_blend_is_its_twin_in_every_storage(storage: Storage) -> None:
+    build = device().build(Build(steps=ALL_STEPS, strict=True, storage=storage))
+    assert compare_strict("blend", build, chain_work(), device()).different == 0
 
 
 def singles(seed: int, count: int = 20_000) -> np.ndarray[tuple[int], np.dtype[np.float32]]:

@@ -86,10 +86,16 @@ def row_of(output: Output, work: Work, written: Planes, bounds: dict[str, tuple[
 def compare_strict(kernel: str, build: Build, work: Work, launcher: Launcher) -> Difference:
     """A strict build beside its twin in float32."""
     ours, theirs = (run_stage(kernel, build, work, on) for on in (launcher, NumpyLauncher()))
+    inside = work.layout.inside
+    return difference(kernel, *({name: inside(planes[name]) for name in planes} for planes in (ours, theirs)))
+
+
+def difference(kernel: str, ours: Planes, theirs: Planes) -> Difference:
+    """How far two results are apart; any NaN is as good as another."""
     values = different = ulps = 0
     relative = 0.0
-    for name in ours:
-        a, b = (work.layout.inside(planes[name]) for planes in (ours, theirs))
+    for name, a in ours.items():
+        b = theirs[name]
         apart = np.abs(_ordered(a) - _ordered(b)) * ~(np.isnan(a) & np.isnan(b))
         with np.errstate(all="ignore"):
             share = np.abs(a.astype(float) - b) / np.maximum(np.abs(a), np.abs(b))
@@ -99,9 +105,10 @@ def compare_strict(kernel: str, build: Build, work: Work, launcher: Launcher) ->
 
 
 def _ordered(values: NDArray[Any]) -> NDArray[np.int64]:
-    """float32 as whole numbers whose difference is the number of floats between them; -0 is 1 below 0."""
-    whole = np.ascontiguousarray(values).view(np.int32).astype(np.int64)
-    return np.where(whole < 0, -(2**31) - whole - 1, whole)
+    """Floats of any kind as whole numbers whose difference is the number of floats between them; -0 is 1 below 0."""
+    size = values.dtype.itemsize
+    whole = np.ascontiguousarray(values).view(f"i{size}").astype(np.int64)
+    return np.where(whole < 0, -(2 ** (8 * size - 1)) - whole - 1, whole)
 
 
 def tolerance_rows(side: int, launcher: Launcher) -> Iterator[Row]:
