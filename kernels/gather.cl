@@ -23,10 +23,15 @@ __kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motio
         const real w = sample_share(p.own, settings);
         const mask first = !l.edge | (centre.closeness > l.cut);
         gathered g = first_sample(w, first | !first, first, frame), far = first_sample(w, !first, !first, frame);
-        g = gather_samples(kept, past, frames, g, p, s, l, 0, x, y, frame, settings);
-        if (GATHER_FIT == GATHER_FIT_LAYERS && any_of(l.edge)) {
-            const surface behind = farthest_surface(s, closeness, motion, x, y, frame);
-            far = gather_samples(kept, past, frames, far, p, behind, l, 1, x, y, frame, settings);
+        const int edges = GATHER_FIT == GATHER_FIT_LAYERS && any_of(l.edge);
+        side_t side = { s, l };
+        if (edges)
+            side = side_of(s, l, 0, current, closeness, motion, x, y, frame, settings);
+        g = gather_samples(kept, past, frames, g, p, side.s, side.l, 0, x, y, frame, settings);
+        if (edges) {
+            side = side_of(s, l, 1, current, closeness, motion, x, y, frame, settings);
+            add_side(&far, side, p.own, settings);
+            far = gather_samples(kept, past, frames, far, p, side.s, side.l, 1, x, y, frame, settings);
         }
         const resolved out = resolve_gathered(g, far, l, p, m, frame, settings);
         store_resolved(output, output_count, out, x, y, frame);

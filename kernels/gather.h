@@ -2,6 +2,7 @@
 // ever read between texels, so nothing blurs, however far and however long things move.
 #include "pixel.h"
 #include "gather_fit.h"
+#include "gather_sides.h"
 #include "gather_track.h"
 
 #if !defined(OWN_MOTION) || !defined(ALPHA) || !defined(REJECT) || !defined(EXPOSURE) || !defined(WEIGHTING)
@@ -24,13 +25,6 @@ STAGE colour colour_at(plane_in p, footprint f, size_t plane, int stride)
     return v;
 }
 
-// True where a kept texel lies in the range of closeness that the current 3x3 has, as `then` saw it.
-STAGE mask seen_then(real closeness, surface s, motion_t m, settings_t settings)
-{
-    const quad alone = { closeness, closeness, closeness, closeness };
-    return REJECT == REJECT_NONE ? (closeness == closeness) : same_surface(alone, s, m, settings);
-}
-
 // The samples of the pixel `now` on surface s in `frames` kept frames, the latest first. past[k] says how to come from
 // this frame to the k-th, where its samples lie in their pixels (jitter) and in which slot of `kept` it is. The place
 // of the pixel's centre in frame k falls into the area of exactly one sample there: the one whose position rounds to
@@ -42,7 +36,8 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, gathere
     const size_t plane = plane_size(frame);
     const uint at = texel_offset(frame, x, y);
     const real zero = SPLAT(0.0), one = SPLAT(1.0), px = LANE_INDEX + K(x), py = SPLAT(y);
-    track_t t = { s.x != s.x, s.x != s.x, s.u, s.v };
+    const surface followed = GATHER_FIT == GATHER_FIT_LAYERS ? range_of_side(s, l, far_only) : s;
+    track_t t = { s.x != s.x, s.x != s.x, s.u, s.v, zero };
     if (OWN_MOTION)
         t.own = !untold(s.u, s.v);
     for (int k = 0; k < frames; ++k) {
@@ -60,7 +55,7 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, gathere
             m.u = t.own ? t.u : m.u;
             m.v = t.own ? t.v : m.v;
             m.scale = t.own ? one : m.scale;
-            m.shift = t.own ? zero : m.shift;
+            m.shift = t.own ? t.shift : m.shift;
             m.visible = m.visible | t.own;
             stretch.xx = t.own ? zero : stretch.xx, stretch.xy = t.own ? zero : stretch.xy;
             stretch.yx = t.own ? zero : stretch.yx, stretch.yy = t.own ? zero : stretch.yy;
@@ -100,10 +95,20 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, gathere
             motion_t place = nearest;
             place.u += s.x;
             place.v += s.y;
-            follow(&t, p, footprint_of(place, seen, at, frame), seen, plane, frame.stride);
+            follow(&t, followed, m, p, footprint_of(place, seen, at, frame), seen, plane, then, settings);
         }
     }
     return g;
+}
+
+// What the current frame shows of a side around the pixel, as one sample: of what has just come into view there is
+// hardly another.
+STAGE void add_side(gathered* g, side_t side, colour current, settings_t settings)
+{
+    const real zero = SPLAT(0.0);
+    const mask any = side.count > zero;
+    const colour d = { side.mean.r - current.r, side.mean.g - current.g, side.mean.b - current.b };
+    add_sample(g, d, any ? sample_share(side.mean, settings) : zero, zero, zero, any);
 }
 
 // What the samples of a pixel come to, less the current one. Across a depth edge the nearer surface's share and colour

@@ -1,8 +1,8 @@
-// The surfaces of a pixel and their ways back through the kept frames.
-#include "sampling.h"
+// Surfaces on their ways back through the kept frames.
+#include "reject.h"
 
-#if !defined(OWN_MOTION) || !defined(ALPHA) || !defined(GATHER_FIT)
-#error "gather_track.h needs OWN_MOTION, ALPHA and GATHER_FIT from the prelude"
+#if !defined(OWN_MOTION) || !defined(ALPHA) || !defined(GATHER_FIT) || !defined(REJECT)
+#error "gather_track.h needs OWN_MOTION, ALPHA, GATHER_FIT and REJECT from the prelude"
 #endif
 
 // Planes of a kept frame, as it was drawn: r, g, b, closeness, then own motion and alpha where there are such.
@@ -27,77 +27,52 @@ STAGE real texel_at(plane_in p, footprint f, int stride)
     return load(q);
 }
 
-// The two surfaces of a pixel that a depth edge runs through, and how closeness changes on the one that fills others.
-typedef struct
-{
-    mask edge;
-    real cut; // closeness that parts the nearer from the farther one
-    real slope_x, slope_y; // of closeness, a pixel
-} layers_t;
-
-STAGE layers_t layers_of(row_t above, row_t centre, row_t below, surface s, settings_t settings)
-{
-    layers_t l;
-    const real zero = SPLAT(0.0);
-    l.edge
-        = absolute((s.nearest - s.centre) - (s.centre - s.farthest)) > K(settings.edge_tolerance) * absolute(s.nearest);
-    l.cut = K(0.5) * (s.nearest + s.farthest);
-    l.slope_x = l.edge ? zero : K(0.5) * centre.rise;
-    l.slope_y = l.edge ? zero : K(0.5) * (below.closeness - above.closeness);
-    return l;
-}
-
-// The farthest surface of the 3x3, to be followed by its own motion.
-STAGE surface farthest_surface(surface s, plane_in closeness, plane_in motion, int x, int y, frame_t frame)
-{
-    const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
-    s.closeness = s.farthest;
-    for (int dy = 1; dy >= -1; --dy)
-        for (int dx = 1; dx >= -1; --dx) {
-            const ptrdiff_t step = (ptrdiff_t)at + dy * (ptrdiff_t)frame.stride + dx;
-            const mask here = usable_closeness(load(closeness + step), frame) == s.farthest;
-            s.x = here ? SPLAT(dx) : s.x;
-            s.y = here ? SPLAT(dy) : s.y;
-            if (OWN_MOTION) {
-                s.u = here ? load(motion + step) : s.u;
-                s.v = here ? load(motion + plane + step) : s.v;
-            }
-        }
-    return s;
-}
-
-// A surface that moves on its own, on its way back from frame to frame.
+// A surface that moves on its own, on its way back from frame to frame: where it was, and how much closer.
 typedef struct
 {
     mask own, lost;
-    real u, v;
+    real u, v, shift;
 } track_t;
 
 STAGE mask untold(real u, real v) { return outside_domain(u) | outside_domain(v); }
 
+// True where a kept texel lies in the range of closeness that the current 3x3 has, as `then` saw it.
+STAGE mask seen_then(real closeness, surface s, motion_t m, settings_t settings)
+{
+    const quad alone = { closeness, closeness, closeness, closeness };
+    return REJECT == REJECT_NONE ? (closeness == closeness) : same_surface(alone, s, m, settings);
+}
+
 // One step back, by the motion of the sample at the surface's own place (which is not the pixel's where the motion is a
 // neighbour's). Where that sample tells none, the nearest of its neighbours that tells one is taken, since the edge of
 // a thing lies in front of a sample in one frame and beside it in the next. Where none does the surface is lost, and so
-// is all before it.
-STAGE void follow(track_t* t, plane_in p, footprint there, mask seen, size_t plane, int stride)
+// is all before it; and where a sample tells the motion of another thing, by its closeness, since that stands before
+// it. From frame to frame a surface may come closer by as much as the range of `s` and the slack of the depth test
+// allow.
+STAGE void follow(track_t* t, surface s, motion_t m, plane_in p, footprint there, mask seen, size_t plane, frame_t then,
+    settings_t settings)
 {
     plane_in moved = p + KEPT_MOTION * plane;
+    const int stride = then.stride;
     real u = texel_at(moved, there, stride), v = texel_at(moved + plane, there, stride);
-    const mask missing = t->own & seen & untold(u, v);
+    const real q = usable_closeness(texel_at(p + KEPT_CLOSENESS * plane, there, stride), then);
+    const mask followed = t->own & seen, told = !untold(u, v), same = told & seen_then(q, s, m, settings);
+    t->shift = followed & same ? q - s.closeness : t->shift;
+    const mask missing = followed & !told;
     if (GATHER_FIT == GATHER_FIT_LAYERS && any_of(missing)) {
         real best = SPLAT(-DOMAIN_LIMIT);
         for (int dy = -1; dy <= 1; ++dy)
             for (int dx = -1; dx <= 1; ++dx) {
                 const ptrdiff_t step = dy * (ptrdiff_t)stride + dx;
-                const real q = texel_at(p + KEPT_CLOSENESS * plane + step, there, stride);
+                const real near = texel_at(p + KEPT_CLOSENESS * plane + step, there, stride);
                 const real a = texel_at(moved + step, there, stride), b = texel_at(moved + plane + step, there, stride);
-                const mask nearer = missing & (q > best) & !untold(a, b);
-                best = nearer ? q : best;
+                const mask nearer = missing & (near > best) & !untold(a, b);
+                best = nearer ? near : best;
                 u = nearer ? a : u;
                 v = nearer ? b : v;
             }
     }
-    t->lost = t->lost | (t->own & (!seen | untold(u, v)));
+    t->lost = t->lost | (t->own & (!seen | untold(u, v) | (told & !same)));
     t->u += u;
     t->v += v;
 }

@@ -8,19 +8,11 @@ import numpy as np
 
 from cltaa.build import Build, Record, kept_planes
 from cltaa.layout import Layout
-from cltaa.params import AlphaFrom, CurrentFilter, FilterUse, GatherFit, Reject, Weighting
+from cltaa.params import AlphaFrom, CurrentFilter, FilterUse, GatherFit, Weighting
 from cltaa.reference.colour import Colour, colour_outside_domain, from_range, luminance, to_range
 from cltaa.reference.gather_fit import Gathered, Stretch, first_sample, fit_at_centre, offset_now, stretch_of
-from cltaa.reference.gather_track import (
-    KEPT_CLOSENESS,
-    Layers,
-    Track,
-    farthest_surface,
-    layers_of,
-    texel_at,
-    untold,
-)
-from cltaa.reference.history import same_surface
+from cltaa.reference.gather_sides import Layers, Side, layers_of, range_of_side, side_of
+from cltaa.reference.gather_track import KEPT_CLOSENESS, Track, seen_then, texel_at, untold
 from cltaa.reference.neighbourhood import Surface, nearest_surface, usable_closeness
 from cltaa.reference.pixel import (
     Pixel,
@@ -37,7 +29,7 @@ from cltaa.reference.projection import Motion, motion_from_depth, on_screen, sur
 from cltaa.reference.real import Array, greater, lesser, limit, number, quiet
 from cltaa.reference.rectify import rectify
 from cltaa.reference.resolve import read_rows, store_resolved
-from cltaa.reference.sampling import Footprint, Quad, footprint_of
+from cltaa.reference.sampling import Footprint, footprint_of
 
 
 def sample_share(v: Colour, build: Build, settings: Record) -> Array:
@@ -69,7 +61,8 @@ def gather_samples(
     zero, one = np.zeros_like(current[0]), np.ones_like(current[0])
     none = np.zeros(zero.shape, bool)
     fit, own_motion = build.choices.gather_fit, build.steps.own_motion
-    track = Track(~untold(s.u, s.v) if own_motion else none, s.u, s.v, none)
+    followed = range_of_side(s, layers, far=far_only) if fit is GatherFit.LAYERS else s
+    track = Track(~untold(s.u, s.v) if own_motion else none, s.u, s.v, zero, none)
     for then in past:
         planes = kept[int(then["slot"])]
         m, stretch = _way_back(track, s, layers, build, layout, frame, then)
@@ -81,8 +74,7 @@ def gather_samples(
         f = footprint_of(nearest, seen, layout)
         c, q = _sample(planes, f, zero, then)
         good = seen & ~colour_outside_domain(c)
-        if build.choices.reject is Reject.DEPTH:
-            good = good & same_surface(Quad(q, q, q, q), s, m, settings["depth_tolerance"])
+        good = good & seen_then(q, s, m, build, settings)
         dx, dy, near = half - f.fx, half - f.fy, ~none
         if fit is not GatherFit.MEAN:
             dx, dy, visible = offset_now(dx, dy, stretch)
@@ -103,7 +95,7 @@ def gather_samples(
             g.alpha = g.alpha + np.where(good, a - now.alpha, zero)
         if own_motion:
             there = footprint_of(nearest._replace(u=nearest.u + s.x, v=nearest.v + s.y), seen, layout)
-            track.follow(planes, there, seen, build)
+            track.follow(followed, m, planes, there, seen, build, then, settings)
     return g
 
 
@@ -127,6 +119,15 @@ def _way_back(
 def _sample(planes: Array, f: Footprint, like: Array, then: Record) -> tuple[Colour, Array]:
     r, g, b = (texel_at(planes[channel], f, like.dtype) for channel in range(3))
     return (r, g, b), usable_closeness(texel_at(planes[KEPT_CLOSENESS], f, like.dtype), then)
+
+
+def add_side(g: Gathered, side: Side, current: Colour, build: Build, settings: Record) -> None:
+    """What the current frame shows of a side around the pixel, as one sample."""
+    zero = np.zeros_like(side.count)
+    some = side.count > zero
+    d = [a - b for a, b in zip(side.mean, current, strict=True)]
+    w = np.where(some, sample_share(side.mean, build, settings), zero)
+    g.add(d, w, zero, zero, some, build.choices.gather_fit)
 
 
 def gathered_change(g: Gathered, far: Gathered, layers: Layers, build: Build, settings: Record) -> list[Array]:
@@ -212,9 +213,15 @@ def gather(
     g = first_sample(w, near_one | ~near_one, near_one, build, frame)
     far = first_sample(w, ~near_one, ~near_one, build, frame)
     told = past[:frames]
-    g = gather_samples(slots, told, g, p, s, layers, build, layout, frame, settings)
+    of_sides = (s, layers, current, closeness, motion, build, layout, frame, settings)
     if build.choices.gather_fit is GatherFit.LAYERS:
-        behind = farthest_surface(s, closeness, motion, build, layout, frame)
-        far = gather_samples(slots, told, far, p, behind, layers, build, layout, frame, settings, far_only=True)
+        front, back = side_of(*of_sides, far=False), side_of(*of_sides, far=True)
+        g = gather_samples(slots, told, g, p, front.surface, front.layers, build, layout, frame, settings)
+        add_side(far, back, p.own, build, settings)
+        far = gather_samples(
+            slots, told, far, p, back.surface, back.layers, build, layout, frame, settings, far_only=True
+        )
+    else:
+        g = gather_samples(slots, told, g, p, s, layers, build, layout, frame, settings)
     resolved = resolve_gathered(g, far, layers, p, m, build, layout, settings)
     store_resolved(resolved, build, layout, frame, output, output_count)

@@ -13,7 +13,7 @@ from cltaa.constants import PAD_X, PAD_Y
 from cltaa.constants import value as value_of
 from cltaa.reference.gather import gather_samples
 from cltaa.reference.gather_fit import Gathered
-from cltaa.reference.gather_track import layers_of
+from cltaa.reference.gather_sides import layers_of
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.pixel import current_pixel
 from cltaa.reference.projection import Motion, on_screen

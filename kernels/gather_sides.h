@@ -1,0 +1,106 @@
+// The two surfaces of a pixel that a depth edge runs through.
+#include "neighbourhood.h"
+
+#if !defined(OWN_MOTION) || !defined(GATHER_FIT)
+#error "gather_sides.h needs OWN_MOTION and GATHER_FIT from the prelude"
+#endif
+
+// Where an edge runs, and how closeness changes on the surface that is followed.
+typedef struct
+{
+    mask edge;
+    real cut; // closeness that parts the nearer from the farther one
+    real slope_x, slope_y; // of closeness, a pixel
+} layers_t;
+
+STAGE layers_t layers_of(row_t above, row_t centre, row_t below, surface s, settings_t settings)
+{
+    layers_t l;
+    const real zero = SPLAT(0.0);
+    l.edge
+        = absolute((s.nearest - s.centre) - (s.centre - s.farthest)) > K(settings.edge_tolerance) * absolute(s.nearest);
+    l.cut = K(0.5) * (s.nearest + s.farthest);
+    l.slope_x = l.edge ? zero : K(0.5) * centre.rise;
+    l.slope_y = l.edge ? zero : K(0.5) * (below.closeness - above.closeness);
+    return l;
+}
+
+// One side of the edge: the surface at its sample that lies nearest to the pixel, how closeness changes from there, and
+// the mean colour of its samples in the 3x3, of which there are `count`.
+typedef struct
+{
+    surface s;
+    layers_t l;
+    colour mean;
+    real count;
+} side_t;
+
+STAGE mask on_side(real closeness, layers_t l, int far)
+{
+    return l.edge & (far ? closeness <= l.cut : closeness > l.cut);
+}
+
+// Of samples as far away as each other that of the pixel's own row: floors, the most slanted of surfaces, change from
+// row to row.
+STAGE surface side_surface(
+    surface s, layers_t l, int far, plane_in closeness, plane_in motion, int x, int y, frame_t frame)
+{
+    const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
+    real least = SPLAT(DOMAIN_LIMIT);
+    for (int dy = -1; dy <= 1; ++dy)
+        for (int dx = -1; dx <= 1; ++dx) {
+            const ptrdiff_t step = (ptrdiff_t)at + dy * (ptrdiff_t)frame.stride + dx;
+            const real q = usable_closeness(load(closeness + step), frame), away = SPLAT(2 * dx * dx + 3 * dy * dy);
+            const mask here = on_side(q, l, far) & (away < least);
+            least = here ? away : least;
+            s.x = here ? SPLAT(dx) : s.x;
+            s.y = here ? SPLAT(dy) : s.y;
+            s.closeness = here ? q : s.closeness;
+            if (OWN_MOTION) {
+                s.u = here ? load(motion + step) : s.u;
+                s.v = here ? load(motion + plane + step) : s.v;
+            }
+        }
+    return s;
+}
+
+// The side of each pixel that an edge runs through; elsewhere what was there. The slope is fitted by least squares to
+// the side's samples, through the one that lies nearest, and held back as that of a gathered pixel is.
+STAGE side_t side_of(surface s, layers_t l, int far, plane_in image, plane_in closeness, plane_in motion, int x, int y,
+    frame_t frame, settings_t settings)
+{
+    const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
+    const real zero = SPLAT(0.0), one = SPLAT(1.0);
+    side_t side = { side_surface(s, l, far, closeness, motion, x, y, frame), l, { zero, zero, zero }, zero };
+    real xx = SPLAT(settings.fit_ridge), xy = zero, yy = xx, qx = zero, qy = zero;
+    for (int dy = -1; dy <= 1; ++dy)
+        for (int dx = -1; dx <= 1; ++dx) {
+            const ptrdiff_t step = (ptrdiff_t)at + dy * (ptrdiff_t)frame.stride + dx;
+            const real q = usable_closeness(load(closeness + step), frame);
+            const mask here = on_side(q, l, far);
+            const real rise = here ? q - side.s.closeness : zero;
+            const real ox = here ? SPLAT(dx) - side.s.x : zero, oy = here ? SPLAT(dy) - side.s.y : zero;
+            xx += ox * ox, xy += ox * oy, yy += oy * oy;
+            qx += ox * rise, qy += oy * rise;
+            const colour c = load_colour(image + step, plane);
+            const mask usable = here & !colour_outside_domain(c);
+            const colour v = to_range(c);
+            side.mean.r += usable ? v.r : zero;
+            side.mean.g += usable ? v.g : zero;
+            side.mean.b += usable ? v.b : zero;
+            side.count += usable ? one : zero;
+        }
+    const real det = xx * yy - xy * xy, among = side.count > zero ? side.count : one;
+    side.l.slope_x = l.edge ? (yy * qx - xy * qy) / det : l.slope_x;
+    side.l.slope_y = l.edge ? (xx * qy - xy * qx) / det : l.slope_y;
+    side.mean.r = side.mean.r / among, side.mean.g = side.mean.g / among, side.mean.b = side.mean.b / among;
+    return side;
+}
+
+// The surface with the range of closeness of its own side alone.
+STAGE surface range_of_side(surface s, layers_t l, int far)
+{
+    s.nearest = far ? (l.edge ? l.cut : s.nearest) : s.nearest;
+    s.farthest = far ? s.farthest : (l.edge ? l.cut : s.farthest);
+    return s;
+}
