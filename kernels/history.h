@@ -1,4 +1,5 @@
 // The history of a pixel: its colour at the place where the surface was, and whether it can be used at all.
+#include "kept_rows.h"
 #include "reject.h"
 
 #if !defined(EXPOSURE) || !defined(ALPHA) || !defined(REJECT)
@@ -29,17 +30,60 @@ STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, si
     return v;
 }
 
-STAGE history_t sample_history(history_in history, plane_in count, plane_in previous_closeness, motion_t m, surface s,
-    int x, int y, frame_t frame, settings_t settings)
+// What lies at a footprint in the planes of the previous frame.
+typedef struct
+{
+    colour rgb;
+    real alpha, count;
+    quad closeness;
+    real fx, fy;
+} sampled;
+
+STAGE sampled sample_planes(history_in history, plane_in count, plane_in previous_closeness, footprint f, weights wx,
+    weights wy, colour rgb, frame_t frame)
+{
+    sampled v;
+    v.rgb = rgb;
+    v.alpha = SPLAT(1.0);
+    if (ALPHA)
+        v.alpha = sample_plane(history + 3 * history_plane_size(frame), f, wx, wy, frame.stride);
+    v.count = bilinear(sample_quad(count, f, frame.stride), f);
+    if (REJECT == REJECT_DEPTH)
+        v.closeness = sample_quad(previous_closeness, f, frame.stride);
+    v.fx = f.fx;
+    v.fy = f.fy;
+    return v;
+}
+
+STAGE sampled sample_at(
+    history_in history, plane_in count, plane_in previous_closeness, footprint f, int y, frame_t frame, kept_rows* kept)
 {
     const size_t plane = history_plane_size(frame);
+#if KEEPS_ROWS
+    if (moves_alike(kept, f, frame.stride)) {
+        f.at = kept->at;
+        f.fx = kept->fx;
+        f.fy = kept->fy;
+        f.lanes = LANES_ALIKE;
+        const colour rgb = sample_kept_colour(kept, history + f.at, plane, y, frame.stride);
+        return sample_planes(history, count, previous_closeness, f, kept->wx, kept->wy, rgb, frame);
+    }
+#endif
+    const weights wx = history_weights(f.fx), wy = history_weights(f.fy);
+    const colour rgb = sample_colour(history, f, wx, wy, plane, frame.stride);
+    return sample_planes(history, count, previous_closeness, f, wx, wy, rgb, frame);
+}
+
+STAGE history_t sample_history(history_in history, plane_in count, plane_in previous_closeness, motion_t m, surface s,
+    int x, int y, frame_t frame, settings_t settings, kept_rows* kept)
+{
     const uint at = history_offset(frame, x, y);
     history_t h;
     const motion_t seen = motion_to_edge(m, LANE_INDEX + K(x), SPLAT(y), frame);
     h.valid = on_screen(seen, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
     const footprint f = CAMERA_MOTION || OWN_MOTION ? footprint_of(seen, h.valid, at, frame) : own_texel(at);
-    const weights wx = history_weights(f.fx), wy = history_weights(f.fy);
-    h.rgb = sample_colour(history, f, wx, wy, plane, frame.stride);
+    const sampled v = sample_at(history, count, previous_closeness, f, y, frame, kept);
+    h.rgb = v.rgb;
     h.valid = h.valid & !colour_outside_domain(h.rgb);
     if (EXPOSURE) {
         h.rgb.r *= K(frame.exposure_ratio);
@@ -47,13 +91,11 @@ STAGE history_t sample_history(history_in history, plane_in count, plane_in prev
         h.rgb.b *= K(frame.exposure_ratio);
     }
     h.rgb = to_range(h.rgb);
-    h.alpha = SPLAT(1.0);
-    if (ALPHA)
-        h.alpha = limit(sample_plane(history + 3 * plane, f, wx, wy, frame.stride), SPLAT(0.0), SPLAT(1.0));
-    h.count = bilinear(sample_quad(count, f, frame.stride), f);
+    h.alpha = ALPHA ? limit(v.alpha, SPLAT(0.0), SPLAT(1.0)) : v.alpha;
+    h.count = v.count;
     if (REJECT == REJECT_DEPTH)
-        h.valid = h.valid & same_surface(sample_quad(previous_closeness, f, frame.stride), s, m, settings);
-    h.fx = f.fx;
-    h.fy = f.fy;
+        h.valid = h.valid & same_surface(v.closeness, s, m, settings);
+    h.fx = v.fx;
+    h.fy = v.fy;
     return h;
 }

@@ -114,6 +114,14 @@ typedef __global float* restrict history_out;
 #endif
 #endif
 
+#define REDUCES 0
+#if defined(__has_builtin)
+#if __has_builtin(__builtin_reduce_or)
+#undef REDUCES
+#define REDUCES 1
+#endif
+#endif
+
 #if LANES == 1
 STAGE real load(plane_in p) { return *p; }
 STAGE void store(plane_out p, real v) { *p = (float)v; }
@@ -146,7 +154,12 @@ STAGE void store(plane_out p, real v) { *(__global loose_real*)p = v; }
 #else
 #error "LANES is 1, 4, 8 or 16"
 #endif
+#if REDUCES
+// Straight from the register of masks, where there is one.
+STAGE int any_of(mask m) { return __builtin_reduce_or(m != 0) != 0; }
+#else
 STAGE int any_of(mask m) { return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0; }
+#endif
 STAGE scalar_whole first_lane(whole v) { return v.s0; }
 #endif
 

@@ -15,6 +15,7 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
     const int last = first + ROWS < end ? first + ROWS : end;
     row_t above = read_row(current, closeness, motion, x, first - 1, frame);
     row_t centre = read_row(current, closeness, motion, x, first, frame);
+    kept_rows kept = nothing_kept();
     for (int y = first; y < last; ++y) {
         fetch_frame(current, closeness, motion, x, y, frame);
         fetch_history(history, history_count, previous_closeness, x, y, frame);
@@ -22,7 +23,7 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
         const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
         const surface s = nearest_surface(above, centre, below, settings);
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
-        history_t h = sample_history(history, history_count, previous_closeness, m, s, x, y, frame, settings);
+        history_t h = sample_history(history, history_count, previous_closeness, m, s, x, y, frame, settings, &kept);
         const rectification r = rectify(h.rgb, p.filtered, p.near, m, box_gamma(m, settings), frame, settings);
         if (ALPHA)
             h.alpha = past_alpha(alpha + texel_offset(frame, x, y), h.alpha, frame);

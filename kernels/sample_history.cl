@@ -15,7 +15,8 @@ __kernel void sample_history_kernel(plane_in motion_in, history_in history, plan
     surface s;
     s.nearest = load(q + 5 * plane);
     s.farthest = load(q + 6 * plane);
-    const history_t h = sample_history(history, history_count, previous_closeness, m, s, x, y, frame, settings);
+    kept_rows kept = nothing_kept();
+    const history_t h = sample_history(history, history_count, previous_closeness, m, s, x, y, frame, settings, &kept);
     plane_out p = history_at + at;
     store(p, h.rgb.r);
     store(p + plane, h.rgb.g);

@@ -1,0 +1,77 @@
+// Rows of the history that a work-item of a CPU keeps while it slides down. Where a segment moves as the one above it
+// did, by the same fraction of a texel and as many whole ones, three of the four rows of taps around it have been
+// weighed along x already. Its place, fractions and weights are known too, before the motion that says the same has
+// been worked out, so that a CPU need not wait for it. On a GPU the registers cost more than the loads.
+#include "sampling.h"
+
+#define KEEPS_ROWS                                                                                                     \
+    (LANES > 1 && (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM || HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9))
+
+typedef struct
+{
+    real fx, fy; // of the segment above
+    uint at;
+#if KEEPS_ROWS
+    int filled; // whether there is what follows: only from the second segment on that moves alike
+    weights wx, wy;
+    real row[3][4]; // of each plane that of row y at y & 3
+#endif
+} kept_rows;
+
+STAGE kept_rows nothing_kept(void)
+{
+    kept_rows kept;
+    kept.fx = kept.fy = SPLAT(-1.0); // no fraction
+    kept.at = 0;
+#if KEEPS_ROWS
+    kept.filled = 0;
+#endif
+    return kept;
+}
+
+#if KEEPS_ROWS
+// Whether the segment of footprint f moves as the one above it. If not, it is what the next one is compared with.
+STAGE int moves_alike(kept_rows* kept, footprint f, int stride)
+{
+    const uint next = kept->at + (uint)stride;
+    if (f.lanes == LANES_ALIKE && f.at == next && !any_of((f.fx != kept->fx) | (f.fy != kept->fy))) {
+        kept->at = next;
+        return 1;
+    }
+    kept->at = f.at;
+    kept->fx = f.fx;
+    kept->fy = f.fy;
+    kept->filled = 0;
+    return 0;
+}
+
+STAGE void fill_rows(kept_rows* kept, history_in p, size_t plane, int y, int stride)
+{
+    kept->filled = 1;
+    kept->wx = history_weights(kept->fx);
+    kept->wy = history_weights(kept->fy);
+#pragma clang loop unroll(disable)
+    for (int i = 0; i < 9; ++i)
+        kept->row[i / 3][(y + i % 3 - 1) & 3]
+            = row_alike(p + (size_t)(i / 3) * plane + (i % 3 - 1) * (ptrdiff_t)stride, kept->wx).middle;
+}
+
+// One plane of a segment whose rows y - 1 to y + 1 are kept; p points at its tap 1.
+STAGE real sample_kept(real* row, history_in p, weights wx, weights wy, int y, int stride)
+{
+    const real zero = SPLAT(0.0), last = row_alike(p + 2 * (ptrdiff_t)stride, wx).middle;
+    row[(y + 2) & 3] = last;
+    return weigh(zero, row[(y - 1) & 3], row[y & 3], row[(y + 1) & 3], last, zero, wy).middle;
+}
+
+STAGE colour sample_kept_colour(kept_rows* kept, history_in p, size_t plane, int y, int stride)
+{
+    if (!kept->filled)
+        fill_rows(kept, p, plane, y, stride);
+    const weights wx = kept->wx, wy = kept->wy;
+    const colour v
+        = { sample_kept(kept->row[0], p, wx, wy, y, stride), sample_kept(kept->row[1], p + plane, wx, wy, y, stride),
+              sample_kept(kept->row[2], p + 2 * plane, wx, wy, y, stride) };
+    return v;
+}
+#endif
