@@ -55,8 +55,8 @@ STEP_NAMES = {
 # Steps whose absence is another estimate.
 RECTIFICATION, REJECTION, WEIGHTS, GATHERING = "rectification", "rejection", "luminance weights", "gathering"
 
-# Effects that can make a pixel's history wrong although the camera stands still.
-_CHANGING = frozenset({Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.REACTIVE, Effect.EXPOSURE})
+# Effects that can make a pixel's history wrong.
+CHANGING = frozenset({Effect.CAMERA, Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.REACTIVE, Effect.EXPOSURE})
 
 
 def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: bool = False) -> Plan:
@@ -81,7 +81,7 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
         reasons.append(reason)
     # A published resolve does what it does whether the scene calls for it or not.
     free = not preset.published
-    still = declared is not None and not declared & (_CHANGING | {Effect.CAMERA})
+    still = nothing_changes(declared)
     if free and still:
         choices, settings = plain_mean(choices, settings)
     elif free and _light_may_change(declared):
@@ -94,6 +94,11 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
     weighted = choices.weighting is Weighting.LUMINANCE
     reasons.append(Reason(WEIGHTS, weighted, _declared_or_not(Effect.HDR, declared) if free else "as published"))
     return Plan(choices, settings, steps, tuple(reasons))
+
+
+def nothing_changes(declared: frozenset[Effect] | None) -> bool:
+    """True where a sequence promises that every frame shows the same."""
+    return declared is not None and not declared & CHANGING
 
 
 def plain_mean(choices: Choices, settings: Settings) -> tuple[Choices, Settings]:

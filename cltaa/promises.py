@@ -9,20 +9,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cltaa.changes import ColourChange, DepthChange, Uncovering
 from cltaa.exr_attributes import FrameHeader
 from cltaa.exr_channels import Pixels
 from cltaa.frames import Effect
-
-Depth = NDArray[np.float32]
+from cltaa.planning import CHANGING, nothing_changes
 
 BRIGHT = 8.0  # "far above 1"
-# Depth of one place of a surface, drawn twice with one jitter, differs by rounding at most.
-DEPTH_SLACK = 1e-4
-# With another jitter the sample is at most a pixel away. Share of pixels outside the range of depth around them, worst
-# seen: 0.05 in still scenes (leaves, at 96x54), 0.3 and more under a camera that turns or travels.
-MOVED_SHARE = 0.15
+# Any of these moves what a pixel shows.
+MOVING = frozenset({Effect.CAMERA, Effect.MOTION, Effect.UNCOVER, Effect.CUT})
 
 
 class Witness:
@@ -31,27 +27,21 @@ class Witness:
     def __init__(self) -> None:
         self._seen: set[Effect] = set()
         self._brightest = 0.0
-        self._first: tuple[tuple[float, float], Depth] | None = None
-        self._last: Depth | None = None
-        self._moved: int | None = None
+        self._depth, self._colour, self._uncovering = DepthChange(), ColourChange(), Uncovering()
 
     def look(self, header: FrameHeader, channels: Mapping[str, Pixels]) -> None:
         """Take in one frame."""
         self._seen |= set(_shown(channels))
         self._brightest = max(self._brightest, *(_highest(channels[name]) for name in "RGB"))
-        depth = np.asarray(channels["Z"], np.float32)
-        if self._moved is None and self._has_moved(header.jitter_px, depth):
-            self._moved = header.index
-        if self._first is None:
-            self._first = header.jitter_px, depth
-        self._last = depth
-
-    def _has_moved(self, jitter_px: tuple[float, float], depth: Depth) -> bool:
-        if self._first is None or self._last is None or depth.shape != self._last.shape:
-            return False
-        if jitter_px == self._first[0]:
-            return not _close(depth, self._first[1]).all()
-        return float(_outside(depth, self._last).mean()) > MOVED_SHARE
+        declared = header.effects
+        if declared is None:
+            return
+        if not declared & MOVING:
+            self._depth.look(header, np.asarray(channels["Z"], np.float32))
+        elif Effect.UNCOVER not in declared:
+            self._uncovering.look(header, channels)
+        if nothing_changes(declared):
+            self._colour.look(header, np.stack([np.asarray(channels[name], np.float32) for name in "RGB"]))
 
     def broken(self, declared: frozenset[Effect] | None) -> list[str]:
         """Effects that the pixels show and the declaration leaves out."""
@@ -60,10 +50,13 @@ class Witness:
         problems = []
         if self._brightest > BRIGHT and Effect.HDR not in declared:
             problems.append(f"effect hdr shows in the pixels (up to {self._brightest:.4g}) but is not declared")
-        moving = {Effect.CAMERA, Effect.MOTION, Effect.UNCOVER, Effect.CUT}
-        if self._moved is not None and not declared & moving:
+        if self._depth.frame is not None:
+            problems.append(_undeclared("depth changes", self._depth.frame, MOVING))
+        elif self._colour.frame is not None:
+            problems.append(_undeclared("colour changes", self._colour.frame, CHANGING))
+        if self._uncovering.frame is not None:
             problems.append(
-                f"depth changes at frame {self._moved}, but no effect out of {', '.join(sorted(moving))} is declared"
+                f"something comes into view at frame {self._uncovering.frame}, but effect uncover is not declared"
             )
         return problems
 
@@ -73,6 +66,10 @@ class Witness:
             f"effect {effect} is declared, but {says}: leave it out and save its step"
             for effect, says in _IDLE.items() if effect in (declared or ()) and effect not in self._seen
         ]  # fmt: skip
+
+
+def _undeclared(what: str, frame: int, effects: frozenset[Effect]) -> str:
+    return f"{what} at frame {frame}, but no effect out of {', '.join(sorted(effects))} is declared"
 
 
 _IDLE = {
@@ -101,18 +98,3 @@ def _shown(channels: Mapping[str, Pixels]) -> Iterable[Effect]:
 
 def _highest(plane: Pixels) -> float:
     return float(np.max(np.asarray(plane, np.float32), where=np.isfinite(plane), initial=0.0))
-
-
-def _close(one: Depth, other: Depth) -> NDArray[np.bool_]:
-    with np.errstate(invalid="ignore"):
-        near = np.abs(one - other) <= DEPTH_SLACK * np.minimum(one, other)
-    return np.asarray((one == other) | near)
-
-
-def _outside(depth: Depth, before: Depth) -> NDArray[np.bool_]:
-    """Where depth lies outside the range that the 3x3 around the pixel had before."""
-    padded = np.pad(before, 1, mode="edge")
-    rows, columns = depth.shape
-    near = [padded[y : y + rows, x : x + columns] for y in range(3) for x in range(3)]
-    low, high = np.minimum.reduce(near), np.maximum.reduce(near)
-    return np.asarray((depth < low * (1.0 - DEPTH_SLACK)) | (depth > high * (1.0 + DEPTH_SLACK)))
