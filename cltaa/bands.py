@@ -28,9 +28,9 @@ from cltaa.params import HistoryOf, Preset
 from cltaa.resolve import Resolver, Times
 from cltaa.upload import check_shapes, upload
 
-# Planes of float32 that a run over whole images holds: 13 on the device, four frames of R G B Z with two of motion that
-# are read ahead, in work or being decoded, two results that wait to be written.
-PLANES_OF_A_RUN = 13 + 4 * 6 + 2 * 3
+# Planes of float32 that a run over whole images holds: 13 on the device, three frames of R G B Z with two of motion in
+# work or ahead, a group of three for each of the two that are being decoded, three results.
+PLANES_OF_A_RUN = 13 + 3 * 6 + 2 * 3 + 3 * 3
 BAND_ROWS = 512  # 400 MB of band at 16384 columns
 
 

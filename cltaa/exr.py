@@ -7,7 +7,7 @@ wrong input ends in one DataError or InputMissing.
 
 from __future__ import annotations
 
-import io
+import mmap
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -54,7 +54,7 @@ def write_frame(path: Path, frame: Frame, *, compression: str = "zip") -> None:
 
 
 def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
-    """Read one frame; ``colour`` [H, W, 3] is a view of a C-contiguous planar block [3, H, W], as are all arrays.
+    """Read one frame; ``colour`` [H, W, 3] is a view of a C-contiguous planar block [3, H, W], and so are the others.
 
     Half-precision channels are widened exactly, but half depth is refused. Channels with other names are left alone.
     ``sha256`` is what the file's content must have, in hexadecimal. Raises InputMissing, DataError, StorageError and
@@ -65,18 +65,18 @@ def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
     pixels, attributes = _decode(layout, content)
     del content  # what is not needed any more goes at once: of a large picture little fits into memory twice
     header = FrameHeader(path, attributes)
-    planar: NDArray[np.float32] = np.empty((len(names), layout.height, layout.width), np.float32)
-    for plane, name in zip(planar, names, strict=True):
-        plane[...] = pixels.pop(name)
 
+    # Each group in a block of its own, and a single plane as it was decoded: what is freed fits what is needed next.
     def stack(wanted: Sequence[str]) -> Image | None:
         if wanted[0] not in names:
             return None
-        first = names.index(wanted[0])
-        return np.moveaxis(planar[first : first + len(wanted)], 0, -1)
+        planar: NDArray[np.float32] = np.empty((len(wanted), layout.height, layout.width), np.float32)
+        for plane, name in zip(planar, wanted, strict=True):
+            plane[...] = pixels.pop(name)
+        return np.moveaxis(planar, 0, -1)
 
     def single(name: str) -> Image | None:
-        return planar[names.index(name)] if name in names else None
+        return np.ascontiguousarray(pixels.pop(name), np.float32) if name in names else None
 
     return Frame(
         index=header.index,
@@ -162,7 +162,7 @@ def read_colour(path: Path, *, sha256: str | None = None) -> Image:
     return np.moveaxis(np.stack([pixels[name] for name in COLOUR]).astype(np.float32, copy=False), 0, -1)
 
 
-def _load(path: Path, sha256: str | None) -> tuple[Layout, bytes]:
+def _load(path: Path, sha256: str | None) -> tuple[Layout, mmap.mmap]:
     """Check the layout, and only then read the whole file, so that what was checked is what is decoded."""
     with open_regular(path) as file:
         layout = parse_layout(path, file)
@@ -172,8 +172,8 @@ def _load(path: Path, sha256: str | None) -> tuple[Layout, bytes]:
         return layout, read_all(path, file, sha256)
 
 
-def _decode(layout: Layout, content: bytes) -> tuple[dict[str, Pixels], dict[str, object]]:
-    file, attributes = _open(layout, io.BytesIO(content), header_only=False)
+def _decode(layout: Layout, content: mmap.mmap) -> tuple[dict[str, Pixels], dict[str, object]]:
+    file, attributes = _open(layout, content, header_only=False)
     channels = {name: channel.pixels for name, channel in file.channels().items()}
     columns, rows = layout.data_size
     if set(channels) != set(layout.channels) or any(plane.shape != (rows, columns) for plane in channels.values()):
@@ -181,12 +181,12 @@ def _decode(layout: Layout, content: bytes) -> tuple[dict[str, Pixels], dict[str
     return {name: plane[layout.crop] for name, plane in channels.items()}, attributes
 
 
-def _open(layout: Layout, stream: BinaryIO, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:
+def _open(layout: Layout, stream: BinaryIO | mmap.mmap, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:
     file = open_stream(layout.path, stream, header_only=header_only)
     return file, {name: _scalar(value) for name, value in file.header().items()}
 
 
-def open_stream(path: Path, stream: BinaryIO, *, header_only: bool) -> OpenEXR.File:
+def open_stream(path: Path, stream: BinaryIO | mmap.mmap, *, header_only: bool) -> OpenEXR.File:
     """Let OpenEXR decode a file whose layout was checked; ``path`` is its name in messages. Raises DataError."""
     try:
         # Separate channels: the merging of R, G and B in the module had memory errors, and loses mixed types. A stream

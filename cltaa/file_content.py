@@ -7,12 +7,14 @@ read. They are read, not mapped: a mapped file that somebody cuts short kills th
 from __future__ import annotations
 
 import hashlib
+import mmap
 import os
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
 from cltaa.errors import DataError, InputMissing, ResourceError, StorageError
 
@@ -60,10 +62,18 @@ def read_text(path: Path, expected: str, largest: int) -> str:
         raise DataError(f"not UTF-8: {error}", path=path, expected=expected) from None
 
 
-def read_all(path: Path, file: BinaryIO, sha256: str | None) -> bytes:
-    """Read the whole file; raises DataError where its SHA-256, in hexadecimal, is not the given one."""
+def read_all(path: Path, file: BinaryIO, sha256: str | None) -> mmap.mmap:
+    """Read the whole file into memory of its own, which is a stream as well, and goes when it is dropped.
+
+    Raises DataError where its SHA-256, in hexadecimal, is not the given one, or where the file changes meanwhile.
+    """
+    # Memory of no file. Not bytes, which come from the heap a small page at a time and are copied into a stream again.
+    content = mmap.mmap(-1, file_size(file) or 1, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    with suppress(OSError):  # a system without large pages
+        content.madvise(mmap.MADV_HUGEPAGE)
     file.seek(0)
-    content = file.read(file_size(file))
+    if cast(BufferedReader, file).readinto(content) < len(content):
+        raise DataError("the file changed while it was read", path=path, cure="run again")
     if sha256 is not None:
         found = hashlib.sha256(content).hexdigest()
         if found != sha256:

@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import re
+import threading
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -90,6 +91,7 @@ class Manifest:
     def __init__(self, folder: Path) -> None:
         """Read what is there; raises DataError for a damaged first line, StorageError where it cannot be read."""
         self.path = folder / NAME
+        self._appending = threading.Lock()  # frames are finished in several threads
         self.settings: dict[str, Any] | None = None
         self.entries: dict[str, Entry] = {}
         if not self.path.exists():
@@ -117,7 +119,7 @@ class Manifest:
         """Vouch, durably, for a file that has its final name; raises StorageError."""
         line = _line({"file": name, **entry._asdict()})
         try:
-            with self.path.open("r+b") as stream:
+            with self._appending, self.path.open("r+b") as stream:
                 # A torn last line would swallow this one: end it first.
                 if stream.seek(0, os.SEEK_END) and stream.seek(-1, os.SEEK_END) and stream.read(1) != b"\n":
                     line = b"\n" + line

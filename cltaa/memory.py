@@ -8,10 +8,12 @@ import numpy as np
 from cltaa.build import Build, Steps, Storage, kept_planes
 from cltaa.launch import storage_dtype
 from cltaa.layout import Layout
+from cltaa.streams import DEPTH, THREADS
 
 REAL = 4  # bytes of a float
-FRAMES = 3  # in work, and two that are decoded or being decoded (cltaa.streams)
-RESULTS = 2  # that wait to be written or are being written
+FRAMES = 1 + DEPTH  # in work, and those that are decoded or being decoded
+RESULTS = 1 + DEPTH  # just made, and those that wait to be written or are being written
+GROUP = 3  # planes of a group, which are decoded one by one and then moved together
 # Interpreter, libraries and driver: the peak of a resolve of 16 x 16 pixels with built kernels, PoCL 3.0, 2026-11-21. A
 # kernel that has to be built first takes 140 MB more, before frames take any.
 PROGRAM = 102_000_000
@@ -40,13 +42,13 @@ class Memory(msgspec.Struct, frozen=True, kw_only=True):
     device: int
     frames: int
     results: int
-    file: int  # a packed file, beside the pixels that it becomes
+    reading: int  # for each frame that is being decoded the packed file and a group of planes
     program: int = PROGRAM
 
     @property
     def whole(self) -> int:
         """All of it together."""
-        return self.device + self.frames + self.results + self.file + self.program
+        return self.device + self.frames + self.results + self.reading + self.program
 
 
 def of_resolve(pixels: int, channels: int, file: int, device: int, *, alpha: bool, banded: bool = False) -> Memory:
@@ -54,8 +56,9 @@ def of_resolve(pixels: int, channels: int, file: int, device: int, *, alpha: boo
 
     In bands one frame at a time is in memory, its result in its place, and beside it the count of each pixel.
     """
-    frames, results = (1, 0) if banded else (FRAMES, RESULTS)
+    frames, results, decoded = (1, 0, 1) if banded else (FRAMES, RESULTS, THREADS)
     return Memory(
         device=device, frames=frames * channels * REAL * pixels,
-        results=REAL * pixels * (1 if banded else results * (3 + alpha)), file=file,
+        results=REAL * pixels * (1 if banded else results * (3 + alpha)),
+        reading=decoded * (file if banded else file + GROUP * REAL * pixels),
     )  # fmt: skip

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from cltaa.allocator import return_freed_frames
+from cltaa.allocator import kept_memory
 from cltaa.atomic import atomic_path, check_creatable, owned
 from cltaa.bands import BandedResolver
 from cltaa.checkpoint import CHECKPOINT_EVERY, Checkpoints
@@ -28,10 +28,10 @@ from cltaa.output import OutputFolder, sequence_settings
 from cltaa.params import Preset
 from cltaa.planning import with_effects
 from cltaa.progress import track
-from cltaa.reading import Read, read_frames
+from cltaa.reading import Read, reads
 from cltaa.resolve import Resolver, Times
 from cltaa.sources import Sequence, open_images
-from cltaa.streams import InTurn, Writer, read_ahead
+from cltaa.streams import InTurn, ReadAhead, Writer
 from cltaa.video import import_av, write_video
 from cltaa.views import View
 
@@ -93,7 +93,6 @@ def resolve_sequence(
     ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
     what reading, resolving and writing raise; finished frames stay complete.
     """
-    return_freed_frames()
     if output.resolve() == sequence.folder.resolve():
         raise UsageError("the output would overwrite the sequence", path=output, cure="name another folder with -o")
     if preview is not None:
@@ -107,7 +106,7 @@ def resolve_sequence(
         options["layers"] = list(layers)
     resolver.every_step = resolver.every_step or effects == "all"
     settings = {**resolver.settings(), **options, "compression": compression, **sequence_settings(sequence)}
-    with owned(output), stop_signals() as stop:
+    with kept_memory(4 * sequence.width * sequence.height), owned(output), stop_signals() as stop:
         folder = OutputFolder(output, settings, restart=restart)
         checkpoints = Checkpoints(output, folder.key)
         if restart:
@@ -166,7 +165,8 @@ class _Run:
         part = self._sequence.select(numbers[0], numbers[-1])
         started = time.perf_counter()
         in_turn = isinstance(self._resolver, BandedResolver)  # so large that no second image waits beside it
-        reading = (InTurn if in_turn else read_ahead)(read_frames(part, after, self._layers))
+        tasks = reads(part, after, self._layers)
+        reading = InTurn(tasks) if in_turn else ReadAhead(tasks)
         with Writer(compression=compression) as writer, reading as frames:
             for done, _ in enumerate(track(numbers, len(numbers), "resolving"), start=1):
                 read = next(frames)

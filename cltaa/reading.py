@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import NamedTuple
 
 from cltaa.frames import Frame
@@ -22,12 +23,15 @@ class Read(NamedTuple):
     kept: Kept
 
 
-def read_frames(sequence: Sequence, before: int | None, layers: tuple[str, ...]) -> Iterator[Read]:
-    """Each frame of a sequence; ``before`` is the frame that the first one continues."""
+def reads(sequence: Sequence, before: int | None, layers: tuple[str, ...]) -> Iterator[Callable[[], Read]]:
+    """A task for each frame of a sequence, in any thread; ``before`` is the frame that the first one continues."""
     for number in sequence.numbers:
-        frame = sequence.frame(number)
-        # What was verified while it was read need not be hashed again.
-        digest = sequence.sha256(number) or file_sha256(sequence.path(number))
-        yield Read(frame, Source(digest, before), unusable_pixels(frame.colour), kept_of(sequence.path(number), layers))
-        del frame  # before the next one is read: large ones do not fit into memory twice
+        yield partial(_read, sequence, number, before, layers)
         before = number
+
+
+def _read(sequence: Sequence, number: int, before: int | None, layers: tuple[str, ...]) -> Read:
+    frame, path = sequence.frame(number), sequence.path(number)
+    # What was verified while it was read need not be hashed again.
+    digest = sequence.sha256(number) or file_sha256(path)
+    return Read(frame, Source(digest, before), unusable_pixels(frame.colour), kept_of(path, layers))

@@ -1,118 +1,94 @@
-"""Reading ahead and writing behind: one thread each beside the work on a frame, a bounded number of frames in memory.
+"""Reading ahead and writing behind: threads beside the work on a frame, a bounded number of frames in memory.
 
-OpenEXR lets go of the interpreter while it packs and unpacks, so threads are enough. Each thread is stopped and
-joined when its owner is closed, collected or the program ends: one that dies inside OpenEXR aborts the process.
+OpenEXR, NumPy and SHA-256 let go of the interpreter while they work, so threads are enough. All of them are stopped and
+joined when their owner is closed, collected or the program ends: one that dies inside OpenEXR aborts the process.
 """
 
 from __future__ import annotations
 
-import queue
 import threading
 import time
 import weakref
 from array import array
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from itertools import islice, repeat
 from pathlib import Path
 from types import TracebackType
-from typing import Generic, Self, TypeVar
+from typing import Self, TypeVar
 
 from cltaa.exr import write_image
 from cltaa.exr_channels import Pixels
 from cltaa.exr_layout import Window
 
+# Frames that are decoded ahead, and results that wait to be written: each two at a time, because a thread of ours is
+# half of the time busy with what OpenEXR's threads do not share: the file's bytes, SHA-256, planes, flushes.
+DEPTH, THREADS = 2, 2
+
 Item = TypeVar("Item")
-
-
-class _Shelf(Generic[Item]):
-    """What a reading thread and its owner share; apart from the owner, so that the thread does not keep that alive."""
-
-    def __init__(self, depth: int) -> None:
-        self.places = threading.Semaphore(depth)
-        self.items: queue.SimpleQueue[Item | BaseException | None] = queue.SimpleQueue()
-        self.stopped = threading.Event()
-        self.seconds = array("d")
-
-    def fill(self, source: Iterable[Item]) -> None:
-        """Put the items of ``source``, or the exception that ends it, then None; wait for a free place before each."""
-        try:
-            iterator = iter(source)
-            while True:
-                self.places.acquire()
-                if self.stopped.is_set():
-                    return
-                begin = time.perf_counter()
-                try:
-                    item = next(iterator)
-                except StopIteration:
-                    break
-                self.seconds.append(time.perf_counter() - begin)
-                self.items.put(item)
-        except BaseException as error:  # handed to the owner, who raises it where the item was due
-            self.items.put(error)
-        self.items.put(None)
+Task = Callable[[], Item]
 
 
 class ReadAhead(Iterator[Item]):
-    """Items of an iterable, made in a thread up to ``depth`` of them ahead of use, in order.
+    """Items made by tasks in ``threads`` threads, up to ``depth`` of them ahead of use, in the order of the tasks.
 
-    An exception is raised where the item that it took the place of was due. ``seconds`` holds the time that making
-    each item took, waiting for a free place not counted. Close it, or use it in a ``with`` block, to stop early.
+    An exception is raised where the item that it took the place of was due, and ends the iteration. ``seconds`` holds
+    the time that making each item took. Close it, or use it in a ``with`` block, to stop early.
     """
 
-    def __init__(self, source: Iterable[Item], depth: int) -> None:
+    def __init__(self, tasks: Iterable[Task[Item]], depth: int = DEPTH, threads: int = THREADS) -> None:
         if depth < 1:
             raise ValueError(f"depth must be at least 1, not {depth}")
-        shelf: _Shelf[Item] = _Shelf(depth)
-        thread = threading.Thread(target=shelf.fill, args=(source,), name="cltaa read ahead", daemon=True)
-        self._shelf, self._ended = shelf, False
-        self._finalizer = weakref.finalize(self, _stop_reading, shelf, thread)
-        thread.start()
+        self.seconds = array("d")
+        self._tasks, self._items = iter(tasks), deque[Future[Item]]()
+        self._pool = ThreadPoolExecutor(threads, "cltaa read ahead")
+        self._finalizer = weakref.finalize(self, self._pool.shutdown, cancel_futures=True)
+        self._start(depth)
 
-    @property
-    def seconds(self) -> array[float]:
-        """Busy seconds of the thread for each item made so far."""
-        return self._shelf.seconds
+    def _start(self, count: int) -> None:
+        for task in islice(self._tasks, count):
+            self._items.append(self._pool.submit(_timed, task, self.seconds))
 
     def __next__(self) -> Item:
         """Return the next item, waiting for it if need be."""
-        if self._ended:
-            raise StopIteration
-        item = self._shelf.items.get()
-        self._shelf.places.release()
-        if item is None or isinstance(item, BaseException):
-            self._ended = True
+        if not self._items:
             self.close()
-            raise StopIteration if item is None else item
+            raise StopIteration
+        try:
+            item = self._items.popleft().result()
+        except BaseException:
+            self.close()
+            raise
+        self._start(1)
         return item
 
     def close(self) -> None:
-        """Stop the thread and wait for it; what it has made and was not asked for is dropped."""
-        self._ended = True
+        """Stop the threads and wait for them; what they have made and was not asked for is dropped."""
         self._finalizer()
+        self._items.clear()
 
     def __enter__(self) -> Self:
-        """Return itself; the thread runs already."""
+        """Return itself; the threads run already."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Stop the thread, whatever ended the block."""
+        """Stop the threads, whatever ended the block."""
         self.close()
 
 
 class InTurn(Iterator[Item]):
-    """Items of an iterable, each made when it is asked for; the same interface as ``ReadAhead``, without a thread."""
+    """Items made by tasks, each when it is asked for; the same interface as ``ReadAhead``, without a thread."""
 
-    def __init__(self, source: Iterable[Item]) -> None:
-        self._source, self.seconds = iter(source), array("d")
+    def __init__(self, tasks: Iterable[Task[Item]]) -> None:
+        self._tasks, self.seconds = iter(tasks), array("d")
 
     def __next__(self) -> Item:
         """Make the next item."""
-        begin = time.perf_counter()
-        item = next(self._source)
-        self.seconds.append(time.perf_counter() - begin)
-        return item
+        return _timed(next(self._tasks), self.seconds)
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -124,63 +100,36 @@ class InTurn(Iterator[Item]):
         """Nothing is to be stopped."""
 
 
-def read_ahead(sequence: Iterable[Item], depth: int = 2) -> ReadAhead[Item]:
-    """Iterate ``sequence`` with up to ``depth`` items decoded ahead of use: ``for frame in read_ahead(sequence)``."""
-    return ReadAhead(sequence, depth)
+def read_ahead(source: Iterable[Item], depth: int = DEPTH) -> ReadAhead[Item]:
+    """Iterate ``source`` in a thread up to ``depth`` items ahead of use: ``for frame in read_ahead(sequence)``."""
+    # The StopIteration of the source is the exception that ends the iteration, where the item after the last was due.
+    return ReadAhead(repeat(partial(next, iter(source))), depth, 1)
 
 
-def _stop_reading(shelf: _Shelf[Item], thread: threading.Thread) -> None:
-    shelf.stopped.set()
-    shelf.places.release()
-    thread.join()
-
-
-class _Desk:
-    """What a writing thread and its owner share."""
-
-    def __init__(self, depth: int) -> None:
-        self.places = threading.Semaphore(depth)
-        self.tasks: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
-        self.failure: BaseException | None = None
-        self.seconds = array("d")
-
-    def work(self) -> None:
-        """Run tasks in order until None comes; after a failure, drop the rest."""
-        while (task := self.tasks.get()) is not None:
-            try:
-                if self.failure is None:
-                    begin = time.perf_counter()
-                    task()
-                    self.seconds.append(time.perf_counter() - begin)
-            except BaseException as error:  # handed to the owner, who raises it at the next write or at the close
-                self.failure = error
-            finally:
-                del task  # or the arrays of the last image would stay until the next one comes
-                self.places.release()
+def _timed(task: Task[Item], seconds: array[float]) -> Item:
+    begin = time.perf_counter()
+    item = task()
+    seconds.append(time.perf_counter() - begin)
+    return item
 
 
 class Writer:
-    """Writes images in a thread; ``write`` waits while ``depth`` of them are unfinished.
+    """Writes images in ``threads`` threads; ``write`` waits while ``depth`` of them are unfinished.
 
     The arrays handed over belong to the writer until ``close``. Files are atomic, so those that exist are complete
-    whatever happens. The first failure is raised by the next ``write`` or by ``close``; images queued behind it are
-    dropped. In a ``with`` block that ends by an exception, the queued images are still written and that exception
-    stands. ``seconds`` holds the time that each image took.
+    whatever happens. The first failure is raised by a later ``write``, ``flush`` or by ``close``; images queued behind
+    it are dropped. In a ``with`` block that ends by an exception, the queued images are still written and that
+    exception stands. ``seconds`` holds the time that each image took.
     """
 
-    def __init__(self, depth: int = 2, *, compression: str = "zip") -> None:
+    def __init__(self, depth: int = DEPTH, *, compression: str = "zip", threads: int = THREADS) -> None:
         if depth < 1:
             raise ValueError(f"depth must be at least 1, not {depth}")
-        desk = _Desk(depth)
-        thread = threading.Thread(target=desk.work, name="cltaa write behind", daemon=True)
-        self._desk, self._compression, self._depth = desk, compression, depth
-        self._finalizer = weakref.finalize(self, _stop_writing, desk, thread)
-        thread.start()
-
-    @property
-    def seconds(self) -> array[float]:
-        """Busy seconds of the thread for each image written so far."""
-        return self._desk.seconds
+        self.seconds = array("d")
+        self._compression, self._depth = compression, depth
+        self._images, self._failed = deque[Future[None]](), threading.Event()
+        self._pool = ThreadPoolExecutor(threads, "cltaa write behind")
+        self._finalizer = weakref.finalize(self, self._pool.shutdown)
 
     def write(
         self,
@@ -193,35 +142,34 @@ class Writer:
         """Queue one image for ``cltaa.exr.write_image``, and what is to be done ``then``; raises an earlier failure."""
         if not self._finalizer.alive:
             raise ValueError("the writer is closed")
-        self._desk.places.acquire()
-        if self._desk.failure is not None:
-            self.close()
-        compression = self._compression
+        while len(self._images) >= self._depth or self._failed.is_set():
+            self._finish_one()
+        write = partial(write_image, path, channels, attributes, compression=self._compression, window=window)
+        self._images.append(self._pool.submit(_write, write, then, self._failed, self.seconds))
 
-        def task() -> None:
-            write_image(path, channels, attributes, compression=compression, window=window)
-            if then is not None:
-                then()
-
-        self._desk.tasks.put(task)
+    def _finish_one(self) -> None:
+        """Wait for the oldest image; where it failed, stop."""
+        failure = self._images.popleft().exception()
+        if failure is not None:
+            self._stop()
+            raise failure
 
     def flush(self) -> None:
         """Wait until every queued image is written; raises the first failure, once."""
-        for _ in range(self._depth):
-            self._desk.places.acquire()
-        self._desk.places.release(self._depth)
-        if self._desk.failure is not None:
-            self.close()
+        while self._images:
+            self._finish_one()
 
     def close(self) -> None:
-        """Finish the queued images and stop the thread; raises the first failure, once."""
+        """Finish the queued images and stop the threads; raises the first failure, once."""
         self._finalizer()
-        failure, self._desk.failure = self._desk.failure, None
-        if failure is not None:
-            raise failure
+        self.flush()
+
+    def _stop(self) -> None:
+        self._finalizer()
+        self._images.clear()
 
     def __enter__(self) -> Self:
-        """Return itself; the thread runs already."""
+        """Return itself; the threads run already."""
         return self
 
     def __exit__(
@@ -231,9 +179,21 @@ class Writer:
         if error is None:
             self.close()
         else:
-            self._finalizer()
+            self._stop()
 
 
-def _stop_writing(desk: _Desk, thread: threading.Thread) -> None:
-    desk.tasks.put(None)
-    thread.join()
+def _write(
+    write: Callable[[], None], then: Callable[[], None] | None, failed: threading.Event, seconds: array[float]
+) -> None:
+    """Write an image unless one before it failed."""
+    if failed.is_set():
+        return
+    begin = time.perf_counter()
+    try:
+        write()
+        if then is not None:
+            then()
+    except BaseException:
+        failed.set()
+        raise
+    seconds.append(time.perf_counter() - begin)

@@ -14,6 +14,8 @@ import msgspec
 import numpy as np
 import OpenEXR
 
+from cltaa.allocator import kept_memory
+from cltaa.atomic import make_folder
 from cltaa.bench.environment import Environment, environment, load
 from cltaa.bench.timing import Interval, Job, interval, measure
 from cltaa.build import Build
@@ -22,12 +24,13 @@ from cltaa.exr_channels import Pixels
 from cltaa.halves import image_channels
 from cltaa.kernel_files import kernel_folder
 from cltaa.launch import DeviceLauncher
+from cltaa.output import OutputFolder, Source
 from cltaa.params import Preset
 from cltaa.pipeline import resolve_sequence
-from cltaa.reading import read_frames
+from cltaa.reading import reads
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence as Captured
-from cltaa.streams import Writer
+from cltaa.streams import ReadAhead, Writer
 
 CODECS = (
     "none",
@@ -38,6 +41,7 @@ CODECS = (
     "zstd",
 )  # those that lose nothing and that most programs read; zstd is new
 HELD = 3  # frames in memory while a stage is timed alone
+NO_HASH = "0" * 64
 Progress = Callable[[Iterable[int], int], Iterable[int]]
 
 
@@ -95,7 +99,7 @@ def bench_files(
     channels = image_channels(resolver.resolve(sequence.frame(sequence.first)))
     resolver.reset()
     counts = threads or (OpenEXR.global_thread_count(),)
-    with TemporaryDirectory() as folder:
+    with TemporaryDirectory() as folder, kept_memory(4 * sequence.width * sequence.height):
         packings = [
             packing
             for half in (False, True)
@@ -159,12 +163,12 @@ def _milliseconds(seconds: Interval) -> Interval:
 
 def _stages(folder: Path, sequence: Captured, resolver: Resolver, codec: str, half: bool, rounds: int) -> Stages:
     times: dict[str, list[float]] = {"read": [], "resolve": [], "write": [], "whole": []}
-    held = [read.frame for read, _ in zip(read_frames(sequence, None, ()), range(HELD), strict=False)]
+    held = [sequence.frame(index) for index in sequence.numbers[:HELD]]
     count = len(sequence)
     for number in range(rounds + 1):  # the first builds kernels and fills caches
-        # Each as the command does it, frames one after the other, with all that belongs to it.
+        # Each as the command does it, in as many threads, with all that belongs to it.
         steps: dict[str, Callable[[], object]] = {
-            "read": lambda: [None for _ in read_frames(sequence, None, ())],
+            "read": partial(_read_all, sequence),
             "resolve": lambda: [
                 resolver.resolve(replace(held[index % len(held)], index=index)) for index in range(count)
             ],
@@ -187,10 +191,18 @@ def _stages(folder: Path, sequence: Captured, resolver: Resolver, codec: str, ha
     )  # fmt: skip
 
 
+def _read_all(sequence: Captured) -> None:
+    with ReadAhead(reads(sequence, None, ())) as frames:
+        for _ in frames:
+            pass
+
+
 def _write(folder: Path, channels: dict[str, Pixels], codec: str, count: int) -> None:
+    output = OutputFolder(make_folder(folder / "alone"), {}, restart=True)
     with Writer(compression=codec) as writer:
         for index in range(count):
-            writer.write(folder / f"alone.{index:04d}.exr", channels)
+            path = output.folder / f"alone.{index:04d}.exr"
+            writer.write(path, channels, then=partial(output.finish, path, Source(NO_HASH, None)))
 
 
 def _interval(values: list[float]) -> Interval:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,7 +58,7 @@ def _many_planes(path: Path, sha256: str | None) -> tuple[FileHeader, dict[str, 
         layouts = parse_parts(path, file)
         check_memory(path, file_size(file) + 2 * sum(layout.decoded_bytes for layout in layouts))
         content = read_all(path, file, sha256)
-    decoded = open_stream(path, io.BytesIO(content), header_only=False)
+    decoded = open_stream(path, content, header_only=False)
     header, planes = _described(layouts, decoded), dict[str, Pixels]()
     for layout, part in zip(layouts, decoded.parts, strict=True):
         columns, rows = layout.data_size

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.allocator import return_freed_frames
+from cltaa.allocator import kept_memory
 from cltaa.resolve import Resolver
-from tests.sequence_factory import make_camera, make_frame
+from tests.sequence_factory import make_camera, make_frame, write_sequence
 
 SIZE = 256
 SETTLED = 100  # frames after which everything that is made once is there
@@ -47,9 +47,9 @@ class LongRun(NamedTuple):
     processor: NDArray[np.float64]
 
 
+@kept_memory(4 * SIZE * SIZE)
 def long_run(count: int) -> LongRun:
     """Resolve ``count`` frames one after another, with a camera that moves."""
-    return_freed_frames()
     resolver = Resolver()
     frames = [make_frame(index, width=SIZE, height=SIZE, motion=True, effects=None) for index in range(8)]
     settled, clocks = held(), np.zeros((count + 1, 2))
@@ -80,6 +80,42 @@ def test_memory_descriptors_and_threads_stay(count: int) -> None:
         print(f"{name} of a frame, ms: median {before:.2f}, then {after:.2f}; p99 {slow:.2f}, then {slow_after:.2f}")
     # What else the machine does changes the time of a frame, and its processor time hardly.
     assert after <= 1.1 * before
+
+
+COUNTING = """
+import resource, sys
+from pathlib import Path
+from cltaa.pipeline import resolve_sequence
+from cltaa.resolve import Resolver
+from cltaa.sources import open_sequence
+
+faults = []
+
+
+class Counting(Resolver):
+    def resolve(self, frame):
+        faults.append(resource.getrusage(resource.RUSAGE_SELF).ru_minflt)
+        return super().resolve(frame)
+
+
+resolve_sequence(open_sequence(sys.argv[1]), Path(sys.argv[2]), Counting(), compression="none")
+print((faults[-3] - faults[5]) / (len(faults) - 8))
+"""
+
+
+def test_a_frame_lies_in_the_memory_that_another_left(tmp_path: Path) -> None:
+    """Page faults a frame of a run that has settled, against the pages that the arrays of a frame fill."""
+    width, height, channels = 960, 540, 6
+    folder = write_sequence(tmp_path / "in", 14, width=width, height=height, motion=True)
+    run = [sys.executable, "-c", COUNTING, str(folder), str(tmp_path / "out")]
+    root = Path(__file__).parents[2]
+    found = subprocess.run(run, cwd=root, stdout=subprocess.PIPE, text=True, check=True)
+    # The packed file (of random pixels: as large as they), the channels decoded, five moved into groups, the result.
+    pages = (channels + channels + 5 + 3) * 4 * width * height / os.sysconf("SC_PAGE_SIZE")
+    large_pages = Path("/sys/kernel/mm/transparent_hugepage/enabled")
+    share = 0.25 if large_pages.exists() and "[never]" not in large_pages.read_text() else 0.75
+    print(f"{float(found.stdout):.0f} faults a frame of {pages:.0f} pages")
+    assert float(found.stdout) < share * pages
 
 
 WORKER = """

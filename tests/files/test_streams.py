@@ -8,7 +8,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ import pytest
 from cltaa.errors import DataError, OutputError
 from cltaa.exr import read_image
 from cltaa.sources import open_sequence
-from cltaa.streams import Writer, read_ahead
+from cltaa.streams import ReadAhead, Writer, read_ahead
 from tests.sequence_factory import write_sequence
 
 PATIENCE = 10.0  # seconds after which a thread that should have ended counts as hung
@@ -72,6 +73,29 @@ def test_no_more_than_depth_ahead(depth: int) -> None:
             assert next(numbers) == taken
 
 
+def test_several_threads_keep_order_and_depth() -> None:
+    """Three at a time, the later ones done first."""
+    begun, gates = [], [threading.Event() for _ in range(20)]
+
+    def made(number: int) -> int:
+        begun.append(number)
+        assert gates[number].wait(PATIENCE)
+        return number
+
+    with ReadAhead((partial(made, number) for number in range(20)), 4, 3) as numbers:
+        wait_for(lambda: len(begun) == 3)
+        for number in (2, 1):
+            gates[number].set()
+        wait_for(lambda: len(begun) == 4)  # as many as there are places, though two threads have nothing to do
+        time.sleep(0.02)
+        assert sorted(begun) == [0, 1, 2, 3]
+        for gate in gates:
+            gate.set()
+        assert list(numbers) == list(range(20))
+    assert len(numbers.seconds) == 20
+    assert cltaa_threads() == []
+
+
 def test_failure_comes_where_the_frame_was_due() -> None:
     with read_ahead(Counted(9, failing=3), 4) as numbers:
         assert [next(numbers) for _ in range(3)] == [0, 1, 2]
@@ -89,10 +113,12 @@ def test_leaving_early_ends_the_thread() -> None:
     assert source.made <= 1 + 2
 
 
-def test_forgotten_reader_and_writer_end_their_threads() -> None:
+def test_forgotten_reader_and_writer_end_their_threads(tmp_path: Path) -> None:
     numbers, writer = read_ahead(Counted(1000)), Writer()
     next(numbers)
-    assert len(cltaa_threads()) == 2
+    for number in range(2):
+        writer.write(tmp_path / f"{number}.exr", image(number))
+    assert len(cltaa_threads()) == 3
     del numbers, writer
     gc.collect()
     assert cltaa_threads() == []
@@ -124,7 +150,7 @@ def test_written_images_are_complete_at_the_close(tmp_path: Path) -> None:
 
 
 def test_first_failure_is_raised_and_what_was_finished_stays(tmp_path: Path) -> None:
-    writer = Writer()
+    writer = Writer(threads=1)
     writer.write(tmp_path / "0.exr", image(0))
     writer.write(tmp_path / "missing" / "1.exr", image(1))
 
@@ -136,6 +162,23 @@ def test_first_failure_is_raised_and_what_was_finished_stays(tmp_path: Path) -> 
         write_more()
     assert [path.name for path in tmp_path.iterdir()] == ["0.exr"]
     writer.close()  # the failure was told once
+    assert cltaa_threads() == []
+
+
+@pytest.mark.parametrize("told_by", ["write", "flush", "close"])
+def test_a_failure_beside_another_image_is_told_once(tmp_path: Path, told_by: str) -> None:
+    writer = Writer()
+    writer.write(tmp_path / "missing" / "0.exr", image(0))
+    wait_for(writer._failed.is_set)
+    calls: dict[str, Callable[[], None]] = {
+        "write": lambda: writer.write(tmp_path / "1.exr", image(1)),
+        "flush": writer.flush,
+        "close": writer.close,
+    }
+    with pytest.raises(OutputError, match=r"0\.exr"):
+        calls[told_by]()
+    writer.close()
+    assert list(tmp_path.iterdir()) == []
     assert cltaa_threads() == []
 
 
@@ -162,7 +205,7 @@ def test_writer_waits_while_depth_images_are_unfinished(tmp_path: Path, monkeypa
     handed_over: list[int] = []
 
     def hand_over() -> None:
-        with Writer(2) as writer:
+        with Writer(2, threads=1) as writer:
             for number in range(5):
                 writer.write(tmp_path / f"{number}.exr", image(number))
                 handed_over.append(number)
