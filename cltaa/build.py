@@ -49,6 +49,23 @@ class Steps(msgspec.Struct, frozen=True, kw_only=True):
     reactive: bool = False
 
 
+class Terms(msgspec.Struct, frozen=True, kw_only=True):
+    """Which terms the settings call for. One that they make nothing of is not compiled, and no bit changes."""
+
+    resample_cost: bool = True
+    pull_cost: bool = True
+    gamma_by_motion: bool = True
+
+    @classmethod
+    def of(cls, settings: Settings) -> Terms:
+        """The terms that ``settings`` call for."""
+        return cls(
+            resample_cost=settings.resample_cost != 0.0,
+            pull_cost=settings.pull_cost != 0.0,
+            gamma_by_motion=settings.gamma_still != settings.gamma_moving,
+        )
+
+
 def kept_planes(steps: Steps) -> int:
     """Planes of a kept frame: r, g, b, closeness, and where steps read them own motion and alpha (KEPT_PLANES)."""
     return 4 + 2 * steps.own_motion + steps.alpha
@@ -59,10 +76,12 @@ class Build(msgspec.Struct, frozen=True, kw_only=True):
 
     choices: Choices = Choices()
     steps: Steps = Steps()
+    terms: Terms = Terms()
     real: Real = Real.FLOAT
     storage: Storage = Storage.FLOAT
     lanes: int = 0  # 0: what suits the device
     rows: int = 0
+    stride: int = 0  # texels from one row of a plane to the next, where kernels are built for one width; 0: any
     registers: int = 0  # the most a work-item may have, where the compiler can be told; 0: as many as it likes
     strict: bool = False
     relaxed: bool = False  # what the compiler may do with -cl-fast-relaxed-math: only to be timed (decision 16)
@@ -157,6 +176,7 @@ def prelude(build: Build) -> str:
     numbers = {
         "LANES": build.lanes,
         "ROWS": build.rows,
+        "STRIDE": build.stride,
         "REAL_DOUBLE": int(build.real is Real.DOUBLE),
         "STORAGE_DOUBLE": int(build.storage is Storage.DOUBLE),
         "STORAGE_HALF": int(build.storage in HALVES),
@@ -166,6 +186,7 @@ def prelude(build: Build) -> str:
         "PAD_X": PAD_X,
         "PAD_Y": PAD_Y,
         **{_macro(name): int(getattr(build.steps, name)) for name in Steps.__struct_fields__},
+        **{_macro(name): int(getattr(build.terms, name)) for name in Terms.__struct_fields__},
     }
     lines = [f"#define {name} {value}" for name, value in numbers.items()]
     for name in sorted(set(Choices.__struct_fields__) - HOST_CHOICES):

@@ -86,12 +86,13 @@ class Shape(NamedTuple):
     rows: int  # rows that it slides down: long on a CPU, short on a GPU, which needs many work-items
     group: tuple[int, int]  # work-items a group
     registers: int = 0  # the most that a work-item may have; 0: as many as the compiler likes
+    one_width: bool = False  # whether the resolve is built for one width of planes
     registers_to_reject: int = 0  # the same where history is rejected by its depth, which takes more of them
 
 
 CPU_8, CPU_16 = Shape(lanes=8, rows=32, group=(1, 1)), Shape(lanes=16, rows=32, group=(1, 1))
 GPU = Shape(lanes=1, rows=8, group=(64, 2))
-NVIDIA = Shape(lanes=1, rows=16, group=(128, 1), registers=96, registers_to_reject=120)
+NVIDIA = Shape(lanes=1, rows=16, group=(128, 1), registers=96, registers_to_reject=128, one_width=True)
 
 
 class Memory:

@@ -78,10 +78,14 @@ class DeviceLauncher:
 
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
         """Enqueue a kernel; it runs in the order of the queue. Raises DeviceLost."""
+        import msgspec
+
         from cltaa.device import device_errors
         from cltaa.program import source_hash
 
         given = {name: getattr(value, "buffer", value) for name, value in arguments.items()}
+        if kernel == "resolve" and self.device.shape.one_width:
+            build = msgspec.structs.replace(build, stride=layout.stride)
         size, group = self._range(kernel, build, layout, given)
         first = (kernel, build, size) not in self._used
         with self.device.first_use(source_hash(kernel, build)) if first else nullcontext(), device_errors(self.device):

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from cltaa.buffers import Buffers
-from cltaa.build import HALVES, Build, Real, Record, Steps, Storage, settings_record
+from cltaa.build import HALVES, Build, Real, Record, Steps, Storage, Terms, settings_record
 from cltaa.frame_record import Past as Past
 from cltaa.frame_record import frame_record as frame_record
 from cltaa.frames import Frame, Image
@@ -169,7 +169,8 @@ class Resolver:
         return previous, self._build(self.plan)
 
     def _build(self, plan: Plan) -> Build:
-        build = msgspec.structs.replace(self._shape, choices=plan.choices, steps=plan.steps)
+        terms = Terms.of(plan.settings)
+        build = msgspec.structs.replace(self._shape, choices=plan.choices, steps=plan.steps, terms=terms)
         return self.launcher.build(build)
 
     def _prepare(self, frame: Frame, build: Build) -> Buffers:

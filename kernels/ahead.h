@@ -10,26 +10,29 @@
 STAGE void fetch_frame(plane_in current, plane_in closeness, plane_in motion, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame);
-    const uint at = texel_offset(frame, x, y + ROWS_AHEAD);
-    FETCH_NEXT(current + at);
-    FETCH_NEXT(current + plane + at);
-    FETCH_NEXT(current + 2 * plane + at);
-    FETCH_NEXT(closeness + at);
+    // From the row that is read next: a GPU has worked out where that is.
+    const uint at = texel_offset(frame, x, y + 1);
+    const int rows = ROWS_AHEAD - 1, stride = row_stride(frame);
+    FETCH_NEXT(ROW_BELOW(current, at, rows, stride));
+    FETCH_NEXT(ROW_BELOW(current + plane, at, rows, stride));
+    FETCH_NEXT(ROW_BELOW(current + 2 * plane, at, rows, stride));
+    FETCH_NEXT(ROW_BELOW(closeness, at, rows, stride));
     if (OWN_MOTION) {
-        FETCH_NEXT(motion + at);
-        FETCH_NEXT(motion + plane + at);
+        FETCH_NEXT(ROW_BELOW(motion, at, rows, stride));
+        FETCH_NEXT(ROW_BELOW(motion + plane, at, rows, stride));
     }
 }
 
-// As if nothing moved: what moves was fetched that many rows earlier or later, still ahead of its use as a rule.
-STAGE void fetch_history(history_in history, plane_in count, plane_in previous_closeness, int x, int y, frame_t frame)
+// Below the texel at `at`: the pixel's own on a CPU, as if nothing moved, for what moves was fetched that many rows
+// earlier or later, still ahead of its use as a rule; on a GPU the one that the pixel came from.
+STAGE void fetch_history(history_in history, plane_in count, plane_in previous_closeness, uint at, frame_t frame)
 {
     const size_t plane = history_plane_size(frame);
-    const uint at = history_offset(frame, x, y + ROWS_AHEAD + 1);
-    FETCH_NEXT(history + at);
-    FETCH_NEXT(history + plane + at);
-    FETCH_NEXT(history + 2 * plane + at);
-    FETCH_NEXT(count + at);
+    const int rows = ROWS_AHEAD + 1, stride = row_stride(frame);
+    FETCH_NEXT(ROW_BELOW(history, at, rows, stride));
+    FETCH_NEXT(ROW_BELOW(history + plane, at, rows, stride));
+    FETCH_NEXT(ROW_BELOW(history + 2 * plane, at, rows, stride));
+    FETCH_NEXT(ROW_BELOW(count, at, rows, stride));
     if (REJECT == REJECT_DEPTH)
-        FETCH_NEXT(previous_closeness + at);
+        FETCH_NEXT(ROW_BELOW(previous_closeness, at, rows, stride));
 }

@@ -25,9 +25,12 @@ STAGE real sample_weight(real count, real unrest, settings_t settings)
 // believed (pull_cost); and sample_limit is the most that is ever counted.
 STAGE real believed_count(real count, real fx, real fy, real pull, settings_t settings)
 {
-    const real between = fx * (SPLAT(1.0) - fx) + fy * (SPLAT(1.0) - fy);
-    const real most = reciprocal(reciprocal(SPLAT(settings.sample_limit)) + K(settings.resample_cost) * between);
-    const real believed = quotient(count, SPLAT(1.0) + K(settings.pull_cost) * pull);
+    real least = reciprocal(SPLAT(settings.sample_limit)), believed = count;
+    if (RESAMPLE_COST)
+        least += K(settings.resample_cost) * (fx * (SPLAT(1.0) - fx) + fy * (SPLAT(1.0) - fy));
+    const real most = reciprocal(least);
+    if (PULL_COST)
+        believed = quotient(count, SPLAT(1.0) + K(settings.pull_cost) * pull);
     return lesser(believed, most);
 }
 

@@ -66,9 +66,9 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, gathere
         nearest.v = m.v + (K(0.5) - K(then.jitter_y));
         const footprint f = footprint_of(nearest, seen, at, frame);
         plane_in p = kept + (size_t)then.slot * KEPT_PLANES * plane;
-        colour c = colour_at(p, f, plane, frame.stride);
+        colour c = colour_at(p, f, plane, row_stride(frame));
         mask good = seen & !colour_outside_domain(c);
-        const real q = usable_closeness(texel_at(p + KEPT_CLOSENESS * plane, f, frame.stride), then);
+        const real q = usable_closeness(texel_at(p + KEPT_CLOSENESS * plane, f, row_stride(frame)), then);
         good = good & seen_then(q, s, m, settings);
         real dx = SPLAT(0.5) - f.fx, dy = SPLAT(0.5) - f.fy;
         mask near = (s.x == s.x);
@@ -88,7 +88,7 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, gathere
             far_only ? !near : near);
         g.count += good ? one : zero;
         if (ALPHA) {
-            const real a = usable_share(texel_at(p + KEPT_ALPHA * plane, f, frame.stride), one);
+            const real a = usable_share(texel_at(p + KEPT_ALPHA * plane, f, row_stride(frame)), one);
             g.alpha += good ? a - now.alpha : zero;
         }
         if (OWN_MOTION) {

@@ -49,7 +49,7 @@ STAGE surface side_surface(
     real least = SPLAT(DOMAIN_LIMIT);
     for (int dy = -1; dy <= 1; ++dy)
         for (int dx = -1; dx <= 1; ++dx) {
-            const ptrdiff_t step = (ptrdiff_t)at + dy * (ptrdiff_t)frame.stride + dx;
+            const ptrdiff_t step = (ptrdiff_t)at + dy * (ptrdiff_t)row_stride(frame) + dx;
             const real q = usable_closeness(load(closeness + step), frame), away = SPLAT(2 * dx * dx + 3 * dy * dy);
             const mask here = on_side(q, l, far) & (away < least);
             least = here ? away : least;
@@ -75,7 +75,7 @@ STAGE side_t side_of(surface s, layers_t l, int far, plane_in image, plane_in cl
     real xx = SPLAT(settings.fit_ridge), xy = zero, yy = xx, qx = zero, qy = zero;
     for (int dy = -1; dy <= 1; ++dy)
         for (int dx = -1; dx <= 1; ++dx) {
-            const ptrdiff_t step = (ptrdiff_t)at + dy * (ptrdiff_t)frame.stride + dx;
+            const ptrdiff_t step = (ptrdiff_t)at + dy * (ptrdiff_t)row_stride(frame) + dx;
             const real q = usable_closeness(load(closeness + step), frame);
             const mask here = on_side(q, l, far);
             const real rise = here ? q - side.s.closeness : zero;

@@ -1,4 +1,5 @@
 // The history of a pixel: its colour at the place where the surface was, and whether it can be used at all.
+#include "ahead.h"
 #include "kept_rows.h"
 #include "reject.h"
 
@@ -46,10 +47,10 @@ STAGE sampled sample_planes(history_in history, plane_in count, plane_in previou
     v.rgb = rgb;
     v.alpha = SPLAT(1.0);
     if (ALPHA)
-        v.alpha = sample_plane(history + 3 * history_plane_size(frame), f, wx, wy, frame.stride);
-    v.count = bilinear(sample_quad(count, f, frame.stride), f);
+        v.alpha = sample_plane(history + 3 * history_plane_size(frame), f, wx, wy, row_stride(frame));
+    v.count = bilinear(sample_quad(count, f, row_stride(frame)), f);
     if (REJECT == REJECT_DEPTH)
-        v.closeness = sample_quad(previous_closeness, f, frame.stride);
+        v.closeness = sample_quad(previous_closeness, f, row_stride(frame));
     v.fx = f.fx;
     v.fy = f.fy;
     return v;
@@ -59,19 +60,26 @@ STAGE sampled sample_at(
     history_in history, plane_in count, plane_in previous_closeness, footprint f, int y, frame_t frame, kept_rows* kept)
 {
     const size_t plane = history_plane_size(frame);
-#if KEEPS_ROWS
-    if (moves_alike(kept, f, frame.stride)) {
+    if (LANES == 1)
+        fetch_history(history, count, previous_closeness, f.at, frame);
+#if KEEPS_ROWS && LANES == 1
+    const colour slid = slide_colour(kept, history, f, plane, row_stride(frame));
+    return sample_planes(history, count, previous_closeness, f, kept->wx, kept->wy, slid, frame);
+#elif KEEPS_ROWS
+    if (moves_alike(kept, f, row_stride(frame))) {
         f.at = kept->at;
         f.fx = kept->fx;
         f.fy = kept->fy;
         f.lanes = LANES_ALIKE;
-        const colour rgb = sample_kept_colour(kept, history + f.at, plane, y, frame.stride);
+        const colour rgb = sample_kept_colour(kept, history + f.at, plane, y, row_stride(frame));
         return sample_planes(history, count, previous_closeness, f, kept->wx, kept->wy, rgb, frame);
     }
 #endif
+#if !KEEPS_ROWS || LANES > 1
     const weights wx = history_weights(f.fx), wy = history_weights(f.fy);
-    const colour rgb = sample_colour(history, f, wx, wy, plane, frame.stride);
+    const colour rgb = sample_colour(history, f, wx, wy, plane, row_stride(frame));
     return sample_planes(history, count, previous_closeness, f, wx, wy, rgb, frame);
+#endif
 }
 
 STAGE history_t sample_history(history_in history, plane_in count, plane_in previous_closeness, motion_t m, surface s,

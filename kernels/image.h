@@ -7,17 +7,28 @@
 
 STAGE int band_rows(frame_t frame) { return frame.band_rows > 0 ? frame.band_rows : frame.height; }
 
-STAGE size_t plane_size(frame_t frame) { return (size_t)frame.stride * (size_t)(band_rows(frame) + 2 * PAD_Y); }
+// Texels from one row to the next: a constant where the kernels are built for one width.
+STAGE int row_stride(frame_t frame) { return STRIDE > 0 ? STRIDE : frame.stride; }
+
+STAGE size_t plane_size(frame_t frame) { return (size_t)row_stride(frame) * (size_t)(band_rows(frame) + 2 * PAD_Y); }
 
 // Where a texel is in its plane. In 32 bits, since a GPU has no wider integers; a plane has less than 2^31 texels.
 STAGE uint texel_offset(frame_t frame, int x, int y)
 {
-    return (uint)(y - frame.first_row + PAD_Y) * (uint)frame.stride + (uint)(x + PAD_X);
+    return (uint)(y - frame.first_row + PAD_Y) * (uint)row_stride(frame) + (uint)(x + PAD_X);
 }
 
-STAGE size_t history_plane_size(frame_t frame) { return (size_t)frame.stride * (size_t)(frame.height + 2 * PAD_Y); }
+STAGE size_t history_plane_size(frame_t frame)
+{
+    return (size_t)row_stride(frame) * (size_t)(frame.height + 2 * PAD_Y);
+}
 
 STAGE uint history_offset(frame_t frame, int x, int y)
 {
-    return (uint)(y + PAD_Y) * (uint)frame.stride + (uint)(x + PAD_X);
+    return (uint)(y + PAD_Y) * (uint)row_stride(frame) + (uint)(x + PAD_X);
 }
+
+// The texel of plane p that lies `rows` rows below the one at `at`. Where a row's length is a constant a load takes the
+// step for nothing; else it is counted in 32 bits, since a GPU has no wider whole numbers.
+#define ROW_BELOW(p, at, rows, stride)                                                                                 \
+    (STRIDE > 0 ? (p) + (at) + (ptrdiff_t)(rows) * STRIDE : (p) + ((at) + (uint)((rows) * (stride))))

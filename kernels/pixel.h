@@ -46,6 +46,8 @@ STAGE pixel_t current_pixel(
 // Half width of the box in standard deviations: wide where nothing moves, narrow from motion_px pixels a frame on.
 STAGE real box_gamma(motion_t m, settings_t settings)
 {
+    if (!GAMMA_BY_MOTION)
+        return SPLAT(settings.gamma_moving);
     const real speed = quotient(greater(absolute(m.u), absolute(m.v)), SPLAT(settings.motion_px));
     const real still = greater(SPLAT(1.0) - speed, SPLAT(0.0));
     return SPLAT(settings.gamma_moving) + still * (K(settings.gamma_still) - K(settings.gamma_moving));
@@ -118,7 +120,7 @@ STAGE real past_alpha(plane_in alpha_at, real past, frame_t frame)
     real low = SPLAT(1.0), high = SPLAT(0.0);
     for (int dy = -1; dy <= 1; ++dy)
         for (int dx = -1; dx <= 1; ++dx) {
-            const real a = load_share(alpha_at + dy * (ptrdiff_t)frame.stride + dx, SPLAT(1.0));
+            const real a = load_share(alpha_at + dy * (ptrdiff_t)row_stride(frame) + dx, SPLAT(1.0));
             low = lesser(a, low);
             high = greater(a, high);
         }

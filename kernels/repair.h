@@ -23,7 +23,7 @@ STAGE float repaired_texel(plane_in image, size_t plane, int channel, int x, int
     int usable = 0;
     for (int j = -1; j <= 1; ++j)
         for (int i = -1; i <= 1; ++i) {
-            plane_in q = p + (ptrdiff_t)j * frame.stride + i;
+            plane_in q = p + (ptrdiff_t)j * row_stride(frame) + i;
             if (!texel_outside_domain(q, plane)) {
                 sum += q[(size_t)channel * plane];
                 usable += 1;

@@ -18,7 +18,8 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
     kept_rows kept = nothing_kept();
     for (int y = first; y < last; ++y) {
         fetch_frame(current, closeness, motion, x, y, frame);
-        fetch_history(history, history_count, previous_closeness, x, y, frame);
+        if (LANES > 1)
+            fetch_history(history, history_count, previous_closeness, history_offset(frame, x, y), frame);
         const row_t below = read_row(current, closeness, motion, x, y + 1, frame);
         const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
         const surface s = nearest_surface(above, centre, below, settings);

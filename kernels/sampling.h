@@ -50,7 +50,7 @@ STAGE footprint footprint_of(motion_t m, mask valid, uint at, frame_t frame)
     }
 #endif
     f.own = at;
-    f.at = at + (uint)((int)y * frame.stride + (int)x);
+    f.at = at + (uint)((int)y * row_stride(frame) + (int)x);
     return f;
 }
 
@@ -158,12 +158,11 @@ STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int s
     }
 #endif
     if (SIX_TAPS) {
-        first = row_alike(p + (f.at - 2 * line), wx);
-        last = row_alike(p + (f.at + 3 * line), wx);
+        first = row_alike(ROW_BELOW(p, f.at, -2, stride), wx);
+        last = row_alike(ROW_BELOW(p, f.at, 3, stride), wx);
     }
-    // In whole numbers of 32 bits, since a GPU has no wider ones.
-    return weigh_rows(first, row_alike(p + (f.at - line), wx), row_alike(q, wx), row_alike(p + (f.at + line), wx),
-        row_alike(p + (f.at + 2 * line), wx), last, wx, wy);
+    return weigh_rows(first, row_alike(ROW_BELOW(p, f.at, -1, stride), wx), row_alike(q, wx),
+        row_alike(ROW_BELOW(p, f.at, 1, stride), wx), row_alike(ROW_BELOW(p, f.at, 2, stride), wx), last, wx, wy);
 }
 
 // The four texels around the footprint in a plane of floats: count and closeness of the previous frame.

@@ -88,13 +88,15 @@ def sample_weight(count: Array, unrest: Array, build: Build, settings: Record) -
     return greater(mean, least)
 
 
-def believed_count(count: Array, fx: Array, fy: Array, pull: Array, settings: Record) -> Array:
+def believed_count(count: Array, fx: Array, fy: Array, pull: Array, build: Build, settings: Record) -> Array:
     """Samples that the history still stands for after resampling and rectification."""
     one = number(1.0, count)
-    between = between_texels(fx, fy)
-    most = one / (one / number(settings["sample_limit"], count) + number(settings["resample_cost"], count) * between)
-    believed = count / (one + number(settings["pull_cost"], count) * pull)
-    return lesser(believed, most)
+    least, believed = one / number(settings["sample_limit"], count), count
+    if build.terms.resample_cost:
+        least = least + number(settings["resample_cost"], count) * between_texels(fx, fy)
+    if build.terms.pull_cost:
+        believed = count / (one + number(settings["pull_cost"], count) * pull)
+    return lesser(believed, one / least)
 
 
 def luminance_weight(weight: Array, current: Colour, history: Colour, build: Build, settings: Record) -> Array:
@@ -184,7 +186,7 @@ def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings
     current = p.filtered
     one, zero = number(1.0, h.count), number(0.0, h.count)
     past = (h.rgb[0] + r.change[0], h.rgb[1] + r.change[1], h.rgb[2] + r.change[2])
-    count = believed_count(h.count, h.fx, h.fy, r.pull, settings)
+    count = believed_count(h.count, h.fx, h.fy, r.pull, build, settings)
     if build.steps.reactive:
         count = count * (one - p.reactivity)
     if build.choices.filter_use is FilterUse.FEW:
