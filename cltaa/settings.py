@@ -48,7 +48,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     ] = 0.5
     fit_reach: Annotated[
         float, _number("farthest sample from the pixel's centre, along an axis", 0.0, 64.0, "pixels", "measured")
-    ] = 0.6
+    ] = 0.55
     sample_limit: Annotated[
         float, _number("most samples that the history counts for", 1.0, 2.0**20, "samples", "measured")
     ] = 24.0
