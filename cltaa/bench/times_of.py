@@ -18,18 +18,16 @@ from cltaa.launch import DeviceLauncher
 from cltaa.sources import Sequence as Captured
 
 AGAIN = "(A/A)"
-# A GPU is filled by this many pixels; with fewer it is the launches that are timed. Smaller frames are enlarged.
-GPU_PIXELS = 2_000_000
+# What fills a CPU and a GPU, in pixels: with fewer it is the launches that are timed. Smaller frames are enlarged.
+FILLING = {True: 250_000, False: 2_000_000}
 
 
 def jobs_of(
     captured: Captured, tasks: Sequence[Task], launcher: DeviceLauncher
 ) -> tuple[list[Job], int, int, dict[str, float]]:
     """A job for each variant and a copy of the default's; pixels and least bytes of a frame; the default's steps."""
-    frames = pair_of(captured)
-    if not launcher.device.is_cpu:
-        factor = math.ceil(math.sqrt(GPU_PIXELS / (captured.width * captured.height)))
-        frames = [enlarged(frame, factor) for frame in frames]
+    factor = math.ceil(math.sqrt(FILLING[launcher.device.is_cpu] / (captured.width * captured.height)))
+    frames = [enlarged(frame, factor) for frame in pair_of(captured)]
     pixels = frames[0].width * frames[0].height
     jobs: list[Job] = []
     moved, stages = 0, dict[str, float]()

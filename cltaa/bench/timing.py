@@ -112,11 +112,13 @@ def too_noisy(control: Interval) -> bool:
 def too_noisy_among(ratios: NDArray[np.float64], controls: int) -> bool:
     """``too_noisy`` of one of several ``controls``, of which one in twenty excludes 1 on the quietest machine too.
 
-    So that chance calls any of them noisy in at most 1 - CONFIDENCE of all runs, 1 is excluded by the exact sign test
-    at that share of it (Bonferroni).
+    So that chance calls any of them noisy in at most 1 - CONFIDENCE of all runs, a difference below WIDEST counts where
+    the exact sign test finds it at that share of it (Bonferroni).
     """
     control = interval(ratios)
-    return control.half_width > WIDEST or (control.excludes_one and sign_test(ratios) < (1 - CONFIDENCE) / controls)
+    if control.half_width > WIDEST or not control.excludes_one:
+        return control.half_width > WIDEST
+    return abs(control.median - 1) > WIDEST or sign_test(ratios) < (1 - CONFIDENCE) / controls
 
 
 def sign_test(ratios: NDArray[np.float64]) -> float:

@@ -71,6 +71,7 @@ def test_one_of_many_copies_may_differ_by_chance() -> None:
     off = np.random.default_rng(0).normal(1.01, 0.005, 21)  # what takes longer than itself is found among as many
     assert too_noisy_among(off, 33)
     assert too_noisy_among(np.random.default_rng(0).normal(1.0, 0.1, 21), 33)  # and what is all over the place
+    assert too_noisy_among(np.array([1.04, 1.041, 1.042]), 33)  # and what too few rounds are no proof of, but is large
 
 
 def test_sign_test() -> None:
