@@ -31,10 +31,12 @@ BITS = [
     "tests/kernels/test_twins.py::test_a_stage_gives_the_bits_of_its_twin_for_every_choice",
     "tests/kernels/test_resolve.py::test_same_bits_for_every_storage",
 ]
-# What the table calls ``bound of KERNEL-CHOICE`` and ``twin of KERNEL-CHOICE``.
+# What the table calls ``bound of KERNEL-CHOICE``, ``twin of KERNEL-CHOICE`` and so on; gpu is a program of one lane.
 TESTS = {
     "bound": "tests/numerics/test_bounds.py::test_a_fast_kernel_lies_inside_its_bound_and_near_it",
+    "gpu bound": "tests/numerics/test_bounds.py::test_every_choice_of_a_gpu_lies_inside_its_bound",
     "twin": "tests/kernels/test_twins.py::test_a_stage_gives_the_bits_of_its_twin_for_every_choice",
+    "gpu twin": "tests/kernels/test_twins.py::test_one_lane_gives_the_bits_of_the_twin_for_every_choice",
 }
 SECONDS = 900  # of one selection
 
@@ -53,7 +55,7 @@ class Mutation(NamedTuple):
     def selection(self, kind: str) -> list[str]:
         """``values`` or ``bits`` as pytest takes them."""
         wanted: tuple[str, ...] = getattr(self, kind)
-        return [re.sub("^(bound|twin) of (.*)", lambda name: f"{TESTS[name[1]]}[{name[2]}]", test) for test in wanted]
+        return [re.sub("^([a-z ]+) of (.*)", lambda name: f"{TESTS[name[1]]}[{name[2]}]", test) for test in wanted]
 
 
 TABLE = Path(__file__).with_suffix(".toml")

@@ -56,10 +56,21 @@ def test_a_fast_kernel_lies_inside_its_bound_and_near_it(kernel: str, name: str)
     check(rows_of(kernel, variants(kernel, DEFAULT)[name]))
 
 
+# One lane, not strict: the minimum and maximum of a GPU, and of NVIDIA's its reciprocal and root.
+GPU = replace(DEFAULT, lanes=1)
+
+
 @pytest.mark.parametrize("kernel", WRITES)
 def test_the_kernels_of_a_gpu_lie_inside_their_bounds(kernel: str) -> None:
-    # One lane, not strict: the device's own reciprocal, root, minimum and maximum.
-    check(rows_of(kernel, replace(DEFAULT, lanes=1)))
+    check(rows_of(kernel, GPU))
+
+
+@pytest.mark.big
+@pytest.mark.parametrize(
+    ("kernel", "name"), [(k, name) for k in WRITES for name in variants(k, GPU) if name != "default"]
+)
+def test_every_choice_of_a_gpu_lies_inside_its_bound(kernel: str, name: str) -> None:
+    check(rows_of(kernel, variants(kernel, GPU)[name]))
 
 
 def test_what_is_stored_in_halves_is_off_by_their_rounding_and_no_more() -> None:
@@ -74,13 +85,20 @@ def test_every_channel_of_every_kernel_has_a_row() -> None:
 
 
 @pytest.mark.big
-def test_a_million_pixels_of_every_stage_lie_inside() -> None:
-    check([*tolerance_rows(1024, device()), *stored_rows(1024, device())])
+@pytest.mark.parametrize("kernel", WRITES)
+def test_a_million_pixels_of_every_stage_lie_inside(kernel: str) -> None:
+    check(list(tolerance_rows(1024, device(), [kernel])))
 
 
 @pytest.mark.big
-def test_a_million_pixels_of_every_strict_kernel_are_the_twins() -> None:
-    assert [row for row in strict_rows(1024, device()) if row.different] == []
+def test_a_million_pixels_of_what_is_stored_in_halves_lie_inside() -> None:
+    check(list(stored_rows(1024, device())))
+
+
+@pytest.mark.big
+@pytest.mark.parametrize("kernel", WRITES)
+def test_a_million_pixels_of_every_strict_kernel_are_the_twins(kernel: str) -> None:
+    assert [row for row in strict_rows(1024, device(), [kernel]) if row.different] == []
 
 
 @pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64])

@@ -8,7 +8,7 @@ names, else the first.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import date
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -111,10 +111,10 @@ def _ordered(values: NDArray[Any]) -> NDArray[np.int64]:
     return np.where(whole < 0, -(2 ** (8 * size - 1)) - whole - 1, whole)
 
 
-def tolerance_rows(side: int, launcher: Launcher) -> Iterator[Row]:
-    """Every output of every stage with the default choices."""
+def tolerance_rows(side: int, launcher: Launcher, kernels: Iterable[str] = WRITES) -> Iterator[Row]:
+    """Every output of the stages with the default choices."""
     work = chain_work(side, side)
-    for kernel in WRITES:
+    for kernel in kernels:
         build = launcher.build(Build(steps=ALL_STEPS))
         written, bounds = run_stage(kernel, build, work, launcher), bounds_of(kernel, build, work)
         yield from (row_of(output, work, written, bounds) for output in OUTPUTS if output.kernel == kernel)
@@ -145,11 +145,11 @@ def choice_rows(side: int, launcher: Launcher) -> Iterator[tuple[str, str, Row]]
             yield kernel, name, worst._replace(outside=sum(row.outside for row in rows))
 
 
-def strict_rows(side: int, launcher: Launcher) -> Iterator[Difference]:
-    """Every kernel with the default choices, the fused one among them."""
+def strict_rows(side: int, launcher: Launcher, kernels: Iterable[str] = WRITES) -> Iterator[Difference]:
+    """The kernels with the default choices, the fused ones among them."""
     work = chain_work(side, side)
     build = launcher.build(Build(steps=ALL_STEPS, strict=True))
-    return (compare_strict(kernel, build, work, launcher) for kernel in WRITES)
+    return (compare_strict(kernel, build, work, launcher) for kernel in kernels)
 
 
 def tables(side: int, launcher: Launcher) -> str:
