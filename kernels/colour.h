@@ -71,6 +71,28 @@ STAGE colour from_range(colour v)
 
 STAGE mask colour_outside_domain(colour v) { return outside_domain(v.r) | outside_domain(v.g) | outside_domain(v.b); }
 
+#if LANES > 1 && !REAL_DOUBLE
+// The bits of the largest magnitude of the three, which are in the order of the magnitudes; what is no number is larger
+// than any.
+STAGE whole larger_bits(whole a, whole b) { return a > b ? a : b; }
+STAGE whole magnitude_bits(real v) { return AS_WHOLE(v) & MAGNITUDE_BITS; }
+STAGE whole largest_bits(colour v)
+{
+    return larger_bits(larger_bits(magnitude_bits(v.r), magnitude_bits(v.g)), magnitude_bits(v.b));
+}
+#endif
+
+// Whether a row of texels holds one outside the domain: the left neighbours of a segment's, its own, and the right
+// ones. Where there are several lanes, each of its own is a neighbour of another.
+STAGE int any_outside_domain(colour left, colour own, colour right)
+{
+#if LANES == 1 || REAL_DOUBLE
+    return any_of(colour_outside_domain(left) | colour_outside_domain(own) | colour_outside_domain(right));
+#else
+    return any_of(larger_bits(largest_bits(left), largest_bits(right)) > as_int(DOMAIN_LIMIT));
+#endif
+}
+
 STAGE colour load_colour(plane_in p, size_t plane)
 {
     colour v;

@@ -173,10 +173,7 @@ STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below
 }
 
 // Closeness outside the domain (no depth, infinite) is the sky's.
-STAGE real usable_closeness(real v, frame_t frame)
-{
-    return outside_domain(v) ? (real)((scalar)frame.sky_closeness) : v;
-}
+STAGE real usable_closeness(real v, frame_t frame) { return usable_or(v, SPLAT(frame.sky_closeness)); }
 
 // Three colours weighed as the middle one plus weighted differences from it: equal colours keep their bits.
 STAGE colour weigh_line(colour before, colour middle, colour after, scalar first, scalar last)
@@ -200,7 +197,7 @@ STAGE row_t read_row(plane_in image, plane_in closeness, plane_in motion, int x,
     // Asked for before the branch below, past which a GPU's compiler moves no load.
     const real zl = usable_closeness(load(z - 1), frame), zc = usable_closeness(load(z), frame),
                zr = usable_closeness(load(z + 1), frame);
-    if (any_of(colour_outside_domain(l) | colour_outside_domain(c) | colour_outside_domain(r))) {
+    if (any_outside_domain(l, c, r)) {
         colour line[3];
         repair_colours(line, 3, image, plane, x - 1, y, frame);
         l = line[0], c = line[1], r = line[2];

@@ -114,11 +114,17 @@ typedef __global float* restrict history_out;
 #endif
 #endif
 
+// What a CPU has an instruction for, and not every compiler a name.
 #define REDUCES 0
-#if defined(__has_builtin)
+#define ELEMENTWISE 0
+#if defined(__has_builtin) && LANES > 1
 #if __has_builtin(__builtin_reduce_or)
 #undef REDUCES
 #define REDUCES 1
+#endif
+#if __has_builtin(__builtin_elementwise_floor) && __has_builtin(__builtin_elementwise_abs)
+#undef ELEMENTWISE
+#define ELEMENTWISE 1
 #endif
 #endif
 
@@ -240,12 +246,14 @@ STAGE real reciprocal(real v) { return quotient(SPLAT(1.0), v); }
 
 // Largest whole number not above v; |v| < 2^22, which the caller has tested.
 #if LANES == 1
-STAGE whole floor_whole(real v) { return TO_WHOLE(floor(v)); }
+STAGE real floor_of(real v) { return floor(v); }
+#elif ELEMENTWISE
+STAGE real floor_of(real v) { return __builtin_elementwise_floor(v); }
 #else
-STAGE whole floor_whole(real v)
+STAGE real floor_of(real v)
 {
-    const whole cut = TO_WHOLE(v);
-    return cut - (TO_REAL(cut) > v ? (whole)(1) : (whole)(0));
+    const real cut = TO_REAL(TO_WHOLE(v));
+    return cut > v ? cut - K(1.0) : (cut < v ? cut : v); // v itself where it is whole: -0 is
 }
 #endif
 
@@ -259,5 +267,16 @@ STAGE mask outside_domain(real v)
     return (AS_WHOLE(v) & MAGNITUDE_BITS) > as_long(DOMAIN_LIMIT);
 #else
     return (AS_WHOLE(v) & MAGNITUDE_BITS) > as_int(DOMAIN_LIMIT);
+#endif
+}
+
+// v, or what stands for it outside the domain. Compared as a number where no flag removes that: among numbers that were
+// chosen by their bits a CPU's compiler sees no maximum, and a comparison and a choice take longer.
+STAGE real usable_or(real v, real otherwise)
+{
+#if ELEMENTWISE && !RELAXED
+    return !(__builtin_elementwise_abs(v) <= K(DOMAIN_LIMIT)) ? otherwise : v;
+#else
+    return outside_domain(v) ? otherwise : v;
 #endif
 }

@@ -30,10 +30,11 @@ STAGE footprint footprint_of(motion_t m, mask valid, uint at, frame_t frame)
 {
     footprint f;
     const real u = valid ? m.u : SPLAT(0.0), v = valid ? m.v : SPLAT(0.0);
-    f.dx = floor_whole(u);
-    f.dy = floor_whole(v);
-    f.fx = u - TO_REAL(f.dx);
-    f.fy = v - TO_REAL(f.dy);
+    const real left = floor_of(u), up = floor_of(v);
+    f.dx = TO_WHOLE(left);
+    f.dy = TO_WHOLE(up);
+    f.fx = u - left;
+    f.fy = v - up;
     scalar_whole x = first_lane(f.dx), y = first_lane(f.dy);
     f.lanes = LANES_ALIKE;
     f.step_x = f.step_y = (whole)(0);

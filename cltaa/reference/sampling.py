@@ -37,8 +37,7 @@ def footprint_of(m: Motion, valid: Mask, layout: Layout) -> Footprint:
     """Where the history of each valid pixel lies; others look at their own texel."""
     zero = np.zeros_like(m.u)
     u, v = np.where(valid, m.u, zero), np.where(valid, m.v, zero)
-    plus = number(0.0, u)  # floor keeps -0, the kernel's whole number does not
-    dx, dy = np.floor(u) + plus, np.floor(v) + plus
+    dx, dy = np.floor(u), np.floor(v)
     y, x = np.mgrid[: layout.height, : layout.width]
     return Footprint(y + dy.astype(np.int64) + PAD_Y, x + dx.astype(np.int64) + PAD_X, u - dx, v - dy)
 
