@@ -110,7 +110,8 @@ class DeviceLauncher:
         self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]
     ) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
         if kernel == "extend_edges":
-            return (layout.stride * layout.rows - layout.width * layout.height, int(arguments["planes"])), None
+            halo = layout.stride * layout.rows - layout.width * layout.height
+            return (halo if build.lanes == 1 else layout.rows, int(arguments["planes"])), None
         rows = build.rows if kernel in ("resolve", "gather") else 1
         columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
         group = self.device.shape.group

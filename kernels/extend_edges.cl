@@ -1,6 +1,6 @@
-// Repeats the edge of PLANES planes into their halo, so that filters may read past the image. One work-item a halo
-// texel and plane: first the PAD_Y rows above and below, over the whole stride, then the columns left and right of each
-// row inside.
+// Repeats the edge of PLANES planes into their halo, so that filters may read past the image. On a CPU one work-item a
+// row and plane. On a GPU one a halo texel and plane: first the PAD_Y rows above and below, over the whole stride, then
+// the columns left and right of each row inside.
 #include "image.h"
 
 // Texels are copied as they are; halves as bits, since a device may lack arithmetic on them.
@@ -14,6 +14,23 @@ typedef __global float* texels;
 
 STAGE int limit_index(int v, int last) { return v < 0 ? 0 : (v > last ? last : v); }
 
+#if LANES > 1
+__kernel void extend_edges_kernel(history_out image, const frame_t frame, const int planes)
+{
+    const int y = (int)get_global_id(0) - PAD_Y, plane = (int)get_global_id(1);
+    if (y >= frame.height + PAD_Y || plane >= planes)
+        return;
+    texels p = (texels)image + (size_t)plane * plane_size(frame);
+    texels from = p + texel_offset(frame, 0, limit_index(y, frame.height - 1)), to = p + texel_offset(frame, 0, y);
+    if (from != to)
+        for (int x = 0; x < frame.width; ++x)
+            to[x] = from[x];
+    for (int x = -PAD_X; x < 0; ++x)
+        to[x] = from[0];
+    for (int x = frame.width; x < row_stride(frame) - PAD_X; ++x)
+        to[x] = from[frame.width - 1];
+}
+#else
 __kernel void extend_edges_kernel(history_out image, const frame_t frame, const int planes)
 {
     const int i = (int)get_global_id(0), plane = (int)get_global_id(1);
@@ -35,3 +52,4 @@ __kernel void extend_edges_kernel(history_out image, const frame_t frame, const 
     const uint from = texel_offset(frame, limit_index(x, frame.width - 1), limit_index(y, frame.height - 1));
     p[texel_offset(frame, x, y)] = p[from];
 }
+#endif

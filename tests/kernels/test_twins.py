@@ -141,9 +141,10 @@ def test_a_kernel_writes_its_pixels_and_at_most_the_rest_of_a_segment(kernel: st
         assert set(columns) <= set(range(first, first + -work.layout.width % lanes)), name
 
 
+@pytest.mark.parametrize("lanes", [1, 8])  # a texel a work-item, a row a work-item
 @pytest.mark.parametrize("storage", list(Storage))
-def test_edges_are_extended_as_the_twin_extends_them(storage: Storage) -> None:
-    work, build = chain_work(33, 9), replace(strict(), storage=storage)
+def test_edges_are_extended_as_the_twin_extends_them(storage: Storage, lanes: int) -> None:
+    work, build = chain_work(33, 9), replace(strict(lanes), storage=storage)
     with np.errstate(over="ignore"):
         source = work.planes["history"].astype(storage_dtype(build))
     image = device().allocate(source.shape, source.dtype)
