@@ -22,6 +22,7 @@ import pyopencl as cl
 
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError, UsageError
 from cltaa.kernel_cache import check_cache, filling
+from cltaa.launch import WISH
 from cltaa.unknown_cpu import name_unknown_cpu
 
 POCL = "Portable Computing Language"  # the platform's name
@@ -65,7 +66,7 @@ def choose_device(wish: str | None = None) -> cl.Device:
             "no OpenCL device found",
             cure="install one with: pip install 'pyopencl[pocl]', or use --device numpy; see: cltaa doctor",
         )
-    wish = wish or os.environ.get("CLTAA_DEVICE")
+    wish = wish or os.environ.get(WISH)
     if not wish:
         return found[0]
     matching = [

@@ -16,6 +16,8 @@ from cltaa.params import Reject
 if TYPE_CHECKING:
     from cltaa.program import Kernel
 
+WISH = "CLTAA_DEVICE"  # the variable that names a device where nothing else does
+
 
 class Buffer(Protocol):
     """Memory of a launcher that the host can fill or read."""

@@ -7,6 +7,7 @@ throughout, arithmetic, history and counts, by the NumPy twin.
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
@@ -23,7 +24,7 @@ from cltaa.display import Picture, to_picture
 from cltaa.errors import InputMissing
 from cltaa.frames import Frame, Image
 from cltaa.kernel_files import code_sha256
-from cltaa.launch import Buffer, NumpyLauncher
+from cltaa.launch import WISH, Buffer, NumpyLauncher
 from cltaa.layout import Layout
 from cltaa.metrics import METRICS, flip_map, measure
 from cltaa.pictures import heat
@@ -46,6 +47,8 @@ class Task(msgspec.Struct, frozen=True, kw_only=True):
     def key(self) -> str:
         """What the result depends on, as a name for its file: another sequence or other code has another key."""
         digest = hashlib.sha256(msgspec.json.encode(self) + code_sha256().encode())
+        if self.device is None:  # whatever is chosen where nothing is named
+            digest.update(os.environ.get(WISH, "").encode())
         for name in ("sequence.json", "resolve.json"):
             path = Path(self.sequence) / name
             digest.update(path.read_bytes() if path.is_file() else b"")

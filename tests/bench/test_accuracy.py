@@ -81,6 +81,14 @@ def test_a_key_tells_tasks_apart(sequence: Path, tmp_path: Path) -> None:
     assert len({first.key(), other.key(), task(sequence, strict=True).key(), task(tmp_path).key()}) == 4
 
 
+def test_a_key_tells_devices_apart(sequence: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    keys = set()
+    for wish in ("one", "another"):  # by the variable, where the task names none
+        monkeypatch.setenv("CLTAA_DEVICE", wish)
+        keys |= {msgspec.structs.replace(task(sequence), device=device).key() for device in (None, "0")}
+    assert len(keys) == 3
+
+
 def test_results_come_back_as_they_were(sequence: Path, tmp_path: Path) -> None:
     errors = Errors(
         frames={"mse": [0.1, 1 / 3]}, rounding=Rounding(rms=1e-9, largest=1e-8, frames=[1e-9]), pictures={"p": b"\0x"}
