@@ -112,10 +112,12 @@ class Memory:
             else:
                 self.buffer = cl.Buffer(device.context, flags, self.size)
             # Drivers allocate on first use: touch the memory now, so that a lack of it shows before any work is done.
-            # In pieces, since one driver refuses to fill 4 GB at once.
-            for start in range(0, self.size, FILL_BYTES):
+            # NVIDIA's cannot fill 4 GB at once, nor beyond the first 4 GB of a buffer: there zeros are copied.
+            head = min(FILL_BYTES, self.size)
+            cl.enqueue_fill(device.queue, self.buffer, np.zeros(1, np.uint8), head).wait()
+            for start in range(head, self.size, FILL_BYTES):
                 length = min(FILL_BYTES, self.size - start)
-                cl.enqueue_fill(device.queue, self.buffer, np.zeros(1, np.uint8), length, offset=start).wait()
+                cl.enqueue_copy(device.queue, self.buffer, self.buffer, byte_count=length, dst_offset=start).wait()
         self._staging: NDArray[Any] | None = None
 
     @contextmanager
