@@ -17,6 +17,7 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "TINY": Constant(2.0**-100, "smaller magnitudes are stored as 0: well above the denormals, below any light"),
     "MOTION_LIMIT": Constant(2.0**20, "largest displacement in pixels; larger ones, and NaN, mean no history"),
     "LEAST_W": Constant(2.0**-6, "least previous w over current w: nearer to the camera plane nothing was seen"),
+    "THIN_REACH": Constant(0.75, "pixels from the centre to which a thing that the 3x3 misses is looked for: measured"),
     "HALF_LIMIT": Constant(65504.0, "largest half; larger magnitudes are stored as it"),
     "HALF_NORMAL": Constant(2.0**-14, "least normal half; below it halves have one distance"),
     "HALF_STEP": Constant(2.0**-10, "distance of halves over the power of two below them"),

@@ -49,6 +49,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     fit_reach: Annotated[
         float, _number("farthest sample from the pixel's centre, along an axis", 0.0, 64.0, "pixels", "measured")
     ] = 0.55
+    thin_frames: Annotated[
+        int, _number("kept frames in which things thinner than a pixel are looked for", 0, 64, "frames", "measured")
+    ] = 4
     sample_limit: Annotated[
         float, _number("most samples that the history counts for", 1.0, 2.0**20, "samples", "measured")
     ] = 24.0

@@ -17,9 +17,11 @@ __kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motio
         fetch_frame(current, closeness, motion, x, y, frame);
         const row_t below = read_row(current, closeness, motion, x, y + 1, frame);
         const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
-        const surface s = nearest_surface(above, centre, below, settings);
+        surface s = nearest_surface(above, centre, below, settings);
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
-        const layers_t l = layers_of(above, centre, below, s, settings);
+        layers_t l = layers_of(above, centre, below, s, settings);
+        if (GATHER_FIT == GATHER_FIT_LAYERS)
+            recall_thin(&s, &l, kept, past, frames, x, y, frame, settings);
         const real w = sample_share(p.own, settings);
         const mask first = !l.edge | (centre.closeness > l.cut);
         gathered g = first_sample(w, first | !first, first, frame), far = first_sample(w, !first, !first, frame);

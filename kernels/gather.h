@@ -2,14 +2,11 @@
 // ever read between texels, so nothing blurs, however far and however long things move.
 #include "pixel.h"
 #include "gather_fit.h"
-#include "gather_sides.h"
-#include "gather_track.h"
+#include "gather_thin.h"
 
 #if !defined(OWN_MOTION) || !defined(ALPHA) || !defined(REJECT) || !defined(EXPOSURE) || !defined(WEIGHTING)
 #error "gather.h needs OWN_MOTION, ALPHA, REJECT, EXPOSURE and WEIGHTING from the prelude"
 #endif
-
-typedef __global const frame_t* restrict frames_in;
 
 // Luminance weight 1 / (knee + Y): one firefly does not outweigh a pixel's whole past (Karis 2014 with knee 1).
 STAGE real sample_share(colour v, settings_t settings)

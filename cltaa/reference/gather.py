@@ -12,6 +12,7 @@ from cltaa.params import AlphaFrom, CurrentFilter, FilterUse, GatherFit, Weighti
 from cltaa.reference.colour import Colour, colour_outside_domain, from_range, luminance, to_range
 from cltaa.reference.gather_fit import Gathered, Stretch, first_sample, fit_at_centre, offset_now, stretch_of
 from cltaa.reference.gather_sides import Layers, Side, layers_of, range_of_side, side_of
+from cltaa.reference.gather_thin import recall_thin
 from cltaa.reference.gather_track import KEPT_CLOSENESS, Track, seen_then, texel_at, untold
 from cltaa.reference.neighbourhood import Surface, nearest_surface, usable_closeness
 from cltaa.reference.pixel import (
@@ -208,11 +209,13 @@ def gather(
     m = surface_motion(s, build, layout, frame)
     slots = kept.reshape(-1, kept_planes(build.steps), layout.rows, layout.stride)
     layers = layers_of(*rows, s, settings)
+    told = past[:frames]
+    if build.choices.gather_fit is GatherFit.LAYERS:
+        s, layers = recall_thin(s, layers, slots, told, build, layout, settings)
     near_one = ~layers.edge | (s.centre > layers.cut)
     w = sample_share(p.own, build, settings)
     g = first_sample(w, near_one | ~near_one, near_one, build, frame)
     far = first_sample(w, ~near_one, ~near_one, build, frame)
-    told = past[:frames]
     of_sides = (s, layers, current, closeness, motion, build, layout, frame, settings)
     if build.choices.gather_fit is GatherFit.LAYERS:
         front, back = side_of(*of_sides, far=False), side_of(*of_sides, far=True)

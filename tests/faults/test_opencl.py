@@ -140,7 +140,7 @@ def test_no_memory_for_the_nth_buffer(
         if reached:
             assert "not enough memory on" in said
             assert "bytes in one buffer, found largest buffer" in said
-            of_the_ring |= "to keep 32 frames" in said and "keep fewer with --set frames_kept=N" in said
+            of_the_ring |= "to keep 48 frames" in said and "keep fewer with --set frames_kept=N" in said
             # What is copied through the host is pinned when it is copied first: the state for the first checkpoint.
             assert digests(output) == {} or (copies and check_after_fault(output, on_device[1]) <= 2)
             assert main([*arguments(on_device[0], output), *more]) == 0

@@ -159,3 +159,23 @@ def test_a_side_of_an_edge_is_the_plane_of_its_own_samples() -> None:
             assert np.abs(side.layers.slope[0][at] - across).max() <= 2.0**-11 * abs(across) + 2.0**-23
             assert np.abs(side.layers.slope[1][at] - slope[1]).max() <= 2.0**-11 * slope[1] + 2.0**-23
             assert np.abs(side.mean[0][at] - planes[0, inside, own]).max() <= abs(slope[0])
+
+
+def wire(index: int) -> Frame:
+    """A white wire that every other frame's samples hit, before a black wall."""
+    frame = make_frame(index, camera=make_camera(), effects=frozenset({Effect.CAMERA, Effect.THIN}))
+    colour, depth = np.zeros_like(frame.colour), np.full_like(frame.depth, 5.0)
+    if index % 2 == 0:
+        colour[:, 10], depth[:, 10] = 1.0, 2.0
+    return replace(frame, colour=colour, depth=depth, jitter_px=(0.0, 0.0))
+
+
+@pytest.mark.parametrize(("thin_frames", "share"), [(1, 0.5), (0, 0.0)])
+def test_a_wire_that_this_frame_misses_is_still_there(thin_frames: int, share: float) -> None:
+    resolver = Resolver(gathering("layers", thin_frames=thin_frames), "numpy")
+    for index in range(8):  # the last one misses it
+        resolved = resolver.resolve(wire(index))
+    assert resolved[:, 10] == pytest.approx(share, abs=1e-6)
+    assert (np.delete(resolved, 10, axis=1) == 0.0).all()
+    hit = resolver.resolve(wire(8))
+    assert hit[:, 10] == pytest.approx(0.5, abs=1e-6)
