@@ -1,14 +1,16 @@
 """Every kernel under Oclgrind, a simulator that watches each access to memory: ``sh scripts/memcheck``.
 
 It looks for accesses outside a buffer, reads of what nobody wrote, and races between work-items. The simulator's LLVM
-does not know what its own inliner leaves in the code, nor the root as an instruction, nor fetches ahead, and takes the
-halves of 16 lanes for uninitialised: the kernels are built without inlining and fetches and with the library's root and
-any. What they read and write is the same. That the simulator would notice is shown by planting faults.
+does not know what its own inliner leaves in the code, nor root, floor, reductions and fetches ahead as instructions,
+and takes the halves of 16 lanes for uninitialised: the kernels are built without inlining, floor, reductions and
+fetches and with the library's root and any. What they read and write is the same. That the simulator would notice is
+shown by planting faults.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import os
 import subprocess
 import sys
@@ -24,7 +26,7 @@ from cltaa.launch import Buffer, DeviceLauncher, NumpyLauncher
 from cltaa.params import override
 from cltaa.presets import load_preset
 from cltaa.resolve import Resolver
-from tests.kernels.stage_chain import ALL_STEPS, WRITES, chain_work, differing, run_stage, variants
+from tests.kernels.stage_chain import ALL_STEPS, WRITES, Work, chain_work, differing, padded, run_stage, variants
 from tests.kernels.test_resolve import hard_frames
 from tests.numerics.mutations import Mutation, copy_tree
 from tests.sequence_factory import bits
@@ -38,6 +40,9 @@ EDITS = [
     Mutation("halves of masks", "kernels/real.h",
              "return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0;", "return any(m != 0);"),
     Mutation("no reading ahead", "kernels/real.h", "#if __has_builtin(__builtin_prefetch)", "#if 0"),
+    Mutation("no reductions", "kernels/real.h", "#if __has_builtin(__builtin_reduce_or)", "#if 0"),
+    Mutation("no floor", "kernels/real.h", "#if __has_builtin(__builtin_elementwise_floor)",
+             "#if 0 && __has_builtin(__builtin_elementwise_floor)"),
 ]  # fmt: skip
 # Fault and the simulator's word for it.
 PLANTED = [
@@ -80,6 +85,13 @@ def apply(mutation: Mutation, tree: Path) -> None:
     file.write_text(text.replace(mutation.right, mutation.wrong), encoding="utf-8")
 
 
+def moved_alike() -> Work:
+    """A hard frame of 17 x 9 pixels that moves by the same fraction of a texel everywhere."""
+    work = chain_work(17, 9)
+    motion = np.broadcast_to(np.array([0.375, -0.625], np.float32)[:, None, None], (2, 9, 17))
+    return dataclasses.replace(work, planes={**work.planes, "motion": padded(motion, work.layout)})
+
+
 def run_everything() -> int:
     """Every kernel in every choice, lane count and size, and short sequences in every storage; returns the launches."""
     launcher, launches = Written(), 0
@@ -93,6 +105,11 @@ def run_everything() -> int:
                     expected = run_stage(kernel, shaped, work, NumpyLauncher())
                     assert differing(work, run_stage(kernel, shaped, work, launcher), expected) == 0, (kernel, name)
                     launches += 1
+    for lanes in LANES:  # rows that move alike, of which a work-item keeps some
+        work, shaped = moved_alike(), replace(default, lanes=lanes, rows=9)
+        expected = run_stage("resolve", shaped, work, NumpyLauncher())
+        assert differing(work, run_stage("resolve", shaped, work, launcher), expected) == 0, lanes
+        launches += 1
     gathering = override(load_preset(), {"history_of": "samples", "frames_kept": 2})
     for preset, storage in [*((load_preset(), storage) for storage in Storage), (gathering, Storage.FLOAT)]:
         for lanes in LANES:

@@ -1,13 +1,16 @@
-"""The faults of ``scripts/mutate`` can still be put in; that they are noticed is shown by running it."""
+"""The faults of ``scripts/mutate`` and ``scripts/memcheck`` have their places; running these shows who notices."""
 
 from __future__ import annotations
 
 import pytest
 
+from tests.numerics.memory import EDITS, PLANTED
 from tests.numerics.mutations import MUTATIONS, Mutation, occurrences
 
 
-@pytest.mark.parametrize("mutation", MUTATIONS, ids=lambda mutation: mutation.fault)
+@pytest.mark.parametrize(
+    "mutation", [*MUTATIONS, *EDITS, *(fault for fault, _ in PLANTED)], ids=lambda mutation: mutation.fault
+)
 def test_a_fault_still_has_its_place(mutation: Mutation) -> None:
     assert occurrences(mutation) == 1, mutation.file
     assert mutation.right != mutation.wrong
