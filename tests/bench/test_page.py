@@ -21,7 +21,7 @@ from tests.bench.browser import Browser, browser, missing
 from tests.sequence_factory import write_images, write_sequence
 
 needs_browser = pytest.mark.skipif(missing() is not None, reason=missing() or "")
-ENTER, RIGHT = "\ue007", "\ue014"
+ENTER, RIGHT, DOWN = "\ue007", "\ue014", "\ue015"
 
 
 @pytest.fixture(scope="module")
@@ -189,6 +189,21 @@ def test_a_point_shows_its_frame_by_keyboard(window: Browser) -> None:
 
 
 @needs_browser
+@pytest.mark.parametrize(("part", "things"), [("front", ".point"), ("steps", "button.step")])
+def test_many_things_are_one_stop_of_the_tab_key(window: Browser, part: str, things: str) -> None:
+    stops = f"[...document.querySelectorAll('#{part} {things}')]"
+    assert window.run(f"return {stops}.length") > 2
+    assert window.run(f"return {stops}.filter(s => s.tabIndex === 0).length") == 1
+    window.run(f"{stops}.find(s => s.tabIndex === 0).focus()")
+    seen = set()
+    for _ in range(window.run(f"return {stops}.length") + 1):  # once more than there are: the last one stays
+        seen.add(window.run("return document.activeElement.dataset.variant || document.activeElement.ariaLabel"))
+        window.press(RIGHT)
+    assert len(seen) == window.run(f"return {stops}.length")
+    assert window.run(f"return {stops}.filter(s => s.tabIndex === 0).length") == 1
+
+
+@needs_browser
 def test_noise_lines_are_drawn_and_named(window: Browser, report: Path) -> None:
     choose(window, "metric", "mse")
     measured = msgspec.json.decode((report / "accuracy.json").read_bytes(), type=Accuracy).sequences[0]
@@ -243,6 +258,10 @@ def test_several_sequences_stand_in_one_table(window: Browser) -> None:
     assert float(mean) == pytest.approx(2 * float(first), rel=0.01)
     window.run("document.querySelector('#overview tbody tr:last-child td:last-child button').click()")
     assert window.run("return [state.sequence, state.a]") == [1, "arithmetic: double"]
+    places = "[...document.querySelectorAll('#overview button')]"
+    window.run(f"{places}.find(p => p.tabIndex === 0).focus()")
+    window.press(DOWN)  # a row is as long as there are sequences
+    assert window.run(f"return {places}.indexOf(document.activeElement)") == 2
     window.size(400, 900)
     assert window.run("return document.documentElement.scrollWidth") == 400
     window.size(1280, 900)

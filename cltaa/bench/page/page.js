@@ -18,6 +18,18 @@ function element(name, attributes = {}, ...children) {
   return node;
 }
 
+// One stop of the tab key for many things; the arrow keys, Home and End move among them, `across` of them a row.
+function among(host, items, across = 1) {
+  items.forEach((item, i) => item.setAttribute("tabindex", i ? -1 : 0));
+  host.onkeydown = (event) => {
+    const at = items.indexOf(document.activeElement), last = items.length - 1;
+    const to = { ArrowRight: at + 1, ArrowLeft: at - 1, ArrowDown: at + across, ArrowUp: at - across, Home: 0, End: last }[event.key];
+    if (at < 0 || to === undefined || !items[to]) return;
+    event.preventDefault();
+    items[at].setAttribute("tabindex", -1); items[to].setAttribute("tabindex", 0); items[to].focus();
+  };
+}
+
 // A picture's error in the chosen axis: {mean, p5, p95, frames}, or null where that axis was not measured.
 function errorOf(cell) {
   if (state.metric !== "rounding") return cell.errors[state.metric];
@@ -107,6 +119,8 @@ function drawFront() {
   }
   const labelled = [];
   for (const cell of [...cells].sort((p, q) => Boolean(beaten(q)) - Boolean(beaten(p)))) svg.append(pointOf(cell, x, y, box, beaten(cell), labelled, logarithmic));
+  const place = (node) => Number((node.querySelector("circle") || node.querySelector("text")).getAttribute(node.querySelector("circle") ? "cx" : "x"));
+  among(svg, [...svg.querySelectorAll(".point")].sort((p, q) => place(p) - place(q)));
 }
 
 function drawFrontLegend(measured, yards) {
@@ -225,6 +239,7 @@ function drawSteps() {
     rows.push(row);
   });
   host.replaceChildren(...rows);
+  among(host, rows.slice(1));
 }
 function drawFrames() {
   const measured = current(), host = $("frames"), width = Math.max(host.clientWidth, 280), height = 240;
@@ -290,6 +305,7 @@ function drawOverview() {
   };
   const body = rows.map((row) => element("tr", {}, element("th", { scope: "row" }, row.name), element("td", {}, row.mean.toFixed(3)), ...row.ratios.map((ratio, place) => cellOf(ratio, row.name, place))));
   $("overview").replaceChildren(element("thead", {}, element("tr", {}, ...[metric, "mean", ...sequences.map((s) => s.name)].map((h) => element("th", { scope: "col" }, h)))), element("tbody", {}, ...body));
+  among($("overview"), [...$("overview").querySelectorAll("button")], sequences.length);
 }
 
 function drawAll() {
