@@ -16,7 +16,7 @@ from cltaa.errors import InternalError
 from cltaa.frames import Frame, Image
 from cltaa.launch import DeviceLauncher, NumpyLauncher
 from cltaa.layout import Layout
-from cltaa.params import Box, Choices, HistoryOf, Neighbourhood, override
+from cltaa.params import Box, Choices, GatherFit, HistoryOf, Neighbourhood, override
 from cltaa.presets import load_preset
 from cltaa.program import Kernel, source_hash
 from cltaa.reference.projection import Motion, on_screen
@@ -78,15 +78,17 @@ def test_a1_nan_dies_in_its_own_frame(launcher: DeviceLauncher, bad: float, when
         assert touched.any() == (index >= when)
 
 
-@pytest.mark.parametrize("history_of", list(HistoryOf))
+@pytest.mark.parametrize(
+    "history", [{"history_of": "result"}, *({"gather_fit": fit} for fit in GatherFit)], ids=lambda h: str(*h.values())
+)
 @pytest.mark.parametrize("lanes", [0, 1])
 @pytest.mark.parametrize("seed", range(4))
 def test_a1_any_bits_of_input_give_finite_output(
-    launcher: DeviceLauncher, seed: int, lanes: int, history_of: HistoryOf
+    launcher: DeviceLauncher, seed: int, lanes: int, history: dict[str, object]
 ) -> None:
     random = np.random.default_rng(seed)
     # The fast build, as it is used: a CPU's and a GPU's.
-    resolver = Resolver(override(load_preset(), {"history_of": history_of}), launcher, lanes=lanes)
+    resolver = Resolver(override(load_preset(), {"history_of": "samples", **history}), launcher, lanes=lanes)
 
     def any_bits(like: Image) -> Image:
         wild = random.integers(0, 2**32, like.shape, np.uint32).view(np.float32)
@@ -102,7 +104,7 @@ def test_a1_any_bits_of_input_give_finite_output(
         }
         assert np.isfinite(resolver.resolve(replace(frame, **channels))).all()
         assert resolver.plan is not None
-        assert resolver.plan.choices.history_of is history_of
+        assert resolver.plan.choices.history_of is (HistoryOf.SAMPLES if "gather_fit" in history else HistoryOf.RESULT)
 
 
 NOT_FOR_REALS = ("f?max", "f?min", "clamp", "mix", "fdim", "step", "smoothstep", "isnan", "isinf", "isfinite")
