@@ -28,6 +28,10 @@ from cltaa.resolve import Resolver
 
 SIZES = (256, 512, 1024, 2048, 4096, 8192)
 REFERENCE = 2048
+MANY_ROUNDS_TO = (
+    4096  # pixels a side; what is larger takes seconds a frame, nearly all of them on its way to the device
+)
+FEWEST_ROUNDS = 3
 FLAT = 0.15
 TILE = 256  # of random pixels that an image is filled with
 Progress = Callable[[Iterable[int], int], Iterable[int]]
@@ -38,6 +42,7 @@ class Growth(msgspec.Struct, frozen=True, kw_only=True):
 
     side: int
     band_rows: int  # 0: in one piece
+    rounds: int
     ns_a_pixel: Interval
     least_ns: float
     ratio: Interval
@@ -119,17 +124,17 @@ def bench_growth(
     before, reference = load(), _Sized(preset, device, REFERENCE, 0)
     rows = []
     for side in sizes:
-        bands = band_rows if side >= banded_from else 0
+        bands, count = band_rows if side >= banded_from else 0, rounds_of(side, rounds)
         sized = _Sized(preset, device, side, bands)
-        samples = measure(
-            [Job("size", sized.run), Job("reference", reference.run)], rounds, warm_up=2, progress=progress
-        )
+        jobs = [Job("size", sized.run), Job("reference", reference.run)]
+        samples = measure(jobs, count, warm_up=2 if count == rounds else 1, progress=progress)
         scale = 1e9 / sized.pixels
         seconds, ratio = samples.interval("size", device=True), samples.ratio("size", "reference", device=True)
         rows.append(
             Growth(
                 side=side,
                 band_rows=bands,
+                rounds=count,
                 ns_a_pixel=_scaled(seconds, scale),
                 least_ns=float(samples.seconds("size", device=True).min()) * scale,
                 ratio=_scaled(ratio, reference.pixels / sized.pixels),
@@ -140,6 +145,11 @@ def bench_growth(
         del sized
     where = environment(reference.launcher.description, before, Build().flags(), kernel_folder())
     return GrowthBench(preset=preset.name, rounds=rounds, environment=where, rows=rows)
+
+
+def rounds_of(side: int, rounds: int) -> int:
+    """Rounds for a size: fewer, as the pixels grow, beyond ``MANY_ROUNDS_TO``; never below ``FEWEST_ROUNDS``."""
+    return max(min(rounds, rounds * MANY_ROUNDS_TO**2 // side**2), FEWEST_ROUNDS)
 
 
 def _scaled(value: Interval, by: float) -> Interval:

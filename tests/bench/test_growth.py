@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from cltaa.bands import BandedResolver
-from cltaa.bench.growth import square
+from cltaa.bench.growth import rounds_of, square
 from cltaa.build import Steps, Storage
 from cltaa.cli import main
 from cltaa.launch import Buffer, NumpyLauncher
@@ -67,6 +67,11 @@ def test_the_command_counts_whole_images_and_bands(capsys: pytest.CaptureFixture
     for row in bench["rows"]:
         assert row["allocated"] == row["formula"]
         assert 0 < row["least_ns"] <= row["ns_a_pixel"]["median"]
+
+
+def test_large_sizes_take_fewer_rounds() -> None:
+    assert [rounds_of(side, 9) for side in (256, 4096, 5000, 8192, 16384)] == [9, 9, 6, 3, 3]
+    assert rounds_of(16384, 400) == 25
 
 
 def test_frames_of_the_bench_stay_what_they_are_in_bands() -> None:
