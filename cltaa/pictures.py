@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from PIL import Image as Pillow
-from PIL import ImageDraw, ImageFont
 
 from cltaa.atomic import atomic_path
 from cltaa.display import Picture, quantise, to_display, to_picture
@@ -20,6 +18,8 @@ GAP = 2  # white pixels between two pictures
 
 def write_png(path: Path, picture: Picture) -> None:
     """Write an 8-bit picture [H, W, 3] as PNG, atomically; raises OutputError and StorageError."""
+    from PIL import Image as Pillow  # here and below: a resolve starts without
+
     with atomic_path(path) as temporary:
         Pillow.fromarray(np.ascontiguousarray(picture)).save(temporary, format="PNG")
 
@@ -42,6 +42,9 @@ def side_by_side(
 
 def label(picture: Picture, text: str) -> Picture:
     """Return a copy of a picture with ``text`` in its upper left corner, white on a dark ground."""
+    from PIL import Image as Pillow
+    from PIL import ImageDraw, ImageFont
+
     size = max(SMALLEST_LETTERS, round(picture.shape[0] * LABEL_SHARE))
     canvas = Pillow.fromarray(np.ascontiguousarray(picture))
     draw = ImageDraw.Draw(canvas)

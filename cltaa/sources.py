@@ -49,6 +49,11 @@ class Sequence(NumberedFiles):
         """Attributes of a frame's header that its files do not declare and the reader filled in; own ones: none."""
         return frozenset()
 
+    @property
+    def notes(self) -> list[str]:
+        """What was decided about the files of another tool, line by line; own ones: nothing."""
+        return []
+
     @cached_property
     def header(self) -> ImageHeader:
         """Layout and attributes of the first frame, read without its pixels."""

@@ -13,8 +13,7 @@ from cltaa.build import STORAGES, Storage
 from cltaa.checkpoint import CHECKPOINT_EVERY
 from cltaa.commands.options import FILE_PATH, chosen_effects, input_options, verify_option
 from cltaa.errors import UsageError
-from cltaa.inputs.foreign import ForeignSequence, open_input
-from cltaa.inputs.intake import intake_lines
+from cltaa.inputs.opening import open_input
 from cltaa.kept import kept_compression
 from cltaa.launch import launcher_for
 from cltaa.numbered import OnBreak
@@ -98,8 +97,8 @@ def resolve(
         sequence, profile=profile, assignments=inputs, side_file=camera,
         verify=verify, gaps=OnBreak(gaps), on_resize=OnBreak(on_resize),
     )  # fmt: skip
-    if isinstance(source, ForeignSequence):
-        click.echo("\n".join(map(printable, intake_lines(source.intake))), err=True)
+    if source.notes:
+        click.echo("\n".join(map(printable, source.notes)), err=True)
     if frames is not None:
         source = source.select(*_frame_range(frames))
     settings, kept = chosen_preset(preset, config, assignments), Storage(storage)
@@ -158,7 +157,7 @@ def _values(assignments: tuple[str, ...]) -> dict[str, str]:
 
 def _chosen_layers(text: str | None, source: Sequence) -> tuple[str, ...]:
     if text is None:
-        text = "all" if isinstance(source, ForeignSequence) else "none"
+        text = "all" if source.notes else "none"
     if text in ("all", "none"):
         return ("*",) if text == "all" else ()
     return tuple(name.strip() for name in text.split(",") if name.strip())

@@ -15,11 +15,11 @@ from cltaa.exr_attributes import check_camera
 from cltaa.exr_channels import Pixels
 from cltaa.frames import Camera, Effect, Frame, Image
 from cltaa.inputs.convert import linear_colour, motion_px, planar_depth, still_camera
-from cltaa.inputs.intake import Intake, open_intake
-from cltaa.inputs.parts import read_any_header, read_planes
+from cltaa.inputs.intake import Intake, intake_lines
+from cltaa.inputs.parts import read_planes
 from cltaa.manifest import recorded_hashes
 from cltaa.numbered import OnBreak
-from cltaa.sources import Sequence, open_sequence
+from cltaa.sources import Sequence
 
 MATRICES = ("worldToCamera", "worldToNDC", "cltaa:worldToView", "cltaa:viewToClip")
 
@@ -59,6 +59,11 @@ class ForeignSequence(Sequence):
         """Matrices and jitter where nothing tells them."""
         names = set() if self.intake.has_camera else {*MATRICES}
         return frozenset(names if self.intake.has_jitter else names | {"cltaa:jitterPx"})
+
+    @property
+    def notes(self) -> list[str]:
+        """What was decided about its files, line by line."""
+        return list(intake_lines(self.intake))
 
     def select(self, first: int, last: int) -> Self:
         """Return the frames ``first`` to ``last``, both included."""
@@ -120,31 +125,6 @@ class ForeignSequence(Sequence):
                 planes.append(files[place.files][place.channel].astype(np.float32))
             stacked[role] = np.moveaxis(np.stack(planes), 0, -1)
         return stacked
-
-
-def open_input(
-    folder: Path, *, profile: str = "auto", assignments: Many[str] = (), side_file: Path | None = None, **options: Any
-) -> Sequence:
-    """Open ``folder`` as its profile says; a sequence of cltaa's own is opened by ``open_sequence`` with ``options``.
-
-    Raises what ``open_sequence`` and ``open_intake`` raise.
-    """
-    plain = not assignments and side_file is None
-    if plain and profile in ("auto", "cltaa") and _is_own(folder):
-        return open_sequence(folder, **options)
-    intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file)
-    return ForeignSequence(folder, intake, sorted(intake.declared), verify=options.get("verify", True))
-
-
-def _is_own(folder: Path) -> bool:
-    """True unless the first file plainly is somebody else's: errors of cltaa's own files are told by its own reader."""
-    files = sorted(folder.glob("*.exr")) if folder.is_dir() else []
-    if not files:
-        return not folder.is_dir() or not any(folder.glob("*/*.exr"))
-    try:
-        return "cltaa:worldToView" in read_any_header(files[0]).attributes
-    except DataError:
-        return True
 
 
 def _numbers(camera: Camera | None) -> list[float]:

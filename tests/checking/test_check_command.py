@@ -13,7 +13,7 @@ from cltaa.checking.report import check_folder
 from cltaa.cli import main, root
 from cltaa.exr import write_image
 from cltaa.exr_channels import Pixels
-from cltaa.inputs.foreign import open_input
+from cltaa.inputs.opening import open_input
 from tests.checking.conftest import Scene
 from tests.checking.mistakes import MISTAKES
 from tests.inputs.foreign import write_own

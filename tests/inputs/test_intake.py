@@ -14,8 +14,9 @@ import pytest
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.exr import write_image
 from cltaa.frames import Camera, Frame
-from cltaa.inputs.foreign import ForeignSequence, open_input
+from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import intake_lines, open_intake
+from cltaa.inputs.opening import open_input
 from cltaa.inputs.profile import load_profile, profile_names
 from cltaa.inputs.profile_text import override, toml_text
 from cltaa.inputs.side_file import read_side_file

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from cltaa.checking.report import check_folder
 from cltaa.cli import main
-from cltaa.inputs.foreign import ForeignSequence, open_input
+from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import intake_lines, open_intake
+from cltaa.inputs.opening import open_input
 from cltaa.sources import open_images
 
 HERE = Path(__file__).parent

@@ -1,0 +1,39 @@
+"""A folder of frames, opened as what it is: a sequence of cltaa's own, or of another tool."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence as Many
+from pathlib import Path
+from typing import Any
+
+from cltaa.errors import DataError
+from cltaa.inputs.parts import read_any_header
+from cltaa.sources import Sequence, open_sequence
+
+
+def open_input(
+    folder: Path, *, profile: str = "auto", assignments: Many[str] = (), side_file: Path | None = None, **options: Any
+) -> Sequence:
+    """Open ``folder`` as its profile says; a sequence of cltaa's own is opened by ``open_sequence`` with ``options``.
+
+    Raises what ``open_sequence`` and ``open_intake`` raise.
+    """
+    plain = not assignments and side_file is None
+    if plain and profile in ("auto", "cltaa") and _is_own(folder):
+        return open_sequence(folder, **options)
+    from cltaa.inputs.foreign import ForeignSequence  # here: a run over cltaa's own files starts without
+    from cltaa.inputs.intake import open_intake
+
+    intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file)
+    return ForeignSequence(folder, intake, sorted(intake.declared), verify=options.get("verify", True))
+
+
+def _is_own(folder: Path) -> bool:
+    """True unless the first file plainly is somebody else's: errors of cltaa's own files are told by its own reader."""
+    files = sorted(folder.glob("*.exr")) if folder.is_dir() else []
+    if not files:
+        return not folder.is_dir() or not any(folder.glob("*/*.exr"))
+    try:
+        return "cltaa:worldToView" in read_any_header(files[0]).attributes
+    except DataError:
+        return True
