@@ -13,7 +13,11 @@ def _number(meaning: str, low: float, high: float, unit: str, source: str) -> Me
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Numbers; they reach the kernels as one struct of floats by value and cost nothing to change."""
+    """Numbers; they reach the kernels as one struct of floats by value.
+
+    Changing one costs nothing, except where a term comes to nothing, or to something again: that is another build
+    (``Terms``).
+    """
 
     blend_weight: Annotated[
         float, _number("least weight of the current sample (exponential)", 1e-6, 1.0, "1", "Karis 2014: 0.1")

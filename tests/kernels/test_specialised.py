@@ -13,7 +13,7 @@ import msgspec
 import pyopencl as cl
 import pytest
 
-from cltaa.build import Build, Steps
+from cltaa.build import Build, Steps, Terms
 from cltaa.device import POCL, Device, devices
 from cltaa.params import (
     Box,
@@ -30,7 +30,8 @@ from cltaa.program import source
 
 BARE = Steps(camera_motion=False, own_motion=False, orthographic=False, exposure=False, alpha=False, reactive=False)
 PLAIN = Choices(rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE, weighting=Weighting.NONE)
-LEAST = Build(choices=PLAIN, steps=BARE, lanes=8, rows=4)
+IDLE = Terms(resample_cost=False, pull_cost=False, gamma_by_motion=False)
+LEAST = Build(choices=PLAIN, steps=BARE, terms=IDLE, lanes=8, rows=4)
 
 # Step -> (a word that only its code holds, what turns it on among steps and choices).
 CODE: dict[str, tuple[str, dict[str, bool], dict[str, object]]] = {
@@ -57,6 +58,12 @@ CODE: dict[str, tuple[str, dict[str, bool], dict[str, object]]] = {
     "six taps": ("double_zero * double_zero", {"camera_motion": True}, {"history_filter": HistoryFilter.LANCZOS_3}),
     "luminance weights": ("SPLAT(settings.luminance_knee)", {}, {"weighting": Weighting.LUMINANCE}),
 }
+# Term of the settings -> a word that only its code holds.
+TERMS = {
+    "resample_cost": "K(settings.resample_cost)",
+    "pull_cost": "K(settings.pull_cost)",
+    "gamma_by_motion": "K(settings.gamma_still)",
+}
 
 
 @pytest.fixture(scope="module")
@@ -74,18 +81,30 @@ def build() -> Callable[[str, Build], None]:
     return program
 
 
+def poisoned(word: str, how: Build) -> str:
+    text = source("resolve", how)
+    assert word in text, "the kernels say it in other words now: tell this test"
+    return "int cltaa_poison(int);\n" + text.replace(word, f"({word} + cltaa_poison(0))")
+
+
 @pytest.mark.parametrize(("word", "steps", "choices"), CODE.values(), ids=CODE)
 def test_what_is_left_out_is_not_compiled(
     build: Callable[[str, Build], None], word: str, steps: dict[str, bool], choices: dict[str, object]
 ) -> None:
-    def poisoned(how: Build) -> str:
-        text = source("resolve", how)
-        assert word in text, "the kernels say it in other words now: tell this test"
-        return "int cltaa_poison(int);\n" + text.replace(word, f"({word} + cltaa_poison(0))")
-
-    build(poisoned(LEAST), LEAST)
+    build(poisoned(word, LEAST), LEAST)
     wanted = msgspec.structs.replace(
         LEAST, steps=msgspec.structs.replace(BARE, **steps), choices=msgspec.structs.replace(PLAIN, **choices)
     )
     with pytest.raises(cl.RuntimeError, match="cltaa_poison"):
-        build(poisoned(wanted), wanted)
+        build(poisoned(word, wanted), wanted)
+
+
+@pytest.mark.parametrize(("term", "word"), TERMS.items(), ids=TERMS)
+def test_terms_that_come_to_nothing_are_not_compiled(build: Callable[[str, Build], None], term: str, word: str) -> None:
+    clamped = msgspec.structs.replace(
+        LEAST, choices=msgspec.structs.replace(PLAIN, rectify=Rectify.CLAMP, box=Box.VARIANCE)
+    )
+    build(poisoned(word, clamped), clamped)
+    wanted = msgspec.structs.replace(clamped, terms=msgspec.structs.replace(IDLE, **{term: True}))
+    with pytest.raises(cl.RuntimeError, match="cltaa_poison"):
+        build(poisoned(word, wanted), wanted)
