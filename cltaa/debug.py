@@ -108,7 +108,7 @@ class _Stages:
 
     def history(self, build: Build, **made: Buffer) -> Buffer:
         """The history at the motion: r, g, b, alpha, count, fx, fy, valid."""
-        given = " ".join({"history", "history_count", "previous_closeness"} - made.keys())
+        given = " ".join({"current", "history", "history_count", "previous_closeness"} - made.keys())
         return self.run("sample_history", build, 8, "history_at", given, {"motion_in": self.motion, **made})
 
     def read(self, buffer: Buffer) -> Planes:

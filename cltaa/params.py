@@ -136,6 +136,13 @@ class Dilation(StrEnum):
     EDGE = "edge"  # the same, but only across a depth edge
 
 
+class LightChange(StrEnum):
+    """What becomes of history whose light has changed since."""
+
+    IGNORE = "ignore"  # its box alone tells
+    TEST = "test"  # the more the 3x3 of now differs from that of the history all one way, the less it counts
+
+
 class Reject(StrEnum):
     """How history of another surface is recognised."""
 
@@ -189,6 +196,7 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     rectify: Rectify = Rectify.CLAMP
     dilation: Dilation = Dilation.EDGE
     reject: Reject = Reject.DEPTH
+    light_change: LightChange = LightChange.IGNORE
     accumulate: Accumulate = Accumulate.COUNT
     weighting: Weighting = Weighting.LUMINANCE
     anti_flicker: AntiFlicker = AntiFlicker.NONE

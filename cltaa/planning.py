@@ -20,6 +20,7 @@ from cltaa.params import (
     Dilation,
     ExposureChange,
     HistoryOf,
+    LightChange,
     Preset,
     ReactiveMask,
     Rectify,
@@ -54,6 +55,7 @@ STEP_NAMES = {
 }  # fmt: skip
 # Steps whose absence is another estimate.
 RECTIFICATION, REJECTION, WEIGHTS, GATHERING = "rectification", "rejection", "luminance weights", "gathering"
+LIGHT = "change of light"
 
 # Effects that can make a pixel's history wrong.
 CHANGING = frozenset({Effect.CAMERA, Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.REACTIVE, Effect.EXPOSURE})
@@ -85,7 +87,9 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
     if free and still:
         choices, settings = plain_mean(choices, settings)
     elif free and _light_may_change(declared):
-        settings = for_changing_light(settings, declared)
+        settings = for_changing_light(choices, settings, declared)
+    choices, reason = _testing_light(choices, declared, free)
+    reasons.append(reason)
     reasons.append(Reason(RECTIFICATION, not (free and still), _why_rectified(free, still)))
     choices, reason = _rejecting(choices, declared, free)
     reasons.append(reason)
@@ -109,17 +113,16 @@ def plain_mean(choices: Choices, settings: Settings) -> tuple[Choices, Settings]
     return choices, msgspec.structs.replace(settings, sample_limit=2.0**20)
 
 
-def for_changing_light(settings: Settings, declared: frozenset[Effect] | None) -> Settings:
-    """Light that changes without motion: what is declared to change is forgotten sooner; of the rest the box tells.
-
-    So the box is no wider than the 3x3 in motion, and where highlights may run over what stands, nowhere.
-    """
-    still, moving = settings.gamma_still, min(settings.gamma_moving, 1.0)
-    if declared is None:
-        return msgspec.structs.replace(settings, gamma_still=min(still, 1.0), gamma_moving=moving)
-    still = min(still, 1.0) if Effect.HDR in declared else still
-    limit = min(settings.sample_limit, settings.changing_limit)
-    return msgspec.structs.replace(settings, gamma_still=still, gamma_moving=moving, sample_limit=limit)
+def for_changing_light(choices: Choices, settings: Settings, declared: frozenset[Effect] | None) -> Settings:
+    """Light that changes without motion: where a change is declared and tested for, the test tells of what stands, and
+    the box there may be wide; else the box alone tells, and is no wider than the 3x3."""
+    tested = declared is not None and choices.light_change is LightChange.TEST
+    still = max(settings.gamma_still, settings.changing_gamma) if tested else min(settings.gamma_still, 1.0)
+    changed = {"gamma_still": still, "gamma_moving": min(settings.gamma_moving, 1.0)}
+    if declared is not None:
+        changed["sample_limit"] = min(settings.sample_limit, settings.changing_limit)
+        changed["resample_cost"] = max(settings.resample_cost, settings.changing_cost)
+    return msgspec.structs.replace(settings, **changed)
 
 
 def toggled(plan: Plan, preset: Preset, step: str) -> Plan:
@@ -135,6 +138,9 @@ def toggled(plan: Plan, preset: Preset, step: str) -> Plan:
     if step == GATHERING:
         history_of = HistoryOf.RESULT if on else HistoryOf.SAMPLES
         return plan._replace(choices=msgspec.structs.replace(plan.choices, history_of=history_of))
+    if step == LIGHT:
+        light_change = LightChange.IGNORE if on else LightChange.TEST
+        return plan._replace(choices=msgspec.structs.replace(plan.choices, light_change=light_change))
     if step == WEIGHTS:
         weighting = Weighting.NONE if on else Weighting.LUMINANCE
         return plan._replace(choices=msgspec.structs.replace(plan.choices, weighting=weighting))
@@ -162,6 +168,16 @@ def _why_rectified(free: bool, still: bool) -> str:
 
 def _light_may_change(declared: frozenset[Effect] | None) -> bool:
     return declared is None or bool(declared & {Effect.SHADING, Effect.REACTIVE})
+
+
+def _testing_light(choices: Choices, declared: frozenset[Effect] | None, free: bool) -> tuple[Choices, Reason]:
+    """Where no change of light is declared there is none to test for."""
+    if not free or choices.light_change is LightChange.IGNORE:
+        return choices, Reason(LIGHT, choices.light_change is LightChange.TEST, "as the preset says")
+    if declared is not None and _light_may_change(declared):
+        return choices, Reason(LIGHT, True, "effect shading or reactive is declared")
+    why = "neither effect shading nor reactive is declared"
+    return msgspec.structs.replace(choices, light_change=LightChange.IGNORE), Reason(LIGHT, False, why)
 
 
 def _gathered(choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choices, Reason]:

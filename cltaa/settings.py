@@ -62,6 +62,18 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     changing_limit: Annotated[
         float, _number("the same, where light is declared to change", 1.0, 2.0**20, "samples", "measured")
     ] = 2.0**20
+    changing_cost: Annotated[
+        float, _number("resample_cost, where light is declared to change", 0.0, 16.0, "1", "measured")
+    ] = 0.0
+    changing_gamma: Annotated[
+        float, _number("gamma_still, where a change of light is tested for", 0.0, 64.0, "the same", "measured")
+    ] = 1.0
+    change_t: Annotated[
+        float, _number("Student's t of the 3x3 from which light has changed", 0.125, 1e6, "1", "measured")
+    ] = 2.0
+    change_floor: Annotated[
+        float, _number("standard error added to that of the 3x3, over its luminance", 0.0, 1.0, "1", "measured")
+    ] = 0.005
     resample_cost: Annotated[
         float, _number("loss of count per fraction f(1-f) read between texels", 0.0, 16.0, "1", "measured")
     ] = 1.5
@@ -103,5 +115,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 
 # What the host alone looks at: it does not reach the kernels' struct.
-HOST_SETTINGS = frozenset({"changing_limit", "filter_falloff", "frames_kept", "sky_at", "sky_below"})
+HOST_SETTINGS = frozenset(
+    {"changing_cost", "changing_gamma", "changing_limit", "filter_falloff", "frames_kept", "sky_at", "sky_below"}
+)
 KERNEL_SETTINGS = tuple(name for name in Settings.__struct_fields__ if name not in HOST_SETTINGS)

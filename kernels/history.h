@@ -1,10 +1,11 @@
 // The history of a pixel: its colour at the place where the surface was, and whether it can be used at all.
 #include "ahead.h"
 #include "kept_rows.h"
+#include "light.h"
 #include "reject.h"
 
-#if !defined(EXPOSURE) || !defined(ALPHA) || !defined(REJECT)
-#error "history.h needs EXPOSURE, ALPHA and REJECT from the prelude"
+#if !defined(ALPHA) || !defined(REJECT) || !defined(LIGHT_CHANGE)
+#error "history.h needs ALPHA, REJECT and LIGHT_CHANGE from the prelude"
 #endif
 
 typedef struct
@@ -13,12 +14,6 @@ typedef struct
     real alpha, count, fx, fy;
     mask valid;
 } history_t;
-
-STAGE colour load_history_colour(history_in p, size_t plane)
-{
-    const colour v = { load_history(p), load_history(p + plane), load_history(p + 2 * plane) };
-    return v;
-}
 
 STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, size_t plane, int stride)
 {
@@ -82,8 +77,8 @@ STAGE sampled sample_at(
 #endif
 }
 
-STAGE history_t sample_history(history_in history, plane_in count, plane_in previous_closeness, motion_t m, surface s,
-    int x, int y, frame_t frame, settings_t settings, kept_rows* kept)
+STAGE history_t sample_history(plane_in current, history_in history, plane_in count, plane_in previous_closeness,
+    motion_t m, surface s, int x, int y, frame_t frame, settings_t settings, kept_rows* kept)
 {
     const uint at = history_offset(frame, x, y);
     history_t h;
@@ -93,14 +88,11 @@ STAGE history_t sample_history(history_in history, plane_in count, plane_in prev
     const sampled v = sample_at(history, count, previous_closeness, f, y, frame, kept);
     h.rgb = v.rgb;
     h.valid = h.valid & !colour_outside_domain(h.rgb);
-    if (EXPOSURE) {
-        h.rgb.r *= K(frame.exposure_ratio);
-        h.rgb.g *= K(frame.exposure_ratio);
-        h.rgb.b *= K(frame.exposure_ratio);
-    }
-    h.rgb = to_range(h.rgb);
+    h.rgb = history_in_range(h.rgb, frame);
     h.alpha = ALPHA ? limit(v.alpha, SPLAT(0.0), SPLAT(1.0)) : v.alpha;
     h.count = v.count;
+    if (LIGHT_CHANGE == LIGHT_CHANGE_TEST)
+        h.count = quotient(h.count, change_of_light(current, history, f, x, y, frame, settings));
     if (REJECT == REJECT_DEPTH)
         h.valid = h.valid & same_surface(v.closeness, s, m, settings);
     h.fx = v.fx;

@@ -1,7 +1,7 @@
 // Stage 4 on its own: the history at the motion of stage 3. 8 planes: r, g, b, alpha, count, fx, fy, valid (1 or 0).
 #include "history.h"
 
-__kernel void sample_history_kernel(plane_in motion_in, history_in history, plane_in history_count,
+__kernel void sample_history_kernel(plane_in current, plane_in motion_in, history_in history, plane_in history_count,
     plane_in previous_closeness, plane_out history_at, const frame_t frame, const settings_t settings)
 {
     const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
@@ -16,7 +16,8 @@ __kernel void sample_history_kernel(plane_in motion_in, history_in history, plan
     s.nearest = load(q + 5 * plane);
     s.farthest = load(q + 6 * plane);
     kept_rows kept = nothing_kept();
-    const history_t h = sample_history(history, history_count, previous_closeness, m, s, x, y, frame, settings, &kept);
+    const history_t h
+        = sample_history(current, history, history_count, previous_closeness, m, s, x, y, frame, settings, &kept);
     plane_out p = history_at + at;
     store(p, h.rgb.r);
     store(p + plane, h.rgb.g);

@@ -9,9 +9,10 @@ import numpy as np
 
 from cltaa.build import Build, Record
 from cltaa.layout import Layout
-from cltaa.params import Reject
-from cltaa.reference.colour import Colour, colour_outside_domain, to_range
+from cltaa.params import LightChange, Reject
+from cltaa.reference.colour import Colour, colour_outside_domain
 from cltaa.reference.history_filter import history_weights
+from cltaa.reference.light import change_of_light, history_in_range
 from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.projection import Motion, motion_to_edge, on_screen
 from cltaa.reference.real import Array, Mask, greater, limit, number
@@ -41,6 +42,7 @@ def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
 
 
 def sample_history(
+    current: Array,
     history: Array,
     history_count: Array,
     previous_closeness: Array,
@@ -51,7 +53,8 @@ def sample_history(
     frame: Record,
     settings: Record,
 ) -> History:
-    """History planes [3 or 4, rows, stride], their count and the previous closeness [1, rows, stride] at the motion."""
+    """History planes [3 or 4, rows, stride], their count and the previous closeness [1, rows, stride] at the motion;
+    ``current`` [3, rows, stride] is looked at where a change of light is tested for."""
     real: Any = m.u.dtype
     seen = motion_to_edge(m, build, layout)
     valid = on_screen(seen, layout) & np.bool_(frame["reset"] == 0)
@@ -59,13 +62,13 @@ def sample_history(
     wx, wy = history_weights(f.fx, build), history_weights(f.fy, build)
     r, g, b = (sample_plane(history[channel], f, wx, wy, build, real) for channel in range(3))
     valid &= ~colour_outside_domain((r, g, b))
-    if build.steps.exposure:
-        ratio = number(frame["exposure_ratio"], r)
-        r, g, b = r * ratio, g * ratio, b * ratio
+    rgb = history_in_range((r, g, b), build, frame)
     alpha = np.ones_like(r)
     if build.steps.alpha:
         alpha = limit(sample_plane(history[3], f, wx, wy, build, real), number(0, r), number(1, r))
     count = bilinear(sample_quad(history_count[0], f, real), f)
+    if build.choices.light_change is LightChange.TEST:
+        count = count / change_of_light(current, history, f, build, layout, frame, settings)
     if build.choices.reject is Reject.DEPTH:
         valid &= same_surface(sample_quad(previous_closeness[0], f, real), s, m, settings["depth_tolerance"])
-    return History(to_range((r, g, b), build), alpha, count, f.fx, f.fy, valid)
+    return History(rgb, alpha, count, f.fx, f.fy, valid)

@@ -59,7 +59,7 @@ def resolve(
     p = current_pixel(rows, alpha, reactive, build, layout, frame)
     s = nearest_surface(*rows, build, settings["edge_tolerance"])
     m = surface_motion(s, build, layout, frame)
-    h = sample_history(history, history_count, previous_closeness, m, s, build, layout, frame, settings)
+    h = sample_history(current, history, history_count, previous_closeness, m, s, build, layout, frame, settings)
     r = rectify(h.rgb, p.filtered, p.near, m, box_gamma(m, settings), build, layout, settings)
     if build.steps.alpha and alpha is not None:
         h = replace(h, alpha=past_alpha(alpha, h.alpha, build, layout))

@@ -69,6 +69,7 @@ def sample_history_kernel(
     build: Build,
     layout: Layout,
     *,
+    current: Array,
     motion_in: Array,
     history: Array,
     history_count: Array,
@@ -81,7 +82,7 @@ def sample_history_kernel(
     u, v, scale, shift, visible, nearest, farthest = _load(motion_in, build, layout)
     m = Motion(u, v, scale, shift, visible > number(0.5, u))
     s = Surface(u, u, u, u, u, u, nearest, farthest)  # of the surface, only its range of closeness is looked at
-    h = sample_history(history, history_count, previous_closeness, m, s, build, layout, frame, settings)
+    h = sample_history(current, history, history_count, previous_closeness, m, s, build, layout, frame, settings)
     one = number(1.0, u)
     _store(history_at, layout, (*h.rgb, h.alpha, h.count, h.fx, h.fy, np.where(h.valid, one, number(0.0, u))))
 

@@ -46,7 +46,16 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
     "repair_colour": (),
     "neighbourhood_statistics": ("neighbourhood", "variance", "box", "box_space", "current_filter", "tonemap"),
     "surface_motion": ("dilation", "camera_motion", "own_motion", "orthographic"),
-    "sample_history": ("history_filter", "reject", "exposure", "alpha", "tonemap", "off_screen", "storage"),
+    "sample_history": (
+        "history_filter",
+        "reject",
+        "exposure",
+        "alpha",
+        "tonemap",
+        "off_screen",
+        "storage",
+        "light_change",
+    ),
     "rectify_history": ("box", "box_space", "rectify", "accumulate", "anti_flicker"),
     "blend": (
         "accumulate",

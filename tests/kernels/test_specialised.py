@@ -20,6 +20,7 @@ from cltaa.params import (
     Choices,
     Dilation,
     HistoryFilter,
+    LightChange,
     Neighbourhood,
     Rectify,
     Reject,
@@ -44,6 +45,7 @@ CODE: dict[str, tuple[str, dict[str, bool], dict[str, object]]] = {
     "reactive": ("load_share(reactive + at, SPLAT(0.0))", {"reactive": True}, {}),
     "rejection": ("K(settings.depth_tolerance)", {}, {"reject": Reject.DEPTH}),
     "rectification": ("K(settings.box_floor)", {}, {"rectify": Rectify.CLAMP}),
+    "change of light": ("SPLAT(settings.change_t)", {}, {"light_change": LightChange.TEST}),
     "dilation": ("K(settings.edge_tolerance)", {}, {"dilation": Dilation.EDGE}),
     "naive variance": (
         "K(MIDDLE) * (centre * centre)",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cltaa.build import settings_record
+from cltaa.frames import Effect
 from cltaa.launch import Buffer, DeviceLauncher
 from cltaa.params import override
 from cltaa.presets import load_preset
@@ -42,8 +44,9 @@ class Kept(Resolver):
         run("repair_colour", current=current, repaired=made["repaired"], **image)
         run("neighbourhood_statistics", **window, statistics_out=made["statistics"], **image)
         run("surface_motion", **window, motion_out=made["motion"], **both)
-        run("sample_history", motion_in=made["motion"], history=read.output, history_count=read.output_count,
-            previous_closeness=read.closeness, history_at=made["history"], **both)  # fmt: skip
+        run("sample_history", current=current, motion_in=made["motion"], history=read.output,
+            history_count=read.output_count, previous_closeness=read.closeness,
+            history_at=made["history"], **both)  # fmt: skip
         run("rectify_history", statistics_in=made["statistics"], motion_in=made["motion"],
             history_at=made["history"], change_out=made["change"], **both)  # fmt: skip
         run("blend", current=current, alpha=read.optional("alpha", 1), reactive=read.optional("reactive", 1),
@@ -54,7 +57,13 @@ class Kept(Resolver):
             return np.moveaxis(layout.inside(planes).copy(), 0, -1)
 
 
-OTHERWISE = {"box": "variance", "rectify": "clip", "dilation": "closest", "filter_use": "always"}
+OTHERWISE = {
+    "box": "variance",
+    "rectify": "clip",
+    "dilation": "closest",
+    "filter_use": "always",
+    "light_change": "ignore",
+}
 
 
 @pytest.mark.parametrize("changes", [{}, OTHERWISE])
@@ -62,7 +71,10 @@ OTHERWISE = {"box": "variance", "rectify": "clip", "dilation": "closest", "filte
 def test_chain_of_stages_is_the_fused_kernel(changes: dict[str, object], lanes: int) -> None:
     resolver = Kept(override(load_preset(), changes), strict=True, lanes=lanes, rows=5)
     previous = None
-    for frame in hard_frames():
+    for wild in hard_frames():
+        frame = dataclasses.replace(wild, effects=frozenset(Effect))
         fused = resolver.resolve(frame)
+        assert resolver.plan is not None
+        assert (resolver.plan.choices.light_change == "test") == (not changes)
         assert np.array_equal(bits(resolver.chain(previous, frame)), bits(fused))
         previous = Past.of(frame)

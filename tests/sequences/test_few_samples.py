@@ -12,7 +12,6 @@ from cltaa.build import Build, settings_record
 from cltaa.frames import Effect, Frame
 from cltaa.layout import Layout
 from cltaa.params import BoxSpace, Choices, Preset, Settings, override
-from cltaa.planning import plan_frame
 from cltaa.presets import load_preset
 from cltaa.reference.neighbourhood import Statistics
 from cltaa.reference.projection import Motion
@@ -83,24 +82,3 @@ def test_the_box_of_extremes_is_widened_by_gamma(gamma: float, moved: float) -> 
     found = rectify(history, (zero,) * 3, near, still, gamma * one, build, layout, settings_record(Settings()))
     assert [float(v[0, 0]) for v in found.change] == [-moved, 0.0, moved]
     assert float(found.pull[0, 0]) == moved / gamma
-
-
-@pytest.mark.parametrize(
-    ("effects", "still", "moving", "limited"),
-    [
-        (CAMERA, True, True, False),
-        ({Effect.SHADING}, True, False, True),
-        ({Effect.REACTIVE}, True, False, True),
-        ({Effect.SHADING, Effect.HDR}, False, False, True),
-        (None, False, False, False),
-    ],
-)
-def test_light_that_may_change_is_forgotten_sooner(
-    effects: set[Effect] | None, *, still: bool, moving: bool, limited: bool
-) -> None:
-    frame = make_frame(1, camera=make_camera(), effects=None if effects is None else frozenset(effects))
-    default, planned = load_preset().settings, plan_frame(load_preset(), frame, frame.camera).settings
-    assert min(default.gamma_still, default.gamma_moving) > 1
-    assert planned.gamma_still == (default.gamma_still if still else 1.0)
-    assert planned.gamma_moving == (default.gamma_moving if moving else 1.0)
-    assert planned.sample_limit == (default.changing_limit if limited else default.sample_limit)

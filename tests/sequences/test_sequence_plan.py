@@ -16,8 +16,8 @@ from tests.sequence_factory import make_camera, make_frame
 
 WALK = (0, 1, 2, 2, 2, 3, 4)  # steps of the camera: it stands on frames 3 and 4; frame 5 is a cut
 STEPS = [
-    "reprojection", "own motion", "exposure", "alpha", "reactive", "rectification", "rejection",
-    "luminance weights",
+    "reprojection", "own motion", "exposure", "alpha", "reactive", "change of light", "rectification",
+    "rejection", "luminance weights",
 ]  # fmt: skip
 
 
@@ -39,7 +39,7 @@ def running(plan: SequencePlan) -> list[tuple[int, int, bool, set[str]]]:
 
 def test_a_camera_that_stops_and_a_cut_make_spans(walk: Path) -> None:
     plan = cltaa.plan(cltaa.open_sequence(walk), device="numpy", rounds=0)
-    moving = {"reprojection", "reactive", "rectification"}
+    moving = {"reprojection", "reactive", "change of light", "rectification"}
     assert running(plan) == [(0, 2, True, moving), (3, 4, False, moving - {"reprojection"}), (5, 6, True, moving)]
     assert plan.kernels == 2
     assert all([step.name for step in span.steps] == STEPS for span in plan.spans)
@@ -49,7 +49,7 @@ def test_a_camera_that_stops_and_a_cut_make_spans(walk: Path) -> None:
 def test_all_and_named_effects(walk: Path) -> None:
     sequence = cltaa.open_sequence(walk)
     (first, second) = cltaa.plan(sequence, device="numpy", rounds=0, effects="all").spans
-    assert all(step.on for span in (first, second) for step in span.steps)
+    assert all(step.on != (step.name == "change of light") for span in (first, second) for step in span.steps)
     assert (first.first, first.last, second.first, second.last) == (0, 4, 5, 6)
     named = cltaa.plan(sequence, device="numpy", rounds=0, effects=frozenset({Effect.CAMERA}))
     assert running(named)[0] == (0, 2, True, {"reprojection", "rectification"})
