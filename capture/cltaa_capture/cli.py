@@ -45,6 +45,13 @@ def read_counts(_context: click.Context, _parameter: click.Parameter, text: str)
     return tuple(sorted({int(part) for part in counts}))
 
 
+def complete_scene(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[str]:
+    """Scenes whose names begin as what is typed does."""
+    from cltaa_datasets.scenes import registered
+
+    return [entry.name for entry in registered() if entry.name.startswith(incomplete)]
+
+
 @contextmanager
 def progress_display(label: str) -> Iterator[Callable[[int, int], None]]:
     """Show done, total and frames/s on stderr: a bar on a terminal, else a line now and then."""
@@ -76,7 +83,7 @@ def progress_display(label: str) -> Iterator[Callable[[int, int], None]]:
 
 
 @click.command(short_help="Draw a scene into a jittered EXR sequence.")
-@click.argument("scene")
+@click.argument("scene", shell_complete=complete_scene)
 @click.option("-o", "--output", type=FILE_PATH, help="Folder of the sequence; made if need be.")
 @click.option("--frames", type=click.IntRange(1), default=48, show_default=True, help="Number of frames.")
 @click.option(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import sys
 from collections.abc import Iterable
@@ -25,7 +24,8 @@ from cltaa.bench.overview import table
 from cltaa.bench.plots import write_plots
 from cltaa.bench.results import Accuracy, Measured
 from cltaa.bench.tables import csv_text
-from cltaa.commands.options import FILE_PATH, device_option, json_option
+from cltaa.commands.options import FILE_PATH, PRESET, device_option, json_option
+from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
 from cltaa.metrics import METRICS, parse_metrics
 from cltaa.presets import load_preset, preset_names
@@ -36,7 +36,7 @@ from cltaa.progress import track
 @click.argument("sequences", nargs=-1, required=True, type=FILE_PATH, metavar="SEQUENCE...")
 @click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder of the report.")
 @device_option
-@click.option("--preset", default="default", show_default=True, help="Preset that the steps depart from.")
+@click.option("--preset", type=PRESET, default="default", show_default=True, help="Preset that the steps depart from.")
 @click.option("--only", metavar="GROUPS", help="Only these groups of variants, comma-separated, beside the default.")
 @click.option("--full", is_flag=True, help="Also every combination of the choices that cost time, for the front.")
 @click.option("--metrics", default="mse,flip", show_default=True, help="Errors against the truth; see cltaa compare.")
@@ -143,13 +143,12 @@ def _progress(items: Iterable[Any], total: int, action: str, unit: str) -> Itera
 
 def print_accuracy(result: Accuracy) -> None:
     """Print the front and the dearest steps of each sequence."""
-    console = Console(width=None if os.isatty(1) else 100)
+    console = Console()
     for measured in result.sequences:
-        console.print(_table(result, measured))
+        print_table(_table(result, measured))
         if measured.noisy:
             console.print("too noisy to rank by time: the default differs from its own copy, or by more than 2 %")
-    where = result.environment
-    console.print(f"{where.device}; {where.cpu}; {where.date} UTC", markup=False, highlight=False, soft_wrap=True)
+    console.print(result.environment.line, markup=False, highlight=False, soft_wrap=True)
 
 
 def _table(result: Accuracy, measured: Measured) -> Table:

@@ -11,7 +11,7 @@ from rich.console import Console
 from cltaa.bench.effects import EffectRow, cells, judge_effects, line, markdown
 from cltaa.bench.quality_cases import known_scenes
 from cltaa.child_command import run_cltaa
-from cltaa.commands.options import FILE_PATH, device_option, json_option
+from cltaa.commands.options import FILE_PATH, PRESET, device_option, json_option
 from cltaa.errors import DataError
 from cltaa.frames import Frame
 from cltaa.launch import launcher_for
@@ -25,7 +25,7 @@ from cltaa.sources import open_sequence
 @click.option("--work", type=FILE_PATH, default=Path("effects"), show_default=True, help="Folder of captures.")
 @click.option("--size", default="320x180", show_default=True, metavar="WxH", help="Pixels of a capture.")
 @click.option("--frames", default=16, show_default=True, type=click.IntRange(min=2), help="Frames of a capture.")
-@click.option("--preset", default="default", show_default=True, help="Whose steps.")
+@click.option("--preset", type=PRESET, default="default", show_default=True, help="Whose steps.")
 @device_option
 @click.option("--rounds", default=21, show_default=True, type=click.IntRange(min=3), help="Rounds of timing.")
 @json_option

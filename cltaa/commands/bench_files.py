@@ -11,7 +11,8 @@ from rich.table import Table
 
 from cltaa.bench.files import CODECS, FilesBench, bench_files
 from cltaa.bench.timing import Interval
-from cltaa.commands.options import FILE_PATH, device_option, json_option
+from cltaa.commands.options import FILE_PATH, PRESET, device_option, json_option
+from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
 from cltaa.exr_layout import LOSSLESS
 from cltaa.presets import load_preset
@@ -21,7 +22,7 @@ from cltaa.sources import open_sequence
 
 @click.command("files")
 @click.argument("sequence", type=FILE_PATH)
-@click.option("--preset", default="default", show_default=True, help="That resolves.")
+@click.option("--preset", type=PRESET, default="default", show_default=True, help="That resolves.")
 @device_option
 @click.option("--compressions", default=",".join(CODECS), show_default=True, metavar="LIST", help="Of EXR, lossless.")
 @click.option("--threads", default="", metavar="LIST", help="Threads of OpenEXR.  [default: a thread a core]")
@@ -81,7 +82,7 @@ def _print(found: FilesBench) -> None:
             row.codec, "half" if row.half else "float", str(row.threads), f"{row.write.median:.0f}",
             _range(row.write), f"{row.read.median:.0f}", _range(row.read), f"{row.megabytes:.1f}",
         )  # fmt: skip
-    console.print(table)
+    print_table(table)
     table = Table(title=f"cltaa resolve, {found.frames} frames, milliseconds a frame")
     for heading in ("compression", "read alone", "resolve alone", "write alone", "whole", "over slowest", "95 %"):
         table.add_column(heading, justify="right", no_wrap=True)
@@ -91,7 +92,7 @@ def _print(found: FilesBench) -> None:
         table.add_row(
             stage.codec + (", half" if stage.half else ""), *alone, f"{ratio.median:.2f}", _range(ratio, ".2f")
         )
-    console.print(table)
+    print_table(table)
     console.print(found.environment.line, highlight=False, soft_wrap=True)
 
 

@@ -9,14 +9,15 @@ from rich.table import Table
 
 from cltaa.bands import BAND_ROWS
 from cltaa.bench.growth import FLAT, REFERENCE, SIZES, GrowthBench, bench_growth
-from cltaa.commands.options import device_option, json_option
+from cltaa.commands.options import PRESET, device_option, json_option
+from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
 from cltaa.presets import load_preset
 from cltaa.progress import track
 
 
 @click.command("growth")
-@click.option("--preset", default="default", show_default=True, help="Whose choices.")
+@click.option("--preset", type=PRESET, default="default", show_default=True, help="Whose choices.")
 @click.option("--sizes", default=",".join(map(str, SIZES)), show_default=True, metavar="LIST",
               help="Sides of the square images.")  # fmt: skip
 @click.option("--banded-from", default=16384, show_default=True, type=click.IntRange(min=1), metavar="SIDE",
@@ -72,7 +73,7 @@ def print_growth(bench: GrowthBench) -> None:
             f"{row.ratio.low:.3f}–{row.ratio.high:.3f}",
             f"{row.allocated / 1e6:.1f}", f"{row.allocated / row.formula:.1%}",
         )  # fmt: skip
-    console.print(table)
+    print_table(table)
     apart = [row.side for row in bench.rows if row.side >= REFERENCE and abs(row.ratio.median - 1.0) > FLAT]
     console.print(
         f"from {REFERENCE}² on: flat within {FLAT:.0%}" if not apart else f"apart by more than {FLAT:.0%}: {apart}",

@@ -11,14 +11,23 @@ from cltaa.bench.frames import Motion
 from cltaa.bench.kernels import KernelBench, Row, Timing, bench_kernels
 from cltaa.bench.timing import Interval
 from cltaa.build import STORAGES, Storage
-from cltaa.commands.options import device_option, json_option
+from cltaa.commands.options import PRESET, device_option, json_option
+from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
 from cltaa.presets import load_preset
 from cltaa.progress import track
 
 
 @click.command("kernels")
-@click.option("--preset", "presets", multiple=True, default=["default"], show_default=True, help="To time; repeatable.")
+@click.option(
+    "--preset",
+    "presets",
+    type=PRESET,
+    multiple=True,
+    default=["default"],
+    show_default=True,
+    help="To time; repeatable.",
+)
 @click.option("--size", default="1920x1080", show_default=True, metavar="WxH", help="Pixels.")
 @device_option
 @click.option("--motion", "motions", multiple=True, type=click.Choice([kind.value for kind in Motion]),
@@ -77,7 +86,7 @@ def print_bench(bench: KernelBench) -> None:
     """Print one table for each kind of motion, and where it was measured."""
     console = Console()
     for timing in bench.timings:
-        console.print(_table(bench, timing))
+        print_table(_table(bench, timing))
         console.print(f"floor {timing.floor_ns:.3g} ns a pixel: {timing.copy_gigabytes_a_second:.3g} GB/s by copying")
         if timing.opengl is not None:
             console.print(f"GLSL by {timing.opengl}", highlight=False)

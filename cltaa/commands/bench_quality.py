@@ -19,7 +19,7 @@ from cltaa.bench.quality_page import markdown, write_page
 from cltaa.bench.quality_pictures import write_pictures
 from cltaa.bench.quality_summary import Table, ordered, summarise
 from cltaa.commands.bench_kernels import parse_size
-from cltaa.commands.options import FILE_PATH, json_option
+from cltaa.commands.options import FILE_PATH, PRESET, json_option
 from cltaa.errors import UsageError
 from cltaa.launch import Launcher, launcher_for
 from cltaa.params import Preset
@@ -46,7 +46,7 @@ NARROWEST = 160  # columns of the terminal, so that no number is cut off
     metavar="DIR",
     help="A captured sequence with its truth, beside the scenes or in their place; repeatable.",
 )
-@click.option("--preset", "presets", multiple=True, metavar="NAME", help="Repeatable.  [default: all]")
+@click.option("--preset", "presets", type=PRESET, multiple=True, metavar="NAME", help="Repeatable.  [default: all]")
 @click.option("--device", help="As for cltaa resolve.")
 @click.option("--size", default="320x180", show_default=True, metavar="WxH", help="Pixels of a capture.")
 @click.option("--frames", default=64, show_default=True, type=click.IntRange(min=2), help="Frames of a capture.")

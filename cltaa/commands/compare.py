@@ -13,6 +13,7 @@ from rich.table import Table
 
 from cltaa.atomic import make_folder
 from cltaa.commands.options import FILE_PATH, STOPS, json_option, verify_option
+from cltaa.commands.tables import print_table
 from cltaa.comparison import Comparison, equal_quality, pair_up
 from cltaa.errors import UsageError
 from cltaa.frames import Image
@@ -201,7 +202,7 @@ def _print(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
     table.add_row("mean", *_cells(result["mean"], metrics), style="bold")
     if "mean_one_sample" in result:
         table.add_row("one sample", *_cells(result["mean_one_sample"], metrics), style="dim")
-    console.print(table)
+    print_table(table)
     for metric in metrics:
         console.print(f"  {metric.name}: {metric.title}", style="dim", highlight=False)
     if "video" in result:
@@ -220,7 +221,7 @@ def _print_video(console: Console, result: dict[str, Any]) -> None:
         if name in result:
             cells = ("–" if math.isnan(v) else format(v, s.form) for s in SCORES for v in (result[name][s.name],))
             table.add_row(label, *cells, style="bold" if name == "video" else "dim")
-    console.print(table)
+    print_table(table)
     for score in SCORES:
         console.print(f"  {score.name}: {score.title}", style="dim", highlight=False)
 

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from cltaa.commands.options import FILE_PATH, chosen_effects, input_options, json_option
+from cltaa.commands.options import FILE_PATH, PRESET, chosen_effects, input_options, json_option
 from cltaa.errors import DataError
 from cltaa.inputs.description import Description, describe_input
 from cltaa.inspection import Inspection, inspect_folder
@@ -25,7 +25,7 @@ from cltaa.printable import json_of, shown
     help="Decode every frame: ranges, NaN, infinities, promises kept.",
 )
 @click.option("--plan", "planned", is_flag=True, help="Say which steps a resolve runs, why, and what each costs here.")
-@click.option("--preset", default="default", show_default=True, help="With --plan: whose steps.")
+@click.option("--preset", type=PRESET, default="default", show_default=True, help="With --plan: whose steps.")
 @click.option("--device", metavar="NAME", help="With --plan: where; its index or a part of its name.")
 @click.option("--effects", default="auto", show_default=True, help="With --plan: auto (as declared), all, or names.")
 @partial(input_options, default="cltaa")

@@ -7,12 +7,15 @@ import json
 import click
 
 from cltaa.build import Build, Steps
+from cltaa.commands.options import PRESET
 from cltaa.presets import load_preset
 
 
 @click.command("kernels")
 @click.option("--show", metavar="KERNEL", help="Print the whole text of a kernel, prelude and includes pasted.")
-@click.option("--preset", default="default", show_default=True, help="Preset whose choices the prelude carries.")
+@click.option(
+    "--preset", type=PRESET, default="default", show_default=True, help="Preset whose choices the prelude carries."
+)
 @click.option(
     "--lanes", type=click.Choice(["1", "4", "8", "16"]), default="8", show_default=True, help="Pixels a work-item."
 )

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import click
+from click.shell_completion import CompletionItem
 
 from cltaa.errors import UsageError
 from cltaa.exr_attributes import EXPOSURE_STOPS
@@ -35,6 +36,18 @@ class _Stops(click.FloatRange):
         return stops
 
 
+class _PresetName(click.ParamType[str]):
+    """The name of a preset, which a shell completes; what it stands for is looked up where it is used."""
+
+    name = "name"
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        from cltaa.presets import preset_names  # here: no command needs it before it runs
+
+        return [CompletionItem(name) for name in preset_names() if name.startswith(incomplete)]
+
+
+PRESET = _PresetName()
 FILE_PATH = _FilePath(path_type=Path)
 STOPS = _Stops(-EXPOSURE_STOPS, EXPOSURE_STOPS)
 

@@ -12,12 +12,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from cltaa.commands.options import PRESET
 from cltaa.params import Choices, Preset, Settings
 from cltaa.presets import load_preset, preset_names
 
 
 @click.command("presets")
-@click.argument("name", required=False)
+@click.argument("name", required=False, type=PRESET)
 @click.option("--parameters", is_flag=True, help="List every parameter with its range, unit and meaning.")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 def presets(name: str | None, parameters: bool, as_json: bool) -> None:

@@ -11,7 +11,7 @@ from rich.table import Table
 from cltaa.bands import resolver_for
 from cltaa.build import STORAGES, Storage
 from cltaa.checkpoint import CHECKPOINT_EVERY
-from cltaa.commands.options import FILE_PATH, chosen_effects, input_options, verify_option
+from cltaa.commands.options import FILE_PATH, PRESET, chosen_effects, input_options, verify_option
 from cltaa.errors import UsageError
 from cltaa.inputs.opening import open_input
 from cltaa.kept import kept_compression
@@ -28,7 +28,9 @@ from cltaa.views import View, parse_views
 @click.command("resolve", epilog="Parameters for --set and --config, with their ranges: cltaa presets --parameters")
 @click.argument("sequence", type=FILE_PATH)
 @click.option("-o", "--output", type=FILE_PATH, required=True, help="Folder for the resolved EXRs.")
-@click.option("--preset", default="default", show_default=True, help="Named settings; list them with: cltaa presets")
+@click.option(
+    "--preset", type=PRESET, default="default", show_default=True, help="Named settings; list them with: cltaa presets"
+)
 @click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
 @click.option("--set", "assignments", multiple=True, metavar="KEY=VALUE", help="One parameter; may be repeated.")
 @click.option("--device", help="Part of an OpenCL device's name, its index, or numpy.  [default: first, GPUs first]")

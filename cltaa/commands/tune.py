@@ -8,7 +8,7 @@ import click
 import msgspec
 
 from cltaa.atomic import atomic_path
-from cltaa.commands.options import json_option
+from cltaa.commands.options import PRESET, json_option
 from cltaa.errors import UsageError
 from cltaa.launch import launcher_for
 from cltaa.presets import load_preset
@@ -28,7 +28,7 @@ PATH = click.Path(path_type=Path)
 @click.option("--metric", default="mse", show_default=True, help="What is minimised within a --budget.")
 @click.option("--check", "checked", multiple=True, type=PATH, metavar="SEQUENCE",
               help="Only check the outcome on this one; repeatable.  [default: the last SEQUENCE]")  # fmt: skip
-@click.option("--preset", default="default", show_default=True, help="Where the search begins.")
+@click.option("--preset", type=PRESET, default="default", show_default=True, help="Where the search begins.")
 @click.option("--trials", default=40, show_default=True, type=click.IntRange(min=2), help="Settings to try.")
 @click.option("--seed", default=0, show_default=True, help="Of the search.")
 @click.option("--device", metavar="NAME", help="OpenCL device, or numpy.")

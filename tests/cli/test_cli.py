@@ -74,6 +74,22 @@ def test_completion_script(shell: str) -> None:
     assert "_CLTAA_COMPLETE" in done.stdout
 
 
+@pytest.mark.parametrize(
+    ("words", "completed"),
+    [
+        ("cltaa resolve x --preset bab", "babylon-reproject-clamp"),
+        ("cltaa presets ka", "karis"),
+        ("cltaa bench kernels --preset ka", "karis"),
+        ("cltaa capture spi", "spinner"),
+    ],
+)
+def test_completion_of_a_name(words: str, completed: str) -> None:
+    done = run(_CLTAA_COMPLETE="bash_complete", COMP_WORDS=words, COMP_CWORD=str(words.count(" ")))
+    assert f"plain,{completed}" in done.stdout.splitlines()
+    beginning = words.split()[-1]
+    assert all(line.startswith(f"plain,{beginning}") for line in done.stdout.splitlines())
+
+
 def test_completion_of_a_command() -> None:
     done = run(_CLTAA_COMPLETE="zsh_complete", COMP_WORDS="cltaa re", COMP_CWORD="1")
     assert done.stdout.splitlines() == ["plain", "resolve", cli.COMMANDS["resolve"].summary]
