@@ -91,7 +91,7 @@ class Shape(NamedTuple):
     registers_to_reject: int = 0  # the same where history is rejected by its depth, which takes more of them
 
 
-CPU_8, CPU_16 = Shape(lanes=8, rows=32, group=(1, 1)), Shape(lanes=16, rows=32, group=(1, 1))
+CPU_8, CPU_16 = Shape(lanes=8, rows=32, group=(1, 1)), Shape(lanes=16, rows=64, group=(1, 1))
 GPU = Shape(lanes=1, rows=8, group=(64, 2))
 NVIDIA = Shape(lanes=1, rows=16, group=(128, 1), registers=96, registers_to_reject=128, one_width=True)
 
