@@ -1,12 +1,13 @@
 """Off-screen OpenGL without a display: OSMesa where it can be loaded, else EGL, surfaceless or on a device of its own.
 
 PyOpenGL binds to its platform when it is first imported, so ``choose_backend`` comes before any ``import OpenGL``.
-pyrender 0.1.45 pins PyOpenGL 3.1.0; ``_mend_pyrender`` supplies the four things that this pair lacks.
+pyrender 0.1.45 pins PyOpenGL 3.1.0; ``_mend_pyrender`` supplies the five things that this pair lacks.
 """
 
 from __future__ import annotations
 
 import ctypes
+import ctypes.util
 import os
 import sys
 import types
@@ -21,9 +22,12 @@ from cltaa.errors import DeviceMissing, UsageError
 BACKENDS = ("auto", "osmesa", "egl")
 INSTALL = "install libosmesa6 (Debian, Ubuntu: apt-get install libosmesa6), or libegl1 and libegl-mesa0"
 
-# Newest first. PyOpenGL asks the linker's cache only, which knows nothing of LD_LIBRARY_PATH.
-OSMESA_LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
-EGL_LIBRARIES = ("libEGL.so.1", "libEGL.so")
+# What the linker knows a library by, newest first.
+LIBRARIES = {
+    "OSMesa": ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so"),
+    "EGL": ("libEGL.so.1", "libEGL.so"),
+    "GL": ("libGL.so.1", "libGL.so"),
+}
 
 # GL/osmesa.h
 OSMESA_CONSTANTS = {
@@ -58,9 +62,9 @@ def choose_backend(backend: str = "auto") -> str:
         raise UsageError(
             f"OpenGL is already bound to {bound or 'a display'}", cure="choose the backend in a new process"
         )
-    if backend in ("auto", "osmesa") and _first_library(OSMESA_LIBRARIES):
+    if backend in ("auto", "osmesa") and _first_library(LIBRARIES["OSMesa"]):
         chosen = "osmesa"
-    elif backend in ("auto", "egl") and _first_library(EGL_LIBRARIES):
+    elif backend in ("auto", "egl") and _first_library(LIBRARIES["EGL"]):
         chosen = "egl"
     else:
         wanted = "OSMesa or EGL" if backend == "auto" else {"osmesa": "OSMesa", "egl": "EGL"}[backend]
@@ -77,6 +81,7 @@ def _mend_pyrender(backend: str) -> None:
     viewer: Any = types.ModuleType("pyrender.viewer")
     viewer.Viewer = None
     sys.modules.setdefault("pyrender.viewer", viewer)
+    _mend_loader()
     _mend_arguments()
     if backend == "osmesa":
         _mend_osmesa()
@@ -85,6 +90,24 @@ def _mend_pyrender(backend: str) -> None:
     if not hasattr(contextdata, "cltaa_get_context"):
         contextdata.cltaa_get_context = contextdata.getContext
         contextdata.getContext = _hashable_context
+
+
+def _mend_loader() -> None:
+    """Let PyOpenGL load what the linker finds, from the library that it binds to when it is imported on.
+
+    By itself it asks the linker's cache, which knows neither LD_LIBRARY_PATH nor libraries without a development link.
+    """
+    find = ctypes.util.find_library
+
+    def found(name: str) -> str | None:
+        return _first_library(LIBRARIES.get(name, ())) or find(name)
+
+    ctypes.util.find_library = found
+    try:
+        from OpenGL.platform import ctypesloader
+    finally:
+        ctypes.util.find_library = find
+    ctypesloader.util = types.SimpleNamespace(find_library=found)  # for what it loads later
 
 
 def _hashable_context(context: Any = None) -> int:
@@ -107,18 +130,9 @@ def _mend_arguments() -> None:
 
 
 def _mend_osmesa() -> None:
-    """Load OSMesa by its real name and declare OSMesaCreateContextAttribs, which PyOpenGL 3.1.0 does not know."""
-    from OpenGL import platform as gl_platform
-    from OpenGL.platform import ctypesloader
-
-    load = ctypesloader.loadLibrary
-    if not hasattr(ctypesloader, "cltaa_load"):
-        ctypesloader.cltaa_load = load
-        named = {"OSMesa": _first_library(OSMESA_LIBRARIES) or "OSMesa"}
-        ctypesloader.loadLibrary = lambda kind, name, mode=ctypes.RTLD_GLOBAL: (
-            ctypes.CDLL(named[name], mode) if name in named else load(kind, name, mode)
-        )
+    """Declare OSMesaCreateContextAttribs, which PyOpenGL 3.1.0 does not know."""
     import OpenGL.osmesa as osmesa
+    from OpenGL import platform as gl_platform
 
     if not hasattr(osmesa, "OSMesaCreateContextAttribs"):
         create = gl_platform.PLATFORM.OSMesa.OSMesaCreateContextAttribs

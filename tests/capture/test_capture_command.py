@@ -94,8 +94,7 @@ def test_no_opengl_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.delitem(sys.modules, "OpenGL", raising=False)
-    monkeypatch.setattr(osmesa, "OSMESA_LIBRARIES", ("libOSMesa.so.none",))
-    monkeypatch.setattr(osmesa, "EGL_LIBRARIES", ("libEGL.so.none",))
+    monkeypatch.setattr(osmesa, "LIBRARIES", {"OSMesa": ("libOSMesa.so.none",), "EGL": ("libEGL.so.none",)})
     assert main(["capture", "still", "-o", str(tmp_path), *TINY]) == 69
     assert "install libosmesa6" in capsys.readouterr().err
 
