@@ -11,10 +11,10 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from cltaa.changes import ColourChange, DepthChange, Uncovering
+from cltaa.estimates import CHANGING, nothing_changes
 from cltaa.exr_attributes import FrameHeader
 from cltaa.exr_channels import Pixels
 from cltaa.frames import Effect
-from cltaa.planning import CHANGING, nothing_changes
 
 BRIGHT = 8.0  # "far above 1"
 # Any of these moves what a pixel shows.
