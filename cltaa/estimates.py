@@ -87,7 +87,6 @@ def for_changing_light(choices: Choices, settings: Settings, declared: frozenset
     still = max(settings.gamma_still, settings.changing_gamma) if tested else min(settings.gamma_still, 1.0)
     changed = {"gamma_still": still, "gamma_moving": min(settings.gamma_moving, 1.0)}
     if declared is not None:
-        changed["sample_limit"] = min(settings.sample_limit, settings.changing_limit)
         changed["resample_cost"] = max(settings.resample_cost, settings.changing_cost)
     return msgspec.structs.replace(settings, **changed)
 

@@ -59,9 +59,6 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     sample_limit: Annotated[
         float, _number("most samples that the history counts for", 1.0, 2.0**20, "samples", "measured")
     ] = 24.0
-    changing_limit: Annotated[
-        float, _number("the same, where light is declared to change", 1.0, 2.0**20, "samples", "measured")
-    ] = 2.0**20
     changing_cost: Annotated[
         float, _number("resample_cost, where light is declared to change", 0.0, 16.0, "1", "measured")
     ] = 0.0
@@ -115,7 +112,5 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 
 # What the host alone looks at: it does not reach the kernels' struct.
-HOST_SETTINGS = frozenset(
-    {"changing_cost", "changing_gamma", "changing_limit", "filter_falloff", "frames_kept", "sky_at", "sky_below"}
-)
+HOST_SETTINGS = frozenset({"changing_cost", "changing_gamma", "filter_falloff", "frames_kept", "sky_at", "sky_below"})
 KERNEL_SETTINGS = tuple(name for name in Settings.__struct_fields__ if name not in HOST_SETTINGS)

@@ -96,24 +96,23 @@ def test_a_lamp_that_goes_on_is_followed_and_what_stands_is_not_forgotten() -> N
 
 
 @pytest.mark.parametrize(
-    ("effects", "tested", "still", "moving", "limited"),
+    ("effects", "tested", "still", "moving"),
     [
-        ({Effect.CAMERA}, False, 1.5, 1.25, False),
-        ({Effect.SHADING}, True, 16.0, 1.0, True),
-        ({Effect.REACTIVE, Effect.HDR}, True, 16.0, 1.0, True),
-        (None, False, 1.0, 1.0, False),
+        ({Effect.CAMERA}, False, 1.5, 1.25),
+        ({Effect.SHADING}, True, 16.0, 1.0),
+        ({Effect.REACTIVE, Effect.HDR}, True, 16.0, 1.0),
+        (None, False, 1.0, 1.0),
     ],
 )
 def test_where_light_may_change_it_is_tested_for(
-    effects: set[Effect] | None, *, tested: bool, still: float, moving: float, limited: bool
+    effects: set[Effect] | None, *, tested: bool, still: float, moving: float
 ) -> None:
     frame = make_frame(1, camera=make_camera(), effects=None if effects is None else frozenset(effects))
     default, plan = load_preset().settings, plan_frame(load_preset(), frame, frame.camera)
     planned = plan.settings
     assert (plan.choices.light_change is LightChange.TEST) == tested
     assert (planned.gamma_still, planned.gamma_moving) == (still, moving)
-    assert planned.sample_limit == (default.changing_limit if limited else default.sample_limit)
-    assert planned.resample_cost == (default.changing_cost if limited else default.resample_cost)
+    assert planned.resample_cost == (default.changing_cost if tested else default.resample_cost)
 
 
 def test_without_the_test_the_box_alone_tells_and_is_narrow() -> None:
