@@ -128,7 +128,7 @@ class BandedResolver(Resolver):
         check_shapes(frame)
         started = perf_counter()
         previous, build = self._begin(frame)
-        buffers = self._prepare(frame, build)
+        buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
         record = frame_record(frame, previous, buffers.whole, self.plan)
         whole = _whole(frame, build.steps.alpha)
         waiting: deque[_Result] = deque()  # rows that the bands below still take along as they came

@@ -168,6 +168,8 @@ class _Run:
         tasks = reads(part, after, self._layers)
         reading = InTurn(tasks) if in_turn else ReadAhead(tasks)
         with Writer(compression=compression) as writer, reading as frames:
+            if after is None:
+                self._reserve(part)
             for done, _ in enumerate(track(numbers, len(numbers), "resolving"), start=1):
                 read = next(frames)
                 frame = read.frame
@@ -190,6 +192,12 @@ class _Run:
             self._seconds["read"] += frames.seconds
             self._seconds["write"] += writer.seconds
         self._seconds["whole"].append((time.perf_counter() - started) / len(numbers))
+
+    def _reserve(self, part: Sequence) -> None:
+        """Let the resolver allocate what the first frame will need, while that is decoded."""
+        wanted = isinstance(self._effects, str) or Effect.ALPHA in self._effects
+        alpha = wanted and "A" in part.layouts[part.first].channels
+        self._resolver.reserve(part.width, part.height, alpha=alpha)
 
     def _write(self, writer: Writer, read: Read, channels: dict[str, Pixels]) -> None:
         assert read.frame.path is not None

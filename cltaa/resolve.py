@@ -125,6 +125,10 @@ class Resolver:
         self._kept.past = past.earlier
         return {**buffers.recurrent(), "kept": self._kept.planes}
 
+    def reserve(self, width: int, height: int, *, alpha: bool) -> None:
+        """Allocate memory for frames of a size, with or without alpha, while the first of them is still being read."""
+        self._fitting(Layout(width, height), alpha or self.every_step)
+
     def resolve(self, frame: Frame) -> Image:
         """The resolved colour of ``frame``, [H, W, 3] float32, or [H, W, 4] where the frame has alpha.
 
@@ -133,7 +137,7 @@ class Resolver:
         check_shapes(frame)
         started = perf_counter()
         previous, build = self._begin(frame)
-        buffers = self._prepare(frame, build)
+        buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
         upload(frame, buffers, build.steps, self.preset.settings)
         uploaded = perf_counter()
         self._run(frame, previous, build, buffers)
@@ -173,10 +177,9 @@ class Resolver:
         build = msgspec.structs.replace(self._shape, choices=plan.choices, steps=plan.steps, terms=terms)
         return self.launcher.build(build)
 
-    def _prepare(self, frame: Frame, build: Build) -> Buffers:
-        layout = Layout(frame.width, frame.height)
-        if self._buffers is None or not self._buffers.fit(layout, build.steps.alpha):
-            return self._allocate(layout, build.steps.alpha)
+    def _fitting(self, layout: Layout, alpha: bool) -> Buffers:
+        if self._buffers is None or not self._buffers.fit(layout, alpha):
+            return self._allocate(layout, alpha)
         return self._buffers
 
     def _allocate(self, layout: Layout, alpha: bool) -> Buffers:

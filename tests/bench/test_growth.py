@@ -48,6 +48,17 @@ def test_what_is_allocated_is_what_the_formula_says(storage: Storage, channels: 
     assert launcher.allocated == device_bytes(50, 31, resolver.plan.steps, storage)
 
 
+@pytest.mark.parametrize("alpha", [False, True])
+def test_what_is_reserved_is_what_a_frame_takes(alpha: bool) -> None:
+    launcher = Counting()
+    resolver = Resolver(device=launcher)
+    resolver.reserve(50, 31, alpha=alpha)
+    reserved = launcher.allocated
+    resolver.resolve(make_frame(0, width=50, height=31, alpha=alpha))
+    own = 4 * (64 + 32) * (31 + 8) if alpha else 0  # the plane of the frame's own alpha, allocated with it
+    assert launcher.allocated - reserved == own
+
+
 def test_the_ring_of_kept_frames_is_in_the_formula() -> None:
     launcher = Counting()
     resolver = Resolver(override(load_preset(), {"history_of": "samples", "frames_kept": 3}), launcher)
