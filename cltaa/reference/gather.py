@@ -9,6 +9,7 @@ import numpy as np
 from cltaa.build import Build, Record, kept_planes
 from cltaa.layout import Layout
 from cltaa.params import AlphaFrom, CurrentFilter, FilterUse, GatherFit, Weighting
+from cltaa.reference.blend import filtered_share, storable
 from cltaa.reference.colour import Colour, colour_outside_domain, from_range, luminance, to_range
 from cltaa.reference.gather_fit import Gathered, Stretch, first_sample, fit_at_centre, offset_now, stretch_of
 from cltaa.reference.gather_sides import Layers, Side, layers_of, range_of_side, side_of
@@ -21,15 +22,13 @@ from cltaa.reference.pixel import (
     box_gamma,
     current_pixel,
     drawn_towards,
-    filtered_share,
     fresh_colour,
-    storable,
     usable_share,
 )
+from cltaa.reference.planes import read_rows, store_resolved
 from cltaa.reference.projection import Motion, motion_from_depth, on_screen, surface_motion
 from cltaa.reference.real import Array, greater, lesser, limit, number, quiet
 from cltaa.reference.rectify import rectify
-from cltaa.reference.resolve import read_rows, store_resolved
 from cltaa.reference.sampling import Footprint, footprint_of
 
 

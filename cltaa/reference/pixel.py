@@ -1,4 +1,4 @@
-"""Twin of ``blend.h`` and ``pixel.h``: how much the current sample counts, and what is stored."""
+"""Twin of ``pixel.h``: one output pixel from its current sample, its neighbourhood and its history."""
 
 from __future__ import annotations
 
@@ -10,14 +10,22 @@ import numpy as np
 from cltaa.build import Build, Record
 from cltaa.constants import PAD_X, PAD_Y
 from cltaa.layout import Layout
-from cltaa.params import Accumulate, AlphaFrom, AntiFlicker, Box, FilterUse, Negatives, Weighting
-from cltaa.reference.colour import Colour, from_box_space, from_range, luminance, to_box_space
+from cltaa.params import AlphaFrom, AntiFlicker, Box, FilterUse
+from cltaa.reference.blend import (
+    believed_count,
+    blend,
+    difference_share,
+    filtered_share,
+    luminance_weight,
+    sample_weight,
+    storable,
+)
+from cltaa.reference.colour import Colour, from_box_space, from_range, to_box_space
 from cltaa.reference.history import History
 from cltaa.reference.neighbourhood import Row, Statistics, current_sample, neighbourhood_statistics
 from cltaa.reference.projection import Motion
-from cltaa.reference.real import Array, constant, greater, lesser, limit, number, outside_domain
+from cltaa.reference.real import Array, greater, lesser, limit, number, outside_domain
 from cltaa.reference.rectify import Rectification
-from cltaa.reference.sampling import between_texels
 
 
 class Pixel(NamedTuple):
@@ -74,64 +82,6 @@ def current_pixel(
     return Pixel(own, filtered, *load_shares(alpha, reactive, own[0], build, layout), near)
 
 
-def sample_weight(count: Array, unrest: Array, build: Build, settings: Record) -> Array:
-    """Weight of the current sample beside ``count`` earlier ones."""
-    least = number(settings["blend_weight"], count)
-    if build.choices.accumulate is Accumulate.CONSTANT:
-        return np.full_like(count, least)
-    if build.choices.accumulate is Accumulate.ADAPTIVE:
-        adaptive: Array = least + unrest * (number(settings["moving_weight"], count) - least)
-        return adaptive
-    mean: Array = number(1.0, count) / (count + number(1.0, count))
-    if build.choices.accumulate is Accumulate.COUNT:
-        return mean
-    return greater(mean, least)
-
-
-def believed_count(count: Array, fx: Array, fy: Array, pull: Array, build: Build, settings: Record) -> Array:
-    """Samples that the history still stands for after resampling and rectification."""
-    one = number(1.0, count)
-    least, believed = one / number(settings["sample_limit"], count), count
-    if build.terms.resample_cost:
-        least = least + number(settings["resample_cost"], count) * between_texels(fx, fy)
-    if build.terms.pull_cost:
-        believed = count / (one + number(settings["pull_cost"], count) * pull)
-    return lesser(believed, one / least)
-
-
-def luminance_weight(weight: Array, current: Colour, history: Colour, build: Build, settings: Record) -> Array:
-    """Weights 1 / (knee + Y) (Karis 2014 with knee 1) as one weight of the current sample."""
-    if build.choices.weighting is Weighting.NONE:
-        return weight
-    one, zero = number(1.0, weight), number(0.0, weight)
-    knee = number(settings["luminance_knee"], weight)
-    x = knee + greater(luminance(current), zero)
-    h = knee + greater(luminance(history), zero)
-    for_current, for_history = weight * h, (one - weight) * x
-    result: Array = for_current / (for_current + for_history)
-    return result
-
-
-def filtered_share(share: Array, filtered: Colour, build: Build, settings: Record) -> Array:
-    """Share of the filtered sample where ``filter_use`` says few-samples; bright ones weigh less, twice."""
-    if build.choices.weighting is Weighting.NONE:
-        return share
-    knee = number(settings["luminance_knee"], share)
-    dim = knee / (knee + greater(luminance(filtered), number(0.0, share)))
-    result: Array = share * (dim * dim)
-    return result
-
-
-def difference_share(current: Colour, history: Colour, settings: Record) -> Array:
-    """Factor of the weight by how much the luminances differ (Lottes)."""
-    x, h = luminance(current), luminance(history)
-    size = greater(greater(x, h), number(settings["difference_knee"], x))
-    u = number(1.0, x) - np.abs(x - h) / size
-    differing, agreeing = number(settings["differing_share"], x), number(settings["agreeing_share"], x)
-    share: Array = differing + (u * u) * (agreeing - differing)
-    return share
-
-
 def box_gamma(m: Motion, settings: Record) -> Array:
     """Half width of the box in standard deviations: wide where nothing moves."""
     k = m.u.dtype.type
@@ -139,18 +89,6 @@ def box_gamma(m: Motion, settings: Record) -> Array:
     still = greater(k(1.0) - speed, k(0.0))
     result: Array = k(settings["gamma_moving"]) + still * (k(settings["gamma_still"]) - k(settings["gamma_moving"]))
     return result
-
-
-def blend(history: Array, current: Array, weight: Array) -> Array:
-    """h + w (x - h); a weight of 1 selects the sample."""
-    return np.where(weight < number(1.0, weight), history + weight * (current - history), current)
-
-
-def storable(v: Array, floor_value: Array, build: Build) -> Array:
-    """Inside the domain, no denormal, no -0, not below the least of 0 and the current sample."""
-    raised = greater(v, floor_value) if build.choices.negatives is Negatives.RAISE else v
-    bad = outside_domain(raised) | (np.abs(raised) < constant("TINY", v))
-    return np.where(bad, number(0.0, v), raised)
 
 
 def past_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> Array:

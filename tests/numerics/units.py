@@ -16,9 +16,9 @@ from cltaa.reference.gather_fit import Gathered
 from cltaa.reference.gather_sides import layers_of
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.pixel import current_pixel
+from cltaa.reference.planes import read_rows
 from cltaa.reference.projection import Motion, on_screen
 from cltaa.reference.real import outside_domain, quiet
-from cltaa.reference.resolve import read_rows
 from cltaa.reference.sampling import footprint_of
 from tests.kernels.stage_chain import ALL_STEPS, Work
 

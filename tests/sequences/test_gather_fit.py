@@ -15,7 +15,7 @@ from cltaa.params import Preset, override
 from cltaa.presets import load_preset
 from cltaa.reference.gather_sides import layers_of, side_of
 from cltaa.reference.neighbourhood import nearest_surface
-from cltaa.reference.resolve import read_rows
+from cltaa.reference.planes import read_rows
 from cltaa.resolve import Resolver
 from cltaa.settings import Settings
 from tests.kernels.stage_chain import padded

@@ -1,0 +1,45 @@
+"""What every twin reads of padded planes, and writes into them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cltaa.build import Build, Real, Record
+from cltaa.layout import Layout
+from cltaa.reference.neighbourhood import Row, read_row
+from cltaa.reference.pixel import Resolved
+from cltaa.reference.real import Array, constant
+from cltaa.reference.repair import repaired_planes
+from cltaa.reference.storage import stored_history
+
+
+def real_type(build: Build) -> Any:
+    """NumPy type of the build's real."""
+    return np.float64 if build.real is Real.DOUBLE else np.float32
+
+
+def read_rows(
+    current: Array, closeness: Array, motion: Array | None, build: Build, layout: Layout, frame: Record
+) -> tuple[Row, Row, Row]:
+    """The rows above, at and below each pixel, from padded planes in the build's real."""
+    real = real_type(build)
+    colour = repaired_planes(current, layout).astype(real)
+    near = closeness.astype(real)
+    moved = None if motion is None else motion.astype(real)
+    above, centre, below = (read_row(colour, near, moved, dy, build, layout, frame) for dy in (-1, 0, 1))
+    return above, centre, below
+
+
+def store_resolved(
+    resolved: Resolved, build: Build, layout: Layout, frame: Record, output: Array, output_count: Array
+) -> None:
+    """Write a resolved frame into padded planes, in the numbers of the build's storage."""
+    target = layout.inside(output)
+    for channel in range(3):
+        target[channel] = stored_history(resolved.rgb[channel], build, layout, frame)
+    if build.steps.alpha:
+        alpha = np.where(resolved.alpha < constant("TINY", resolved.alpha), 0, resolved.alpha)
+        target[3] = stored_history(alpha, build, layout, frame)
+    layout.inside(output_count)[0] = resolved.count
