@@ -88,9 +88,12 @@ def outcome_lines(tuned: Tuned) -> list[str]:
     ]
     if not tuned.reached:
         lines.append("the goal was not reached; this is what came nearest")
+    unchanged = best.values == start.values
+    if unchanged:
+        lines.append("nothing better than where it began was found; more --trials, or another --preset, may find it")
     if tuned.gain_elsewhere is None:
         lines.append("not checked on any other sequence: it may over-fit this one; name one with --check")
-    else:
+    elif not unchanged:
         verdict = "it over-fits" if tuned.overfits else "it holds there"
         lines.append(
             f"error {tuned.gain:.3f} times smaller where it was searched, {tuned.gain_elsewhere:.3f} times on "

@@ -6,10 +6,12 @@ import json
 import tomllib
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from cltaa.cli import main
+from cltaa.commands.tune import outcome_lines
 from cltaa.errors import UsageError
 from cltaa.presets import load_config, load_preset
 from cltaa.tune import Goal, Trial, Tuned, overfits, parse_goal, preset_text
@@ -103,3 +105,15 @@ def test_a_single_sequence_is_said_to_be_unchecked(tmp_path: Path, capsys: pytes
     printed = capsys.readouterr().out
     assert "not checked on any other sequence" in printed
     assert "the goal was not reached" in printed
+
+
+def test_it_is_said_where_nothing_better_was_found() -> None:
+    start = Trial(values={"rectify": "clip"}, error=0.1, milliseconds=1.0)
+    found = Tuned(
+        goal=Goal(metric="mse", budget_ms=5.0), start=start, best=start, trials=2, reached=True, searched_on=["a"],
+        checked_on=["b"], gain=1.0, gain_elsewhere=1.0, overfits=False,
+    )  # fmt: skip
+    better = msgspec.structs.replace(found, best=msgspec.structs.replace(start, values={"rectify": "none"}))
+    for tuned, words in ((found, "nothing better"), (better, "it holds there")):
+        assert sum(words in line for line in outcome_lines(tuned)) == 1
+    assert not any("holds" in line for line in outcome_lines(found))
