@@ -15,6 +15,7 @@ from rich.table import Table
 
 from cltaa.atomic import atomic_path, make_folder
 from cltaa.bench.accuracy import bench_accuracy, cost, tasks_of
+from cltaa.bench.accuracy_csv import csv_text
 from cltaa.bench.accuracy_page import page
 from cltaa.bench.distribution import run_all
 from cltaa.bench.errors_of import Task
@@ -23,7 +24,6 @@ from cltaa.bench.ladder import Variant, ladder
 from cltaa.bench.overview import table
 from cltaa.bench.plots import write_plots
 from cltaa.bench.results import Accuracy, Measured
-from cltaa.bench.tables import csv_text
 from cltaa.commands.options import FILE_PATH, PRESET, device_option, json_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError

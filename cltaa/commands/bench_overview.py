@@ -8,10 +8,10 @@ import click
 import msgspec
 
 from cltaa.atomic import atomic_path, make_folder
+from cltaa.bench.accuracy_csv import csv_text
 from cltaa.bench.merge import NAME, merged, read_report
 from cltaa.bench.overview import table
 from cltaa.bench.plots import write_plots
-from cltaa.bench.tables import csv_text
 from cltaa.commands.options import FILE_PATH
 from cltaa.errors import UsageError
 from cltaa.metrics import METRICS
