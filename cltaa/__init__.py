@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cltaa.errors import CltaaError
     from cltaa.frames import Camera, Effect, Frame
-    from cltaa.params import Choices, Preset, Settings
-    from cltaa.presets import load_preset
+    from cltaa.params import Choices, Settings
+    from cltaa.presets import Preset, load_preset
     from cltaa.resolve import Resolver
     from cltaa.sequence_plan import plan
     from cltaa.sources import Sequence, open_sequence
@@ -29,7 +29,7 @@ _HOMES = {
     "CltaaError": "cltaa.errors",
     "Effect": "cltaa.frames",
     "Frame": "cltaa.frames",
-    "Preset": "cltaa.params",
+    "Preset": "cltaa.presets",
     "Resolver": "cltaa.resolve",
     "Sequence": "cltaa.sources",
     "Settings": "cltaa.params",

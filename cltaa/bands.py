@@ -24,7 +24,8 @@ from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame, Image
 from cltaa.launch import Buffer, DeviceLauncher, storage_dtype
 from cltaa.layout import Layout
-from cltaa.params import HistoryOf, Preset
+from cltaa.params import HistoryOf
+from cltaa.presets import Preset
 from cltaa.resolve import Resolver, Times
 from cltaa.upload import check_shapes, upload
 

@@ -11,17 +11,8 @@ from typing import NamedTuple
 import msgspec
 
 from cltaa.frames import Effect
-from cltaa.params import (
-    Choices,
-    Dilation,
-    HistoryOf,
-    LightChange,
-    Preset,
-    Rectify,
-    Reject,
-    Settings,
-    Weighting,
-)
+from cltaa.params import Choices, Dilation, HistoryOf, LightChange, Rectify, Reject, Settings, Weighting
+from cltaa.presets import Preset
 
 
 class Reason(NamedTuple):

@@ -6,13 +6,10 @@ a kernel receives and the ``#define`` lines of its prelude.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from enum import StrEnum
-from typing import Any
 
 import msgspec
 
-from cltaa.errors import UsageError
 from cltaa.filters import CurrentFilter as CurrentFilter
 from cltaa.filters import FilterUse as FilterUse
 from cltaa.filters import HistoryFilter as HistoryFilter
@@ -208,40 +205,3 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
 HOST_CHOICES = frozenset(
     {"exposure_change", "history_of", "on_camera_move", "ray_through", "reactive_mask", "reproject"}
 )
-
-
-class Preset(msgspec.Struct, frozen=True, kw_only=True):
-    """A named set of choices and settings."""
-
-    name: str
-    description: str
-    jitter: str = ""  # the sample positions that it was published with, as ``cltaa capture --jitter`` takes them
-    published: bool = False  # somebody else's resolve: the plan leaves nothing out of it
-    choices: Choices = Choices()
-    settings: Settings = Settings()
-
-
-FIELDS: dict[str, type[Settings] | type[Choices]] = {
-    **dict.fromkeys(Settings.__struct_fields__, Settings),
-    **dict.fromkeys(Choices.__struct_fields__, Choices),
-}
-
-
-def override(preset: Preset, values: Mapping[str, object], origin: str = "--set") -> Preset:
-    """``preset`` with some keys replaced; text is converted to the key's type.
-
-    ``origin`` names where the values came from in errors. Raises UsageError for an unknown key or a value out of range.
-    """
-    for key in values:
-        if key not in FIELDS:
-            raise UsageError(f"{origin}: unknown key {key}", cure=f"known keys: {', '.join(sorted(FIELDS))}")
-    parts: dict[str, Any] = {}
-    for part in ("choices", "settings"):
-        current = getattr(preset, part)
-        merged = msgspec.to_builtins(current)
-        merged.update({key: value for key, value in values.items() if FIELDS[key] is type(current)})
-        try:
-            parts[part] = msgspec.convert(merged, type(current), strict=False)
-        except msgspec.ValidationError as error:
-            raise UsageError(f"{origin}: {error}".replace("`$.", "`")) from None
-    return msgspec.structs.replace(preset, **parts)

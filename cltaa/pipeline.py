@@ -25,8 +25,8 @@ from cltaa.halves import image_channels, saturated_pixels
 from cltaa.interrupt import Stop, stop_signals
 from cltaa.kept import merged
 from cltaa.output import OutputFolder, sequence_settings
-from cltaa.params import Preset
 from cltaa.planning import with_effects
+from cltaa.presets import Preset
 from cltaa.progress import track
 from cltaa.reading import Read, reads
 from cltaa.resolve import Resolver, Times

@@ -32,13 +32,13 @@ from cltaa.params import (
     ExposureChange,
     HistoryOf,
     LightChange,
-    Preset,
     ReactiveMask,
     Reject,
     Reproject,
     Settings,
     Weighting,
 )
+from cltaa.presets import Preset
 
 
 class Plan(NamedTuple):

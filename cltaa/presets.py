@@ -1,19 +1,58 @@
-"""Named presets: TOML files beside this module, each a set of choices and settings that differ from the defaults."""
+"""Presets: named sets of choices and settings, as TOML files beside this module, files of users and ``--set`` say."""
 
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from cltaa.errors import DataError, UsageError
 from cltaa.file_content import read_text
-from cltaa.params import Preset, override
+from cltaa.params import Choices, Settings
 
 LARGEST_CONFIG = 1 << 16  # bytes; every parameter with a comment takes a few thousand
 _FOLDER = resources.files("cltaa") / "presets"
+
+
+class Preset(msgspec.Struct, frozen=True, kw_only=True):
+    """A named set of choices and settings."""
+
+    name: str
+    description: str
+    jitter: str = ""  # the sample positions that it was published with, as ``cltaa capture --jitter`` takes them
+    published: bool = False  # somebody else's resolve: the plan leaves nothing out of it
+    choices: Choices = Choices()
+    settings: Settings = Settings()
+
+
+FIELDS: dict[str, type[Settings] | type[Choices]] = {
+    **dict.fromkeys(Settings.__struct_fields__, Settings),
+    **dict.fromkeys(Choices.__struct_fields__, Choices),
+}
+
+
+def override(preset: Preset, values: Mapping[str, object], origin: str = "--set") -> Preset:
+    """``preset`` with some keys replaced; text is converted to the key's type.
+
+    ``origin`` names where the values came from in errors. Raises UsageError for an unknown key or a value out of range.
+    """
+    for key in values:
+        if key not in FIELDS:
+            raise UsageError(f"{origin}: unknown key {key}", cure=f"known keys: {', '.join(sorted(FIELDS))}")
+    parts: dict[str, Any] = {}
+    for part in ("choices", "settings"):
+        current = getattr(preset, part)
+        merged = msgspec.to_builtins(current)
+        merged.update({key: value for key, value in values.items() if FIELDS[key] is type(current)})
+        try:
+            parts[part] = msgspec.convert(merged, type(current), strict=False)
+        except msgspec.ValidationError as error:
+            raise UsageError(f"{origin}: {error}".replace("`$.", "`")) from None
+    return msgspec.structs.replace(preset, **parts)
 
 
 def preset_names() -> list[str]:

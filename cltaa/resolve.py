@@ -17,9 +17,9 @@ from cltaa.kept_frames import KeptFrames
 from cltaa.kernel_files import code_sha256
 from cltaa.launch import Buffer, Launcher, launcher_for, storage_dtype
 from cltaa.layout import Layout
-from cltaa.params import HistoryOf, Preset
+from cltaa.params import HistoryOf
 from cltaa.planning import Plan, plan_frame
-from cltaa.presets import load_preset
+from cltaa.presets import Preset, load_preset
 from cltaa.upload import check_shapes, upload
 
 

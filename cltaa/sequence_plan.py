@@ -16,8 +16,9 @@ from cltaa.frame_record import Past
 from cltaa.frames import Effect, Frame
 from cltaa.launch import Launcher
 from cltaa.memory import Memory, device_bytes, of_resolve
-from cltaa.params import HistoryOf, Preset
+from cltaa.params import HistoryOf
 from cltaa.planning import Plan, plan_frame, toggled, with_effects
+from cltaa.presets import Preset
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence
 

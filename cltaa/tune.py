@@ -19,7 +19,8 @@ from cltaa.errors import UsageError
 from cltaa.extras import import_extra
 from cltaa.launch import Launcher
 from cltaa.metrics import METRICS
-from cltaa.params import Choices, Preset, Settings, override
+from cltaa.params import Choices, Settings
+from cltaa.presets import Preset, override
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence as Captured
 

@@ -17,7 +17,8 @@ from cltaa.errors import InternalError
 from cltaa.frames import Frame, Image
 from cltaa.launch import DeviceLauncher, storage_dtype
 from cltaa.layout import Layout
-from cltaa.params import Accumulate, Box, Choices, Dilation, HistoryOf, Preset, Rectify, Reject, Settings
+from cltaa.params import Accumulate, Box, Choices, Dilation, HistoryOf, Rectify, Reject, Settings
+from cltaa.presets import Preset
 from cltaa.resolve import Past, Resolver, frame_record
 
 BASELINE = Preset(

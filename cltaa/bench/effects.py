@@ -17,8 +17,8 @@ import numpy as np
 from cltaa.bench.timing import Interval, Job, Samples, measure
 from cltaa.frames import Frame, format_effects
 from cltaa.launch import DeviceLauncher, Launcher
-from cltaa.params import Preset
 from cltaa.planning import Plan, with_effects
+from cltaa.presets import Preset
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence
 

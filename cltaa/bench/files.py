@@ -25,8 +25,8 @@ from cltaa.halves import image_channels
 from cltaa.kernel_files import kernel_folder
 from cltaa.launch import DeviceLauncher
 from cltaa.output import OutputFolder, Source
-from cltaa.params import Preset
 from cltaa.pipeline import resolve_sequence
+from cltaa.presets import Preset
 from cltaa.reading import reads
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence as Captured

@@ -23,7 +23,7 @@ from cltaa.frames import Frame
 from cltaa.kernel_files import kernel_folder
 from cltaa.launch import Buffer, DeviceLauncher
 from cltaa.memory import device_bytes
-from cltaa.params import Preset
+from cltaa.presets import Preset
 from cltaa.resolve import Resolver
 
 SIZES = (256, 512, 1024, 2048, 4096, 8192)

@@ -16,7 +16,7 @@ from cltaa.errors import CltaaError, UsageError
 from cltaa.frames import Frame, Image
 from cltaa.kernel_files import kernel_folder
 from cltaa.launch import DeviceLauncher
-from cltaa.params import Preset
+from cltaa.presets import Preset
 from cltaa.resolve import Resolver
 
 CORE, COPY, ORACLE = "core", "copy", "oracle"

@@ -14,18 +14,8 @@ import msgspec
 
 from cltaa.build import STORAGES, Real, Storage
 from cltaa.launch import Launcher
-from cltaa.params import (
-    Accumulate,
-    Box,
-    Choices,
-    Dilation,
-    HistoryFilter,
-    Neighbourhood,
-    Preset,
-    Rectify,
-    Reject,
-    Settings,
-)
+from cltaa.params import Accumulate, Box, Choices, Dilation, HistoryFilter, Neighbourhood, Rectify, Reject, Settings
+from cltaa.presets import Preset
 from cltaa.resolve import Resolver
 
 DEFAULT, PRESETS, COMBINATIONS = "default", "preset", "combination"

@@ -18,7 +18,7 @@ from cltaa.errors import DataError, InputMissing
 from cltaa.frames import Image
 from cltaa.launch import Launcher
 from cltaa.metrics import display_flip, display_ssim, mean, mse, psnr
-from cltaa.params import Preset
+from cltaa.presets import Preset
 from cltaa.progress import track
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence as Captured

@@ -12,7 +12,7 @@ from cltaa.atomic import atomic_path, make_folder
 from cltaa.bench.quality import Judged
 from cltaa.kernel_files import code_sha256
 from cltaa.manifest import file_sha256, recorded_hashes
-from cltaa.params import Preset
+from cltaa.presets import Preset
 from cltaa.sources import Sequence
 
 FORMAT = 1  # of the file and of the way to judge

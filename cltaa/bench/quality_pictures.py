@@ -16,9 +16,8 @@ from cltaa.detail import import_ndimage
 from cltaa.display import Picture, to_picture
 from cltaa.frames import Image
 from cltaa.launch import Launcher
-from cltaa.params import Preset
 from cltaa.pictures import GAP, error_map, label, write_png
-from cltaa.presets import load_preset
+from cltaa.presets import Preset, load_preset
 from cltaa.progress import track
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence as Captured

@@ -22,8 +22,7 @@ from cltaa.commands.bench_kernels import parse_size
 from cltaa.commands.options import FILE_PATH, PRESET, json_option
 from cltaa.errors import UsageError
 from cltaa.launch import Launcher, launcher_for
-from cltaa.params import Preset
-from cltaa.presets import load_preset, preset_names
+from cltaa.presets import Preset, load_preset, preset_names
 from cltaa.sources import Sequence, open_sequence
 
 ALL = "all"  # every scene of cltaa scenes

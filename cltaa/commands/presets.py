@@ -13,8 +13,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from cltaa.commands.options import PRESET
-from cltaa.params import Choices, Preset, Settings
-from cltaa.presets import load_preset, preset_names
+from cltaa.params import Choices, Settings
+from cltaa.presets import Preset, load_preset, preset_names
 
 
 @click.command("presets")

@@ -17,9 +17,8 @@ from cltaa.inputs.opening import open_input
 from cltaa.kept import kept_compression
 from cltaa.launch import launcher_for
 from cltaa.numbered import OnBreak
-from cltaa.params import Preset, override
 from cltaa.pipeline import Outcome, resolve_sequence, stage_rows
-from cltaa.presets import load_config, load_preset
+from cltaa.presets import Preset, load_config, load_preset, override
 from cltaa.printable import json_of, printable, shown
 from cltaa.sources import Sequence
 from cltaa.views import View, parse_views

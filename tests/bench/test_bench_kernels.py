@@ -16,8 +16,7 @@ from cltaa.build import STORAGES, Storage
 from cltaa.cameras import displacement
 from cltaa.errors import InternalError, UsageError
 from cltaa.launch import DeviceLauncher
-from cltaa.params import override
-from cltaa.presets import load_preset
+from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
 
 SIZE = ["--size", "72x40", "--rounds", "3"]

@@ -21,8 +21,7 @@ from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
 from cltaa.launch import NumpyLauncher
 from cltaa.metrics import flip_map
-from cltaa.params import override
-from cltaa.presets import load_preset
+from cltaa.presets import load_preset, override
 from cltaa.sources import open_sequence
 from tests.sequence_factory import write_sequence
 

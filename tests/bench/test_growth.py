@@ -18,8 +18,7 @@ from cltaa.build import Steps, Storage
 from cltaa.cli import main
 from cltaa.launch import Buffer, NumpyLauncher
 from cltaa.memory import device_bytes
-from cltaa.params import override
-from cltaa.presets import load_preset
+from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
 from cltaa.sequence_plan import plan
 from cltaa.sources import open_sequence

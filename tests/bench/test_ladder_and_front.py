@@ -13,8 +13,8 @@ from cltaa.bench.front import dominated_by
 from cltaa.bench.ladder import COMBINATIONS, DEFAULT, PRESETS, ladder
 from cltaa.bench.results import exponential_noise
 from cltaa.build import Real, Storage
-from cltaa.params import Box, Choices, Preset
-from cltaa.presets import load_preset
+from cltaa.params import Box, Choices
+from cltaa.presets import Preset, load_preset
 
 
 def test_every_choice_and_storage_is_a_rung() -> None:

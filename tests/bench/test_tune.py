@@ -59,7 +59,7 @@ def test_preset_text_is_toml_that_resolve_reads(tmp_path: Path) -> None:
         goal=Goal(metric="mse", budget_ms=5.0), start=trial, best=trial, trials=3, reached=True, searched_on=['a "b"'],
         checked_on=["c"], gain=2.0, gain_elsewhere=1.0, overfits=True,
     )  # fmt: skip
-    from cltaa.params import override
+    from cltaa.presets import override
 
     wanted = override(base, {"rectify": "clip", "sample_limit": 31.7, "history_filter": "bilinear"})
     path = tmp_path / "tuned.toml"

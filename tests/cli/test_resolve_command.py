@@ -12,8 +12,7 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.exr import read_frame, read_image, write_frame
-from cltaa.params import FIELDS
-from cltaa.presets import load_config, load_preset, preset_names
+from cltaa.presets import FIELDS, load_config, load_preset, preset_names
 from cltaa.resolve import Resolver
 from cltaa.sources import open_sequence
 from tests.sequence_factory import bits, write_sequence

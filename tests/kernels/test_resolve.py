@@ -11,8 +11,8 @@ import pytest
 
 from cltaa.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Real, Storage, prelude
 from cltaa.frames import Camera, Frame
-from cltaa.params import Choices, override
-from cltaa.presets import load_preset
+from cltaa.params import Choices
+from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
 from tests.sequence_factory import bits, make_frame, special_values
 

@@ -11,8 +11,7 @@ import pytest
 from cltaa.build import settings_record
 from cltaa.frames import Effect
 from cltaa.launch import Buffer, DeviceLauncher
-from cltaa.params import override
-from cltaa.presets import load_preset
+from cltaa.presets import load_preset, override
 from cltaa.resolve import Past, Resolver, frame_record
 from tests.kernels.test_resolve import hard_frames
 from tests.sequence_factory import bits

@@ -23,8 +23,7 @@ from msgspec.structs import replace
 
 from cltaa.build import Build, Storage
 from cltaa.launch import Buffer, DeviceLauncher, NumpyLauncher
-from cltaa.params import override
-from cltaa.presets import load_preset
+from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
 from tests.kernels.stage_chain import ALL_STEPS, WRITES, Work, chain_work, differing, padded, run_stage, variants
 from tests.kernels.test_resolve import hard_frames

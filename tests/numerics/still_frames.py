@@ -11,8 +11,7 @@ from cltaa.buffers import fill
 from cltaa.build import Storage
 from cltaa.frames import Effect, Frame, Image
 from cltaa.launch import Launcher
-from cltaa.params import Preset, override
-from cltaa.presets import load_preset
+from cltaa.presets import Preset, load_preset, override
 from cltaa.resolve import Resolver
 from tests.sequence_factory import make_camera
 

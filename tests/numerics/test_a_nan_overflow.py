@@ -16,8 +16,8 @@ from cltaa.errors import InternalError
 from cltaa.frames import Frame, Image
 from cltaa.launch import DeviceLauncher, NumpyLauncher
 from cltaa.layout import Layout
-from cltaa.params import Box, Choices, GatherFit, HistoryOf, Neighbourhood, override
-from cltaa.presets import load_preset
+from cltaa.params import Box, Choices, GatherFit, HistoryOf, Neighbourhood
+from cltaa.presets import load_preset, override
 from cltaa.program import Kernel, source_hash
 from cltaa.reference.projection import Motion, on_screen
 from cltaa.reference.sampling import footprint_of

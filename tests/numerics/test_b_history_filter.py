@@ -14,8 +14,8 @@ from cltaa.build import Build, Steps, settings_record
 from cltaa.frames import Frame
 from cltaa.launch import DeviceLauncher, Launcher
 from cltaa.layout import Layout
-from cltaa.params import Choices, HistoryFilter, Reject, Settings, override
-from cltaa.presets import load_preset
+from cltaa.params import Choices, HistoryFilter, Reject, Settings
+from cltaa.presets import load_preset, override
 from cltaa.resolve import Past, Resolver, frame_record
 from tests.kernels.stage_chain import Work, padded, run_stage
 from tests.numerics.still_frames import CAMERA, UNIT_ROUNDOFF, grey, still_frame, unfiltered

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from cltaa.build import Build, Steps, settings_record
 from cltaa.launch import DeviceLauncher
 from cltaa.layout import Layout
-from cltaa.params import Box, BoxSpace, Choices, Rectify, Settings, override
-from cltaa.presets import load_preset
+from cltaa.params import Box, BoxSpace, Choices, Rectify, Settings
+from cltaa.presets import load_preset, override
 from cltaa.resolve import Past, Resolver, frame_record
 from tests.kernels.stage_chain import Work, padded, run_stage
 from tests.numerics.still_frames import CAMERA, UNIT_ROUNDOFF, grey, still_frame

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from cltaa.build import Build, Storage, settings_record
 from cltaa.frames import Image
 from cltaa.launch import DeviceLauncher
-from cltaa.params import Box, Rectify, Settings, override
+from cltaa.params import Box, Rectify, Settings
+from cltaa.presets import override
 from cltaa.reference.blend import blend, luminance_weight
 from cltaa.resolve import Resolver
 from tests.numerics.still_frames import UNIT_ROUNDOFF, accumulator, grey, last_of, looped, still_frame, unfiltered

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from cltaa.cli import main
 from cltaa.exr import write_frame
 from cltaa.frames import Camera, Effect
-from cltaa.params import override
-from cltaa.presets import load_preset
+from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
 from tests.numerics.exact_cameras import perspective
 from tests.sequence_factory import make_frame

@@ -14,7 +14,8 @@ from cltaa.cameras import displacement
 from cltaa.frames import Camera, Frame
 from cltaa.launch import DeviceLauncher, Launcher, NumpyLauncher
 from cltaa.layout import Layout
-from cltaa.params import Choices, Dilation, Settings, override
+from cltaa.params import Choices, Dilation, Settings
+from cltaa.presets import override
 from cltaa.resolve import Past, Resolver, frame_record
 from tests.kernels.stage_chain import Work, padded, run_stage
 from tests.numerics.exact_cameras import displacement_of, orthographic, perspective, rotation, view_at

@@ -21,8 +21,8 @@ from cltaa.build import Build, prelude
 from cltaa.device import POCL, devices
 from cltaa.frames import Frame, Image
 from cltaa.launch import DeviceLauncher, NumpyLauncher
-from cltaa.params import HistoryFilter, override
-from cltaa.presets import load_preset
+from cltaa.params import HistoryFilter
+from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
 from tests.kernels.stage_chain import ALL_STEPS, WRITES, Planes, chain_work, differing, run_stage
 from tests.kernels.test_twins import CutUp

@@ -12,9 +12,9 @@ from cltaa.build import Build, Steps, settings_record
 from cltaa.constants import PAD_X, PAD_Y
 from cltaa.frames import Effect, Frame
 from cltaa.layout import Layout
-from cltaa.params import BoxSpace, Choices, LightChange, Settings, override
+from cltaa.params import BoxSpace, Choices, LightChange, Settings
 from cltaa.planning import plan_frame
-from cltaa.presets import load_preset
+from cltaa.presets import load_preset, override
 from cltaa.reference.light import change_of_light
 from cltaa.reference.sampling import Footprint
 from cltaa.resolve import Resolver

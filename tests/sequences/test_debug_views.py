@@ -15,8 +15,7 @@ from cltaa.debug import COLOURS, DebugViews, Reason, view_picture
 from cltaa.errors import UsageError
 from cltaa.exr import read_image
 from cltaa.frames import Effect, Frame, Image
-from cltaa.params import Preset, override
-from cltaa.presets import load_preset
+from cltaa.presets import Preset, load_preset, override
 from cltaa.resolve import Resolver
 from cltaa.sources import open_images
 from cltaa.views import View, are_views, parse_views

@@ -10,9 +10,9 @@ import pytest
 
 from cltaa.frames import Camera, Effect, Frame
 from cltaa.launch import DeviceLauncher, Launcher, NumpyLauncher
-from cltaa.params import Reject, override
+from cltaa.params import Reject
 from cltaa.planning import plan_frame, with_effects
-from cltaa.presets import load_preset
+from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
 from tests.sequence_factory import make_camera, make_frame
 

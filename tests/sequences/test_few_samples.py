@@ -11,8 +11,8 @@ import pytest
 from cltaa.build import Build, settings_record
 from cltaa.frames import Effect, Frame
 from cltaa.layout import Layout
-from cltaa.params import BoxSpace, Choices, Preset, Settings, override
-from cltaa.presets import load_preset
+from cltaa.params import BoxSpace, Choices, Settings
+from cltaa.presets import Preset, load_preset, override
 from cltaa.reference.neighbourhood import Statistics
 from cltaa.reference.projection import Motion
 from cltaa.reference.rectify import rectify

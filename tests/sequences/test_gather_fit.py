@@ -11,8 +11,7 @@ from cltaa.build import Build, Steps, settings_record
 from cltaa.frame_record import frame_record
 from cltaa.frames import Camera, Effect, Frame
 from cltaa.layout import Layout
-from cltaa.params import Preset, override
-from cltaa.presets import load_preset
+from cltaa.presets import Preset, load_preset, override
 from cltaa.reference.gather_sides import layers_of, side_of
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.planes import read_rows

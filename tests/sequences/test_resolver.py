@@ -9,8 +9,7 @@ import pytest
 
 from cltaa.errors import DataError, UsageError
 from cltaa.frames import Camera, Effect, Frame
-from cltaa.params import override
-from cltaa.presets import load_preset
+from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
 from tests.sequence_factory import bits, make_camera, make_frame
 
