@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cltaa.errors import DataError
 from cltaa.exr import read_frame, read_image, write_frame, write_image
 from cltaa.exr_channels import Pixels
 from cltaa.frames import Frame
+from tests.files.test_exr_bad_input import refusal
 from tests.sequence_factory import HEIGHT, WIDTH, bits, make_frame
 
 REQUIRED = ("R", "G", "B", "Z")
@@ -31,15 +31,6 @@ def changed(folder: Path, **channels: Pixels | None) -> Path:
     put = {name: plane for name, plane in (sound | channels).items() if plane is not None}
     write_image(path, put, header)
     return path
-
-
-def refusal(path: Path) -> str:
-    with pytest.raises(DataError) as caught:
-        read_frame(path)
-    message = str(caught.value)
-    assert str(path) in message
-    assert "\n" not in message
-    return message
 
 
 def filled(kind: type) -> Pixels:

@@ -47,14 +47,19 @@ def test_own_sequences_are_opened_as_ever(tmp_path: Path) -> None:
     assert type(sequence) is Sequence
 
 
+def assert_the_same(ours: Frame, theirs: Frame) -> None:
+    np.testing.assert_array_equal(theirs.colour, ours.colour)
+    np.testing.assert_array_equal(theirs.depth, ours.depth)
+    np.testing.assert_array_equal(theirs.motion, ours.motion)
+    np.testing.assert_array_equal(theirs.camera.view_to_clip, ours.camera.view_to_clip)
+    assert theirs.jitter_px == ours.jitter_px
+
+
 def test_own_sequences_read_the_same_through_their_profile(tmp_path: Path) -> None:
     made = frames()
     for ours, theirs in zip(made, read(write_own(tmp_path, made), "motion.swap=false"), strict=True):
-        np.testing.assert_array_equal(theirs.colour, ours.colour)
-        np.testing.assert_array_equal(theirs.depth, ours.depth)
-        np.testing.assert_array_equal(theirs.motion, ours.motion)
+        assert_the_same(ours, theirs)
         np.testing.assert_array_equal(theirs.camera.world_to_view, ours.camera.world_to_view)
-        assert theirs.jitter_px == ours.jitter_px
 
 
 def test_blender_multi_part_with_a_text_side_file(tmp_path: Path) -> None:
@@ -63,11 +68,7 @@ def test_blender_multi_part_with_a_text_side_file(tmp_path: Path) -> None:
     side = tmp_path / "camera.txt"
     side.write_text(side_text(made))
     for ours, theirs in zip(made, read(tmp_path / "shot", side=side), strict=True):
-        np.testing.assert_array_equal(theirs.colour, ours.colour)
-        np.testing.assert_array_equal(theirs.depth, ours.depth)
-        np.testing.assert_array_equal(theirs.motion, ours.motion)
-        np.testing.assert_array_equal(theirs.camera.view_to_clip, ours.camera.view_to_clip)
-        assert theirs.jitter_px == ours.jitter_px
+        assert_the_same(ours, theirs)
 
 
 def test_without_matrices_and_jitter_it_says_so(tmp_path: Path) -> None:
