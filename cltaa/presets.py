@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import msgspec
 
@@ -35,6 +35,15 @@ FIELDS: dict[str, type[Settings] | type[Choices]] = {
 }
 
 
+def allowed(key: str) -> str:
+    """What a key can be set to: the names of a choice, or the range of a number."""
+    hint: Any = get_type_hints(FIELDS[key], include_extras=True)[key]
+    if FIELDS[key] is Choices:
+        return ", ".join(hint)
+    (meta,) = hint.__metadata__
+    return f"{meta.ge:g} to {meta.le:g}" + (" (whole)" if hint.__origin__ is int else "")
+
+
 def override(preset: Preset, values: Mapping[str, object], origin: str = "--set") -> Preset:
     """``preset`` with some keys replaced; text is converted to the key's type.
 
@@ -51,7 +60,10 @@ def override(preset: Preset, values: Mapping[str, object], origin: str = "--set"
         try:
             parts[part] = msgspec.convert(merged, type(current), strict=False)
         except msgspec.ValidationError as error:
-            raise UsageError(f"{origin}: {error}".replace("`$.", "`")) from None
+            key = str(error).rpartition("`$.")[2].rstrip("`")
+            raise UsageError(
+                f"{origin}: {key} has no such value", expected=allowed(key), found=values.get(key)
+            ) from None
     return msgspec.structs.replace(preset, **parts)
 
 

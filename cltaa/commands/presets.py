@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from enum import StrEnum
 from typing import Any, get_type_hints
 
 import click
@@ -14,7 +13,7 @@ from rich.table import Table
 
 from cltaa.commands.options import PRESET
 from cltaa.params import Choices, Settings
-from cltaa.presets import Preset, load_preset, preset_names
+from cltaa.presets import Preset, allowed, load_preset, preset_names
 
 
 @click.command("presets")
@@ -46,18 +45,14 @@ def parameter_rows() -> list[dict[str, str]]:
                 extra = meta.extra
                 unit = "" if extra["unit"] == "1" else f", in {extra['unit']}"
                 row |= {
-                    "values": f"{meta.ge:g} to {meta.le:g}",
+                    "values": allowed(field.name),
                     "meaning": f"{meta.description}{unit} [{extra['source']}]",
                 }
             else:
                 doc = (hint.__doc__ or "").strip().rstrip(".")
-                row |= {"values": _members(hint), "meaning": doc}
+                row |= {"values": allowed(field.name), "meaning": doc}
             rows.append(row)
     return rows
-
-
-def _members(enum: type[StrEnum]) -> str:
-    return ", ".join(enum)
 
 
 def _toml(preset: Preset) -> str:

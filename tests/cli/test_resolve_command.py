@@ -47,9 +47,10 @@ def test_half_output_saturates(tmp_path: Path) -> None:
     [
         (["--preset", "nonsense"], 64, "unknown preset nonsense; known presets: .*default"),
         (["--set", "nonsense=1"], 64, "--set: unknown key nonsense; known keys: .*gamma_still"),
-        (["--set", "gamma_still=-1"], 64, "gamma_still"),
+        (["--set", "gamma_still=-1"], 64, r"gamma_still has no such value \(expected 0 to 64, found -1\)"),
+        (["--set", "frames_kept=7.5"], 64, r"frames_kept has .*\(expected 1 to 64 \(whole\), found 7.5\)"),
         (["--set", "gamma_still"], 64, r"no value \(expected KEY=VALUE, found gamma_still\)"),
-        (["--set", "rectify=maybe"], 64, "rectify"),
+        (["--set", "rectify=maybe"], 64, r"rectify has .*\(expected none, clamp, .*, found maybe\)"),
         (["--config", "/nonexistent.toml"], 66, "/nonexistent.toml: the file is missing"),
         (["--device", "nonsense"], 64, "no OpenCL device matches nonsense"),
         (["--effects", "nonsense"], 64, "--effects: unknown effect .*found nonsense"),
