@@ -13,9 +13,22 @@ import msgspec
 from cltaa.filters import CurrentFilter as CurrentFilter
 from cltaa.filters import FilterUse as FilterUse
 from cltaa.filters import HistoryFilter as HistoryFilter
-from cltaa.remembered import GatherFit as GatherFit
-from cltaa.remembered import HistoryOf as HistoryOf
 from cltaa.settings import Settings as Settings
+
+
+class HistoryOf(StrEnum):
+    """What is remembered of earlier frames."""
+
+    RESULT = "result"  # their resolved image: any number of frames in one
+    SAMPLES = "samples"  # the samples of the last frames_kept frames, as they were drawn
+
+
+class GatherFit(StrEnum):
+    """What the gathered samples of a pixel are taken for (history_of samples)."""
+
+    MEAN = "mean"  # as many draws of one value
+    PLANE = "plane"  # points of a plane over the pixel, whose value at the centre is taken
+    LAYERS = "layers"  # the same, and across a depth edge a nearer surface and a farther one, each on its own way
 
 
 class Tonemap(StrEnum):
