@@ -52,6 +52,9 @@ def write_pictures(
         if preset.name != DEFAULT and all(row.presets[preset.name] == row.presets.get(DEFAULT) for row in table.rows):
             texts[preset.name] = f"The same as {DEFAULT} on every sequence."
             continue
+        if preset.name != DEFAULT and not any(_worse(row, preset.name) for row in table.rows):
+            texts[preset.name] = f"By FLIP worse than {DEFAULT} on no sequence."
+            continue
         row = worst_row(table.rows, preset.name)
         others = [] if preset.name == DEFAULT else [load_preset(DEFAULT)]
         resolvers = {each.name: Resolver(each, launcher) for each in (preset, *others)}
@@ -72,6 +75,12 @@ def worst_row(rows: Sequence[Row], preset: str) -> Row:
         return (own or 0.0) / (other or 1e-9)
 
     return max(rows, key=ratio)
+
+
+def _worse(row: Row, preset: str) -> bool:
+    """Whether the preset's FLIP is above the default's; True where either is not known."""
+    own, default = (row.presets[name].scores["flip"] if name in row.presets else None for name in (preset, DEFAULT))
+    return own is None or default is None or own > default
 
 
 def worst_crop(sequence: Captured, resolvers: Mapping[str, Resolver], preset: str) -> Crop:

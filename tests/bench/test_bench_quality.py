@@ -188,3 +188,10 @@ def test_the_table_marks_the_best_resolve_and_says_who_lost() -> None:
     assert "| default | bevy | 0 of 1 | 1.0000 : 1.0000 | 30.00 : 1.00 | a (train) |" in text
     assert "Best classic by mean FLIP (train): bevy." in text
     assert text.endswith("**bevy.** picture")
+
+
+def test_a_preset_that_is_nowhere_worse_gets_no_picture(tmp_path: Path) -> None:
+    cells = [{"default": scores(flip=0.2), "t5": scores(flip=flip)} for flip in (0.1, 0.2)]
+    table = summarise([(case(name), cell) for name, cell in zip("ab", cells, strict=True)])
+    texts = write_pictures(table, {}, [load_preset("t5")], tmp_path / "pictures", None, NUMPY)
+    assert texts == {"t5": "By FLIP worse than default on no sequence."}
