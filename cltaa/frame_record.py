@@ -70,8 +70,8 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan
         if plan.choices.ray_through is RayThrough.CENTRE:
             record["origin_x"], record["origin_y"] = 0.5 - layout.width / 2.0, 0.5 - layout.height / 2.0
         choices = plan.choices
-        if previous is None and choices.filter_use is FilterUse.FEW:
-            # A first frame is what was drawn, to the bit.
+        if previous is None and not frame.cut and choices.filter_use is FilterUse.FEW:
+            # A first frame is what was drawn, to the bit. After a cut it is one of a film, and as aliased as that.
             choices = msgspec.structs.replace(choices, current_filter=CurrentFilter.NONE)
         axes = (axis_weights(jitter, choices, plan.settings) for jitter in frame.jitter_px)
         (record["left_weight"], record["right_weight"]), (record["above_weight"], record["below_weight"]) = axes

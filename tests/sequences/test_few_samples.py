@@ -50,6 +50,14 @@ def test_the_filter_has_the_share_of_one_sample(history_of: str) -> None:
         assert abs(value - (1 - (1 - middle) * taken)) < 1e-6
 
 
+@pytest.mark.parametrize("history_of", ["result", "samples"])
+def test_after_a_cut_a_frame_is_the_filter_alone(history_of: str) -> None:
+    resolver = Resolver(few(history_of), "numpy")
+    side = np.exp(-np.float32(resolver.preset.settings.filter_falloff))
+    resolver.resolve(dotted(0))
+    assert abs(resolver.resolve(dotted(1, cut=True))[10, 12, 0] - 1 / (1 + 2 * side) ** 2) < 1e-6
+
+
 def test_a_pixel_that_comes_into_view_is_the_filter_alone() -> None:
     resolver = Resolver(few("result", reject="depth"), "numpy")
     uncovering = CAMERA | {Effect.UNCOVER}
