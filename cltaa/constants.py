@@ -18,6 +18,7 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "MOTION_LIMIT": Constant(2.0**20, "largest displacement in pixels; larger ones, and NaN, mean no history"),
     "LEAST_W": Constant(2.0**-6, "least previous w over current w: nearer to the camera plane nothing was seen"),
     "THIN_REACH": Constant(0.75, "pixels from the centre to which a thing that the 3x3 misses is looked for: measured"),
+    "THIN_HITS": Constant(3.0, "samples of a 3x3 that a line through it hits: what hits more is not thin"),
     "HALF_LIMIT": Constant(65504.0, "largest half; larger magnitudes are stored as it"),
     "HALF_NORMAL": Constant(2.0**-14, "least normal half; below it halves have one distance"),
     "HALF_STEP": Constant(2.0**-10, "distance of halves over the power of two below them"),

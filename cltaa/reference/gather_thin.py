@@ -36,10 +36,12 @@ def recall_thin(
         f = footprint_of(m._replace(u=u, v=v), seen, layout)
         near = s.nearest * m.scale + m.shift
         high = near + number(settings["depth_tolerance"], zero) * np.abs(near)
+        hits, best, thinner = zero, least, closeness
         for dx, dy in NEIGHBOURS:
             beside = f._replace(row=f.row + dy, column=f.column + dx)
             q = usable_closeness(texel_at(planes[KEPT_CLOSENESS], beside, real), then)
             nearer = seen & (q > high)
+            hits = hits + np.where(nearer, number(1.0, zero), zero)
             if own_motion:
                 nearer = nearer & untold(*(texel_at(planes[KEPT_MOTION + axis], beside, real) for axis in (0, 1)))
             thin = s._replace(closeness=(q - m.shift) / m.scale)
@@ -47,9 +49,11 @@ def recall_thin(
             ox = ((half - f.fx) + number(dx, zero)) + (m.u - way.u)
             oy = ((half - f.fy) + number(dy, zero)) + (m.v - way.v)
             off = greater(np.abs(ox), np.abs(oy))
-            here = nearer & way.visible & (off < least)
-            least, closeness = np.where(here, off, least), np.where(here, thin.closeness, closeness)
-            found = found | here
+            here = nearer & way.visible & (off < best)
+            best, thinner = np.where(here, off, best), np.where(here, thin.closeness, thinner)
+        is_thin = (best < least) & (hits <= constant("THIN_HITS", zero))
+        least, closeness = np.where(is_thin, best, least), np.where(is_thin, thinner, closeness)
+        found = found | is_thin
     slope_x, slope_y = (np.where(found, zero, slope) for slope in layers.slope)
     cut = np.where(found, half * (closeness + s.nearest), layers.cut)
     nearest = np.where(found, closeness, s.nearest)

@@ -178,3 +178,14 @@ def test_a_wire_that_this_frame_misses_is_still_there(thin_frames: int, share: f
     assert (np.delete(resolved, 10, axis=1) == 0.0).all()
     hit = resolver.resolve(wire(8))
     assert hit[:, 10] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_what_fills_more_than_a_line_is_not_recalled_when_it_is_gone() -> None:
+    resolver = Resolver(gathering("layers"), "numpy")
+    for index in range(6):
+        frame = wire(1)
+        colour, depth = frame.colour.copy(), frame.depth.copy()
+        if index < 5:
+            colour[4:9, 6:12], depth[4:9, 6:12] = 1.0, 2.0
+        resolved = resolver.resolve(replace(frame, index=index, colour=colour, depth=depth))
+    assert (resolved[5:8, 7:11] == 0.0).all()
