@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -19,3 +20,9 @@ def packages_in_child_processes() -> None:
     """Let child processes find the packages that pytest finds by its setting ``pythonpath``, installed or not."""
     folders = [str(TOP / name) for name in ("", "capture", "datasets_gen")]
     os.environ["PYTHONPATH"] = os.pathsep.join([*folders, *filter(None, [os.environ.get("PYTHONPATH")])])
+
+
+@pytest.fixture(autouse=True, scope="session")
+def interrupts_interrupt() -> None:
+    """Let SIGINT do what it does in a terminal: a shell that starts the tests in the background has them ignore it."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
