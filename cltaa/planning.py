@@ -79,7 +79,7 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
     reasons = _every_reason(steps) if every else _reasons(preset, steps, camera_moves, declared)
     settings = preset.settings
     if previous is None:
-        # A first frame is what was drawn, to the bit; the blur is for pixels that appear amid others with a past.
+        # The blur is for pixels that appear amid others with a past.
         settings = msgspec.structs.replace(settings, fresh_blur=0.0)
     choices, settings, estimated = estimate(preset, settings, declared)
     return Plan(choices, settings, steps, (*reasons, *estimated))

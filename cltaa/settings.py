@@ -13,7 +13,7 @@ def _number(meaning: str, low: float, high: float, unit: str, source: str) -> Me
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Numbers; they reach the kernels as one struct of floats by value.
+    """Numbers; those that kernels look at reach them as one struct of floats by value.
 
     Changing one costs nothing, except where a term comes to nothing, or to something again: that is another build
     (``Terms``).

@@ -110,12 +110,3 @@ STAGE colour choose_colour(mask m, colour a, colour b)
     v.b = m ? a.b : b.b;
     return v;
 }
-
-STAGE boxed choose_boxed(mask m, boxed a, boxed b)
-{
-    boxed v;
-    v.a = m ? a.a : b.a;
-    v.b = m ? a.b : b.b;
-    v.c = m ? a.c : b.c;
-    return v;
-}

@@ -28,9 +28,8 @@ from cltaa.resolve import Resolver
 
 SIZES = (256, 512, 1024, 2048, 4096, 8192)
 REFERENCE = 2048
-MANY_ROUNDS_TO = (
-    4096  # pixels a side; what is larger takes seconds a frame, nearly all of them on its way to the device
-)
+# Pixels a side; what is larger takes seconds a frame, nearly all of them on its way to the device.
+MANY_ROUNDS_TO = 4096
 FEWEST_ROUNDS = 3
 FLAT = 0.15
 TILE = 256  # of random pixels that an image is filled with
