@@ -18,7 +18,8 @@ STAGE void recall_thin(surface* s, layers_t* l, plane_in kept, frames_in past, i
 {
     const size_t plane = plane_size(frame);
     const uint at = texel_offset(frame, x, y);
-    const int stride = frame.stride, count = (int)settings.thin_frames < frames ? (int)settings.thin_frames : frames;
+    const int stride = row_stride(frame),
+              count = (int)settings.thin_frames < frames ? (int)settings.thin_frames : frames;
     const real px = LANE_INDEX + K(x), py = SPLAT(y);
     mask open = !l->edge;
     if (OWN_MOTION)
