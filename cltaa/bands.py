@@ -24,25 +24,19 @@ from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame, Image
 from cltaa.launch import Buffer, DeviceLauncher, storage_dtype
 from cltaa.layout import Layout
+from cltaa.memory import Memory, of_whole_images
 from cltaa.params import HistoryOf
 from cltaa.presets import Preset
 from cltaa.resolve import Resolver, Times
+from cltaa.sources import Sequence
 from cltaa.upload import check_shapes, upload
 
-# Planes of float32 that a run over whole images holds: 13 on the device, three frames of R G B Z with two of motion in
-# work or ahead, a group of three for each of the two that are being decoded, three results.
-PLANES_OF_A_RUN = 13 + 3 * 6 + 2 * 3 + 3 * 3
 BAND_ROWS = 512  # 400 MB of band at 16384 columns
 
 
-def whole_bytes(width: int, height: int) -> int:
-    """Bytes that a run over whole images takes, kept frames left out."""
-    return 4 * width * height * PLANES_OF_A_RUN
-
-
-def band_rows_for(width: int, height: int) -> int:
-    """Rows of a band that suit an image of this size on this machine; 0 where whole images do."""
-    return BAND_ROWS if whole_bytes(width, height) > memory_limit() else 0
+def band_rows_for(whole: Memory) -> int:
+    """Rows of a band that suit a run that would take ``whole`` over whole images; 0 where this machine has that."""
+    return BAND_ROWS if whole.whole > memory_limit() else 0
 
 
 class Band(Layout):
@@ -160,20 +154,21 @@ class BandedResolver(Resolver):
 
 
 def resolver_for(
-    preset: Preset, device: str | None, size: tuple[int, int], band_rows: int | None = None, **options: Any
+    preset: Preset, device: str | None, sequence: Sequence, band_rows: int | None = None, **options: Any
 ) -> Resolver:
-    """A resolver for images of this size: in bands where whole ones take more memory than this machine has.
+    """A resolver for the frames of ``sequence``: in bands where whole ones take more memory than this machine has.
 
     ``band_rows`` says it instead of the machine; 0 is whole images. Raises ResourceError where they would have to be
     resolved in bands and the preset keeps frames, which only whole images can.
     """
     if band_rows is None:
-        band_rows = band_rows_for(*size)
+        whole = of_whole_images(sequence)
+        band_rows = band_rows_for(whole)
         if band_rows and preset.choices.history_of is HistoryOf.SAMPLES:
             raise ResourceError(
-                f"{size[0]} x {size[1]} pixels are too many for preset {preset.name}, which keeps frames, "
-                "so it resolves whole images only",
-                expected=f"{whole_bytes(*size) / 1e6:.0f} MB beside the kept frames",
+                f"{sequence.width} x {sequence.height} pixels are too many for preset {preset.name}, which keeps "
+                "frames, so it resolves whole images only",
+                expected=f"{whole.whole / 1e6:.0f} MB beside the kept frames",
                 found=f"{memory_limit() / 1e6:.0f} MB of memory",
                 cure="take --preset default, which resolves them in bands, or --band-rows 0 to try all the same",
             )

@@ -8,6 +8,7 @@ import numpy as np
 from cltaa.build import Build, Steps, Storage, kept_planes
 from cltaa.launch import storage_dtype
 from cltaa.layout import Layout
+from cltaa.sources import Sequence
 from cltaa.streams import DEPTH, THREADS
 
 REAL = 4  # bytes of a float
@@ -62,3 +63,21 @@ def of_resolve(pixels: int, channels: int, file: int, device: int, *, alpha: boo
         results=REAL * pixels * (1 if banded else results * (3 + alpha)),
         reading=decoded * (file if banded else file + GROUP * REAL * pixels),
     )  # fmt: skip
+
+
+def of_sequence(sequence: Sequence, steps: Steps, *, band_rows: int = 0, frames_kept: int = 0) -> Memory:
+    """Memory of a resolve of ``sequence`` with ``steps``: whole images, or bands of ``band_rows`` rows."""
+    width, height = sequence.width, sequence.height
+    return of_resolve(
+        width * height, max(len(layout.channels) for layout in sequence.layouts.values()),
+        max(sequence.path(number).stat().st_size for number in sequence.numbers),
+        device_bytes(width, height, steps, band_rows=band_rows, frames_kept=frames_kept),
+        alpha=steps.alpha, banded=bool(band_rows),
+    )  # fmt: skip
+
+
+def of_whole_images(sequence: Sequence) -> Memory:
+    """Memory of a resolve of ``sequence`` over whole images, with each step that its channels allow; no frames kept."""
+    channels = {name for layout in sequence.layouts.values() for name in layout.channels}
+    steps = Steps(own_motion="backward.u" in channels, alpha="A" in channels, reactive="reactive" in channels)
+    return of_sequence(sequence, steps)

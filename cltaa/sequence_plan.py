@@ -15,7 +15,7 @@ from cltaa.build import Steps
 from cltaa.frame_record import Past
 from cltaa.frames import Effect, Frame
 from cltaa.launch import Launcher
-from cltaa.memory import Memory, device_bytes, of_resolve
+from cltaa.memory import Memory, of_sequence, of_whole_images
 from cltaa.params import HistoryOf
 from cltaa.planning import Plan, plan_frame, toggled, with_effects
 from cltaa.presets import Preset
@@ -103,16 +103,9 @@ def memory(sequence: Sequence, preset: Preset, plans: list[Plan]) -> Memory:
     """What a resolve of ``sequence`` takes at its peak, in bands where it would run in bands."""
     used = {name: any(getattr(each.steps, name) for each in plans) for name in Steps.__struct_fields__}
     kept = any(each.choices.history_of is HistoryOf.SAMPLES for each in plans)
-    width, height = sequence.width, sequence.height
-    rows = 0 if kept else band_rows_for(width, height)
-    device = device_bytes(
-        width, height, Steps(**used), band_rows=rows, frames_kept=preset.settings.frames_kept if kept else 0
-    )
-    return of_resolve(
-        width * height, max(len(layout.channels) for layout in sequence.layouts.values()),
-        max(sequence.path(number).stat().st_size for number in sequence.numbers), device,
-        alpha=used["alpha"], banded=bool(rows),
-    )  # fmt: skip
+    rows = 0 if kept else band_rows_for(of_whole_images(sequence))
+    frames_kept = preset.settings.frames_kept if kept else 0
+    return of_sequence(sequence, Steps(**used), band_rows=rows, frames_kept=frames_kept)
 
 
 def _plans(sequence: Sequence, preset: Preset, effects: Effects) -> Iterator[tuple[int, bool, Plan]]:

@@ -107,7 +107,7 @@ def resolve(
         if preset != "default" or config is not None:
             raise UsageError("--budget-ms chooses the preset itself", cure="leave out --preset and --config")
         settings, kept = within_budget(budget_ms, device, (source.width, source.height), assignments)
-    resolver = resolver_for(settings, device, (source.width, source.height), band_rows, strict=strict, storage=kept)
+    resolver = resolver_for(settings, device, source, band_rows, strict=strict, storage=kept)
     outcome = resolve_sequence(
         source,
         output,

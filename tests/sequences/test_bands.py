@@ -10,14 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.bands import BandedResolver, band_rows_for
-from cltaa.build import Storage
+from cltaa.bands import BandedResolver, band_rows_for, resolver_for
+from cltaa.build import Steps, Storage
 from cltaa.checkpoint import Checkpoints
 from cltaa.cli import main
 from cltaa.errors import UsageError
 from cltaa.frames import Frame
 from cltaa.manifest import Manifest
+from cltaa.memory import Memory, device_bytes, of_resolve, of_whole_images
+from cltaa.presets import load_preset
 from cltaa.resolve import Resolver
+from cltaa.sources import open_sequence
 from tests.sequence_factory import bits, make_camera, make_frame, special_values, write_sequence
 
 ROWS = (1, 2, 3, 4, 5, 7, 8, 22, 23, 24, 100)
@@ -90,9 +93,25 @@ def test_numpy_has_no_bands() -> None:
 
 def test_only_large_images_are_banded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cltaa.bands.memory_limit", lambda: 24 * 10**9)
-    assert band_rows_for(3840, 2160) == 0
-    assert band_rows_for(7680, 4320) == 0
-    assert band_rows_for(16384, 16384) > 0
+    assert band_rows_for(whole_images(3840, 2160)) == 0
+    assert band_rows_for(whole_images(7680, 4320)) == 0
+    assert band_rows_for(whole_images(16384, 16384)) > 0
+
+
+def whole_images(width: int, height: int) -> Memory:
+    """What a run takes whose frames have motion of their own and do not pack at all."""
+    channels = 6
+    return of_resolve(
+        width * height, channels, 4 * channels * width * height, device_bytes(width, height, Steps()), alpha=False
+    )
+
+
+def test_bands_begin_where_the_formula_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sequence = open_sequence(write_sequence(tmp_path / "in", 2))
+    whole = of_whole_images(sequence).whole
+    for memory, banded in ((whole, False), (whole - 1, True)):
+        monkeypatch.setattr("cltaa.bands.memory_limit", lambda memory=memory: memory)
+        assert isinstance(resolver_for(load_preset("default"), None, sequence), BandedResolver) == banded
 
 
 def test_a_preset_that_keeps_frames_has_no_bands(
