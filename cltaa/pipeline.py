@@ -15,6 +15,7 @@ import msgspec
 from cltaa.allocator import kept_memory
 from cltaa.atomic import atomic_path, check_creatable, owned
 from cltaa.bands import BandedResolver
+from cltaa.carried_over import merged
 from cltaa.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.debug import DebugViews
 from cltaa.errors import DeviceLost, UsageError
@@ -23,7 +24,6 @@ from cltaa.exr_channels import Pixels
 from cltaa.frames import Effect, Frame
 from cltaa.halves import image_channels, saturated_pixels
 from cltaa.interrupt import Stop, stop_signals
-from cltaa.kept import merged
 from cltaa.output import OutputFolder, sequence_settings
 from cltaa.planning import with_effects
 from cltaa.presets import Preset
@@ -203,9 +203,9 @@ class _Run:
         assert read.frame.path is not None
         path = self._folder.folder / read.frame.path.name
         told = resolved_attributes(read.frame, self._resolver)
-        planes, attributes = merged(read.kept, channels, told, self._sequence.undeclared)
+        planes, attributes = merged(read.carried, channels, told, self._sequence.undeclared)
         finish = partial(self._folder.finish, path, read.source)
-        writer.write(path, planes, attributes, then=finish, window=read.kept.window)
+        writer.write(path, planes, attributes, then=finish, window=read.carried.window)
         self._written.add(read.frame.index)
 
     def _note(self, times: Times) -> None:

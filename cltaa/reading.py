@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import NamedTuple
 
+from cltaa.carried_over import CarriedOver, carried_over
 from cltaa.frames import Frame
-from cltaa.kept import Kept, kept_of
 from cltaa.manifest import file_sha256
 from cltaa.output import Source
 from cltaa.pixel_statistics import unusable_pixels
@@ -15,12 +15,12 @@ from cltaa.sources import Sequence
 
 
 class Read(NamedTuple):
-    """A frame, what vouches for its input, its unusable pixels, and what its output keeps of it."""
+    """A frame, what vouches for its input, its unusable pixels, and what its output carries over."""
 
     frame: Frame
     source: Source
     unusable: int
-    kept: Kept
+    carried: CarriedOver
 
 
 def reads(sequence: Sequence, before: int | None, layers: tuple[str, ...]) -> Iterator[Callable[[], Read]]:
@@ -34,4 +34,4 @@ def _read(sequence: Sequence, number: int, before: int | None, layers: tuple[str
     frame, path = sequence.frame(number), sequence.path(number)
     # What was verified while it was read need not be hashed again.
     digest = sequence.sha256(number) or file_sha256(path)
-    return Read(frame, Source(digest, before), unusable_pixels(frame.colour), kept_of(path, layers))
+    return Read(frame, Source(digest, before), unusable_pixels(frame.colour), carried_over(path, layers))

@@ -10,11 +10,11 @@ from rich.table import Table
 
 from cltaa.bands import resolver_for
 from cltaa.build import STORAGES, Storage
+from cltaa.carried_over import carried_compression
 from cltaa.checkpoint import CHECKPOINT_EVERY
 from cltaa.commands.options import FILE_PATH, PRESET, chosen_effects, input_options, verify_option
 from cltaa.errors import UsageError
 from cltaa.inputs.opening import open_input
-from cltaa.kept import kept_compression
 from cltaa.launch import launcher_for
 from cltaa.numbered import OnBreak
 from cltaa.pipeline import Outcome, resolve_sequence, stage_rows
@@ -114,7 +114,7 @@ def resolve(
         resolver,
         effects=chosen_effects(effects),
         half=half,
-        compression=compression or kept_compression(source),
+        compression=compression or carried_compression(source),
         preview=preview,
         restart=restart,
         checkpoint_every=checkpoint,

@@ -1,4 +1,4 @@
-"""What a resolved file keeps of the one that it was made from: layers, attributes, windows, compression."""
+"""What a resolved file carries over from the one that it was made of: layers, attributes, windows, compression."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cltaa.sources import Sequence
 _OF_THE_FILE = frozenset({"name", "type", "chunkCount", "version", "multiView", "view", "cltaa:samples"})
 
 
-class Kept(NamedTuple):
+class CarriedOver(NamedTuple):
     """Channels by name, attributes and the display window of an input."""
 
     channels: dict[str, Pixels]
@@ -24,8 +24,8 @@ class Kept(NamedTuple):
     window: Window
 
 
-def kept_of(path: Path, layers: tuple[str, ...]) -> Kept:
-    """Read what is kept of ``path``: every attribute, and the channels whose names match one of ``layers``.
+def carried_over(path: Path, layers: tuple[str, ...]) -> CarriedOver:
+    """Read what is carried over from ``path``: every attribute, and the channels whose names match one of ``layers``.
 
     Raises what reading raises.
     """
@@ -35,18 +35,18 @@ def kept_of(path: Path, layers: tuple[str, ...]) -> Kept:
     if layers:
         planes, _ = read_planes(path)
         channels = {name: plane for name, plane in planes.items() if any(fnmatchcase(name, p) for p in layers)}
-    return Kept(channels, attributes, header.layout.display_window)
+    return CarriedOver(channels, attributes, header.layout.display_window)
 
 
 def merged(
-    kept: Kept, channels: Mapping[str, Pixels], attributes: Mapping[str, object], undeclared: frozenset[str]
+    carried: CarriedOver, channels: Mapping[str, Pixels], attributes: Mapping[str, object], undeclared: frozenset[str]
 ) -> tuple[dict[str, Pixels], dict[str, object]]:
-    """What is kept with what was resolved over it; attributes that the input did not declare are not made up."""
+    """What is carried over under what was resolved; attributes that the input did not declare are not made up."""
     told = {name: value for name, value in attributes.items() if name not in undeclared}
-    return kept.channels | dict(channels), kept.attributes | told
+    return carried.channels | dict(channels), carried.attributes | told
 
 
-def kept_compression(sequence: Sequence) -> str:
+def carried_compression(sequence: Sequence) -> str:
     """The compression of the input if it loses nothing, else ZIP."""
     compression = sequence.layouts[sequence.first].compression
     return compression if compression in LOSSLESS else "zip"
