@@ -74,11 +74,18 @@ STAGE real blend(real history, real current, real weight)
     return weight < SPLAT(1.0) ? history + weight * (current - history) : current;
 }
 
-// A value fit to be stored: inside the domain, never a denormal, never -0. `floor_value` is the least of 0 and the
-// current sample, so that light never turns negative through a negative lobe or a chroma clamp.
-STAGE real storable(real v, real floor_value)
+// A value fit to be stored: inside the domain, never a denormal, never -0, and not below the least of 0 and the current
+// sample, so that light never turns negative through a negative lobe or a chroma clamp.
+STAGE real storable(real v, real current)
 {
+    const real floor_value = lesser(current, SPLAT(0.0));
     const real raised = NEGATIVES == NEGATIVES_RAISE ? greater(v, floor_value) : v;
     const mask bad = outside_domain(raised) | (absolute(raised) < SPLAT(TINY));
     return bad ? SPLAT(0.0) : raised;
+}
+
+STAGE colour storable_colour(colour v, colour current)
+{
+    const colour stored = { storable(v.r, current.r), storable(v.g, current.g), storable(v.b, current.b) };
+    return stored;
 }

@@ -102,6 +102,13 @@ STAGE colour load_colour(plane_in p, size_t plane)
     return v;
 }
 
+STAGE void store_colour(plane_out p, size_t plane, colour v)
+{
+    store(p, v.r);
+    store(p + plane, v.g);
+    store(p + 2 * plane, v.b);
+}
+
 STAGE colour choose_colour(mask m, colour a, colour b)
 {
     colour v;

@@ -155,11 +155,8 @@ STAGE resolved resolve_gathered(
     colour chosen = choose_colour(any, mixed, fresh_colour(current, p.near.mean, settings));
     if ((FILTER_USE == FILTER_USE_FEW_SAMPLES) & (CURRENT_FILTER != CURRENT_FILTER_NONE))
         chosen = drawn_towards(chosen, p.filtered, filtered_share(one / (g.count + one), p.filtered, settings));
-    const colour v = from_range(chosen);
     resolved out;
-    out.rgb.r = storable(v.r, lesser(current.r, zero));
-    out.rgb.g = storable(v.g, lesser(current.g, zero));
-    out.rgb.b = storable(v.b, lesser(current.b, zero));
+    out.rgb = storable_colour(from_range(chosen), current);
     out.alpha = p.alpha;
     if (ALPHA_FROM == ALPHA_FROM_BLEND)
         out.alpha = p.alpha + alpha_share * (g.alpha / (g.count + one));

@@ -99,12 +99,8 @@ STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t
     colour v = mixed;
     if (any_of(!h.valid))
         v = choose_colour(h.valid, mixed, fresh_colour(current, p.near.mean, settings));
-    v = from_range(v);
-    const real zero = SPLAT(0.0);
     resolved out;
-    out.rgb.r = storable(v.r, lesser(current.r, zero));
-    out.rgb.g = storable(v.g, lesser(current.g, zero));
-    out.rgb.b = storable(v.b, lesser(current.b, zero));
+    out.rgb = storable_colour(from_range(v), current);
     out.alpha = p.alpha;
     if (ALPHA_FROM == ALPHA_FROM_BLEND)
         out.alpha = h.valid ? blend(h.alpha, p.alpha, weight) : p.alpha;

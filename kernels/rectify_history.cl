@@ -25,9 +25,7 @@ __kernel void rectify_history_kernel(plane_in statistics_in, plane_in motion_in,
     const rectification r = rectify(load_colour(history_at + at, plane), load_colour(q + 12 * plane, plane), near, m,
         box_gamma(m, settings), frame, settings);
     plane_out p = change_out + at;
-    store(p, r.change.r);
-    store(p + plane, r.change.g);
-    store(p + 2 * plane, r.change.b);
+    store_colour(p, plane, r.change);
     store(p + 3 * plane, r.pull);
     store(p + 4 * plane, r.unrest);
     store(p + 5 * plane, r.calm);

@@ -9,8 +9,5 @@ __kernel void repair_colour_kernel(plane_in current, plane_out repaired, const f
     const size_t plane = plane_size(frame);
     colour v;
     repair_colours(&v, 1, current, plane, x, y, frame);
-    plane_out p = repaired + texel_offset(frame, x, y);
-    store(p, v.r);
-    store(p + plane, v.g);
-    store(p + 2 * plane, v.b);
+    store_colour(repaired + texel_offset(frame, x, y), plane, v);
 }

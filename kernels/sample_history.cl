@@ -19,9 +19,7 @@ __kernel void sample_history_kernel(plane_in current, plane_in motion_in, histor
     const history_t h
         = sample_history(current, history, history_count, previous_closeness, m, s, x, y, frame, settings, &kept);
     plane_out p = history_at + at;
-    store(p, h.rgb.r);
-    store(p + plane, h.rgb.g);
-    store(p + 2 * plane, h.rgb.b);
+    store_colour(p, plane, h.rgb);
     store(p + 3 * plane, h.alpha);
     store(p + 4 * plane, h.count);
     store(p + 5 * plane, h.fx);

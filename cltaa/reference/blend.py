@@ -74,8 +74,15 @@ def blend(history: Array, current: Array, weight: Array) -> Array:
     return np.where(weight < number(1.0, weight), history + weight * (current - history), current)
 
 
-def storable(v: Array, floor_value: Array, build: Build) -> Array:
+def storable(v: Array, current: Array, build: Build) -> Array:
     """Inside the domain, no denormal, no -0, not below the least of 0 and the current sample."""
+    floor_value = lesser(current, number(0.0, current))
     raised = greater(v, floor_value) if build.choices.negatives is Negatives.RAISE else v
     bad = outside_domain(raised) | (np.abs(raised) < constant("TINY", v))
     return np.where(bad, number(0.0, v), raised)
+
+
+def storable_colour(v: Colour, current: Colour, build: Build) -> Colour:
+    """Each channel as ``storable`` leaves it."""
+    r, g, b = (storable(x, own, build) for x, own in zip(v, current, strict=True))
+    return r, g, b

@@ -9,7 +9,7 @@ import numpy as np
 from cltaa.build import Build, Record, kept_planes
 from cltaa.layout import Layout
 from cltaa.params import AlphaFrom, CurrentFilter, FilterUse, GatherFit, Weighting
-from cltaa.reference.blend import filtered_share, storable
+from cltaa.reference.blend import filtered_share, storable_colour
 from cltaa.reference.colour import Colour, colour_outside_domain, from_range, luminance, to_range
 from cltaa.reference.gather_fit import Gathered, Stretch, first_sample, fit_at_centre, offset_now, stretch_of
 from cltaa.reference.gather_sides import Layers, Side, layers_of, range_of_side, side_of
@@ -27,7 +27,7 @@ from cltaa.reference.pixel import (
 )
 from cltaa.reference.planes import read_rows, store_resolved
 from cltaa.reference.projection import Motion, motion_from_depth, on_screen, surface_motion
-from cltaa.reference.real import Array, greater, lesser, limit, number, quiet
+from cltaa.reference.real import Array, greater, limit, number, quiet
 from cltaa.reference.rectify import rectify
 from cltaa.reference.sampling import Footprint, footprint_of
 
@@ -176,11 +176,10 @@ def resolve_gathered(
     if filters and build.choices.filter_use is FilterUse.FEW:
         share = filtered_share(one / (g.count + one), p.filtered, build, settings)
         chosen = drawn_towards(chosen, p.filtered, share)
-    v = from_range(chosen, build)
-    stored = [storable(k, lesser(x, zero), build) for k, x in zip(v, current, strict=True)]
+    stored = storable_colour(from_range(chosen, build), current, build)
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = alpha + alpha_share * (g.alpha / (g.count + one))
-    return Resolved((stored[0], stored[1], stored[2]), alpha, g.count + one)
+    return Resolved(stored, alpha, g.count + one)
 
 
 @quiet

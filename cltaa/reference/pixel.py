@@ -18,7 +18,7 @@ from cltaa.reference.blend import (
     filtered_share,
     luminance_weight,
     sample_weight,
-    storable,
+    storable_colour,
 )
 from cltaa.reference.colour import Colour, from_box_space, from_range, to_box_space
 from cltaa.reference.history import History
@@ -122,7 +122,7 @@ def drawn_towards(own: Colour, filtered: Colour, share: Array) -> Colour:
 def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Resolved:
     """The pixel blended with its rectified history, or begun anew where there is none."""
     current = p.filtered
-    one, zero = number(1.0, h.count), number(0.0, h.count)
+    one = number(1.0, h.count)
     past = (h.rgb[0] + r.change[0], h.rgb[1] + r.change[1], h.rgb[2] + r.change[2])
     count = believed_count(h.count, h.fx, h.fy, r.pull, build, settings)
     if build.steps.reactive:
@@ -141,9 +141,8 @@ def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings
     fresh = fresh_colour(current, p.near.mean, build, settings)
     mixed = [blend(y, c, weight) for y, c in zip(past, current, strict=True)]
     chosen = [np.where(h.valid, m, f) for m, f in zip(mixed, fresh, strict=True)]
-    v = from_range((chosen[0], chosen[1], chosen[2]), build)
-    stored = [storable(k, lesser(c, zero), build) for k, c in zip(v, current, strict=True)]
+    stored = storable_colour(from_range((chosen[0], chosen[1], chosen[2]), build), current, build)
     alpha = p.alpha
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = np.where(h.valid, blend(h.alpha, alpha, weight), alpha)
-    return Resolved((stored[0], stored[1], stored[2]), alpha, np.where(h.valid, count + one, one))
+    return Resolved(stored, alpha, np.where(h.valid, count + one, one))

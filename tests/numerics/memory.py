@@ -43,14 +43,15 @@ EDITS = [
     Mutation("no floor", "kernels/real.h", "#if __has_builtin(__builtin_elementwise_floor)",
              "#if 0 && __has_builtin(__builtin_elementwise_floor)"),
 ]  # fmt: skip
+STORED = "store_colour(repaired + texel_offset(frame, x, y), plane, v);"
 # Fault and the simulator's word for it.
 PLANTED = [
-    (Mutation("read beyond the end", "kernels/repair_colour.cl", "store(p, v.r);",
-              "store(p, v.r + 0.0f * current[4 * plane]);"), "Invalid read"),
-    (Mutation("write beyond the end", "kernels/repair_colour.cl", "store(p, v.r);",
-              "store(p + 4 * plane, v.r);"), "Invalid write"),
-    (Mutation("two work-items write one texel", "kernels/repair_colour.cl", "store(p, v.r);",
-              "store(p, v.r); *repaired = (float)x;"), "data race"),
+    (Mutation("read beyond the end", "kernels/repair_colour.cl", STORED,
+              "v.r += 0.0f * current[4 * plane]; " + STORED), "Invalid read"),
+    (Mutation("write beyond the end", "kernels/repair_colour.cl", STORED,
+              STORED.replace("repaired", "repaired + 4 * plane")), "Invalid write"),
+    (Mutation("two work-items write one texel", "kernels/repair_colour.cl", STORED,
+              STORED + " *repaired = (float)x;"), "data race"),
     (Mutation("a sum that begins with nothing", "kernels/repair.h", "float sum = 0.0f;",
               "float sum;"), "Uninitialized"),
 ]  # fmt: skip
