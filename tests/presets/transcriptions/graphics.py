@@ -6,6 +6,7 @@ are in pixels, x right, y down, texel centres at +0.5 (docs/conventions.md).
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -88,6 +89,32 @@ def starts_anew(frame: Frame, previous: Frame | None, obey_cuts: bool) -> bool:
     if previous is None or frame.index != previous.index + 1 or frame.colour.shape != previous.colour.shape:
         return True
     return obey_cuts and frame.cut
+
+
+def resolved(
+    frames: Iterable[Frame],
+    step: Callable[[Frame, Frame, Array, Array], Array],
+    *,
+    obey_cuts: bool,
+    storage: str,
+    dtype: Any,
+) -> list[Array]:
+    """The images [H, W, 3 or 4] of ``frames``: as drawn where there is no history, else what ``step`` makes of a frame,
+    the previous one, this one's colour and the history. Alpha is stored as it is."""
+    images: list[Array] = []
+    previous: Frame | None = None
+    history = np.empty(0)
+    for frame in frames:
+        current = frame.colour.astype(dtype)
+        if previous is None or starts_anew(frame, previous, obey_cuts):
+            output = current
+        else:
+            output = step(frame, previous, current, history)
+        history = store(output, storage)
+        alpha = [] if frame.alpha is None else [store(frame.alpha.astype(dtype)[..., None], storage)]
+        images.append(np.concatenate([history, *alpha], axis=-1))
+        previous = frame
+    return images
 
 
 def same_camera(camera: Camera, other: Camera) -> bool:

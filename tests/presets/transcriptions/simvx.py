@@ -41,10 +41,9 @@ from tests.presets.transcriptions.graphics import (
     halton,
     pixel_centres,
     reprojected,
+    resolved,
     rgb_to_ycocg,
     square,
-    starts_anew,
-    store,
     ycocg_to_rgb,
 )
 
@@ -63,21 +62,12 @@ def resolve(
     frames: Iterable[Frame], *, obey_cuts: bool = True, storage: str = "float", dtype: Any = np.float64
 ) -> list[Array]:
     """The resolved images [H, W, 3 or 4] of ``frames``."""
-    images: list[Array] = []
-    previous: Frame | None = None
-    history = np.empty(0)
-    for frame in frames:
-        current = frame.colour.astype(dtype)
-        if previous is None or starts_anew(frame, previous, obey_cuts):
-            output = current
-        else:
-            x, y = history_position(frame, previous)
-            output = resolve_frame(current, history, x.astype(dtype), y.astype(dtype))
-        history = store(output, storage)
-        alpha = [] if frame.alpha is None else [store(frame.alpha.astype(dtype)[..., None], storage)]
-        images.append(np.concatenate([history, *alpha], axis=-1))
-        previous = frame
-    return images
+
+    def step(frame: Frame, previous: Frame, current: Array, history: Array) -> Array:
+        x, y = history_position(frame, previous)
+        return resolve_frame(current, history, x.astype(dtype), y.astype(dtype))
+
+    return resolved(frames, step, obey_cuts=obey_cuts, storage=storage, dtype=dtype)
 
 
 def history_position(frame: Frame, previous: Frame) -> tuple[Array, Array]:

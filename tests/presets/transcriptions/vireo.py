@@ -44,10 +44,9 @@ from tests.presets.transcriptions.graphics import (
     bilinear,
     halton,
     pixel_centres,
+    resolved,
     rgb_to_ycocg,
     square,
-    starts_anew,
-    store,
     velocity_buffer,
     ycocg_to_rgb,
 )
@@ -85,23 +84,14 @@ def resolve(
     dtype: Any = np.float64,
 ) -> list[Array]:
     """The resolved images [H, W, 3 or 4] of ``frames``."""
-    images: list[Array] = []
-    previous: Frame | None = None
-    history = np.empty(0)
-    for frame in frames:
-        current = frame.colour.astype(dtype)
-        if previous is None or starts_anew(frame, previous, obey_cuts):
-            output = current
-        else:
-            velocity = velocity_buffer(frame, previous, dtype)
-            if sky_velocity == "zero":
-                velocity[~np.isfinite(frame.depth)] = 0
-            output = resolve_frame(current, history, velocity, constants)
-        history = store(output, storage)
-        alpha = [] if frame.alpha is None else [store(frame.alpha.astype(dtype)[..., None], storage)]
-        images.append(np.concatenate([history, *alpha], axis=-1))
-        previous = frame
-    return images
+
+    def step(frame: Frame, previous: Frame, current: Array, history: Array) -> Array:
+        velocity = velocity_buffer(frame, previous, dtype)
+        if sky_velocity == "zero":
+            velocity[~np.isfinite(frame.depth)] = 0
+        return resolve_frame(current, history, velocity, constants)
+
+    return resolved(frames, step, obey_cuts=obey_cuts, storage=storage, dtype=dtype)
 
 
 def resolve_frame(current: Array, history: Array, velocity: Array, constants: Constants) -> Array:
