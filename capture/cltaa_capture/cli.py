@@ -93,8 +93,8 @@ def progress_display(label: str) -> Iterator[Callable[[int, int], None]]:
     "--jitter",
     default="halton:16",
     show_default=True,
-    help="Sample positions: none, halton:N, r2:N, grid:N or hammersley:N with period N, centred; or vireo, babylon, "
-    "simvx, as published.",
+    help="Sample positions: none, halton:N, r2:N, lattice:N, grid:N or hammersley:N with period N, centred; or vireo, "
+    "babylon, simvx, as published.",
 )
 @click.option(
     "--reference",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from math import isqrt
+from functools import cache
+from math import gcd, isqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ Offsets = NDArray[np.float64]  # [N, 2]
 PLASTIC = 1.3247179572447460
 
 LONGEST_PERIOD = 1 << 16  # samples; half a second to make, and far beyond what a float32 sum resolves
+LONGEST_LATTICE = 1 << 10  # samples; its order takes memory with their square, 25 MB here
 
 
 def radical_inverse(index: int, base: int) -> float:
@@ -58,7 +60,54 @@ def hammersley(count: int) -> Offsets:
     return np.array([[(i + 0.5) / count, radical_inverse(i, 2)] for i in range(count)])
 
 
-PATTERNS: dict[str, Callable[[int], Offsets]] = {"halton": halton, "r2": r2, "grid": grid, "hammersley": hammersley}
+@cache
+def lattice(count: int) -> Offsets:
+    """Rank-1 lattice (i, z i) / N, of which each frame takes the point that makes those taken the most even.
+
+    z is chosen for the longest shortest vector (Niederreiter 1992, ch. 5), coprime to N, so that each of N columns and
+    rows holds one point. Raises UsageError beyond LONGEST_LATTICE points.
+    """
+    if count > LONGEST_LATTICE:
+        raise UsageError(f"lattice:{count} is too long to put in order", cure=f"use lattice:{LONGEST_LATTICE} at most")
+    index = np.arange(count)
+    factors = (z for z in range(1, count // 2 + 1) if gcd(z, count) == 1)
+    factor = max(factors, key=lambda z: (_shortest_vector(index, z), z), default=1)
+    return herded((np.stack([index, index * factor % count], 1) + 0.5) / count)
+
+
+def _shortest_vector(index: NDArray[np.int64], factor: int) -> int:
+    """Squared length of the shortest vector of the lattice (i, z i) on the torus of N x N squares."""
+    count = len(index)
+    across, down = ((v + count // 2) % count - count // 2 for v in (index[1:], index[1:] * factor))
+    return int((across**2 + down**2).min(initial=2 * count**2))
+
+
+def herded(points: Offsets) -> Offsets:
+    """Put points [N, 2] in the order in which each is the one that makes those so far the most like all of them.
+
+    Kernel herding (Chen, Welling, Smola, "Super-Samples from Kernel Herding", 2010) for the covariance exp(-2 d) of
+    places d pixels apart, about that of a picture full of edges. It begins in the middle, and its steps from point to
+    point follow no rule that a steady drift could undo.
+    """
+    covariance = np.exp(-2.0 * np.hypot(*(points[:, None] - points).transpose(2, 0, 1)))
+    to_all, to_taken = covariance.mean(axis=0), np.zeros(len(points))
+    order: list[int] = []
+    for taken in range(1, len(points) + 1):
+        # Rounded, so that of mirrored points, which are equally good, the first is taken on every machine.
+        gain = np.round(to_all - to_taken / taken, 12)
+        gain[order] = -np.inf
+        order.append(int(gain.argmax()))
+        to_taken += covariance[order[-1]]
+    return points[order]
+
+
+PATTERNS: dict[str, Callable[[int], Offsets]] = {
+    "halton": halton,
+    "r2": r2,
+    "lattice": lattice,
+    "grid": grid,
+    "hammersley": hammersley,
+}
 
 
 # Sequences as three published resolves draw them, not centred: they belong to the presets of those names.
