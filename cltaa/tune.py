@@ -14,7 +14,7 @@ import numpy as np
 from cltaa.bench.baseline import resolve_job
 from cltaa.bench.errors_of import truth_of
 from cltaa.bench.times_of import pair_of
-from cltaa.bench.timing import measure
+from cltaa.bench.timing import Clock, measure
 from cltaa.errors import UsageError
 from cltaa.extras import import_extra
 from cltaa.launch import Launcher
@@ -113,7 +113,7 @@ class Bench:
         for pair in self._pairs:
             job, _ = resolve_job("candidate", Resolver(preset, self._launcher), pair)
             samples = measure([job], ROUNDS, warm_up=1)
-            spent.append(float(samples.seconds(job.name, device=True).min()) * 1e3)
+            spent.append(float(samples.seconds(job.name, Clock.DEVICE).min()) * 1e3)
         return float(np.mean(spent))
 
 

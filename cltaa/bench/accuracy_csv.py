@@ -9,7 +9,7 @@ from cltaa.bench.results import Accuracy
 
 FIXED = (
     "sequence", "variant", "group", "ms_per_megapixel", "low", "high", "ratio", "ratio_low", "ratio_high", "noisy",
-    "rounding_rms", "rounding_largest",
+    "clock", "rounding_rms", "rounding_largest",
 )  # fmt: skip
 
 
@@ -23,10 +23,10 @@ def csv_text(result: Accuracy) -> str:
     groups = {variant.name: variant.group for variant in result.variants}
     for measured in result.sequences:
         for cell in measured.cells:
-            time = cell.wall if cell.device is None else cell.device
+            time = cell.time(measured.clock)
             values = (
                 measured.name, cell.variant, groups[cell.variant], time.median, time.low, time.high, cell.ratio.median,
-                cell.ratio.low, cell.ratio.high, int(measured.noisy),
+                cell.ratio.low, cell.ratio.high, int(measured.noisy), str(measured.clock),
                 cell.rounding.rms if cell.rounding else "", cell.rounding.largest if cell.rounding else "",
             )  # fmt: skip
             row = dict(zip(FIXED, values, strict=True))

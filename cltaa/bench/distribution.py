@@ -6,9 +6,12 @@ adds to the same result and nothing is done twice. Errors may be spread over mac
 
 from __future__ import annotations
 
+import math
 import multiprocessing
-from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+import os
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
@@ -16,7 +19,9 @@ from typing import Any
 import msgspec
 
 from cltaa.atomic import atomic_path, make_folder
+from cltaa.bench.environment import processors
 from cltaa.bench.errors_of import Errors, Task, run_task
+from cltaa.bench.schedule import Ahead, build_ahead
 from cltaa.errors import DataError, ResourceError, UsageError
 from cltaa.extras import import_extra
 
@@ -47,14 +52,23 @@ def save(task: Task, errors: Errors, output: Path) -> None:
         temporary.write_bytes(msgspec.msgpack.encode(errors))
 
 
-def run_all(tasks: Iterable[Task], output: Path, *, jobs: int = 1, dask: str | None = None) -> Iterator[Task]:
-    """Run the tasks whose files are missing, and yield each task when its file is there.
+def run_all(
+    tasks: Iterable[Task],
+    output: Path,
+    *,
+    jobs: int = 1,
+    dask: str | None = None,
+    ahead: Sequence[Ahead] = (),
+    until: float = math.inf,
+) -> Iterator[Task]:
+    """Run the tasks whose files are missing, and yield each task when its file is there, once.
 
-    ``jobs`` processes are spawned, never forked: a forked child hangs once PoCL was used. ``dask`` is the address of a
-    scheduler whose workers see the sequences under the same paths. Raises ResourceError where a worker dies for good.
+    ``jobs`` processes are spawned, never forked: a forked child hangs once PoCL was used. They first build what is
+    ``ahead``. ``dask`` is the address of a scheduler whose workers see the sequences under the same paths. When the
+    monotonic clock shows ``until``, what has not begun is left. Raises ResourceError where a worker dies for good.
     """
     waiting = []
-    for task in tasks:
+    for task in {task.key(): task for task in tasks}.values():
         if path_of(task, output).is_file():
             yield task
         else:
@@ -62,26 +76,44 @@ def run_all(tasks: Iterable[Task], output: Path, *, jobs: int = 1, dask: str | N
     if dask is not None:
         yield from _on_dask(waiting, output, dask)
     elif jobs > 1:
-        yield from _in_processes(waiting, output, jobs)
+        yield from _in_processes(waiting, output, jobs, ahead, until)
     else:
         for task in waiting:
+            if time.monotonic() > until:
+                return
             save(task, run_task(task), output)
             yield task
 
 
-def _in_processes(tasks: list[Task], output: Path, jobs: int) -> Iterator[Task]:
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context) as pool:
-        futures = {pool.submit(run_encoded, msgspec.msgpack.encode(task)): task for task in tasks}
+def _in_processes(tasks: list[Task], output: Path, jobs: int, ahead: Sequence[Ahead], until: float) -> Iterator[Task]:
+    context, encode = multiprocessing.get_context("spawn"), msgspec.msgpack.encode
+    threads = max(processors() // jobs, 1)
+    with ProcessPoolExecutor(jobs, context, initializer=share_processors, initargs=(threads,)) as pool:
+        builds = {pool.submit(build_encoded, encode(each)) for each in ahead}
+        errors = {pool.submit(run_encoded, encode(task)): task for task in tasks}
+        pending: set[Future[Any]] = {*builds, *errors}
         try:
-            for future in as_completed(futures):
-                save(futures[future], msgspec.msgpack.decode(future.result(), type=Errors), output)
-                yield futures[future]
+            while pending:
+                left = None if until == math.inf else max(until - time.monotonic(), 0.0)
+                done, pending = wait(pending, left, FIRST_COMPLETED)
+                if not done:  # the time is up: what has begun ends, the rest is left
+                    pool.shutdown(cancel_futures=True)
+                    done, pending = {future for future in pending if not future.cancelled()}, set()
+                for future in done:
+                    found = future.result()
+                    if future in errors:
+                        save(errors[future], msgspec.msgpack.decode(found, type=Errors), output)
+                        yield errors[future]
         except BrokenProcessPool as error:
             cure = "run the same again, with fewer --jobs; what is finished is kept"
             raise ResourceError("a worker process was killed", cure=cure) from error
         finally:
             pool.shutdown(cancel_futures=True)  # after an error, what has not begun need not begin
+
+
+def share_processors(threads: int) -> None:
+    """Let PoCL, which this process has not loaded yet, use that many threads anywhere: its fellows have the others."""
+    os.environ |= {"POCL_MAX_PTHREAD_COUNT": str(threads), "POCL_AFFINITY": "0"}
 
 
 def _on_dask(tasks: list[Task], output: Path, address: str) -> Iterator[Task]:
@@ -103,3 +135,8 @@ def _on_dask(tasks: list[Task], output: Path, address: str) -> Iterator[Task]:
 def run_encoded(task: bytes) -> bytes:
     """``run_task`` between processes and machines: bytes in, bytes out."""
     return msgspec.msgpack.encode(run_task(msgspec.msgpack.decode(task, type=Task)))
+
+
+def build_encoded(ahead: bytes) -> None:
+    """``build_ahead`` between processes."""
+    build_ahead(msgspec.msgpack.decode(ahead, type=Ahead))

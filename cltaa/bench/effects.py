@@ -14,7 +14,7 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from cltaa.bench.timing import Interval, Job, Samples, measure
+from cltaa.bench.timing import Clock, Interval, Job, Samples, measure
 from cltaa.frames import Frame, format_effects
 from cltaa.launch import DeviceLauncher, Launcher
 from cltaa.planning import Plan, with_effects
@@ -74,10 +74,10 @@ def judge_effects(
         same_bits=same,
         replaced=largest,
         replaced_mean=total / len(sequence),
-        planned_ms=float(np.median(samples.seconds(PLANNED, device=True))) * 1e3,
-        every_ms=float(np.median(samples.seconds(EVERY, device=True))) * 1e3,
-        all_ms=float(np.median(samples.seconds(ALL, device=True))) * 1e3,
-        saving=samples.ratio(ALL, PLANNED, device=True),
+        planned_ms=float(np.median(samples.seconds(PLANNED, Clock.DEVICE))) * 1e3,
+        every_ms=float(np.median(samples.seconds(EVERY, Clock.DEVICE))) * 1e3,
+        all_ms=float(np.median(samples.seconds(ALL, Clock.DEVICE))) * 1e3,
+        saving=samples.ratio(ALL, PLANNED, Clock.DEVICE),
     )
 
 

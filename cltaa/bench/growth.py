@@ -17,7 +17,7 @@ from cltaa.bands import BAND_ROWS, BandedResolver
 from cltaa.bench.baseline import busy
 from cltaa.bench.environment import Environment, environment, load
 from cltaa.bench.frames import EFFECTS, Motion, camera_at
-from cltaa.bench.timing import Interval, Job, measure
+from cltaa.bench.timing import Clock, Interval, Job, measure
 from cltaa.build import Build, Steps, Storage
 from cltaa.frames import Frame
 from cltaa.kernel_files import kernel_folder
@@ -128,14 +128,14 @@ def bench_growth(
         jobs = [Job("size", sized.run), Job("reference", reference.run)]
         samples = measure(jobs, count, warm_up=2 if count == rounds else 1, progress=progress)
         scale = 1e9 / sized.pixels
-        seconds, ratio = samples.interval("size", device=True), samples.ratio("size", "reference", device=True)
+        seconds, ratio = samples.interval("size", Clock.DEVICE), samples.ratio("size", "reference", Clock.DEVICE)
         rows.append(
             Growth(
                 side=side,
                 band_rows=bands,
                 rounds=count,
                 ns_a_pixel=_scaled(seconds, scale),
-                least_ns=float(samples.seconds("size", device=True).min()) * scale,
+                least_ns=float(samples.seconds("size", Clock.DEVICE).min()) * scale,
                 ratio=_scaled(ratio, reference.pixels / sized.pixels),
                 allocated=sized.launcher.allocated,
                 formula=device_bytes(side, side, sized.steps, Storage.FLOAT, band_rows=bands),

@@ -10,7 +10,7 @@ from cltaa.bench.baseline import BASELINE, PlainPort, check_same, copy_job, leas
 from cltaa.bench.environment import Environment, environment, load
 from cltaa.bench.frames import Motion, make_frames
 from cltaa.bench.shader import Shader
-from cltaa.bench.timing import Interval, Job, Samples, measure, too_noisy
+from cltaa.bench.timing import Clock, Interval, Job, Samples, measure, too_noisy
 from cltaa.build import Build, Storage
 from cltaa.errors import CltaaError, UsageError
 from cltaa.frames import Frame, Image
@@ -184,7 +184,7 @@ def _timing(
     jobs = [*contenders.jobs, copy_job(launcher, moved)]
     samples = measure(jobs, rounds, progress=progress)
     # The device's own clock: on a GPU the host's would add the way there and back.
-    bandwidth = moved / samples.interval(COPY, device=True).median
+    bandwidth = moved / samples.interval(COPY, Clock.DEVICE).median
     rows = [
         _row(job.name, samples, pixels, contenders.moved.get(job.name, moved // pixels), bandwidth, contenders)
         for job in jobs
@@ -195,23 +195,23 @@ def _timing(
         absent=contenders.absent,
         opengl=contenders.opengl,
         noisy=too_noisy(samples.ratio(AGAIN, CORE)),
-        device_noisy=too_noisy(samples.ratio(AGAIN, CORE, device=True)),
+        device_noisy=too_noisy(samples.ratio(AGAIN, CORE, Clock.DEVICE)),
         floor_ns=contenders.moved[CORE] / bandwidth * 1e9,
         copy_gigabytes_a_second=bandwidth * 1e-9,
     )
 
 
 def _row(name: str, samples: Samples, pixels: int, moved: int, bandwidth: float, contenders: _Contenders) -> Row:
-    by_device = samples.has_device_times(name)
-    seconds = samples.interval(name, device=True).median
+    by_device = samples.has(name, Clock.DEVICE)
+    seconds = samples.interval(name, Clock.DEVICE).median
     return Row(
         name=name,
         rounds=len(samples.by_job[name]),
         wall_ns=_a_pixel(samples.interval(name), pixels),
-        device_ns=_a_pixel(samples.interval(name, device=True), pixels) if by_device else None,
+        device_ns=_a_pixel(samples.interval(name, Clock.DEVICE), pixels) if by_device else None,
         least_wall_ns=float(samples.seconds(name).min()) / pixels * 1e9,
         ratio=samples.ratio(name, CORE),
-        device_ratio=samples.ratio(name, CORE, device=True) if by_device else None,
+        device_ratio=samples.ratio(name, CORE, Clock.DEVICE) if by_device else None,
         gigabytes_a_second=moved * pixels / seconds * 1e-9,
         of_floor=moved * pixels / bandwidth / seconds,
         difference=contenders.difference.get(name),

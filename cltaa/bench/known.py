@@ -12,6 +12,7 @@ import msgspec
 from cltaa.atomic import atomic_path, make_folder
 from cltaa.bench.ladder import Variant
 from cltaa.bench.results import Accuracy, Cell
+from cltaa.bench.timing import Clock
 from cltaa.errors import DataError, UsageError
 from cltaa.metrics import METRICS
 
@@ -112,7 +113,7 @@ def choose(device: str, budget_ms: float, width: int, height: int) -> Choice:
 
 
 def _milliseconds(cell: Cell) -> float:
-    return (cell.wall if cell.device is None else cell.device).median
+    return cell.time(Clock.DEVICE).median
 
 
 def _over_default(sequences: list[list[Cell]], place: int, metric: str) -> float:

@@ -11,6 +11,7 @@ from cltaa.atomic import atomic_path
 from cltaa.bench.ladder import COMBINATIONS, DEFAULT, PRESETS
 from cltaa.bench.overview import overview_figure
 from cltaa.bench.results import Accuracy, Cell, Measured
+from cltaa.bench.timing import Clock
 from cltaa.extras import import_extra
 from cltaa.metrics import METRICS
 
@@ -43,9 +44,9 @@ def _figures(pyplot: Any, result: Accuracy, metric: str) -> Iterator[tuple[str, 
         yield "overview", overview_figure(pyplot, result, metric)
 
 
-def time_of(cell: Cell) -> tuple[float, float, float]:
-    """Milliseconds a megapixel and their interval, by the device's clock where it has one."""
-    time = cell.wall if cell.device is None else cell.device
+def time_of(cell: Cell, clock: Clock) -> tuple[float, float, float]:
+    """Milliseconds a megapixel and their interval, by the clock that variants are ranked by."""
+    time = cell.time(clock)
     return time.median, time.low, time.high
 
 
@@ -57,7 +58,7 @@ def front_figure(pyplot: Any, measured: Measured, metric: str, weight: float) ->
     figure, (wide, near) = pyplot.subplots(1, 2, figsize=(10, 4.6))
     for axes in (wide, near):
         for cell in measured.cells:
-            time, low, high = time_of(cell)
+            time, low, high = time_of(cell, measured.clock)
             error, beaten = cell.errors[metric], metric in cell.dominated_by
             frames = [[max(error.mean - error.p5, 0)], [max(error.p95 - error.mean, 0)]] if axes is wide else None
             axes.errorbar(
@@ -104,7 +105,7 @@ def _name_points(axes: Any, measured: Measured, metric: str) -> None:
     taken: list[Any] = []
     axes.figure.canvas.draw()  # the scales are final from here on
     for cell in sorted(measured.cells, key=lambda cell: (cell.variant != DEFAULT, cell.errors[metric].mean)):
-        at = time_of(cell)[0], cell.errors[metric].mean
+        at = time_of(cell, measured.clock)[0], cell.errors[metric].mean
         pixel = axes.transData.transform(at)
         clear = all(abs(pixel[1] - y) > NAME_HIGH or abs(pixel[0] - x) > NAME_WIDE for x, y in taken)
         if clear and metric not in cell.dominated_by:

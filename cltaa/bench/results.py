@@ -10,7 +10,7 @@ import numpy as np
 from cltaa.bench.environment import Environment
 from cltaa.bench.errors_of import Rounding
 from cltaa.bench.ladder import Variant
-from cltaa.bench.timing import Interval
+from cltaa.bench.timing import Clock, Interval
 
 
 class Spread(msgspec.Struct, frozen=True, kw_only=True):
@@ -32,8 +32,14 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     wall: Interval
     device: Interval | None
     least: float  # the least wall time
-    ratio: Interval  # of time to the default's, paired; by the device's clock where it has one
+    ratio: Interval  # of time to the default's, paired, by the clock that the sequence is ranked by
     dominated_by: dict[str, str]  # metric: a variant that is no slower and no worse
+    processor: Interval | None = None  # on a CPU: of all its threads together
+
+    def time(self, clock: Clock) -> Interval:
+        """The time by a clock, by the host's where that has none."""
+        found: Interval | None = getattr(self, clock)
+        return self.wall if found is None else found
 
 
 class Yardstick(msgspec.Struct, frozen=True, kw_only=True):
@@ -57,11 +63,14 @@ class Measured(msgspec.Struct, frozen=True, kw_only=True):
     cells: list[Cell]
     yardstick: list[Yardstick]
     noisy: bool
-    control: Interval  # the default against its own copy
+    control: Interval  # the default against its own copy, by the clock
     floor: float  # milliseconds a megapixel: the default's least bytes at the bandwidth of a copy
     truth_noise: float | None  # mean squared error of the truth itself, by its samples: nothing can be seen below it
     mean_noise: float | None  # mean squared error that an exponential mean of independent samples ends with
     stages: dict[str, float]  # milliseconds a megapixel of the default's steps, medians
+    clock: Clock = Clock.DEVICE  # that times are ranked by
+    rounds: int = 0  # of timing, as many as it took
+    timed_pixels: int = 0  # of the enlarged frame
 
 
 class Accuracy(msgspec.Struct, frozen=True, kw_only=True):
@@ -72,6 +81,7 @@ class Accuracy(msgspec.Struct, frozen=True, kw_only=True):
     rounds: int
     variants: list[Variant]
     sequences: list[Measured]
+    missing: list[str] = []  # sequences that a limit of time left out
 
 
 def exponential_noise(one_sample: float, weight: float) -> float:

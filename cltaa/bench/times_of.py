@@ -5,28 +5,45 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cltaa.bench.baseline import busy, least_bytes, resolve_job
 from cltaa.bench.errors_of import Task
 from cltaa.bench.ladder import Variant
-from cltaa.bench.timing import Job
+from cltaa.bench.timing import Clock, Interval, Job, Samples, too_noisy_among
 from cltaa.frames import Frame, Image
 from cltaa.launch import DeviceLauncher
 from cltaa.sources import Sequence as Captured
 
 AGAIN = "(A/A)"
-# What fills a CPU and a GPU, in pixels: with fewer it is the launches that are timed. Smaller frames are enlarged.
-FILLING = {True: 250_000, False: 2_000_000}
+# What fills a GPU, and each processor of a CPU, in pixels: with fewer it is launches that are timed, and the wait for
+# the last of many threads. Smaller frames are enlarged. A CPU of many processors gets no more than a GPU.
+FILLING, FILLING_A_PROCESSOR, LEAST_FILLING = 2_000_000, 62_500, 250_000
+TURN = 0.02  # seconds that a job runs again and again for in a round: its least is what nothing held up
+
+
+class Ranking(NamedTuple):
+    """By which clock variants are compared, and what the default against its own copy says of that."""
+
+    clock: Clock
+    control: Interval
+    noisy: bool
+
+
+def enlargement(captured: Captured, launcher: DeviceLauncher) -> int:
+    """How many times as wide and high frames must be to fill the device."""
+    units = launcher.device.cl_device.max_compute_units
+    filling = min(max(FILLING_A_PROCESSOR * units, LEAST_FILLING), FILLING) if launcher.device.is_cpu else FILLING
+    return math.ceil(math.sqrt(filling / (captured.width * captured.height)))
 
 
 def jobs_of(
     captured: Captured, tasks: Sequence[Task], launcher: DeviceLauncher
 ) -> tuple[list[Job], int, int, dict[str, float]]:
     """A job for each variant and a copy of the default's; pixels and least bytes of a frame; the default's steps."""
-    factor = math.ceil(math.sqrt(FILLING[launcher.device.is_cpu] / (captured.width * captured.height)))
+    factor = enlargement(captured, launcher)
     frames = [enlarged(frame, factor) for frame in pair_of(captured)]
     pixels = frames[0].width * frames[0].height
     jobs: list[Job] = []
@@ -40,6 +57,20 @@ def jobs_of(
             stages = stage_seconds(task.variant, launcher, frames)
             jobs.append(Job(f"{task.variant.name} {AGAIN}", job.run))
     return jobs, pixels, moved, stages
+
+
+def ranking(samples: Samples, default: str, controls: int, *, is_cpu: bool) -> Ranking:
+    """Rank by the device's clock, or, where that is too noisy on a CPU, by processor time, if that is not.
+
+    ``controls`` is the number of sequences that are ranked in one run, each of which may exclude 1 by chance.
+    """
+    found = []
+    clocks = [clock for clock in (Clock.DEVICE, Clock.PROCESSOR)[: 1 + is_cpu] if samples.has(default, clock)]
+    for clock in clocks or [Clock.WALL]:
+        pair = f"{default} {AGAIN}", default, clock
+        noisy = too_noisy_among(samples.ratios(*pair), controls * max(len(clocks), 1))
+        found.append(Ranking(clock, samples.ratio(*pair), noisy))
+    return next((each for each in found if not each.noisy), found[0])
 
 
 def enlarged(frame: Frame, factor: int) -> Frame:

@@ -1,7 +1,7 @@
 """Honest timing on a shared machine (docs/performance.md, Method): shuffled rounds, paired ratios, intervals, A/A.
 
-Each round runs every job once in a freshly shuffled order; what two jobs took in one round is compared, so that a load
-that comes and goes hits both. The statistic is the median of these ratios; its interval comes from resampling rounds.
+Each round gives every job one turn in a freshly shuffled order; what two jobs took in one round is compared, so that a
+load that comes and goes hits both. The statistic is the median of these ratios; resampling rounds gives its interval.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import NamedTuple
 
 import msgspec
@@ -21,11 +22,27 @@ CONFIDENCE = 0.95
 WIDEST = 0.02  # half width of the A/A interval beyond which nothing is ranked
 
 
+MOST_RUNS = 8  # of a job in one turn, however short they are
+FEWEST_RUNS = 2  # however long, where turns are asked for: of one run alone nothing says whether it was held up
+
+
+class Clock(StrEnum):
+    """What a time is read from; the names are those of the fields of Sample."""
+
+    WALL = "wall"  # the host's: the way to the device and back is in it
+    DEVICE = "device"  # the profiling events of a device's kernels
+    PROCESSOR = "processor"  # what all threads of this process worked: waiting for a processor is not in it
+
+
 class Sample(NamedTuple):
-    """Seconds of one run: by the host's clock, and by the device's events where it has them."""
+    """Seconds of a run by each clock that there is. Of several runs in one turn: the least; of processor time the mean.
+
+    Whatever else runs can only add to the first two. Processor time it hardly touches, and it is counted in ticks.
+    """
 
     wall: float
     device: float | None = None
+    processor: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,31 +85,32 @@ class Samples:
         """Note what ``job`` took in round ``number``."""
         self.by_job.setdefault(job, {})[number] = sample
 
-    def seconds(self, job: str, *, device: bool = False) -> NDArray[np.float64]:
-        """All times of a job; by the device's clock where asked for and known, else by the host's."""
-        return np.array([_seconds(sample, device) for sample in self.by_job[job].values()])
+    def seconds(self, job: str, clock: Clock = Clock.WALL) -> NDArray[np.float64]:
+        """All times of a job by a clock, by the host's where that has none."""
+        return np.array([_seconds(sample, clock) for sample in self.by_job[job].values()])
 
-    def has_device_times(self, job: str) -> bool:
-        """True where the device timed every run of the job."""
-        return all(sample.device is not None for sample in self.by_job[job].values())
+    def has(self, job: str, clock: Clock) -> bool:
+        """True where that clock timed every run of the job."""
+        return all(getattr(sample, clock) is not None for sample in self.by_job[job].values())
 
-    def interval(self, job: str, *, device: bool = False) -> Interval:
+    def interval(self, job: str, clock: Clock = Clock.WALL) -> Interval:
         """Median seconds of a job with its interval."""
-        return interval(self.seconds(job, device=device))
+        return interval(self.seconds(job, clock))
 
-    def ratio(self, job: str, base: str, *, device: bool = False) -> Interval:
+    def ratio(self, job: str, base: str, clock: Clock = Clock.WALL) -> Interval:
         """How many times as long as ``base`` a job takes: the median over the rounds that both ran in."""
-        return interval(self.ratios(job, base, device=device))
+        return interval(self.ratios(job, base, clock))
 
-    def ratios(self, job: str, base: str, *, device: bool = False) -> NDArray[np.float64]:
+    def ratios(self, job: str, base: str, clock: Clock = Clock.WALL) -> NDArray[np.float64]:
         """What ``ratio`` is the median of: one a round that both ran in."""
         both = sorted(self.by_job[job].keys() & self.by_job[base].keys())
         pairs = [(self.by_job[job][number], self.by_job[base][number]) for number in both]
-        return np.array([_seconds(a, device) / _seconds(b, device) for a, b in pairs])
+        return np.array([_seconds(a, clock) / _seconds(b, clock) for a, b in pairs])
 
 
-def _seconds(sample: Sample, device: bool) -> float:
-    return sample.device if device and sample.device is not None else sample.wall
+def _seconds(sample: Sample, clock: Clock) -> float:
+    seconds: float | None = getattr(sample, clock)
+    return sample.wall if seconds is None else seconds
 
 
 def interval(values: NDArray[np.float64], seed: int = 0) -> Interval:
@@ -135,23 +153,52 @@ def measure(
     *,
     warm_up: int = 5,
     seed: int = 0,
+    turn: float = 0.0,
+    enough: Callable[[Samples], bool] | None = None,
+    patience: float = 0.0,
     progress: Callable[[Iterable[int], int], Iterable[int]] | None = None,
 ) -> Samples:
-    """Time ``jobs`` in ``rounds`` rounds after ``warm_up`` untimed runs of each (one, where a job takes few rounds)."""
-    for job in jobs:
-        for _ in range(warm_up if job.rounds is None else 1):
-            job.run()
+    """Time ``jobs`` in ``rounds`` rounds after ``warm_up`` untimed runs of each (one, where a job takes few rounds).
+
+    A turn is one run; with ``turn`` as many as fill so many seconds, from FEWEST_RUNS to MOST_RUNS. Where ``enough``
+    does not find the samples good enough, more rounds follow for at most ``patience`` seconds.
+    """
+    runs = {job.name: _runs(job, warm_up if job.rounds is None else 1, turn) for job in jobs}
     random = np.random.default_rng(seed)
     samples = Samples()
-    numbers: Iterable[int] = range(rounds)
-    for number in numbers if progress is None else progress(numbers, rounds):
+
+    def play(number: int) -> None:
         present = [job for job in jobs if job.rounds is None or number < job.rounds]
         for place in random.permutation(len(present)):
             job = present[place]
-            started = time.perf_counter()
-            device = job.run()
-            samples.add(job.name, number, Sample(time.perf_counter() - started, device))
+            samples.add(job.name, number, _turn(job, runs[job.name]))
+
+    numbers: Iterable[int] = range(rounds)
+    for number in numbers if progress is None else progress(numbers, rounds):
+        play(number)
+    deadline, number = time.monotonic() + patience, rounds
+    while enough is not None and not enough(samples) and time.monotonic() < deadline:
+        play(number)
+        number += 1
     return samples
+
+
+def _runs(job: Job, warm_up: int, turn: float) -> int:
+    """Warm up, and say how many runs a turn of the job has."""
+    least = min((_turn(job, 1).wall for _ in range(warm_up)), default=turn)
+    return 1 if turn == 0.0 else min(max(math.ceil(turn / max(least, 1e-9)), FEWEST_RUNS), MOST_RUNS)
+
+
+def _turn(job: Job, runs: int) -> Sample:
+    begun = time.process_time()
+    walls, devices = [], []
+    for _ in range(runs):
+        started = time.perf_counter()
+        device = job.run()
+        walls.append(time.perf_counter() - started)
+        devices += [] if device is None else [device]
+    processor = (time.process_time() - begun) / runs
+    return Sample(min(walls), min(devices, default=None), processor if processor > 0.0 else None)
 
 
 def medians(samples: Samples, jobs: Iterable[str]) -> Mapping[str, float]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +15,18 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.atomic import atomic_path, make_folder
-from cltaa.bench.accuracy import bench_accuracy, cost, tasks_of
+from cltaa.bench.accuracy import bench_accuracy, tasks_of
 from cltaa.bench.accuracy_csv import csv_text
 from cltaa.bench.accuracy_page import page
 from cltaa.bench.distribution import run_all
 from cltaa.bench.errors_of import Task
 from cltaa.bench.known import remember
 from cltaa.bench.ladder import Variant, ladder
+from cltaa.bench.measured import cost
 from cltaa.bench.overview import table
 from cltaa.bench.plots import write_plots
 from cltaa.bench.results import Accuracy, Measured
+from cltaa.bench.timing import Clock
 from cltaa.commands.options import FILE_PATH, PRESET, device_option, json_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
@@ -38,11 +41,16 @@ from cltaa.progress import track
 @device_option
 @click.option("--preset", type=PRESET, default="default", show_default=True, help="Preset that the steps depart from.")
 @click.option("--only", metavar="GROUPS", help="Only these groups of variants, comma-separated, beside the default.")
+@click.option("--variant", "named", multiple=True, metavar="NAME", help="Only these variants, beside those of --only.")
 @click.option("--full", is_flag=True, help="Also every combination of the choices that cost time, for the front.")
 @click.option("--metrics", default="mse,flip", show_default=True, help="Errors against the truth; see cltaa compare.")
 @click.option("--rounding-frames", default=8, show_default=True, type=click.IntRange(min=0),
               help="Frames that are also resolved in float64, by NumPy, to measure rounding; 0 for none.")  # fmt: skip
-@click.option("--rounds", default=15, show_default=True, type=click.IntRange(min=3), help="Rounds of timing.")
+@click.option("--rounds", default=15, show_default=True, type=click.IntRange(min=3), help="Rounds of timing, at least.")
+@click.option("--patience", default=20.0, show_default=True, type=click.FloatRange(min=0), metavar="SECONDS",
+              help="Time for more rounds of a sequence, while the default is not like its own copy.")  # fmt: skip
+@click.option("--time-limit", default=math.inf, type=click.FloatRange(min=0, min_open=True), metavar="SECONDS",
+              help="Report what is finished after about so long; the same command goes on from there.")  # fmt: skip
 @click.option(
     "--jobs", default=1, show_default=True, type=click.IntRange(min=1), help="Processes to measure errors in."
 )
@@ -58,10 +66,13 @@ def accuracy(
     device: str | None,
     preset: str,
     only: str | None,
+    named: tuple[str, ...],
     full: bool,
     metrics: str,
     rounding_frames: int,
     rounds: int,
+    patience: float,
+    time_limit: float,
     jobs: int,
     dask: str | None,
     pictured: int,
@@ -74,10 +85,11 @@ def accuracy(
     A SEQUENCE is a capture with its truth: cltaa capture SCENE -o DIR --reference 256 --yardstick 2,4,8,16,32,64.
     Errors are measured in two axes: against the truth, and against the same algorithm in float64. Finished tasks are
     kept in the output folder: the same command again, or with other --jobs, goes on where the last one stopped.
-    Timing is always done here, by this process, in shuffled rounds.
+    Timing is always done here, by this process, in shuffled rounds, after all errors; with --jobs the programs that it
+    needs are built before it by those processes.
     """
     names = tuple(metric.name for metric in parse_metrics(metrics))
-    tasks = tasks_of(sequences, chosen_variants(preset, only, full=full), device, names, rounding_frames)
+    tasks = tasks_of(sequences, chosen_variants(preset, only, named, full=full), device, names, rounding_frames)
     make_folder(output)
     if listed:
         click.echo("\n".join(command_lines(len(tasks))))
@@ -85,7 +97,9 @@ def accuracy(
     if number is not None:
         _run_one(tasks, number, output)
         return
-    result = bench_accuracy(tasks, output, rounds=rounds, jobs=jobs, dask=dask, progress=_progress)
+    result = bench_accuracy(
+        tasks, output, rounds=rounds, patience=patience, jobs=jobs, dask=dask, time_limit=time_limit, progress=_progress
+    )
     write_report(result, tasks, output, pictured)
     remember(result)
     if as_json:
@@ -112,16 +126,19 @@ def write_report(result: Accuracy, tasks: list[Task], output: Path, pictured: in
         pass
 
 
-def chosen_variants(preset: str, only: str | None, *, full: bool) -> list[Variant]:
-    """The ladder from that preset, or the named groups of it; raises UsageError for an unknown group."""
+def chosen_variants(preset: str, only: str | None, named: Sequence[str] = (), *, full: bool) -> list[Variant]:
+    """The ladder from that preset, or the named groups and variants of it; raises UsageError for one that is not."""
     every = ladder(load_preset(preset), [load_preset(name) for name in preset_names()], full=full)
-    if only is None:
+    if only is None and not named:
         return every
-    groups = {name.strip() for name in only.split(",")}
-    known = {variant.group for variant in every}
+    known, names = {variant.group for variant in every}, {variant.name for variant in every}
+    if not names.issuperset(named):
+        missing = next(name for name in named if name not in names)
+        raise UsageError("--variant: no such variant", expected="; ".join(sorted(names)), found=missing)
+    groups = {name.strip() for name in only.split(",")} if only is not None else set()
     if not groups <= known:
         raise UsageError("--only: unknown group", expected=", ".join(sorted(known)), found=only)
-    return [every[0], *(variant for variant in every[1:] if variant.group in groups)]
+    return [every[0], *(variant for variant in every[1:] if variant.group in groups or variant.name in named)]
 
 
 def command_lines(count: int) -> list[str]:
@@ -148,6 +165,10 @@ def print_accuracy(result: Accuracy) -> None:
         print_table(_table(result, measured))
         if measured.noisy:
             console.print("too noisy to rank by time: the default differs from its own copy, or by more than 2 %")
+        elif measured.clock is Clock.PROCESSOR:
+            console.print("ranked by processor time: by the device's clock the machine was too noisy")
+    if result.missing:
+        console.print(f"not finished in time: {', '.join(result.missing)}; the same command again goes on from here")
     console.print(result.environment.line, markup=False, highlight=False, soft_wrap=True)
 
 
@@ -158,7 +179,7 @@ def _table(result: Accuracy, measured: Measured) -> Table:
     for heading in ("ms/Mpx", "x default", "95 %", *result.metrics, "bits right", "beaten by"):
         table.add_column(heading, justify="left" if heading == "beaten by" else "right")
     for cell in sorted(measured.cells, key=lambda cell: cost(metric, cell.errors[metric].mean)):
-        time = cell.wall if cell.device is None else cell.device
+        time = cell.time(measured.clock)
         table.add_row(
             cell.variant,
             f"{time.median:.3g}",

@@ -13,11 +13,14 @@ import pytest
 from cltaa.bench.distribution import load, path_of, run_all, save
 from cltaa.bench.errors_of import Errors, Rounding, Task, run_task
 from cltaa.bench.ladder import ladder
-from cltaa.bench.times_of import enlarged
+from cltaa.bench.schedule import first_of_each
+from cltaa.bench.times_of import enlarged, enlargement
 from cltaa.build import Real, Storage
 from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
+from cltaa.launch import DeviceLauncher
 from cltaa.presets import load_preset, preset_names
+from cltaa.sources import open_sequence
 from tests.sequence_factory import make_frame, write_images, write_sequence
 
 FRAMES = 4
@@ -111,7 +114,7 @@ def test_spawned_processes_find_the_same(sequence: Path, tmp_path: Path) -> None
 
 def test_command(sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path), "--only", "storage", "--rounds", "3"]
-    arguments += ["--metrics", "mse,psnr", "--rounding-frames", "2"]
+    arguments += ["--metrics", "mse,psnr", "--rounding-frames", "2", "--patience", "0"]
     assert main([*arguments, "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result == json.loads((tmp_path / "accuracy.json").read_text())
@@ -150,6 +153,42 @@ def test_a_render_farm_gets_one_line_a_task(
     assert len(list((tmp_path / "tasks").iterdir())) == 1
     assert main([*arguments, "--task", "2"]) == 64
     assert main([*arguments[:-4], "--only", "colour"]) == 64
+    assert main([*arguments[:-4], "--variant", "colour"]) == 64
+
+
+def test_a_limit_of_time_leaves_whole_sequences_out(
+    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = write_sequence(tmp_path / "other", 3, reference=True)
+    options = ["-o", str(tmp_path / "out"), "--only", "reject", "--rounds", "3", "--rounding-frames", "0", "--json"]
+    options += ["--metrics", "mse", "--patience", "0"]
+    assert main(["bench", "accuracy", str(other), *options, "--time-limit", "1e-9"]) == 75
+    assert "no sequence was finished within 1e-09 s" in capsys.readouterr().err
+    assert main(["bench", "accuracy", str(other), *options, "--jobs", "2"]) == 0
+    assert json.loads(capsys.readouterr().out)["missing"] == []
+    monkeypatch.setattr("cltaa.bench.accuracy.ERRORS_SHARE", 0.0)  # no error is begun
+    both = ["bench", "accuracy", str(sequence), str(other), *options]
+    assert main([*both, "--time-limit", "600"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["missing"] == ["seq"]
+    assert [measured["name"] for measured in result["sequences"]] == ["other"]
+    assert "left out" in (tmp_path / "out" / "index.html").read_text()
+    assert main(both) == 0  # goes on: what was timed is not timed again
+    again = json.loads(capsys.readouterr().out)
+    assert again["missing"] == []
+    assert again["sequences"][1] == result["sequences"][0]
+
+
+def test_programs_are_built_once_for_sequences_of_one_plan(tmp_path: Path) -> None:
+    launcher = DeviceLauncher(None)
+    one, same = (write_sequence(tmp_path / name, 3, reference=True) for name in ("one", "same"))
+    moving = write_sequence(tmp_path / "moving", 3, reference=True, motion=True)
+    tasks = [task(folder, place) for folder in (one, same, moving) for place in (0, 1)]
+    first = first_of_each(tasks, launcher)
+    assert [(Path(each.task.sequence).name, each.task.variant.name) for each in first] == [
+        (name, tasks[place].variant.name) for name in ("one", "moving") for place in (0, 1)
+    ]
+    assert first[0].factor == enlargement(open_sequence(one), launcher)
 
 
 def test_every_rung_has_its_twin_in_double(tmp_path: Path) -> None:

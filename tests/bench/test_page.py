@@ -33,7 +33,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_images(sequence / "reference-4", truth, name="synthetic")
     output = folder / "report"
     arguments = ["bench", "accuracy", str(sequence), "-o", str(output), "--only", "arithmetic,build", "--rounds", "3"]
-    assert main([*arguments, "--rounding-frames", "2", "--metrics", "mse,flip"]) == 0
+    assert main([*arguments, "--patience", "0", "--rounding-frames", "2", "--metrics", "mse,flip"]) == 0
     return output
 
 

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
+from cltaa.bench.times_of import AGAIN, ranking
 from cltaa.bench.timing import (
+    FEWEST_RUNS,
+    MOST_RUNS,
     WIDEST,
+    Clock,
     Interval,
     Job,
     Sample,
@@ -92,6 +98,55 @@ def test_every_round_runs_every_job_once_in_an_order_of_its_own() -> None:
     assert [len(samples.by_job[name]) for name in ("a", "slow")] == [8, 2]
 
 
+def test_a_turn_is_as_many_runs_as_fill_its_time() -> None:
+    ran: list[str] = []
+
+    def long() -> None:
+        ran.append("long")
+        time.sleep(0.06)
+
+    samples = measure([Job("short", lambda: ran.append("short")), Job("long", long)], 3, warm_up=3, turn=0.05)
+    assert ran.count("short") == 3 + 3 * MOST_RUNS
+    assert ran.count("long") == 3 + 3 * FEWEST_RUNS
+    assert samples.seconds("long").min() >= 0.06
+    assert samples.seconds("long", Clock.PROCESSOR).max() < 0.03  # sleeping is no work; seen: 0.0003
+
+
+def test_a_turn_keeps_its_least_and_the_mean_of_its_processor_time() -> None:
+    spent = iter([0.003, 0.001, 0.002, 0.003, 0.001, 0.002, 0.003, 0.001, 0.002])
+    (sample,) = measure([Job("a", lambda: next(spent))], 1, warm_up=1, turn=1.0).by_job["a"].values()
+    assert sample.device == 0.001
+
+
+def test_more_rounds_follow_until_there_are_enough() -> None:
+    job = Job("a", lambda: None)
+    enough = measure([job], 3, enough=lambda found: len(found.by_job["a"]) >= 7, patience=60.0)
+    assert len(enough.by_job["a"]) == 7
+    never = measure([job], 3, enough=lambda _: False, patience=0.0)
+    assert len(never.by_job["a"]) == 3
+
+
+@pytest.mark.parametrize(
+    ("device", "processor", "is_cpu", "expected"),
+    [
+        (0.005, 0.2, True, (Clock.DEVICE, False)),
+        (0.2, 0.005, True, (Clock.PROCESSOR, False)),
+        (0.2, 0.005, False, (Clock.DEVICE, True)),  # a GPU does not work by the processor's time
+        (0.2, 0.3, True, (Clock.DEVICE, True)),
+    ],
+)
+def test_processor_time_ranks_where_the_device_cannot(
+    device: float, processor: float, is_cpu: bool, expected: tuple[Clock, bool]
+) -> None:
+    random, samples = np.random.default_rng(0), Samples()
+    for number in range(21):
+        for name in ("default", f"default {AGAIN}"):
+            one, other = 1 + random.standard_normal(2) * [device, processor]
+            samples.add(name, number, Sample(1.0, device=abs(one), processor=abs(other)))
+    found = ranking(samples, "default", 33, is_cpu=is_cpu)
+    assert (found.clock, found.noisy) == expected
+
+
 def test_pairs_only_rounds_that_both_ran_in() -> None:
     samples = paired(np.ones(6), 2.0)
     samples.add("few", 4, Sample(10.0))
@@ -101,7 +156,7 @@ def test_pairs_only_rounds_that_both_ran_in() -> None:
 def test_device_times_are_used_where_there_are_any() -> None:
     samples = paired(np.ones(4), 3.0)
     assert samples.interval("b").median == 3.0
-    assert samples.interval("b", device=True).median == 1.5
-    assert samples.has_device_times("b")
+    assert samples.interval("b", Clock.DEVICE).median == 1.5
+    assert samples.has("b", Clock.DEVICE)
     samples.add("shader", 0, Sample(1.0))
-    assert not samples.has_device_times("shader")
+    assert not samples.has("shader", Clock.DEVICE)

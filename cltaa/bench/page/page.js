@@ -7,7 +7,7 @@ const groups = Object.fromEntries(report.variants.map((v) => [v.name, v.group]))
 const current = () => report.sequences[state.sequence];
 const number = (v) => (Number.isInteger(v) && Math.abs(v) < 1e4 ? String(v) : Math.abs(v) >= 1e4 || Math.abs(v) < 1e-3 ? v.toExponential(2) : v.toPrecision(3));
 const tick = (v) => (v >= 1e4 || (v < 1e-3 && v > 0) ? v.toExponential(0).replace("+", "") : String(Number(v.toPrecision(3))));
-const timeOf = (cell) => cell.device || cell.wall;
+const timeOf = (cell) => cell[current().clock] || cell.device || cell.wall;
 const higher = new Set(data.higher_is_better);
 
 function element(name, attributes = {}, ...children) {
@@ -311,9 +311,10 @@ function drawOverview() {
 function drawAll() {
   const measured = current(), where = report.environment;
   $("where").textContent = `${measured.name}: ${measured.frames.length} frames, ${measured.width} × ${measured.height}, ${measured.effects || "no effects declared"}. ` +
-    `${where.device}; ${where.cpu}, ${where.cores} cores, load ${where.load_before} to ${where.load_after}; ${where.date} UTC; kernels ${where.kernels_sha256.slice(0, 12)}.`;
-  $("noise").hidden = !measured.noisy;
-  $("noise").textContent = `Too noisy to rank by time: the default against its own copy took ${number(measured.control.median)} times as long [${number(measured.control.low)}, ${number(measured.control.high)}]. Errors are exact.`;
+    `${where.device}; ${where.cpu}, ${where.cores} cores, load ${where.load_before} to ${where.load_after}; ${where.date} UTC; kernels ${where.kernels_sha256.slice(0, 12)}.` +
+    (report.missing.length ? ` Not finished in time, and left out: ${report.missing.join(", ")}.` : "");
+  $("noise").hidden = !measured.noisy && measured.clock !== "processor";
+  $("noise").textContent = !measured.noisy ? "Ranked by processor time, of all threads together: by the device's clock this machine was too noisy." : `Too noisy to rank by time: the default against its own copy took ${number(measured.control.median)} times as long [${number(measured.control.low)}, ${number(measured.control.high)}]. Errors are exact.`;
   fillChoices(); drawFront(); drawSteps(); drawFrames(); drawStages(); drawDebug(); drawNumbers(); drawOverview(); paint();
 }
 function start() {

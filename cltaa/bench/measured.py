@@ -1,0 +1,155 @@
+"""One sequence of an accuracy measurement: the times of all variants, their errors, the front and the yardstick."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from cltaa.bench.baseline import copy_job
+from cltaa.bench.distribution import load
+from cltaa.bench.errors_of import Task, truth_of, yardstick_errors
+from cltaa.bench.front import dominated_by
+from cltaa.bench.results import Cell, Measured, Yardstick, exponential_noise, spread
+from cltaa.bench.times_of import TURN, Ranking, jobs_of, ranking
+from cltaa.bench.timing import Clock, Interval, Samples, measure
+from cltaa.comparison import truth_samples
+from cltaa.equal_quality import STRATIFIED_EXPONENT
+from cltaa.frames import format_effects
+from cltaa.launch import DeviceLauncher
+from cltaa.metrics import METRICS
+from cltaa.sources import Sequence as Captured
+
+Progress = Callable[[Iterable[Any], int, str, str], Iterable[Any]]
+
+
+class Timing(NamedTuple):
+    """How times are taken."""
+
+    rounds: int  # at least
+    patience: float  # seconds a sequence for more rounds, while nothing can be ranked
+    together: int  # sequences of the run, each with a control that may differ by chance
+
+
+def measure_sequence(
+    captured: Captured,
+    tasks: Sequence[Task],
+    output: Path,
+    launcher: DeviceLauncher,
+    timing: Timing,
+    progress: Progress,
+) -> Measured:
+    """Time the variants of ``tasks``, whose errors lie in ``output``, and put both together."""
+    default, metrics = tasks[0].variant, tasks[0].metrics
+    jobs, pixels, moved, stages = jobs_of(captured, tasks, launcher)
+    megapixels = pixels * 1e-6
+
+    def ranked(samples: Samples) -> Ranking:
+        return ranking(samples, default.name, timing.together, is_cpu=launcher.device.is_cpu)
+
+    samples = measure(
+        [*jobs, copy_job(launcher, moved)],
+        timing.rounds,
+        turn=TURN,
+        enough=lambda samples: not ranked(samples).noisy,
+        patience=timing.patience,
+        progress=lambda items, total: progress(items, total, f"timing {captured.folder.name}", "rounds"),
+    )
+    found = ranked(samples)
+    cells = [_cell(task, output, samples, default.name, found.clock, megapixels) for task in tasks]
+    yardstick = _yardstick(captured, metrics, captured.width * captured.height * 1e-6)
+    one = _one_sample(yardstick)
+    return Measured(
+        name=captured.folder.name,
+        folder=str(captured.folder),
+        frames=list(captured.numbers),
+        width=captured.width,
+        height=captured.height,
+        effects="" if captured.effects is None else format_effects(captured.effects),
+        cells=cells if found.noisy else _with_front(cells, metrics),  # no ranking out of noise
+        yardstick=yardstick,
+        truth_noise=_truth_noise(captured, yardstick),
+        mean_noise=None if one is None else exponential_noise(one, default.settings.blend_weight),
+        noisy=found.noisy,
+        control=found.control,
+        floor=samples.interval("copy", Clock.DEVICE).median * 1e3 / megapixels,
+        stages={name: seconds * 1e3 / megapixels for name, seconds in stages.items()},
+        clock=found.clock,
+        rounds=len(samples.by_job[default.name]),
+        timed_pixels=pixels,
+    )
+
+
+def _cell(task: Task, output: Path, samples: Samples, default: str, clock: Clock, megapixels: float) -> Cell:
+    found, name = load(task, output), task.variant.name
+    assert found is not None
+    times = {
+        str(each): _scaled(samples.interval(name, each), megapixels) if samples.has(name, each) else None
+        for each in (Clock.DEVICE, Clock.PROCESSOR)
+    }
+    return Cell(
+        variant=name,
+        errors={metric: spread(values) for metric, values in found.frames.items()},
+        rounding=found.rounding,
+        wall=_scaled(samples.interval(name), megapixels),
+        **times,
+        least=float(samples.seconds(name).min()) * 1e3 / megapixels,
+        ratio=samples.ratio(name, default, clock),
+        dominated_by={},
+    )
+
+
+def _with_front(cells: Sequence[Cell], metrics: Iterable[str]) -> list[Cell]:
+    """The cells, each with what dominates it; times are compared by their paired ratios."""
+    dominated: dict[str, Mapping[str, str]] = {}
+    for metric in metrics:
+        points = {cell.variant: (cell.ratio.median, cost(metric, cell.errors[metric].mean)) for cell in cells}
+        dominated[metric] = dominated_by(points)
+    return [
+        msgspec.structs.replace(
+            cell, dominated_by={metric: who[cell.variant] for metric, who in dominated.items() if cell.variant in who}
+        )
+        for cell in cells
+    ]
+
+
+def cost(metric: str, value: float) -> float:
+    """An error that falls as the image gets better, whatever the metric's own direction is."""
+    return -value if METRICS[metric].higher_is_better else value
+
+
+def _yardstick(captured: Captured, metrics: tuple[str, ...], megapixels: float) -> list[Yardstick]:
+    record = json.loads((captured.folder / "sequence.json").read_text()) if _recorded(captured) else {}
+    seconds: dict[str, float] = record.get("seconds_a_frame", {})
+    one = seconds.get("1")
+    rows = []
+    for samples, frames in yardstick_errors(captured, metrics):
+        spent = seconds.get(str(samples))
+        added = None if spent is None or one is None else max(spent - one, 0.0) * 1e3 / megapixels
+        errors = {metric: spread(values) for metric, values in frames.items()}
+        rows.append(Yardstick(samples=samples, seconds=spent, added=added, errors=errors))
+    return rows
+
+
+def _one_sample(yardstick: Sequence[Yardstick]) -> float | None:
+    """Mean squared error of the capture itself, one sample a pixel."""
+    return next((row.errors["mse"].mean for row in yardstick if row.samples == 1 and "mse" in row.errors), None)
+
+
+def _truth_noise(captured: Captured, yardstick: Sequence[Yardstick]) -> float | None:
+    """What the law of stratified samples leaves of one sample's error in the truth."""
+    samples = truth_samples(truth_of(captured))
+    one = _one_sample(yardstick)
+    return None if samples is None or one is None else float(one * samples**-STRATIFIED_EXPONENT)
+
+
+def _recorded(captured: Captured) -> bool:
+    return (captured.folder / "sequence.json").is_file()
+
+
+def _scaled(seconds: Interval, megapixels: float) -> Interval:
+    scale = 1e3 / megapixels
+    return Interval(median=seconds.median * scale, low=seconds.low * scale, high=seconds.high * scale)
