@@ -32,12 +32,15 @@ STAGE moments row_moments(real left, real centre, real right)
     return m;
 }
 
+// By how much the mean of a row is above that of another. The other way round it is the same with the other sign, to
+// the bit, so that a window that slides down works it out once a row.
+STAGE real mean_step(moments from, moments to) { return (to.shift - from.shift) + (to.offset - from.offset); }
+
 // Three rows of three (Chan, Golub and LeVeque 1983, pairwise update for equal counts): the spread of the whole is the
-// spread inside the rows plus three times the spread of the row means about their mean.
-STAGE moments window_moments(moments above, moments centre, moments below)
+// spread inside the rows plus three times the spread of the row means about their mean. da and db are the steps from
+// the centre row to the others.
+STAGE moments stepped_window(moments above, moments centre, moments below, real da, real db)
 {
-    const real da = (above.shift - centre.shift) + (above.offset - centre.offset);
-    const real db = (below.shift - centre.shift) + (below.offset - centre.offset);
     moments m;
     m.shift = centre.shift;
     m.offset = centre.offset + (da + db) * K(ONE_THIRD);
@@ -45,6 +48,11 @@ STAGE moments window_moments(moments above, moments centre, moments below)
     m.low = lesser(lesser(above.low, below.low), centre.low);
     m.high = greater(greater(above.high, below.high), centre.high);
     return m;
+}
+
+STAGE moments window_moments(moments above, moments centre, moments below)
+{
+    return stepped_window(above, centre, below, mean_step(centre, above), mean_step(centre, below));
 }
 
 // The cross: the centre row of three and the texels above and below. Five values, the same shifted form.
@@ -71,10 +79,8 @@ STAGE moments weighted_row(moments m, real left, real centre, real right)
     return m;
 }
 
-STAGE moments weighted_window(moments m, moments above, moments centre, moments below)
+STAGE moments weighted_window(moments m, moments above, moments centre, moments below, real da, real db)
 {
-    const real da = (above.shift - centre.shift) + (above.offset - centre.offset);
-    const real db = (below.shift - centre.shift) + (below.offset - centre.offset);
     const real sum = da + db, offset = sum * K(0.25);
     m.offset = centre.offset + offset;
     m.spread = ((above.spread + below.spread) + K(2.0) * centre.spread) + K(4.0) * ((da * da + db * db) - sum * offset);
@@ -123,6 +129,7 @@ STAGE moments chosen_row(real left, real centre, real right)
 typedef struct
 {
     moments a, b, c;
+    boxed step; // of the means, from the row above
     colour centre;
     colour across; // the three texels weighed by the current filter along x
     real nearest, nearest_x, farthest, closeness;
@@ -145,11 +152,11 @@ STAGE real deviation_of(moments m)
     return square_root(greater(variance, SPLAT(0.0)));
 }
 
-STAGE moments neighbourhood_moments(moments above, moments centre, moments below)
+STAGE moments neighbourhood_moments(moments above, moments centre, moments below, real da, real db)
 {
-    moments m = window_moments(above, centre, below);
+    moments m = stepped_window(above, centre, below, da, db);
     if (NEIGHBOURHOOD == NEIGHBOURHOOD_WEIGHTED)
-        m = weighted_window(m, above, centre, below);
+        m = weighted_window(m, above, centre, below, da, db);
     if (BOX == BOX_ROUNDED) {
         m.low = K(0.5) * (m.low + lesser(lesser(above.shift, below.shift), centre.low));
         m.high = K(0.5) * (m.high + greater(greater(above.shift, below.shift), centre.high));
@@ -161,9 +168,9 @@ STAGE moments neighbourhood_moments(moments above, moments centre, moments below
 
 STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below)
 {
-    const moments a = neighbourhood_moments(above.a, centre.a, below.a);
-    const moments b = neighbourhood_moments(above.b, centre.b, below.b);
-    const moments c = neighbourhood_moments(above.c, centre.c, below.c);
+    const moments a = neighbourhood_moments(above.a, centre.a, below.a, -centre.step.a, below.step.a);
+    const moments b = neighbourhood_moments(above.b, centre.b, below.b, -centre.step.b, below.step.b);
+    const moments c = neighbourhood_moments(above.c, centre.c, below.c, -centre.step.c, below.step.c);
     statistics s;
     s.mean = (boxed) { a.shift + a.offset, b.shift + b.offset, c.shift + c.offset };
     s.deviation = (boxed) { deviation_of(a), deviation_of(b), deviation_of(c) };
@@ -208,6 +215,7 @@ STAGE row_t read_row(plane_in image, plane_in closeness, plane_in motion, int x,
     row.a = chosen_row(bl.a, bc.a, br.a);
     row.b = chosen_row(bl.b, bc.b, br.b);
     row.c = chosen_row(bl.c, bc.c, br.c);
+    row.step = (boxed) { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) };
     row.centre = c;
     row.across = weigh_line(l, c, r, K(frame.left_weight), K(frame.right_weight));
 
@@ -228,6 +236,14 @@ STAGE row_t read_row(plane_in image, plane_in closeness, plane_in motion, int x,
         row.u = right ? load(m + 1) : (left ? load(m - 1) : row.centre_u);
         row.v = right ? load(m + plane + 1) : (left ? load(m + plane - 1) : row.centre_v);
     }
+    return row;
+}
+
+// The row at (x, y), below the one that is given.
+STAGE row_t read_next_row(row_t above, plane_in image, plane_in closeness, plane_in motion, int x, int y, frame_t frame)
+{
+    row_t row = read_row(image, closeness, motion, x, y, frame);
+    row.step = (boxed) { mean_step(above.a, row.a), mean_step(above.b, row.b), mean_step(above.c, row.c) };
     return row;
 }
 

@@ -17,8 +17,8 @@ __kernel void neighbourhood_statistics_kernel(
         return;
     const size_t plane = plane_size(frame);
     const row_t above = read_row(current, closeness, motion, x, y - 1, frame),
-                centre = read_row(current, closeness, motion, x, y, frame),
-                below = read_row(current, closeness, motion, x, y + 1, frame);
+                centre = read_next_row(above, current, closeness, motion, x, y, frame),
+                below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
     const statistics s = neighbourhood_statistics(above, centre, below);
     const colour sample = current_sample(above, centre, below, s, frame);
     plane_out p = statistics_out + texel_offset(frame, x, y);

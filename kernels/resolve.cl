@@ -14,13 +14,13 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
         return;
     const int last = first + ROWS < end ? first + ROWS : end;
     row_t above = read_row(current, closeness, motion, x, first - 1, frame);
-    row_t centre = read_row(current, closeness, motion, x, first, frame);
+    row_t centre = read_next_row(above, current, closeness, motion, x, first, frame);
     kept_rows kept = nothing_kept();
     for (int y = first; y < last; ++y) {
         fetch_frame(current, closeness, motion, x, y, frame);
         if (LANES > 1)
             fetch_history(history, history_count, previous_closeness, history_offset(frame, x, y), frame);
-        const row_t below = read_row(current, closeness, motion, x, y + 1, frame);
+        const row_t below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
         const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
         const surface s = nearest_surface(above, centre, below, settings);
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
