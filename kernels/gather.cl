@@ -28,10 +28,10 @@ __kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motio
         const int edges = GATHER_FIT == GATHER_FIT_LAYERS && any_of(l.edge);
         side_t side = { s, l };
         if (edges)
-            side = side_of(s, l, 0, current, closeness, motion, x, y, frame, settings);
+            side = side_of(s, l, 0, p.own, current, closeness, motion, x, y, frame, settings);
         g = gather_samples(kept, past, frames, g, p, side.s, side.l, 0, x, y, frame, settings);
         if (edges) {
-            side = side_of(s, l, 1, current, closeness, motion, x, y, frame, settings);
+            side = side_of(s, l, 1, p.own, current, closeness, motion, x, y, frame, settings);
             add_side(&far, side, p.own, settings);
             far = gather_samples(kept, past, frames, far, p, side.s, side.l, 1, x, y, frame, settings);
         }

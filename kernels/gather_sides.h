@@ -65,9 +65,11 @@ STAGE surface side_surface(
 }
 
 // The side of each pixel that an edge runs through; elsewhere what was there. The slope is fitted by least squares to
-// the side's samples, through the one that lies nearest, and held back as that of a gathered pixel is.
-STAGE side_t side_of(surface s, layers_t l, int far, plane_in image, plane_in closeness, plane_in motion, int x, int y,
-    frame_t frame, settings_t settings)
+// the side's samples, through the one that lies nearest, and held back as that of a gathered pixel is. The mean is
+// summed up as differences from the pixel's `own` colour, so that equal samples have that colour for their mean, to the
+// bit.
+STAGE side_t side_of(surface s, layers_t l, int far, colour own, plane_in image, plane_in closeness, plane_in motion,
+    int x, int y, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
@@ -85,15 +87,17 @@ STAGE side_t side_of(surface s, layers_t l, int far, plane_in image, plane_in cl
             const colour c = load_colour(image + step, plane);
             const mask usable = here & !colour_outside_domain(c);
             const colour v = to_range(c);
-            side.mean.r += usable ? v.r : zero;
-            side.mean.g += usable ? v.g : zero;
-            side.mean.b += usable ? v.b : zero;
+            side.mean.r += usable ? v.r - own.r : zero;
+            side.mean.g += usable ? v.g - own.g : zero;
+            side.mean.b += usable ? v.b - own.b : zero;
             side.count += usable ? one : zero;
         }
     const real det = xx * yy - xy * xy, among = side.count > zero ? side.count : one;
     side.l.slope_x = l.edge ? (yy * qx - xy * qy) / det : l.slope_x;
     side.l.slope_y = l.edge ? (xx * qy - xy * qx) / det : l.slope_y;
-    side.mean.r = side.mean.r / among, side.mean.g = side.mean.g / among, side.mean.b = side.mean.b / among;
+    side.mean.r = own.r + side.mean.r / among;
+    side.mean.g = own.g + side.mean.g / among;
+    side.mean.b = own.b + side.mean.b / among;
     return side;
 }
 

@@ -214,7 +214,7 @@ def gather(
     w = sample_share(p.own, build, settings)
     g = first_sample(w, near_one | ~near_one, near_one, build, frame)
     far = first_sample(w, ~near_one, ~near_one, build, frame)
-    of_sides = (s, layers, current, closeness, motion, build, layout, frame, settings)
+    of_sides = (s, layers, p.own, current, closeness, motion, build, layout, frame, settings)
     if build.choices.gather_fit is GatherFit.LAYERS:
         front, back = side_of(*of_sides, far=False), side_of(*of_sides, far=True)
         g = gather_samples(slots, told, g, p, front.surface, front.layers, build, layout, frame, settings)

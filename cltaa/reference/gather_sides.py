@@ -87,6 +87,7 @@ def side_surface(
 def side_of(
     s: Surface,
     layers: Layers,
+    own: Colour,
     current: Array,
     closeness: Array,
     motion: Array | None,
@@ -114,12 +115,13 @@ def side_of(
         qx, qy = qx + ox * rise, qy + oy * rise
         r, g, b = (_window(plane, dx, dy, layout, real) for plane in current[:3])
         usable = here & ~colour_outside_domain((r, g, b))
-        mean = [t + np.where(usable, c, zero) for t, c in zip(mean, to_range((r, g, b), build), strict=True)]
+        seen = to_range((r, g, b), build)
+        mean = [t + np.where(usable, c - o, zero) for t, c, o in zip(mean, seen, own, strict=True)]
         count = count + np.where(usable, one, zero)
     det, among = xx * yy - xy * xy, np.where(count > zero, count, one)
     slope_x = np.where(layers.edge, (yy * qx - xy * qy) / det, layers.slope[0])
     slope_y = np.where(layers.edge, (xx * qy - xy * qx) / det, layers.slope[1])
-    r, g, b = (total / among for total in mean)
+    r, g, b = (o + total / among for o, total in zip(own, mean, strict=True))
     return Side(at, Layers(layers.edge, layers.cut, (slope_x, slope_y)), (r, g, b), count)
 
 

@@ -143,9 +143,10 @@ def test_a_side_of_an_edge_is_the_plane_of_its_own_samples() -> None:
     s = nearest_surface(*rows, build, settings["edge_tolerance"])
     layers = layers_of(*rows, s, settings)
     assert layers.edge[1:-1, 3:5].all()
-    inside = slice(1, -1)
+    inside, none = slice(1, -1), np.zeros_like(near)
+    black = (none, none, none)
     for is_far, own, beside, slope in ((False, 3, 4, (0.01, 0.02)), (True, 4, 3, (-0.004, 0.001))):
-        side = side_of(s, layers, current, closeness, None, build, layout, frame, settings, far=is_far)
+        side = side_of(s, layers, black, current, closeness, None, build, layout, frame, settings, far=is_far)
         for column in (own, beside):
             # The nearest of its samples: the pixel's own, or the one beside it in its row.
             at = (inside, column)
