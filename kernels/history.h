@@ -1,7 +1,6 @@
 // The history of a pixel: its colour at the place where the surface was, and whether it can be used at all.
 #include "ahead.h"
 #include "kept_rows.h"
-#include "light.h"
 #include "reject.h"
 
 #if !defined(ALPHA) || !defined(REJECT) || !defined(LIGHT_CHANGE)
@@ -77,8 +76,10 @@ STAGE sampled sample_at(
 #endif
 }
 
-STAGE history_t sample_history(plane_in current, history_in history, plane_in count, plane_in previous_closeness,
-    motion_t m, surface s, int x, int y, frame_t frame, settings_t settings, kept_rows* kept)
+// `next` holds the texels of the row below the pixel's.
+STAGE history_t sample_history(plane_in current, boxed_row next, history_in history, plane_in count,
+    plane_in previous_closeness, motion_t m, surface s, int x, int y, frame_t frame, settings_t settings,
+    kept_rows* kept)
 {
     const uint at = history_offset(frame, x, y);
     history_t h;
@@ -92,7 +93,7 @@ STAGE history_t sample_history(plane_in current, history_in history, plane_in co
     h.alpha = ALPHA ? limit(v.alpha, SPLAT(0.0), SPLAT(1.0)) : v.alpha;
     h.count = v.count;
     if (LIGHT_CHANGE == LIGHT_CHANGE_TEST)
-        h.count = quotient(h.count, change_of_light(current, history, f, x, y, frame, settings));
+        h.count = quotient(h.count, change_of_light(current, next, history, f, x, y, frame, settings, &kept->light));
     if (REJECT == REJECT_DEPTH)
         h.valid = h.valid & same_surface(v.closeness, s, m, settings);
     h.fx = v.fx;

@@ -2,7 +2,7 @@
 // the same fraction of a texel and as many whole ones, three of the four rows of taps around it have been weighed along
 // x already. Its place, fractions and weights are known too, before the motion that says the same has been worked out,
 // so that a CPU need not wait for it.
-#include "sampling.h"
+#include "light.h"
 
 #define KEEPS_ROWS (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM || HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9)
 
@@ -10,6 +10,7 @@ typedef struct
 {
     real fx, fy; // of the segment above
     uint at;
+    kept_light light; // used on a GPU alone
 #if KEEPS_ROWS && LANES == 1
     weights wx, wy;
     real row[3][3]; // of each plane those above, at and below tap 1 of the next pixel
@@ -24,7 +25,7 @@ STAGE kept_rows nothing_kept(void)
 {
     kept_rows kept;
     kept.fx = kept.fy = SPLAT(-1.0); // no fraction
-    kept.at = 0;
+    kept.at = kept.light.nearest = 0;
 #if KEEPS_ROWS && LANES > 1
     kept.filled = 0;
 #endif

@@ -24,19 +24,27 @@ STAGE colour history_in_range(colour v, frame_t frame)
     return to_range(v);
 }
 
+#if LANES == 1
+// Where the texel of the history nearest to the footprint is.
+STAGE uint nearest_offset(footprint f, int stride)
+{
+    return f.at + (uint)(TO_WHOLE(floor_of(f.fy + K(0.5))) * stride + TO_WHOLE(floor_of(f.fx + K(0.5))));
+}
+#endif
+
 // The texel of the history nearest to the footprint, or one i columns right of it and j rows below.
 STAGE colour nearest_texel(history_in p, footprint f, int i, int j, size_t plane, int stride)
 {
     if (f.lanes == LANES_ON_TEXELS)
         return load_history_colour(p + (f.at + (uint)(j * stride + i)), plane);
-    const whole dx = TO_WHOLE(floor_of(f.fx + K(0.5))) + i, dy = TO_WHOLE(floor_of(f.fy + K(0.5))) + j;
 #if LANES > 1
+    const whole dx = TO_WHOLE(floor_of(f.fx + K(0.5))) + i, dy = TO_WHOLE(floor_of(f.fy + K(0.5))) + j;
     p += f.own;
     const colour v = { gather(p, f.dx + dx, f.dy + dy, stride), gather(p + plane, f.dx + dx, f.dy + dy, stride),
         gather(p + 2 * plane, f.dx + dx, f.dy + dy, stride) };
     return v;
 #else
-    return load_history_colour(p + (f.at + (uint)(dy * stride + dx)), plane);
+    return load_history_colour(ROW_BELOW(p, nearest_offset(f, stride), j, stride) + i, plane);
 #endif
 }
 
@@ -48,27 +56,70 @@ STAGE real paired_t(moments above, moments centre, moments below, real least)
     return quotient(K(3.0) * absolute(m.shift + m.offset), square_root(m.spread * K(TWO_27THS)) + least);
 }
 
-// What the history's count is divided by: t over change_t, of the channel that changed most; 1 up to there.
-STAGE real change_of_light(
-    plane_in current, history_in history, footprint f, int x, int y, frame_t frame, settings_t settings)
+// What a row of three says: the moments of its differences, and how bright its samples are in all.
+typedef struct
 {
-    moments a[3], b[3], c[3];
-    real level = SPLAT(0.0);
-    for (int j = -1; j <= 1; ++j) {
-        boxed d[3];
-        for (int i = -1; i <= 1; ++i) {
-            const boxed now = to_box_space(usable_colour(current, plane_size(frame), x + i, y + j, frame));
-            const colour texel = nearest_texel(history, f, i, j, history_plane_size(frame), row_stride(frame));
-            const boxed past = to_box_space(history_in_range(texel, frame));
-            d[i + 1] = (boxed) { now.a - past.a, now.b - past.b, now.c - past.c };
-            level += absolute(now.a);
-        }
-        a[j + 1] = row_moments(d[0].a, d[1].a, d[2].a);
-        b[j + 1] = row_moments(d[0].b, d[1].b, d[2].b);
-        c[j + 1] = row_moments(d[0].c, d[1].c, d[2].c);
+    moments a, b, c;
+    real level;
+} light_row;
+
+// What a work-item of a GPU keeps while it slides down: the rows above and at the next pixel, and the texel of the
+// history that is nearest to where it comes from if it moves as the one above.
+typedef struct
+{
+    light_row above, centre;
+    uint nearest;
+} kept_light;
+
+STAGE boxed light_difference(boxed now, colour past, frame_t frame)
+{
+    const boxed then = to_box_space(history_in_range(past, frame));
+    return (boxed) { now.a - then.a, now.b - then.b, now.c - then.c };
+}
+
+// The row of `now`, j below the footprint's.
+STAGE light_row light_of_row(boxed_row now, history_in history, footprint f, int j, frame_t frame)
+{
+    const size_t plane = history_plane_size(frame);
+    boxed d[3];
+    for (int i = -1; i <= 1; ++i) {
+        const colour past = nearest_texel(history, f, i, j, plane, row_stride(frame));
+        d[i + 1] = light_difference(i < 0 ? now.left : (i > 0 ? now.right : now.own), past, frame);
     }
+    light_row row;
+    row.a = row_moments(d[0].a, d[1].a, d[2].a);
+    row.b = row_moments(d[0].b, d[1].b, d[2].b);
+    row.c = row_moments(d[0].c, d[1].c, d[2].c);
+    row.level = (absolute(now.left.a) + absolute(now.own.a)) + absolute(now.right.a);
+    return row;
+}
+
+// What the history's count is divided by: t over change_t, of the channel that changed most; 1 up to there. `next` is
+// the row below the pixel's.
+STAGE real change_of_light(plane_in current, boxed_row next, history_in history, footprint f, int x, int y,
+    frame_t frame, settings_t settings, kept_light* kept)
+{
+#if LANES == 1
+    const uint nearest = nearest_offset(f, row_stride(frame));
+    if (nearest != kept->nearest) {
+        kept->above = light_of_row(read_boxed(current, x, y - 1, frame), history, f, -1, frame);
+        kept->centre = light_of_row(read_boxed(current, x, y, frame), history, f, 0, frame);
+    }
+    const light_row above = kept->above, centre = kept->centre;
+#else
+    const light_row above = light_of_row(read_boxed(current, x, y - 1, frame), history, f, -1, frame),
+                    centre = light_of_row(read_boxed(current, x, y, frame), history, f, 0, frame);
+#endif
+    const light_row below = light_of_row(next, history, f, 1, frame);
+#if LANES == 1
+    kept->above = centre;
+    kept->centre = below;
+    kept->nearest = nearest + (uint)row_stride(frame);
+#endif
+    const real level = (above.level + centre.level) + below.level;
     const real least = K(settings.change_floor) * (level * K(ONE_THIRD)) + K(TINY);
-    const real chroma = greater(paired_t(b[0], b[1], b[2], least), paired_t(c[0], c[1], c[2], least));
-    const real t = greater(paired_t(a[0], a[1], a[2], least), chroma);
+    const real chroma
+        = greater(paired_t(above.b, centre.b, below.b, least), paired_t(above.c, centre.c, below.c, least));
+    const real t = greater(paired_t(above.a, centre.a, below.a, least), chroma);
     return greater(quotient(t, SPLAT(settings.change_t)), SPLAT(1.0));
 }

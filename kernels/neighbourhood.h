@@ -124,11 +124,18 @@ STAGE moments chosen_row(real left, real centre, real right)
     return VARIANCE == VARIANCE_NAIVE ? naive_row(m, left, centre, right) : m;
 }
 
+// Three texels of a row in the box space.
+typedef struct
+{
+    boxed left, own, right;
+} boxed_row;
+
 // What one row contributes: moments a channel, and the nearest surface of the three texels. Closeness is 1/Z (-Z for an
 // orthographic camera): the greater, the nearer.
 typedef struct
 {
     moments a, b, c;
+    boxed_row texels;
     boxed step; // of the means, from the row above
     colour centre;
     colour across; // the three texels weighed by the current filter along x
@@ -215,6 +222,7 @@ STAGE row_t read_row(plane_in image, plane_in closeness, plane_in motion, int x,
     row.a = chosen_row(bl.a, bc.a, br.a);
     row.b = chosen_row(bl.b, bc.b, br.b);
     row.c = chosen_row(bl.c, bc.c, br.c);
+    row.texels = (boxed_row) { bl, bc, br };
     row.step = (boxed) { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) };
     row.centre = c;
     row.across = weigh_line(l, c, r, K(frame.left_weight), K(frame.right_weight));
@@ -237,6 +245,20 @@ STAGE row_t read_row(plane_in image, plane_in closeness, plane_in motion, int x,
         row.v = right ? load(m + plane + 1) : (left ? load(m + plane - 1) : row.centre_v);
     }
     return row;
+}
+
+// Three texels of a row of the current frame, in the box space.
+STAGE boxed_row read_boxed(plane_in image, int x, int y, frame_t frame)
+{
+    const size_t plane = plane_size(frame);
+    plane_in p = image + texel_offset(frame, x, y);
+    colour l = load_colour(p - 1, plane), c = load_colour(p, plane), r = load_colour(p + 1, plane);
+    if (any_outside_domain(l, c, r)) {
+        colour line[3];
+        repair_colours(line, 3, image, plane, x - 1, y, frame);
+        l = line[0], c = line[1], r = line[2];
+    }
+    return (boxed_row) { to_box_space(to_range(l)), to_box_space(to_range(c)), to_box_space(to_range(r)) };
 }
 
 // The row at (x, y), below the one that is given.

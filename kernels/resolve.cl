@@ -24,8 +24,8 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
         const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
         const surface s = nearest_surface(above, centre, below, settings);
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
-        history_t h
-            = sample_history(current, history, history_count, previous_closeness, m, s, x, y, frame, settings, &kept);
+        history_t h = sample_history(
+            current, below.texels, history, history_count, previous_closeness, m, s, x, y, frame, settings, &kept);
         const rectification r = rectify(h.rgb, p.filtered, p.near, m, box_gamma(m, settings), frame, settings);
         if (ALPHA)
             h.alpha = past_alpha(alpha + texel_offset(frame, x, y), h.alpha, frame);

@@ -16,8 +16,8 @@ __kernel void sample_history_kernel(plane_in current, plane_in motion_in, histor
     s.nearest = load(q + 5 * plane);
     s.farthest = load(q + 6 * plane);
     kept_rows kept = nothing_kept();
-    const history_t h
-        = sample_history(current, history, history_count, previous_closeness, m, s, x, y, frame, settings, &kept);
+    const history_t h = sample_history(current, read_boxed(current, x, y + 1, frame), history, history_count,
+        previous_closeness, m, s, x, y, frame, settings, &kept);
     plane_out p = history_at + at;
     store_colour(p, plane, h.rgb);
     store(p + 3 * plane, h.alpha);

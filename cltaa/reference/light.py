@@ -54,15 +54,13 @@ def change_of_light(
         past = to_box_space(history_in_range((r, g, b), build, frame), build)
         return (now[0] - past[0], now[1] - past[1], now[2] - past[2]), np.abs(now[0])
 
-    level = np.zeros_like(f.fx)
     rows: list[list[Moments]] = []
+    levels = []
     for j in (-1, 0, 1):
-        line = []
-        for i in (-1, 0, 1):
-            d, size = difference(i, j)
-            line.append(d)
-            level = level + size
-        rows.append([row_moments(line[0][k], line[1][k], line[2][k]) for k in range(3)])
+        (left, left_size), (own, own_size), (right, right_size) = (difference(i, j) for i in (-1, 0, 1))
+        rows.append([row_moments(left[k], own[k], right[k]) for k in range(3)])
+        levels.append((left_size + own_size) + right_size)
+    level = (levels[0] + levels[1]) + levels[2]
     floor = number(settings["change_floor"], level)
     least = floor * (level * constant("ONE_THIRD", level)) + constant("TINY", level)
     a, b, c = (paired_t(rows[0][k], rows[1][k], rows[2][k], least) for k in range(3))

@@ -1,4 +1,5 @@
-"""Rows of the history that a work-item keeps while its segments move alike: the same bits as rows weighed anew."""
+"""Rows that a work-item keeps while its segments move alike, of the history and of its differences from the frame: the
+same bits as rows worked out anew."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ import pytest
 from cltaa.build import Build, Steps, Storage
 from cltaa.filters import HistoryFilter
 from cltaa.launch import DeviceLauncher, NumpyLauncher
-from cltaa.params import Choices
+from cltaa.params import Choices, LightChange
 from tests.kernels.stage_chain import Work, differing, hard_work, padded, run_stage
 
 WIDTH, HEIGHT = 70, 41
@@ -50,7 +51,7 @@ def moved(name: str) -> Work:
 @pytest.mark.parametrize(("kind", "lanes", "storage"), BUILDS)
 def test_kept_rows_give_the_same_bits(kind: HistoryFilter, lanes: int, storage: Storage) -> None:
     steps = Steps(alpha=True, exposure=False)
-    choices = Choices(history_filter=kind)
+    choices = Choices(history_filter=kind, light_change=LightChange.TEST)
     build = Build(choices=choices, steps=steps, strict=True, lanes=lanes, rows=ROWS, storage=storage)
     for name in ("alike", *CHANGES, "each segment its own", "a lane now and then"):
         work = moved(name)
