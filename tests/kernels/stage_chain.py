@@ -20,7 +20,8 @@ from cltaa.build import FRAME_DTYPE, HALVES, Build, Record, Steps, settings_reco
 from cltaa.constants import value as value_of
 from cltaa.launch import Launcher, NumpyLauncher, storage_dtype
 from cltaa.layout import Layout
-from cltaa.params import Settings
+from cltaa.params import Choices, CurrentFilter, Settings
+from cltaa.presets import load_preset
 from cltaa.reference import KERNELS
 from cltaa.resolve import Past, frame_record
 from tests.kernels.test_resolve import turned
@@ -40,6 +41,8 @@ WRITES: dict[str, dict[str, int]] = {
     "gather": {"output": 4, "output_count": 1},
 }
 FUSED = ("resolve", "gather")
+# The choices that fused kernels are shipped with, all of them at once.
+SHIPPED = {"resolve": "default", "gather": "t5"}
 STAGES = [kernel for kernel in WRITES if kernel not in FUSED]
 # The choices and steps that each stage's code looks at; of the fused kernels what no stage does.
 LOOKS_AT: dict[str, tuple[str, ...]] = {
@@ -244,10 +247,14 @@ def run_stage(kernel: str, build: Build, work: Work, launcher: Launcher) -> Plan
 
 @cache
 def chain_work(width: int = 70, height: int = 41, seed: int = 0) -> Work:
-    """Hard work whose planes also hold what each stage's twin makes of them: every stage finds its input there."""
+    """Hard work whose planes also hold what each stage's twin makes of them: every stage finds its input there.
+
+    The current sample is a filtered one, so that a stage that takes it for the texel, or the texel for it, shows.
+    """
     work = hard_work(width, height, seed)
+    build = Build(steps=ALL_STEPS, choices=Choices(current_filter=CurrentFilter.GAUSSIAN))
     for kernel in STAGES:
-        work.planes.update(run_stage(kernel, Build(steps=ALL_STEPS), work, NumpyLauncher()))
+        work.planes.update(run_stage(kernel, build, work, NumpyLauncher()))
     return work
 
 
@@ -268,7 +275,7 @@ def variant_names(kernel: str, build: Build) -> list[Any]:
 
 
 def variants(kernel: str, build: Build) -> dict[str, Build]:
-    """``build``, and with each choice or step that a stage looks at changed on its own, by name."""
+    """``build``, with each choice or step that a stage looks at changed on its own, and as it is shipped; by name."""
     named = {"default": build}
     for name in LOOKS_AT[kernel]:
         part = next((part for part in ("choices", "steps") if hasattr(getattr(build, part), name)), "")
@@ -277,4 +284,6 @@ def variants(kernel: str, build: Build) -> dict[str, Build]:
         for value in [not before] if isinstance(before, bool) else [v for v in type(before) if v is not before]:
             changed = replace(holder, **{name: value})
             named[f"{name}={value}"] = replace(build, **{part: changed}) if part else changed
+    if kernel in SHIPPED:
+        named[f"preset={SHIPPED[kernel]}"] = replace(build, choices=load_preset(SHIPPED[kernel]).choices)
     return named

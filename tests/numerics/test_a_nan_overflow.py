@@ -13,10 +13,10 @@ import pytest
 from cltaa.build import Build, Steps
 from cltaa.constants import value
 from cltaa.errors import InternalError
-from cltaa.frames import Frame, Image
+from cltaa.frames import Effect, Frame, Image
 from cltaa.launch import DeviceLauncher, NumpyLauncher
 from cltaa.layout import Layout
-from cltaa.params import Box, Choices, GatherFit, HistoryOf, Neighbourhood
+from cltaa.params import Box, Choices, GatherFit, HistoryOf, LightChange, Neighbourhood
 from cltaa.presets import load_preset, override
 from cltaa.program import Kernel, source_hash
 from cltaa.reference.projection import Motion, on_screen
@@ -30,11 +30,12 @@ from tests.sequence_factory import bits, make_frame
 WIDTH, HEIGHT = 48, 40
 ROW, COLUMN = 20, 24
 BAD = [np.nan, np.inf, -np.inf, 1e30, -3e38]
+LIGHT = frozenset({Effect.MOTION, Effect.SHADING, Effect.HDR})  # light that changes is tested for
 
 
-def moving(index: int) -> Frame:
+def moving(index: int, effects: frozenset[Effect] | None = None) -> Frame:
     """Random colour on a surface that moves by a fraction of a pixel, so that every filter tap counts."""
-    frame = make_frame(index, width=WIDTH, height=HEIGHT, effects=None, camera=turned(0, WIDTH, HEIGHT))
+    frame = make_frame(index, width=WIDTH, height=HEIGHT, effects=effects, camera=turned(0, WIDTH, HEIGHT))
     return replace(
         frame,
         depth=np.full_like(frame.depth, 4.0),
@@ -58,14 +59,17 @@ def mean_of_neighbours(image: Image) -> Image:
     return total / np.float32(8.0)
 
 
+@pytest.mark.parametrize("effects", [None, LIGHT], ids=["undeclared", "light"])
 @pytest.mark.parametrize("when", [0, 3])
 @pytest.mark.parametrize("bad", BAD)
-def test_a1_nan_dies_in_its_own_frame(launcher: DeviceLauncher, bad: float, when: int) -> None:
+def test_a1_nan_dies_in_its_own_frame(
+    launcher: DeviceLauncher, bad: float, when: int, effects: frozenset[Effect] | None
+) -> None:
     ill, mended, sound = (Resolver(device=launcher, strict=True) for _ in range(3))
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     distance = np.maximum(np.abs(y - ROW), np.abs(x - COLUMN))
     for index in range(when + 8):
-        frame = moving(index)
+        frame = moving(index, effects)
         own = index == when
         resolved = ill.resolve(with_texel(frame, (1.0, bad, 0.5)) if own else frame)
         assert np.isfinite(resolved).all()
@@ -76,6 +80,8 @@ def test_a1_nan_dies_in_its_own_frame(launcher: DeviceLauncher, bad: float, when
         touched = (bits(resolved) != bits(sound.resolve(frame))).any(axis=-1)
         assert distance[touched].max(initial=0) <= 1 + 2 * max(index - when, 0)
         assert touched.any() == (index >= when)
+    assert ill.plan is not None
+    assert (ill.plan.choices.light_change is LightChange.TEST) == (effects is LIGHT)
 
 
 @pytest.mark.parametrize(

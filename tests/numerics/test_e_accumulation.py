@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.build import Build, Storage, settings_record
-from cltaa.frames import Image
+from cltaa.frames import Effect, Image
 from cltaa.launch import DeviceLauncher
 from cltaa.params import Box, Rectify, Settings
 from cltaa.presets import override
@@ -172,14 +172,18 @@ def test_e5_a_new_history_never_looks_at_the_old_one(launcher: DeviceLauncher, w
     assert np.array_equal(bits(resolved), bits(expected))
 
 
-def test_e5_a_filtered_cut_never_looks_at_the_old_history(launcher: DeviceLauncher) -> None:
-    # The first frame after a cut is filtered: to the same bits whatever was before, and of nothing but itself.
-    cut = replace(make_frame(2, alpha=True, effects=None), cut=True)
+@pytest.mark.parametrize("effects", [None, frozenset(Effect)], ids=["undeclared", "light"])
+def test_e5_a_filtered_cut_never_looks_at_the_old_history(
+    launcher: DeviceLauncher, effects: frozenset[Effect] | None
+) -> None:
+    # The first frame after a cut is filtered: to the same bits whatever was before, and of nothing but itself. Where
+    # light may change, what was before is compared with what is now.
+    cut = replace(make_frame(2, alpha=True, effects=effects), cut=True)
     results = []
     for seed, poisoned in ((1, False), (2, False), (3, True)):
         resolver = Resolver(device=launcher, strict=True)
         for index in range(2):
-            resolver.resolve(make_frame(index, alpha=True, effects=None, seed=seed))
+            resolver.resolve(make_frame(index, alpha=True, effects=effects, seed=seed))
         if poisoned:
             poison(resolver)
         results.append(bits(resolver.resolve(cut)))
