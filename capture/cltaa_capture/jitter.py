@@ -18,6 +18,7 @@ Offsets = NDArray[np.float64]  # [N, 2]
 PLASTIC = 1.3247179572447460
 
 LONGEST_PERIOD = 1 << 16  # samples; half a second to make, and far beyond what a float32 sum resolves
+FADING = 0.95  # what a frame counts in the order of a lattice after each later one; measured: docs/decisions/0024
 LONGEST_LATTICE = 1 << 10  # samples; its order takes memory with their square, 25 MB here
 
 
@@ -62,7 +63,7 @@ def hammersley(count: int) -> Offsets:
 
 @cache
 def lattice(count: int) -> Offsets:
-    """Rank-1 lattice (i, z i) / N, of which each frame takes the point that makes those taken the most even.
+    """Rank-1 lattice (i, z i) / N in the order in which each frame adds the most to those before.
 
     z is chosen for the longest shortest vector (Niederreiter 1992, ch. 5), coprime to N, so that each of N columns and
     rows holds one point. Raises UsageError beyond LONGEST_LATTICE points.
@@ -83,21 +84,23 @@ def _shortest_vector(index: NDArray[np.int64], factor: int) -> int:
 
 
 def herded(points: Offsets) -> Offsets:
-    """Put points [N, 2] in the order in which each is the one that makes those so far the most like all of them.
+    """Put points [N, 2] in the order in which each makes those so far the most like all of them.
 
     Kernel herding (Chen, Welling, Smola, "Super-Samples from Kernel Herding", 2010) for the covariance exp(-2 d) of
-    places d pixels apart, about that of a picture full of edges. It begins in the middle, and its steps from point to
-    point follow no rule that a steady drift could undo.
+    places d pixels apart, about that of a picture full of edges. Earlier points fade, so that the latest are even among
+    themselves too, which is what is left where things move. It begins in the middle, and its steps from point to point
+    follow no rule that a steady drift could undo.
     """
     covariance = np.exp(-2.0 * np.hypot(*(points[:, None] - points).transpose(2, 0, 1)))
-    to_all, to_taken = covariance.mean(axis=0), np.zeros(len(points))
+    to_all, to_taken, taken = covariance.mean(axis=0), np.zeros(len(points)), 1.0
     order: list[int] = []
-    for taken in range(1, len(points) + 1):
+    for _ in points:
         # Rounded, so that of mirrored points, which are equally good, the first is taken on every machine.
         gain = np.round(to_all - to_taken / taken, 12)
         gain[order] = -np.inf
         order.append(int(gain.argmax()))
-        to_taken += covariance[order[-1]]
+        to_taken = FADING * (to_taken + covariance[order[-1]])
+        taken = FADING * taken + 1.0
     return points[order]
 
 
