@@ -21,11 +21,14 @@ NAME_WIDE, NAME_HIGH = 130, 9  # pixels that a name takes
 FRONT, BEATEN, SAMPLES, LIMIT = "#0b62c4", "#a3a6ad", "#16784a", "#b4500a"
 
 
-def write_plots(result: Accuracy, output: Path) -> Iterator[Path]:
-    """Write ``front-<sequence>``, ``steps-<sequence>``, and ``overview`` of several; yield the paths; or UsageError."""
+def write_plots(result: Accuracy, output: Path, pictured: int | None = None) -> Iterator[Path]:
+    """Write ``front-<sequence>`` and ``steps-<sequence>``, and ``overview`` of several sequences; yield the paths.
+
+    ``pictured`` sequences, the first ones, have plots of their own; None: all. Raises UsageError without matplotlib.
+    """
     pyplot: Any = import_extra("matplotlib.pyplot", package="matplotlib", extra="bench", purpose="drawing plots")
     pyplot.switch_backend("agg")
-    for name, figure in _figures(pyplot, result, result.metrics[0]):
+    for name, figure in _figures(pyplot, result, result.metrics[0], pictured):
         for suffix in FORMATS:
             path = output / f"{name}.{suffix}"
             with atomic_path(path) as temporary:
@@ -34,10 +37,10 @@ def write_plots(result: Accuracy, output: Path) -> Iterator[Path]:
         pyplot.close(figure)
 
 
-def _figures(pyplot: Any, result: Accuracy, metric: str) -> Iterator[tuple[str, Any]]:
+def _figures(pyplot: Any, result: Accuracy, metric: str, pictured: int | None) -> Iterator[tuple[str, Any]]:
     groups = {variant.name: variant.group for variant in result.variants}
     weight = result.variants[0].settings.blend_weight
-    for measured in result.sequences:
+    for measured in result.sequences[:pictured]:
         yield f"front-{measured.name}", front_figure(pyplot, measured, metric, weight)
         yield f"steps-{measured.name}", steps_figure(pyplot, measured, metric, groups)
     if len(result.sequences) > 1 and not METRICS[metric].higher_is_better:

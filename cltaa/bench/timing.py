@@ -22,7 +22,7 @@ CONFIDENCE = 0.95
 WIDEST = 0.02  # half width of the A/A interval beyond which nothing is ranked
 
 
-MOST_RUNS = 8  # of a job in one turn, however short they are
+MOST_RUNS = 5  # of a job in one turn, however short they are
 FEWEST_RUNS = 2  # however long, where turns are asked for: of one run alone nothing says whether it was held up
 
 

@@ -56,7 +56,7 @@ from cltaa.progress import track
 )
 @click.option("--dask", metavar="ADDRESS", help="Measure errors on a Dask cluster: the scheduler's address.")
 @click.option("--pictured", default=4, show_default=True, type=click.IntRange(min=0),
-              help="Sequences, the first ones, whose frames the page shows; each takes megabytes.")  # fmt: skip
+              help="Sequences, the first ones, whose frames the page shows and that are plotted.")  # fmt: skip
 @click.option("--list", "listed", is_flag=True, help="Print one command line a task, for a render farm, and stop.")
 @click.option("--task", "number", type=click.IntRange(min=0), metavar="K", help="Do task K of that list, and stop.")
 @json_option
@@ -122,7 +122,7 @@ def write_report(result: Accuracy, tasks: list[Task], output: Path, pictured: in
     for name, text in texts.items():
         with atomic_path(output / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
-    for _ in write_plots(result, output):
+    for _ in write_plots(result, output, pictured):
         pass
 
 
