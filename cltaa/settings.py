@@ -51,8 +51,11 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         _number("even samples' worth that holds the fitted slope back", 2.0**-6, 2.0**20, "1", "measured"),
     ] = 0.5
     fit_reach: Annotated[
-        float, _number("farthest sample from the pixel's centre, along an axis", 0.0, 64.0, "pixels", "measured")
-    ] = 0.55
+        float,
+        _number(
+            "where samples no longer count, from the pixel's centre along an axis", 0.5625, 1.0, "pixels", "measured"
+        ),
+    ] = 0.7
     thin_frames: Annotated[
         int, _number("kept frames in which things thinner than a pixel are looked for", 0, 64, "frames", "measured")
     ] = 4

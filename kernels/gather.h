@@ -1,98 +1,75 @@
 // Gathering: a pixel's past as the samples that earlier frames drew inside it, each read where it was drawn. Nothing is
 // ever read between texels, so nothing blurs, however far and however long things move.
-#include "pixel.h"
-#include "gather_fit.h"
+#include "gather_sample.h"
 #include "gather_thin.h"
 
-#if !defined(OWN_MOTION) || !defined(ALPHA) || !defined(REJECT) || !defined(EXPOSURE) || !defined(WEIGHTING)
-#error "gather.h needs OWN_MOTION, ALPHA, REJECT, EXPOSURE and WEIGHTING from the prelude"
+#if !defined(OWN_MOTION) || !defined(ALPHA)
+#error "gather.h needs OWN_MOTION and ALPHA from the prelude"
 #endif
 
-// Luminance weight 1 / (knee + Y): one firefly does not outweigh a pixel's whole past (Karis 2014 with knee 1).
-STAGE real sample_share(colour v, settings_t settings)
+// The way of the pixel's centre to a kept frame, by the sample that told the depth or by the track, and the stretch.
+STAGE motion_t way_back(
+    stretch_t* stretch, track_t t, surface s, layers_t l, real px, real py, frame_t frame, frame_t then)
 {
-    if (WEIGHTING == WEIGHTING_NONE)
-        return SPLAT(1.0);
-    return reciprocal(SPLAT(settings.luminance_knee) + greater(luminance(v), SPLAT(0.0)));
-}
-
-STAGE colour colour_at(plane_in p, footprint f, size_t plane, int stride)
-{
-    const colour v = { texel_at(p, f, stride), texel_at(p + plane, f, stride), texel_at(p + 2 * plane, f, stride) };
-    return v;
+    const real zero = SPLAT(0.0);
+    motion_t m = motion_from_depth(s, px, py, then);
+    *stretch = (stretch_t) { zero, zero, zero, zero };
+    if (GATHER_FIT != GATHER_FIT_MEAN) {
+        *stretch = stretch_of(s, l.slope_x, l.slope_y, m, px, py, then);
+        const real ox = s.x + K(frame.jitter_x), oy = s.y + K(frame.jitter_y);
+        m.u -= stretch->xx * ox + stretch->xy * oy;
+        m.v -= stretch->yx * ox + stretch->yy * oy;
+    }
+    if (OWN_MOTION) {
+        m.u = t.own ? t.u : m.u;
+        m.v = t.own ? t.v : m.v;
+        m.scale = t.own ? SPLAT(1.0) : m.scale;
+        m.shift = t.own ? t.shift : m.shift;
+        m.visible = m.visible | t.own;
+        stretch->xx = t.own ? zero : stretch->xx, stretch->xy = t.own ? zero : stretch->xy;
+        stretch->yx = t.own ? zero : stretch->yx, stretch->yy = t.own ? zero : stretch->yy;
+    }
+    return m;
 }
 
 // The samples of the pixel `now` on surface s in `frames` kept frames, the latest first. past[k] says how to come from
 // this frame to the k-th, where its samples lie in their pixels (jitter) and in which slot of `kept` it is. The place
 // of the pixel's centre in frame k falls into the area of exactly one sample there: the one whose position rounds to
-// it. It counts if it shows one of the pixel's surfaces and lies within fit_reach of the centre, seen from now; with
-// `far_only` true, if it shows the farther one.
+// it. It and the eight around it count by where they lie, seen from now.
 STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, gathered g, pixel_t now, surface s, layers_t l,
     int far_only, int x, int y, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
     const uint at = texel_offset(frame, x, y);
-    const real zero = SPLAT(0.0), one = SPLAT(1.0), px = LANE_INDEX + K(x), py = SPLAT(y);
+    const real px = LANE_INDEX + K(x), py = SPLAT(y);
     const surface followed = GATHER_FIT == GATHER_FIT_LAYERS ? range_of_side(s, l, far_only) : s;
-    track_t t = { s.x != s.x, s.x != s.x, s.u, s.v, zero };
+    track_t t = { s.x != s.x, s.x != s.x, s.u, s.v, SPLAT(0.0) };
     if (OWN_MOTION)
         t.own = !untold(s.u, s.v);
     for (int k = 0; k < frames; ++k) {
         const frame_t then = past[k];
-        motion_t m = motion_from_depth(s, px, py, then);
-        stretch_t stretch = { zero, zero, zero, zero };
-        if (GATHER_FIT != GATHER_FIT_MEAN) {
-            // From the sample that told the depth to the pixel's centre.
-            stretch = stretch_of(s, l.slope_x, l.slope_y, m, px, py, then);
-            const real ox = s.x + K(frame.jitter_x), oy = s.y + K(frame.jitter_y);
-            m.u -= stretch.xx * ox + stretch.xy * oy;
-            m.v -= stretch.yx * ox + stretch.yy * oy;
-        }
-        if (OWN_MOTION) {
-            m.u = t.own ? t.u : m.u;
-            m.v = t.own ? t.v : m.v;
-            m.scale = t.own ? one : m.scale;
-            m.shift = t.own ? t.shift : m.shift;
-            m.visible = m.visible | t.own;
-            stretch.xx = t.own ? zero : stretch.xx, stretch.xy = t.own ? zero : stretch.xy;
-            stretch.yx = t.own ? zero : stretch.yx, stretch.yy = t.own ? zero : stretch.yy;
-        }
-        const mask seen = on_screen(m, px, py, frame) & !t.lost;
-        motion_t nearest = m;
-        nearest.u = m.u + (K(0.5) - K(then.jitter_x));
-        nearest.v = m.v + (K(0.5) - K(then.jitter_y));
-        const footprint f = footprint_of(nearest, seen, at, frame);
-        plane_in p = kept + (size_t)then.slot * KEPT_PLANES * plane;
-        colour c = colour_at(p, f, plane, row_stride(frame));
-        mask good = seen & !colour_outside_domain(c);
-        const real q = usable_closeness(texel_at(p + KEPT_CLOSENESS * plane, f, row_stride(frame)), then);
-        good = good & seen_then(q, s, m, settings);
-        real dx = SPLAT(0.5) - f.fx, dy = SPLAT(0.5) - f.fy;
-        mask near = (s.x == s.x);
-        if (GATHER_FIT != GATHER_FIT_MEAN) {
-            mask visible;
-            offset_now(&dx, &dy, &visible, stretch);
-            const real reach = greater(absolute(dx), absolute(dy));
-            good = good & visible & (reach <= SPLAT(settings.fit_reach));
-            near = !l.edge | (q > l.cut * m.scale + m.shift);
-            good = far_only ? good & !near : good;
-        }
-        if (EXPOSURE)
-            c = scaled(c, SPLAT(then.exposure_ratio));
-        c = choose_colour(good, to_range(c), now.own);
-        const colour d = { c.r - now.own.r, c.g - now.own.g, c.b - now.own.b };
-        add_sample(&g, d, good ? sample_share(c, settings) : zero, good ? dx : zero, good ? dy : zero,
-            far_only ? !near : near);
-        g.count += good ? one : zero;
-        if (ALPHA) {
-            const real a = usable_share(texel_at(p + KEPT_ALPHA * plane, f, row_stride(frame)), one);
-            g.alpha += good ? a - now.alpha : zero;
-        }
+        stretch_t stretch;
+        view_t v;
+        v.m = way_back(&stretch, t, s, l, px, py, frame, then);
+        v.seen = on_screen(v.m, px, py, frame) & !t.lost;
+        motion_t nearest = v.m;
+        nearest.u = v.m.u + (K(0.5) - K(then.jitter_x));
+        nearest.v = v.m.v + (K(0.5) - K(then.jitter_y));
+        v.f = footprint_of(nearest, v.seen, at, frame);
+        v.column = (px + nearest.u) - v.f.fx;
+        v.row = (py + nearest.v) - v.f.fy;
+        v.places = places_now(SPLAT(0.5) - v.f.fx, SPLAT(0.5) - v.f.fy, stretch);
+        v.planes = kept + (size_t)then.slot * KEPT_PLANES * plane;
+        if (GATHER_FIT == GATHER_FIT_MEAN)
+            gather_sample(&g, v, 0, 0, now, s, l, far_only, then, frame, settings);
+        else
+            for (int i = 0; i < 9; ++i)
+                gather_sample(&g, v, i % 3 - 1, i / 3 - 1, now, s, l, far_only, then, frame, settings);
         if (OWN_MOTION) {
             motion_t place = nearest;
             place.u += s.x;
             place.v += s.y;
-            follow(&t, followed, m, p, footprint_of(place, seen, at, frame), seen, plane, then, settings);
+            follow(&t, followed, v.m, v.planes, footprint_of(place, v.seen, at, frame), v.seen, plane, then, settings);
         }
     }
     return g;

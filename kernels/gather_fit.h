@@ -109,12 +109,32 @@ STAGE stretch_t stretch_of(surface s, real slope_x, real slope_y, motion_t m, re
     return t;
 }
 
-// An offset of an earlier frame as one of now; `visible` false where the surface was seen edge on, or from behind.
-STAGE void offset_now(real* dx, real* dy, mask* visible, stretch_t t)
+// Where the samples of an earlier frame lie, seen from now: the one nearest to the pixel's centre, and the steps from
+// it to the next to the right (xx, yx) and below (xy, yy). `visible` false where the surface was seen edge on, or from
+// behind.
+typedef struct
 {
-    const real xx = SPLAT(1.0) + t.xx, yy = SPLAT(1.0) + t.yy, det = xx * yy - t.xy * t.yx;
-    *visible = det > SPLAT(LEAST_W);
-    const real safe = *visible ? det : SPLAT(1.0), ax = *dx, ay = *dy;
-    *dx = (yy * ax - t.xy * ay) / safe;
-    *dy = (xx * ay - t.yx * ax) / safe;
+    real x, y, xx, xy, yx, yy;
+    mask visible;
+} places_t;
+
+STAGE places_t places_now(real dx, real dy, stretch_t t)
+{
+    const real one = SPLAT(1.0), xx = one + t.xx, yy = one + t.yy, det = xx * yy - t.xy * t.yx;
+    places_t p;
+    p.visible = det > SPLAT(LEAST_W);
+    const real share = reciprocal(p.visible ? det : one);
+    p.xx = yy * share, p.xy = -t.xy * share, p.yx = -t.yx * share, p.yy = xx * share;
+    p.x = p.xx * dx + p.xy * dy;
+    p.y = p.yx * dx + p.yy * dy;
+    return p;
+}
+
+// What counts of a sample that lies `off` the centre along an axis: all in the middle, nothing from fit_reach on, and
+// half on the pixel's border. A sample stands for what lies around it, a part of which is another pixel's; of those a
+// pixel apart as much counts as of one, wherever they lie.
+STAGE real window(real off, settings_t settings)
+{
+    const real reach = SPLAT(settings.fit_reach), zero = SPLAT(0.0), one = SPLAT(1.0);
+    return limit((reach - absolute(off)) * reciprocal((reach + reach) - one), zero, one);
 }

@@ -22,6 +22,10 @@ class Decision(NDArrayOperatorsMixin):
         """Where either answer can be reached."""
         return self.possibly & ~self.surely
 
+    def any(self) -> bool:
+        """True where it is possible anywhere."""
+        return bool(self.possibly.any())
+
     def __getitem__(self, index: Any) -> Decision:
         """A part of the mask."""
         return Decision(self.value[index], self.surely[index], self.possibly[index])

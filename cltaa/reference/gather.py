@@ -8,14 +8,22 @@ import numpy as np
 
 from cltaa.build import Build, Record, kept_planes
 from cltaa.layout import Layout
-from cltaa.params import AlphaFrom, CurrentFilter, FilterUse, GatherFit, Weighting
+from cltaa.params import AlphaFrom, CurrentFilter, FilterUse, GatherFit
 from cltaa.reference.blend import filtered_share, storable_colour
-from cltaa.reference.colour import Colour, colour_outside_domain, from_range, luminance, to_range
-from cltaa.reference.gather_fit import Gathered, Stretch, first_sample, fit_at_centre, offset_now, stretch_of
-from cltaa.reference.gather_sides import Layers, Side, layers_of, range_of_side, side_of
+from cltaa.reference.colour import Colour, from_range
+from cltaa.reference.gather_fit import (
+    Gathered,
+    Stretch,
+    first_sample,
+    fit_at_centre,
+    places_now,
+    stretch_of,
+)
+from cltaa.reference.gather_sample import View, gather_sample, sample_share
+from cltaa.reference.gather_sides import NEIGHBOURS, Layers, Side, layers_of, range_of_side, side_of
 from cltaa.reference.gather_thin import recall_thin
-from cltaa.reference.gather_track import KEPT_CLOSENESS, Track, seen_then, texel_at, untold
-from cltaa.reference.neighbourhood import Surface, nearest_surface, usable_closeness
+from cltaa.reference.gather_track import Track, untold
+from cltaa.reference.neighbourhood import Surface, nearest_surface
 from cltaa.reference.pixel import (
     Pixel,
     Resolved,
@@ -23,22 +31,12 @@ from cltaa.reference.pixel import (
     current_pixel,
     drawn_towards,
     fresh_colour,
-    usable_share,
 )
 from cltaa.reference.planes import read_rows, store_resolved
-from cltaa.reference.projection import Motion, motion_from_depth, on_screen, surface_motion
-from cltaa.reference.real import Array, greater, limit, number, quiet
+from cltaa.reference.projection import Motion, motion_from_depth, on_screen, pixel_grid, surface_motion
+from cltaa.reference.real import Array, Mask, limit, number, quiet
 from cltaa.reference.rectify import rectify
-from cltaa.reference.sampling import Footprint, footprint_of
-
-
-def sample_share(v: Colour, build: Build, settings: Record) -> Array:
-    """Luminance weight 1 / (knee + Y) of a sample."""
-    one = number(1.0, v[0])
-    if build.choices.weighting is Weighting.NONE:
-        return np.full_like(v[0], one)
-    share: Array = one / (number(settings["luminance_knee"], v[0]) + greater(luminance(v), number(0.0, v[0])))
-    return share
+from cltaa.reference.sampling import footprint_of
 
 
 def gather_samples(
@@ -57,46 +55,32 @@ def gather_samples(
 ) -> Gathered:
     """``g`` and the samples of ``now`` on ``s`` in the kept frames [slots, planes, rows, stride] of ``past``, latest
     first."""
-    current = now.own
-    zero, one = np.zeros_like(current[0]), np.ones_like(current[0])
+    zero = np.zeros_like(now.own[0])
     none = np.zeros(zero.shape, bool)
     fit, own_motion = build.choices.gather_fit, build.steps.own_motion
     followed = range_of_side(s, layers, far=far_only) if fit is GatherFit.LAYERS else s
     track = Track(~untold(s.u, s.v) if own_motion else none, s.u, s.v, zero, none)
+    steps = [(0, 0)] if fit is GatherFit.MEAN else NEIGHBOURS
     for then in past:
-        planes = kept[int(then["slot"])]
         m, stretch = _way_back(track, s, layers, build, layout, frame, then)
-        seen = on_screen(m, layout) & ~track.lost
-        half = number(0.5, zero)
-        nearest = m._replace(
-            u=m.u + (half - number(then["jitter_x"], zero)), v=m.v + (half - number(then["jitter_y"], zero))
-        )
-        f = footprint_of(nearest, seen, layout)
-        c, q = _sample(planes, f, zero, then)
-        good = seen & ~colour_outside_domain(c)
-        good = good & seen_then(q, s, m, build, settings)
-        dx, dy, near = half - f.fx, half - f.fy, ~none
-        if fit is not GatherFit.MEAN:
-            dx, dy, visible = offset_now(dx, dy, stretch)
-            good = good & visible & (greater(np.abs(dx), np.abs(dy)) <= number(settings["fit_reach"], zero))
-            near = ~layers.edge | (q > layers.cut * m.scale + m.shift)
-            good = good & ~near if far_only else good
-        if build.steps.exposure:
-            ratio = number(then["exposure_ratio"], zero)
-            c = (c[0] * ratio, c[1] * ratio, c[2] * ratio)
-        c = to_range(c, build)
-        c = (np.where(good, c[0], current[0]), np.where(good, c[1], current[1]), np.where(good, c[2], current[2]))
-        d = [a - b for a, b in zip(c, current, strict=True)]
-        w = np.where(good, sample_share(c, build, settings), zero)
-        g.add(d, w, np.where(good, dx, zero), np.where(good, dy, zero), ~near if far_only else near, fit)
-        g.count = g.count + np.where(good, one, zero)
-        if build.steps.alpha:
-            a = usable_share(texel_at(planes[kept_planes(build.steps) - 1], f, zero.dtype), 1.0)
-            g.alpha = g.alpha + np.where(good, a - now.alpha, zero)
+        nearest, v = _view(kept[int(then["slot"])], m, on_screen(m, layout) & ~track.lost, stretch, layout, then)
+        for right, down in steps:
+            gather_sample(g, v, right, down, now, s, layers, build, layout, settings, far_only=far_only)
         if own_motion:
-            there = footprint_of(nearest._replace(u=nearest.u + s.x, v=nearest.v + s.y), seen, layout)
-            track.follow(followed, m, planes, there, seen, build, then, settings)
+            there = footprint_of(nearest._replace(u=nearest.u + s.x, v=nearest.v + s.y), v.seen, layout)
+            track.follow(followed, m, v.planes, there, v.seen, build, then, settings)
     return g
+
+
+def _view(planes: Array, m: Motion, seen: Mask, stretch: Stretch, layout: Layout, then: Record) -> tuple[Motion, View]:
+    """The way to the texels whose samples lie nearest, and the frame seen from there."""
+    half = number(0.5, m.u)
+    u, v = m.u + (half - number(then["jitter_x"], m.u)), m.v + (half - number(then["jitter_y"], m.u))
+    nearest = m._replace(u=u, v=v)
+    f = footprint_of(nearest, seen, layout)
+    x, y = pixel_grid(layout, m.u)
+    places = places_now(half - f.fx, half - f.fy, stretch)
+    return nearest, View(planes, then, m, seen, f, (x + u) - f.fx, (y + v) - f.fy, places)
 
 
 def _way_back(
@@ -114,11 +98,6 @@ def _way_back(
         m = track.motion(m)
         stretch = Stretch(*(np.where(track.own, zero, part) for part in stretch))
     return m, stretch
-
-
-def _sample(planes: Array, f: Footprint, like: Array, then: Record) -> tuple[Colour, Array]:
-    r, g, b = (texel_at(planes[channel], f, like.dtype) for channel in range(3))
-    return (r, g, b), usable_closeness(texel_at(planes[KEPT_CLOSENESS], f, like.dtype), then)
 
 
 def add_side(g: Gathered, side: Side, current: Colour, build: Build, settings: Record) -> None:

@@ -12,7 +12,7 @@ from cltaa.layout import Layout
 from cltaa.params import GatherFit
 from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.projection import Motion, pixel_grid
-from cltaa.reference.real import Array, Mask, constant, number
+from cltaa.reference.real import Array, Mask, constant, limit, number
 
 
 @dataclass(slots=True)
@@ -120,11 +120,36 @@ def stretch_of(
     )
 
 
-def offset_now(dx: Array, dy: Array, t: Stretch) -> tuple[Array, Array, Mask]:
-    """An offset of an earlier frame as one of now, and where the surface was seen at all."""
+class Places(NamedTuple):
+    """Where the samples of an earlier frame lie, seen from now: the nearest one, and the steps from it to the next to
+    the right (xx, yx) and below (xy, yy)."""
+
+    x: Array
+    y: Array
+    xx: Array
+    xy: Array
+    yx: Array
+    yy: Array
+    visible: Mask
+
+    def beside(self, right: int, down: int) -> tuple[Array, Array]:
+        """Offset of the sample ``right`` and ``down`` texels beside the nearest one from the pixel's centre."""
+        r, d = number(right, self.x), number(down, self.x)
+        return self.x + (self.xx * r + self.xy * d), self.y + (self.yx * r + self.yy * d)
+
+
+def places_now(dx: Array, dy: Array, t: Stretch) -> Places:
+    """The places of samples of which the nearest lies at (dx, dy) in its own frame."""
     one = number(1.0, dx)
     xx, yy = one + t.xx, one + t.yy
     det = xx * yy - t.xy * t.yx
     visible = det > constant("LEAST_W", dx)
-    safe = np.where(visible, det, one)
-    return (yy * dx - t.xy * dy) / safe, (xx * dy - t.yx * dx) / safe, visible
+    share = one / np.where(visible, det, one)
+    xx, xy, yx, yy = yy * share, -t.xy * share, -t.yx * share, xx * share
+    return Places(xx * dx + xy * dy, yx * dx + yy * dy, xx, xy, yx, yy, visible)
+
+
+def window(off: Array, settings: Record) -> Array:
+    """What counts of a sample ``off`` the centre along an axis; those a pixel apart count for one together."""
+    reach, zero, one = number(settings["fit_reach"], off), number(0.0, off), number(1.0, off)
+    return limit((reach - np.abs(off)) * (one / ((reach + reach) - one)), zero, one)

@@ -86,19 +86,39 @@ def test_samples_from_afar_count_only_where_they_lie_in_the_pixel() -> None:
         clip = near.view_to_clip.copy()
         clip[[0, 1], [0, 1]] *= 2.0**index
         camera = Camera(near.world_to_view, clip)
-        return make_frame(index, camera=camera, effects=frozenset({Effect.CAMERA}), jitter_px=(0.0, 0.0))
+        return make_frame(index, camera=camera, effects=frozenset({Effect.CAMERA}), jitter_px=(0.1, 0.1))
 
-    # Sizes are odd. One frame at half the size shows a pixel of even column and row (from the middle) at a sample, and
-    # one of odd ones half-way between two samples there: a whole pixel of now.
+    # Sizes are odd. One frame at half the size, its samples moved by 0.2 pixels of now, shows a pixel of even column
+    # and row (from the middle) 0.2 pixels from a sample, and one of odd ones 0.8 pixels from one.
     changed = {}
-    for reach in (0.6, 1.01):
+    for reach in (0.6, 0.9):
         resolver = Resolver(gathering("plane", reject="none", fit_reach=reach), "numpy")
         for index in range(2):
             frame = zoomed(index)
             resolved = resolver.resolve(frame)
         changed[reach] = float((resolved != frame.colour).any(-1).mean())
     assert 0.2 < changed[0.6] < 0.3
-    assert changed[1.01] > 0.9
+    assert changed[0.9] > 0.9
+
+
+def test_a_sample_beside_the_pixel_counts_by_how_near_it_lies() -> None:
+    # A step of red half-way across the image, and a jitter of 0.4 pixels: of the column beside the step, whose own
+    # sample lies to the right of its centre, the one to the left lies 0.6 pixels from it.
+    def step(index: int) -> Frame:
+        frame = make_frame(index, camera=make_camera(), effects=frozenset({Effect.CAMERA}), jitter_px=(0.4, 0.0))
+        colour = np.zeros_like(frame.colour)
+        colour[:, 10:] = 1.0
+        return replace(frame, colour=colour, depth=np.full_like(frame.depth, 5.0))
+
+    preset = gathering("plane", fit_reach=0.75, fit_ridge=2.0**20, rectify="none", frames_kept=3)
+    resolver = Resolver(preset, "numpy")
+    for index in range(4):
+        resolved = resolver.resolve(step(index))
+    # Windows of 0.7 and 0.3; the frame of now holds one sample that counts wholly. The ridge leaves a mean.
+    expected = np.where(np.arange(resolved.shape[1]) < 10, 0.0, 1.0)
+    expected[10] = (1 + 3 * 0.7) / (1 + 3)
+    inner = (slice(1, -1), slice(1, -1))
+    assert np.abs(resolved[..., 0] - expected)[inner].max() < 1e-5
 
 
 def approaching(index: int, z: float) -> Frame:

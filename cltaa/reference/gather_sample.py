@@ -1,0 +1,106 @@
+"""Twin of ``gather_sample.h``: the samples that a kept frame holds in and around a pixel."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cltaa.build import Build, Record, kept_planes
+from cltaa.layout import Layout
+from cltaa.params import GatherFit, Weighting
+from cltaa.reference.colour import Colour, colour_outside_domain, luminance, to_range
+from cltaa.reference.gather_fit import Gathered, Places, window
+from cltaa.reference.gather_sides import Layers
+from cltaa.reference.gather_track import KEPT_CLOSENESS, seen_then, texel_at
+from cltaa.reference.neighbourhood import Surface, usable_closeness
+from cltaa.reference.pixel import Pixel, usable_share
+from cltaa.reference.projection import Motion
+from cltaa.reference.real import Array, Mask, greater, number
+from cltaa.reference.sampling import Footprint
+
+
+def sample_share(v: Colour, build: Build, settings: Record) -> Array:
+    """Luminance weight 1 / (knee + Y) of a sample."""
+    one = number(1.0, v[0])
+    if build.choices.weighting is Weighting.NONE:
+        return np.full_like(v[0], one)
+    share: Array = one / (number(settings["luminance_knee"], v[0]) + greater(luminance(v), number(0.0, v[0])))
+    return share
+
+
+class View(NamedTuple):
+    """A kept frame as pixels see it: its planes and facts, the way there, the texels whose samples lie nearest to the
+    centres, and where its samples lie."""
+
+    planes: Array
+    then: Record
+    m: Motion
+    seen: Mask
+    f: Footprint
+    column: Array
+    row: Array
+    places: Places
+
+    def weight_beside(
+        self, right: int, down: int, fit: GatherFit, layout: Layout, settings: Record
+    ) -> tuple[Array, Array, Array]:
+        """How much counts of the sample beside the nearest one, and its offset from the centre."""
+        dx, dy = self.places.beside(right, down)
+        half, zero = number(0.5, dx), np.zeros_like(dx)
+        if fit is GatherFit.MEAN:
+            return np.where(self.seen, np.ones_like(dx), zero), dx, dy
+        column, row = self.column + number(right, dx), self.row + number(down, dx)
+        inside = (column > -half) & (row > -half)
+        inside &= (column < number(layout.width, dx) - half) & (row < number(layout.height, dx) - half)
+        share = window(dx, settings) * window(dy, settings)
+        return np.where(self.seen & self.places.visible & inside, share, zero), dx, dy
+
+
+def gather_sample(
+    g: Gathered,
+    v: View,
+    right: int,
+    down: int,
+    now: Pixel,
+    s: Surface,
+    layers: Layers,
+    build: Build,
+    layout: Layout,
+    settings: Record,
+    *,
+    far_only: bool,
+) -> None:
+    """One sample of a kept frame, ``right`` and ``down`` texels beside the nearest one."""
+    current, fit = now.own, build.choices.gather_fit
+    zero = np.zeros_like(current[0])
+    share, dx, dy = v.weight_beside(right, down, fit, layout, settings)
+    good = share > zero
+    if not good.any():
+        return
+    f = v.f._replace(row=v.f.row + down, column=v.f.column + right)
+    c, q = _sample(v.planes, f, zero, v.then)
+    good = good & ~colour_outside_domain(c)
+    good = good & seen_then(q, s, v.m, build, settings)
+    near = np.ones(zero.shape, bool)
+    if fit is not GatherFit.MEAN:
+        near = ~layers.edge | (q > layers.cut * v.m.scale + v.m.shift)
+        good = good & ~near if far_only else good
+    if build.steps.exposure:
+        ratio = number(v.then["exposure_ratio"], zero)
+        c = (c[0] * ratio, c[1] * ratio, c[2] * ratio)
+    c = to_range(c, build)
+    c = (np.where(good, c[0], current[0]), np.where(good, c[1], current[1]), np.where(good, c[2], current[2]))
+    d = [a - b for a, b in zip(c, current, strict=True)]
+    counted = np.where(good, share, zero)
+    w = counted * sample_share(c, build, settings)
+    g.add(d, w, np.where(good, dx, zero), np.where(good, dy, zero), ~near if far_only else near, fit)
+    g.count = g.count + counted
+    if build.steps.alpha:
+        a = usable_share(texel_at(v.planes[kept_planes(build.steps) - 1], f, zero.dtype), 1.0)
+        g.alpha = g.alpha + np.where(good, share * (a - now.alpha), zero)
+
+
+def _sample(planes: Array, f: Footprint, like: Array, then: Record) -> tuple[Colour, Array]:
+    r, g, b = (texel_at(planes[channel], f, like.dtype) for channel in range(3))
+    return (r, g, b), usable_closeness(texel_at(planes[KEPT_CLOSENESS], f, like.dtype), then)

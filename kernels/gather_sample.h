@@ -1,0 +1,86 @@
+// The samples that a kept frame holds in and around a pixel.
+#include "pixel.h"
+#include "gather_fit.h"
+#include "gather_sides.h"
+#include "gather_track.h"
+
+#if !defined(ALPHA) || !defined(EXPOSURE) || !defined(WEIGHTING)
+#error "gather_sample.h needs ALPHA, EXPOSURE and WEIGHTING from the prelude"
+#endif
+
+// Luminance weight 1 / (knee + Y): one firefly does not outweigh a pixel's whole past (Karis 2014 with knee 1).
+STAGE real sample_share(colour v, settings_t settings)
+{
+    if (WEIGHTING == WEIGHTING_NONE)
+        return SPLAT(1.0);
+    return reciprocal(SPLAT(settings.luminance_knee) + greater(luminance(v), SPLAT(0.0)));
+}
+
+STAGE colour colour_at(plane_in p, footprint f, size_t plane, int stride)
+{
+    const colour v = { texel_at(p, f, stride), texel_at(p + plane, f, stride), texel_at(p + 2 * plane, f, stride) };
+    return v;
+}
+
+// A kept frame as a pixel sees it: its planes, the way there, the texel whose sample lies nearest to the pixel's
+// centre, and where its samples lie.
+typedef struct
+{
+    plane_in planes;
+    motion_t m;
+    mask seen;
+    footprint f;
+    real column, row; // of that texel
+    places_t places;
+} view_t;
+
+// How much counts of the sample `right` and `down` texels beside the nearest one, and where it lies. The halo of an
+// image holds none. A mean takes the nearest one alone.
+STAGE real weight_beside(view_t v, int right, int down, real* dx, real* dy, frame_t frame, settings_t settings)
+{
+    *dx = v.places.x + (v.places.xx * K(right) + v.places.xy * K(down));
+    *dy = v.places.y + (v.places.yx * K(right) + v.places.yy * K(down));
+    if (GATHER_FIT == GATHER_FIT_MEAN)
+        return v.seen ? SPLAT(1.0) : SPLAT(0.0);
+    const real column = v.column + K(right), row = v.row + K(down), low = SPLAT(-0.5);
+    const mask inside
+        = (column > low) & (row > low) & (column < SPLAT(frame.width) - K(0.5)) & (row < SPLAT(frame.height) - K(0.5));
+    const real share = window(*dx, settings) * window(*dy, settings);
+    return v.seen & v.places.visible & inside ? share : SPLAT(0.0);
+}
+
+// One sample of a kept frame. It counts if it shows one of the pixel's surfaces; with `far_only` true, if it shows the
+// farther one.
+STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now, surface s, layers_t l, int far_only,
+    frame_t then, frame_t frame, settings_t settings)
+{
+    const size_t plane = plane_size(frame);
+    const int stride = row_stride(frame);
+    const real zero = SPLAT(0.0);
+    real dx, dy;
+    const real share = weight_beside(v, right, down, &dx, &dy, frame, settings);
+    mask good = share > zero;
+    if (!any_of(good))
+        return;
+    plane_in p = v.planes + down * (ptrdiff_t)stride + right;
+    colour c = colour_at(p, v.f, plane, stride);
+    good = good & !colour_outside_domain(c);
+    const real q = usable_closeness(texel_at(p + KEPT_CLOSENESS * plane, v.f, stride), then);
+    good = good & seen_then(q, s, v.m, settings);
+    mask near = (s.x == s.x);
+    if (GATHER_FIT != GATHER_FIT_MEAN) {
+        near = !l.edge | (q > l.cut * v.m.scale + v.m.shift);
+        good = far_only ? good & !near : good;
+    }
+    if (EXPOSURE)
+        c = scaled(c, SPLAT(then.exposure_ratio));
+    c = choose_colour(good, to_range(c), now.own);
+    const colour d = { c.r - now.own.r, c.g - now.own.g, c.b - now.own.b };
+    const real counted = good ? share : zero;
+    add_sample(g, d, counted * sample_share(c, settings), good ? dx : zero, good ? dy : zero, far_only ? !near : near);
+    g->count += counted;
+    if (ALPHA) {
+        const real a = usable_share(texel_at(p + KEPT_ALPHA * plane, v.f, stride), SPLAT(1.0));
+        g->alpha += good ? share * (a - now.alpha) : zero;
+    }
+}
