@@ -18,9 +18,10 @@ from cltaa.launch import DeviceLauncher
 from cltaa.sources import Sequence as Captured
 
 AGAIN = "(A/A)"
-# What fills a GPU, and each processor of a CPU, in pixels: with fewer it is launches that are timed, and the wait for
-# the last of many threads. Smaller frames are enlarged. A CPU of many processors gets no more than a GPU.
-FILLING, FILLING_A_PROCESSOR, LEAST_FILLING = 2_000_000, 62_500, 250_000
+# What fills each compute unit of a CPU and of a GPU, in pixels, and the limits of a frame: with less it is launches
+# that are timed, the steps of a GPU's clock (1 us), and the wait for the last of many threads.
+FILLING_A_UNIT = {True: 62_500, False: 24_000}
+LIMITS = {True: (250_000, 2_000_000), False: (1_000_000, 4_000_000)}
 TURN = 0.02  # seconds that a job runs again and again for in a round: its least is what nothing held up
 
 
@@ -34,8 +35,9 @@ class Ranking(NamedTuple):
 
 def enlargement(captured: Captured, launcher: DeviceLauncher) -> int:
     """How many times as wide and high frames must be to fill the device."""
-    units = launcher.device.cl_device.max_compute_units
-    filling = min(max(FILLING_A_PROCESSOR * units, LEAST_FILLING), FILLING) if launcher.device.is_cpu else FILLING
+    is_cpu, units = launcher.device.is_cpu, launcher.device.cl_device.max_compute_units
+    least, most = LIMITS[is_cpu]
+    filling = min(max(FILLING_A_UNIT[is_cpu] * units, least), most)
     return math.ceil(math.sqrt(filling / (captured.width * captured.height)))
 
 
