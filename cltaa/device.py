@@ -89,11 +89,16 @@ class Shape(NamedTuple):
     registers: int = 0  # the most that a work-item may have; 0: as many as the compiler likes
     one_width: bool = False  # whether the resolve is built for one width of planes
     registers_to_reject: int = 0  # the same where history is rejected by its depth, which takes more of them
+    registers_for_light: int = 0  # the same where changing light is tested
+    registers_in_place: int = 0  # the same where history is neither moved nor rectified, which takes few
 
 
 CPU_8, CPU_16 = Shape(lanes=8, rows=32, group=(1, 1)), Shape(lanes=16, rows=64, group=(1, 1))
 GPU = Shape(lanes=1, rows=8, group=(64, 2))
-NVIDIA = Shape(lanes=1, rows=16, group=(128, 1), registers=96, registers_to_reject=128, one_width=True)
+NVIDIA = Shape(
+    lanes=1, rows=16, group=(128, 1), one_width=True,
+    registers=96, registers_to_reject=128, registers_for_light=168, registers_in_place=64,
+)  # fmt: skip
 
 
 class Memory:

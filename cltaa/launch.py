@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from cltaa.build import Build, Storage
 from cltaa.layout import Layout
-from cltaa.params import Reject
+from cltaa.params import HistoryOf, LightChange, Rectify, Reject
 
 if TYPE_CHECKING:
+    from cltaa.device import Shape
     from cltaa.program import Kernel
 
 WISH = "CLTAA_DEVICE"  # the variable that names a device where nothing else does
@@ -70,9 +71,7 @@ class DeviceLauncher:
 
         shape = self.device.shape
         lanes, rows = plan_build.lanes or shape.lanes, plan_build.rows or shape.rows
-        rejects = plan_build.choices.reject is not Reject.NONE
-        registers = shape.registers_to_reject if rejects else shape.registers
-        return msgspec.structs.replace(plan_build, lanes=lanes, rows=rows, registers=registers)
+        return msgspec.structs.replace(plan_build, lanes=lanes, rows=rows, registers=_registers(shape, plan_build))
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
         """Zeroed device memory."""
@@ -126,6 +125,17 @@ class DeviceLauncher:
     def finish(self) -> None:
         """Wait until the device has done everything."""
         self.device.finish()
+
+
+def _registers(shape: Shape, build: Build) -> int:
+    """The most registers that a work-item may have; more of them, and fewer work-items are under way at once."""
+    choices, steps = build.choices, build.steps
+    if choices.light_change is LightChange.TEST and choices.history_of is HistoryOf.RESULT:
+        return shape.registers_for_light
+    if choices.reject is not Reject.NONE:
+        return shape.registers_to_reject
+    moves = steps.camera_motion or steps.own_motion
+    return shape.registers if moves or choices.rectify is not Rectify.NONE else shape.registers_in_place
 
 
 class _Array:
