@@ -50,16 +50,18 @@ STAGE colour nearest_texel(history_in p, footprint f, int i, int j, size_t plane
 
 // Student's t of nine differences: their mean over its standard error, a third of their deviation. `least` is added to
 // the deviation, so that a difference that nobody sees is none in a flat place either.
-STAGE real paired_t(moments above, moments centre, moments below, real least)
+STAGE real paired_t(moments above, moments centre, moments below, real da, real db, real least)
 {
-    const moments m = window_moments(above, centre, below);
+    const moments m = window_moments(above, centre, below, da, db);
     return quotient(K(3.0) * absolute(m.shift + m.offset), square_root(m.spread * K(TWO_27THS)) + least);
 }
 
-// What a row of three says: the moments of its differences, and how bright its samples are in all.
+// What a row of three says: the moments of its differences, the steps of their means from the row above, and how bright
+// its samples are in all.
 typedef struct
 {
     moments a, b, c;
+    boxed step;
     real level;
 } light_row;
 
@@ -90,7 +92,15 @@ STAGE light_row light_of_row(boxed_row now, history_in history, footprint f, int
     row.a = row_moments(d[0].a, d[1].a, d[2].a);
     row.b = row_moments(d[0].b, d[1].b, d[2].b);
     row.c = row_moments(d[0].c, d[1].c, d[2].c);
+    row.step = (boxed) { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) };
     row.level = (absolute(now.left.a) + absolute(now.own.a)) + absolute(now.right.a);
+    return row;
+}
+
+// A row below another.
+STAGE light_row light_below(light_row above, light_row row)
+{
+    row.step = (boxed) { mean_step(above.a, row.a), mean_step(above.b, row.b), mean_step(above.c, row.c) };
     return row;
 }
 
@@ -103,14 +113,14 @@ STAGE real change_of_light(plane_in current, boxed_row next, history_in history,
     const uint nearest = nearest_offset(f, row_stride(frame));
     if (nearest != kept->nearest) {
         kept->above = light_of_row(read_boxed(current, x, y - 1, frame), history, f, -1, frame);
-        kept->centre = light_of_row(read_boxed(current, x, y, frame), history, f, 0, frame);
+        kept->centre = light_below(kept->above, light_of_row(read_boxed(current, x, y, frame), history, f, 0, frame));
     }
     const light_row above = kept->above, centre = kept->centre;
 #else
     const light_row above = light_of_row(read_boxed(current, x, y - 1, frame), history, f, -1, frame),
-                    centre = light_of_row(read_boxed(current, x, y, frame), history, f, 0, frame);
+                    centre = light_below(above, light_of_row(read_boxed(current, x, y, frame), history, f, 0, frame));
 #endif
-    const light_row below = light_of_row(next, history, f, 1, frame);
+    const light_row below = light_below(centre, light_of_row(next, history, f, 1, frame));
 #if LANES == 1
     kept->above = centre;
     kept->centre = below;
@@ -118,8 +128,10 @@ STAGE real change_of_light(plane_in current, boxed_row next, history_in history,
 #endif
     const real level = (above.level + centre.level) + below.level;
     const real least = K(settings.change_floor) * (level * K(ONE_THIRD)) + K(TINY);
-    const real chroma
-        = greater(paired_t(above.b, centre.b, below.b, least), paired_t(above.c, centre.c, below.c, least));
-    const real t = greater(paired_t(above.a, centre.a, below.a, least), chroma);
+    const boxed up = centre.step, down = below.step; // the step to the row above is -up, to the bit
+    const real ta = paired_t(above.a, centre.a, below.a, -up.a, down.a, least),
+               tb = paired_t(above.b, centre.b, below.b, -up.b, down.b, least),
+               tc = paired_t(above.c, centre.c, below.c, -up.c, down.c, least);
+    const real t = greater(ta, greater(tb, tc));
     return greater(quotient(t, SPLAT(settings.change_t)), SPLAT(1.0));
 }

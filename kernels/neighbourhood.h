@@ -39,7 +39,7 @@ STAGE real mean_step(moments from, moments to) { return (to.shift - from.shift) 
 // Three rows of three (Chan, Golub and LeVeque 1983, pairwise update for equal counts): the spread of the whole is the
 // spread inside the rows plus three times the spread of the row means about their mean. da and db are the steps from
 // the centre row to the others.
-STAGE moments stepped_window(moments above, moments centre, moments below, real da, real db)
+STAGE moments window_moments(moments above, moments centre, moments below, real da, real db)
 {
     moments m;
     m.shift = centre.shift;
@@ -48,11 +48,6 @@ STAGE moments stepped_window(moments above, moments centre, moments below, real 
     m.low = lesser(lesser(above.low, below.low), centre.low);
     m.high = greater(greater(above.high, below.high), centre.high);
     return m;
-}
-
-STAGE moments window_moments(moments above, moments centre, moments below)
-{
-    return stepped_window(above, centre, below, mean_step(centre, above), mean_step(centre, below));
 }
 
 // The cross: the centre row of three and the texels above and below. Five values, the same shifted form.
@@ -161,7 +156,7 @@ STAGE real deviation_of(moments m)
 
 STAGE moments neighbourhood_moments(moments above, moments centre, moments below, real da, real db)
 {
-    moments m = stepped_window(above, centre, below, da, db);
+    moments m = window_moments(above, centre, below, da, db);
     if (NEIGHBOURHOOD == NEIGHBOURHOOD_WEIGHTED)
         m = weighted_window(m, above, centre, below, da, db);
     if (BOX == BOX_ROUNDED) {

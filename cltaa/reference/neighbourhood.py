@@ -79,7 +79,7 @@ def row_moments(left: Array, centre: Array, right: Array) -> Moments:
 
 
 def window_moments(above: Moments, centre: Moments, below: Moments) -> Moments:
-    """Three rows of three (Chan, Golub and LeVeque 1983)."""
+    """Three rows of three (Chan, Golub and LeVeque 1983); the kernels keep the steps between the rows' means."""
     da = (above.shift - centre.shift) + (above.offset - centre.offset)
     db = (below.shift - centre.shift) + (below.offset - centre.offset)
     return Moments(
