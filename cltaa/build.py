@@ -55,6 +55,7 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True):
     resample_cost: bool = True
     pull_cost: bool = True
     gamma_by_motion: bool = True
+    fresh_blur: bool = True
 
     @classmethod
     def of(cls, settings: Settings) -> Terms:
@@ -63,6 +64,7 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True):
             resample_cost=settings.resample_cost != 0.0,
             pull_cost=settings.pull_cost != 0.0,
             gamma_by_motion=settings.gamma_still != settings.gamma_moving,
+            fresh_blur=settings.fresh_blur != 0.0,
         )
 
 

@@ -57,6 +57,8 @@ STAGE real box_gamma(motion_t m, settings_t settings)
 // sample is as aliased as an image can be.
 STAGE colour fresh_colour(colour current, boxed mean, settings_t settings)
 {
+    if (!FRESH_BLUR)
+        return current;
     const boxed c = to_box_space(current);
     const boxed offset = { mean.a - c.a, mean.b - c.b, mean.c - c.c };
     const colour change = from_box_space(offset);

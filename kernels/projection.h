@@ -30,13 +30,14 @@ STAGE motion_t motion_from_depth(surface s, real x, real y, frame_t frame)
     // Behind the previous camera, or so near its plane that the division means nothing: it cannot have been seen.
     m.visible = w > SPLAT(LEAST_W);
     const real safe_w = m.visible ? w : SPLAT(1.0);
-    m.u = quotient(dx - px * dw, safe_w);
-    m.v = quotient(dy - py * dw, safe_w);
+    const real by = divisor(safe_w);
+    m.u = over(dx - px * dw, by);
+    m.v = over(dy - py * dw, by);
     if (ORTHOGRAPHIC) {
         m.scale = SPLAT(1.0) + K(frame.zq);
         m.shift = (K(frame.zx) * px + K(frame.zy) * py) + K(frame.z1);
     } else {
-        m.scale = reciprocal(safe_w);
+        m.scale = over(SPLAT(1.0), by);
     }
     return m;
 }

@@ -244,6 +244,15 @@ STAGE real quotient(real a, real b) { return a / b; }
 #endif
 STAGE real reciprocal(real v) { return quotient(SPLAT(1.0), v); }
 
+// Several quotients by one b: `over(a, divisor(b))` is what quotient(a, b) promises, for one division in all.
+#if STRICT
+STAGE real divisor(real b) { return b; }
+STAGE real over(real a, real by) { return a / by; }
+#else
+STAGE real divisor(real b) { return reciprocal(b); }
+STAGE real over(real a, real by) { return a * by; }
+#endif
+
 // Largest whole number not above v; |v| < 2^22, which the caller has tested.
 #if LANES == 1
 STAGE real floor_of(real v) { return floor(v); }

@@ -130,10 +130,10 @@ STAGE boxed rectify_history(boxed history, boxed current, box_t box)
         const boxed d = { history.a - box.centre.a, history.b - box.centre.b, history.c - box.centre.c };
         const real t = outsideness(d, box.extent);
         const mask out_of_it = (t > SPLAT(1.0)) & (RECTIFY == RECTIFY_CLIP ? outside_ends(history, box) : (mask)(-1));
-        const real safe = out_of_it ? t : SPLAT(1.0);
-        out.a = out_of_it ? box.centre.a + quotient(d.a, safe) : history.a;
-        out.b = out_of_it ? box.centre.b + quotient(d.b, safe) : history.b;
-        out.c = out_of_it ? box.centre.c + quotient(d.c, safe) : history.c;
+        const real by = divisor(out_of_it ? t : SPLAT(1.0));
+        out.a = out_of_it ? box.centre.a + over(d.a, by) : history.a;
+        out.b = out_of_it ? box.centre.b + over(d.b, by) : history.b;
+        out.c = out_of_it ? box.centre.c + over(d.c, by) : history.c;
     }
     return out;
 }

@@ -31,7 +31,7 @@ from cltaa.program import source
 
 BARE = Steps(camera_motion=False, own_motion=False, orthographic=False, exposure=False, alpha=False, reactive=False)
 PLAIN = Choices(rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE, weighting=Weighting.NONE)
-IDLE = Terms(resample_cost=False, pull_cost=False, gamma_by_motion=False)
+IDLE = Terms(resample_cost=False, pull_cost=False, gamma_by_motion=False, fresh_blur=False)
 LEAST = Build(choices=PLAIN, steps=BARE, terms=IDLE, lanes=8, rows=4)
 
 # Step -> (a word that only its code holds, what turns it on among steps and choices).
@@ -65,6 +65,7 @@ TERMS = {
     "resample_cost": "K(settings.resample_cost)",
     "pull_cost": "K(settings.pull_cost)",
     "gamma_by_motion": "K(settings.gamma_still)",
+    "fresh_blur": "K(settings.fresh_blur)",
 }
 
 

@@ -23,6 +23,7 @@ NOTHING = {
     "resample_cost": Settings(resample_cost=0.0),
     "pull_cost": Settings(pull_cost=0.0),
     "gamma_by_motion": Settings(gamma_still=1.25, gamma_moving=1.25),
+    "fresh_blur": Settings(fresh_blur=0.0),
 }
 
 
@@ -61,8 +62,10 @@ def test_a_width_known_when_kernels_are_built_changes_no_bit(lanes: int) -> None
 
 
 def test_presets_call_for_the_terms_that_they_use() -> None:
-    assert Terms.of(load_preset("t2").settings) == Terms(resample_cost=False, pull_cost=False, gamma_by_motion=False)
-    assert Terms.of(load_preset("default").settings) == Terms()
+    assert Terms.of(Settings()) == Terms(gamma_by_motion=False)
+    assert Terms.of(load_preset("default").settings) == Terms(fresh_blur=False)
+    none = Terms(resample_cost=False, pull_cost=False, gamma_by_motion=False, fresh_blur=False)
+    assert Terms.of(load_preset("t2").settings) == none
     resolver = Resolver("t2", "numpy")
     resolver.resolve(make_frame(0, width=WIDTH, height=HEIGHT))
     assert resolver.last is not None
