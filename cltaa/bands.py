@@ -111,9 +111,9 @@ class BandedResolver(Resolver):
         super().__init__(*arguments, **options)
         if not isinstance(self.launcher, DeviceLauncher):
             raise UsageError("NumPy resolves whole images only", cure="leave --band-rows out, or name a device")
-        if self.preset.choices.history_of is HistoryOf.SAMPLES:
+        if self.preset.choices.history_of is not HistoryOf.RESULT:
             raise UsageError(
-                f"preset {self.preset.name} keeps frames, so it resolves whole images only",
+                f"preset {self.preset.name} {_keeps(self.preset)}, so it resolves whole images only",
                 cure="leave --band-rows out, or take --preset default",
             )
         self._rows = band_rows
@@ -159,16 +159,16 @@ def resolver_for(
     """A resolver for the frames of ``sequence``: in bands where whole ones take more memory than this machine has.
 
     ``band_rows`` says it instead of the machine; 0 is whole images. Raises ResourceError where they would have to be
-    resolved in bands and the preset keeps frames, which only whole images can.
+    resolved in bands and the preset keeps frames or a history at 200 %, which only whole images can.
     """
     if band_rows is None:
-        whole = of_whole_images(sequence)
+        whole = of_whole_images(sequence, doubled=preset.choices.history_of is HistoryOf.DOUBLED)
         band_rows = band_rows_for(whole)
-        if band_rows and preset.choices.history_of is HistoryOf.SAMPLES:
+        if band_rows and preset.choices.history_of is not HistoryOf.RESULT:
             raise ResourceError(
-                f"{sequence.width} x {sequence.height} pixels are too many for preset {preset.name}, which keeps "
-                "frames, so it resolves whole images only",
-                expected=f"{whole.whole / 1e6:.0f} MB beside the kept frames",
+                f"{sequence.width} x {sequence.height} pixels are too many for preset {preset.name}, which "
+                f"{_keeps(preset)}, so it resolves whole images only",
+                expected=f"{whole.whole / 1e6:.0f} MB beside what it keeps",
                 found=f"{memory_limit() / 1e6:.0f} MB of memory",
                 cure="take --preset default, which resolves them in bands, or --band-rows 0 to try all the same",
             )
@@ -176,6 +176,10 @@ def resolver_for(
             band_rows = 0
     kind = partial(BandedResolver, band_rows=band_rows) if band_rows else Resolver
     return kind(preset, device, **options)
+
+
+def _keeps(preset: Preset) -> str:
+    return "keeps frames" if preset.choices.history_of is HistoryOf.SAMPLES else "keeps its history at 200 %"
 
 
 def _whole(frame: Frame, alpha: bool) -> _Whole:

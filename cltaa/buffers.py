@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cltaa.build import texel_planes
 from cltaa.frames import Image
 from cltaa.launch import Buffer, Launcher
 from cltaa.layout import Layout
@@ -29,6 +30,9 @@ class Buffers:
         self.history = self._planes(self._history_planes, dtype, self.whole)
         self.history_count, self.previous_closeness = self._planes(1, layout=whole), self._planes(1, layout=whole)
         self._optional: dict[str, Buffer] = {}
+        self._dtype = dtype
+        self._texels: list[Buffer] = []  # at 200 %: those that are read, and those that are written
+        self.doubled = False  # whether the last frame left a history at 200 %
 
     def _planes(self, count: int, dtype: Any = np.float32, layout: Layout | None = None) -> Buffer:
         layout = layout or self.layout
@@ -44,6 +48,20 @@ class Buffers:
             self._optional[name] = self._planes(planes)
         return self._optional[name]
 
+    def texels(self) -> tuple[Buffer, Buffer]:
+        """The history at 200 % that is read and the one that is written, allocated when first asked for."""
+        planes = texel_planes(self._history_planes == 4)
+        while len(self._texels) < 2:
+            self._texels.append(self._planes(planes, self._dtype))
+        return self._texels[0], self._texels[1]
+
+    def written(self, doubled: bool) -> list[tuple[Buffer, int]]:
+        """What a resolve writes for the next frame in the numbers of the history, with the planes of each."""
+        images = [(self.output, self._history_planes)]
+        if doubled:
+            images.append((self.texels()[1], texel_planes(self._history_planes == 4)))
+        return images
+
     def read(self, alpha: bool) -> Image:
         """The output as [H, W, 3 or 4] float32, planar in memory."""
         with self.output.mapped(write=False) as planes:
@@ -55,6 +73,7 @@ class Buffers:
         self.history, self.output = self.output, self.history
         self.history_count, self.output_count = self.output_count, self.history_count
         self.closeness, self.previous_closeness = self.previous_closeness, self.closeness
+        self._texels.reverse()
 
     def recurrent(self) -> dict[str, Buffer]:
         """The memory that the next frame reads beside its own input, by name; valid until the next ``swap``."""
@@ -63,6 +82,11 @@ class Buffers:
             "history_count": self.history_count,
             "previous_closeness": self.previous_closeness,
         }
+
+    def doubling(self) -> dict[str, Buffer]:
+        """The same, and what is written, of a resolve with a history at 200 %."""
+        texels, texels_out = self.texels()
+        return {"previous_closeness": self.previous_closeness, "texels": texels, "texels_out": texels_out}
 
 
 def fill(buffer: Buffer, layout: Layout, planes: NDArray[np.float32]) -> None:

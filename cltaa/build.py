@@ -73,6 +73,11 @@ def kept_planes(steps: Steps) -> int:
     return 4 + 2 * steps.own_motion + steps.alpha
 
 
+def texel_planes(alpha: bool) -> int:
+    """Planes of a history at 200 %: four each of r, g, b, alpha where there is any, and count (texels.h)."""
+    return 4 * (4 + alpha)
+
+
 class Build(msgspec.Struct, frozen=True, kw_only=True):
     """Everything that decides a kernel's text and flags, apart from its source files."""
 
@@ -134,6 +139,10 @@ FRAME_FIELDS: dict[str, tuple[str, str]] = {
     "right_weight": ("float", "weight of the right column"),
     "above_weight": ("float", "weight of the row above"),
     "below_weight": ("float", "weight of the row below"),
+    "left_mass": ("float", "what the sample counts for in the left texels of a pixel's history at 200 %"),
+    "right_mass": ("float", "the same in the right ones"),
+    "upper_mass": ("float", "a factor to it in the upper ones"),
+    "lower_mass": ("float", "a factor to it in the lower ones"),
 }
 
 # A struct of a kernel as a 0-dimensional structured array.

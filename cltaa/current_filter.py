@@ -9,7 +9,7 @@ from cltaa.params import Choices, CurrentFilter, Settings
 
 
 class AxisWeights(NamedTuple):
-    """Weights of the outer two of three samples of an axis; all three sum to 1."""
+    """Weights along an axis: of the outer two of three samples, which sum to 1, or in the two texels of a pixel."""
 
     before: float
     after: float
@@ -22,6 +22,14 @@ def axis_weights(jitter: float, choices: Choices, settings: Settings) -> AxisWei
     before, middle, after = (_value(abs(step + jitter), choices.current_filter, settings) for step in (-1, 0, 1))
     total = before + middle + after
     return AxisWeights(before / total, after / total)
+
+
+def axis_masses(jitter: float, settings: Settings) -> AxisWeights:
+    """What a sample ``jitter`` pixels after its pixel's centre counts for in two texels along an axis.
+
+    exp(-texel_falloff d^2) at the distance d from a texel's centre, a quarter of a pixel before the pixel's or after.
+    """
+    return AxisWeights(*(exp(-settings.texel_falloff * (jitter - place) ** 2) for place in (-0.25, 0.25)))
 
 
 def _value(d: float, kind: CurrentFilter, settings: Settings) -> float:

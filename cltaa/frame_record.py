@@ -9,7 +9,7 @@ import numpy as np
 
 from cltaa.build import FRAME_DTYPE, Record
 from cltaa.cameras import Displacement, displacement, is_still, sky_closeness
-from cltaa.current_filter import axis_weights
+from cltaa.current_filter import axis_masses, axis_weights
 from cltaa.frames import Camera, Frame
 from cltaa.layout import Layout
 from cltaa.params import Choices, CurrentFilter, FilterUse, OnCameraMove, RayThrough
@@ -27,6 +27,7 @@ class Past:
     alpha: bool
     own_motion: bool
     jitter_px: tuple[float, float]
+    doubled: bool = False  # whether it left a history at 200 %
     earlier: tuple[Past, ...] = ()  # the frames before it whose samples are kept, the latest first
 
     @classmethod
@@ -75,4 +76,6 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan
             choices = msgspec.structs.replace(choices, current_filter=CurrentFilter.NONE)
         axes = (axis_weights(jitter, choices, plan.settings) for jitter in frame.jitter_px)
         (record["left_weight"], record["right_weight"]), (record["above_weight"], record["below_weight"]) = axes
+        masses = (axis_masses(jitter, plan.settings) for jitter in frame.jitter_px)
+        (record["left_mass"], record["right_mass"]), (record["upper_mass"], record["lower_mass"]) = masses
     return record

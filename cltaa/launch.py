@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cltaa.device import Shape
     from cltaa.program import Kernel
 
+SLIDING = frozenset({"resolve", "resolve_doubled", "gather"})  # kernels whose work-items walk down rows
 WISH = "CLTAA_DEVICE"  # the variable that names a device where nothing else does
 
 
@@ -113,7 +114,7 @@ class DeviceLauncher:
         if kernel == "extend_edges":
             halo = layout.stride * layout.rows - layout.width * layout.height
             return (halo if build.lanes == 1 else layout.rows, int(arguments["planes"])), None
-        rows = build.rows if kernel in ("resolve", "gather") else 1
+        rows = build.rows if kernel in SLIDING else 1
         columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
         group = self.device.shape.group
         return (-(-columns // group[0]) * group[0], -(-steps // group[1]) * group[1]), group

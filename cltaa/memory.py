@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from cltaa.build import Build, Steps, Storage, kept_planes
+from cltaa.build import Build, Steps, Storage, kept_planes, texel_planes
 from cltaa.launch import storage_dtype
 from cltaa.layout import Layout
 from cltaa.sources import Sequence
@@ -21,20 +21,30 @@ PROGRAM = 102_000_000
 
 
 def device_bytes(
-    width: int, height: int, steps: Steps, storage: Storage = Storage.FLOAT, *, band_rows: int = 0, frames_kept: int = 0
+    width: int,
+    height: int,
+    steps: Steps,
+    storage: Storage = Storage.FLOAT,
+    *,
+    band_rows: int = 0,
+    frames_kept: int = 0,
+    doubled: bool = False,
 ) -> int:
     """Bytes of the planes on the device, halos included.
 
     Per texel and in floats: the frame holds 4 (R G B, closeness), and 2, 1 and 1 more for own motion, alpha and
     reactive; what recurs holds count and closeness; the result its count. Both hold 3 or, with alpha, 4 planes of
     ``storage``. In bands the frame and its result are ``band_rows`` high. A ring holds ``frames_kept`` frames and one.
+    A history at 200 % (``doubled``) holds twice four texels of colour, alpha and count in ``storage``.
     """
     whole = Layout(width, height)
     band = Layout(width, band_rows) if band_rows else whole
-    colour = (3 + steps.alpha) * int(np.dtype(storage_dtype(Build(storage=storage))).itemsize)
+    stored = int(np.dtype(storage_dtype(Build(storage=storage))).itemsize)
+    colour = (3 + steps.alpha) * stored
+    texels = 2 * texel_planes(steps.alpha) * stored if doubled else 0
     frame = REAL * (4 + 2 * steps.own_motion + steps.alpha + steps.reactive)
     ring = REAL * kept_planes(steps) * (frames_kept + 1) if frames_kept else 0
-    return (frame + colour + REAL) * band.plane + (colour + 2 * REAL) * whole.plane + ring * whole.plane
+    return (frame + colour + REAL) * band.plane + (colour + 2 * REAL + texels + ring) * whole.plane
 
 
 class Memory(msgspec.Struct, frozen=True, kw_only=True):
@@ -65,19 +75,21 @@ def of_resolve(pixels: int, channels: int, file: int, device: int, *, alpha: boo
     )  # fmt: skip
 
 
-def of_sequence(sequence: Sequence, steps: Steps, *, band_rows: int = 0, frames_kept: int = 0) -> Memory:
+def of_sequence(
+    sequence: Sequence, steps: Steps, *, band_rows: int = 0, frames_kept: int = 0, doubled: bool = False
+) -> Memory:
     """Memory of a resolve of ``sequence`` with ``steps``: whole images, or bands of ``band_rows`` rows."""
     width, height = sequence.width, sequence.height
     return of_resolve(
         width * height, max(len(layout.channels) for layout in sequence.layouts.values()),
         max(sequence.path(number).stat().st_size for number in sequence.numbers),
-        device_bytes(width, height, steps, band_rows=band_rows, frames_kept=frames_kept),
+        device_bytes(width, height, steps, band_rows=band_rows, frames_kept=frames_kept, doubled=doubled),
         alpha=steps.alpha, banded=bool(band_rows),
     )  # fmt: skip
 
 
-def of_whole_images(sequence: Sequence) -> Memory:
+def of_whole_images(sequence: Sequence, *, doubled: bool = False) -> Memory:
     """Memory of a resolve of ``sequence`` over whole images, with each step that its channels allow; no frames kept."""
     channels = {name for layout in sequence.layouts.values() for name in layout.channels}
     steps = Steps(own_motion="backward.u" in channels, alpha="A" in channels, reactive="reactive" in channels)
-    return of_sequence(sequence, steps)
+    return of_sequence(sequence, steps, doubled=doubled)

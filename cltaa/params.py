@@ -20,6 +20,7 @@ class HistoryOf(StrEnum):
     """What is remembered of earlier frames."""
 
     RESULT = "result"  # their resolved image: any number of frames in one
+    DOUBLED = "doubled"  # the same at 200 %: four texels a pixel
     SAMPLES = "samples"  # the samples of the last frames_kept frames, as they were drawn
 
 

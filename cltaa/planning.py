@@ -16,6 +16,7 @@ import msgspec
 from cltaa.build import Steps
 from cltaa.cameras import is_still
 from cltaa.estimates import (
+    DOUBLING,
     GATHERING,
     LIGHT,
     RECTIFICATION,
@@ -59,6 +60,7 @@ STEP_NAMES = {
 CHOICE_OF_STEP: dict[str, tuple[str, StrEnum, StrEnum]] = {
     REJECTION: ("reject", Reject.NONE, Reject.DEPTH),
     GATHERING: ("history_of", HistoryOf.RESULT, HistoryOf.SAMPLES),
+    DOUBLING: ("history_of", HistoryOf.RESULT, HistoryOf.DOUBLED),
     LIGHT: ("light_change", LightChange.IGNORE, LightChange.TEST),
     WEIGHTS: ("weighting", Weighting.NONE, Weighting.LUMINANCE),
 }

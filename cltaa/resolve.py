@@ -108,16 +108,21 @@ class Resolver:
         """
         if self._previous is None or self._buffers is None:
             raise ValueError("there is no history")
+        memory = self._buffers.recurrent()
+        if self._buffers.doubled:
+            return replace(self._previous, doubled=True), {**memory, "texels": self._buffers.texels()[0]}
         if self._kept is None:
-            return self._previous, self._buffers.recurrent()
-        past = replace(self._previous, earlier=self._kept.past)
-        return past, {**self._buffers.recurrent(), "kept": self._kept.planes}
+            return self._previous, memory
+        return replace(self._previous, earlier=self._kept.past), {**memory, "kept": self._kept.planes}
 
     def restore(self, past: Past) -> dict[str, Buffer]:
         """Go on after ``past``; returns the memory to fill with what ``recurrent`` gave then, by the same names."""
         layout = Layout(past.shape[1], past.shape[0])
         buffers = self._allocate(layout, past.alpha or self.every_step)
         self._previous, self._kept = past, None
+        buffers.doubled = past.doubled
+        if past.doubled:
+            return {**buffers.recurrent(), "texels": buffers.texels()[0]}
         if not past.earlier:
             return buffers.recurrent()
         steps = Steps(own_motion=past.own_motion or self.every_step, alpha=past.alpha or self.every_step)
@@ -210,21 +215,23 @@ class Resolver:
         else:
             self._resolve(record, build, buffers)
         float_build = build if build.storage is Storage.FLOAT else Build(lanes=build.lanes, rows=build.rows)
-        for shaped, image, planes in (
-            (build, buffers.output, 4 if steps.alpha else 3),
-            (float_build, buffers.output_count, 1),
-        ):
+        doubled = self.plan.choices.history_of is HistoryOf.DOUBLED
+        written = [(build, *image) for image in buffers.written(doubled)]
+        for shaped, image, planes in (*written, (float_build, buffers.output_count, 1)):
             self.launcher.run("extend_edges", shaped, layout, {"image": image, "frame": record, "planes": planes})
+        buffers.doubled = doubled
 
     def _resolve(self, record: Record, build: Build, buffers: Buffers) -> None:
         """Start the kernel that resolves what ``buffers`` hold of a frame."""
-        history = {
-            "history": buffers.history,
-            "history_count": buffers.history_count,
-            "previous_closeness": buffers.previous_closeness,
-        }
-        self.last = LastRun(build, buffers.layout, self._arguments(record, build.steps, buffers) | history)
-        self.launcher.run("resolve", *self.last)
+        assert self.plan is not None
+        arguments = self._arguments(record, build.steps, buffers)
+        if self.plan.choices.history_of is HistoryOf.DOUBLED:
+            record["reset"] |= not buffers.doubled  # the last frame may have left no history at 200 %
+            kernel, given = "resolve_doubled", arguments | buffers.doubling()
+        else:
+            kernel, given = "resolve", arguments | buffers.recurrent()
+        self.last = LastRun(build, buffers.layout, arguments | buffers.recurrent())
+        self.launcher.run(kernel, build, buffers.layout, given)
 
     def _arguments(self, record: Record, steps: Steps, buffers: Buffers) -> dict[str, Any]:
         """What every kernel that resolves is given."""

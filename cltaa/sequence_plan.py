@@ -102,10 +102,11 @@ def plan(
 def memory(sequence: Sequence, preset: Preset, plans: list[Plan]) -> Memory:
     """What a resolve of ``sequence`` takes at its peak, in bands where it would run in bands."""
     used = {name: any(getattr(each.steps, name) for each in plans) for name in Steps.__struct_fields__}
-    kept = any(each.choices.history_of is HistoryOf.SAMPLES for each in plans)
-    rows = 0 if kept else band_rows_for(of_whole_images(sequence))
-    frames_kept = preset.settings.frames_kept if kept else 0
-    return of_sequence(sequence, Steps(**used), band_rows=rows, frames_kept=frames_kept)
+    histories = {each.choices.history_of for each in plans}
+    rows = band_rows_for(of_whole_images(sequence)) if preset.choices.history_of is HistoryOf.RESULT else 0
+    frames_kept = preset.settings.frames_kept if HistoryOf.SAMPLES in histories else 0
+    doubled = HistoryOf.DOUBLED in histories
+    return of_sequence(sequence, Steps(**used), band_rows=rows, frames_kept=frames_kept, doubled=doubled)
 
 
 def _plans(sequence: Sequence, preset: Preset, effects: Effects) -> Iterator[tuple[int, bool, Plan]]:

@@ -43,6 +43,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     filter_falloff: Annotated[
         float, _number("falloff of the gaussian current filter", 0.0, 64.0, "1 / pixel^2", "2.29: Blackman-Harris, 3.3")
     ] = 2.29
+    texel_falloff: Annotated[
+        float, _number("falloff of a sample's mass (history_of doubled)", 0.0, 16.0, "1 / pixel^2", "measured")
+    ] = 8.0
     frames_kept: Annotated[
         int, _number("earlier frames whose samples are kept (history_of samples)", 1, 64, "frames", "measured")
     ] = 15
@@ -115,5 +118,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 
 # What the host alone looks at: it does not reach the kernels' struct.
-HOST_SETTINGS = frozenset({"changing_cost", "changing_gamma", "filter_falloff", "frames_kept", "sky_at", "sky_below"})
+HOST_SETTINGS = frozenset(
+    {"changing_cost", "changing_gamma", "filter_falloff", "frames_kept", "sky_at", "sky_below", "texel_falloff"}
+)
 KERNEL_SETTINGS = tuple(name for name in Settings.__struct_fields__ if name not in HOST_SETTINGS)

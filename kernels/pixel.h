@@ -75,14 +75,18 @@ STAGE colour drawn_towards(colour own, colour filtered, real share)
     return v;
 }
 
-// The pixel blended with its rectified history, or begun anew where there is none.
-STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t settings)
+// How many samples a pixel's rectified history is believed to stand for.
+STAGE real believed_samples(pixel_t p, history_t h, rectification r, settings_t settings)
+{
+    const real count = believed_count(h.count, h.fx, h.fy, r.pull, settings);
+    return REACTIVE ? count * (SPLAT(1.0) - p.reactivity) : count;
+}
+
+// The pixel blended with its rectified history of `count` samples, or begun anew where there is none.
+STAGE resolved resolve_beside(pixel_t p, history_t h, rectification r, real count, settings_t settings)
 {
     colour current = p.filtered;
     const colour past = { h.rgb.r + r.change.r, h.rgb.g + r.change.g, h.rgb.b + r.change.b };
-    real count = believed_count(h.count, h.fx, h.fy, r.pull, settings);
-    if (REACTIVE)
-        count *= SPLAT(1.0) - p.reactivity;
     if (FILTER_USE == FILTER_USE_FEW_SAMPLES) {
         const real share = h.valid ? reciprocal(count + K(1.0)) : SPLAT(1.0);
         current = drawn_towards(p.own, current, filtered_share(share, current, settings));
@@ -108,6 +112,11 @@ STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t
         out.alpha = h.valid ? blend(h.alpha, p.alpha, weight) : p.alpha;
     out.count = h.valid ? count + K(1.0) : SPLAT(1.0);
     return out;
+}
+
+STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t settings)
+{
+    return resolve_beside(p, h, r, believed_samples(p, h, r, settings), settings);
 }
 
 // The alpha of the history; where the box is `unit`, held in the extremes of the current 3x3 as colour is.

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from cltaa.reference import gather, resolve, stages
+from cltaa.reference import doubled, gather, resolve, stages
 
 # Kernel name -> twin; called with (build, layout, **arguments by the kernel's own names).
 KERNELS: dict[str, Callable[..., Any]] = {
@@ -19,6 +19,7 @@ KERNELS: dict[str, Callable[..., Any]] = {
     "rectify_history": stages.rectify_history_kernel,
     "repair_colour": stages.repair_colour_kernel,
     "resolve": resolve.resolve,
+    "resolve_doubled": doubled.resolve_doubled,
     "sample_history": stages.sample_history_kernel,
     "surface_motion": stages.surface_motion_kernel,
 }

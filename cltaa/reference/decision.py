@@ -57,8 +57,8 @@ class Whole(NDArrayOperatorsMixin):
         self.value, self.open = value, open_at
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
-        """Sums, with plain whole numbers too; one that rounding may have turned makes the sum another."""
-        if ufunc is not np.add or method != "__call__" or options:
+        """Sums, halves and parities, with plain whole numbers too; one that rounding may turn turns the result."""
+        if ufunc not in (np.add, np.right_shift, np.bitwise_and) or method != "__call__" or options:
             return NotImplemented
         turned = np.logical_or.reduce([part.open for part in inputs if isinstance(part, Whole)])
         return Whole(ufunc(*(part.value if isinstance(part, Whole) else part for part in inputs)), turned)

@@ -119,14 +119,22 @@ def drawn_towards(own: Colour, filtered: Colour, share: Array) -> Colour:
     return r, g, b
 
 
+def believed_samples(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Array:
+    """How many samples a pixel's rectified history is believed to stand for."""
+    count = believed_count(h.count, h.fx, h.fy, r.pull, build, settings)
+    return count * (number(1.0, count) - p.reactivity) if build.steps.reactive else count
+
+
 def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Resolved:
     """The pixel blended with its rectified history, or begun anew where there is none."""
+    return resolve_beside(p, h, r, believed_samples(p, h, r, build, settings), build, settings)
+
+
+def resolve_beside(p: Pixel, h: History, r: Rectification, count: Array, build: Build, settings: Record) -> Resolved:
+    """The pixel blended with its rectified history of ``count`` samples, or begun anew where there is none."""
     current = p.filtered
     one = number(1.0, h.count)
     past = (h.rgb[0] + r.change[0], h.rgb[1] + r.change[1], h.rgb[2] + r.change[2])
-    count = believed_count(h.count, h.fx, h.fy, r.pull, build, settings)
-    if build.steps.reactive:
-        count = count * (one - p.reactivity)
     if build.choices.filter_use is FilterUse.FEW:
         share = np.where(h.valid, one / (count + one), one)
         current = drawn_towards(p.own, current, filtered_share(share, current, build, settings))

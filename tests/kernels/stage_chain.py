@@ -29,7 +29,7 @@ from tests.sequence_factory import SPECIAL_BITS, bits, make_frame
 
 Planes = dict[str, NDArray[Any]]
 
-# Kernel -> the planes that it writes: the stages in the order of the chain, and the two fused kernels.
+# Kernel -> the planes that it writes: the stages in the order of the chain, and the three fused kernels.
 WRITES: dict[str, dict[str, int]] = {
     "repair_colour": {"repaired": 3},
     "neighbourhood_statistics": {"statistics_out": 15},
@@ -38,11 +38,12 @@ WRITES: dict[str, dict[str, int]] = {
     "rectify_history": {"change_out": 6},
     "blend": {"output": 4, "output_count": 1},
     "resolve": {"output": 4, "output_count": 1},
+    "resolve_doubled": {"texels_out": 20, "output": 4, "output_count": 1},
     "gather": {"output": 4, "output_count": 1},
 }
-FUSED = ("resolve", "gather")
+FUSED = ("resolve", "resolve_doubled", "gather")
 # The choices that fused kernels are shipped with, all of them at once.
-SHIPPED = {"resolve": "default", "gather": "t5"}
+SHIPPED = {"resolve": "default", "resolve_doubled": "t3-200", "gather": "t5"}
 STAGES = [kernel for kernel in WRITES if kernel not in FUSED]
 # The choices and steps that each stage's code looks at; of the fused kernels what no stage does.
 LOOKS_AT: dict[str, tuple[str, ...]] = {
@@ -75,6 +76,17 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "weighting",
     ),
     "resolve": ("storage",),
+    "resolve_doubled": (
+        "alpha",
+        "camera_motion",
+        "exposure",
+        "filter_use",
+        "history_filter",
+        "own_motion",
+        "reactive",
+        "reject",
+        "storage",
+    ),
     "gather": (
         "alpha",
         "alpha_from",
@@ -119,6 +131,7 @@ def hard_work(width: int = 70, height: int = 41, seed: int = 0, settings: Settin
     )
     record = frame_record(now, Past.of(before[-1]), layout)
     record["left_weight"], record["right_weight"], record["above_weight"], record["below_weight"] = 0.3, -0.05, 0.1, 0.2
+    record["left_mass"], record["right_mass"], record["upper_mass"], record["lower_mass"] = 0.9, 0.01, 0.6, 0.3
     past = np.array([frame_record(now, Past.of(frame), layout) for frame in reversed(before)], FRAME_DTYPE)
     past["jitter_x"], past["jitter_y"] = np.linspace(-0.4, 0.3, KEPT), np.linspace(0.2, -0.5, KEPT)
     past["slot"] = (np.arange(KEPT) + 1) % KEPT
@@ -168,7 +181,9 @@ def hard_planes(layout: Layout, seed: int = 0) -> Planes:
             *strew(random.uniform(-0.2, 1.2, (1, *shape)), random, 0.02),
         )
     ]
-    named = {**dict(zip(names, strewn, strict=True)), "kept": np.array(kept)}
+    shares, counts = random.uniform(-0.2, 1.2, (4, *shape)), random.choice([0.0, 0.01, 1.0, 7.0, 1000.0], (4, *shape))
+    texels = [*storable(strew(near_mean(12), random, 0.002)), *storable(shares.astype(np.float32)), *counts]
+    named = {**dict(zip(names, strewn, strict=True)), "kept": np.array(kept), "texels": np.array(texels)}
     return {name: padded(planes, layout) for name, planes in named.items()}
 
 
@@ -211,11 +226,13 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     given |= {"past": work.past, "frames": len(work.past)}
     if len(work.past):
         given["kept"] = kept_of(build.steps, work)
+    if not build.steps.alpha:
+        given["texels"] = np.delete(work.planes["texels"], slice(12, 16), 0)
     given |= {f"{name[:-4]}_in": planes for name, planes in work.planes.items() if name.endswith("_out")}
     given |= {name: np.full_like(work.layout.empty(count), UNWRITTEN) for name, count in WRITES[kernel].items()}
     names = [p.name for p in inspect.signature(KERNELS[kernel]).parameters.values() if p.kind is p.KEYWORD_ONLY]
     most = value_of("HALF_LIMIT") if build.storage in HALVES else np.inf
-    for name in {"history", "output"} & set(names):
+    for name in {"history", "output", "texels", "texels_out"} & set(names):
         with np.errstate(invalid="ignore"):  # signalling NaN
             given[name] = np.clip(given[name], -most, most).astype(storage_dtype(build))
     return {name: given[name] for name in names}
