@@ -29,4 +29,4 @@ class FilterUse(StrEnum):
     """Where the current filter stands for the pixel's own sample."""
 
     ALWAYS = "always"
-    FEW = "few-samples"  # the less, the more samples there are: for the share 1 / n of the n-th
+    FEW = "few-samples"  # the less, the more samples there are: its share goes as 1 / n, of a history later as 1 / n^2

@@ -46,6 +46,10 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     texel_falloff: Annotated[
         float, _number("falloff of a sample's mass (history_of doubled)", 0.0, 16.0, "1 / pixel^2", "measured")
     ] = 8.0
+    filter_samples: Annotated[
+        float,
+        _number("samples of a history beyond which the filter's share falls as 1 / n^2", 1.0, 2.0**20, "1", "measured"),
+    ] = 8.0
     frames_kept: Annotated[
         int, _number("earlier frames whose samples are kept (history_of samples)", 1, 64, "frames", "measured")
     ] = 15

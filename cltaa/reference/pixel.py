@@ -125,6 +125,11 @@ def believed_samples(p: Pixel, h: History, r: Rectification, build: Build, setti
     return count * (number(1.0, count) - p.reactivity) if build.steps.reactive else count
 
 
+def fading_share(of_mean: Array, settings: Record) -> Array:
+    """Share of the filtered sample in the n-th of a history: 1 / n, ``of_mean``, but as 1 / n^2 from some n on."""
+    return lesser(of_mean, number(settings["filter_samples"], of_mean) * (of_mean * of_mean))
+
+
 def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Resolved:
     """The pixel blended with its rectified history, or begun anew where there is none."""
     return resolve_beside(p, h, r, believed_samples(p, h, r, build, settings), build, settings)
@@ -136,7 +141,7 @@ def resolve_beside(p: Pixel, h: History, r: Rectification, count: Array, build: 
     one = number(1.0, h.count)
     past = (h.rgb[0] + r.change[0], h.rgb[1] + r.change[1], h.rgb[2] + r.change[2])
     if build.choices.filter_use is FilterUse.FEW:
-        share = np.where(h.valid, one / (count + one), one)
+        share = np.where(h.valid, fading_share(one / (count + one), settings), one)
         current = drawn_towards(p.own, current, filtered_share(share, current, build, settings))
     weight = sample_weight(count, r.unrest, build, settings)
     if build.steps.reactive:

@@ -51,6 +51,21 @@ def test_the_filter_has_the_share_of_one_sample(history_of: str) -> None:
 
 
 @pytest.mark.parametrize("history_of", ["result", "samples"])
+@pytest.mark.parametrize("beyond", [1.0, 3.0])
+def test_what_the_filter_leaves_in_a_history_fades_sooner(history_of: str, beyond: float) -> None:
+    resolver = Resolver(few(history_of, filter_samples=beyond), "numpy")
+    side = np.exp(-np.float32(resolver.preset.settings.filter_falloff))
+    middle = 1 / (1 + 2 * side) ** 2
+    kept = 0.0
+    for number in range(1, 9):
+        value = resolver.resolve(dotted(number - 1))[10, 12, 0]
+        kept += min(1 / number, beyond / number**2) if number > 1 else 0.0
+        # Kept samples are filtered anew in each frame: nothing adds up.
+        taken = 1 / number if history_of == "samples" else kept / number
+        assert number == 1 or abs(value - (1 - (1 - middle) * taken)) < 1e-6
+
+
+@pytest.mark.parametrize("history_of", ["result", "samples"])
 def test_after_a_cut_a_frame_is_the_filter_alone(history_of: str) -> None:
     resolver = Resolver(few(history_of), "numpy")
     side = np.exp(-np.float32(resolver.preset.settings.filter_falloff))
