@@ -60,9 +60,13 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     fit_reach: Annotated[
         float,
         _number(
-            "where samples no longer count, from the pixel's centre along an axis", 0.5625, 1.0, "pixels", "measured"
+            "where few samples no longer count, from the pixel's centre along an axis",
+            0.5625,
+            1.0,
+            "pixels",
+            "measured",
         ),
-    ] = 0.7
+    ] = 0.8
     thin_frames: Annotated[
         int, _number("kept frames in which things thinner than a pixel are looked for", 0, 64, "frames", "measured")
     ] = 4

@@ -41,7 +41,7 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, gathere
 {
     const size_t plane = plane_size(frame);
     const uint at = texel_offset(frame, x, y);
-    const real px = LANE_INDEX + K(x), py = SPLAT(y);
+    const real px = LANE_INDEX + K(x), py = SPLAT(y), reach = reach_of(frames + 1, settings);
     const surface followed = GATHER_FIT == GATHER_FIT_LAYERS ? range_of_side(s, l, far_only) : s;
     track_t t = { s.x != s.x, s.x != s.x, s.u, s.v, SPLAT(0.0) };
     if (OWN_MOTION)
@@ -59,6 +59,7 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, gathere
         v.column = (px + nearest.u) - v.f.fx;
         v.row = (py + nearest.v) - v.f.fy;
         v.places = places_now(SPLAT(0.5) - v.f.fx, SPLAT(0.5) - v.f.fy, stretch);
+        v.reach = reach;
         v.planes = kept + (size_t)then.slot * KEPT_PLANES * plane;
         if (GATHER_FIT == GATHER_FIT_MEAN)
             gather_sample(&g, v, 0, 0, now, s, l, far_only, then, frame, settings);

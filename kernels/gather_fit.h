@@ -130,11 +130,19 @@ STAGE places_t places_now(real dx, real dy, stretch_t t)
     return p;
 }
 
-// What counts of a sample that lies `off` the centre along an axis: all in the middle, nothing from fit_reach on, and
-// half on the pixel's border. A sample stands for what lies around it, a part of which is another pixel's; of those a
-// pixel apart as much counts as of one, wherever they lie.
-STAGE real window(real off, settings_t settings)
+// Where the samples of n frames no longer count, from the pixel's centre along an axis. One of n samples stands for a
+// square of 1 / n of the pixel, of whose side this is the border's distance; few reach as far as fit_reach.
+STAGE real reach_of(int n, settings_t settings)
 {
-    const real reach = SPLAT(settings.fit_reach), zero = SPLAT(0.0), one = SPLAT(1.0);
+    const real side = reciprocal(square_root(SPLAT(n)));
+    return lesser(SPLAT(settings.fit_reach), SPLAT(0.5) + side);
+}
+
+// What counts of a sample that lies `off` the centre along an axis: all in the middle, nothing from `reach` on, and
+// half on the pixel's border. Of what a sample stands for there a part is another pixel's; of samples a pixel apart as
+// much counts as of one, wherever they lie.
+STAGE real window(real off, real reach)
+{
+    const real zero = SPLAT(0.0), one = SPLAT(1.0);
     return limit((reach - absolute(off)) * reciprocal((reach + reach) - one), zero, one);
 }

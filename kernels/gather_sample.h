@@ -32,21 +32,26 @@ typedef struct
     footprint f;
     real column, row; // of that texel
     places_t places;
+    real reach; // where they no longer count
 } view_t;
 
-// How much counts of the sample `right` and `down` texels beside the nearest one, and where it lies. The halo of an
-// image holds none. A mean takes the nearest one alone.
-STAGE real weight_beside(view_t v, int right, int down, real* dx, real* dy, frame_t frame, settings_t settings)
+// How much counts of the sample `right` and `down` texels beside the nearest one, and where it lies; nothing for most
+// of the eight, which is told before all else. The halo of an image holds none. A mean takes the nearest one alone.
+STAGE real weight_beside(view_t v, int right, int down, real* dx, real* dy, frame_t frame)
 {
+    const real zero = SPLAT(0.0), reach = v.reach;
     *dx = v.places.x + (v.places.xx * K(right) + v.places.xy * K(down));
     *dy = v.places.y + (v.places.yx * K(right) + v.places.yy * K(down));
     if (GATHER_FIT == GATHER_FIT_MEAN)
-        return v.seen ? SPLAT(1.0) : SPLAT(0.0);
+        return v.seen ? SPLAT(1.0) : zero;
+    const mask near = v.seen & v.places.visible & (absolute(*dx) < reach) & (absolute(*dy) < reach);
+    if (!any_of(near))
+        return zero;
     const real column = v.column + K(right), row = v.row + K(down), low = SPLAT(-0.5);
     const mask inside
         = (column > low) & (row > low) & (column < SPLAT(frame.width) - K(0.5)) & (row < SPLAT(frame.height) - K(0.5));
-    const real share = window(*dx, settings) * window(*dy, settings);
-    return v.seen & v.places.visible & inside ? share : SPLAT(0.0);
+    const real share = window(*dx, reach) * window(*dy, reach);
+    return near & inside ? share : zero;
 }
 
 // One sample of a kept frame. It counts if it shows one of the pixel's surfaces; with `far_only` true, if it shows the
@@ -58,7 +63,7 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
     const int stride = row_stride(frame);
     const real zero = SPLAT(0.0);
     real dx, dy;
-    const real share = weight_beside(v, right, down, &dx, &dy, frame, settings);
+    const real share = weight_beside(v, right, down, &dx, &dy, frame);
     mask good = share > zero;
     if (!any_of(good))
         return;

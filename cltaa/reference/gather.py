@@ -17,6 +17,7 @@ from cltaa.reference.gather_fit import (
     first_sample,
     fit_at_centre,
     places_now,
+    reach_of,
     stretch_of,
 )
 from cltaa.reference.gather_sample import View, gather_sample, sample_share
@@ -61,9 +62,10 @@ def gather_samples(
     followed = range_of_side(s, layers, far=far_only) if fit is GatherFit.LAYERS else s
     track = Track(~untold(s.u, s.v) if own_motion else none, s.u, s.v, zero, none)
     steps = [(0, 0)] if fit is GatherFit.MEAN else NEIGHBOURS
+    reach = reach_of(len(past) + 1, settings, zero)
     for then in past:
         m, stretch = _way_back(track, s, layers, build, layout, frame, then)
-        nearest, v = _view(kept[int(then["slot"])], m, on_screen(m, layout) & ~track.lost, stretch, layout, then)
+        nearest, v = _view(kept[int(then["slot"])], m, on_screen(m, layout) & ~track.lost, stretch, reach, layout, then)
         for right, down in steps:
             gather_sample(g, v, right, down, now, s, layers, build, layout, settings, far_only=far_only)
         if own_motion:
@@ -72,7 +74,9 @@ def gather_samples(
     return g
 
 
-def _view(planes: Array, m: Motion, seen: Mask, stretch: Stretch, layout: Layout, then: Record) -> tuple[Motion, View]:
+def _view(
+    planes: Array, m: Motion, seen: Mask, stretch: Stretch, reach: Array, layout: Layout, then: Record
+) -> tuple[Motion, View]:
     """The way to the texels whose samples lie nearest, and the frame seen from there."""
     half = number(0.5, m.u)
     u, v = m.u + (half - number(then["jitter_x"], m.u)), m.v + (half - number(then["jitter_y"], m.u))
@@ -80,7 +84,7 @@ def _view(planes: Array, m: Motion, seen: Mask, stretch: Stretch, layout: Layout
     f = footprint_of(nearest, seen, layout)
     x, y = pixel_grid(layout, m.u)
     places = places_now(half - f.fx, half - f.fy, stretch)
-    return nearest, View(planes, then, m, seen, f, (x + u) - f.fx, (y + v) - f.fy, places)
+    return nearest, View(planes, then, m, seen, f, (x + u) - f.fx, (y + v) - f.fy, places, reach)
 
 
 def _way_back(

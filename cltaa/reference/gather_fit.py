@@ -12,7 +12,7 @@ from cltaa.layout import Layout
 from cltaa.params import GatherFit
 from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.projection import Motion, pixel_grid
-from cltaa.reference.real import Array, Mask, constant, limit, number
+from cltaa.reference.real import Array, Mask, constant, lesser, limit, number
 
 
 @dataclass(slots=True)
@@ -149,7 +149,14 @@ def places_now(dx: Array, dy: Array, t: Stretch) -> Places:
     return Places(xx * dx + xy * dy, yx * dx + yy * dy, xx, xy, yx, yy, visible)
 
 
-def window(off: Array, settings: Record) -> Array:
+def reach_of(n: int, settings: Record, like: Array) -> Array:
+    """Where the samples of ``n`` frames no longer count, from the pixel's centre along an axis."""
+    half, most = number(0.5, like), number(settings["fit_reach"], like)
+    reach: Array = lesser(most, half + number(1.0, like) / np.sqrt(number(n, like)))
+    return reach
+
+
+def window(off: Array, reach: Array) -> Array:
     """What counts of a sample ``off`` the centre along an axis; those a pixel apart count for one together."""
-    reach, zero, one = number(settings["fit_reach"], off), number(0.0, off), number(1.0, off)
+    zero, one = number(0.0, off), number(1.0, off)
     return limit((reach - np.abs(off)) * (one / ((reach + reach) - one)), zero, one)

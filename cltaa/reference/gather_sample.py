@@ -31,7 +31,7 @@ def sample_share(v: Colour, build: Build, settings: Record) -> Array:
 
 class View(NamedTuple):
     """A kept frame as pixels see it: its planes and facts, the way there, the texels whose samples lie nearest to the
-    centres, and where its samples lie."""
+    centres, and where its samples lie and where they no longer count."""
 
     planes: Array
     then: Record
@@ -41,10 +41,9 @@ class View(NamedTuple):
     column: Array
     row: Array
     places: Places
+    reach: Array
 
-    def weight_beside(
-        self, right: int, down: int, fit: GatherFit, layout: Layout, settings: Record
-    ) -> tuple[Array, Array, Array]:
+    def weight_beside(self, right: int, down: int, fit: GatherFit, layout: Layout) -> tuple[Array, Array, Array]:
         """How much counts of the sample beside the nearest one, and its offset from the centre."""
         dx, dy = self.places.beside(right, down)
         half, zero = number(0.5, dx), np.zeros_like(dx)
@@ -53,7 +52,7 @@ class View(NamedTuple):
         column, row = self.column + number(right, dx), self.row + number(down, dx)
         inside = (column > -half) & (row > -half)
         inside &= (column < number(layout.width, dx) - half) & (row < number(layout.height, dx) - half)
-        share = window(dx, settings) * window(dy, settings)
+        share = window(dx, self.reach) * window(dy, self.reach)
         return np.where(self.seen & self.places.visible & inside, share, zero), dx, dy
 
 
@@ -74,7 +73,7 @@ def gather_sample(
     """One sample of a kept frame, ``right`` and ``down`` texels beside the nearest one."""
     current, fit = now.own, build.choices.gather_fit
     zero = np.zeros_like(current[0])
-    share, dx, dy = v.weight_beside(right, down, fit, layout, settings)
+    share, dx, dy = v.weight_beside(right, down, fit, layout)
     good = share > zero
     if not good.any():
         return
