@@ -23,7 +23,8 @@ WIDEST = 0.02  # half width of the A/A interval beyond which nothing is ranked
 
 
 MOST_RUNS = 5  # of a job in one turn, however short they are
-FEWEST_RUNS = 2  # however long, where turns are asked for: of one run alone nothing says whether it was held up
+FEWEST_RUNS = 2  # where turns are asked for: of one run alone nothing says whether it was held up
+LONG = 4  # turns that a run takes of which one is enough
 
 
 class Clock(StrEnum):
@@ -160,8 +161,9 @@ def measure(
 ) -> Samples:
     """Time ``jobs`` in ``rounds`` rounds after ``warm_up`` untimed runs of each (one, where a job takes few rounds).
 
-    A turn is one run; with ``turn`` as many as fill so many seconds, from FEWEST_RUNS to MOST_RUNS. Where ``enough``
-    does not find the samples good enough, more rounds follow for at most ``patience`` seconds.
+    A turn is one run; with ``turn`` as many as fill so many seconds, from FEWEST_RUNS to MOST_RUNS, and what takes LONG
+    turns runs once, to warm up too. Where ``enough`` does not find the samples good enough, more rounds follow for at
+    most ``patience`` seconds.
     """
     runs = {job.name: _runs(job, warm_up if job.rounds is None else 1, turn) for job in jobs}
     random = np.random.default_rng(seed)
@@ -185,7 +187,11 @@ def measure(
 
 def _runs(job: Job, warm_up: int, turn: float) -> int:
     """Warm up, and say how many runs a turn of the job has."""
-    least = min((_turn(job, 1).wall for _ in range(warm_up)), default=turn)
+    least = math.inf
+    for _ in range(warm_up):
+        least = min(least, _turn(job, 1).wall)
+        if 0.0 < LONG * turn <= least:
+            return 1
     return 1 if turn == 0.0 else min(max(math.ceil(turn / max(least, 1e-9)), FEWEST_RUNS), MOST_RUNS)
 
 

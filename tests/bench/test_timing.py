@@ -101,15 +101,20 @@ def test_every_round_runs_every_job_once_in_an_order_of_its_own() -> None:
 def test_a_turn_is_as_many_runs_as_fill_its_time() -> None:
     ran: list[str] = []
 
-    def long() -> None:
-        ran.append("long")
-        time.sleep(0.06)
+    def sleeping(name: str, seconds: float) -> Job:
+        def run() -> None:
+            ran.append(name)
+            time.sleep(seconds)
 
-    samples = measure([Job("short", lambda: ran.append("short")), Job("long", long)], 3, warm_up=3, turn=0.05)
+        return Job(name, run)
+
+    jobs = [Job("short", lambda: ran.append("short")), sleeping("medium", 0.06), sleeping("long", 0.25)]
+    samples = measure(jobs, 3, warm_up=3, turn=0.05)
     assert ran.count("short") == 3 + 3 * MOST_RUNS
-    assert ran.count("long") == 3 + 3 * FEWEST_RUNS
-    assert samples.seconds("long").min() >= 0.06
-    assert samples.seconds("long", Clock.PROCESSOR).max() < 0.03  # sleeping is no work; seen: 0.0003
+    assert ran.count("medium") == 3 + 3 * FEWEST_RUNS
+    assert ran.count("long") == 1 + 3
+    assert samples.seconds("medium").min() >= 0.06
+    assert samples.seconds("medium", Clock.PROCESSOR).max() < 0.03  # sleeping is no work; seen: 0.0003
 
 
 def test_a_turn_keeps_its_least_and_the_mean_of_its_processor_time() -> None:
