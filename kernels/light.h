@@ -24,28 +24,38 @@ STAGE colour history_in_range(colour v, frame_t frame)
     return to_range(v);
 }
 
-#if LANES == 1
-// Where the texel of the history nearest to the footprint is.
-STAGE uint nearest_offset(footprint f, int stride)
+// The texels of the history nearest to the footprint: their whole displacement, a lane, and where the first lane's is.
+typedef struct
 {
-    return f.at + (uint)(TO_WHOLE(floor_of(f.fy + K(0.5))) * stride + TO_WHOLE(floor_of(f.fx + K(0.5))));
-}
-#endif
+    whole dx, dy;
+    uint own, at;
+    int alike; // whether the lanes' lie side by side
+} nearest_t;
 
-// The texel of the history nearest to the footprint, or one i columns right of it and j rows below.
-STAGE colour nearest_texel(history_in p, footprint f, int i, int j, size_t plane, int stride)
+STAGE nearest_t nearest_texels(footprint f, int stride)
 {
-    if (f.lanes == LANES_ON_TEXELS)
-        return load_history_colour(p + (f.at + (uint)(j * stride + i)), plane);
+    nearest_t n;
+    n.dx = f.dx + TO_WHOLE(floor_of(f.fx + K(0.5)));
+    n.dy = f.dy + TO_WHOLE(floor_of(f.fy + K(0.5)));
+    const scalar_whole x = first_lane(n.dx), y = first_lane(n.dy);
+    n.own = f.own;
+    n.at = f.own + (uint)((int)y * stride + (int)x);
+    n.alike = LANES == 1 || !any_of((n.dx ^ x) | (n.dy ^ y));
+    return n;
+}
+
+// One of them, or the texel i columns right of it and j rows below.
+STAGE colour nearest_texel(history_in p, nearest_t n, int i, int j, size_t plane, int stride)
+{
 #if LANES > 1
-    const whole dx = TO_WHOLE(floor_of(f.fx + K(0.5))) + i, dy = TO_WHOLE(floor_of(f.fy + K(0.5))) + j;
-    p += f.own;
-    const colour v = { gather(p, f.dx + dx, f.dy + dy, stride), gather(p + plane, f.dx + dx, f.dy + dy, stride),
-        gather(p + 2 * plane, f.dx + dx, f.dy + dy, stride) };
-    return v;
-#else
-    return load_history_colour(ROW_BELOW(p, nearest_offset(f, stride), j, stride) + i, plane);
+    if (!n.alike) {
+        p += n.own;
+        const colour v = { gather(p, n.dx + i, n.dy + j, stride), gather(p + plane, n.dx + i, n.dy + j, stride),
+            gather(p + 2 * plane, n.dx + i, n.dy + j, stride) };
+        return v;
+    }
 #endif
+    return load_history_colour(ROW_BELOW(p, n.at, j, stride) + i, plane);
 }
 
 // Student's t of nine differences: their mean over its standard error, a third of their deviation. `least` is added to
@@ -79,13 +89,13 @@ STAGE boxed light_difference(boxed now, colour past, frame_t frame)
     return (boxed) { now.a - then.a, now.b - then.b, now.c - then.c };
 }
 
-// The row of `now`, j below the footprint's.
-STAGE light_row light_of_row(boxed_row now, history_in history, footprint f, int j, frame_t frame)
+// The row of `now`, j below that of the nearest texels.
+STAGE light_row light_of_row(boxed_row now, history_in history, nearest_t n, int j, frame_t frame)
 {
     const size_t plane = history_plane_size(frame);
     boxed d[3];
     for (int i = -1; i <= 1; ++i) {
-        const colour past = nearest_texel(history, f, i, j, plane, row_stride(frame));
+        const colour past = nearest_texel(history, n, i, j, plane, row_stride(frame));
         d[i + 1] = light_difference(i < 0 ? now.left : (i > 0 ? now.right : now.own), past, frame);
     }
     light_row row;
@@ -109,22 +119,22 @@ STAGE light_row light_below(light_row above, light_row row)
 STAGE real change_of_light(plane_in current, boxed_row next, history_in history, footprint f, int x, int y,
     frame_t frame, settings_t settings, kept_light* kept)
 {
+    const nearest_t n = nearest_texels(f, row_stride(frame));
 #if LANES == 1
-    const uint nearest = nearest_offset(f, row_stride(frame));
-    if (nearest != kept->nearest) {
-        kept->above = light_of_row(read_boxed(current, x, y - 1, frame), history, f, -1, frame);
-        kept->centre = light_below(kept->above, light_of_row(read_boxed(current, x, y, frame), history, f, 0, frame));
+    if (n.at != kept->nearest) {
+        kept->above = light_of_row(read_boxed(current, x, y - 1, frame), history, n, -1, frame);
+        kept->centre = light_below(kept->above, light_of_row(read_boxed(current, x, y, frame), history, n, 0, frame));
     }
     const light_row above = kept->above, centre = kept->centre;
 #else
-    const light_row above = light_of_row(read_boxed(current, x, y - 1, frame), history, f, -1, frame),
-                    centre = light_below(above, light_of_row(read_boxed(current, x, y, frame), history, f, 0, frame));
+    const light_row above = light_of_row(read_boxed(current, x, y - 1, frame), history, n, -1, frame),
+                    centre = light_below(above, light_of_row(read_boxed(current, x, y, frame), history, n, 0, frame));
 #endif
-    const light_row below = light_below(centre, light_of_row(next, history, f, 1, frame));
+    const light_row below = light_below(centre, light_of_row(next, history, n, 1, frame));
 #if LANES == 1
     kept->above = centre;
     kept->centre = below;
-    kept->nearest = nearest + (uint)row_stride(frame);
+    kept->nearest = n.at + (uint)row_stride(frame);
 #endif
     const real level = (above.level + centre.level) + below.level;
     const real least = K(settings.change_floor) * (level * K(ONE_THIRD)) + K(TINY);
