@@ -26,6 +26,7 @@ from cltaa.exr_layout import COMPRESSION_NUMBERS, LARGEST_SIDE, LOSSLESS, Layout
 from cltaa.file_content import check_memory, file_size, open_regular, read_all
 from cltaa.frames import Frame, Image
 from cltaa.quiet import muted_output
+from cltaa.zip_level import FASTEST, set_zip_level
 
 # Attributes that describe the file and not the picture: OpenEXR writes them itself.
 _STRUCTURAL = frozenset({"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "tiles", "type"})
@@ -35,6 +36,7 @@ _STANDARD_FLOATS = frozenset({"pixelAspectRatio", "screenWindowWidth", "whiteLum
 # OpenEXR starts with no worker threads and no limit; a second core halves the time of ZIP.
 OpenEXR.set_global_thread_count(len(os.sched_getaffinity(0)))
 OpenEXR.setMaxImageSize(LARGEST_SIDE, LARGEST_SIDE)
+set_zip_level(FASTEST)
 
 
 @dataclass(frozen=True, slots=True)
