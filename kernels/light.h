@@ -85,8 +85,8 @@ typedef struct
 
 STAGE boxed light_difference(boxed now, colour past, frame_t frame)
 {
-    const boxed then = to_box_space(history_in_range(past, frame));
-    return (boxed) { now.a - then.a, now.b - then.b, now.c - then.c };
+    const boxed was = to_box_space(history_in_range(past, frame));
+    return (boxed) { now.a - was.a, now.b - was.b, now.c - was.c };
 }
 
 // The row of `now`, j below that of the nearest texels.
