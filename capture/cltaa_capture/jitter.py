@@ -18,7 +18,7 @@ Offsets = NDArray[np.float64]  # [N, 2]
 PLASTIC = 1.3247179572447460
 
 LONGEST_PERIOD = 1 << 16  # samples; half a second to make, and far beyond what a float32 sum resolves
-FADING = 0.95  # what a frame counts in the order of a lattice after each later one; measured: docs/decisions/0024
+FADING = 0.95  # what a frame counts in the order of a lattice after each later one; measured: docs/decisions/0025
 LONGEST_LATTICE = 1 << 10  # samples; its order takes memory with their square, 25 MB here
 
 

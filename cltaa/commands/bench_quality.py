@@ -57,7 +57,7 @@ NARROWEST = 160  # columns of the terminal, so that no number is cut off
     type=click.IntRange(min=1),
     help="Samples of the truth where nothing moves.",
 )
-@click.option("--jitter", default="r2:64", show_default=True, help="Sample positions of a capture; see cltaa capture.")
+@click.option("--jitter", default="lattice:64", show_default=True, help="Sample positions, as for cltaa capture.")
 @click.option("--train", default="0", show_default=True, metavar="LIST", help="Seeds that presets were tuned on.")
 @click.option("--held-out", default="1", show_default=True, metavar="LIST", help="Other seeds; may be empty.")
 @click.option("--settled", default=8, show_default=True, type=click.IntRange(min=0), help="First frame that is judged.")
