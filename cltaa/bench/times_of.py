@@ -19,8 +19,8 @@ from cltaa.sources import Sequence as Captured
 
 AGAIN = "(A/A)"
 # What fills each compute unit of a CPU and of a GPU, in pixels, and the limits of a frame: with less it is launches
-# that are timed, the steps of a GPU's clock (1 us), and the wait for the last of many threads.
-FILLING_A_UNIT = {True: 40_000, False: 24_000}
+# that are timed, and the wait for the last of many threads.
+FILLING_A_UNIT = {True: 40_000, False: 15_000}
 LIMITS = {True: (250_000, 2_000_000), False: (1_000_000, 4_000_000)}
 TURN = 0.02  # seconds that a job runs again and again for in a round: its least is what nothing held up
 
