@@ -8,9 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.build import texel_planes
+from cltaa.errors import ResourceError
 from cltaa.frames import Image
 from cltaa.launch import Buffer, Launcher
 from cltaa.layout import Layout
+
+# Kernels step in 31 bits over the four planes of a channel at 200 %.
+MOST_DOUBLED = 2**29 - 1
 
 
 class Buffers:
@@ -49,7 +53,15 @@ class Buffers:
         return self._optional[name]
 
     def texels(self) -> tuple[Buffer, Buffer]:
-        """The history at 200 % that is read and the one that is written, allocated when first asked for."""
+        """The history at 200 % that is read and the one that is written, allocated when first asked for.
+
+        Raises ResourceError where a channel of it has more texels than kernels can step over.
+        """
+        if self.layout.plane > MOST_DOUBLED:
+            raise ResourceError(
+                "the image is too large for a history at 200 %", found=f"{self.layout.width} x {self.layout.height}",
+                expected=f"at most {MOST_DOUBLED} texels with the halo", cure="take --preset default",
+            )  # fmt: skip
         planes = texel_planes(self._history_planes == 4)
         while len(self._texels) < 2:
             self._texels.append(self._planes(planes, self._dtype))

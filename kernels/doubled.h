@@ -30,11 +30,12 @@ STAGE doubled_t sample_doubled(plane_in previous_closeness, history_in texels, m
     mask valid = on_screen(seen, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
     const footprint pixel = CAMERA_MOTION || OWN_MOTION ? footprint_of(seen, valid, at, frame) : own_texel(at);
     const footprint f = doubled_footprint(seen, valid, at, frame);
+    const taps_at taps = place_taps(f, frame);
     const weights wx = history_weights(f.fx), wy = history_weights(f.fy);
     real v[CHANNELS][4];
     for (int i = 0; i < COUNT; ++i)
-        sample_texels(v[i], texels + i * channel, f, wx, wy, frame);
-    sample_counts(v[COUNT], texels + COUNT * channel, f, frame);
+        sample_texels(v[i], texels + i * channel, &taps, wx, wy);
+    sample_counts(v[COUNT], texels + COUNT * channel, &taps, f);
     if (REJECT == REJECT_DEPTH)
         valid = valid & same_surface(sample_quad(previous_closeness, pixel, row_stride(frame)), s, m, settings);
 

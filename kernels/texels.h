@@ -24,33 +24,47 @@ STAGE footprint doubled_footprint(motion_t m, mask valid, uint at, frame_t frame
     return footprint_of(m, valid, at, frame);
 }
 
-// From the upper left texel of a pixel to that `dx` texels right of it and `dy` below, in elements of their planes.
-STAGE ptrdiff_t texel_step(int dx, int dy, frame_t frame)
+// Where the taps of the upper left texel and of those beside and below it lie: columns and rows of them as steps from
+// the texel of the segment's own place, in elements.
+typedef struct
 {
-    const ptrdiff_t plane = (ptrdiff_t)history_plane_size(frame);
-    return ((dy & 1) * 2 + (dx & 1)) * plane + (dy >> 1) * (ptrdiff_t)row_stride(frame) + (dx >> 1);
+    whole column[LINE], row[LINE];
+    uint own;
+    int lanes;
+} taps_at;
+
+STAGE taps_at place_taps(footprint f, frame_t frame)
+{
+    const scalar_whole plane = (scalar_whole)history_plane_size(frame), stride = row_stride(frame);
+    taps_at at;
+    for (int i = 0; i < LINE; ++i) {
+        const whole dx = f.dx + (i + FIRST_TAP), dy = f.dy + (i + FIRST_TAP);
+        at.column[i] = (dx & 1) * plane + (dx >> 1);
+        at.row[i] = (dy & 1) * (2 * plane) + (dy >> 1) * stride;
+    }
+    at.own = f.own;
+    at.lanes = f.lanes;
+    return at;
 }
 
-// The tap of the upper left texel that lies `column` and `row` texels from its footprint, of the channel p.
-STAGE real load_tap(history_in p, footprint f, int column, int row, frame_t frame)
+// The tap that lies `column` and `row` texels from the footprint, of the channel p.
+STAGE real load_tap(history_in p, const taps_at* at, int column, int row)
 {
-    history_in q = p + f.own;
+    const whole step = at->column[column - FIRST_TAP] + at->row[row - FIRST_TAP];
+    history_in q = p + at->own;
 #if LANES > 1
-    if (f.lanes > LANES_ALIKE) {
+    if (at->lanes > LANES_ALIKE) {
         real v;
-        for (int lane = 0; lane < LANES; ++lane) {
-            const int dx = (int)((const scalar_whole*)&f.dx)[lane], dy = (int)((const scalar_whole*)&f.dy)[lane];
-            history_in texel = q + texel_step(dx + column, dy + row, frame) + lane;
+        for (int lane = 0; lane < LANES; ++lane)
 #if STORAGE_HALF
-            ((scalar*)&v)[lane] = vload_half(0, texel);
+            ((scalar*)&v)[lane] = vload_half(0, q + ((const scalar_whole*)&step)[lane] + lane);
 #else
-            ((scalar*)&v)[lane] = (scalar)*texel;
+            ((scalar*)&v)[lane] = (scalar)q[((const scalar_whole*)&step)[lane] + lane];
 #endif
-        }
         return v;
     }
 #endif
-    return load_history(q + texel_step((int)first_lane(f.dx) + column, (int)first_lane(f.dy) + row, frame));
+    return load_history(q + first_lane(step));
 }
 
 STAGE row_taps weigh_taps(const real* t, weights w)
@@ -69,18 +83,18 @@ STAGE real weigh_lines(const row_taps* r, weights wx, weights wy)
 
 // The four texels of a pixel from a channel of colour. They lie between taps alike, so that each row of taps is weighed
 // along x for both texels of a line, and once for both lines.
-STAGE void sample_texels(real* v, history_in p, footprint f, weights wx, weights wy, frame_t frame)
+STAGE void sample_texels(real* v, history_in p, const taps_at* at, weights wx, weights wy)
 {
-    if (f.lanes == LANES_ON_TEXELS) {
+    if (at->lanes == LANES_ON_TEXELS) {
         for (int t = 0; t < 4; ++t)
-            v[t] = load_tap(p, f, t & 1, t >> 1, frame);
+            v[t] = load_tap(p, at, t & 1, t >> 1);
         return;
     }
     row_taps left[LINE], right[LINE];
     for (int row = 0; row < LINE; ++row) {
         real taps[LINE];
         for (int column = 0; column < LINE; ++column)
-            taps[column] = load_tap(p, f, column + FIRST_TAP, row + FIRST_TAP, frame);
+            taps[column] = load_tap(p, at, column + FIRST_TAP, row + FIRST_TAP);
         left[row] = weigh_taps(taps, wx);
         right[row] = weigh_taps(taps + 1, wx);
     }
@@ -91,11 +105,11 @@ STAGE void sample_texels(real* v, history_in p, footprint f, weights wx, weights
 }
 
 // The same of the channel of counts, which are interpolated.
-STAGE void sample_counts(real* v, history_in p, footprint f, frame_t frame)
+STAGE void sample_counts(real* v, history_in p, const taps_at* at, footprint f)
 {
     real c[3][3];
     for (int i = 0; i < 9; ++i)
-        c[i / 3][i % 3] = load_tap(p, f, i % 3, i / 3, frame);
+        c[i / 3][i % 3] = load_tap(p, at, i % 3, i / 3);
     for (int t = 0; t < 4; ++t) {
         const int x = t & 1, y = t >> 1;
         const quad around = { c[y][x], c[y][x + 1], c[y + 1][x], c[y + 1][x + 1] };

@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 from cltaa.bands import BandedResolver
+from cltaa.buffers import Buffers
 from cltaa.build import Storage
 from cltaa.checkpoint import Checkpoints
 from cltaa.current_filter import axis_masses
-from cltaa.errors import UsageError
+from cltaa.errors import ResourceError, UsageError
 from cltaa.frames import Effect, Frame
 from cltaa.launch import Buffer, NumpyLauncher
+from cltaa.layout import Layout
 from cltaa.memory import device_bytes
 from cltaa.params import HistoryOf
 from cltaa.planning import plan_frame
@@ -168,6 +170,17 @@ def test_its_memory_is_what_the_formula_says(alpha: bool) -> None:
     resolver.resolve(frame)
     assert resolver.plan is not None
     assert launcher.bytes == device_bytes(frame.width, frame.height, resolver.plan.steps, doubled=True)
+
+
+def test_an_image_that_kernels_cannot_step_over_is_refused_in_one_line() -> None:
+    class Nowhere(NumpyLauncher):
+        def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
+            return super().allocate((0,))
+
+    buffers = Buffers(Nowhere(), Layout(32768, 16384), alpha=False, dtype=np.float32)
+    with pytest.raises(ResourceError, match=r"too large for a history at 200 % .*found 32768 x 16384") as raised:
+        buffers.texels()
+    assert "\n" not in str(raised.value)
 
 
 def test_bands_are_refused_in_one_line() -> None:
