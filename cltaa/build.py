@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.constants import CONSTANTS, PAD_X, PAD_Y
+from cltaa.constants import CONSTANTS, MIDDLE_SPAN, PAD_X, PAD_Y, SHORT_SPAN, SPAN_REACH, SPANS
 from cltaa.params import HOST_CHOICES, Choices
 from cltaa.settings import KERNEL_SETTINGS, Settings
 
@@ -76,6 +76,11 @@ def kept_planes(steps: Steps) -> int:
 def texel_planes(alpha: bool) -> int:
     """Planes of a history at 200 %: four each of r, g, b, alpha where there is any, and count (texels.h)."""
     return 4 * (4 + alpha)
+
+
+def span_planes(steps: Steps) -> int:
+    """Planes of a span: r, g, b, error, count, and alpha where there is such (SPAN_PLANES)."""
+    return 5 + steps.alpha
 
 
 class Build(msgspec.Struct, frozen=True, kw_only=True):
@@ -196,6 +201,10 @@ def prelude(build: Build) -> str:
         "RELAXED": int(build.relaxed),
         "PAD_X": PAD_X,
         "PAD_Y": PAD_Y,
+        "SPANS": SPANS,
+        "SHORT_SPAN": SHORT_SPAN,
+        "MIDDLE_SPAN": MIDDLE_SPAN,
+        "SPAN_REACH": SPAN_REACH,
         **{_macro(name): int(getattr(build.steps, name)) for name in Steps.__struct_fields__},
         **{_macro(name): int(getattr(build.terms, name)) for name in Terms.__struct_fields__},
     }

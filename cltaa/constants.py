@@ -24,6 +24,7 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "HALF_STEP": Constant(2.0**-10, "distance of halves over the power of two below them"),
     "HALF_TINY": Constant(2.0**-25, "half the least half: smaller magnitudes round to 0, and are stored as +0"),
     "DITHER_STEP": Constant(2.0**-24, "24 bits as a number in [0, 1)"),
+    "LEAST_TRUST": Constant(2.0**-6, "least ratio of two spans' errors: its 16th power is well above the denormals"),
     "LEAST_HEADROOM": Constant(2.0**-16, "least 1 - peak when a tonemap is undone: half's largest number, 65504"),
     "ONE_THIRD": Constant(1.0 / 3.0, "mean of a row of three"),
     "TWO_THIRDS": Constant(2.0 / 3.0, "sum of squared distances over a row's spread (neighbourhood.h)"),
@@ -37,6 +38,12 @@ CONSTANTS: Final[dict[str, Constant]] = {
 # 16 more covers both and keeps rows aligned.
 PAD_X: Final = 16
 PAD_Y: Final = 4
+# Where light may change, a pixel is resolved from the latest frames, from a few more, from all that are kept, and from
+# all without following its motion; which of them to believe, the texels around it tell (docs/decisions).
+SPANS: Final = 4
+SHORT_SPAN: Final = 3  # kept frames of the first
+MIDDLE_SPAN: Final = 7  # and of the second
+SPAN_REACH: Final = 2  # texels up, down, left and right that are asked
 # Rows begin on a multiple of this many floats, the widest vector of any device.
 ROW_ALIGNMENT: Final = 16
 

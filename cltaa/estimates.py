@@ -77,7 +77,7 @@ def plain_mean(choices: Choices, settings: Settings) -> tuple[Choices, Settings]
 def for_changing_light(choices: Choices, settings: Settings, declared: frozenset[Effect] | None) -> Settings:
     """Light that changes without motion: where a change is declared and tested for, the test tells of what stands, and
     the box there may be wide; else the box alone tells, and is no wider than the 3x3."""
-    tested = declared is not None and choices.light_change is LightChange.TEST
+    tested = declared is not None and choices.light_change is not LightChange.IGNORE
     still = max(settings.gamma_still, settings.changing_gamma) if tested else min(settings.gamma_still, 1.0)
     changed = {"gamma_still": still, "gamma_moving": min(settings.gamma_moving, 1.0)}
     if declared is not None:
@@ -98,7 +98,7 @@ def _light_may_change(declared: frozenset[Effect] | None) -> bool:
 def _testing_light(choices: Choices, declared: frozenset[Effect] | None, free: bool) -> tuple[Choices, Reason]:
     """Where no change of light is declared there is none to test for."""
     if not free or choices.light_change is LightChange.IGNORE:
-        return choices, Reason(LIGHT, choices.light_change is LightChange.TEST, "as the preset says")
+        return choices, Reason(LIGHT, choices.light_change is not LightChange.IGNORE, "as the preset says")
     if declared is not None and _light_may_change(declared):
         return choices, Reason(LIGHT, True, "effect shading or reactive is declared")
     why = "neither effect shading nor reactive is declared"
@@ -106,12 +106,16 @@ def _testing_light(choices: Choices, declared: frozenset[Effect] | None, free: b
 
 
 def _gathered(choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choices, Reason]:
-    """What gathering samples asks of a sequence: old samples say nothing of light that has changed since."""
+    """What gathering samples asks of a sequence: old samples say nothing of light that has changed since, so that
+    several spans of the past have to be told apart, or the resolved image has to do, which forgets faster."""
     if declared is None:
         return choices, Reason(GATHERING, True, "the sequence declares no effects: the past is held in its box")
-    if _light_may_change(declared):
+    if _light_may_change(declared) and choices.light_change is not LightChange.SPANS:
         why = "light changes without motion: the resolved image forgets faster than samples do"
         return msgspec.structs.replace(choices, history_of=HistoryOf.RESULT), Reason(GATHERING, False, why)
+    if _light_may_change(declared):
+        why = "light changes without motion: each pixel from the span of the past that its latest samples bear out"
+        return msgspec.structs.replace(choices, rectify=Rectify.NONE), Reason(GATHERING, True, why)
     why = "no change of light is declared: samples of the same surface stand"
     return msgspec.structs.replace(choices, rectify=Rectify.NONE), Reason(GATHERING, True, why)
 

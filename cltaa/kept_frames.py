@@ -6,8 +6,9 @@ import numpy as np
 from msgspec.structs import replace
 
 from cltaa.buffers import Buffers
-from cltaa.build import FRAME_DTYPE, Build, Steps, kept_planes
+from cltaa.build import FRAME_DTYPE, Build, Steps, kept_planes, span_planes
 from cltaa.cameras import is_still
+from cltaa.constants import SPANS
 from cltaa.errors import ResourceError
 from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame
@@ -26,6 +27,7 @@ class KeptFrames:
         self.planes = _ring(launcher, (self._slots * self._planes, layout.rows, layout.stride), self._slots)
         self.records = launcher.allocate((count,), FRAME_DTYPE)
         self.past: tuple[Past, ...] = ()
+        self._spans: Buffer | None = None
 
     def fit(self, layout: Layout, count: int, steps: Steps) -> bool:
         """True when this ring holds ``count`` frames of that size and with those channels."""
@@ -35,6 +37,18 @@ class KeptFrames:
         """``build`` with camera motion where the camera differs from that of any kept frame."""
         moved = any(not is_still(frame.camera, past.camera) for past in self.past)
         return replace(build, steps=replace(build.steps, camera_motion=build.steps.camera_motion or moved))
+
+    def spans(self, steps: Steps) -> Buffer:
+        """Memory for what the spans of the past say, allocated when first asked for."""
+        if self._spans is None:
+            shape = (SPANS * span_planes(steps), self.layout.rows, self.layout.stride)
+            self._spans = self._launcher.allocate(shape, np.float32)
+        return self._spans
+
+    def standing(self, frame: Frame) -> int:
+        """How many of the latest kept frames were seen by the camera of ``frame``."""
+        told = self.past[: self._count]
+        return next((place for place, past in enumerate(told) if not is_still(frame.camera, past.camera)), len(told))
 
     def describe(self, frame: Frame, plan: Plan) -> int:
         """Tell the device how ``frame`` looks from each kept frame; returns how many there are."""

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.build import Build, Storage
+from cltaa.build import Build, Storage, span_planes
+from cltaa.constants import SPANS
 from cltaa.layout import Layout
 from cltaa.params import HistoryOf, LightChange, Rectify, Reject
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from cltaa.device import Shape
     from cltaa.program import Kernel
 
-SLIDING = frozenset({"resolve", "resolve_doubled", "gather"})  # kernels whose work-items walk down rows
+SLIDING = frozenset({"resolve", "resolve_doubled", "gather", "gather_spans"})  # kernels whose work-items walk down rows
 WISH = "CLTAA_DEVICE"  # the variable that names a device where nothing else does
 
 
@@ -131,7 +132,7 @@ class DeviceLauncher:
 def _registers(shape: Shape, build: Build) -> int:
     """The most registers that a work-item may have; more of them, and fewer work-items are under way at once."""
     choices, steps = build.choices, build.steps
-    if choices.light_change is LightChange.TEST and choices.history_of is HistoryOf.RESULT:
+    if choices.light_change is not LightChange.IGNORE and choices.history_of is HistoryOf.RESULT:
         return shape.registers_for_light
     if choices.reject is not Reject.NONE:
         return shape.registers_to_reject
@@ -178,6 +179,26 @@ class NumpyLauncher:
 
     def finish(self) -> None:
         """Nothing is ever pending."""
+
+
+def run_gather(
+    launcher: Launcher, build: Build, layout: Layout, arguments: Mapping[str, Any], spans: Buffer | None, standing: int
+) -> None:
+    """Gather with the ``arguments`` of ``gather``, or each of the spans where they have memory.
+
+    The ``standing`` latest kept frames were seen by the camera of now.
+    """
+    if spans is None:
+        launcher.run("gather", build, layout, arguments)
+        return
+    results, structs = ("output", "output_count"), ("frame", "settings")
+    given = {name: value for name, value in arguments.items() if name not in results}
+    launcher.run("gather_spans", build, layout, {**given, "standing": standing, "spans": spans})
+    plain = Build(lanes=build.lanes, rows=build.rows)
+    whole = {"image": spans, "frame": arguments["frame"], "planes": SPANS * span_planes(build.steps)}
+    launcher.run("extend_edges", plain, layout, whole)
+    named = {name: arguments[name] for name in (*results, *structs)}
+    launcher.run("weigh_spans", build, layout, {**named, "spans": spans})
 
 
 def launcher_for(wish: str | None) -> Launcher:

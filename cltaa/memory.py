@@ -5,7 +5,8 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from cltaa.build import Build, Steps, Storage, kept_planes, texel_planes
+from cltaa.build import Build, Steps, Storage, kept_planes, span_planes, texel_planes
+from cltaa.constants import SPANS
 from cltaa.launch import storage_dtype
 from cltaa.layout import Layout
 from cltaa.sources import Sequence
@@ -29,13 +30,15 @@ def device_bytes(
     band_rows: int = 0,
     frames_kept: int = 0,
     doubled: bool = False,
+    spans: bool = False,
 ) -> int:
     """Bytes of the planes on the device, halos included.
 
     Per texel and in floats: the frame holds 4 (R G B, closeness), and 2, 1 and 1 more for own motion, alpha and
     reactive; what recurs holds count and closeness; the result its count. Both hold 3 or, with alpha, 4 planes of
-    ``storage``. In bands the frame and its result are ``band_rows`` high. A ring holds ``frames_kept`` frames and one.
-    A history at 200 % (``doubled``) holds twice four texels of colour, alpha and count in ``storage``.
+    ``storage``. In bands the frame and its result are ``band_rows`` high. A ring holds ``frames_kept`` frames and one;
+    ``spans`` of them, where they are weighed, hold their planes too. A history at 200 % (``doubled``) holds twice four
+    texels of colour, alpha and count in ``storage``.
     """
     whole = Layout(width, height)
     band = Layout(width, band_rows) if band_rows else whole
@@ -44,6 +47,7 @@ def device_bytes(
     texels = 2 * texel_planes(steps.alpha) * stored if doubled else 0
     frame = REAL * (4 + 2 * steps.own_motion + steps.alpha + steps.reactive)
     ring = REAL * kept_planes(steps) * (frames_kept + 1) if frames_kept else 0
+    ring += REAL * SPANS * span_planes(steps) if spans else 0
     return (frame + colour + REAL) * band.plane + (colour + 2 * REAL + texels + ring) * whole.plane
 
 
@@ -76,14 +80,22 @@ def of_resolve(pixels: int, channels: int, file: int, device: int, *, alpha: boo
 
 
 def of_sequence(
-    sequence: Sequence, steps: Steps, *, band_rows: int = 0, frames_kept: int = 0, doubled: bool = False
+    sequence: Sequence,
+    steps: Steps,
+    *,
+    band_rows: int = 0,
+    frames_kept: int = 0,
+    doubled: bool = False,
+    spans: bool = False,
 ) -> Memory:
     """Memory of a resolve of ``sequence`` with ``steps``: whole images, or bands of ``band_rows`` rows."""
     width, height = sequence.width, sequence.height
     return of_resolve(
         width * height, max(len(layout.channels) for layout in sequence.layouts.values()),
         max(sequence.path(number).stat().st_size for number in sequence.numbers),
-        device_bytes(width, height, steps, band_rows=band_rows, frames_kept=frames_kept, doubled=doubled),
+        device_bytes(
+            width, height, steps, band_rows=band_rows, frames_kept=frames_kept, doubled=doubled, spans=spans
+        ),
         alpha=steps.alpha, banded=bool(band_rows),
     )  # fmt: skip
 

@@ -152,6 +152,7 @@ class LightChange(StrEnum):
 
     IGNORE = "ignore"  # its box alone tells
     TEST = "test"  # the more the 3x3 of now differs from that of the history all one way, the less it counts
+    SPANS = "spans"  # the span of the past that the latest samples bear out; without gathered samples: test
 
 
 class Reject(StrEnum):

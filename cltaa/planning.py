@@ -96,6 +96,8 @@ def toggled(plan: Plan, preset: Preset, step: str) -> Plan:
         return plan._replace(choices=choices, settings=settings)
     if step in CHOICE_OF_STEP:
         field, off, runs = CHOICE_OF_STEP[step]
+        if (own := getattr(preset.choices, field)) is not off:
+            runs = own
         return plan._replace(choices=msgspec.structs.replace(plan.choices, **{field: off if on else runs}))
     field = next(name for name, said in STEP_NAMES.items() if said == step)
     return plan._replace(steps=msgspec.structs.replace(plan.steps, **{field: not on}))

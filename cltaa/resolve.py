@@ -15,9 +15,9 @@ from cltaa.frame_record import frame_record as frame_record
 from cltaa.frames import Frame, Image
 from cltaa.kept_frames import KeptFrames
 from cltaa.kernel_files import code_sha256
-from cltaa.launch import Buffer, Launcher, launcher_for, storage_dtype
+from cltaa.launch import Buffer, Launcher, launcher_for, run_gather, storage_dtype
 from cltaa.layout import Layout
-from cltaa.params import HistoryOf
+from cltaa.params import HistoryOf, LightChange
 from cltaa.planning import Plan, plan_frame
 from cltaa.presets import Preset, load_preset
 from cltaa.upload import check_shapes, upload
@@ -210,7 +210,8 @@ class Resolver:
             build = kept.build(build, frame)
             ring = {"kept": kept.planes, "past": kept.records, "frames": kept.describe(frame, self.plan)}
             self.last = LastRun(build, layout, self._arguments(record, steps, buffers) | ring)
-            self.launcher.run("gather", *self.last)
+            spans = kept.spans(steps) if self.plan.choices.light_change is LightChange.SPANS else None
+            run_gather(self.launcher, *self.last, spans, kept.standing(frame))
             kept.keep(frame, buffers, steps)
         else:
             self._resolve(record, build, buffers)

@@ -16,7 +16,7 @@ from cltaa.frame_record import Past
 from cltaa.frames import Effect, Frame
 from cltaa.launch import Launcher
 from cltaa.memory import Memory, of_sequence, of_whole_images
-from cltaa.params import HistoryOf
+from cltaa.params import HistoryOf, LightChange
 from cltaa.planning import Plan, plan_frame, toggled, with_effects
 from cltaa.presets import Preset
 from cltaa.resolve import Resolver
@@ -104,9 +104,11 @@ def memory(sequence: Sequence, preset: Preset, plans: list[Plan]) -> Memory:
     used = {name: any(getattr(each.steps, name) for each in plans) for name in Steps.__struct_fields__}
     histories = {each.choices.history_of for each in plans}
     rows = band_rows_for(of_whole_images(sequence)) if preset.choices.history_of is HistoryOf.RESULT else 0
-    frames_kept = preset.settings.frames_kept if HistoryOf.SAMPLES in histories else 0
-    doubled = HistoryOf.DOUBLED in histories
-    return of_sequence(sequence, Steps(**used), band_rows=rows, frames_kept=frames_kept, doubled=doubled)
+    kept, doubled = HistoryOf.SAMPLES in histories, HistoryOf.DOUBLED in histories
+    frames_kept = preset.settings.frames_kept if kept else 0
+    spans = kept and any(each.choices.light_change is LightChange.SPANS for each in plans)
+    steps = Steps(**used)
+    return of_sequence(sequence, steps, band_rows=rows, frames_kept=frames_kept, doubled=doubled, spans=spans)
 
 
 def _plans(sequence: Sequence, preset: Preset, effects: Effects) -> Iterator[tuple[int, bool, Plan]]:

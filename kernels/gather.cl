@@ -29,11 +29,13 @@ __kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motio
         side_t side = { s, l };
         if (edges)
             side = side_of(s, l, 0, p.own, current, closeness, motion, x, y, frame, settings);
-        g = gather_samples(kept, past, frames, g, p, side.s, side.l, 0, x, y, frame, settings);
+        track_t t = first_step(side.s);
+        g = gather_samples(kept, past, 0, frames, 0, &t, g, p, side.s, side.l, 0, x, y, frame, settings);
         if (edges) {
             side = side_of(s, l, 1, p.own, current, closeness, motion, x, y, frame, settings);
             add_side(&far, side, p.own, settings);
-            far = gather_samples(kept, past, frames, far, p, side.s, side.l, 1, x, y, frame, settings);
+            t = first_step(side.s);
+            far = gather_samples(kept, past, 0, frames, 0, &t, far, p, side.s, side.l, 1, x, y, frame, settings);
         }
         const resolved out = resolve_gathered(g, far, l, p, m, frame, settings);
         store_resolved(output, output_count, out, x, y, frame);

@@ -32,26 +32,24 @@ STAGE motion_t way_back(
     return m;
 }
 
-// The samples of the pixel `now` on surface s in `frames` kept frames, the latest first. past[k] says how to come from
-// this frame to the k-th, where its samples lie in their pixels (jitter) and in which slot of `kept` it is. The place
-// of the pixel's centre in frame k falls into the area of exactly one sample there: the one whose position rounds to
-// it. It and the eight around it count by where they lie, seen from now.
-STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, gathered g, pixel_t now, surface s, layers_t l,
-    int far_only, int x, int y, frame_t frame, settings_t settings)
+// The samples of the pixel `now` on surface s in the kept frames `from` to `to` - 1, the latest being 0; `t` is where
+// its own motion had led before them; those of the first `recent` frames are summed on their own too. past[k] says how
+// to come from this frame to the k-th, where its samples lie in their pixels (jitter) and in which slot of `kept` it
+// is. The place of the pixel's centre in frame k falls into the area of exactly one sample there: the one whose
+// position rounds to it. It and the eight around it count by where they lie, seen from now.
+STAGE gathered gather_samples(plane_in kept, frames_in past, int from, int to, int recent, track_t* t, gathered g,
+    pixel_t now, surface s, layers_t l, int far_only, int x, int y, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
     const uint at = texel_offset(frame, x, y);
-    const real px = LANE_INDEX + K(x), py = SPLAT(y), reach = reach_of(frames + 1, settings);
+    const real px = LANE_INDEX + K(x), py = SPLAT(y), reach = reach_of(to + 1, settings);
     const surface followed = GATHER_FIT == GATHER_FIT_LAYERS ? range_of_side(s, l, far_only) : s;
-    track_t t = { s.x != s.x, s.x != s.x, s.u, s.v, SPLAT(0.0) };
-    if (OWN_MOTION)
-        t.own = !untold(s.u, s.v);
-    for (int k = 0; k < frames; ++k) {
+    for (int k = from; k < to; ++k) {
         const frame_t then = past[k];
         stretch_t stretch;
         view_t v;
-        v.m = way_back(&stretch, t, s, l, px, py, frame, then);
-        v.seen = on_screen(v.m, px, py, frame) & !t.lost;
+        v.m = way_back(&stretch, *t, s, l, px, py, frame, then);
+        v.seen = on_screen(v.m, px, py, frame) & !t->lost;
         motion_t nearest = v.m;
         nearest.u = v.m.u + (K(0.5) - K(then.jitter_x));
         nearest.v = v.m.v + (K(0.5) - K(then.jitter_y));
@@ -60,6 +58,7 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, gathere
         v.row = (py + nearest.v) - v.f.fy;
         v.places = places_now(SPLAT(0.5) - v.f.fx, SPLAT(0.5) - v.f.fy, stretch);
         v.reach = reach;
+        v.recent = k < recent;
         v.planes = kept + (size_t)then.slot * KEPT_PLANES * plane;
         if (GATHER_FIT == GATHER_FIT_MEAN)
             gather_sample(&g, v, 0, 0, now, s, l, far_only, then, frame, settings);
@@ -70,7 +69,7 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int frames, gathere
             motion_t place = nearest;
             place.u += s.x;
             place.v += s.y;
-            follow(&t, followed, v.m, v.planes, footprint_of(place, v.seen, at, frame), v.seen, plane, then, settings);
+            follow(t, followed, v.m, v.planes, footprint_of(place, v.seen, at, frame), v.seen, plane, then, settings);
         }
     }
     return g;

@@ -13,13 +13,26 @@ typedef struct
 {
     colour sum, along, down;
     real alpha, weight, count, x, y, xx, xy, yy, near, near_x, near_y;
+    // Of the latest frames alone, whichever side their samples show; only where light may change.
+    colour recent;
+    real recent_squares, recent_count;
 } gathered;
 
 STAGE gathered no_samples(void)
 {
     const real o = SPLAT(0.0);
-    gathered g = { { o, o, o }, { o, o, o }, { o, o, o }, o, o, o, o, o, o, o, o, o, o, o };
+    gathered g = { { o, o, o }, { o, o, o }, { o, o, o }, o, o, o, o, o, o, o, o, o, o, o, { o, o, o }, o, o };
     return g;
+}
+
+// A recent sample that differs by d from the current one, of which `counted` counts.
+STAGE void add_recent(gathered* g, colour d, real counted)
+{
+    g->recent.r += counted * d.r;
+    g->recent.g += counted * d.g;
+    g->recent.b += counted * d.b;
+    g->recent_squares += counted * ((d.r * d.r + d.g * d.g) + d.b * d.b);
+    g->recent_count += counted;
 }
 
 // One sample that differs by d from the current one and lies at (dx, dy), in pixels from the centre. Of a sample of the

@@ -33,6 +33,7 @@ typedef struct
     real column, row; // of that texel
     places_t places;
     real reach; // where they no longer count
+    int recent; // 1: its samples are summed on their own too
 } view_t;
 
 // How much counts of the sample `right` and `down` texels beside the nearest one, and where it lies; nothing for most
@@ -84,6 +85,8 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
     const real counted = good ? share : zero;
     add_sample(g, d, counted * sample_share(c, settings), good ? dx : zero, good ? dy : zero, far_only ? !near : near);
     g->count += counted;
+    if (v.recent)
+        add_recent(g, d, counted);
     if (ALPHA) {
         const real a = usable_share(texel_at(p + KEPT_ALPHA * plane, v.f, stride), SPLAT(1.0));
         g->alpha += good ? share * (a - now.alpha) : zero;

@@ -36,6 +36,15 @@ typedef struct
 
 STAGE mask untold(real u, real v) { return outside_domain(u) | outside_domain(v); }
 
+// The way of surface s before its first step.
+STAGE track_t first_step(surface s)
+{
+    track_t t = { s.x != s.x, s.x != s.x, s.u, s.v, SPLAT(0.0) };
+    if (OWN_MOTION)
+        t.own = !untold(s.u, s.v);
+    return t;
+}
+
 // True where a kept texel lies in the range of closeness that the current 3x3 has, as `then` saw it.
 STAGE mask seen_then(real closeness, surface s, motion_t m, settings_t settings)
 {

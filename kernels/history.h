@@ -92,7 +92,7 @@ STAGE history_t sample_history(plane_in current, boxed_row next, history_in hist
     h.rgb = history_in_range(h.rgb, frame);
     h.alpha = ALPHA ? limit(v.alpha, SPLAT(0.0), SPLAT(1.0)) : v.alpha;
     h.count = v.count;
-    if (LIGHT_CHANGE == LIGHT_CHANGE_TEST)
+    if (LIGHT_CHANGE != LIGHT_CHANGE_IGNORE)
         h.count = quotient(h.count, change_of_light(current, next, history, f, x, y, frame, settings, &kept->light));
     if (REJECT == REJECT_DEPTH)
         h.valid = h.valid & same_surface(v.closeness, s, m, settings);

@@ -8,13 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from cltaa.reference import doubled, gather, resolve, stages
+from cltaa.reference import doubled, gathering, resolve, span_weights, spans, stages
 
 # Kernel name -> twin; called with (build, layout, **arguments by the kernel's own names).
 KERNELS: dict[str, Callable[..., Any]] = {
     "blend": stages.blend_kernel,
     "extend_edges": resolve.extend_edges,
-    "gather": gather.gather,
+    "gather": gathering.gather,
+    "gather_spans": spans.gather_spans,
     "neighbourhood_statistics": stages.neighbourhood_statistics_kernel,
     "rectify_history": stages.rectify_history_kernel,
     "repair_colour": stages.repair_colour_kernel,
@@ -22,4 +23,5 @@ KERNELS: dict[str, Callable[..., Any]] = {
     "resolve_doubled": doubled.resolve_doubled,
     "sample_history": stages.sample_history_kernel,
     "surface_motion": stages.surface_motion_kernel,
+    "weigh_spans": span_weights.weigh_spans,
 }

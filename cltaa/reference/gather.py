@@ -1,4 +1,4 @@
-"""Twin of ``gather.h`` and ``gather.cl``: each pixel gathers the samples that the last frames drew inside it."""
+"""Twin of ``gather.h``: each pixel gathers the samples that the last frames drew inside it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.build import Build, Record, kept_planes
+from cltaa.build import Build, Record
 from cltaa.layout import Layout
 from cltaa.params import AlphaFrom, CurrentFilter, FilterUse, GatherFit
 from cltaa.reference.blend import filtered_share, storable_colour
@@ -14,28 +14,24 @@ from cltaa.reference.colour import Colour, from_range
 from cltaa.reference.gather_fit import (
     Gathered,
     Stretch,
-    first_sample,
     fit_at_centre,
     places_now,
     reach_of,
     stretch_of,
 )
 from cltaa.reference.gather_sample import View, gather_sample, sample_share
-from cltaa.reference.gather_sides import NEIGHBOURS, Layers, Side, layers_of, range_of_side, side_of
-from cltaa.reference.gather_thin import recall_thin
-from cltaa.reference.gather_track import Track, untold
-from cltaa.reference.neighbourhood import Surface, nearest_surface
+from cltaa.reference.gather_sides import NEIGHBOURS, Layers, Side, range_of_side
+from cltaa.reference.gather_track import Track
+from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.pixel import (
     Pixel,
     Resolved,
     box_gamma,
-    current_pixel,
     drawn_towards,
     fresh_colour,
 )
-from cltaa.reference.planes import read_rows, store_resolved
-from cltaa.reference.projection import Motion, motion_from_depth, on_screen, pixel_grid, surface_motion
-from cltaa.reference.real import Array, Mask, limit, number, quiet
+from cltaa.reference.projection import Motion, motion_from_depth, on_screen, pixel_grid
+from cltaa.reference.real import Array, Mask, limit, number
 from cltaa.reference.rectify import rectify
 from cltaa.reference.sampling import footprint_of
 
@@ -53,19 +49,26 @@ def gather_samples(
     settings: Record,
     *,
     far_only: bool = False,
+    track: Track | None = None,
+    before: int = 0,
+    recent: int = 0,
 ) -> Gathered:
     """``g`` and the samples of ``now`` on ``s`` in the kept frames [slots, planes, rows, stride] of ``past``, latest
-    first."""
+    first.
+
+    ``track`` is where own motion had led in the ``before`` frames before them, and is led on; samples of the first
+    ``recent`` frames are summed on their own too.
+    """
     zero = np.zeros_like(now.own[0])
-    none = np.zeros(zero.shape, bool)
     fit, own_motion = build.choices.gather_fit, build.steps.own_motion
     followed = range_of_side(s, layers, far=far_only) if fit is GatherFit.LAYERS else s
-    track = Track(~untold(s.u, s.v) if own_motion else none, s.u, s.v, zero, none)
+    track = track or Track.of(s, build)
     steps = [(0, 0)] if fit is GatherFit.MEAN else NEIGHBOURS
-    reach = reach_of(len(past) + 1, settings, zero)
-    for then in past:
+    reach = reach_of(before + len(past) + 1, settings, zero)
+    for k, then in enumerate(past):
         m, stretch = _way_back(track, s, layers, build, layout, frame, then)
         nearest, v = _view(kept[int(then["slot"])], m, on_screen(m, layout) & ~track.lost, stretch, reach, layout, then)
+        v = v._replace(recent=k < recent)
         for right, down in steps:
             gather_sample(g, v, right, down, now, s, layers, build, layout, settings, far_only=far_only)
         if own_motion:
@@ -163,49 +166,3 @@ def resolve_gathered(
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = alpha + alpha_share * (g.alpha / (g.count + one))
     return Resolved(stored, alpha, g.count + one)
-
-
-@quiet
-def gather(
-    build: Build,
-    layout: Layout,
-    *,
-    current: Array,
-    closeness: Array,
-    motion: Array | None,
-    alpha: Array | None,
-    reactive: Array | None,
-    kept: Array,
-    past: Any,
-    frames: int,
-    output: Array,
-    output_count: Array,
-    frame: Record,
-    settings: Record,
-) -> None:
-    """Resolve one frame from padded planes and ``frames`` kept ones into ``output`` and ``output_count``."""
-    rows = read_rows(current, closeness, motion, build, layout, frame)
-    p = current_pixel(rows, alpha, reactive, build, layout, frame)
-    s = nearest_surface(*rows, build, settings["edge_tolerance"])
-    m = surface_motion(s, build, layout, frame)
-    slots = kept.reshape(-1, kept_planes(build.steps), layout.rows, layout.stride)
-    layers = layers_of(*rows, s, settings)
-    told = past[:frames]
-    if build.choices.gather_fit is GatherFit.LAYERS:
-        s, layers = recall_thin(s, layers, slots, told, build, layout, settings)
-    near_one = ~layers.edge | (s.centre > layers.cut)
-    w = sample_share(p.own, build, settings)
-    g = first_sample(w, near_one | ~near_one, near_one, build, frame)
-    far = first_sample(w, ~near_one, ~near_one, build, frame)
-    of_sides = (s, layers, p.own, current, closeness, motion, build, layout, frame, settings)
-    if build.choices.gather_fit is GatherFit.LAYERS:
-        front, back = side_of(*of_sides, far=False), side_of(*of_sides, far=True)
-        g = gather_samples(slots, told, g, p, front.surface, front.layers, build, layout, frame, settings)
-        add_side(far, back, p.own, build, settings)
-        far = gather_samples(
-            slots, told, far, p, back.surface, back.layers, build, layout, frame, settings, far_only=True
-        )
-    else:
-        g = gather_samples(slots, told, g, p, s, layers, build, layout, frame, settings)
-    resolved = resolve_gathered(g, far, layers, p, m, build, layout, settings)
-    store_resolved(resolved, build, layout, frame, output, output_count)

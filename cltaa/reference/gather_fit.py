@@ -34,11 +34,15 @@ class Gathered:
     near: Array = field(init=False)
     near_x: Array = field(init=False)
     near_y: Array = field(init=False)
+    recent: list[Array] = field(init=False)
+    recent_squares: Array = field(init=False)
+    recent_count: Array = field(init=False)
 
     def __post_init__(self) -> None:
         """No samples."""
-        self.sum, self.along, self.down = ([self.zero] * 3 for _ in range(3))
-        for name in ("alpha", "weight", "count", "x", "y", "xx", "xy", "yy", "near", "near_x", "near_y"):
+        self.sum, self.along, self.down, self.recent = ([self.zero] * 3 for _ in range(4))
+        names = "alpha weight count x y xx xy yy near near_x near_y recent_squares recent_count"
+        for name in names.split():
             setattr(self, name, self.zero)
 
     def add(self, d: list[Array], w: Array, dx: Array, dy: Array, near: Mask, fit: GatherFit) -> None:
@@ -54,6 +58,12 @@ class Gathered:
         self.along = [total + nx * k for total, k in zip(self.along, d, strict=True)]
         self.down = [total + ny * k for total, k in zip(self.down, d, strict=True)]
         self.near, self.near_x, self.near_y = self.near + n, self.near_x + nx, self.near_y + ny
+
+    def add_recent(self, d: list[Array], counted: Array) -> None:
+        """A recent sample that differs by ``d`` from the current one, of which ``counted`` counts."""
+        self.recent = [total + counted * k for total, k in zip(self.recent, d, strict=True)]
+        self.recent_squares = self.recent_squares + counted * ((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2])
+        self.recent_count = self.recent_count + counted
 
 
 def first_sample(w: Array, counted: Mask, near: Mask, build: Build, frame: Record) -> Gathered:

@@ -42,6 +42,7 @@ class View(NamedTuple):
     row: Array
     places: Places
     reach: Array
+    recent: bool = False  # its samples are summed on their own too
 
     def weight_beside(self, right: int, down: int, fit: GatherFit, layout: Layout) -> tuple[Array, Array, Array]:
         """How much counts of the sample beside the nearest one, and its offset from the centre."""
@@ -95,6 +96,8 @@ def gather_sample(
     w = counted * sample_share(c, build, settings)
     g.add(d, w, np.where(good, dx, zero), np.where(good, dy, zero), ~near if far_only else near, fit)
     g.count = g.count + counted
+    if v.recent:
+        g.add_recent(d, counted)
     if build.steps.alpha:
         a = usable_share(texel_at(v.planes[kept_planes(build.steps) - 1], f, zero.dtype), 1.0)
         g.alpha = g.alpha + np.where(good, share * (a - now.alpha), zero)

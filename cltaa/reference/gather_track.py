@@ -34,6 +34,13 @@ class Track:
     shift: Array
     lost: Mask
 
+    @classmethod
+    def of(cls, s: Surface, build: Build) -> Track:
+        """The way of surface ``s`` before its first step."""
+        zero = np.zeros_like(s.centre)
+        none = np.zeros(zero.shape, bool)
+        return cls(~untold(s.u, s.v) if build.steps.own_motion else none, s.u, s.v, zero, none)
+
     def motion(self, m: Motion) -> Motion:
         """``m`` where the camera alone moves a surface, the track elsewhere."""
         one = np.ones_like(m.scale)

@@ -67,7 +67,7 @@ def sample_history(
     if build.steps.alpha:
         alpha = limit(sample_plane(history[3], f, wx, wy, build, real), number(0, r), number(1, r))
     count = bilinear(sample_quad(history_count[0], f, real), f)
-    if build.choices.light_change is LightChange.TEST:
+    if build.choices.light_change is not LightChange.IGNORE:
         count = count / change_of_light(current, history, f, build, layout, frame, settings)
     if build.choices.reject is Reject.DEPTH:
         valid &= same_surface(sample_quad(previous_closeness[0], f, real), s, m, settings["depth_tolerance"])

@@ -16,6 +16,7 @@ from cltaa.bands import BandedResolver
 from cltaa.bench.growth import rounds_of, square
 from cltaa.build import Steps, Storage
 from cltaa.cli import main
+from cltaa.frames import Effect
 from cltaa.launch import Buffer, NumpyLauncher
 from cltaa.memory import device_bytes
 from cltaa.presets import load_preset, override
@@ -65,6 +66,15 @@ def test_the_ring_of_kept_frames_is_in_the_formula() -> None:
     assert resolver.plan is not None
     told = device_bytes(50, 31, resolver.plan.steps, frames_kept=3)
     # Beside the planes the device holds three records of 136 bytes.
+    assert 0 < launcher.allocated - told < 1024
+
+
+def test_the_spans_of_changing_light_are_in_the_formula() -> None:
+    launcher = Counting()
+    resolver = Resolver(override(load_preset("t5"), {"frames_kept": 3}), launcher)
+    resolver.resolve(make_frame(0, width=50, height=31, alpha=True, effects=frozenset({Effect.ALPHA, Effect.SHADING})))
+    assert resolver.plan is not None
+    told = device_bytes(50, 31, resolver.plan.steps, frames_kept=3, spans=True)
     assert 0 < launcher.allocated - told < 1024
 
 

@@ -16,7 +16,8 @@ import pytest
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from cltaa.build import FRAME_DTYPE, HALVES, Build, Record, Steps, settings_record
+from cltaa.build import FRAME_DTYPE, HALVES, Build, Record, Steps, settings_record, span_planes
+from cltaa.constants import SPANS
 from cltaa.constants import value as value_of
 from cltaa.launch import Launcher, NumpyLauncher, storage_dtype
 from cltaa.layout import Layout
@@ -29,7 +30,8 @@ from tests.sequence_factory import SPECIAL_BITS, bits, make_frame
 
 Planes = dict[str, NDArray[Any]]
 
-# Kernel -> the planes that it writes: the stages in the order of the chain, and the three fused kernels.
+# Kernel -> the planes that it writes: the stages in the order of the chain, those that slide down rows, and what weighs
+# their spans.
 WRITES: dict[str, dict[str, int]] = {
     "repair_colour": {"repaired": 3},
     "neighbourhood_statistics": {"statistics_out": 15},
@@ -40,10 +42,12 @@ WRITES: dict[str, dict[str, int]] = {
     "resolve": {"output": 4, "output_count": 1},
     "resolve_doubled": {"texels_out": 20, "output": 4, "output_count": 1},
     "gather": {"output": 4, "output_count": 1},
+    "gather_spans": {"spans": 24},
+    "weigh_spans": {"output": 4, "output_count": 1},
 }
-FUSED = ("resolve", "resolve_doubled", "gather")
+FUSED = ("resolve", "resolve_doubled", "gather", "gather_spans")
 # The choices that fused kernels are shipped with, all of them at once.
-SHIPPED = {"resolve": "default", "resolve_doubled": "t3-200", "gather": "t5"}
+SHIPPED = {"resolve": "default", "resolve_doubled": "t3-200", "gather": "t5", "gather_spans": "t5"}
 STAGES = [kernel for kernel in WRITES if kernel not in FUSED]
 # The choices and steps that each stage's code looks at; of the fused kernels what no stage does.
 LOOKS_AT: dict[str, tuple[str, ...]] = {
@@ -101,6 +105,18 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "tonemap",
         "weighting",
     ),
+    "gather_spans": (
+        "alpha",
+        "alpha_from",
+        "camera_motion",
+        "exposure",
+        "gather_fit",
+        "own_motion",
+        "reactive",
+        "tonemap",
+        "weighting",
+    ),
+    "weigh_spans": ("alpha", "storage"),
 }
 DOMAIN_LIMIT, TINY = value_of("DOMAIN_LIMIT"), value_of("TINY")
 BACK = 0.2  # the nearest points of the planes lie at 0.1: the previous camera was in front of them
@@ -183,7 +199,20 @@ def hard_planes(layout: Layout, seed: int = 0) -> Planes:
     ]
     shares, counts = random.uniform(-0.2, 1.2, (4, *shape)), random.choice([0.0, 0.01, 1.0, 7.0, 1000.0], (4, *shape))
     texels = [*storable(strew(near_mean(12), random, 0.002)), *storable(shares.astype(np.float32)), *counts]
-    named = {**dict(zip(names, strewn, strict=True)), "kept": np.array(kept), "texels": np.array(texels)}
+    # Of each span r, g, b, error, count and alpha; the errors of many are alike.
+    errors = mean * random.choice([1.0, 1.0, 1.001, 0.1, 1e8], shape)
+    spans = [
+        plane
+        for _ in range(SPANS)
+        for plane in (
+            *storable(strew(near_mean(3), random, 0.01)),
+            *(errors * (1 + 0.1 * random.random((1, *shape)))).astype(np.float32),
+            *random.choice([1.0, 7.0, 48.0], (1, *shape)),
+            *random.uniform(0, 1, (1, *shape)),
+        )
+    ]
+    named = {**dict(zip(names, strewn, strict=True)), "kept": np.array(kept), "spans": np.array(spans)}
+    named["texels"] = np.array(texels)
     return {name: padded(planes, layout) for name, planes in named.items()}
 
 
@@ -223,12 +252,13 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     the kept frames only the planes that its steps read are there.
     """
     given: dict[str, Any] = {"frame": work.frame, "settings": work.settings, **work.planes}
-    given |= {"past": work.past, "frames": len(work.past)}
+    given |= {"past": work.past, "frames": len(work.past), "standing": len(work.past)}
     if len(work.past):
         given["kept"] = kept_of(build.steps, work)
     if not build.steps.alpha:
         given["texels"] = np.delete(work.planes["texels"], slice(12, 16), 0)
     given |= {f"{name[:-4]}_in": planes for name, planes in work.planes.items() if name.endswith("_out")}
+    given["spans"] = spans_of(build.steps, work)
     given |= {name: np.full_like(work.layout.empty(count), UNWRITTEN) for name, count in WRITES[kernel].items()}
     names = [p.name for p in inspect.signature(KERNELS[kernel]).parameters.values() if p.kind is p.KEYWORD_ONLY]
     most = value_of("HALF_LIMIT") if build.storage in HALVES else np.inf
@@ -236,6 +266,12 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
         with np.errstate(invalid="ignore"):  # signalling NaN
             given[name] = np.clip(given[name], -most, most).astype(storage_dtype(build))
     return {name: given[name] for name in names}
+
+
+def spans_of(steps: Steps, work: Work) -> NDArray[np.float32]:
+    """The planes of the spans that a build with ``steps`` reads, one span after another."""
+    spans = work.planes["spans"].reshape(SPANS, -1, work.layout.rows, work.layout.stride)
+    return np.ascontiguousarray(spans[:, : span_planes(steps)]).reshape(-1, *spans.shape[2:])
 
 
 def kept_of(steps: Steps, work: Work) -> NDArray[np.float32]:

@@ -41,10 +41,11 @@ def check_plan(resolver: Resolver, declared: str) -> None:
     """That the test looks at what it is for."""
     assert resolver.plan is not None
     choices, tier = resolver.plan.choices, resolver.preset
-    gathers = tier.choices.history_of is HistoryOf.SAMPLES and declared != "everything"
+    spans = tier.choices.light_change is LightChange.SPANS
+    gathers = tier.choices.history_of is HistoryOf.SAMPLES and (spans or declared != "everything")
     assert (choices.history_of is HistoryOf.SAMPLES) == gathers
-    tests_light = tier.choices.light_change is LightChange.TEST and declared == "everything"
-    assert (choices.light_change is LightChange.TEST) == tests_light
+    light_change = tier.choices.light_change if declared == "everything" else LightChange.IGNORE
+    assert choices.light_change is light_change
 
 
 @pytest.mark.parametrize("declared", DECLARED)

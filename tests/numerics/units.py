@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.build import Build, Real
-from cltaa.constants import PAD_X, PAD_Y
+from cltaa.constants import PAD_X, PAD_Y, SPANS
 from cltaa.constants import value as value_of
 from cltaa.reference.gather import gather_samples
 from cltaa.reference.gather_fit import Gathered
@@ -20,6 +20,7 @@ from cltaa.reference.planes import read_rows
 from cltaa.reference.projection import Motion, on_screen
 from cltaa.reference.real import outside_domain, quiet
 from cltaa.reference.sampling import footprint_of
+from cltaa.reference.span_weights import around
 from tests.kernels.stage_chain import ALL_STEPS, Work
 
 Values = Any  # [H, W] or [C, H, W]
@@ -190,6 +191,49 @@ def texel_counts(work: Work) -> Values:
     return 1 + texel_taps(slice(16, 20))(work)
 
 
+def drawn(work: Work) -> Values:
+    """Largest usable magnitude of the frame and of those kept: whose samples a pixel gathers, its motion says."""
+    kept = work.planes["kept"].reshape(len(work.past), -1, work.layout.rows, work.layout.stride)[:, :3]
+    planes = [work.layout.inside(plane) for plane in (*work.planes["current"], *kept.reshape(-1, *kept.shape[2:]))]
+    return max(float(np.abs(plane[~outside_domain(plane)]).max()) for plane in planes)
+
+
+def squared(work: Work) -> Values:
+    """The same, squared."""
+    return drawn(work) ** 2
+
+
+def of_spans(work: Work) -> Values:
+    """Largest magnitude of any span's colour in the 5x5."""
+    planes = (
+        work.planes["spans"]
+        .reshape(SPANS, -1, *work.planes["spans"].shape[1:])[:, :3]
+        .reshape(-1, work.layout.rows, work.layout.stride)
+    )
+    return np.max([np.abs(part) for plane in planes for part in around(plane, work.layout)], axis=0)
+
+
+def counted(work: Work) -> Values:
+    """1 + the largest count of a span."""
+    planes = work.planes["spans"].reshape(SPANS, -1, *work.planes["spans"].shape[1:])[:, 4]
+    return 1 + np.max([work.layout.inside(plane) for plane in planes], axis=0)
+
+
+def outputs_of_span(span: int) -> list[Output]:
+    """The rows of one span."""
+    name, first = ("short", "middle", "all", "unmoved")[span], 6 * span
+    parts = [
+        (RGB, "colour", "u·M", gathered if span < SPANS - 1 else drawn),
+        (FOURTH, "error", "u·M²", squared),
+        (slice(4, 5), "count n", "u·(1 + n)", one),
+        (slice(5, 6), "alpha", "u", one),
+    ]
+    return [
+        Output("gather_spans", f"span {name}: {said}", "spans", slice(first + at.start, first + at.stop), unit, scale)
+        for at, said, unit, scale in parts
+    ]
+
+
 RGB, FOURTH, FIRST = slice(0, 3), slice(3, 4), slice(0, 1)
 HISTORY, STATISTICS, MOTION = "sample_history", "neighbourhood_statistics", "surface_motion"
 OUTPUTS = [
@@ -224,6 +268,10 @@ OUTPUTS = [
     Output("gather", "gather: colour", "output", RGB, "u·M", gathered),
     Output("gather", "gather: alpha", "output", FOURTH, "u", one),
     Output("gather", "gather: count n", "output_count", FIRST, "u·(1 + n)", one),
+    *(output for span in range(SPANS) for output in outputs_of_span(span)),
+    Output("weigh_spans", "weighed: colour", "output", RGB, "u·M", of_spans),
+    Output("weigh_spans", "weighed: alpha", "output", FOURTH, "u", one),
+    Output("weigh_spans", "weighed: count n", "output_count", FIRST, "u·(1 + n)", counted),
 ]
 # The blend's output where the history is kept in halves: the error of the storage beside that of the arithmetic.
 STORED = [

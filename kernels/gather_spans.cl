@@ -1,0 +1,58 @@
+// As gather.cl, but where light may change: each pixel from several spans of its past, and how far each is off. Which
+// of them to believe is weigh_spans.cl's to say.
+#include "spans.h"
+#include "ahead.h"
+
+__kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha,
+    plane_in reactive, plane_in kept, frames_in past, const int frames, const int standing, plane_out spans,
+    const frame_t frame, const settings_t settings)
+{
+    const int x = (int)get_global_id(0) * LANES, first = (int)get_global_id(1) * ROWS;
+    if (x >= frame.width || first >= frame.height)
+        return;
+    const int last = first + ROWS < frame.height ? first + ROWS : frame.height;
+    row_t above = read_row(current, closeness, motion, x, first - 1, frame);
+    row_t centre = read_next_row(above, current, closeness, motion, x, first, frame);
+    for (int y = first; y < last; ++y) {
+        fetch_frame(current, closeness, motion, x, y, frame);
+        const row_t below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
+        const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
+        surface s = nearest_surface(above, centre, below, settings);
+        const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
+        layers_t l = layers_of(above, centre, below, s, settings);
+        if (GATHER_FIT == GATHER_FIT_LAYERS)
+            recall_thin(&s, &l, kept, past, frames, x, y, frame, settings);
+        const real w = sample_share(p.own, settings);
+        const mask near = !l.edge | (centre.closeness > l.cut);
+        gathered g = first_sample(w, near | !near, near, frame), far = first_sample(w, !near, !near, frame);
+        const int edges = GATHER_FIT == GATHER_FIT_LAYERS && any_of(l.edge);
+        side_t front = { s, l }, back = front;
+        if (edges) {
+            front = side_of(s, l, 0, p.own, current, closeness, motion, x, y, frame, settings);
+            back = side_of(s, l, 1, p.own, current, closeness, motion, x, y, frame, settings);
+            add_side(&far, back, p.own, settings);
+        }
+        track_t t = first_step(front.s), far_t = first_step(back.s);
+        resolved out;
+        real error = SPLAT(0.0);
+        for (int span = 0, from = 0; span <= ALL_FRAMES; ++span) {
+            const int to = span_end(span, frames);
+            g = gather_samples(kept, past, from, to, SHORT_SPAN, &t, g, p, front.s, front.l, 0, x, y, frame, settings);
+            if (edges)
+                far = gather_samples(kept, past, from, to, 0, &far_t, far, p, back.s, back.l, 1, x, y, frame, settings);
+            out = resolve_gathered(g, far, l, p, m, frame, settings);
+            error = span_error(g, p.own, out);
+            store_span(spans, span, out, error, x, y, frame);
+            from = to;
+        }
+        const resolved unmoved = resolve_unmoved(&g, kept, past, standing, p, x, y, frame, settings);
+        // What no latest sample could contradict says nothing.
+        const mask told = g.recent_count >= SPLAT(SHORT_SPAN);
+        out.rgb = choose_colour(told, unmoved.rgb, out.rgb);
+        out.alpha = told ? unmoved.alpha : out.alpha;
+        out.count = told ? unmoved.count : out.count;
+        store_span(spans, UNMOVED, out, told ? span_error(g, p.own, unmoved) : error, x, y, frame);
+        above = centre;
+        centre = below;
+    }
+}

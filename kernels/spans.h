@@ -1,0 +1,86 @@
+// Where light may change, how far back should a pixel look? It is resolved from several spans of its past, and each
+// leaves an error: how far its latest samples lie from what the span says. A span that is too short errs by their
+// noise, one that is too long by what has changed since.
+#include "gather.h"
+
+// Planes of a span: r, g, b, error, count, alpha. The spans stand one behind the other: the latest frames, a few more,
+// all, and without motion all since the camera came to stand.
+#define SPAN_PLANES (5 + ALPHA)
+#define ALL_FRAMES (SPANS - 2)
+#define UNMOVED (SPANS - 1)
+
+// How many of the kept frames a span has.
+STAGE int span_end(int span, int frames)
+{
+    const int end = span == 0 ? SHORT_SPAN : (span < ALL_FRAMES ? MIDDLE_SPAN : frames);
+    return end < frames ? end : frames;
+}
+
+// Squared distances of the latest samples, the current one among them, from what a span says, all channels. A span
+// holds these samples itself and lies the nearer to them the fewer others it has, which is made good (leave one out).
+STAGE real span_error(gathered g, colour now, resolved span)
+{
+    const real one = SPLAT(1.0), two = SPLAT(2.0);
+    const colour v = to_range(span.rgb), d = { v.r - now.r, v.g - now.g, v.b - now.b };
+    const real along = (d.r * g.recent.r + d.g * g.recent.g) + d.b * g.recent.b;
+    const real size = (d.r * d.r + d.g * d.g) + d.b * d.b;
+    const real squares = (g.recent_squares - two * along) + (one + g.recent_count) * size;
+    const real left = one - reciprocal(greater(span.count, SPLAT(1.5)));
+    return quotient(greater(squares, SPLAT(0.0)), left * left);
+}
+
+// The plain mean of what was drawn at the pixel's own place in the `frames` latest frames, those from the camera of
+// now: right for what only moves along itself, as a wheel does, and for light that stands on what moves. `sums` are
+// those of its samples.
+STAGE resolved resolve_unmoved(gathered* sums, plane_in kept, frames_in past, int frames, pixel_t p, int x, int y,
+    frame_t frame, settings_t settings)
+{
+    const size_t plane = plane_size(frame);
+    const uint at = texel_offset(frame, x, y);
+    const real zero = SPLAT(0.0), one = SPLAT(1.0);
+    gathered g = no_samples();
+    for (int k = 0; k < frames; ++k) {
+        const frame_t then = past[k];
+        plane_in q = kept + (size_t)then.slot * KEPT_PLANES * plane + at;
+        colour c = load_colour(q, plane);
+        const mask good = !colour_outside_domain(c);
+        if (EXPOSURE)
+            c = scaled(c, SPLAT(then.exposure_ratio));
+        c = choose_colour(good, to_range(c), p.own);
+        const real w = good ? sample_share(c, settings) : zero;
+        const colour d = { c.r - p.own.r, c.g - p.own.g, c.b - p.own.b };
+        if (k < SHORT_SPAN)
+            add_recent(&g, d, good ? one : zero);
+        g.sum.r += w * d.r;
+        g.sum.g += w * d.g;
+        g.sum.b += w * d.b;
+        g.weight += w;
+        g.count += good ? one : zero;
+        if (ALPHA)
+            g.alpha += good ? load_share(q + KEPT_ALPHA * plane, one) - p.alpha : zero;
+    }
+    const real whole_weight = sample_share(p.own, settings) + g.weight;
+    const colour v = { p.own.r + quotient(g.sum.r, whole_weight), p.own.g + quotient(g.sum.g, whole_weight),
+        p.own.b + quotient(g.sum.b, whole_weight) };
+    resolved out;
+    out.count = g.count + one;
+    out.rgb = storable_colour(from_range(v), p.own);
+    out.alpha = p.alpha;
+    if (ALPHA_FROM == ALPHA_FROM_BLEND)
+        out.alpha = p.alpha + quotient(g.alpha, out.count);
+    *sums = g;
+    return out;
+}
+
+STAGE void store_span(plane_out spans, int span, resolved r, real error, int x, int y, frame_t frame)
+{
+    const size_t plane = plane_size(frame);
+    plane_out p = spans + (size_t)span * SPAN_PLANES * plane + texel_offset(frame, x, y);
+    store(p, r.rgb.r);
+    store(p + plane, r.rgb.g);
+    store(p + 2 * plane, r.rgb.b);
+    store(p + 3 * plane, error);
+    store(p + 4 * plane, r.count);
+    if (ALPHA)
+        store(p + 5 * plane, r.alpha);
+}

@@ -1,0 +1,129 @@
+"""Spans of the past: where light may change, each pixel is resolved from the one that its latest samples bear out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cltaa.build import settings_record
+from cltaa.constants import SPAN_REACH
+from cltaa.frames import Effect, Frame
+from cltaa.layout import Layout
+from cltaa.params import HistoryOf, LightChange, Rectify, Settings
+from cltaa.planning import plan_frame
+from cltaa.presets import load_preset, override
+from cltaa.reference.span_weights import drift_of, trust
+from cltaa.resolve import Resolver
+from tests.kernels.stage_chain import padded
+from tests.kernels.test_resolve import hard_frames
+from tests.sequence_factory import bits, make_camera, make_frame
+
+WIDTH, HEIGHT = 40, 30
+LIT = frozenset({Effect.SHADING})
+ALL = frozenset(Effect)
+
+
+def lit(index: int, light: float, motion_px: float) -> Frame:
+    """A texture of two colours a pixel, either of which the jitter may find; light is on all of it, and stays where it
+    is whatever the motion says."""
+    frame = make_frame(index, width=WIDTH, height=HEIGHT, camera=make_camera(), effects=LIT | {Effect.MOTION})
+    found = np.random.default_rng(index).random((HEIGHT, WIDTH, 1)) < 0.5
+    two = np.random.default_rng(99).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3))
+    colour = (light * np.where(found, two[0], two[1])).astype(np.float32)
+    motion = np.zeros((HEIGHT, WIDTH, 2), np.float32)
+    motion[..., 0] = motion_px
+    return replace(frame, colour=colour, depth=np.full_like(frame.depth, 5.0), motion=motion)
+
+
+def errors(preset: str, lights: list[float], motion_px: float = 0.0) -> list[float]:
+    """Root mean square error of each frame."""
+    resolver = Resolver(override(load_preset(preset), {"current_filter": "none"}), "numpy")
+    two = np.random.default_rng(99).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3))
+    resolved = [resolver.resolve(lit(index, light, motion_px)) for index, light in enumerate(lights)]
+    return [float(np.sqrt(np.mean((i - k * two.mean(0)) ** 2))) for i, k in zip(resolved, lights, strict=True)]
+
+
+def test_a_lamp_that_goes_on_is_followed() -> None:
+    lights = [1.0] * 20 + [1.5] * 8
+    spans, tested = errors("t5", lights), errors("t3", lights)
+    assert spans[19] < 1.1 * tested[19]
+    assert spans[22] < 0.9 * tested[22]  # 0.071 and 0.086: four frames that agree
+
+
+def test_what_moves_along_itself_is_resolved_where_it_stands() -> None:
+    spans, followed = errors("t5", [1.0] * 24, 1.5), errors("t3", [1.0] * 24, 1.5)
+    assert spans[23] < 0.5 * followed[23]  # 0.022 and 0.067
+
+
+def test_a_constant_image_keeps_its_bits_whatever_moves() -> None:
+    resolver = Resolver(load_preset("t5"))
+    value = np.float32(0.1)
+    for index in range(10):
+        moved = make_frame(
+            index, motion=True, camera=make_camera((0.07 * index, 0.0, 5.0)), effects=ALL - {Effect.ALPHA}
+        )
+        resolved = resolver.resolve(replace(moved, colour=np.full_like(moved.colour, value)))
+        assert (bits(resolved) == bits(np.full_like(resolved, value))).all()
+
+
+def declared(count: int) -> Iterator[Frame]:
+    return (replace(frame, effects=ALL) for frame in hard_frames(count=count))
+
+
+@pytest.mark.parametrize("lanes", [1, 8])
+def test_strict_kernels_are_their_twins(lanes: int) -> None:
+    preset = override(load_preset("t5"), {"frames_kept": 9})
+    device, twin = Resolver(preset, strict=True, lanes=lanes, rows=7), Resolver(preset, "numpy")
+    for frame in declared(10):
+        resolved = device.resolve(frame)
+        assert np.isfinite(resolved).all()
+        assert (bits(resolved) == bits(twin.resolve(frame))).all()
+
+
+def test_every_step_gives_the_same_bits() -> None:
+    planned, every = (Resolver("t5", strict=True, every_step=every) for every in (False, True))
+    for index in range(5):
+        frame = make_frame(index, camera=make_camera((0.1 * (index > 2), 0.0, 5.0)), effects=LIT | {Effect.CAMERA})
+        assert (bits(planned.resolve(frame)) == bits(every.resolve(frame))).all()
+
+
+@pytest.mark.parametrize(
+    ("tier", "effects", "expected"),
+    [
+        ("t5", {Effect.SHADING}, (HistoryOf.SAMPLES, LightChange.SPANS, Rectify.NONE)),
+        ("t5", {Effect.REACTIVE, Effect.CAMERA}, (HistoryOf.SAMPLES, LightChange.SPANS, Rectify.NONE)),
+        ("t5", {Effect.CAMERA}, (HistoryOf.SAMPLES, LightChange.IGNORE, Rectify.NONE)),
+        ("t5", None, (HistoryOf.SAMPLES, LightChange.IGNORE, Rectify.CLAMP)),
+        ("t4", {Effect.SHADING}, (HistoryOf.RESULT, LightChange.TEST, Rectify.CLAMP)),
+    ],
+)
+def test_spans_are_weighed_where_light_may_change(
+    tier: str, effects: set[Effect] | None, expected: tuple[object, ...]
+) -> None:
+    frame = make_frame(1, camera=make_camera(), effects=None if effects is None else frozenset(effects))
+    choices = plan_frame(load_preset(tier), frame, frame.camera).choices
+    assert (choices.history_of, choices.light_change, choices.rectify) == expected
+
+
+def test_the_drift_is_students_t() -> None:
+    random = np.random.default_rng(0)
+    layout = Layout(WIDTH, HEIGHT)
+    then = random.uniform(0.2, 1.0, (1, HEIGHT, WIDTH)).astype(np.float32)
+    now = (then + random.normal(0.01, 0.03, then.shape)).astype(np.float32)
+    settings = settings_record(Settings(change_floor=0.0))
+    mean, t = drift_of(padded(then, layout)[0], padded(now, layout)[0], layout, settings)
+    side, inside = 2 * SPAN_REACH + 1, np.s_[SPAN_REACH:-SPAN_REACH, SPAN_REACH:-SPAN_REACH]
+    windows = np.lib.stride_tricks.sliding_window_view(now[0].astype(np.float64) - then[0], (side, side))
+    expected = windows.mean((-1, -2))
+    # Differences of values below 1 are off by 2^-24 each, their deviation is hardly below 0.02 here.
+    assert np.allclose(mean[inside], expected, atol=1e-6)
+    assert np.allclose(t[inside], np.abs(expected) / (windows.std((-1, -2), ddof=1) / side), rtol=1e-4, atol=1e-4)
+
+
+def test_trust_falls_with_the_error_and_never_to_nothing() -> None:
+    error = np.array([1.0, 1.1, 2.0, 1e30], np.float32)
+    assert np.allclose(trust(error, error[:1]), [1.0, 1.1**-16, 2.0**-16, 2.0**-96], rtol=1e-5)
+    assert trust(np.zeros(1, np.float32), np.zeros(1, np.float32)) == 1.0
