@@ -56,7 +56,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     fit_ridge: Annotated[
         float,
         _number("even samples' worth that holds the fitted slope back", 2.0**-6, 2.0**20, "1", "measured"),
-    ] = 0.5
+    ] = 0.125
     fit_reach: Annotated[
         float,
         _number(
