@@ -127,8 +127,8 @@ def with_bounds(kernel: str, build: Build, layout: Layout, arguments: Mapping[st
     """
     planes = {name: Bounded.exact(given) for name, given in arguments.items() if np.ndim(given) > 1}
     KERNELS[kernel](replace(build, storage=Storage.FLOAT), layout, **{**arguments, **planes})
-    if build.storage in HALVES and "output" in planes:
-        planes["output"] = _stored_in_halves(planes["output"], build.storage)
+    for name in {"output", "texels_out"} & set(planes) if build.storage in HALVES else ():
+        planes[name] = _stored_in_halves(planes[name], build.storage)
     return planes
 
 
