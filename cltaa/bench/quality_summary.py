@@ -15,7 +15,7 @@ from cltaa.metrics import psnr
 DEFAULT = "default"
 SEEDS = re.compile(r"(vireo|babylon|simvx)\b")
 CLASSICS = re.compile(r"(karis|playdead|godot|filament|bevy|intel|fsr3)\b")
-LADDER = re.compile(r"t\d+")
+LADDER = re.compile(r"t\d(-200)?")  # in the order of their names: t3, t3-200, t4
 DECIDING = ("flip", "psnr")  # the two that a preset is called better by
 HIGHER = {column.name: column.higher_is_better for column in COLUMNS}
 
@@ -59,7 +59,7 @@ def summarise(judged: Iterable[tuple[Case, Mapping[str, Judged]]]) -> Table:
         for split in splits
     }
     others = [name for name in names if SEEDS.match(name) or CLASSICS.match(name)]
-    tiers = sorted((name for name in names if LADDER.fullmatch(name)), key=lambda name: int(name[1:]))
+    tiers = sorted(filter(LADDER.fullmatch, names))
     duels = [_duel(rows, DEFAULT, other) for other in others if DEFAULT in names]
     duels += [_duel(rows, tiers[-1], other) for other in others if tiers]
     return Table(rows=rows, means=means, duels=duels)

@@ -152,9 +152,9 @@ def test_means_and_duels() -> None:
 
 
 def test_presets_stand_in_their_families() -> None:
-    names = ["t2", "zebra", "default", "karis", "simvx", "t1", "babylon-reproject", ONE_SAMPLE, "fsr3-native"]
+    names = ["t2", "zebra", "default", "karis", "t1-200", "simvx", "t1", "babylon-reproject", ONE_SAMPLE, "fsr3-native"]
     assert ordered(names) == [
-        ONE_SAMPLE, "babylon-reproject", "simvx", "fsr3-native", "karis", "t1", "t2", "default", "zebra",
+        ONE_SAMPLE, "babylon-reproject", "simvx", "fsr3-native", "karis", "t1", "t1-200", "t2", "default", "zebra",
     ]  # fmt: skip
     assert best_classic({"karis": {"flip": 0.2}, "bevy": {"flip": 0.1}, "default": {"flip": 0.01}}) == "bevy"
 
