@@ -75,6 +75,11 @@ class Layout:
         return columns * rows * self.bytes_a_pixel
 
     @property
+    def chunk_bytes(self) -> int:
+        """Bytes of a chunk of scan lines, as decoded."""
+        return dict(COMPRESSIONS)[self.compression] * self.data_size[0] * self.bytes_a_pixel
+
+    @property
     def crop(self) -> tuple[slice, slice]:
         """Rows and columns of the data window that make up the picture (a renderer may draw more, never less)."""
         row, column = self.display_window[1] - self.data_window[1], self.display_window[0] - self.data_window[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import msgspec
 import numpy as np
+import OpenEXR
 
 from cltaa.build import Build, Steps, Storage, kept_planes, span_planes, texel_planes
 from cltaa.constants import SPANS
@@ -15,7 +16,10 @@ from cltaa.streams import DEPTH, THREADS
 REAL = 4  # bytes of a float
 FRAMES = 1 + DEPTH  # in work, and those that are decoded or being decoded
 RESULTS = 1 + DEPTH  # just made, and those that wait to be written or are being written
-GROUP = 3  # planes of a group, which are decoded one by one and then moved together
+GROUP = 3  # planes of a group, which are decoded one by one and moved together when the packed file has gone
+# Blocks of the size of a chunk that each of OpenEXR's threads holds for a file: packed, unpacked, between the two. Seen
+# with 2 and 16 threads: 2.5 to 3.1.
+BLOCKS = 3
 # Interpreter, libraries and driver: the peak of a resolve of 16 x 16 pixels with built kernels, PoCL 3.0, 2026-11-21. A
 # kernel that has to be built first takes 140 MB more, before frames take any.
 PROGRAM = 102_000_000
@@ -57,25 +61,30 @@ class Memory(msgspec.Struct, frozen=True, kw_only=True):
     device: int
     frames: int
     results: int
-    reading: int  # for each frame that is being decoded the packed file and a group of planes
+    reading: int  # for each frame that is being decoded the packed file or, after it, a group of planes
+    packing: int  # what OpenEXR's threads hold of the files that are read and written
     program: int = PROGRAM
 
     @property
     def whole(self) -> int:
         """All of it together."""
-        return self.device + self.frames + self.results + self.reading + self.program
+        return self.device + self.frames + self.results + self.reading + self.packing + self.program
 
 
-def of_resolve(pixels: int, channels: int, file: int, device: int, *, alpha: bool, banded: bool = False) -> Memory:
+def of_resolve(
+    pixels: int, channels: int, file: int, chunk: int, device: int, *, alpha: bool, banded: bool = False
+) -> Memory:
     """Memory of a resolve of frames of ``pixels`` in float ``channels``, whose packed files have ``file`` bytes.
 
-    In bands one frame at a time is in memory, its result in its place, and beside it the count of each pixel.
+    ``chunk`` is what a chunk of such a file unpacks to; results are packed in chunks of as many rows. In bands one
+    frame at a time is in memory, its result in its place, and beside it the count of each pixel.
     """
     frames, results, decoded = (1, 0, 1) if banded else (FRAMES, RESULTS, THREADS)
     return Memory(
         device=device, frames=frames * channels * REAL * pixels,
         results=REAL * pixels * (1 if banded else results * (3 + alpha)),
-        reading=decoded * (file if banded else file + GROUP * REAL * pixels),
+        reading=decoded * (file if banded else max(file, GROUP * REAL * pixels)),
+        packing=decoded * OpenEXR.global_thread_count() * BLOCKS * chunk * (channels + 3 + alpha) // channels,
     )  # fmt: skip
 
 
@@ -93,6 +102,7 @@ def of_sequence(
     return of_resolve(
         width * height, max(len(layout.channels) for layout in sequence.layouts.values()),
         max(sequence.path(number).stat().st_size for number in sequence.numbers),
+        max(layout.chunk_bytes for layout in sequence.layouts.values()),
         device_bytes(
             width, height, steps, band_rows=band_rows, frames_kept=frames_kept, doubled=doubled, spans=spans
         ),

@@ -16,7 +16,7 @@ def print_plan(plan: SequencePlan) -> None:
     console.print(f"preset {shown(plan.preset)}, {builds} of the resolve, on {shown(plan.device)}", highlight=False)
     parts = {
         "on the device": plan.memory.device, "of frames": plan.memory.frames, "of results": plan.memory.results,
-        "of reading": plan.memory.reading, "of the program": plan.memory.program,
+        "of reading": plan.memory.reading, "of packing": plan.memory.packing, "of the program": plan.memory.program,
     }  # fmt: skip
     told = " + ".join(f"{size / 1e6:.0f} {what}" for what, size in parts.items())
     console.print(f"memory at the peak: {plan.memory.whole / 1e6:.0f} MB = {told}", highlight=False, soft_wrap=True)

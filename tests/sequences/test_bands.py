@@ -102,8 +102,9 @@ def whole_images(width: int, height: int) -> Memory:
     """What a run takes whose frames have motion of their own and do not pack at all."""
     channels = 6
     return of_resolve(
-        width * height, channels, 4 * channels * width * height, device_bytes(width, height, Steps()), alpha=False
-    )
+        width * height, channels, 4 * channels * width * height, 16 * 4 * channels * width,
+        device_bytes(width, height, Steps()), alpha=False,
+    )  # fmt: skip
 
 
 def test_bands_begin_where_the_formula_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
