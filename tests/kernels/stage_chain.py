@@ -255,10 +255,11 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     given |= {"past": work.past, "frames": len(work.past), "standing": len(work.past)}
     if len(work.past):
         given["kept"] = kept_of(build.steps, work)
-    if not build.steps.alpha:
+    if not build.steps.alpha and "texels" in work.planes:
         given["texels"] = np.delete(work.planes["texels"], slice(12, 16), 0)
     given |= {f"{name[:-4]}_in": planes for name, planes in work.planes.items() if name.endswith("_out")}
-    given["spans"] = spans_of(build.steps, work)
+    if "spans" in work.planes:
+        given["spans"] = spans_of(build.steps, work)
     given |= {name: np.full_like(work.layout.empty(count), UNWRITTEN) for name, count in WRITES[kernel].items()}
     names = [p.name for p in inspect.signature(KERNELS[kernel]).parameters.values() if p.kind is p.KEYWORD_ONLY]
     most = value_of("HALF_LIMIT") if build.storage in HALVES else np.inf
