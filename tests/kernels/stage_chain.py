@@ -149,7 +149,8 @@ def hard_work(width: int = 70, height: int = 41, seed: int = 0, settings: Settin
     record["left_weight"], record["right_weight"], record["above_weight"], record["below_weight"] = 0.3, -0.05, 0.1, 0.2
     record["left_mass"], record["right_mass"], record["upper_mass"], record["lower_mass"] = 0.9, 0.01, 0.6, 0.3
     past = np.array([frame_record(now, Past.of(frame), layout) for frame in reversed(before)], FRAME_DTYPE)
-    past["jitter_x"], past["jitter_y"] = np.linspace(-0.4, 0.3, KEPT), np.linspace(0.2, -0.5, KEPT)
+    # None that puts a texel's sample on the border of a neighbour's window, 0.8 off its centre, but for rounding.
+    past["jitter_x"], past["jitter_y"] = np.linspace(-0.37, 0.31, KEPT), np.linspace(0.23, -0.46, KEPT)
     past["slot"] = (np.arange(KEPT) + 1) % KEPT
     settings = Settings() if settings is None else settings
     return Work(layout, hard_planes(layout, seed), record, settings_record(settings), past)
