@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any, Protocol
@@ -202,5 +203,6 @@ def run_gather(
 
 
 def launcher_for(wish: str | None) -> Launcher:
-    """The launcher for ``--device``: ``numpy``, or a wish that ``device.choose_device`` understands."""
+    """The launcher for ``--device`` or CLTAA_DEVICE: ``numpy``, or a wish that ``device.choose_device`` understands."""
+    wish = wish or os.environ.get(WISH)
     return NumpyLauncher() if wish == "numpy" else DeviceLauncher(wish)

@@ -9,6 +9,7 @@ import pytest
 
 from cltaa.errors import DataError, UsageError
 from cltaa.frames import Camera, Effect, Frame
+from cltaa.launch import NumpyLauncher
 from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
 from tests.sequence_factory import bits, make_camera, make_frame
@@ -123,6 +124,11 @@ def test_an_image_whose_texels_32_bits_do_not_count_is_refused() -> None:
     frame = replace(frame, colour=np.broadcast_to(large[..., None], (50_000, 50_000, 3)), depth=large)
     with pytest.raises(DataError, match=r"the image is too large .*found 50000 x 50000"):
         Resolver(device="numpy").resolve(frame)
+
+
+def test_the_variable_may_ask_for_numpy_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CLTAA_DEVICE", "numpy")
+    assert isinstance(Resolver().launcher, NumpyLauncher)
 
 
 def test_unknown_names_are_refused() -> None:
