@@ -33,8 +33,11 @@ def test_every_call_that_can_fail(tmp_path: Path, shim: Path, work: str, action:
     trials = [json.loads(line) for line in child.stdout.splitlines()]
     failed = [trial for trial in trials if trial["code"]]
     assert not trials[-1]["reached"]
-    # Only what is read when a run begins may fail without harm (the slots of a checkpoint, say), or is written again.
+    # What fails without harm: two reads when a run begins (the slots of a checkpoint), and at most two writes an image,
+    # which the C++ library tries again when it closes the file. That is 8 of the 80 calls of the short resolve; but two
+    # frames are written at a time, so that the n-th call is not the same in every run, and how often one of the 8 is
+    # met is a matter of chance (3 to 12 were seen): more than 20 would be, of a Poisson law of 8, one run in 10,000.
     print(f"{len(trials) - 1} faults")
-    assert len(failed) > 0.85 * (len(trials) - 1)
+    assert len(failed) >= 0.75 * (len(trials) - 1)
     kept = [trial["kept"] for trial in trials]
     assert min(kept) == 0 < max(kept) == kept[-1]
