@@ -27,7 +27,7 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "LEAST_TRUST": Constant(2.0**-6, "least ratio of two spans' errors: its 16th power is well above the denormals"),
     "LEAST_HEADROOM": Constant(2.0**-16, "least 1 - peak when a tonemap is undone: half's largest number, 65504"),
     "ONE_THIRD": Constant(1.0 / 3.0, "mean of a row of three"),
-    "TWO_THIRDS": Constant(2.0 / 3.0, "sum of squared distances over a row's spread (neighbourhood.h)"),
+    "TWO_THIRDS": Constant(2.0 / 3.0, "sum of squared distances over a row's spread (moments.h)"),
     "TWO_27THS": Constant(2.0 / 27.0, "variance over the spread of the 3x3: a ninth of that"),
     "ONE_FIFTH": Constant(1.0 / 5.0, "mean of the cross"),
     "ONE_NINTH": Constant(1.0 / 9.0, "mean of the 3x3"),

@@ -17,27 +17,19 @@ __kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motio
         fetch_frame(current, closeness, motion, x, y, frame);
         const row_t below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
         const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
-        surface s = nearest_surface(above, centre, below, settings);
-        const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
-        layers_t l = layers_of(above, centre, below, s, settings);
-        if (GATHER_FIT == GATHER_FIT_LAYERS)
-            recall_thin(&s, &l, kept, past, frames, x, y, frame, settings);
-        const real w = sample_share(p.own, settings);
-        const mask first = !l.edge | (centre.closeness > l.cut);
-        gathered g = first_sample(w, first | !first, first, frame), far = first_sample(w, !first, !first, frame);
-        const int edges = GATHER_FIT == GATHER_FIT_LAYERS && any_of(l.edge);
-        side_t side = { s, l };
-        if (edges)
-            side = side_of(s, l, 0, p.own, current, closeness, motion, x, y, frame, settings);
+        gathering b = begin_gathering(above, centre, below, p, kept, past, frames, x, y, frame, settings);
+        side_t side = { b.s, b.l };
+        if (b.edges)
+            side = side_of(b.s, b.l, 0, p.own, current, closeness, motion, x, y, frame, settings);
         track_t t = first_step(side.s);
-        g = gather_samples(kept, past, 0, frames, 0, &t, g, p, side.s, side.l, 0, x, y, frame, settings);
-        if (edges) {
-            side = side_of(s, l, 1, p.own, current, closeness, motion, x, y, frame, settings);
-            add_side(&far, side, p.own, settings);
+        b.near = gather_samples(kept, past, 0, frames, 0, &t, b.near, p, side.s, side.l, 0, x, y, frame, settings);
+        if (b.edges) {
+            side = side_of(b.s, b.l, 1, p.own, current, closeness, motion, x, y, frame, settings);
+            add_side(&b.far, side, p.own, settings);
             t = first_step(side.s);
-            far = gather_samples(kept, past, 0, frames, 0, &t, far, p, side.s, side.l, 1, x, y, frame, settings);
+            b.far = gather_samples(kept, past, 0, frames, 0, &t, b.far, p, side.s, side.l, 1, x, y, frame, settings);
         }
-        const resolved out = resolve_gathered(g, far, l, p, m, frame, settings);
+        const resolved out = resolve_gathered(b.near, b.far, b.l, p, b.m, frame, settings);
         store_resolved(output, output_count, out, x, y, frame);
         above = centre;
         centre = below;

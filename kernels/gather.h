@@ -32,6 +32,34 @@ STAGE motion_t way_back(
     return m;
 }
 
+// A pixel before its way back: its surface, the layers at a depth edge, and the sums of its nearer and farther side,
+// which hold the current sample.
+typedef struct
+{
+    surface s;
+    motion_t m;
+    layers_t l;
+    gathered near, far;
+    int edges; // whether a pixel of the segment has a farther side to follow on its own
+} gathering;
+
+STAGE gathering begin_gathering(row_t above, row_t centre, row_t below, pixel_t p, plane_in kept, frames_in past,
+    int frames, int x, int y, frame_t frame, settings_t settings)
+{
+    gathering b;
+    b.s = nearest_surface(above, centre, below, settings);
+    b.m = surface_motion(b.s, LANE_INDEX + K(x), SPLAT(y), frame);
+    b.l = layers_of(above, centre, below, b.s, settings);
+    if (GATHER_FIT == GATHER_FIT_LAYERS)
+        recall_thin(&b.s, &b.l, kept, past, frames, x, y, frame, settings);
+    const real w = sample_share(p.own, settings);
+    const mask near = !b.l.edge | (centre.closeness > b.l.cut);
+    b.near = first_sample(w, near | !near, near, frame);
+    b.far = first_sample(w, !near, !near, frame);
+    b.edges = GATHER_FIT == GATHER_FIT_LAYERS && any_of(b.l.edge);
+    return b;
+}
+
 // The samples of the pixel `now` on surface s in the kept frames `from` to `to` - 1, the latest being 0; `t` is where
 // its own motion had led before them; those of the first `recent` frames are summed on their own too. past[k] says how
 // to come from this frame to the k-th, where its samples lie in their pixels (jitter) and in which slot of `kept` it

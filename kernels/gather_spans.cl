@@ -17,41 +17,35 @@ __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in
         fetch_frame(current, closeness, motion, x, y, frame);
         const row_t below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
         const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
-        surface s = nearest_surface(above, centre, below, settings);
-        const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
-        layers_t l = layers_of(above, centre, below, s, settings);
-        if (GATHER_FIT == GATHER_FIT_LAYERS)
-            recall_thin(&s, &l, kept, past, frames, x, y, frame, settings);
-        const real w = sample_share(p.own, settings);
-        const mask near = !l.edge | (centre.closeness > l.cut);
-        gathered g = first_sample(w, near | !near, near, frame), far = first_sample(w, !near, !near, frame);
-        const int edges = GATHER_FIT == GATHER_FIT_LAYERS && any_of(l.edge);
-        side_t front = { s, l }, back = front;
-        if (edges) {
-            front = side_of(s, l, 0, p.own, current, closeness, motion, x, y, frame, settings);
-            back = side_of(s, l, 1, p.own, current, closeness, motion, x, y, frame, settings);
-            add_side(&far, back, p.own, settings);
+        gathering b = begin_gathering(above, centre, below, p, kept, past, frames, x, y, frame, settings);
+        side_t front = { b.s, b.l }, back = front;
+        if (b.edges) {
+            front = side_of(b.s, b.l, 0, p.own, current, closeness, motion, x, y, frame, settings);
+            back = side_of(b.s, b.l, 1, p.own, current, closeness, motion, x, y, frame, settings);
+            add_side(&b.far, back, p.own, settings);
         }
         track_t t = first_step(front.s), far_t = first_step(back.s);
         resolved out;
         real error = SPLAT(0.0);
         for (int span = 0, from = 0; span <= ALL_FRAMES; ++span) {
             const int to = span_end(span, frames);
-            g = gather_samples(kept, past, from, to, SHORT_SPAN, &t, g, p, front.s, front.l, 0, x, y, frame, settings);
-            if (edges)
-                far = gather_samples(kept, past, from, to, 0, &far_t, far, p, back.s, back.l, 1, x, y, frame, settings);
-            out = resolve_gathered(g, far, l, p, m, frame, settings);
-            error = span_error(g, p.own, out);
+            b.near = gather_samples(
+                kept, past, from, to, SHORT_SPAN, &t, b.near, p, front.s, front.l, 0, x, y, frame, settings);
+            if (b.edges)
+                b.far = gather_samples(
+                    kept, past, from, to, 0, &far_t, b.far, p, back.s, back.l, 1, x, y, frame, settings);
+            out = resolve_gathered(b.near, b.far, b.l, p, b.m, frame, settings);
+            error = span_error(b.near, p.own, out);
             store_span(spans, span, out, error, x, y, frame);
             from = to;
         }
-        const resolved unmoved = resolve_unmoved(&g, kept, past, standing, p, x, y, frame, settings);
+        const resolved unmoved = resolve_unmoved(&b.near, kept, past, standing, p, x, y, frame, settings);
         // What no latest sample could contradict says nothing.
-        const mask told = g.recent_count >= SPLAT(SHORT_SPAN);
+        const mask told = b.near.recent_count >= SPLAT(SHORT_SPAN);
         out.rgb = choose_colour(told, unmoved.rgb, out.rgb);
         out.alpha = told ? unmoved.alpha : out.alpha;
         out.count = told ? unmoved.count : out.count;
-        store_span(spans, UNMOVED, out, told ? span_error(g, p.own, unmoved) : error, x, y, frame);
+        store_span(spans, UNMOVED, out, told ? span_error(b.near, p.own, unmoved) : error, x, y, frame);
         above = centre;
         centre = below;
     }

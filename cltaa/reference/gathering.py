@@ -10,20 +10,13 @@ from cltaa.build import Build, Record, kept_planes
 from cltaa.layout import Layout
 from cltaa.params import GatherFit
 from cltaa.reference.gather import add_side, gather_samples, resolve_gathered
-from cltaa.reference.gather_fit import (
-    Gathered,
-    first_sample,
-)
+from cltaa.reference.gather_fit import Gathered, first_sample
 from cltaa.reference.gather_sample import sample_share
 from cltaa.reference.gather_sides import Layers, layers_of, side_of
 from cltaa.reference.gather_thin import recall_thin
 from cltaa.reference.gather_track import Track
 from cltaa.reference.neighbourhood import Surface, nearest_surface
-from cltaa.reference.pixel import (
-    Pixel,
-    Resolved,
-    current_pixel,
-)
+from cltaa.reference.pixel import Pixel, Resolved, current_pixel
 from cltaa.reference.planes import read_rows, store_resolved
 from cltaa.reference.projection import Motion, surface_motion
 from cltaa.reference.real import Array, quiet

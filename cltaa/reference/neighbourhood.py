@@ -1,4 +1,4 @@
-"""Twin of ``neighbourhood.h``: the 3x3 row by row. A row here is all rows of the image at one vertical offset."""
+"""Twin of ``moments.h`` and ``neighbourhood.h``: the 3x3 row by row; a row is all rows of the image at one offset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Twin of what ``neighbourhood.h`` holds beside its own moments: the weighted 3x3, and the naive variance."""
+"""Twin of what ``moments.h`` holds beside its own moments: the weighted 3x3, and the naive variance."""
 
 from __future__ import annotations
 
