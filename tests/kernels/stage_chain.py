@@ -1,6 +1,6 @@
 """One stage kernel at a time, on a device or on its twin, fed with planes that hold every hard case at once.
 
-``hard_planes`` makes what a frame reads; ``run_stage`` runs one kernel of the chain on a launcher and returns what it
+``hard_work`` makes what a frame reads; ``run_stage`` runs one kernel of the chain on a launcher and returns what it
 wrote. What a stage needs is read from the signature of its twin, so that a new argument or choice needs no line here.
 """
 
@@ -25,10 +25,9 @@ from cltaa.params import Choices, CurrentFilter, Settings
 from cltaa.presets import load_preset
 from cltaa.reference import KERNELS
 from cltaa.resolve import Past, frame_record
+from tests.kernels.hard_planes import KEPT, Planes, hard_planes
 from tests.kernels.test_resolve import turned
-from tests.sequence_factory import SPECIAL_BITS, bits, make_frame
-
-Planes = dict[str, NDArray[Any]]
+from tests.sequence_factory import bits, make_frame
 
 # Kernel -> the planes that it writes: the stages in the order of the chain, those that slide down rows, and what weighs
 # their spans.
@@ -118,10 +117,8 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
     ),
     "weigh_spans": ("alpha", "storage"),
 }
-DOMAIN_LIMIT, TINY = value_of("DOMAIN_LIMIT"), value_of("TINY")
 BACK = 0.2  # the nearest points of the planes lie at 0.1: the previous camera was in front of them
 UNWRITTEN = np.float32(-77.0)  # what no stage writes into a plane by itself
-KEPT = 3  # frames whose samples are gathered
 ALL_STEPS = Steps(alpha=True, reactive=True)
 
 
@@ -154,96 +151,6 @@ def hard_work(width: int = 70, height: int = 41, seed: int = 0, settings: Settin
     past["slot"] = (np.arange(KEPT) + 1) % KEPT
     settings = Settings() if settings is None else settings
     return Work(layout, hard_planes(layout, seed), record, settings_record(settings), past)
-
-
-def hard_planes(layout: Layout, seed: int = 0) -> Planes:
-    """Padded planes by the names of the fused kernel's arguments.
-
-    Tiles of 8x8 have their own mean (1e-2 to 1e6) and relative spread (1e-7 to 1: nearly and wholly flat ones among
-    them), so that sums cancel; bit patterns that a careless path lets spread are strewn over all of it.
-    """
-    random = np.random.default_rng(seed)
-    shape = (layout.height, layout.width)
-    mean, spread = 10 ** tiles(random, shape, -2, 6), 10 ** tiles(random, shape, -7, 0)
-    spread[tiles(random, shape, 0, 1) < 0.1] = 0.0
-
-    def near_mean(planes: int) -> NDArray[np.float32]:
-        return (mean * (1 + spread * random.normal(size=(planes, *shape)))).astype(np.float32)
-
-    colour, closeness = near_mean(3), 10 ** tiles(random, shape, -3, 1)
-    closeness = closeness * (1 + spread * random.normal(size=shape))
-    motion = random.choice([np.nan, np.nan, 0.0, 0.0, 1.0, -2.0, 0.5, 1e-7, 1e6, 1e30], (2, *shape))
-    motion += random.choice([0.0, 1.0], shape) * random.normal(0, 3, (2, *shape))
-    history = np.concatenate([near_mean(3), random.uniform(-0.2, 1.2, (1, *shape))])
-    earlier = closeness * random.choice([1.0, 1.02, 1.3], shape)
-    strewn = (
-        strew(colour, random, 0.01),
-        strew(closeness[None], random, 0.02),
-        strew(motion, random, 0.02),
-        strew(random.uniform(-0.2, 1.2, (1, *shape)), random, 0.02),
-        strew(random.choice([0.0, 1.0, 0.3], (1, *shape)), random, 0.02),
-        storable(strew(history, random, 0.002)),
-        random.choice([0.0, 1.0, 7.0, 24.0, 1000.0], (1, *shape)),
-        strew(earlier[None], random, 0.02),
-    )
-    names = ("current", "closeness", "motion", "alpha", "reactive", "history", "history_count", "previous_closeness")
-    # Of each kept frame r, g, b, closeness, own motion and alpha.
-    kept = [
-        plane
-        for _ in range(KEPT)
-        for plane in (
-            *strew(near_mean(3), random, 0.01),
-            *strew((closeness * random.choice([1.0, 1.0, 1.02, 1.3], shape))[None], random, 0.02),
-            *strew(motion + random.choice([0.0, 0.1], shape), random, 0.02),
-            *strew(random.uniform(-0.2, 1.2, (1, *shape)), random, 0.02),
-        )
-    ]
-    shares, counts = random.uniform(-0.2, 1.2, (4, *shape)), random.choice([0.0, 0.01, 1.0, 7.0, 1000.0], (4, *shape))
-    texels = [*storable(strew(near_mean(12), random, 0.002)), *storable(shares.astype(np.float32)), *counts]
-    # Of each span r, g, b, error, count and alpha; the errors of many are alike.
-    errors = mean * random.choice([1.0, 1.0, 1.001, 0.1, 1e8], shape)
-    spans = [
-        plane
-        for _ in range(SPANS)
-        for plane in (
-            *storable(strew(near_mean(3), random, 0.01)),
-            *(errors * (1 + 0.1 * random.random((1, *shape)))).astype(np.float32),
-            *random.choice([1.0, 7.0, 48.0], (1, *shape)),
-            *random.uniform(0, 1, (1, *shape)),
-        )
-    ]
-    named = {**dict(zip(names, strewn, strict=True)), "kept": np.array(kept), "spans": np.array(spans)}
-    named["texels"] = np.array(texels)
-    return {name: padded(planes, layout) for name, planes in named.items()}
-
-
-def tiles(random: np.random.Generator, shape: tuple[int, int], low: float, high: float) -> NDArray[np.float64]:
-    """[H, W] uniform in [low, high], one value a tile of 8x8."""
-    coarse = random.uniform(low, high, (-(-shape[0] // 8), -(-shape[1] // 8)))
-    return np.repeat(np.repeat(coarse, 8, 0), 8, 1)[: shape[0], : shape[1]]
-
-
-def strew(planes: NDArray[Any], random: np.random.Generator, share: float) -> NDArray[np.float32]:
-    """``planes`` as float32 with ``SPECIAL_BITS``, the ends of the domain and fireflies at a share of the texels."""
-    beyond = np.nextafter(np.float32(DOMAIN_LIMIT), np.float32(np.inf))
-    numbers = [0.0, -1.0, 65504, 65520, 1e5, 1e30, -1e30, DOMAIN_LIMIT, beyond]
-    hard = np.concatenate([np.array(SPECIAL_BITS, np.uint32).view(np.float32), np.array(numbers, np.float32)])
-    single = planes.astype(np.float32)
-    return np.where(random.random(planes.shape) < share, random.choice(hard, planes.shape), single)
-
-
-def storable(planes: NDArray[np.float32]) -> NDArray[np.float32]:
-    """``planes`` as a resolve can have stored them (blend.h): inside the domain, no denormal, no -0."""
-    size = np.abs(planes)
-    return np.where((size <= DOMAIN_LIMIT) & (size >= TINY), planes, np.float32(0.0))
-
-
-def padded(planes: NDArray[Any], layout: Layout) -> NDArray[np.float32]:
-    """[C, H, W] with its halo, the edge repeated."""
-    out = layout.empty(len(planes))
-    layout.inside(out)[:] = planes
-    layout.extend_edges(out)
-    return out
 
 
 def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:

@@ -13,7 +13,8 @@ from cltaa.build import Build, Steps, Storage
 from cltaa.filters import HistoryFilter
 from cltaa.launch import DeviceLauncher, NumpyLauncher
 from cltaa.params import Choices, LightChange
-from tests.kernels.stage_chain import Work, differing, hard_work, padded, run_stage
+from tests.kernels.hard_planes import padded
+from tests.kernels.stage_chain import Work, differing, hard_work, run_stage
 
 WIDTH, HEIGHT = 70, 41
 ROWS = 13  # of a work-item: some begin in the midst of what moves alike

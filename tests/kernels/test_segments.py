@@ -16,7 +16,8 @@ from cltaa.build import Build, Steps, Storage
 from cltaa.filters import HistoryFilter
 from cltaa.launch import DeviceLauncher, NumpyLauncher, storage_dtype
 from cltaa.params import Choices, Reject
-from tests.kernels.stage_chain import Planes, Work, chain_work, differing, padded, run_stage, storable
+from tests.kernels.hard_planes import Planes, padded, storable
+from tests.kernels.stage_chain import Work, chain_work, differing, run_stage
 
 Moves = NDArray[np.float32]
 SIZE = 70, 41

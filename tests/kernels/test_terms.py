@@ -13,7 +13,8 @@ from cltaa.launch import DeviceLauncher, NumpyLauncher
 from cltaa.params import Settings
 from cltaa.presets import load_preset
 from cltaa.resolve import Resolver
-from tests.kernels.stage_chain import ALL_STEPS, Planes, Work, differing, hard_work, run_stage
+from tests.kernels.hard_planes import Planes
+from tests.kernels.stage_chain import ALL_STEPS, Work, differing, hard_work, run_stage
 from tests.sequence_factory import make_frame
 
 WIDTH, HEIGHT = 45, 23

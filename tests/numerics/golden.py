@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from cltaa.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Record
 from cltaa.launch import NumpyLauncher
 from cltaa.layout import Layout
-from tests.kernels.stage_chain import ALL_STEPS, KEPT, STAGES, WRITES, Planes, Work, hard_work, padded, run_stage
+from tests.kernels.hard_planes import KEPT, Planes, padded
+from tests.kernels.stage_chain import ALL_STEPS, STAGES, WRITES, Work, hard_work, run_stage
 
 FOLDER = Path(__file__).parent / "golden"
 LAYOUT = Layout(5, 4)

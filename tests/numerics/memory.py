@@ -25,7 +25,8 @@ from cltaa.build import Build, Storage
 from cltaa.launch import Buffer, DeviceLauncher, NumpyLauncher
 from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
-from tests.kernels.stage_chain import ALL_STEPS, WRITES, Work, chain_work, differing, padded, run_stage, variants
+from tests.kernels.hard_planes import padded
+from tests.kernels.stage_chain import ALL_STEPS, WRITES, Work, chain_work, differing, run_stage, variants
 from tests.kernels.test_resolve import hard_frames
 from tests.numerics.mutations import Mutation, copy_tree
 from tests.sequence_factory import bits

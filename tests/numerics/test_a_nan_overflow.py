@@ -22,7 +22,8 @@ from cltaa.program import Kernel, source_hash
 from cltaa.reference.projection import Motion, on_screen
 from cltaa.reference.sampling import footprint_of
 from cltaa.resolve import Resolver
-from tests.kernels.stage_chain import chain_work, differing, hard_work, padded, run_stage
+from tests.kernels.hard_planes import padded
+from tests.kernels.stage_chain import chain_work, differing, hard_work, run_stage
 from tests.kernels.test_resolve import turned
 from tests.numerics.kernel_text import calls_of, kernel_files
 from tests.sequence_factory import bits, make_frame

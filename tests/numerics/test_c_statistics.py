@@ -14,7 +14,8 @@ from cltaa.launch import DeviceLauncher, NumpyLauncher
 from cltaa.layout import Layout
 from cltaa.params import BoxSpace, Choices, Neighbourhood, Settings, Variance
 from cltaa.resolve import Past, Resolver, frame_record
-from tests.kernels.stage_chain import Work, padded, run_stage, tiles
+from tests.kernels.hard_planes import padded, tiles
+from tests.kernels.stage_chain import Work, run_stage
 from tests.numerics.still_frames import CAMERA, UNIT_ROUNDOFF, accumulator, grey, still_frame
 from tests.sequence_factory import bits, make_frame
 

@@ -14,7 +14,8 @@ from cltaa.layout import Layout
 from cltaa.params import Box, BoxSpace, Choices, Rectify, Settings
 from cltaa.presets import load_preset, override
 from cltaa.resolve import Past, Resolver, frame_record
-from tests.kernels.stage_chain import Work, padded, run_stage
+from tests.kernels.hard_planes import padded
+from tests.kernels.stage_chain import Work, run_stage
 from tests.numerics.still_frames import CAMERA, UNIT_ROUNDOFF, grey, still_frame
 from tests.numerics.test_c_statistics import box_space
 from tests.sequence_factory import make_frame

@@ -17,7 +17,8 @@ from cltaa.layout import Layout
 from cltaa.params import Choices, Dilation, Settings
 from cltaa.presets import override
 from cltaa.resolve import Past, Resolver, frame_record
-from tests.kernels.stage_chain import Work, padded, run_stage
+from tests.kernels.hard_planes import padded
+from tests.kernels.stage_chain import Work, run_stage
 from tests.numerics.exact_cameras import displacement_of, orthographic, perspective, rotation, view_at
 from tests.numerics.still_frames import unfiltered
 from tests.sequence_factory import make_camera, make_frame

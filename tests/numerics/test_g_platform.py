@@ -24,7 +24,8 @@ from cltaa.launch import DeviceLauncher, NumpyLauncher
 from cltaa.params import HistoryFilter
 from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
-from tests.kernels.stage_chain import ALL_STEPS, WRITES, Planes, chain_work, differing, run_stage
+from tests.kernels.hard_planes import Planes
+from tests.kernels.stage_chain import ALL_STEPS, WRITES, chain_work, differing, run_stage
 from tests.kernels.test_twins import CutUp
 from tests.numerics.kernel_text import calls_of, kernel_files, without_comments
 from tests.numerics.still_frames import UNIT_ROUNDOFF, accumulator, grey, last_of

@@ -19,16 +19,8 @@ from numpy.typing import NDArray
 from cltaa.build import HALVES, Build
 from cltaa.launch import DeviceLauncher, Launcher, NumpyLauncher
 from cltaa.reference.bounded import with_bounds
-from tests.kernels.stage_chain import (
-    ALL_STEPS,
-    WRITES,
-    Planes,
-    Work,
-    arguments_of,
-    chain_work,
-    run_stage,
-    variants,
-)
+from tests.kernels.hard_planes import Planes
+from tests.kernels.stage_chain import ALL_STEPS, WRITES, Work, arguments_of, chain_work, run_stage, variants
 from tests.numerics.units import OUTPUTS, STORED, Output, U
 
 PAGE = Path(__file__).parents[2] / "docs" / "numerics.md"

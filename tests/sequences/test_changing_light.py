@@ -18,7 +18,7 @@ from cltaa.presets import load_preset, override
 from cltaa.reference.light import change_of_light
 from cltaa.reference.sampling import Footprint
 from cltaa.resolve import Resolver
-from tests.kernels.stage_chain import padded
+from tests.kernels.hard_planes import padded
 from tests.sequence_factory import make_camera, make_frame
 
 WIDTH, HEIGHT = 40, 30

@@ -17,7 +17,7 @@ from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.planes import read_rows
 from cltaa.resolve import Resolver
 from cltaa.settings import Settings
-from tests.kernels.stage_chain import padded
+from tests.kernels.hard_planes import padded
 from tests.kernels.test_resolve import differing, hard_frames
 from tests.sequence_factory import make_camera, make_frame
 

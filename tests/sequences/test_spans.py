@@ -17,7 +17,7 @@ from cltaa.planning import plan_frame
 from cltaa.presets import load_preset, override
 from cltaa.reference.span_weights import drift_of, trust
 from cltaa.resolve import Resolver
-from tests.kernels.stage_chain import padded
+from tests.kernels.hard_planes import padded
 from tests.kernels.test_resolve import hard_frames
 from tests.sequence_factory import bits, make_camera, make_frame
 
