@@ -38,6 +38,7 @@ OSMESA_CONSTANTS = {
     "OSMESA_CONTEXT_MINOR_VERSION": 0x37,
 }
 EGL_PLATFORM_SURFACELESS_MESA = 0x31DD  # EGL_MESA_platform_surfaceless
+EGL_DEVICE = "EGL_DEVICE_ID"  # the variable by which pyrender too is told which of several cards draws
 
 
 def _first_library(names: tuple[str, ...]) -> str | None:
@@ -188,9 +189,19 @@ def _osmesa_platform() -> Any:
 def _egl_platforms() -> Iterator[Any]:
     """Yield pyrender's EGL platform on displays that need no X server: surfaceless, then each device that EGL knows.
 
-    Mesa has the first; NVIDIA's driver has the second only (EGL_EXT_platform_device).
+    Mesa has the first; NVIDIA's driver has the second only (EGL_EXT_platform_device). EGL_DEVICE_ID, a number, leaves
+    that device alone. Raises UsageError where there is none of that number.
     """
     from pyrender.platforms import egl
+
+    number = os.environ.get(EGL_DEVICE)
+    if number is not None:
+        devices = egl.query_devices()
+        if not number.isdecimal() or int(number) >= len(devices):
+            expected = f"0 to {len(devices) - 1}" if devices else "unset: EGL knows no devices here"
+            raise UsageError(f"{EGL_DEVICE} names no device of EGL", expected=expected, found=number)
+        yield egl.EGLPlatform(1, 1, device=devices[int(number)])
+        return
 
     class Surfaceless(egl.EGLDevice):  # type: ignore[misc]
         def get_display(self) -> Any:

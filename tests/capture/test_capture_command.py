@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes.util
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -19,10 +20,10 @@ TINY = ["--frames", "2", "--size", "32x18", "--jitter", "halton:4"]
 MODELS = Path(__file__).parents[3] / "shared" / "data" / "gltf"
 
 
-def run_alone(*arguments: str) -> subprocess.CompletedProcess[str]:
+def run_alone(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
     """Run the command line in a process of its own: PyOpenGL binds to one platform for good."""
     command = [sys.executable, "-m", "cltaa.cli", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120, env=os.environ | variables)
 
 
 def test_summary_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -127,6 +128,18 @@ def test_egl_without_a_surfaceless_display_draws_on_a_device(tmp_path: Path) -> 
     surfaceless = run_alone(*arguments, str(tmp_path / "surfaceless"))
     assert surfaceless.returncode == 0, surfaceless.stderr
     assert digests(tmp_path / "device") == digests(tmp_path / "surfaceless")
+    named = run_alone(*arguments, str(tmp_path / "named"), EGL_DEVICE_ID="0")
+    assert named.returncode == 0, named.stderr
+    assert digests(tmp_path / "named") == digests(tmp_path / "surfaceless")
+
+
+@pytest.mark.skipif(not ctypes.util.find_library("EGL"), reason="needs EGL on this machine")
+@pytest.mark.parametrize("number", ["99", "one"])
+def test_a_card_that_egl_does_not_know_is_refused(tmp_path: Path, number: str) -> None:
+    done = run_alone("capture", "spinner", "-o", str(tmp_path), *TINY, "--backend", "egl", EGL_DEVICE_ID=number)
+    assert done.returncode == 64, done.stderr
+    assert "EGL_DEVICE_ID names no device of EGL (expected 0 to " in done.stderr
+    assert not list(tmp_path.glob("*.exr"))
 
 
 @pytest.mark.skipif(not MODELS.is_dir(), reason=f"the sample models are not in {MODELS}")
