@@ -7,6 +7,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import NamedTuple
 
+from cltaa.errors import UsageError
 from cltaa.exr_channels import Pixels
 from cltaa.exr_layout import LOSSLESS, Window
 from cltaa.inputs.parts import read_any_header, read_planes
@@ -44,6 +45,14 @@ def merged(
     """What is carried over under what was resolved; attributes that the input did not declare are not made up."""
     told = {name: value for name, value in attributes.items() if name not in undeclared}
     return carried.channels | dict(channels), carried.attributes | told
+
+
+def check_layers(sequence: Sequence, layers: tuple[str, ...]) -> None:
+    """Raise UsageError for a name among ``layers`` that no channel of the first frame matches: it is a slip."""
+    channels = sequence.layouts[sequence.first].channels
+    for layer in layers:
+        if not any(fnmatchcase(name, layer) for name in channels):
+            raise UsageError("--layers: no such channel", expected=" ".join(sorted(channels)), found=layer)
 
 
 def carried_compression(sequence: Sequence) -> str:

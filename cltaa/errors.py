@@ -16,6 +16,7 @@ The codes are those of sysexits.h. A message says where, what, expected against 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import ClassVar
 
@@ -66,6 +67,15 @@ class CltaaError(Exception):
             line += f"; {self.cure}"
         # One line that leaves the terminal alone, whatever a driver's message holds.
         return printable(" ".join(line.split()))
+
+
+def known(name: str, names: Iterable[str], kind: str) -> str:
+    """The cure for a name that is none of ``names``: the one that was meant, where one is close, else all of them."""
+    import difflib  # here: most commands end without
+
+    names = list(names)
+    close = difflib.get_close_matches(name, names, 1)
+    return f"did you mean {close[0]}?" if close else f"known {kind}: {', '.join(names)}"
 
 
 class UsageError(CltaaError):

@@ -22,7 +22,15 @@ from cltaa.atomic import atomic_path
 from cltaa.errors import DataError, StorageError, UsageError
 from cltaa.exr_attributes import FrameHeader, frame_attributes
 from cltaa.exr_channels import COLOUR, MOTION, NORMAL, Pixels, check_float_channels, frame_channels, frame_planes
-from cltaa.exr_layout import COMPRESSION_NUMBERS, LARGEST_SIDE, LOSSLESS, Layout, Window, parse_layout, read_layout
+from cltaa.exr_layout import (
+    COMPRESSION_NUMBERS,
+    LARGEST_SIDE,
+    Layout,
+    Window,
+    check_lossless,
+    parse_layout,
+    read_layout,
+)
 from cltaa.file_content import check_memory, file_size, open_regular, read_all
 from cltaa.frames import Frame, Image
 from cltaa.quiet import muted_output
@@ -114,9 +122,7 @@ def write_image(
     Python floats become doubles; arrays keep their precision.
     Raises UsageError for arguments that mean nothing, OutputError and StorageError for disks.
     """
-    if compression not in LOSSLESS:
-        expected = ", ".join(sorted(LOSSLESS))
-        raise UsageError("unknown or lossy compression", path=path, expected=expected, found=compression)
+    check_lossless(compression, path)
     shapes = {pixels.shape for pixels in channels.values()}
     types = {pixels.dtype.name for pixels in channels.values()}
     if len(shapes) != 1 or len(next(iter(shapes))) != 2 or not types <= {"float16", "float32", "uint32"}:

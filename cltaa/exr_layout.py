@@ -16,7 +16,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.errors import DataError
+from cltaa.errors import DataError, UsageError
 from cltaa.exr_header import MULTI_PART, TILED, Header, read_at, read_channels, read_headers
 from cltaa.file_content import file_size, open_regular
 
@@ -94,6 +94,13 @@ def read_layout(path: Path) -> Layout:
     """
     with open_regular(path) as file:
         return parse_layout(path, file)
+
+
+def check_lossless(compression: str, path: Path | None = None) -> None:
+    """Raise UsageError unless ``compression`` names one that loses nothing; ``path`` is what was to be written so."""
+    if compression not in LOSSLESS:
+        expected = ", ".join(sorted(LOSSLESS))
+        raise UsageError("unknown or lossy compression", path=path, expected=expected, found=compression)
 
 
 def parse_layout(path: Path, file: BinaryIO) -> Layout:

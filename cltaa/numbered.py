@@ -1,8 +1,13 @@
-"""Folders of ``<name>.<frame:04d>.exr``: which files there are, their numbers and sizes, and what vouches for them."""
+"""Folders of numbered EXR files: which files there are, their numbers and sizes, and what vouches for them.
+
+cltaa writes ``<name>.<frame:04d>.exr``. Others put ``_``, ``-`` or nothing before the number, or have no name at all:
+Blender writes ``0001.exr`` unless it is told otherwise. The number is the last thing before the suffix.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +17,8 @@ from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.exr_layout import Layout, read_layout
 from cltaa.manifest import recorded_hashes
 
-NUMBERED = re.compile(r"(?P<name>.+)\.(?P<number>[0-9]{1,9})\.exr", re.DOTALL)  # nine digits fit cltaa:frame, an int
+# Nine digits fit cltaa:frame, an int. A number below 0, ``x.-001.exr``, is none: its frames would come in wrong order.
+NUMBERED = re.compile(r"(?P<name>.*?)[._-]?(?<![0-9])(?<![._]-)(?<!^-)(?P<number>[0-9]{1,9})\.exr", re.DOTALL)
 
 
 class OnBreak(StrEnum):
@@ -44,7 +50,7 @@ class NumberedFiles:
         self._paths = dict(sorted(paths.items()))
         for number in range(self.first, self.last + 1) if gaps is OnBreak.ERROR else ():
             if number not in self._paths:
-                raise frame_missing(folder / f"{name}.{number:04d}.exr", number)
+                raise frame_missing(renumbered(self.paths[0], number), number)
         self.layouts: dict[int, Layout] = {}
         for number, path in self._paths.items():
             self.layouts[number] = layout = read_layout(path)
@@ -132,9 +138,7 @@ def numbered_files(folder: Path) -> tuple[Path, str, dict[int, Path]]:
     matches = {path: NUMBERED.fullmatch(path.name) for path in files}
     names = sorted({match["name"] if match else path.name for path, match in matches.items()})
     if not any(matches.values()):
-        raise InputMissing(
-            "no frames in the folder", path=folder, expected="<name>.<frame>.exr", found=names or "nothing"
-        )
+        raise no_frames(folder, files)
     if len(names) > 1:
         cure = "keep one sequence in a folder"
         raise DataError("several sequences in one folder", path=folder, found=", ".join(names), cure=cure)
@@ -145,6 +149,29 @@ def numbered_files(folder: Path) -> tuple[Path, str, dict[int, Path]]:
             raise DataError("two files have one frame number", path=path, frame=number, found=paths[number].name)
         paths[number] = path
     return folder, names[0], paths
+
+
+def no_frames(folder: Path, files: Iterable[Path]) -> InputMissing:
+    """The error for a folder none of whose EXR ``files`` has a number."""
+    names = [path.name for path in files]
+    cure = f"number the frames, as in {Path(names[0]).stem}.0001.exr" if names else None
+    expected = "<name>.<frame>.exr"
+    return InputMissing("no frames in the folder", path=folder, expected=expected, found=names or "nothing", cure=cure)
+
+
+def renumbered(path: Path, number: int) -> Path:
+    """The file of frame ``number`` in the sequence that ``path`` belongs to; as it is where it has no number."""
+    match = NUMBERED.fullmatch(path.name)
+    if match is None:
+        return path
+    start, end = match.span("number")
+    return path.with_name(f"{path.name[:start]}{number:0{end - start}d}{path.name[end:]}")
+
+
+def name_of(path: Path) -> str:
+    """The name of the sequence that ``path`` belongs to; that of the file where it has no number."""
+    match = NUMBERED.fullmatch(path.name)
+    return match["name"] if match else path.stem
 
 
 def frame_missing(path: Path, number: int) -> InputMissing:

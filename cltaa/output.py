@@ -34,6 +34,8 @@ class OutputFolder:
     def __init__(self, folder: Path, settings: Mapping[str, Any], *, restart: bool = False) -> None:
         """Begin the folder, or go on with it; ``restart`` deletes what its manifest lists first.
 
+        A folder that was begun and in which nothing was finished is begun anew: a run that was refused at its first
+        frame does not stand in the way of one with mended options.
         Raises UsageError where the folder was begun with other settings or holds EXR files that no manifest lists,
         DataError for a damaged manifest, OutputError and StorageError.
         """
@@ -43,13 +45,14 @@ class OutputFolder:
         if restart:
             _clear(folder)
         self.manifest = Manifest(folder)
-        if self.manifest.settings is None:
-            if not restart and any(folder.glob("*.exr")):
-                cure = "choose an empty folder, or use --restart to replace files of the same names"
-                raise UsageError("holds EXR files of another origin", path=folder, expected=NAME, cure=cure)
+        begun, images = self.manifest.settings, any(folder.glob("*.exr"))
+        if begun is None and images and not restart:
+            cure = "choose an empty folder, or use --restart to replace files of the same names"
+            raise UsageError("holds EXR files of another origin", path=folder, expected=NAME, cure=cure)
+        if begun is None or (begun != asked and not images and not self.manifest.entries):
             self.manifest.begin(asked)
         else:
-            _refuse_difference(self.manifest.settings, asked, self.manifest.path)
+            _refuse_difference(begun, asked, self.manifest.path)
         self.key = hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
 
     def missing(self, sequence: Sequence) -> list[int]:

@@ -13,14 +13,15 @@ from typing import Any, Literal
 import msgspec
 
 from cltaa.allocator import kept_memory
-from cltaa.atomic import atomic_path, check_creatable, owned
+from cltaa.atomic import atomic_path, owned
 from cltaa.bands import BandedResolver
-from cltaa.carried_over import merged
+from cltaa.carried_over import check_layers, merged
 from cltaa.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.debug import DebugViews
 from cltaa.errors import DeviceLost, UsageError
 from cltaa.exr_attributes import frame_attributes
 from cltaa.exr_channels import Pixels
+from cltaa.exr_layout import check_lossless
 from cltaa.frames import Effect, Frame
 from cltaa.halves import image_channels, saturated_pixels
 from cltaa.interrupt import Stop, stop_signals
@@ -32,7 +33,7 @@ from cltaa.reading import Read, reads
 from cltaa.resolve import Resolver, Times
 from cltaa.sources import Sequence, open_images
 from cltaa.streams import InTurn, ReadAhead, Writer
-from cltaa.video import import_av, write_video
+from cltaa.video import check_film, write_video
 from cltaa.views import View
 
 
@@ -95,8 +96,8 @@ def resolve_sequence(
     """
     if output.resolve() == sequence.folder.resolve():
         raise UsageError("the output would overwrite the sequence", path=output, cure="name another folder with -o")
-    if preview is not None:
-        _check_film(sequence, preview)
+    check_lossless(compression)
+    check_layers(sequence, layers)
     options: dict[str, Any] = {"effects": effects if isinstance(effects, str) else sorted(effects), "half": half}
     if debug:
         if isinstance(resolver, BandedResolver):
@@ -107,6 +108,8 @@ def resolve_sequence(
     resolver.every_step = resolver.every_step or effects == "all"
     settings = {**resolver.settings(), **options, "compression": compression, **sequence_settings(sequence)}
     with kept_memory(4 * sequence.width * sequence.height), owned(output), stop_signals() as stop:
+        if preview is not None:
+            check_film(preview, sequence)  # now that the output is there, which may be the film's folder too
         folder = OutputFolder(output, settings, restart=restart)
         checkpoints = Checkpoints(output, folder.key)
         if restart:
@@ -123,14 +126,6 @@ def resolve_sequence(
     if preview is not None:
         write_video(preview, open_images(output, gaps=sequence.gaps).select(sequence.first, sequence.last))
     return outcome
-
-
-def _check_film(sequence: Sequence, preview: Path) -> None:
-    """Tell before the work what would stop the film after it."""
-    import_av()
-    check_creatable(preview)
-    if len({(layout.width, layout.height) for layout in sequence.layouts.values()}) > 1:
-        raise UsageError("a film of frames of several sizes", path=preview, cure="leave --preview out")
 
 
 class _Run:

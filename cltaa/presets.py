@@ -10,7 +10,7 @@ from typing import Any, get_type_hints
 
 import msgspec
 
-from cltaa.errors import DataError, UsageError
+from cltaa.errors import DataError, UsageError, known
 from cltaa.file_content import read_text
 from cltaa.params import Choices, Settings
 
@@ -51,7 +51,7 @@ def override(preset: Preset, values: Mapping[str, object], origin: str = "--set"
     """
     for key in values:
         if key not in FIELDS:
-            raise UsageError(f"{origin}: unknown key {key}", cure=f"known keys: {', '.join(sorted(FIELDS))}")
+            raise UsageError(f"{origin}: unknown key {key}", cure=known(key, sorted(FIELDS), "keys"))
     parts: dict[str, Any] = {}
     for part in ("choices", "settings"):
         current = getattr(preset, part)
@@ -75,7 +75,7 @@ def preset_names() -> list[str]:
 def load_preset(name: str = "default") -> Preset:
     """The preset of that name; raises UsageError where there is none."""
     if name not in preset_names():
-        raise UsageError(f"unknown preset {name}", cure=f"known presets: {', '.join(preset_names())}")
+        raise UsageError(f"unknown preset {name}", cure=known(name, preset_names(), "presets"))
     return _parse(name, (_FOLDER / f"{name}.toml").read_text(encoding="utf-8"), origin=f"preset {name}")
 
 

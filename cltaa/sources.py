@@ -17,7 +17,7 @@ from cltaa.exr_attributes import FrameHeader
 from cltaa.exr_channels import check_float_channels
 from cltaa.frames import Effect, Frame, Image
 from cltaa.manifest import read_capture_record, recorded_hashes
-from cltaa.numbered import NUMBERED, NumberedFiles, OnBreak, check_same_size, frame_missing, numbered_files
+from cltaa.numbered import NUMBERED, NumberedFiles, OnBreak, check_same_size, frame_missing, name_of, numbered_files
 
 
 class ImageSequence(NumberedFiles):
@@ -139,8 +139,7 @@ def open_images(path: str | Path, *, verify: bool = True, gaps: OnBreak = OnBrea
     else:
         match = NUMBERED.fullmatch(path.name)
         number = int(match["number"]) if match else 0
-        name = match["name"] if match else path.stem
-        images = ImageSequence(path.parent, name, {number: path}, verify=verify)
+        images = ImageSequence(path.parent, name_of(path), {number: path}, verify=verify)
     for layout in images.layouts.values():
         check_float_channels(layout, ("R", "G", "B"))
     return images

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.atomic import atomic_path
+from cltaa.atomic import atomic_path, check_creatable
 from cltaa.display import Picture, to_picture
-from cltaa.errors import DataError, StorageError
+from cltaa.errors import DataError, StorageError, UsageError
 from cltaa.extras import import_extra
 from cltaa.frames import Image
+from cltaa.numbered import NumberedFiles
 from cltaa.pictures import side_by_side
 
 QUALITY = 16  # x264's constant rate factor: finer than its default of 23, whose blocks would hide what is compared
@@ -84,6 +85,14 @@ def open_video(path: Path, rate: Fraction | int = 24) -> Iterator[Video]:
                 video.finish()
         except av.FFmpegError as error:
             raise StorageError(f"encoding failed: {error}", path=path, cure="check the free space") from error
+
+
+def check_film(path: Path, sequence: NumberedFiles) -> None:
+    """Tell before the work what would stop a film of ``sequence`` after it; raises UsageError and OutputError."""
+    import_av()
+    check_creatable(path)
+    if len({(layout.width, layout.height) for layout in sequence.layouts.values()}) > 1:
+        raise UsageError("a film of frames of several sizes", path=path, cure="leave --preview out")
 
 
 def write_video(path: Path, images: Iterable[Image], *, rate: Fraction | int = 24, stops: float = 0.0) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 
 import click
@@ -13,6 +12,7 @@ from rich.table import Table
 from cltaa.commands.options import FILE_PATH, PRESET, chosen_effects, input_options, json_option
 from cltaa.errors import DataError
 from cltaa.inputs.description import Description, describe_input
+from cltaa.inputs.opening import is_own
 from cltaa.inspection import Inspection, inspect_folder
 from cltaa.printable import json_of, shown
 
@@ -28,7 +28,7 @@ from cltaa.printable import json_of, shown
 @click.option("--preset", type=PRESET, default="default", show_default=True, help="With --plan: whose steps.")
 @click.option("--device", metavar="NAME", help="With --plan: where; its index or a part of its name.")
 @click.option("--effects", default="auto", show_default=True, help="With --plan: auto (as declared), all, or names.")
-@partial(input_options, default="cltaa")
+@input_options
 @json_option
 @click.pass_context
 def inspect(
@@ -47,10 +47,11 @@ def inspect(
     """Say what is in a captured sequence: size, channels, effects, jitter, camera, cuts, truth, and every problem.
 
     Only headers are read, which takes well under a millisecond a frame; a truncated file is found all the same. The
-    exit code is 0 when nothing is wrong, else 65. --plan prints the plan of a resolve instead. With --profile auto, or
-    the profile of another tool, it says how the files would be read.
+    exit code is 0 when nothing is wrong, else 65. --plan prints the plan of a resolve instead. Of the files of another
+    tool it says how they would be read.
     """
-    if profile != "cltaa" or inputs or camera is not None:
+    named = bool(inputs) or camera is not None or profile not in ("auto", "cltaa")
+    if named or (profile == "auto" and not (pixels or planned) and not is_own(folder)):
         _reading(describe_input(folder, profile=profile, assignments=inputs, side_file=camera), as_json)
         return
     if planned:
@@ -131,12 +132,16 @@ def _facts(found: Inspection) -> list[tuple[str, str]]:
         ("channels", ", ".join(by_kind)),
         ("effects", "not declared" if found.effects is None else ", ".join(found.effects) or "none"),
         ("jitter", _jitter(found)),
-        ("camera", f"{found.camera}, {'orthographic' if found.orthographic else 'perspective'}"),
+        ("camera", _camera(found)),
         ("cuts", ", ".join(map(str, found.cuts)) or "none"),
         ("exposure", f"{darkest:g}" if darkest == brightest else f"{darkest:g} to {brightest:g}"),
         ("reference", _reference(found)),
         ("on disk", f"{found.disk_bytes / 1e6:.1f} MB, {found.compression}"),
     ]
+
+
+def _camera(found: Inspection) -> str:
+    return f"{found.camera}, {'orthographic' if found.orthographic else 'perspective'}" if found.camera else "unknown"
 
 
 def _jitter(found: Inspection) -> str:

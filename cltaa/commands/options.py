@@ -65,14 +65,14 @@ device_option = click.option(
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
 
 
-def input_options(command: Command, *, default: str = "auto") -> Command:
+def input_options(command: Command) -> Command:
     """Add ``--profile``, ``--input`` and ``--camera``: how the files of a sequence are read."""
     for option in (
         click.option("--camera", type=FILE_PATH, metavar="FILE",
                      help="Matrices and jitter of each frame: .json, .csv or text (docs/inputs.md)."),
         click.option("--input", "inputs", multiple=True, metavar="SECTION.KEY=VALUE",
                      help="One key of the profile, such as motion.scale=1,-1; may be repeated."),
-        click.option("--profile", default=default, show_default=True,
+        click.option("--profile", default="auto", show_default=True,
                      help="Who wrote the files: auto, a name (cltaa profiles), or FILE.toml."),
     ):  # fmt: skip
         command = option(command)

@@ -18,7 +18,7 @@ from cltaa.inputs.convert import linear_colour, motion_px, planar_depth, still_c
 from cltaa.inputs.intake import Intake, intake_lines
 from cltaa.inputs.parts import read_planes
 from cltaa.manifest import recorded_hashes
-from cltaa.numbered import OnBreak
+from cltaa.numbered import OnBreak, name_of
 from cltaa.sources import Sequence
 
 MATRICES = ("worldToCamera", "worldToNDC", "cltaa:worldToView", "cltaa:viewToClip")
@@ -34,7 +34,7 @@ class ForeignSequence(Sequence):
         self.intake, self._strict = intake, strict
         self._hashes: dict[Path, dict[str, str]] = {}
         main = intake.sets[intake.roles["colour"][0].files]
-        self.folder, self.name = folder, main[numbers[0]].name.split(".")[0]
+        self.folder, self.name = folder, name_of(main[numbers[0]])
         self.verify, self.gaps, self.on_resize = verify, OnBreak.ERROR, OnBreak.ERROR
         self._paths = {number: main[number] for number in numbers}
         self.layouts = {number: intake.layouts[number] for number in numbers}

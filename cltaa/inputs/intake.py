@@ -15,7 +15,7 @@ from cltaa.inputs.profile import Profile, load_profile, profile_names
 from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import Roles, assign, describe, file_sets
 from cltaa.inputs.side_file import read_side_file
-from cltaa.numbered import frame_missing
+from cltaa.numbered import frame_missing, renumbered
 
 
 @dataclass(slots=True)
@@ -65,7 +65,7 @@ def open_intake(
     for number in range(min(main), max(main) + 1):
         for label in {place.files for places in roles.values() for place in places}:
             if number not in sets[label]:
-                raise frame_missing(next(iter(sets[label].values())).parent / f"{label}.{number:04d}.exr", number)
+                raise frame_missing(renumbered(next(iter(sets[label].values())), number), number)
     headers = {number: read_any_header(path) for number, path in sorted(main.items())}
     layouts = {number: header.layout for number, header in headers.items()}
     size = next(iter(layouts.values()))

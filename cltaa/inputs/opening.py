@@ -19,7 +19,7 @@ def open_input(
     Raises what ``open_sequence`` and ``open_intake`` raise.
     """
     plain = not assignments and side_file is None
-    if plain and profile in ("auto", "cltaa") and _is_own(folder):
+    if plain and profile in ("auto", "cltaa") and is_own(folder):
         return open_sequence(folder, **options)
     from cltaa.inputs.foreign import ForeignSequence  # here: a run over cltaa's own files starts without
     from cltaa.inputs.intake import open_intake
@@ -28,7 +28,7 @@ def open_input(
     return ForeignSequence(folder, intake, sorted(intake.declared), verify=options.get("verify", True))
 
 
-def _is_own(folder: Path) -> bool:
+def is_own(folder: Path) -> bool:
     """True unless the first file plainly is somebody else's: errors of cltaa's own files are told by its own reader."""
     files = sorted(folder.glob("*.exr")) if folder.is_dir() else []
     if not files:

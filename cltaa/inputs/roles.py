@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 from cltaa.errors import DataError, InputMissing
 from cltaa.inputs.profile import Profile
-from cltaa.numbered import NUMBERED
+from cltaa.manifest import NAME as MANIFEST
+from cltaa.numbered import NUMBERED, no_frames
 
 REFERENCE = "reference"  # folders of this name, or that begin with it, hold truth and no input
 
@@ -27,25 +28,30 @@ Roles = Mapping[str, tuple[Place, ...]]  # colour, alpha, reactive, depth, motio
 def file_sets(folder: Path) -> dict[str, dict[int, Path]]:
     """The numbered files of a folder and its subfolders by name: ``beauty.0001.exr`` or ``beauty/x.0001.exr``.
 
+    Subfolders with truth are left out, and those that a resolve wrote: what came of a sequence is no part of it.
     Raises InputMissing where there is none.
     """
     if not folder.is_dir():
         raise InputMissing("the folder is missing", path=folder, cure="check the name")
     sets: dict[str, dict[int, Path]] = {}
-    for path in sorted([*folder.glob("*.exr"), *folder.glob("*/*.exr")]):
+    files = sorted([*folder.glob("*.exr"), *(path for path in folder.glob("*/*.exr") if _is_input(path.parent))])
+    for path in files:
         match = NUMBERED.fullmatch(path.name)
-        inside = path.parent != folder
-        if match is None or path.name[0] == "." or (inside and path.parent.name.startswith(REFERENCE)):
+        if match is None or path.name[0] == ".":
             continue
-        label = f"{path.parent.name}/{match['name']}" if inside else match["name"]
+        label = f"{path.parent.name}/{match['name']}" if path.parent != folder else match["name"]
         numbers = sets.setdefault(label, {})
         if int(match["number"]) in numbers:
             number = int(match["number"])
             raise DataError("two files have one frame number", path=path, frame=number, found=numbers[number].name)
         numbers[int(match["number"])] = path
     if not sets:
-        raise InputMissing("no frames in the folder", path=folder, expected="<name>.<frame>.exr", found="nothing")
+        raise no_frames(folder, files)
     return sets
+
+
+def _is_input(folder: Path) -> bool:
+    return not folder.name.startswith(REFERENCE) and not (folder / MANIFEST).exists()
 
 
 def assign(profile: Profile, channels: Mapping[str, Iterable[str]]) -> dict[str, tuple[Place, ...]]:

@@ -45,6 +45,9 @@ def test_half_output_saturates(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
+        (["--preset", "deafult"], 64, r"unknown preset deafult; did you mean default\?"),
+        (["--set", "gama_still=1"], 64, r"unknown key gama_still; did you mean gamma_still\?"),
+        (["--layers", "dpeth.Z"], 64, r"--layers: no such channel \(expected B G R Z, found dpeth.Z\)"),
         (["--preset", "nonsense"], 64, "unknown preset nonsense; known presets: .*default"),
         (["--set", "nonsense=1"], 64, "--set: unknown key nonsense; known keys: .*gamma_still"),
         (["--set", "gamma_still=-1"], 64, r"gamma_still has no such value \(expected 0 to 64, found -1\)"),
@@ -67,6 +70,20 @@ def test_wrong_options_are_one_line(
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("cltaa: error: ")]
     assert len(lines) == 1
     assert re.search(message, lines[0]), lines[0]
+
+
+def test_a_refusal_does_not_stand_in_the_way_of_the_mended_command(tmp_path: Path) -> None:
+    folder, out = write_sequence(tmp_path / "in", 2), tmp_path / "out"
+    first = folder / "synthetic.0000.exr"
+    sound = first.read_bytes()
+    command = ["resolve", str(folder), "-o", str(out), "--device", "numpy"]
+    assert main([*command, "--compression", "dwaa"]) == 64
+    first.write_bytes(sound.replace(b"cltaa:jitterPx", b"cltaa:jitterXP"))  # refused when its header is looked at
+    assert main([*command, "--half"]) == 65
+    assert (out / "manifest.jsonl").exists()
+    first.write_bytes(sound)
+    assert main([*command, "--preview", str(out / "film.mp4")]) == 0
+    assert (out / "film.mp4").stat().st_size > 0
 
 
 def test_missing_sequence_and_bad_output(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -42,6 +42,33 @@ def test_numbers_wider_than_four_digits(tmp_path: Path) -> None:
     assert [frame.index for frame in sequence] == [9999, 10000]
 
 
+@pytest.mark.parametrize(
+    ("pattern", "name"),
+    [
+        ("{:04d}.exr", ""),  # Blender's own
+        ("render{:03d}.exr", "render"),
+        ("shot_v02_{:04d}.exr", "shot_v02"),
+        ("frame-{}.exr", "frame"),  # 9, 10, 11: no zeros before
+        ("Shot 010_v03_bty.{:04d}.exr", "Shot 010_v03_bty"),
+        ("a.b_.{:04d}.exr", "a.b_"),
+    ],
+)
+def test_names_of_other_tools(tmp_path: Path, pattern: str, name: str) -> None:
+    for number in (9, 10, 11):
+        write_image(tmp_path / pattern.format(number), {c: np.full((2, 3), number, np.float32) for c in "RGB"})
+    images = open_images(tmp_path)
+    assert (images.name, images.numbers) == (name, (9, 10, 11))
+    assert [image[0, 0, 0] for image in images] == [9, 10, 11]
+    (tmp_path / pattern.format(10)).unlink()
+    assert f"/{pattern.format(10)} frame 10: the frame is missing" in refusal(tmp_path, InputMissing)
+
+
+@pytest.mark.parametrize("name", ["shot.-001.exr", "shot_-001.exr", "-001.exr", "shot.0123456789.exr", "shot.exr"])
+def test_what_is_no_frame_number(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).touch()
+    assert f"found ['{name}']); number the frames" in refusal(tmp_path, InputMissing)
+
+
 def test_reference_and_sequence_json(tmp_path: Path) -> None:
     sequence = open_sequence(write_sequence(tmp_path, 3, reference=True))
     (tmp_path / "sequence.json").write_text(json.dumps({"reference": 64}))

@@ -13,7 +13,7 @@ BLENDER = Path(__file__).parents[1] / "thirdparty" / "recorded" / "blender"
 
 
 def test_it_says_how_blender_would_be_read() -> None:
-    done = CliRunner().invoke(root, ["inspect", str(BLENDER), "--profile", "auto", "--json"])
+    done = CliRunner().invoke(root, ["inspect", str(BLENDER), "--json"])
     found = json.loads(done.stdout)
     assert done.exit_code == 0
     assert (found["profile"], found["frames"], found["width"], found["height"]) == ("blender", 6, 64, 36)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cltaa.cli import main
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.exr import write_image
 from cltaa.frames import Camera, Frame
@@ -112,6 +113,16 @@ def test_a_folder_for_each_channel_set(tmp_path: Path) -> None:
     (tmp_path / "depth" / "shot.0001.exr").unlink()
     with pytest.raises(InputMissing, match="frame 1"):
         open_intake(tmp_path)
+
+
+def test_what_was_resolved_into_the_folder_is_no_input(tmp_path: Path) -> None:
+    made = frames()
+    for frame in made:
+        channels = {name: frame.colour[..., place] for place, name in enumerate("RGB")}
+        write_image(tmp_path / f"shot_{frame.index:04d}.exr", channels)
+    for _ in range(2):  # "aa" comes before "shot" in the alphabet, and the second run finds it there
+        assert main(["resolve", str(tmp_path), "-o", str(tmp_path / "aa"), "--device", "numpy"]) == 0
+        np.testing.assert_array_equal(read(tmp_path)[2].colour, made[2].colour)
 
 
 def depth_as(stored: Callable[[np.ndarray, Frame], np.ndarray], folder: Path) -> list[Frame]:

@@ -5,9 +5,7 @@ To add a scene: write a module here with a function ``stage(seed)`` under ``@reg
 
 from __future__ import annotations
 
-import difflib
-
-from cltaa.errors import UsageError
+from cltaa.errors import UsageError, known
 from cltaa_datasets import model_files, played_models
 from cltaa_datasets.registry import SCENES, Entry
 from cltaa_datasets.scene import Scene
@@ -51,7 +49,6 @@ def build_scene(name: str, seed: int = 0, motion: str | None = None) -> Scene:
     if motion is not None:
         raise UsageError(f"--motion {motion} applies to file:PATH, not to scene {name}", cure="leave it out")
     if name not in SCENES:
-        close = difflib.get_close_matches(name, SCENES, 1)
-        known = f"did you mean {close[0]}?" if close else f"known: {', '.join(sorted(SCENES))}, file:PATH"
-        raise UsageError(f"no such scene: {name}", cure=f"{known} (see cltaa scenes)")
+        cure = known(name, [*sorted(SCENES), f"{FILE_PREFIX}PATH"], "scenes")
+        raise UsageError(f"no such scene: {name}", cure=f"{cure} (see cltaa scenes)")
     return SCENES[name].build(seed)
