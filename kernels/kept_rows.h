@@ -4,7 +4,14 @@
 // so that a CPU need not wait for it.
 #include "light.h"
 
-#define KEEPS_ROWS (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM || HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9)
+#if !defined(CAMERA_MOTION) || !defined(OWN_MOTION)
+#error "kept_rows.h needs CAMERA_MOTION and OWN_MOTION from the prelude"
+#endif
+
+// Where nothing moves there is no filter to keep rows for.
+#define KEEPS_ROWS                                                                                                     \
+    ((CAMERA_MOTION || OWN_MOTION)                                                                                     \
+        && (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM || HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9))
 
 typedef struct
 {

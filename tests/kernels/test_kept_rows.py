@@ -60,3 +60,12 @@ def test_kept_rows_give_the_same_bits(kind: HistoryFilter, lanes: int, storage: 
             work.planes["history"][:] = np.clip(work.planes["history"], -65504, 65504)
         ours, theirs = (run_stage("resolve", build, work, launcher) for launcher in (device(), NumpyLauncher()))
         assert differing(work, ours, theirs) == 0, name
+
+
+@pytest.mark.parametrize("lanes", [1, 8])
+def test_what_stands_still_keeps_no_rows_and_gives_the_same_bits(lanes: int) -> None:
+    steps = Steps(camera_motion=False, own_motion=False, alpha=True, exposure=False)
+    build = Build(choices=Choices(light_change=LightChange.TEST), steps=steps, strict=True, lanes=lanes, rows=ROWS)
+    work = hard_work(WIDTH, HEIGHT, seed=3)
+    ours, theirs = (run_stage("resolve", build, work, launcher) for launcher in (device(), NumpyLauncher()))
+    assert differing(work, ours, theirs) == 0

@@ -102,6 +102,15 @@ def test_what_is_left_out_is_not_compiled(
         build(poisoned(word, wanted), wanted)
 
 
+@pytest.mark.parametrize("kind", [HistoryFilter.CATMULL_ROM, HistoryFilter.CATMULL_ROM_9])
+def test_a_gpu_keeps_no_rows_of_what_stands_still(build: Callable[[str, Build], None], kind: HistoryFilter) -> None:
+    still = msgspec.structs.replace(LEAST, choices=msgspec.structs.replace(PLAIN, history_filter=kind), lanes=1)
+    build(poisoned("load_history(p + 2)", still), still)
+    moving = msgspec.structs.replace(still, steps=msgspec.structs.replace(BARE, own_motion=True))
+    with pytest.raises(cl.RuntimeError, match="cltaa_poison"):
+        build(poisoned("load_history(p + 2)", moving), moving)
+
+
 @pytest.mark.parametrize(("term", "word"), TERMS.items(), ids=TERMS)
 def test_terms_that_come_to_nothing_are_not_compiled(build: Callable[[str, Build], None], term: str, word: str) -> None:
     clamped = msgspec.structs.replace(
