@@ -11,7 +11,7 @@ import msgspec
 
 from cltaa.atomic import atomic_path, make_folder
 from cltaa.bench.distribution import path_of, run_all
-from cltaa.bench.environment import environment, pin_threads
+from cltaa.bench.environment import environment, pin_threads, processors
 from cltaa.bench.environment import load as load_average
 from cltaa.bench.errors_of import Task
 from cltaa.bench.ladder import Variant
@@ -59,7 +59,8 @@ def bench_accuracy(
     pin_threads()
     launcher = DeviceLauncher(tasks[0].device)
     folders = list(dict.fromkeys(task.sequence for task in tasks))
-    timing = Timing(rounds, patience, len(folders))
+    units = launcher.device.cl_device.max_compute_units
+    timing = Timing(rounds, patience, len(folders), units, processors())
     paths = {folder: _path(output, tasks, folder, launcher, timing) for folder in folders}
     open_ones = [task for task in tasks if not paths[task.sequence].is_file()]
     first = first_of_each(open_ones, launcher) if jobs > 1 and dask is None else []
@@ -80,7 +81,7 @@ def bench_accuracy(
         raise ResourceError(f"no sequence was finished within {time_limit:g} s", path=output, cure=cure)
     finished = {measured.folder for measured in sequences}
     return Accuracy(
-        environment=environment(launcher.description, before, Build().flags(), kernel_folder()),
+        environment=environment(launcher.description, before, Build().flags(), kernel_folder(), units=units),
         metrics=list(tasks[0].metrics),
         rounds=rounds,
         variants=list(dict.fromkeys(task.variant for task in tasks)),

@@ -33,12 +33,18 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
     libraries: dict[str, str]
     kernels_sha256: str
     options: list[str]  # of the OpenCL compiler
+    units: int = 0  # compute units of the device, of PoCL threads; 0 where they were not asked for
+
+    @property
+    def hardware(self) -> str:
+        """The device, and how many units of it worked, where that is known."""
+        return f"{self.device}, {self.units} compute units" if self.units else self.device
 
     @property
     def line(self) -> str:
         """All that decides how far the numbers may be compared, in a line."""
         return (
-            f"{self.device}; {self.cpu}, {self.cores} cores, {' '.join(self.cpu_flags)}; load {self.load_before} to "
+            f"{self.hardware}; {self.cpu}, {self.cores} cores, {' '.join(self.cpu_flags)}; load {self.load_before} to "
             f"{self.load_after}; {self.date} UTC; kernels {self.kernels_sha256[:12]}"
         )
 
@@ -70,7 +76,9 @@ def kernels_sha256(folder: Path) -> str:
     return digest.hexdigest()
 
 
-def environment(device: str, load_before: float, options: tuple[str, ...], folder: Path) -> Environment:
+def environment(
+    device: str, load_before: float, options: tuple[str, ...], folder: Path, *, units: int = 0
+) -> Environment:
     """The environment of a measurement that has just ended and began at ``load_before``."""
     flags = cpu_flags()
     return Environment(
@@ -85,6 +93,7 @@ def environment(device: str, load_before: float, options: tuple[str, ...], folde
         libraries={"cltaa": __version__} | {name: version(name) for name in LIBRARIES},
         kernels_sha256=kernels_sha256(folder),
         options=list(options),
+        units=units,
     )
 
 

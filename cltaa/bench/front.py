@@ -1,29 +1,21 @@
-"""The Pareto front: what is beaten by nothing in time and error at once."""
+"""What is beaten: by something with no more error that takes less time, as far as the times can tell."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-Point = tuple[float, float]  # time, error: less is better in both
+from collections.abc import Callable, Mapping
 
 
-def dominated_by(points: Mapping[str, Point]) -> dict[str, str]:
-    """For each point that is not on the front, the point on the front with the least error that beats it.
+def dominated_by(errors: Mapping[str, float], faster: Callable[[str, str], bool]) -> dict[str, str]:
+    """For each name that is beaten, what beats it with the least error.
 
-    A point is beaten by one that is no worse in time and error and better in one of them.
+    ``errors`` are exact, less is better. ``faster(a, b)`` says whether ``a`` takes less time than ``b`` beyond chance:
+    of two whose times cannot be told apart neither beats the other, whatever their errors.
     """
-    front = {
-        name: point
-        for name, point in points.items()
-        if not any(_beats(other, point) for key, other in points.items() if key != name)
-    }
+    order = sorted(errors, key=lambda name: errors[name])
     result = {}
-    for name, point in points.items():
-        if name not in front:
-            better = [key for key, other in front.items() if _beats(other, point)]
-            result[name] = min(better, key=lambda key: (front[key][1], front[key][0]))
+    for name in order:
+        no_worse = (other for other in order if other != name and errors[other] <= errors[name])
+        found = next((other for other in no_worse if faster(other, name)), None)
+        if found is not None:
+            result[name] = found
     return result
-
-
-def _beats(other: Point, point: Point) -> bool:
-    return other[0] <= point[0] and other[1] <= point[1] and other != point

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,6 +33,8 @@ class Timing(NamedTuple):
     rounds: int  # at least
     patience: float  # seconds a sequence for more rounds, while nothing can be ranked
     together: int  # sequences of the run, each with a control that may differ by chance
+    units: int  # of the device: of PoCL the threads, which its description does not say
+    processors: int  # that this process may use
 
 
 def measure_sequence(
@@ -69,7 +72,7 @@ def measure_sequence(
         width=captured.width,
         height=captured.height,
         effects="" if captured.effects is None else format_effects(captured.effects),
-        cells=cells if found.noisy else _with_front(cells, metrics),  # no ranking out of noise
+        cells=cells if found.noisy else _with_front(cells, metrics, samples, found.clock),  # no ranking out of noise
         yardstick=yardstick,
         truth_noise=_truth_noise(captured, yardstick),
         mean_noise=None if one is None else exponential_noise(one, default.settings.blend_weight),
@@ -102,12 +105,17 @@ def _cell(task: Task, output: Path, samples: Samples, default: str, clock: Clock
     )
 
 
-def _with_front(cells: Sequence[Cell], metrics: Iterable[str]) -> list[Cell]:
-    """The cells, each with what dominates it; times are compared by their paired ratios."""
+def _with_front(cells: Sequence[Cell], metrics: Iterable[str], samples: Samples, clock: Clock) -> list[Cell]:
+    """The cells, each with what beats it; the times of two are compared by what they took in the same rounds."""
+
+    @cache
+    def faster(one: str, other: str) -> bool:
+        return samples.faster(one, other, clock)
+
     dominated: dict[str, Mapping[str, str]] = {}
     for metric in metrics:
-        points = {cell.variant: (cell.ratio.median, cost(metric, cell.errors[metric].mean)) for cell in cells}
-        dominated[metric] = dominated_by(points)
+        errors = {cell.variant: cost(metric, cell.errors[metric].mean) for cell in cells}
+        dominated[metric] = dominated_by(errors, faster)
     return [
         msgspec.structs.replace(
             cell, dominated_by={metric: who[cell.variant] for metric, who in dominated.items() if cell.variant in who}

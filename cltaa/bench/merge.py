@@ -43,6 +43,7 @@ def _agreements(one: Accuracy, other: Accuracy) -> Iterable[tuple[str, str, str]
     """What two reports must agree in: what it is, and how either has it."""
     for what, get in (
         ("device", lambda report: report.environment.device),
+        ("number of compute units", lambda report: str(report.environment.units)),
         ("processor", lambda report: report.environment.cpu),
         ("version of the kernels", lambda report: report.environment.kernels_sha256),
         ("list of metrics", lambda report: ", ".join(report.metrics)),

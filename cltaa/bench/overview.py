@@ -78,7 +78,7 @@ def _about(result: Accuracy) -> str:
     without = f" Times without those that were too noisy to rank: {', '.join(noisy)}." if noisy else ""
     where = result.environment
     return (
-        f"{where.device}; {where.cpu}; {where.date} UTC. Multiples of the default's, geometric means over"
+        f"{where.hardware}; {where.cpu}; {where.date} UTC. Multiples of the default's, geometric means over"
         f" {len(result.sequences)} sequences; rounding is the relative rms distance from float64.{without}"
     )
 

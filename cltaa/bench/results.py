@@ -33,7 +33,7 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     device: Interval | None
     least: float  # the least wall time
     ratio: Interval  # of time to the default's, paired, by the clock that the sequence is ranked by
-    dominated_by: dict[str, str]  # metric: a variant that is no slower and no worse
+    dominated_by: dict[str, str]  # metric: a variant with no more error that is faster beyond chance
     processor: Interval | None = None  # on a CPU: of all its threads together
 
     def time(self, clock: Clock) -> Interval:

@@ -102,6 +102,11 @@ class Samples:
         """How many times as long as ``base`` a job takes: the median over the rounds that both ran in."""
         return interval(self.ratios(job, base, clock))
 
+    def faster(self, job: str, other: str, clock: Clock = Clock.WALL) -> bool:
+        """Whether a job takes less time than another beyond chance: the interval of their ratio ends below 1."""
+        ratios = self.ratios(job, other, clock)
+        return float(np.median(ratios)) < 1.0 and interval(ratios).high < 1.0  # most pairs end at the median
+
     def ratios(self, job: str, base: str, clock: Clock = Clock.WALL) -> NDArray[np.float64]:
         """What ``ratio`` is the median of: one a round that both ran in."""
         both = sorted(self.by_job[job].keys() & self.by_job[base].keys())

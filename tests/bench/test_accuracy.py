@@ -177,6 +177,11 @@ def test_a_limit_of_time_leaves_whole_sequences_out(
     again = json.loads(capsys.readouterr().out)
     assert again["missing"] == []
     assert again["sequences"][1] == result["sequences"][0]
+    assert again["environment"]["units"] == DeviceLauncher(None).device.cl_device.max_compute_units
+    before = set((tmp_path / "out" / "times").iterdir())
+    monkeypatch.setattr("cltaa.bench.accuracy.processors", lambda: 77)  # what was timed on others is no answer here
+    assert main(both) == 0
+    assert len(set((tmp_path / "out" / "times").iterdir()) - before) == 2
 
 
 def test_programs_are_built_once_for_sequences_of_one_plan(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from cltaa.bench.front import dominated_by
 from cltaa.bench.ladder import COMBINATIONS, DEFAULT, PRESETS, ladder
 from cltaa.bench.results import exponential_noise
+from cltaa.bench.timing import Sample, Samples
 from cltaa.build import Real, Storage
 from cltaa.params import Box, Choices
 from cltaa.presets import Preset, load_preset
@@ -66,9 +68,32 @@ def test_presets_and_combinations_join() -> None:
     assert len({rung.name for rung in rungs}) == len(rungs)
 
 
-def test_the_dominated_are_named_with_what_beats_them() -> None:
-    points = {"fast": (1.0, 9.0), "good": (9.0, 1.0), "middle": (3.0, 3.0), "worse": (4.0, 3.0), "worst": (9.0, 9.0)}
-    assert dominated_by(points) == {"worse": "middle", "worst": "good"}
+def samples_of(times: Mapping[str, Sequence[float]]) -> Samples:
+    found = Samples()
+    for name, values in times.items():
+        for number, seconds in enumerate(values):
+            found.add(name, number, Sample(seconds))
+    return found
+
+
+def test_the_beaten_are_named_with_what_beats_them_by_the_least_error() -> None:
+    times = {"fast": 1.0, "good": 9.0, "middle": 3.0, "worse": 4.0, "worst": 9.5}
+    errors = {"fast": 9.0, "good": 1.0, "middle": 3.0, "worse": 3.0, "worst": 9.0}
+    assert dominated_by(errors, lambda a, b: times[a] < times[b]) == {"worse": "middle", "worst": "good"}
+
+
+def test_what_times_cannot_tell_apart_is_not_beaten() -> None:
+    # Medians say 1.0, 1.01 and 1.5; of the first two the rounds are for either, of the third for none.
+    times = {"good": [0.9, 1.1] * 10 + [1.0], "near": [1.11, 0.91] * 10 + [1.01], "slow": [1.5] * 21}
+    errors = {"good": 1.0, "near": 2.0, "slow": 2.0}
+    found = samples_of(times)
+    assert np.median(times["good"]) < np.median(times["near"])
+    assert dominated_by(errors, found.faster) == {"slow": "good"}
+    # Where the load comes and goes, but the first is the faster in every round, the second is beaten.
+    load = [1.0, 1.3, 2.0] * 7
+    longer = [1.01 * seconds for seconds in load]
+    assert samples_of({"good": load, "near": longer}).faster("good", "near")
+    assert not samples_of({"good": load, "near": longer}).faster("near", "good")
 
 
 @pytest.mark.parametrize("weight", [0.05, 0.1, 1.0])
@@ -80,18 +105,13 @@ def test_noise_of_an_exponential_mean(weight: float) -> None:
     assert float(mean.var()) == pytest.approx(exponential_noise(9.0, weight), rel=0.09)
 
 
-def test_equal_points_do_not_beat_each_other() -> None:
-    assert dominated_by({"a": (1.0, 1.0), "b": (1.0, 1.0)}) == {}
-
-
 @given(st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), min_size=1, max_size=12))
-def test_front_is_what_sorting_says(points: list[tuple[int, int]]) -> None:
-    named = {str(place): (float(time), float(error)) for place, (time, error) in enumerate(points)}
-    found = dominated_by(named)
-    front = set(named) - set(found)
-    for name, (time, error) in named.items():
-        beaten = any(t <= time and e <= error and (t, e) != (time, error) for t, e in named.values())
-        assert (name in found) is beaten
-        if name in found:
-            assert found[name] in front
-            assert np.all(np.array(named[found[name]]) <= (time, error))
+def test_beaten_is_what_sorting_says(points: list[tuple[int, int]]) -> None:
+    times, errors = ({str(place): float(point[axis]) for place, point in enumerate(points)} for axis in (0, 1))
+    found = dominated_by(errors, lambda a, b: times[a] < times[b])
+    for name in times:
+        better = [other for other in times if times[other] < times[name] and errors[other] <= errors[name]]
+        assert (name in found) is bool(better)
+        if better:
+            assert found[name] in better
+            assert errors[found[name]] == min(errors[other] for other in better)

@@ -97,8 +97,13 @@ def test_reports_of_one_device_become_one(tmp_path: Path, capsys: pytest.Capture
 def test_reports_that_cannot_be_one_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     one, two = accuracy(sequence("one", (1.0, 4.0, 0.5))), accuracy(sequence("two", (2.0, 2.0, 1.0)))
     elsewhere = msgspec.structs.replace(two, environment=msgspec.structs.replace(two.environment, device="another"))
-    folders = [report(tmp_path / str(place), result) for place, result in enumerate((one, elsewhere, one))]
-    for wrong, words in ((folders[1], "another device than in"), (folders[2], "the sequence one is in two reports")):
+    threads = msgspec.structs.replace(two, environment=msgspec.structs.replace(two.environment, units=1))
+    folders = [report(tmp_path / str(place), result) for place, result in enumerate((one, elsewhere, one, threads))]
+    for wrong, words in (
+        (folders[1], "another device than in"),
+        (folders[2], "the sequence one is in two reports"),
+        (folders[3], "another number of compute units than in"),
+    ):
         assert main(["bench", "overview", folders[0], wrong, "-o", str(tmp_path / "out")]) == 65
         assert words in capsys.readouterr().err
     (tmp_path / "1" / "accuracy.json").write_text("{}")

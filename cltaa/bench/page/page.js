@@ -106,7 +106,10 @@ function drawFront() {
   drawFrontLegend(measured, yards);
   const beaten = (c) => state.metric !== "rounding" && c.dominated_by[state.metric];
   if (!measured.noisy && state.metric !== "rounding") {
-    const front = cells.filter((c) => !beaten(c)).sort((p, q) => timeOf(p).median - timeOf(q).median);
+    const cost = (c) => (higher.has(state.metric) ? -1 : 1) * errorOf(c).mean;
+    let least = Infinity;  // points whose times cannot be told apart are all unbeaten: the line goes by the better
+    const front = cells.filter((c) => !beaten(c)).sort((p, q) => timeOf(p).median - timeOf(q).median || cost(p) - cost(q))
+      .filter((c) => cost(c) < least && ((least = cost(c)), true));
     const path = front.map((c, i) => `${i ? "H" + x(timeOf(c).median) + "V" : "M" + x(timeOf(c).median) + " "}${y(errorOf(c).mean)}`);
     svg.append(element("path", { class: "front", d: path.join("") }));
   }
@@ -311,7 +314,7 @@ function drawOverview() {
 function drawAll() {
   const measured = current(), where = report.environment;
   $("where").textContent = `${measured.name}: ${measured.frames.length} frames, ${measured.width} × ${measured.height}, ${measured.effects || "no effects declared"}. ` +
-    `${where.device}; ${where.cpu}, ${where.cores} cores, load ${where.load_before} to ${where.load_after}; ${where.date} UTC; kernels ${where.kernels_sha256.slice(0, 12)}.` +
+    `${where.device}${where.units ? `, ${where.units} compute units` : ""}; ${where.cpu}, ${where.cores} cores, load ${where.load_before} to ${where.load_after}; ${where.date} UTC; kernels ${where.kernels_sha256.slice(0, 12)}.` +
     (report.missing.length ? ` Not finished in time, and left out: ${report.missing.join(", ")}.` : "");
   $("noise").hidden = !measured.noisy && measured.clock !== "processor";
   $("noise").textContent = !measured.noisy ? "Ranked by processor time, of all threads together: by the device's clock this machine was too noisy." : `Too noisy to rank by time: the default against its own copy took ${number(measured.control.median)} times as long [${number(measured.control.low)}, ${number(measured.control.high)}]. Errors are exact.`;
