@@ -76,7 +76,7 @@ def gather_spans(
 ) -> None:  # fmt: skip
     """Resolve one frame from each span of ``frames`` kept ones into ``spans`` [SPANS * SPAN_PLANES, rows, stride]; the
     latest ``standing`` of them were seen by the camera of now."""
-    gathering = Gathering.begin(build, layout, locals())
+    gathering = Gathering.begin(build, layout, locals(), parted=False)
     target, own = layout.inside(spans)[: SPANS * span_planes(build.steps)], gathering.pixel.own
     planes, begun = span_planes(build.steps), 0
     for span, end in enumerate(span_ends(frames)):
