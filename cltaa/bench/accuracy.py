@@ -45,6 +45,7 @@ def bench_accuracy(
     *,
     rounds: int,
     patience: float,
+    pixels: int | None,
     jobs: int,
     dask: str | None,
     time_limit: float,
@@ -60,10 +61,10 @@ def bench_accuracy(
     launcher = DeviceLauncher(tasks[0].device)
     folders = list(dict.fromkeys(task.sequence for task in tasks))
     units = launcher.device.cl_device.max_compute_units
-    timing = Timing(rounds, patience, len(folders), units, processors())
+    timing = Timing(rounds, patience, len(folders), units, processors(), pixels)
     paths = {folder: _path(output, tasks, folder, launcher, timing) for folder in folders}
     open_ones = [task for task in tasks if not paths[task.sequence].is_file()]
-    first = first_of_each(open_ones, launcher) if jobs > 1 and dask is None else []
+    first = first_of_each(open_ones, launcher, pixels) if jobs > 1 and dask is None else []
     ordered, until = [*(each.task for each in first), *tasks], begun + ERRORS_SHARE * time_limit
     work = run_all(ordered, output, jobs=jobs, dask=dask, ahead=first, until=until)
     for _ in progress(work, len(tasks), "measuring errors", "tasks"):

@@ -39,9 +39,8 @@ COPY_BYTES = 16  # a work-item of copy.cl
 
 def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int | None = None) -> tuple[Job, Image]:
     """A job that runs the kernels of the last of ``frames`` again, and the image that they give."""
-    lead = resolver.preset.settings.frames_kept if resolver.preset.choices.history_of is HistoryOf.SAMPLES else 0
-    for ago in range(lead, 0, -1):  # so that as many frames are kept as the preset keeps
-        resolver.resolve(replace(frames[0], index=frames[0].index - ago))
+    if resolver.preset.choices.history_of is HistoryOf.SAMPLES:
+        _keep_before(resolver, frames[0])
     image = [resolver.resolve(frame) for frame in frames][-1]
     launcher = resolver.launcher
 
@@ -53,6 +52,23 @@ def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int 
         return None if events is None else busy(events)
 
     return Job(name, run, rounds), image
+
+
+def _keep_before(resolver: Resolver, frame: Frame) -> None:
+    """Keep ``frame`` as often as the preset keeps frames, as if each had been resolved, if its plan gathers at all."""
+    resolver.resolve(replace(frame, index=frame.index - 1))
+    past, memory = resolver.recurrent()
+    if not past.earlier:
+        return
+    count, saved = resolver.preset.settings.frames_kept, {}
+    for name, buffer in memory.items():
+        with buffer.mapped(write=False) as planes:
+            one = planes.reshape(count + 1, -1)[past.index % (count + 1)] if name == "kept" else planes
+            saved[name] = one.copy()
+    earlier = tuple(replace(past.earlier[0], index=past.index - ago) for ago in range(count))
+    for name, buffer in resolver.restore(replace(past, earlier=earlier)).items():
+        with buffer.mapped(write=True) as planes:
+            (planes.reshape(count + 1, -1) if name == "kept" else planes)[:] = saved[name]
 
 
 def busy(events: list[tuple[str, Any]]) -> float:

@@ -35,6 +35,7 @@ class Timing(NamedTuple):
     together: int  # sequences of the run, each with a control that may differ by chance
     units: int  # of the device: of PoCL the threads, which its description does not say
     processors: int  # that this process may use
+    pixels: int | None  # of a frame that is timed, at least; None: what fills the device
 
 
 def measure_sequence(
@@ -47,7 +48,7 @@ def measure_sequence(
 ) -> Measured:
     """Time the variants of ``tasks``, whose errors lie in ``output``, and put both together."""
     default, metrics = tasks[0].variant, tasks[0].metrics
-    jobs, pixels, moved, stages = jobs_of(captured, tasks, launcher)
+    jobs, pixels, moved, stages = jobs_of(captured, tasks, launcher, timing.pixels)
     megapixels = pixels * 1e-6
 
     def ranked(samples: Samples) -> Ranking:

@@ -45,15 +45,18 @@ class Ahead(msgspec.Struct, frozen=True, kw_only=True):
     factor: int
 
 
-def first_of_each(tasks: Sequence[Task], launcher: DeviceLauncher) -> list[Ahead]:
-    """The tasks that need programs which none before them needs, as their last two frames have it."""
+def first_of_each(tasks: Sequence[Task], launcher: DeviceLauncher, pixels: int | None = None) -> list[Ahead]:
+    """The tasks that need programs which none before them needs, as their last two frames have it.
+
+    ``pixels`` are those of a frame that is timed, at least; None: what fills the device.
+    """
     known: set[tuple[str, Build]] = set()
     frames: dict[str, list[Frame]] = {}
     factor, first = 1, []
     for task in tasks:
         if task.sequence not in frames:
             captured = open_sequence(Path(task.sequence))
-            frames, factor = {task.sequence: pair_of(captured)}, enlargement(captured, launcher)
+            frames, factor = {task.sequence: pair_of(captured)}, enlargement(captured, launcher, pixels)
         rehearsal = Rehearsal(launcher)
         resolve_job(task.variant.name, task.variant.resolver(rehearsal), frames[task.sequence])
         if not rehearsal.programs <= known:

@@ -33,19 +33,19 @@ class Ranking(NamedTuple):
     noisy: bool
 
 
-def enlargement(captured: Captured, launcher: DeviceLauncher) -> int:
-    """How many times as wide and high frames must be to fill the device."""
+def enlargement(captured: Captured, launcher: DeviceLauncher, pixels: int | None = None) -> int:
+    """How many times as wide and high frames must be to have ``pixels`` at least; None: to fill the device."""
     is_cpu, units = launcher.device.is_cpu, launcher.device.cl_device.max_compute_units
     least, most = LIMITS[is_cpu]
-    filling = min(max(FILLING_A_UNIT[is_cpu] * units, least), most)
+    filling = pixels or min(max(FILLING_A_UNIT[is_cpu] * units, least), most)
     return math.ceil(math.sqrt(filling / (captured.width * captured.height)))
 
 
 def jobs_of(
-    captured: Captured, tasks: Sequence[Task], launcher: DeviceLauncher
+    captured: Captured, tasks: Sequence[Task], launcher: DeviceLauncher, least_pixels: int | None
 ) -> tuple[list[Job], int, int, dict[str, float]]:
     """A job for each variant and a copy of the default's; pixels and least bytes of a frame; the default's steps."""
-    factor = enlargement(captured, launcher)
+    factor = enlargement(captured, launcher, least_pixels)
     frames = [enlarged(frame, factor) for frame in pair_of(captured)]
     pixels = frames[0].width * frames[0].height
     jobs: list[Job] = []

@@ -49,6 +49,8 @@ from cltaa.progress import track
 @click.option("--rounds", default=15, show_default=True, type=click.IntRange(min=3), help="Rounds of timing, at least.")
 @click.option("--patience", default=20.0, show_default=True, type=click.FloatRange(min=0), metavar="SECONDS",
               help="Time for more rounds of a sequence, while the default is not like its own copy.")  # fmt: skip
+@click.option("--pixels", type=click.IntRange(min=1), metavar="N",
+              help="Pixels of the frames that are timed, at least.  [default: what fills the device]")  # fmt: skip
 @click.option("--time-limit", default=math.inf, type=click.FloatRange(min=0, min_open=True), metavar="SECONDS",
               help="Report what is finished after about so long; the same command goes on from there.")  # fmt: skip
 @click.option(
@@ -72,6 +74,7 @@ def accuracy(
     rounding_frames: int,
     rounds: int,
     patience: float,
+    pixels: int | None,
     time_limit: float,
     jobs: int,
     dask: str | None,
@@ -98,8 +101,9 @@ def accuracy(
         _run_one(tasks, number, output)
         return
     result = bench_accuracy(
-        tasks, output, rounds=rounds, patience=patience, jobs=jobs, dask=dask, time_limit=time_limit, progress=_progress
-    )
+        tasks, output, rounds=rounds, patience=patience, pixels=pixels, jobs=jobs, dask=dask, time_limit=time_limit,
+        progress=_progress,
+    )  # fmt: skip
     write_report(result, tasks, output, pictured)
     remember(result)
     if as_json:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from cltaa.bench.baseline import resolve_job
 from cltaa.bench.distribution import load, path_of, run_all, save
 from cltaa.bench.errors_of import Errors, Rounding, Task, run_task
 from cltaa.bench.ladder import ladder
@@ -19,9 +21,11 @@ from cltaa.build import Real, Storage
 from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
 from cltaa.launch import DeviceLauncher
-from cltaa.presets import load_preset, preset_names
+from cltaa.presets import load_preset, override, preset_names
+from cltaa.resolve import Resolver
 from cltaa.sources import open_sequence
-from tests.sequence_factory import make_frame, write_images, write_sequence
+from tests.kernels.test_resolve import hard_frames
+from tests.sequence_factory import bits, make_frame, write_images, write_sequence
 
 FRAMES = 4
 
@@ -114,7 +118,7 @@ def test_spawned_processes_find_the_same(sequence: Path, tmp_path: Path) -> None
 
 def test_command(sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path), "--only", "storage", "--rounds", "3"]
-    arguments += ["--metrics", "mse,psnr", "--rounding-frames", "2", "--patience", "0"]
+    arguments += ["--metrics", "mse,psnr", "--rounding-frames", "2", "--patience", "0", "--pixels", "3000"]
     assert main([*arguments, "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result == json.loads((tmp_path / "accuracy.json").read_text())
@@ -123,6 +127,7 @@ def test_command(sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert [cell["variant"] for cell in measured["cells"]] == ["default", *(f"storage: {kind}" for kind in kept_in)]
     assert [yard["samples"] for yard in measured["yardstick"]] == [1, 2]
     assert measured["cells"][0]["ratio"]["median"] == 1.0
+    assert measured["timed_pixels"] == 2 * 37 * 2 * 23
     assert set(measured["stages"]) >= {"upload", "resolve", "extend_edges", "read back"}
     for cell in measured["cells"]:
         assert cell["errors"]["mse"]["p5"] <= cell["errors"]["mse"]["mean"] <= cell["errors"]["mse"]["largest"]
@@ -161,7 +166,7 @@ def test_a_limit_of_time_leaves_whole_sequences_out(
 ) -> None:
     other = write_sequence(tmp_path / "other", 3, reference=True)
     options = ["-o", str(tmp_path / "out"), "--only", "reject", "--rounds", "3", "--rounding-frames", "0", "--json"]
-    options += ["--metrics", "mse", "--patience", "0"]
+    options += ["--metrics", "mse", "--patience", "0", "--pixels", "1"]
     assert main(["bench", "accuracy", str(other), *options, "--time-limit", "1e-9"]) == 75
     assert "no sequence was finished within 1e-09 s" in capsys.readouterr().err
     assert main(["bench", "accuracy", str(other), *options, "--jobs", "2"]) == 0
@@ -194,6 +199,20 @@ def test_programs_are_built_once_for_sequences_of_one_plan(tmp_path: Path) -> No
         (name, tasks[place].variant.name) for name in ("one", "moving") for place in (0, 1)
     ]
     assert first[0].factor == enlargement(open_sequence(one), launcher)
+
+
+@pytest.mark.parametrize("preset", ["t4", "t5"])
+def test_what_is_timed_gathers_from_as_many_frames_as_it_keeps(preset: str) -> None:
+    few = override(load_preset(preset), {"frames_kept": 3})
+    *_, frame, last = hard_frames(count=5)
+    _, image = resolve_job("job", Resolver(few), [frame, last])
+    resolver = Resolver(few)
+    for ago in (3, 2, 1, 0):
+        resolver.resolve(dataclasses.replace(frame, index=frame.index - ago))
+    assert (bits(image) == bits(resolver.resolve(last))).all()
+    fresh = Resolver(few)
+    fresh.resolve(frame)
+    assert (bits(image) != bits(fresh.resolve(last))).any()
 
 
 def test_every_rung_has_its_twin_in_double(tmp_path: Path) -> None:
