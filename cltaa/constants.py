@@ -25,6 +25,13 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "HALF_TINY": Constant(2.0**-25, "half the least half: smaller magnitudes round to 0, and are stored as +0"),
     "DITHER_STEP": Constant(2.0**-24, "24 bits as a number in [0, 1)"),
     "LEAST_TRUST": Constant(2.0**-6, "least ratio of two spans' errors: its 16th power is well above the denormals"),
+    "STANDING_KNEE": Constant(2.0, "times luminance_knee: that of the many samples of a span without motion: measured"),
+    "SHARED_NOISE": Constant(
+        0.003, "share of the latest samples' variance that the texels around have in common: measured"
+    ),
+    "SURE_T": Constant(3.0, "Student's t from which the step between the two shortest spans is no chance: measured"),
+    "SURE_FLOOR": Constant(0.1, "times change_floor: that of such a step"),
+    "LAG": Constant(0.5, "of such a step, what the shortest span is behind now: 0.75 if steady, 0 if over: measured"),
     "LEAST_HEADROOM": Constant(2.0**-16, "least 1 - peak when a tonemap is undone: half's largest number, 65504"),
     "ONE_THIRD": Constant(1.0 / 3.0, "mean of a row of three"),
     "TWO_THIRDS": Constant(2.0 / 3.0, "sum of squared distances over a row's spread (moments.h)"),

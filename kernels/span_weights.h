@@ -1,10 +1,10 @@
-// From the spans of a pixel's past to its colour: each weighed by its error around the pixel, and all but the shortest
-// moved by what the shortest says of the light there.
+// From the spans of a pixel's past to its colour: each weighed by its error around the pixel, and moved by what the
+// latest samples say of the light there.
 #include "blend.h"
 #include "image.h"
 
-#if !defined(ALPHA) || !defined(SPANS) || !defined(SPAN_REACH)
-#error "span_weights.h needs ALPHA, SPANS and SPAN_REACH from the prelude"
+#if !defined(ALPHA) || !defined(SPANS) || !defined(SPAN_REACH) || !defined(SHORT_SPAN) || !defined(SHARED_NOISE)
+#error "span_weights.h needs ALPHA, SPANS, SPAN_REACH, SHORT_SPAN and SHARED_NOISE from the prelude"
 #endif
 
 #define SPAN_PLANES (5 + ALPHA)
@@ -33,42 +33,66 @@ STAGE real trust(real error, real least)
     return eighth * eighth;
 }
 
-// How far light has moved since a span, by the shortest one, in one channel: the mean difference around the pixel, and
-// Student's t of it. The texels' deviation grows by change_floor of what they show, so that what nobody sees is
-// nothing.
+// How far light has moved since a span in one channel, around the pixel: the mean difference, the variance of that mean
+// and what the texels show.
 typedef struct
 {
-    real mean, t;
+    real mean, variance, level;
 } drift_t;
 
-STAGE drift_t drift_of(plane_in span, plane_in shortest, frame_t frame, settings_t settings)
+typedef struct
 {
-    const real own = load(shortest) - load(span);
+    drift_t r, g, b;
+} drifts;
+
+// By what lies `share` of the way from the shortest span to the middle one.
+STAGE drift_t drift_of(plane_in span, plane_in shortest, plane_in middle, real share, frame_t frame)
+{
+    const real first = load(shortest), own = (first + share * (load(middle) - first)) - load(span);
     real sum = SPLAT(0.0), squares = sum, level = sum;
     for (int j = -SPAN_REACH; j <= SPAN_REACH; ++j)
         for (int i = -SPAN_REACH; i <= SPAN_REACH; ++i) {
             const ptrdiff_t step = j * (ptrdiff_t)row_stride(frame) + i;
-            const real v = load(span + step), d = (load(shortest + step) - v) - own;
+            const real v = load(span + step), now = load(shortest + step);
+            const real d = ((now + share * (load(middle + step) - now)) - v) - own;
             sum += d;
             squares += d * d;
             level += absolute(v);
         }
     const real texels = SPLAT(SPAN_TEXELS), offset = quotient(sum, texels);
     const real variance = quotient(greater(squares - sum * offset, SPLAT(0.0)), texels * (texels - K(1.0)));
-    const real error = square_root(variance) + (K(settings.change_floor) * quotient(level, texels) + K(TINY));
-    const drift_t drift = { own + offset, quotient(absolute(own + offset), error) };
+    const drift_t drift = { own + offset, variance, quotient(level, texels) };
     return drift;
 }
 
-// A span's colour, moved by as much of the drift as is not chance: 1 - (change_t / t)^2 (James and Stein).
-STAGE colour caught_up(plane_in spans, int span, size_t plane, frame_t frame, settings_t settings)
+STAGE drifts drifts_of(plane_in span, plane_in shortest, plane_in middle, real share, size_t plane, frame_t frame)
 {
-    plane_in p = span_plane(spans, span, 0, frame);
-    const colour v = { load(p), load(p + plane), load(p + 2 * plane) };
-    const drift_t r = drift_of(p, spans, frame, settings), g = drift_of(p + plane, spans + plane, frame, settings),
-                  b = drift_of(p + 2 * plane, spans + 2 * plane, frame, settings);
-    const real t = greater(greater(r.t, greater(g.t, b.t)), SPLAT(settings.change_t));
-    const real chance = quotient(SPLAT(settings.change_t), t), sure = SPLAT(1.0) - chance * chance;
-    const colour moved = { v.r + sure * r.mean, v.g + sure * g.mean, v.b + sure * b.mean };
+    const drifts d = { drift_of(span, shortest, middle, share, frame),
+        drift_of(span + plane, shortest + plane, middle + plane, share, frame),
+        drift_of(span + 2 * plane, shortest + 2 * plane, middle + 2 * plane, share, frame) };
+    return d;
+}
+
+// Student's t of a drift. The texels' variance grows by `noise`, which their mean does not lessen, and their deviation
+// by `least` of what they show, so that what nobody sees is nothing.
+STAGE real t_of(drift_t drift, real noise, real least)
+{
+    return quotient(absolute(drift.mean), square_root(drift.variance + noise) + (least * drift.level + K(TINY)));
+}
+
+// As much of a drift as is not chance: 1 - (enough / t)^2 (James and Stein), of the channel that drifted most.
+STAGE colour believed(drifts d, real noise, real least, real enough)
+{
+    const real t
+        = greater(greater(t_of(d.r, noise, least), greater(t_of(d.g, noise, least), t_of(d.b, noise, least))), enough);
+    const real chance = quotient(enough, t), sure = SPLAT(1.0) - chance * chance;
+    const colour moved = { sure * d.r.mean, sure * d.g.mean, sure * d.b.mean };
     return moved;
+}
+
+// What the mean of the latest samples is off by chance, its variance in a channel, as far as all texels around share it
+// (they have one jitter): of the errors summed up over them that the shortest span leaves.
+STAGE real shared_noise(real error)
+{
+    return error * K(SHARED_NOISE / (3.0 * SPAN_TEXELS * (SHORT_SPAN + 1) * (SHORT_SPAN + 1)));
 }

@@ -31,7 +31,8 @@ STAGE real span_error(gathered g, colour now, resolved span)
 
 // The plain mean of what was drawn at the pixel's own place in the `frames` latest frames, those from the camera of
 // now: right for what only moves along itself, as a wheel does, and for light that stands on what moves. `sums` are
-// those of its samples.
+// those of its samples. So many samples may weigh nearly alike: a firefly among them does little, and what their
+// weights take off where dark and bright meet is the same in every frame.
 STAGE resolved resolve_unmoved(gathered* sums, plane_in kept, frames_in past, int frames, pixel_t p, int x, int y,
     frame_t frame, settings_t settings)
 {
@@ -39,6 +40,7 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in kept, frames_in past, in
     const uint at = texel_offset(frame, x, y);
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
     gathered g = no_samples();
+    settings.luminance_knee *= STANDING_KNEE;
     for (int k = 0; k < frames; ++k) {
         const frame_t then = past[k];
         plane_in q = kept + (size_t)then.slot * KEPT_PLANES * plane + at;

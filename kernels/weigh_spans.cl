@@ -15,15 +15,27 @@ __kernel void weigh_spans_kernel(
         error[span] = sum_around(span_plane(p, span, 3, frame), frame);
         least = span == 0 ? error[span] : lesser(least, error[span]);
     }
+    // What light does now: the step from the middle span to the shortest, as far as it is sure. The shortest lags
+    // behind now by half as much again.
+    const real sharp = K(SURE_FLOOR) * SPLAT(settings.change_floor);
+    const drifts latest = drifts_of(span_plane(p, 1, 0, frame), p, p, SPLAT(0.0), plane, frame);
+    const colour rate = believed(latest, shared_noise(error[0]), sharp, SPLAT(SURE_T));
+    // Longer spans are moved to where the two shorter ones are, the better of them for the more, and on from there.
+    const real short_trust = trust(error[0], lesser(error[0], error[1])),
+               middle_trust = trust(error[1], lesser(error[0], error[1])),
+               share = quotient(middle_trust, short_trust + middle_trust);
     // Sums of differences from the shortest span, so that spans that agree keep their bits.
     const colour first = { load(p), load(p + plane), load(p + 2 * plane) };
     const real zero = SPLAT(0.0), alpha = ALPHA ? load(p + 5 * plane) : SPLAT(1.0), count = load(p + 4 * plane);
-    real weight = trust(error[0], least), alpha_sum = zero, count_sum = zero;
+    real weight = trust(error[0], least), alpha_sum = zero, count_sum = zero, ahead = weight * K(LAG);
     colour sum = { zero, zero, zero }, darkest = first;
     for (int span = 1; span < SPANS; ++span) {
         const real w = trust(error[span], least);
-        const colour v = caught_up(p, span, plane, frame, settings);
         plane_in q = span_plane(p, span, 0, frame);
+        const drifts d = span == 1 ? latest : drifts_of(q, p, span_plane(p, 1, 0, frame), share, plane, frame);
+        const colour moved = believed(d, zero, SPLAT(settings.change_floor), SPLAT(settings.change_t));
+        ahead += w * (span == 1 ? SPLAT(LAG) : K(LAG) + share);
+        const colour v = { load(q) + moved.r, load(q + plane) + moved.g, load(q + 2 * plane) + moved.b };
         sum.r += w * (v.r - first.r);
         sum.g += w * (v.g - first.g);
         sum.b += w * (v.b - first.b);
@@ -35,8 +47,8 @@ __kernel void weigh_spans_kernel(
             alpha_sum += w * (load(q + 5 * plane) - alpha);
         weight += w;
     }
-    const colour v
-        = { first.r + quotient(sum.r, weight), first.g + quotient(sum.g, weight), first.b + quotient(sum.b, weight) };
+    const colour v = { first.r + quotient(sum.r + ahead * rate.r, weight),
+        first.g + quotient(sum.g + ahead * rate.g, weight), first.b + quotient(sum.b + ahead * rate.b, weight) };
     resolved out;
     out.rgb = storable_colour(v, darkest);
     out.alpha = alpha + quotient(alpha_sum, weight);

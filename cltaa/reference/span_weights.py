@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cltaa.build import Build, Record, span_planes
-from cltaa.constants import PAD_X, PAD_Y, SPAN_REACH, SPANS
+from cltaa.constants import CONSTANTS, PAD_X, PAD_Y, SHORT_SPAN, SPAN_REACH, SPANS
 from cltaa.layout import Layout
 from cltaa.reference.blend import storable_colour
 from cltaa.reference.pixel import Resolved
@@ -45,29 +45,49 @@ def trust(error: Array, least: Array) -> Array:
     return result
 
 
-def drift_of(span: Array, shortest: Array, layout: Layout, settings: Record) -> tuple[Array, Array]:
-    """How far light has moved in one channel since a span, by the shortest one, and Student's t of it."""
-    own = layout.inside(shortest) - layout.inside(span)
+class Drift(NamedTuple):
+    """How far light has moved in one channel since a span: the mean over the window [H, W], its variance, and what the
+    texels show."""
+
+    mean: Array
+    variance: Array
+    level: Array
+
+
+def drift_of(span: Array, shortest: Array, middle: Array, share: Array, layout: Layout) -> Drift:
+    """The drift of padded planes [rows, stride], by what lies ``share`` of the way from the shortest to the middle."""
+    first = layout.inside(shortest)
+    own = (first + share * (layout.inside(middle) - first)) - layout.inside(span)
     total = squares = level = np.zeros_like(own)
-    for v, now in zip(around(span, layout), around(shortest, layout), strict=True):
-        d = (now - v) - own
+    for v, now, then in zip(*(around(plane, layout) for plane in (span, shortest, middle)), strict=True):
+        d = ((now + share * (then - now)) - v) - own
         total, squares, level = total + d, squares + d * d, level + np.abs(v)
     texels, zero, one = number(TEXELS, own), number(0.0, own), number(1.0, own)
     offset = total / texels
     variance = greater(squares - total * offset, zero) / (texels * (texels - one))
-    floor = number(settings["change_floor"], own)
-    error = np.sqrt(variance) + (floor * (level / texels) + constant("TINY", own))
-    return own + offset, np.abs(own + offset) / error
+    return Drift(own + offset, variance, level / texels)
 
 
-def caught_up(span: Array, shortest: Array, layout: Layout, settings: Record) -> list[Array]:
-    """A span's colour, from padded planes [3, rows, stride], moved by as much of the drift as is not chance."""
-    drifts = [drift_of(span[c], shortest[c], layout, settings) for c in range(3)]
-    (_, r), (_, g), (_, b) = drifts
-    least = number(settings["change_t"], r)
-    chance = least / greater(greater(r, greater(g, b)), least)
+def t_of(drift: Drift, noise: Array, least: Array) -> Array:
+    """Student's t of a drift whose variance grows by ``noise`` and whose deviation by ``least`` of the level."""
+    error = np.sqrt(drift.variance + noise) + (least * drift.level + constant("TINY", drift.mean))
+    result: Array = np.abs(drift.mean) / error
+    return result
+
+
+def believed(drifts: list[Drift], noise: Array, least: Array, enough: Array) -> list[Array]:
+    """As much of a drift in three channels as is not chance, by the one that drifted most."""
+    r, g, b = (t_of(drift, noise, least) for drift in drifts)
+    chance = enough / greater(greater(r, greater(g, b)), enough)
     sure = number(1.0, r) - chance * chance
-    return [layout.inside(v) + sure * mean for v, (mean, _) in zip(span, drifts, strict=False)]
+    return [sure * drift.mean for drift in drifts]
+
+
+def shared_noise(error: Array) -> Array:
+    """Variance of the mean of the latest samples in a channel, as far as all texels around share it."""
+    of_each = 3.0 * TEXELS * (SHORT_SPAN + 1) * (SHORT_SPAN + 1)
+    result: Array = error * number(CONSTANTS["SHARED_NOISE"].value / of_each, error)
+    return result
 
 
 @quiet
@@ -82,21 +102,32 @@ def weigh_spans(
     least = errors[0]
     for error in errors[1:]:
         least = lesser(least, error)
+    floor, enough = (number(settings[name], least) for name in ("change_floor", "change_t"))
+    zero, lag = np.zeros_like(least), constant("LAG", least)
+    alike = [drift_of(parts[1][c], parts[0][c], parts[0][c], zero, layout) for c in range(3)]
+    sharp = constant("SURE_FLOOR", least) * floor
+    rate = believed(alike, shared_noise(errors[0]), sharp, constant("SURE_T", least))
+    better = lesser(errors[0], errors[1])
+    short_trust, middle_trust = trust(errors[0], better), trust(errors[1], better)
+    share = middle_trust / (short_trust + middle_trust)
     first = layout.inside(parts[0])
     alpha = first[5] if build.steps.alpha else np.ones_like(least)
     weight, darkest = trust(errors[0], least), list(first[:3])
-    zero = np.zeros_like(weight)
-    sums, alphas, counts = [zero, zero, zero], zero, zero
-    for part, error in zip(parts[1:], errors[1:], strict=True):
+    sums, alphas, counts, ahead = [zero, zero, zero], zero, zero, weight * lag
+    for span, (part, error) in enumerate(zip(parts[1:], errors[1:], strict=True), start=1):
         w, own = trust(error, least), layout.inside(part)
-        moved = caught_up(part[:3], parts[0][:3], layout, settings)
+        drifts = alike
+        if span > 1:
+            drifts = [drift_of(part[c], parts[0][c], parts[1][c], share, layout) for c in range(3)]
+        ahead = ahead + w * (lag if span == 1 else lag + share)
+        moved = [v + step for v, step in zip(own, believed(drifts, zero, floor, enough), strict=False)]
         sums = [total + w * (v - k) for total, v, k in zip(sums, moved, first, strict=False)]
         darkest = [lesser(k, v) for k, v in zip(darkest, own, strict=False)]
         counts = counts + w * (own[4] - first[4])
         if build.steps.alpha:
             alphas = alphas + w * (own[5] - alpha)
         weight = weight + w
-    r, g, b = (k + total / weight for k, total in zip(first, sums, strict=False))
+    r, g, b = (k + (total + ahead * v) / weight for k, total, v in zip(first, sums, rate, strict=False))
     rgb = storable_colour((r, g, b), (darkest[0], darkest[1], darkest[2]), build)
     resolved = Resolved(rgb, alpha + alphas / weight, first[4] + counts / weight)
     store_resolved(resolved, build, layout, frame, output, output_count)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from cltaa.build import Build, Record, kept_planes, span_planes
-from cltaa.constants import MIDDLE_SPAN, SHORT_SPAN, SPANS
+from cltaa.constants import MIDDLE_SPAN, SHORT_SPAN, SPANS, value
 from cltaa.layout import Layout
 from cltaa.params import AlphaFrom
 from cltaa.reference.blend import storable_colour
@@ -43,6 +43,8 @@ def resolve_unmoved(
     zero, one = np.zeros_like(p.own[0]), np.ones_like(p.own[0])
     total, weight, count, alphas = [zero, zero, zero], zero, zero, zero
     sums = Gathered(zero)
+    settings = settings.copy()
+    settings["luminance_knee"] *= np.float32(value("STANDING_KNEE"))
     for place, then in enumerate(past):
         planes = layout.inside(slots[int(then["slot"])]).astype(zero.dtype)
         c: Any = tuple(planes[:3])

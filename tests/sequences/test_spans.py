@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cltaa.build import settings_record
-from cltaa.constants import SPAN_REACH
+from cltaa.build import FRAME_DTYPE, Build, Steps, settings_record
+from cltaa.constants import SPAN_REACH, SPANS
 from cltaa.frames import Effect, Frame
 from cltaa.layout import Layout
 from cltaa.params import HistoryOf, LightChange, Rectify, Settings
 from cltaa.planning import plan_frame
 from cltaa.presets import load_preset, override
-from cltaa.reference.span_weights import drift_of, trust
+from cltaa.reference.span_weights import drift_of, t_of, trust, weigh_spans
 from cltaa.resolve import Resolver
 from tests.kernels.hard_planes import padded
 from tests.kernels.test_resolve import hard_frames
@@ -113,14 +113,48 @@ def test_the_drift_is_students_t() -> None:
     layout = Layout(WIDTH, HEIGHT)
     then = random.uniform(0.2, 1.0, (1, HEIGHT, WIDTH)).astype(np.float32)
     now = (then + random.normal(0.01, 0.03, then.shape)).astype(np.float32)
-    settings = settings_record(Settings(change_floor=0.0))
-    mean, t = drift_of(padded(then, layout)[0], padded(now, layout)[0], layout, settings)
+    span, shortest = padded(then, layout)[0], padded(now, layout)[0]
+    nothing = np.zeros_like(now[0])
+    drift = drift_of(span, shortest, np.zeros_like(shortest), nothing, layout)
+    mean, t = drift.mean, t_of(drift, nothing, nothing)
     side, inside = 2 * SPAN_REACH + 1, np.s_[SPAN_REACH:-SPAN_REACH, SPAN_REACH:-SPAN_REACH]
     windows = np.lib.stride_tricks.sliding_window_view(now[0].astype(np.float64) - then[0], (side, side))
     expected = windows.mean((-1, -2))
     # Differences of values below 1 are off by 2^-24 each, their deviation is hardly below 0.02 here.
     assert np.allclose(mean[inside], expected, atol=1e-6)
     assert np.allclose(t[inside], np.abs(expected) / (windows.std((-1, -2), ddof=1) / side), rtol=1e-4, atol=1e-4)
+
+
+def weighed(error: float) -> float:
+    """What flat spans of a light that grows come to where each texel leaves an error: 1.0 the latest four frames, 0.98
+    the latest eight, 0.8 all."""
+    layout = Layout(WIDTH, HEIGHT)
+    spans = layout.empty(SPANS * 5)
+    for planes, light in zip(spans.reshape(SPANS, 5, *spans.shape[1:]), (1.0, 0.98, 0.8, 0.8), strict=True):
+        planes[:3], planes[3], planes[4] = light, error, 4.0
+    output, count = layout.empty(4), layout.empty(1)
+    settings = settings_record(Settings(change_floor=0.01))
+    frame = np.zeros((), FRAME_DTYPE)
+    frame["width"], frame["height"] = WIDTH, HEIGHT
+    build = Build(steps=Steps(alpha=False))
+    weigh_spans(build, layout, spans=spans, output=output, output_count=count, frame=frame, settings=settings)
+    return float(layout.inside(output)[0, HEIGHT // 2, WIDTH // 2])
+
+
+def test_light_that_changes_steadily_is_carried_on_where_that_is_sure() -> None:
+    # t of the step is 0.02 over a thousandth, and SURE_T 3; to that all but the shortest span are moved from 2 over a
+    # hundredth, or 20 over it.
+    step, t = 0.02, 20 / 0.98
+    sure, moved, far = 1 - (3 / t) ** 2, 1 - (2 / (t / 10)) ** 2, 1 - (2 / (19 / 0.8)) ** 2
+    middle = 0.98 + step * max(moved, 0.0) + 0.5 * step * sure
+    old = 0.8 + 0.19 * far + (0.5 + 0.5) * step * sure
+    assert weighed(0.0) == pytest.approx((1.0 + 0.5 * step * sure + middle + 2 * old) / 4, abs=1e-6)
+
+
+def test_a_step_that_jitter_may_have_made_is_not_carried_on() -> None:
+    # Of samples that are off by 0.5 the texels have 0.003 of the variance of 0.25 / 3 / 4 in common: 0.008.
+    assert weighed(4 * 0.25) < 1.0
+    assert weighed(0.0) > weighed(4 * 0.25)
 
 
 def test_trust_falls_with_the_error_and_never_to_nothing() -> None:
