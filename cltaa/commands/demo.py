@@ -51,16 +51,17 @@ class Gain:
 @click.option(
     "--frames", type=click.IntRange(min=SETTLED + 1), default=40, show_default=True, help="Frames to capture."
 )
+@click.option("--size", default="640x360", metavar="WxH", show_default=True, help="Size of a frame in pixels.")
 @click.option("--device", help="As for cltaa resolve.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was gained as JSON.")
-def demo(output: Path, scene: str, frames: int, device: str | None, as_json: bool) -> None:
+def demo(output: Path, scene: str, frames: int, size: str, device: str | None, as_json: bool) -> None:
     """Capture a scene with its truth, resolve it, and leave pictures, a film and a table of what was gained.
 
     A second run keeps the captured frames and only resolves them again.
     """
     folder, resolved = output / "sequence", output / "resolved"
     resolver = Resolver(device=device)  # a device that is not there is told before the work, not after it
-    _capture(scene, folder, frames)
+    _capture(scene, folder, frames, size)
     sequence = open_sequence(folder).select(0, frames - 1)
     outcome = resolve_sequence(sequence, resolved, resolver, restart=True)
     after = open_images(resolved).select(0, frames - 1)
@@ -73,9 +74,12 @@ def demo(output: Path, scene: str, frames: int, device: str | None, as_json: boo
         _print(gain, outcome, output)
 
 
-def _capture(scene: str, folder: Path, frames: int) -> None:
+def _capture(scene: str, folder: Path, frames: int, size: str) -> None:
     """Run ``cltaa capture`` in a process of its own, so that OpenGL and OpenCL never meet in one."""
-    arguments = ["capture", scene, "-o", str(folder), "--frames", str(frames), "--reference", str(TRUTH_SAMPLES)]
+    arguments = [
+        "capture", scene, "-o", str(folder), "--frames", str(frames), "--size", size,
+        "--reference", str(TRUTH_SAMPLES),
+    ]  # fmt: skip
     begun = folder.exists()
     code = call_cltaa(arguments).returncode
     if code == UsageError.exit_code and begun:

@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from cltaa import doctor, kernel_cache
 
 
@@ -40,13 +42,13 @@ def test_without_a_linker_the_driver_may_abort_and_doctor_goes_on(tmp_path: Path
     assert found["capture on OSMesa"]["ok"] or found["capture on EGL"]["ok"]
 
 
-def test_a_cache_that_cannot_be_written(tmp_path: Path) -> None:
+def test_a_cache_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
-    done = run_doctor("--json", POCL_CACHE_DIR=str(tmp_path / "file" / "cache"))
-    finding = findings(done)["kernel cache"]
-    assert not finding["ok"]
-    assert finding["found"] == f"{tmp_path}/file/cache: the kernel cache cannot be written: Not a directory"
-    assert finding["cure"] == kernel_cache.CURE
+    monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path / "file" / "cache"))
+    finding = doctor.probe("kernel cache", "resolve", kernel_cache.CURE, "cache")
+    assert not finding.ok
+    assert finding.found == f"{tmp_path}/file/cache: the kernel cache cannot be written: Not a directory"
+    assert finding.cure == kernel_cache.CURE
 
 
 def test_a_probe_that_fails_gives_its_last_line_and_the_cure() -> None:
