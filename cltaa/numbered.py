@@ -134,7 +134,8 @@ def numbered_files(folder: Path) -> tuple[Path, str, dict[int, Path]]:
     except FileNotFoundError as error:
         raise InputMissing("the folder is missing", path=folder, cure="check the name") from error
     except OSError as error:
-        raise InputMissing(f"the folder cannot be read: {error.strerror}", path=folder) from error
+        cure = "name the folder that its frames are in" if folder.suffix == ".exr" else None
+        raise InputMissing(f"the folder cannot be read: {error.strerror}", path=folder, cure=cure) from error
     matches = {path: NUMBERED.fullmatch(path.name) for path in files}
     names = sorted({match["name"] if match else path.name for path, match in matches.items()})
     if not any(matches.values()):

@@ -129,7 +129,7 @@ def progress_display(label: str) -> Iterator[Callable[[int, int], None]]:
 def capture(
     scene: str, output: Path | None, size: tuple[int, int], explained: bool, as_json: bool, **options: Any
 ) -> None:  # fmt: skip
-    """Draw SCENE (a name of ``cltaa scenes``, or file:PATH) into a jittered EXR sequence.
+    """Draw SCENE (a name of cltaa scenes, or file:PATH) into a jittered EXR sequence.
 
     Every frame holds one sample a pixel: linear HDR colour, planar depth, un-jittered matrices, the jitter, and only
     the channels that the scene's effects call for. A capture that was cut short goes on where it stopped.

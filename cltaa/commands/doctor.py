@@ -40,7 +40,9 @@ def _findings(diagnosis: Diagnosis) -> Table:
         f"{name} [green]works[/]" if works else f"{name} [red]does not work[/]"
         for name, works in (("capture", diagnosis.capture), ("resolve", diagnosis.resolve))
     )
-    table = Table("", "looked for", "found", "cure", title=f"cltaa doctor: {verdict}", title_justify="left")
+    table = Table(title=f"cltaa doctor: {verdict}", title_justify="left")
+    for heading in ("", "looked for", "found", "cure"):
+        table.add_column(heading, overflow="fold")
     for finding in diagnosis.findings:
         mark = "[green]✓[/]" if finding.ok else "[red]✗[/]" if diagnosis.hurts(finding) else "[yellow]–[/]"
         cure = "" if finding.ok or finding.cure is None else finding.cure

@@ -9,6 +9,7 @@ import click
 import msgspec
 from rich.console import Console
 from rich.markup import escape
+from rich.padding import Padding
 from rich.table import Table
 
 from cltaa.commands.options import PRESET
@@ -21,15 +22,17 @@ from cltaa.presets import Preset, allowed, load_preset, preset_names
 @click.option("--parameters", is_flag=True, help="List every parameter with its range, unit and meaning.")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
 def presets(name: str | None, parameters: bool, as_json: bool) -> None:
-    """List the presets; with NAME, print that one as TOML for ``cltaa resolve --config``."""
+    """List the presets; with NAME, print that one as TOML for cltaa resolve --config."""
     if parameters:
-        _print_rows(parameter_rows(), ("parameter", "default", "values", "meaning"), as_json)
+        rows = parameter_rows()
+        click.echo(json.dumps(rows)) if as_json else _print_parameters(rows)
     elif name is not None:
         preset = load_preset(name)
         click.echo(json.dumps(msgspec.to_builtins(preset)) if as_json else _toml(preset), nl=as_json)
     else:
-        rows = [{"preset": entry, "description": load_preset(entry).description} for entry in preset_names()]
-        _print_rows(rows, ("preset", "description"), as_json)
+        listed = sorted(map(load_preset, preset_names()), key=lambda preset: preset.published)  # our own first
+        rows = [{"preset": preset.name, "description": preset.description} for preset in listed]
+        click.echo(json.dumps(rows)) if as_json else _print_presets(listed)
 
 
 def parameter_rows() -> list[dict[str, str]]:
@@ -65,13 +68,20 @@ def _toml(preset: Preset) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _print_rows(rows: list[dict[str, str]], columns: tuple[str, ...], as_json: bool) -> None:
-    if as_json:
-        click.echo(json.dumps(rows))
-        return
-    table = Table()
-    for column in columns:
-        table.add_column(column, overflow="fold", no_wrap=column in ("parameter", "preset"))
-    for row in rows:
-        table.add_row(*(escape(str(row[column])) for column in columns))
+def _print_presets(presets: list[Preset]) -> None:
+    table = Table("preset", "description", box=None, padding=(0, 2, 0, 0))
+    for preset in presets:
+        table.add_row(preset.name, escape(preset.description))
     Console().print(table)
+
+
+def _print_parameters(rows: list[dict[str, str]]) -> None:
+    """A paragraph each: a table of four columns leaves the text a few letters a line in a terminal of usual width."""
+    console = Console(highlight=False)
+    console.print(
+        "What each is where a preset does not set it (and what it can be); what one sets: cltaa presets NAME\n"
+    )
+    for row in rows:
+        text = {name: escape(value) for name, value in row.items()}
+        console.print(f"[bold]{text['parameter']}[/] = {text['default']}  [dim]({text['values']})[/]")
+        console.print(Padding(text["meaning"], (0, 0, 0, 4)))

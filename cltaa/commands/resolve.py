@@ -174,17 +174,20 @@ def _frame_range(text: str) -> tuple[int, int]:
 
 def _print_outcome(outcome: Outcome) -> None:
     console = Console()
-    table = Table(title=f"{outcome.frames} frames, {outcome.width} x {outcome.height}, preset {shown(outcome.preset)}")
-    table.add_column("stage")
-    table.add_column("ms a frame", justify="right")
-    for name, milliseconds in stage_rows(outcome.seconds):
-        table.add_row(name, f"{milliseconds:.1f}", end_section=name == "write")
-    console.print(table)
+    what = f"{outcome.frames} frames, {outcome.width} x {outcome.height}, preset {shown(outcome.preset)}"
+    console.print(what, highlight=False, soft_wrap=True)
+    if outcome.resolved:
+        table = Table()
+        table.add_column("stage")
+        table.add_column("ms a frame", justify="right")
+        for name, milliseconds in stage_rows(outcome.seconds):
+            table.add_row(name, f"{milliseconds:.1f}", end_section=name == "write")
+        console.print(table)
     if outcome.resolved < outcome.frames:
         console.print(f"{outcome.frames - outcome.resolved} frames were finished already", highlight=False)
     if outcome.repaired:
         console.print(f"{outcome.repaired} pixels were no usable numbers and were repaired", highlight=False)
     if outcome.saturated:
         console.print(f"{outcome.saturated} pixels reached 65504, the largest half, and saturated", highlight=False)
-    console.print(f"on {shown(outcome.device)}", highlight=False)
+    console.print(f"on {shown(outcome.device)}", highlight=False, soft_wrap=True)
     console.print(f"written to {shown(outcome.output)}", highlight=False, soft_wrap=True)

@@ -15,7 +15,7 @@ from cltaa_datasets.models import FORMATS, MOTIONS
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Print the list as JSON on stdout.")
 def scenes(as_json: bool) -> None:
-    """List the scenes that ``cltaa capture`` knows, and the effects that each calls for."""
+    """List the scenes that cltaa capture knows, and the effects that each calls for."""
     from cltaa_datasets.scenes import registered  # here: scenes load trimesh, and help must not
 
     entries = registered()

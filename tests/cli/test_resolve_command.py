@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
+from cltaa.commands.presets import parameter_rows
 from cltaa.exr import read_frame, read_image, write_frame
 from cltaa.presets import FIELDS, load_config, load_preset, preset_names
 from cltaa.resolve import Resolver
@@ -131,6 +132,20 @@ def test_every_parameter_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     rows = json.loads(capsys.readouterr().out)
     assert {row["parameter"] for row in rows} == set(FIELDS)
     assert all(row["meaning"] for row in rows)
+
+
+@pytest.mark.parametrize("columns", ["40", "80", "200"])
+def test_parameters_are_readable_in_any_terminal(
+    columns: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    assert main(["presets", "--parameters"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= int(columns)
+    said = " ".join(" ".join(lines).split())
+    for row in parameter_rows():
+        assert f"{row['parameter']} = {row['default']} ({row['values']})" in said
+        assert row["meaning"] in said
 
 
 def test_kernel_text_is_printed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,6 +14,7 @@ import pytest
 from cltaa.cli import main
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.exr import write_image
+from cltaa.exr_channels import Pixels
 from cltaa.frames import Camera, Frame
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import intake_lines, open_intake
@@ -95,6 +96,16 @@ def test_colour_alone(tmp_path: Path) -> None:
     frame = read(tmp_path)[0]
     assert np.isinf(frame.depth).all()
     assert frame.motion is None
+
+
+def test_parts_of_an_unknown_writer(tmp_path: Path) -> None:
+    made = frames()
+    for frame in made:
+        colour: dict[str, Pixels] = {c: frame.colour[..., place].astype(np.float16) for place, c in enumerate("RGB")}
+        write_parts(tmp_path / f"shot_{frame.index:03d}.exr", {"rgba": colour, "depth": {"Z": frame.depth}}, {})
+    intake = open_intake(tmp_path)
+    assert (intake.profile.name, [*intake.roles]) == ("parts", ["colour", "depth"])
+    np.testing.assert_array_equal(read(tmp_path)[1].depth, made[1].depth)
 
 
 def test_a_folder_for_each_channel_set(tmp_path: Path) -> None:
