@@ -7,10 +7,13 @@ import signal
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
+# A busy machine is slow, and no property of ours is one of time.
 # Many examples where asked for: pytest --hypothesis-profile=big
-settings.register_profile("big", max_examples=500, deadline=None)
+settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("big", settings.get_profile("patient"), max_examples=500)
+settings.load_profile("patient")
 
 TOP = Path(__file__).parents[1]
 

@@ -27,14 +27,14 @@ def run_alone(*arguments: str, **variables: str) -> subprocess.CompletedProcess[
 
 
 def test_summary_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["capture", "still", "-o", str(tmp_path), *TINY, "--json"]) == 0
+    assert main(["capture", "conveyor", "-o", str(tmp_path), *TINY, "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert summary["drawn"] == len(open_sequence(tmp_path)) == 2
     assert summary["backend"] in ("osmesa", "egl")
 
 
 def test_nothing_but_what_was_asked_for_on_stdout(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["capture", "still", "-o", str(tmp_path), *TINY]) == 0
+    assert main(["capture", "conveyor", "-o", str(tmp_path), *TINY]) == 0
     out, err = capsys.readouterr()
     assert out == ""
     assert "frame 2 of 2" in err
@@ -42,7 +42,7 @@ def test_nothing_but_what_was_asked_for_on_stdout(tmp_path: Path, capsys: pytest
 
 
 def test_explain_draws_nothing(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["capture", "occluder", "--explain", "--json", "--size", "10x10"]) == 0
+    assert main(["capture", "conveyor", "--explain", "--json", "--size", "10x10"]) == 0
     effects = {row["effect"]: row for row in json.loads(capsys.readouterr().out)["effects"]}
     assert effects["motion"]["channels"] == ["backward.u", "backward.v"]
     assert effects["motion"]["bytes_a_frame"] == 10 * 10 * 2 * 4
@@ -96,7 +96,7 @@ def test_no_opengl_says_what_to_install(
 ) -> None:
     monkeypatch.delitem(sys.modules, "OpenGL", raising=False)
     monkeypatch.setattr(osmesa, "LIBRARIES", {"OSMesa": ("libOSMesa.so.none",), "EGL": ("libEGL.so.none",)})
-    assert main(["capture", "still", "-o", str(tmp_path), *TINY]) == 69
+    assert main(["capture", "conveyor", "-o", str(tmp_path), *TINY]) == 69
     assert "install libosmesa6" in capsys.readouterr().err
 
 
@@ -106,7 +106,7 @@ def test_no_opengl_says_what_to_install(
 )
 def test_both_back_ends_draw_the_same_bits(tmp_path: Path) -> None:
     for backend in ("osmesa", "egl"):
-        done = run_alone("capture", "spinner", "-o", str(tmp_path / backend), *TINY, "--backend", backend, "--json")
+        done = run_alone("capture", "conveyor", "-o", str(tmp_path / backend), *TINY, "--backend", backend, "--json")
         assert done.returncode == 0, done.stderr
         assert json.loads(done.stdout)["backend"] == backend
     assert digests(tmp_path / "osmesa") == digests(tmp_path / "egl")
@@ -119,7 +119,7 @@ def test_egl_without_a_surfaceless_display_draws_on_a_device(tmp_path: Path) -> 
         "import sys; from cltaa.cli import main; from cltaa_capture import osmesa; "
         "osmesa.EGL_PLATFORM_SURFACELESS_MESA = 0; sys.exit(main(sys.argv[1:]))"
     )
-    arguments = ["capture", "spinner", *TINY, "--backend", "egl", "-o"]
+    arguments = ["capture", "conveyor", *TINY, "--backend", "egl", "-o"]
     done = subprocess.run(
         [sys.executable, "-c", program, *arguments, str(tmp_path / "device")],
         capture_output=True, text=True, check=False, timeout=120,
@@ -136,7 +136,7 @@ def test_egl_without_a_surfaceless_display_draws_on_a_device(tmp_path: Path) -> 
 @pytest.mark.skipif(not ctypes.util.find_library("EGL"), reason="needs EGL on this machine")
 @pytest.mark.parametrize("number", ["99", "one"])
 def test_a_card_that_egl_does_not_know_is_refused(tmp_path: Path, number: str) -> None:
-    done = run_alone("capture", "spinner", "-o", str(tmp_path), *TINY, "--backend", "egl", EGL_DEVICE_ID=number)
+    done = run_alone("capture", "conveyor", "-o", str(tmp_path), *TINY, "--backend", "egl", EGL_DEVICE_ID=number)
     assert done.returncode == 64, done.stderr
     assert "EGL_DEVICE_ID names no device of EGL (expected 0 to " in done.stderr
     assert not list(tmp_path.glob("*.exr"))

@@ -9,7 +9,8 @@ import pytest
 
 from cltaa.frames import Effect
 from cltaa_datasets.scene import Instant, Scene
-from cltaa_datasets.scenes import build_scene, registered
+from cltaa_datasets.scenes import registered
+from tests.built_scenes import built
 from tests.capture.analytic_scenes import drawing
 
 WIDTH, HEIGHT = 96, 54
@@ -35,7 +36,7 @@ class Shots:
 
 @pytest.fixture(scope="module", params=[entry.name for entry in registered()])
 def shots(request: pytest.FixtureRequest) -> Shots:
-    return Shots(build_scene(request.param))
+    return Shots(built(request.param))
 
 
 def test_promises(shots: Shots) -> None:

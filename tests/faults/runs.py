@@ -55,7 +55,7 @@ def resolving_three(top: Path, output: Path) -> list[str]:
 
 def capturing(_: Path, output: Path) -> list[str]:
     """The command line of a capture of two frames with their truth and a yardstick."""
-    return ["capture", "occluder", "-o", str(output), "--frames", "2", "--size", "16x9", "--reference", "2"]
+    return ["capture", "conveyor", "-o", str(output), "--frames", "2", "--size", "16x9", "--reference", "2"]
 
 
 class Work(NamedTuple):

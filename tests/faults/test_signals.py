@@ -56,7 +56,7 @@ def test_capture_interrupted_at_any_time(tmp_path: Path, shim: Path, number: sig
     assert INTERRUPTED in {run["code"] for run in runs}
 
 
-@pytest.mark.parametrize("count", [200, pytest.param(2000, marks=pytest.mark.big)])
+@pytest.mark.parametrize("count", [100, pytest.param(2000, marks=pytest.mark.big)])
 def test_killed_at_any_time(tmp_path: Path, shim: Path, count: int) -> None:
     runs = forked(tmp_path, shim, "resolve", "times", signal.SIGKILL, count)
     assert sum(run["code"] == KILLED for run in runs) > count // 5

@@ -7,7 +7,8 @@ import pytest
 from cltaa.frames import Frame
 from cltaa.resolve import Resolver
 from cltaa_capture.jitter import jitter_sequence
-from cltaa_datasets.scenes import build_scene, registered
+from cltaa_datasets.scenes import registered
+from tests.built_scenes import built
 from tests.capture.analytic_scenes import drawing
 
 WIDTH, HEIGHT = 64, 36
@@ -16,7 +17,7 @@ FRAMES = range(11, 15)
 
 
 def captured(name: str) -> list[Frame]:
-    scene, jitter = build_scene(name), jitter_sequence("halton:8").tolist()
+    scene, jitter = built(name), jitter_sequence("halton:8").tolist()
     frames = []
     with drawing(scene, WIDTH, HEIGHT) as renderer:
         for index in FRAMES:
