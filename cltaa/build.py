@@ -94,6 +94,7 @@ class Build(msgspec.Struct, frozen=True, kw_only=True):
     lanes: int = 0  # 0: what suits the device
     rows: int = 0
     stride: int = 0  # texels from one row of a plane to the next, where kernels are built for one width; 0: any
+    plane: int = 0  # texels of a plane, where kernels are built for one size of images in one piece; 0: any
     registers: int = 0  # the most a work-item may have, where the compiler can be told; 0: as many as it likes
     strict: bool = False
     relaxed: bool = False  # what the compiler may do with -cl-fast-relaxed-math: only to be timed (decision 16)
@@ -193,6 +194,7 @@ def prelude(build: Build) -> str:
         "LANES": build.lanes,
         "ROWS": build.rows,
         "STRIDE": build.stride,
+        "PLANE": build.plane,
         "REAL_DOUBLE": int(build.real is Real.DOUBLE),
         "STORAGE_DOUBLE": int(build.storage is Storage.DOUBLE),
         "STORAGE_HALF": int(build.storage in HALVES),

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ import pyopencl as cl
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError, UsageError
 from cltaa.kernel_cache import check_cache, filling
 from cltaa.launch import WISH
+from cltaa.shape import CPU_8, CPU_16, GPU, NVIDIA, Shape
 from cltaa.unknown_cpu import name_unknown_cpu
 
 POCL = "Portable Computing Language"  # the platform's name
@@ -78,27 +79,6 @@ def choose_device(wish: str | None = None) -> cl.Device:
         listed = "; ".join(f"{index}: {describe(device)}" for index, device in enumerate(found))
         raise UsageError(f"no OpenCL device matches {wish}", found=listed, cure="name one of them, or numpy")
     return matching[0]
-
-
-class Shape(NamedTuple):
-    """How kernels are cut up for a class of devices, as was measured to be fast: docs/performance.md, Shapes."""
-
-    lanes: int  # pixels that a work-item computes side by side: a vector of a CPU, one on a GPU
-    rows: int  # rows that it slides down: long on a CPU, short on a GPU, which needs many work-items
-    group: tuple[int, int]  # work-items a group
-    registers: int = 0  # the most that a work-item may have; 0: as many as the compiler likes
-    one_width: bool = False  # whether the resolve is built for one width of planes
-    registers_to_reject: int = 0  # the same where history is rejected by its depth, which takes more of them
-    registers_for_light: int = 0  # the same where changing light is tested
-    registers_in_place: int = 0  # the same where history is neither moved nor rectified, which takes few
-
-
-CPU_8, CPU_16 = Shape(lanes=8, rows=32, group=(1, 1)), Shape(lanes=16, rows=64, group=(1, 1))
-GPU = Shape(lanes=1, rows=8, group=(64, 2))
-NVIDIA = Shape(
-    lanes=1, rows=16, group=(128, 1), one_width=True,
-    registers=96, registers_to_reject=128, registers_for_light=168, registers_in_place=64,
-)  # fmt: skip
 
 
 class Memory:

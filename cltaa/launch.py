@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from cltaa.build import Build, Storage, span_planes
 from cltaa.constants import SPANS
+from cltaa.filters import HistoryFilter
 from cltaa.layout import Layout
 from cltaa.params import HistoryOf, LightChange, Rectify, Reject
 
 if TYPE_CHECKING:
-    from cltaa.device import Shape
     from cltaa.program import Kernel
+    from cltaa.shape import Shape
 
 SLIDING = frozenset({"resolve", "resolve_doubled", "gather", "gather_spans"})  # kernels whose work-items walk down rows
 WISH = "CLTAA_DEVICE"  # the variable that names a device where nothing else does
@@ -82,14 +83,13 @@ class DeviceLauncher:
 
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
         """Enqueue a kernel; it runs in the order of the queue. Raises DeviceLost."""
-        import msgspec
 
         from cltaa.device import device_errors
         from cltaa.program import source_hash
 
         given = {name: getattr(value, "buffer", value) for name, value in arguments.items()}
-        if kernel == "resolve" and self.device.shape.one_width:
-            build = msgspec.structs.replace(build, stride=layout.stride)
+        if kernel == "resolve" and self.device.shape.one_size:
+            build = self._for_one_size(build, layout, in_bands=bool(arguments["frame"]["band_rows"]))
         size, group = self._range(kernel, build, layout, given)
         first = (kernel, build, size) not in self._used
         with self.device.first_use(source_hash(kernel, build)) if first else nullcontext(), device_errors(self.device):
@@ -99,6 +99,18 @@ class DeviceLauncher:
                 self._used.add((kernel, build, size))
         if self.events is not None:
             self.events.append((kernel, event))
+
+    def _for_one_size(self, build: Build, layout: Layout, *, in_bands: bool) -> Build:
+        """The build for planes of a layout; rows that were not asked for are those that fill the device evenly."""
+        import msgspec
+
+        shape, rows = self.device.shape, build.rows
+        if in_bands:
+            return msgspec.structs.replace(build, stride=layout.stride)
+        if shape.most_rows and rows == shape.rows and not _in_place(build):
+            units = self.device.cl_device.max_compute_units
+            rows = shape.even_rows(layout.width, layout.height, build.registers, units)
+        return msgspec.structs.replace(build, stride=layout.stride, plane=layout.plane, rows=rows)
 
     def kernel(self, name: str, build: Build) -> Kernel:
         """The built kernel, from the cache of this launcher."""
@@ -130,15 +142,23 @@ class DeviceLauncher:
         self.device.finish()
 
 
+def _in_place(build: Build) -> bool:
+    """True where history is neither moved nor rectified."""
+    moves = build.steps.camera_motion or build.steps.own_motion
+    return not moves and build.choices.rectify is Rectify.NONE
+
+
 def _registers(shape: Shape, build: Build) -> int:
     """The most registers that a work-item may have; more of them, and fewer work-items are under way at once."""
-    choices, steps = build.choices, build.steps
+    choices = build.choices
     if choices.light_change is not LightChange.IGNORE and choices.history_of is HistoryOf.RESULT:
         return shape.registers_for_light
     if choices.reject is not Reject.NONE:
         return shape.registers_to_reject
-    moves = steps.camera_motion or steps.own_motion
-    return shape.registers if moves or choices.rectify is not Rectify.NONE else shape.registers_in_place
+    if _in_place(build):
+        return shape.registers_in_place
+    few = choices.history_filter in (HistoryFilter.NEAREST, HistoryFilter.BILINEAR)
+    return shape.registers_for_few if few else shape.registers
 
 
 class _Array:

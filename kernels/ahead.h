@@ -7,19 +7,29 @@
 
 #define ROWS_AHEAD (LANES > 1 ? 4 : 2)
 
+// The texel of plane p that lies `rows` rows below the one at `at`. Where a row's length is a constant the step is part
+// of NVIDIA's instruction, so that it takes the address that the loads around it have.
+#if NVIDIA && STRIDE > 0
+#define FETCH_BELOW(p, at, rows, stride)                                                                               \
+    __asm volatile("prefetch.global.L1 [%0+%1];" ::"l"((p) + (at)), "n"((rows) * STRIDE * (int)sizeof(*(p))))
+#else
+#define FETCH_BELOW(p, at, rows, stride) FETCH_NEXT(ROW_BELOW(p, at, rows, stride))
+#endif
+
 STAGE void fetch_frame(plane_in current, plane_in closeness, plane_in motion, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame);
     // From the row that is read next: a GPU has worked out where that is.
     const uint at = texel_offset(frame, x, y + 1);
-    const int rows = ROWS_AHEAD - 1, stride = row_stride(frame);
-    FETCH_NEXT(ROW_BELOW(current, at, rows, stride));
-    FETCH_NEXT(ROW_BELOW(current + plane, at, rows, stride));
-    FETCH_NEXT(ROW_BELOW(current + 2 * plane, at, rows, stride));
-    FETCH_NEXT(ROW_BELOW(closeness, at, rows, stride));
+    enum { ROWS_BELOW = ROWS_AHEAD - 1 };
+    const int stride = row_stride(frame);
+    FETCH_BELOW(current, at, ROWS_BELOW, stride);
+    FETCH_BELOW(current + plane, at, ROWS_BELOW, stride);
+    FETCH_BELOW(current + 2 * plane, at, ROWS_BELOW, stride);
+    FETCH_BELOW(closeness, at, ROWS_BELOW, stride);
     if (OWN_MOTION) {
-        FETCH_NEXT(ROW_BELOW(motion, at, rows, stride));
-        FETCH_NEXT(ROW_BELOW(motion + plane, at, rows, stride));
+        FETCH_BELOW(motion, at, ROWS_BELOW, stride);
+        FETCH_BELOW(motion + plane, at, ROWS_BELOW, stride);
     }
 }
 
@@ -28,11 +38,12 @@ STAGE void fetch_frame(plane_in current, plane_in closeness, plane_in motion, in
 STAGE void fetch_history(history_in history, plane_in count, plane_in previous_closeness, uint at, frame_t frame)
 {
     const size_t plane = history_plane_size(frame);
-    const int rows = ROWS_AHEAD + 1, stride = row_stride(frame);
-    FETCH_NEXT(ROW_BELOW(history, at, rows, stride));
-    FETCH_NEXT(ROW_BELOW(history + plane, at, rows, stride));
-    FETCH_NEXT(ROW_BELOW(history + 2 * plane, at, rows, stride));
-    FETCH_NEXT(ROW_BELOW(count, at, rows, stride));
+    enum { ROWS_BELOW = ROWS_AHEAD + 1 };
+    const int stride = row_stride(frame);
+    FETCH_BELOW(history, at, ROWS_BELOW, stride);
+    FETCH_BELOW(history + plane, at, ROWS_BELOW, stride);
+    FETCH_BELOW(history + 2 * plane, at, ROWS_BELOW, stride);
+    FETCH_BELOW(count, at, ROWS_BELOW, stride);
     if (REJECT == REJECT_DEPTH)
-        FETCH_NEXT(ROW_BELOW(previous_closeness, at, rows, stride));
+        FETCH_BELOW(previous_closeness, at, ROWS_BELOW, stride);
 }

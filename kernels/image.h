@@ -7,10 +7,14 @@
 
 STAGE int band_rows(frame_t frame) { return frame.band_rows > 0 ? frame.band_rows : frame.height; }
 
-// Texels from one row to the next: a constant where the kernels are built for one width.
+// Texels from one row to the next: a constant where the kernels are built for one size, or one width of bands.
 STAGE int row_stride(frame_t frame) { return STRIDE > 0 ? STRIDE : frame.stride; }
 
-STAGE size_t plane_size(frame_t frame) { return (size_t)row_stride(frame) * (size_t)(band_rows(frame) + 2 * PAD_Y); }
+// Texels from one plane to the next: a constant where the kernels are built for one size, which is no band then.
+STAGE size_t plane_size(frame_t frame)
+{
+    return PLANE > 0 ? (size_t)PLANE : (size_t)row_stride(frame) * (size_t)(band_rows(frame) + 2 * PAD_Y);
+}
 
 // Where a texel is in its plane. In 32 bits, since a GPU has no wider integers; a plane has less than 2^31 texels.
 STAGE uint texel_offset(frame_t frame, int x, int y)
@@ -20,7 +24,7 @@ STAGE uint texel_offset(frame_t frame, int x, int y)
 
 STAGE size_t history_plane_size(frame_t frame)
 {
-    return (size_t)row_stride(frame) * (size_t)(frame.height + 2 * PAD_Y);
+    return PLANE > 0 ? (size_t)PLANE : (size_t)row_stride(frame) * (size_t)(frame.height + 2 * PAD_Y);
 }
 
 STAGE uint history_offset(frame_t frame, int x, int y)

@@ -85,8 +85,11 @@ STAGE real outsideness(boxed d, boxed extent)
     return greater_or_nan(a, greater_or_nan(b, c));
 }
 
+// The ends of the variance box are centre and extent, so that there outsideness has said it.
 STAGE mask outside_ends(boxed v, box_t box)
 {
+    if (BOX == BOX_VARIANCE)
+        return (mask)(-1);
     return (v.a < box.low.a) | (v.a > box.high.a) | (v.b < box.low.b) | (v.b > box.high.b) | (v.c < box.low.c)
         | (v.c > box.high.c);
 }

@@ -30,11 +30,8 @@ STAGE footprint footprint_of(motion_t m, mask valid, uint at, frame_t frame)
 {
     footprint f;
     const real u = valid ? m.u : SPLAT(0.0), v = valid ? m.v : SPLAT(0.0);
-    const real left = floor_of(u), up = floor_of(v);
-    f.dx = TO_WHOLE(left);
-    f.dy = TO_WHOLE(up);
-    f.fx = u - left;
-    f.fy = v - up;
+    f.fx = u - floor_and_whole(u, &f.dx);
+    f.fy = v - floor_and_whole(v, &f.dy);
     scalar_whole x = first_lane(f.dx), y = first_lane(f.dy);
     f.lanes = LANES_ALIKE;
     f.step_x = f.step_y = (whole)(0);

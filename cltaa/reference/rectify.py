@@ -117,7 +117,7 @@ def rectify_history(history: Colour, current: Colour, box: BoxOf, build: Build) 
         t = _outsideness(d, box.extent, build)
         one = number(1.0, t)
         out = t > one
-        if build.choices.rectify is Rectify.CLIP:
+        if build.choices.rectify is Rectify.CLIP and build.choices.box is not Box.VARIANCE:
             out = out & _outside_ends(history, box)
         safe = np.where(out, t, one)
         a, b, c = (np.where(out, m + k / safe, h) for h, m, k in zip(history, box.centre, d, strict=True))

@@ -1,4 +1,4 @@
-"""What a build knows beforehand, terms that the settings make nothing of and the width of planes, changes no bit."""
+"""What a build knows beforehand, terms that the settings make nothing of and the size of planes, changes no bit."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ import pytest
 from msgspec.structs import replace
 
 from cltaa.build import Build, Terms
-from cltaa.device import Device, Shape
+from cltaa.device import Device
 from cltaa.launch import DeviceLauncher, NumpyLauncher
 from cltaa.params import Settings
 from cltaa.presets import load_preset
 from cltaa.resolve import Resolver
+from cltaa.shape import LEAST_ROWS, NVIDIA, Shape
 from tests.kernels.hard_planes import Planes
 from tests.kernels.stage_chain import ALL_STEPS, Work, differing, hard_work, run_stage
 from tests.sequence_factory import make_frame
@@ -56,10 +57,11 @@ def test_a_term_that_comes_to_nothing_is_left_out_without_a_trace(term: str, lan
 
 
 @pytest.mark.parametrize("lanes", [1, 8])
-def test_a_width_known_when_kernels_are_built_changes_no_bit(lanes: int) -> None:
+def test_a_size_known_when_kernels_are_built_changes_no_bit(lanes: int) -> None:
     work, build = work_with(Settings()), strict(lanes)
-    known = replace(build, stride=work.layout.stride)
-    assert differing(work, resolved(work, known, device()), resolved(work, build, device())) == 0
+    width = replace(build, stride=work.layout.stride)
+    for known in (width, replace(width, plane=work.layout.plane)):
+        assert differing(work, resolved(work, known, device()), resolved(work, build, device())) == 0
 
 
 def test_presets_call_for_the_terms_that_they_use() -> None:
@@ -73,12 +75,43 @@ def test_presets_call_for_the_terms_that_they_use() -> None:
     assert resolver.last.build.terms == Terms.of(resolver.preset.settings)
 
 
-def test_only_the_resolve_is_built_for_one_width(monkeypatch: pytest.MonkeyPatch) -> None:
-    shape = Shape(lanes=1, rows=ROWS, group=(32, 1), one_width=True)
+def test_only_the_resolve_is_built_for_one_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    shape = Shape(lanes=1, rows=ROWS, group=(32, 1), one_size=True)
     monkeypatch.setattr(Device, "shape", property(lambda _: shape))
     launcher = DeviceLauncher()
     resolver = Resolver("t0", launcher)
     resolver.resolve(make_frame(0, width=WIDTH, height=HEIGHT))
     assert resolver.last is not None
-    strides = {name: build.stride for name, build in launcher._kernels}
-    assert strides == {"resolve": resolver.last.layout.stride, "extend_edges": 0}
+    sizes = {name: (build.stride, build.plane) for name, build in launcher._kernels}
+    layout = resolver.last.layout
+    assert sizes == {"resolve": (layout.stride, layout.plane), "extend_edges": (0, 0)}
+
+
+@pytest.mark.parametrize(("asked", "taken"), [(0, 8), (ROWS + 1, ROWS + 1)])
+def test_rows_that_were_not_asked_for_fill_the_device(monkeypatch: pytest.MonkeyPatch, asked: int, taken: int) -> None:
+    shape = Shape(lanes=1, rows=ROWS, group=(32, 1), one_size=True, most_rows=9)
+    monkeypatch.setattr(Device, "shape", property(lambda _: shape))
+    launcher = DeviceLauncher()
+    resolver = Resolver("t1", launcher, rows=asked)
+    for index in range(2):
+        resolver.resolve(make_frame(index, width=WIDTH, height=HEIGHT))
+    assert {build.rows for name, build in launcher._kernels if name == "resolve"} == {taken}
+
+
+def turns(shape: Shape, width: int, height: int, rows: int, at_once: int) -> float:
+    return -(-width // shape.group[0]) * -(-height // rows) / at_once
+
+
+@pytest.mark.parametrize(
+    ("size", "registers", "rows"), [((3840, 2160), 96, 33), ((1920, 1080), 96, 25), ((3840, 2160), 128, 31)]
+)
+def test_the_rows_of_an_image_leave_no_turn_half_empty(size: tuple[int, int], registers: int, rows: int) -> None:
+    # 132 units, on which 5 groups of 128 work-items with 96 registers are under way, and 4 with 128.
+    at_once = 132 * (65536 // (registers * 128))
+    assert NVIDIA.even_rows(*size, registers, 132) == rows
+    filled = turns(NVIDIA, *size, rows, at_once)
+    assert 0.99 < filled / -(-filled // 1) <= 1.0
+
+
+def test_a_small_image_is_cut_into_many_columns() -> None:
+    assert NVIDIA.even_rows(160, 90, 96, 132) == LEAST_ROWS

@@ -14,12 +14,14 @@ from cltaa.bands import BandedResolver, band_rows_for, resolver_for
 from cltaa.build import Steps, Storage
 from cltaa.checkpoint import Checkpoints
 from cltaa.cli import main
+from cltaa.device import Device
 from cltaa.errors import UsageError
 from cltaa.frames import Frame
 from cltaa.manifest import Manifest
 from cltaa.memory import Memory, device_bytes, of_resolve, of_whole_images
 from cltaa.presets import load_preset
 from cltaa.resolve import Resolver
+from cltaa.shape import Shape
 from cltaa.sources import open_sequence
 from tests.sequence_factory import bits, make_camera, make_frame, special_values, write_sequence
 
@@ -60,6 +62,15 @@ def test_bands_of_any_height(strict: bool) -> None:
 def test_bands_with_every_channel_and_storage(storage: Storage, channels: dict[str, bool]) -> None:
     whole, banded = Resolver(storage=storage), BandedResolver(storage=storage, band_rows=6)
     for frame in frames(**channels):
+        expected = whole.resolve(frame)
+        assert np.array_equal(bits(banded.resolve(copied(frame))), bits(expected))
+
+
+def test_bands_where_kernels_are_built_for_one_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Planes of a band and of the history are of two sizes: a build that knew one would read the other wrongly."""
+    monkeypatch.setattr(Device, "shape", property(lambda _: Shape(lanes=1, rows=5, group=(8, 1), one_size=True)))
+    whole, banded = Resolver(strict=True), BandedResolver(strict=True, band_rows=6)
+    for frame in frames()[:3]:
         expected = whole.resolve(frame)
         assert np.array_equal(bits(banded.resolve(copied(frame))), bits(expected))
 

@@ -1,0 +1,48 @@
+"""How kernels are cut up for a class of devices: lanes, rows, groups and registers of a work-item."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+LEAST_ROWS = 8  # of a work-item where rows are chosen by the image; fewer have not been measured
+UNIT_REGISTERS = 65536  # of a compute unit of NVIDIA's, since compute capability 3.0 (CUDA C++ Programming Guide)
+START_ROWS = 3  # what a column costs at its start, in rows: two of the frame and three of the history are read anew
+
+
+class Shape(NamedTuple):
+    """How kernels are cut up for a class of devices, as was measured to be fast: docs/performance.md, Shapes."""
+
+    lanes: int  # pixels that a work-item computes side by side: a vector of a CPU, one on a GPU
+    rows: int  # rows that it slides down: long on a CPU, short on a GPU, which needs many work-items
+    group: tuple[int, int]  # work-items a group
+    registers: int = 0  # the most that a work-item may have; 0: as many as the compiler likes
+    one_size: bool = False  # whether the resolve is built for one size of planes
+    registers_to_reject: int = 0  # the same where history is rejected by its depth, which takes more of them
+    registers_for_light: int = 0  # the same where changing light is tested
+    registers_in_place: int = 0  # the same where history is neither moved nor rectified, which takes few
+    registers_for_few: int = 0  # the same where history is read from four texels at most
+    most_rows: int = 0  # up to which a resolve of whole images takes as many rows as fill the device; 0: ``rows``
+
+    def even_rows(self, width: int, height: int, registers: int, units: int) -> int:
+        """Rows a work-item for an image, so that the last groups leave few of a device's ``units`` compute units idle.
+
+        Groups start and end nearly together, in turns of as many as are under way at once; a column costs its rows and
+        its start. Columns so long that one turn does are slower where motion varies.
+        """
+        across, down = self.group
+        at_once = units * max(UNIT_REGISTERS // (max(registers, 1) * across * down), 1)
+
+        def cost(rows: int) -> int:
+            groups = -(-width // (across * self.lanes)) * -(-height // (down * rows))
+            return -(-groups // at_once) * (rows + START_ROWS)
+
+        return min(range(LEAST_ROWS, self.most_rows + 1), key=cost)
+
+
+CPU_8, CPU_16 = Shape(lanes=8, rows=32, group=(1, 1)), Shape(lanes=16, rows=64, group=(1, 1))
+GPU = Shape(lanes=1, rows=8, group=(64, 2))
+NVIDIA = Shape(
+    lanes=1, rows=16, group=(128, 1), one_size=True,
+    registers=96, registers_to_reject=128, registers_for_light=128, registers_in_place=64, registers_for_few=72,
+    most_rows=36,
+)  # fmt: skip
