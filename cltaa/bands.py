@@ -146,6 +146,10 @@ class BandedResolver(Resolver):
             return whole.colour
         return np.concatenate([whole.colour, frame.alpha[..., None]], axis=-1)
 
+    def reserve(self, width: int, height: int, *, alpha: bool) -> None:
+        """Allocate memory for frames of a size, with or without alpha; the edges of bands are the host's."""
+        self._fitting(Layout(width, height), alpha or self.every_step)
+
     def _allocate(self, layout: Layout, alpha: bool) -> Buffers:
         self._buffers = None  # released before the new ones are allocated
         band = Band.of(layout, 0, self._rows)

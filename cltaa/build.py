@@ -109,6 +109,12 @@ class Build(msgspec.Struct, frozen=True, kw_only=True):
         return (*always, "-cl-fast-relaxed-math") if self.relaxed else always
 
 
+def edge_builds(build: Build) -> tuple[Build, Build]:
+    """Builds of ``extend_edges`` for the history and for its counts: alike, whatever else decides the resolve."""
+    counts = Build(lanes=build.lanes, rows=build.rows)
+    return msgspec.structs.replace(counts, storage=build.storage), counts
+
+
 # The per-frame struct: name -> (C type, meaning). All members have 4 bytes, so that every compiler lays it out alike.
 FRAME_FIELDS: dict[str, tuple[str, str]] = {
     "width": ("int", "pixels a row"),

@@ -50,6 +50,8 @@ def root(ctx: click.Context, debug: bool) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line and return its exit code (sysexits; 130 when interrupted); an error is one line."""
+    # NumPy's linear algebra starts a thread a core when it is imported, which then waits busily; our matrices are 4x4.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     debug, arguments = _take_debug(sys.argv[1:] if arguments is None else arguments)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

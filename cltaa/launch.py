@@ -42,6 +42,9 @@ class Launcher(Protocol):
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
         """Zeroed memory."""
 
+    def prepare(self, kernel: str, build: Build) -> None:
+        """Build a kernel before it is run."""
+
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
         """Run a kernel over an image of ``layout``; arguments are buffers, struct records, whole numbers or None."""
 
@@ -80,6 +83,10 @@ class DeviceLauncher:
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
         """Zeroed device memory."""
         return self.device.allocate(shape, dtype)
+
+    def prepare(self, kernel: str, build: Build) -> None:
+        """Build a kernel, or take it from the driver's cache."""
+        self.kernel(kernel, build)
 
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
         """Enqueue a kernel; it runs in the order of the queue. Raises DeviceLost."""
@@ -127,7 +134,9 @@ class DeviceLauncher:
     ) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
         if kernel == "extend_edges":
             halo = layout.stride * layout.rows - layout.width * layout.height
-            return (halo if build.lanes == 1 else layout.rows, int(arguments["planes"])), None
+            planes = int(arguments["planes"])
+            # Left to itself PoCL makes a group of all rows of a plane, which one core runs, and builds for its size.
+            return ((halo, planes), None) if build.lanes == 1 else ((layout.rows, planes), (1, 1))
         rows = build.rows if kernel in SLIDING else 1
         columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
         group = self.device.shape.group
@@ -184,6 +193,9 @@ class NumpyLauncher:
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
         """Zeroed arrays."""
         return _Array(shape, dtype)
+
+    def prepare(self, kernel: str, build: Build) -> None:
+        """Nothing is built."""
 
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
         """Run the twin of a kernel at once."""

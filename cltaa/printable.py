@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-from rich.markup import escape
 
 
 def printable(text: str | Path, *, longest: int | None = None) -> str:
@@ -27,6 +26,8 @@ def printable(text: str | Path, *, longest: int | None = None) -> str:
 
 def shown(text: str | Path) -> str:
     """Return ``text`` as rich prints it to the letter: no markup, nothing that does not print."""
+    from rich.markup import escape  # here: every error is made printable, and few tables are printed
+
     return escape(printable(text))
 
 

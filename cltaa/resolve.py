@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from cltaa.buffers import Buffers
-from cltaa.build import HALVES, Build, Real, Record, Steps, Storage, Terms, settings_record
+from cltaa.build import HALVES, Build, Real, Record, Steps, Storage, Terms, edge_builds, settings_record
 from cltaa.frame_record import Past as Past
 from cltaa.frame_record import frame_record as frame_record
 from cltaa.frames import Frame, Image
@@ -131,8 +131,10 @@ class Resolver:
         return {**buffers.recurrent(), "kept": self._kept.planes}
 
     def reserve(self, width: int, height: int, *, alpha: bool) -> None:
-        """Allocate memory for frames of a size, with or without alpha, while the first of them is still being read."""
+        """Do what every frame of a size needs, with or without alpha, while the first of them is still being read."""
         self._fitting(Layout(width, height), alpha or self.every_step)
+        for build in edge_builds(self.launcher.build(self._shape)):
+            self.launcher.prepare("extend_edges", build)
 
     def resolve(self, frame: Frame) -> Image:
         """The resolved colour of ``frame``, [H, W, 3] float32, or [H, W, 4] where the frame has alpha.
@@ -173,14 +175,12 @@ class Resolver:
         previous = self._previous
         if previous is not None and not previous.continues_in(frame, self.preset.choices):
             previous = None
-        camera = None if previous is None else previous.camera
-        self.plan = plan_frame(self.preset, frame, camera, every=self.every_step)
+        self.plan = plan_frame(self.preset, frame, previous.camera if previous else None, every=self.every_step)
         return previous, self._build(self.plan)
 
     def _build(self, plan: Plan) -> Build:
-        terms = Terms.of(plan.settings)
-        build = msgspec.structs.replace(self._shape, choices=plan.choices, steps=plan.steps, terms=terms)
-        return self.launcher.build(build)
+        decided = {"choices": plan.choices, "steps": plan.steps, "terms": Terms.of(plan.settings)}
+        return self.launcher.build(msgspec.structs.replace(self._shape, **decided))
 
     def _fitting(self, layout: Layout, alpha: bool) -> Buffers:
         if self._buffers is None or not self._buffers.fit(layout, alpha):
@@ -215,10 +215,10 @@ class Resolver:
             kept.keep(frame, buffers, steps)
         else:
             self._resolve(record, build, buffers)
-        float_build = build if build.storage is Storage.FLOAT else Build(lanes=build.lanes, rows=build.rows)
+        colours, counts = edge_builds(build)
         doubled = self.plan.choices.history_of is HistoryOf.DOUBLED
-        written = [(build, *image) for image in buffers.written(doubled)]
-        for shaped, image, planes in (*written, (float_build, buffers.output_count, 1)):
+        written = [(colours, *image) for image in buffers.written(doubled)]
+        for shaped, image, planes in (*written, (counts, buffers.output_count, 1)):
             self.launcher.run("extend_edges", shaped, layout, {"image": image, "frame": record, "planes": planes})
         buffers.doubled = doubled
 

@@ -22,7 +22,7 @@ STAGE real texel_at(plane_in p, footprint f, int stride)
         return down ? b : a;
     }
     if (f.lanes == LANES_APART)
-        return texel_apart(p + f.own, f, 0, 0, stride);
+        return texels_apart(p + f.own, steps_apart(f.dx, f.dy, stride));
 #endif
     return load(q);
 }

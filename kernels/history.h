@@ -19,9 +19,11 @@ STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, si
     colour v;
     if (f.lanes == LANES_ON_TEXELS) // tested here too, once for the three: faster than a test a plane
         return load_history_colour(p + f.at, plane);
-    v.r = sample_plane(p, f, wx, wy, stride);
-    v.g = sample_plane(p + plane, f, wx, wy, stride);
-    v.b = sample_plane(p + 2 * plane, f, wx, wy, stride);
+    real sample[3];
+    ROLLED
+    for (int i = 0; i < 3; ++i)
+        sample[i] = sample_plane(p + (size_t)i * plane, f, wx, wy, stride);
+    v.r = sample[0], v.g = sample[1], v.b = sample[2];
     return v;
 }
 

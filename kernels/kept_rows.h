@@ -60,7 +60,7 @@ STAGE void fill_rows(kept_rows* kept, history_in p, size_t plane, int y, int str
     kept->filled = 1;
     kept->wx = history_weights(kept->fx);
     kept->wy = history_weights(kept->fy);
-#pragma clang loop unroll(disable)
+    ROLLED
     for (int i = 0; i < 9; ++i)
         kept->row[i / 3][(y + i % 3 - 1) & 3]
             = row_alike(p + (size_t)(i / 3) * plane + (i % 3 - 1) * (ptrdiff_t)stride, kept->wx).middle;

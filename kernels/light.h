@@ -49,9 +49,10 @@ STAGE colour nearest_texel(history_in p, nearest_t n, int i, int j, size_t plane
 {
 #if LANES > 1
     if (!n.alike) {
-        p += n.own;
-        const colour v = { gather(p, n.dx + i, n.dy + j, stride), gather(p + plane, n.dx + i, n.dy + j, stride),
-            gather(p + 2 * plane, n.dx + i, n.dy + j, stride) };
+        const whole steps = steps_apart(n.dx, n.dy, stride);
+        history_in q = p + n.own + i + j * (ptrdiff_t)stride;
+        const colour v
+            = { history_apart(q, steps), history_apart(q + plane, steps), history_apart(q + 2 * plane, steps) };
         return v;
     }
 #endif

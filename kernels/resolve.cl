@@ -13,8 +13,12 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
     if (x >= frame.width || first >= end)
         return;
     const int last = first + ROWS < end ? first + ROWS : end;
-    row_t above = read_row(current, closeness, motion, x, first - 1, frame);
-    row_t centre = read_next_row(above, current, closeness, motion, x, first, frame);
+    row_t above = { 0 }, centre = { 0 };
+    ROLLED
+    for (int y = first - 1; y <= first; ++y) {
+        above = centre;
+        centre = read_next_row(above, current, closeness, motion, x, y, frame);
+    }
     kept_rows kept = nothing_kept();
     for (int y = first; y < last; ++y) {
         fetch_frame(current, closeness, motion, x, y, frame);

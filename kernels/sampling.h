@@ -85,12 +85,28 @@ STAGE row_taps row_close(history_in p, weights w, whole step)
     return weigh(first, right ? b : a, right ? c : b, right ? d : c, right ? e : d, last, w);
 }
 
-STAGE real gather(history_in p, whole dx, whole dy, int stride)
+// Texels from the segment's own to each lane's; a plane has less than 2^31.
+STAGE whole steps_apart(whole dx, whole dy, int stride) { return dy * stride + dx + (whole)(LANE_NUMBERS); }
+
+// The texels of a plane of floats that lie `steps` from p.
+STAGE real texels_apart(plane_in p, whole steps)
 {
+#if GATHERS
+    return __builtin_ia32_gathersiv16sf(SPLAT(0.0), (const void*)(size_t)p, steps, (ushort)0xffff, sizeof(float));
+#else
+    real v;
+    for (int lane = 0; lane < LANES; ++lane)
+        ((scalar*)&v)[lane] = p[((const scalar_whole*)&steps)[lane]];
+    return v;
+#endif
+}
+
+STAGE real history_apart(history_in p, whole steps)
+{
+#if STORAGE_HALF || STORAGE_DOUBLE
     real v;
     for (int lane = 0; lane < LANES; ++lane) {
-        history_in q
-            = p + (ptrdiff_t)((const scalar_whole*)&dy)[lane] * stride + ((const scalar_whole*)&dx)[lane] + lane;
+        history_in q = p + ((const scalar_whole*)&steps)[lane];
 #if STORAGE_HALF
         ((scalar*)&v)[lane] = vload_half(0, q);
 #else
@@ -98,18 +114,21 @@ STAGE real gather(history_in p, whole dx, whole dy, int stride)
 #endif
     }
     return v;
+#else
+    return texels_apart(p, steps);
+#endif
 }
 
-STAGE row_taps row_apart(history_in p, weights w, footprint f, int row, int stride)
+// A row of taps; p points at the segment's own. Reading them takes so long that the loops around it cost nothing, and
+// written out they were half of what a compiler had to work through.
+STAGE row_taps row_apart(history_in p, weights w, whole steps)
 {
-    const whole dy = f.dy + row;
-    real first = SPLAT(0.0), last = SPLAT(0.0);
-    if (SIX_TAPS) {
-        first = gather(p, f.dx - 2, dy, stride);
-        last = gather(p, f.dx + 3, dy, stride);
-    }
-    return weigh(first, gather(p, f.dx - 1, dy, stride), gather(p, f.dx, dy, stride), gather(p, f.dx + 1, dy, stride),
-        gather(p, f.dx + 2, dy, stride), last, w);
+    real tap[6];
+    tap[0] = tap[5] = SPLAT(0.0);
+    ROLLED
+    for (int i = SIX_TAPS ? 0 : 1; i < (SIX_TAPS ? 6 : 5); ++i)
+        tap[i] = history_apart(p + (i - 2), steps);
+    return weigh(tap[0], tap[1], tap[2], tap[3], tap[4], tap[5], w);
 }
 
 STAGE row_taps choose_row(mask m, row_taps a, row_taps b)
@@ -146,13 +165,13 @@ STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int s
             choose_row(down, e, d), last, wx, wy);
     }
     if (f.lanes == LANES_APART) {
-        p += f.own;
-        if (SIX_TAPS) {
-            first = row_apart(p, wx, f, -2, stride);
-            last = row_apart(p, wx, f, 3, stride);
-        }
-        return weigh_rows(first, row_apart(p, wx, f, -1, stride), row_apart(p, wx, f, 0, stride),
-            row_apart(p, wx, f, 1, stride), row_apart(p, wx, f, 2, stride), last, wx, wy);
+        const whole steps = steps_apart(f.dx, f.dy, stride);
+        row_taps row[6];
+        row[0] = row[5] = first;
+        ROLLED
+        for (int i = SIX_TAPS ? 0 : 1; i < (SIX_TAPS ? 6 : 5); ++i)
+            row[i] = row_apart(p + f.own + (i - 2) * (ptrdiff_t)stride, wx, steps);
+        return weigh_rows(row[0], row[1], row[2], row[3], row[4], row[5], wx, wy);
     }
 #endif
     if (SIX_TAPS) {
@@ -168,17 +187,6 @@ typedef struct
 {
     real p00, p10, p01, p11;
 } quad;
-
-#if LANES > 1
-STAGE real texel_apart(plane_in p, footprint f, int column, int row, int stride)
-{
-    real v;
-    for (int lane = 0; lane < LANES; ++lane)
-        ((scalar*)&v)[lane] = p[((ptrdiff_t)((const scalar_whole*)&f.dy)[lane] + row) * stride
-            + ((const scalar_whole*)&f.dx)[lane] + column + lane];
-    return v;
-}
-#endif
 
 STAGE quad sample_quad(plane_in p, footprint f, int stride)
 {
@@ -199,10 +207,13 @@ STAGE quad sample_quad(plane_in p, footprint f, int stride)
         return t;
     }
     if (f.lanes == LANES_APART) {
-        p += f.own;
-        t.p00 = texel_apart(p, f, 0, 0, stride), t.p10 = texel_apart(p, f, 1, 0, stride);
-        t.p01 = texel_apart(p, f, 0, 1, stride), t.p11 = texel_apart(p, f, 1, 1, stride);
-        return t;
+        const whole steps = steps_apart(f.dx, f.dy, stride);
+        real texel[4];
+        ROLLED
+        for (int i = 0; i < 4; ++i)
+            texel[i] = texels_apart(p + f.own + (i & 1) + (i >> 1) * (ptrdiff_t)stride, steps);
+        const quad apart = { texel[0], texel[1], texel[2], texel[3] };
+        return apart;
     }
 #endif
     t.p00 = load(q), t.p10 = load(q + 1);

@@ -53,16 +53,8 @@ STAGE real load_tap(history_in p, const taps_at* at, int column, int row)
     const whole step = at->column[column - FIRST_TAP] + at->row[row - FIRST_TAP];
     history_in q = p + at->own;
 #if LANES > 1
-    if (at->lanes > LANES_ALIKE) {
-        real v;
-        for (int lane = 0; lane < LANES; ++lane)
-#if STORAGE_HALF
-            ((scalar*)&v)[lane] = vload_half(0, q + ((const scalar_whole*)&step)[lane] + lane);
-#else
-            ((scalar*)&v)[lane] = (scalar)q[((const scalar_whole*)&step)[lane] + lane];
-#endif
-        return v;
-    }
+    if (at->lanes > LANES_ALIKE)
+        return history_apart(q, step + (whole)(LANE_NUMBERS));
 #endif
     return load_history(q + first_lane(step));
 }

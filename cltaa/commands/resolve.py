@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.table import Table
 
 from cltaa.bands import resolver_for
 from cltaa.build import STORAGES, Storage
@@ -173,6 +171,9 @@ def _frame_range(text: str) -> tuple[int, int]:
 
 
 def _print_outcome(outcome: Outcome) -> None:
+    from rich.console import Console  # here and below: when the frames are written, and not before the first is read
+    from rich.table import Table
+
     console = Console()
     what = f"{outcome.frames} frames, {outcome.width} x {outcome.height}, preset {shown(outcome.preset)}"
     console.print(what, highlight=False, soft_wrap=True)

@@ -60,7 +60,7 @@ def test_few_kernels_serve_a_sequence_whose_camera_stops_and_cuts() -> None:
     for index, camera in enumerate(walking):
         resolver.resolve(make_frame(index, camera=camera, cut=index == 6))
     # One for the steps with the camera's motion, one for those without, and one that extends edges for both of these.
-    assert sorted(name for name, _ in launcher._kernels) == ["extend_edges", "extend_edges", "resolve", "resolve"]
+    assert sorted(name for name, _ in launcher._kernels) == ["extend_edges", "resolve", "resolve"]
 
 
 def reasons(frame: Frame, previous: Camera | None) -> dict[str, tuple[bool, str]]:
