@@ -9,6 +9,7 @@ import msgspec
 
 from cltaa.inputs.intake import open_intake
 from cltaa.inputs.parts import read_any_header
+from cltaa.inputs.roles import Place, shown_name
 
 
 class Description(msgspec.Struct, kw_only=True):
@@ -35,14 +36,15 @@ def describe_input(
     numbers = sorted(intake.declared)
     size = intake.layouts[numbers[0]]
     used = {place for places in intake.roles.values() for place in places}
+    several = len(intake.sets) > 1
     there = [
-        (label, channel)
+        Place(label, channel)
         for label, files in sorted(intake.sets.items())
         for channel in read_any_header(files[min(files)]).layout.channels
     ]
     return Description(
         folder=str(folder), profile=intake.profile.name, reason=intake.reason, first=numbers[0], last=numbers[-1],
         frames=len(numbers), width=size.width, height=size.height,
-        channels={role: [place.channel for place in places] for role, places in intake.roles.items()},
-        unused=[channel for label, channel in there if (label, channel) not in used], notes=intake.notes,
+        channels={role: [shown_name(place, several) for place in places] for role, places in intake.roles.items()},
+        unused=[shown_name(place, several) for place in there if place not in used], notes=intake.notes,
     )  # fmt: skip

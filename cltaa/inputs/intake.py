@@ -112,5 +112,5 @@ def _notes(intake: Intake) -> list[str]:
 def intake_lines(intake: Intake) -> Iterator[str]:
     """What was decided, for a reader: profile and reason, channels, what is missing."""
     yield f"profile {intake.profile.name}: {intake.reason}"
-    yield f"channels: {describe(intake.roles)}"
+    yield f"channels: {describe(intake.roles, len(intake.sets) > 1)}"
     yield from intake.notes

@@ -64,29 +64,37 @@ def assign(profile: Profile, channels: Mapping[str, Iterable[str]]) -> dict[str,
     return {role: places for role, places in found.items() if places}
 
 
-def describe(roles: Roles) -> str:
-    """One line: every role and its channels."""
-    return "; ".join(f"{role} {' '.join(place.channel for place in places)}" for role, places in roles.items())
+def describe(roles: Roles, several: bool = False) -> str:
+    """One line: every role and its channels, with the names of their files where there are ``several`` sets."""
+    return "; ".join(
+        f"{role} {' '.join(shown_name(place, several) for place in places)}" for role, places in roles.items()
+    )
+
+
+def shown_name(place: Place, several: bool) -> str:
+    """A channel as a reader is told of it."""
+    return f"{_short(place.files)}.{place.channel}" if several else place.channel
 
 
 def _first(candidates: Sequence[str], channels: Mapping[str, Iterable[str]]) -> tuple[Place, ...]:
     for candidate in candidates:
-        wanted = candidate.split()
         # With several sets of files, ``depth.Z`` also means channel Z of the set named depth; that is tried first.
         for by_set in (True, False):
-            places = [_match(pattern, channels, by_set) for pattern in wanted]
-            if all(places):
-                return tuple(place for place in places if place)
+            # All channels of a role are in one set: R of a depth and G of a picture make no colour.
+            found = [_in_set(candidate.split(), label, names, by_set) for label, names in channels.items()]
+            whole = [places for places in found if places]
+            if whole:  # the shortest names are the least qualified: no view, no light group
+                return min(whole, key=lambda places: sum(len(place.channel) for place in places))
     return ()
 
 
-def _match(pattern: str, channels: Mapping[str, Iterable[str]], by_set: bool) -> Place | None:
-    matches = []
-    for label, names in channels.items():
-        short = label.split("/")[0] if "/" in label else label
-        for name in names:
-            text = f"{short}.{name}" if by_set else name
-            if fnmatchcase(text, pattern):
-                matches.append(Place(label, name))
-    matches.sort(key=lambda place: len(place.channel))  # the shortest is the least qualified: no view, no light group
-    return matches[0] if matches else None
+def _in_set(patterns: Sequence[str], label: str, names: Iterable[str], by_set: bool) -> tuple[Place, ...]:
+    """The channel of each pattern within one set of files; empty unless all are there."""
+    names, before = sorted(names, key=len), f"{_short(label)}." if by_set else ""
+    matches = [[name for name in names if fnmatchcase(before + name, pattern)] for pattern in patterns]
+    return tuple(Place(label, found[0]) for found in matches) if all(matches) else ()
+
+
+def _short(label: str) -> str:
+    """The name of a set of files for a reader: that of its folder, if it has one of its own."""
+    return label.split("/")[0]

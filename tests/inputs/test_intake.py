@@ -108,6 +108,22 @@ def test_parts_of_an_unknown_writer(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read(tmp_path)[1].depth, made[1].depth)
 
 
+def test_files_of_an_engine(tmp_path: Path) -> None:
+    """Each buffer in files of its own, all of them with R, G and B; nothing is put together from two of them."""
+    made = frames()
+    for frame in made:
+        for name, planes in (
+            ("depth", [frame.depth] * 3),
+            ("image", np.moveaxis(frame.colour, -1, 0)),
+            ("a", [frame.depth]),
+        ):
+            write_image(tmp_path / f"{name}_{frame.index:04d}.exr", dict(zip("RGB", planes, strict=False)))
+    intake = open_intake(tmp_path)
+    assert list(intake_lines(intake))[1] == "channels: colour image.R image.G image.B; depth depth.R"
+    np.testing.assert_array_equal(read(tmp_path)[1].colour, made[1].colour)
+    np.testing.assert_array_equal(read(tmp_path)[1].depth, made[1].depth)
+
+
 def test_a_folder_for_each_channel_set(tmp_path: Path) -> None:
     made = frames()
     for frame in made:
