@@ -19,6 +19,7 @@ from cltaa.numbered import NumberedFiles
 from cltaa.pictures import side_by_side
 
 QUALITY = 16  # x264's constant rate factor: finer than its default of 23, whose blocks would hide what is compared
+SUFFIXES = (".mp4", ".m4v")  # players go by them
 BT709 = 1  # number of ITU-R BT.709 in the tables of H.264, for primaries, curve and matrix
 
 
@@ -91,6 +92,10 @@ def check_film(path: Path, sequence: NumberedFiles) -> None:
     """Tell before the work what would stop a film of ``sequence`` after it; raises UsageError and OutputError."""
     import_av()
     check_creatable(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise UsageError(
+            "a film is an MP4", path=path, expected=" or ".join(SUFFIXES), found=path.suffix or "no suffix"
+        )
     if len({(layout.width, layout.height) for layout in sequence.layouts.values()}) > 1:
         raise UsageError("a film of frames of several sizes", path=path, cure="leave --preview out")
 

@@ -52,6 +52,7 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve seq -o out --frames 99999999999999999999", WRONG, "no such frame (expected 0 to 2)"),
     ("resolve seq -o out --storage x", USAGE, "Invalid value for '--storage'"),
     ("resolve seq -o out --device numpy --preview empty", OUTPUT, "empty: this is a folder"),
+    ("resolve seq -o out --device numpy --preview x.gif", WRONG, "x.gif: a film is an MP4 (expected .mp4 or .m4v,"),
     ("resolve seq -o out --device numpy --preview no/x.mp4", OUTPUT, "no/x.mp4: the file cannot be created"),
     ("resolve seq -o out --profile nonsense", WRONG, "unknown profile nonsense"),
     ("resolve seq -o out --profile nowhere.toml", MISSING, "nowhere.toml: the file is missing"),
