@@ -76,9 +76,10 @@ def test_resolve_takes_it_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_a_measurement_is_remembered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     sequence = write_sequence(tmp_path / "seq", 3, reference=True)
     arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path / "report"), "--only", "build,dilation"]
+    arguments += ["--preset", "t1"]  # whose kernels are built soonest
     assert main([*arguments, "--rounds", "3", "--patience", "0", "--rounding-frames", "0", "--metrics", "mse"]) == 0
     capsys.readouterr()
     known = msgspec.json.decode(known_path(launcher_for(None).description).read_bytes(), type=Known)
-    assert [row.variant.name for row in known.candidates] == ["default", "dilation: none", "dilation: closest"]
+    assert [row.variant.name for row in known.candidates] == ["t1", "dilation: closest", "dilation: edge"]
     assert known.candidates[0].error == 1.0
     assert known.sequences == ["seq"]
