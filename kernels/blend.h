@@ -46,6 +46,23 @@ STAGE real luminance_weight(real weight, colour current, colour history, setting
     return quotient(for_current, for_current + for_history);
 }
 
+// Luminance weight 1 / (knee + Y): one firefly does not outweigh a pixel's whole past (Karis 2014 with knee 1).
+STAGE real sample_share(colour v, settings_t settings)
+{
+    if (WEIGHTING == WEIGHTING_NONE)
+        return SPLAT(1.0);
+    return reciprocal(SPLAT(settings.luminance_knee) + greater(luminance(v), SPLAT(0.0)));
+}
+
+// How far two colours differ, each as much as it counts: dim light as it is, highlights no more than luminance_knee.
+STAGE colour share_difference(colour v, colour other, settings_t settings)
+{
+    const real knee = WEIGHTING == WEIGHTING_NONE ? SPLAT(1.0) : SPLAT(settings.luminance_knee);
+    const real a = knee * sample_share(v, settings), b = knee * sample_share(other, settings);
+    const colour d = { a * v.r - b * other.r, a * v.g - b * other.g, a * v.b - b * other.b };
+    return d;
+}
+
 // Lottes' measure u = 1 - |dY| / max(Y, Y, knee): the weight is scaled by a share that goes with u^2 from that of
 // luminances that differ to that of luminances that agree.
 STAGE real difference_share(colour current, colour history, settings_t settings)

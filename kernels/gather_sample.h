@@ -4,17 +4,9 @@
 #include "gather_sides.h"
 #include "gather_track.h"
 
-#if !defined(ALPHA) || !defined(EXPOSURE) || !defined(WEIGHTING)
-#error "gather_sample.h needs ALPHA, EXPOSURE and WEIGHTING from the prelude"
+#if !defined(ALPHA) || !defined(EXPOSURE)
+#error "gather_sample.h needs ALPHA and EXPOSURE from the prelude"
 #endif
-
-// Luminance weight 1 / (knee + Y): one firefly does not outweigh a pixel's whole past (Karis 2014 with knee 1).
-STAGE real sample_share(colour v, settings_t settings)
-{
-    if (WEIGHTING == WEIGHTING_NONE)
-        return SPLAT(1.0);
-    return reciprocal(SPLAT(settings.luminance_knee) + greater(luminance(v), SPLAT(0.0)));
-}
 
 STAGE colour colour_at(plane_in p, footprint f, size_t plane, int stride)
 {
@@ -88,7 +80,7 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
     add_sample(g, d, counted * sample_share(c, settings), good ? dx : zero, good ? dy : zero, far_only ? !near : near);
     g->count += counted;
     if (v.recent)
-        add_recent(g, d, counted);
+        add_recent(g, share_difference(c, now.own, settings), counted);
     if (ALPHA) {
         const real a = usable_share(texel_at(p + KEPT_ALPHA * plane, v.f, stride), SPLAT(1.0));
         g->alpha += good ? share * (a - now.alpha) : zero;

@@ -35,7 +35,7 @@ __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in
                 b.far = gather_samples(
                     kept, past, from, to, 0, &far_t, b.far, p, back.s, back.l, 1, x, y, frame, settings);
             out = resolve_gathered(b.near, b.far, b.l, p, b.m, frame, settings);
-            error = span_error(b.near, p.own, out);
+            error = span_error(b.near, p.own, out, settings);
             store_span(spans, span, out, error, x, y, frame);
             from = to;
         }
@@ -45,7 +45,7 @@ __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in
         out.rgb = choose_colour(told, unmoved.rgb, out.rgb);
         out.alpha = told ? unmoved.alpha : out.alpha;
         out.count = told ? unmoved.count : out.count;
-        store_span(spans, UNMOVED, out, told ? span_error(b.near, p.own, unmoved) : error, x, y, frame);
+        store_span(spans, UNMOVED, out, told ? span_error(b.near, p.own, unmoved, settings) : error, x, y, frame);
         above = centre;
         centre = below;
     }

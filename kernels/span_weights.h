@@ -15,12 +15,18 @@ STAGE plane_in span_plane(plane_in spans, int span, int plane, frame_t frame)
     return spans + ((size_t)span * SPAN_PLANES + (size_t)plane) * plane_size(frame);
 }
 
+// From a texel to the k-th of those around it, row by row.
+STAGE ptrdiff_t span_step(int k, frame_t frame)
+{
+    const int side = 2 * SPAN_REACH + 1;
+    return (k / side - SPAN_REACH) * (ptrdiff_t)row_stride(frame) + (k % side - SPAN_REACH);
+}
+
 STAGE real sum_around(plane_in p, frame_t frame)
 {
     real sum = SPLAT(0.0);
-    for (int j = -SPAN_REACH; j <= SPAN_REACH; ++j)
-        for (int i = -SPAN_REACH; i <= SPAN_REACH; ++i)
-            sum += load(p + j * (ptrdiff_t)row_stride(frame) + i);
+    for (int k = 0; k < SPAN_TEXELS; ++k)
+        sum += load(p + span_step(k, frame));
     return sum;
 }
 
@@ -45,31 +51,59 @@ typedef struct
     drift_t r, g, b;
 } drifts;
 
-// By what lies `share` of the way from the shortest span to the middle one.
-STAGE drift_t drift_of(plane_in span, plane_in shortest, plane_in middle, real share, frame_t frame)
+// What lies `share` of the way from the shortest span to the middle one.
+STAGE real between_spans(plane_in shortest, plane_in middle, real share)
 {
-    const real first = load(shortest), own = (first + share * (load(middle) - first)) - load(span);
-    real sum = SPLAT(0.0), squares = sum, level = sum;
-    for (int j = -SPAN_REACH; j <= SPAN_REACH; ++j)
-        for (int i = -SPAN_REACH; i <= SPAN_REACH; ++i) {
-            const ptrdiff_t step = j * (ptrdiff_t)row_stride(frame) + i;
-            const real v = load(span + step), now = load(shortest + step);
-            const real d = ((now + share * (load(middle + step) - now)) - v) - own;
-            sum += d;
-            squares += d * d;
-            level += absolute(v);
-        }
-    const real texels = SPLAT(SPAN_TEXELS), offset = quotient(sum, texels);
-    const real variance = quotient(greater(squares - sum * offset, SPLAT(0.0)), texels * (texels - K(1.0)));
-    const drift_t drift = { own + offset, variance, quotient(level, texels) };
+    const real first = load(shortest);
+    return first + share * (load(middle) - first);
+}
+
+// How much each texel around counts for a drift: as its light does in a mean of samples, then and now. A highlight that
+// comes or goes is no change of the light around it.
+STAGE void weigh_texels(
+    real* weights, plane_in span, plane_in shortest, plane_in middle, real share, frame_t frame, settings_t settings)
+{
+    const size_t plane = plane_size(frame);
+    for (int k = 0; k < SPAN_TEXELS; ++k) {
+        const ptrdiff_t step = span_step(k, frame);
+        const colour now = { between_spans(shortest + step, middle + step, share),
+            between_spans(shortest + step + plane, middle + step + plane, share),
+            between_spans(shortest + step + 2 * plane, middle + step + 2 * plane, share) };
+        weights[k] = sample_share(load_colour(span + step, plane), settings) * sample_share(now, settings);
+    }
+}
+
+// By what lies `share` of the way from the shortest span to the middle one. Twice over the texels: beside a highlight
+// their squares less the square of their mean would leave its rounding.
+STAGE drift_t drift_of(
+    plane_in span, plane_in shortest, plane_in middle, real share, const real* weights, frame_t frame)
+{
+    real sum = SPLAT(0.0), squares = sum, level = sum, weight = sum;
+    for (int k = 0; k < SPAN_TEXELS; ++k) {
+        const ptrdiff_t step = span_step(k, frame);
+        const real v = load(span + step);
+        sum += weights[k] * (between_spans(shortest + step, middle + step, share) - v);
+        level += weights[k] * absolute(v);
+        weight += weights[k];
+    }
+    const real mean = quotient(sum, weight);
+    for (int k = 0; k < SPAN_TEXELS; ++k) {
+        const ptrdiff_t step = span_step(k, frame);
+        const real off = (between_spans(shortest + step, middle + step, share) - load(span + step)) - mean;
+        squares += weights[k] * (off * off);
+    }
+    const drift_t drift = { mean, quotient(squares, weight * SPLAT(SPAN_TEXELS - 1)), quotient(level, weight) };
     return drift;
 }
 
-STAGE drifts drifts_of(plane_in span, plane_in shortest, plane_in middle, real share, size_t plane, frame_t frame)
+STAGE drifts drifts_of(
+    plane_in span, plane_in shortest, plane_in middle, real share, size_t plane, frame_t frame, settings_t settings)
 {
-    const drifts d = { drift_of(span, shortest, middle, share, frame),
-        drift_of(span + plane, shortest + plane, middle + plane, share, frame),
-        drift_of(span + 2 * plane, shortest + 2 * plane, middle + 2 * plane, share, frame) };
+    real weights[SPAN_TEXELS];
+    weigh_texels(weights, span, shortest, middle, share, frame, settings);
+    const drifts d = { drift_of(span, shortest, middle, share, weights, frame),
+        drift_of(span + plane, shortest + plane, middle + plane, share, weights, frame),
+        drift_of(span + 2 * plane, shortest + 2 * plane, middle + 2 * plane, share, weights, frame) };
     return d;
 }
 

@@ -16,12 +16,13 @@ STAGE int span_end(int span, int frames)
     return end < frames ? end : frames;
 }
 
-// Squared distances of the latest samples, the current one among them, from what a span says, all channels. A span
+// Squared distances of the latest samples, the current one among them, from what a span says, all channels, of light as
+// much as it counts in a mean: the edge of a highlight would outweigh all around it that a screen can show. A span
 // holds these samples itself and lies the nearer to them the fewer others it has, which is made good (leave one out).
-STAGE real span_error(gathered g, colour now, resolved span)
+STAGE real span_error(gathered g, colour now, resolved span, settings_t settings)
 {
     const real one = SPLAT(1.0), two = SPLAT(2.0);
-    const colour v = to_range(span.rgb), d = { v.r - now.r, v.g - now.g, v.b - now.b };
+    const colour d = share_difference(to_range(span.rgb), now, settings);
     const real along = (d.r * g.recent.r + d.g * g.recent.g) + d.b * g.recent.b;
     const real size = (d.r * d.r + d.g * d.g) + d.b * d.b;
     const real squares = (g.recent_squares - two * along) + (one + g.recent_count) * size;
@@ -40,7 +41,8 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in kept, frames_in past, in
     const uint at = texel_offset(frame, x, y);
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
     gathered g = no_samples();
-    settings.luminance_knee *= STANDING_KNEE;
+    settings_t standing = settings;
+    standing.luminance_knee *= STANDING_KNEE;
     for (int k = 0; k < frames; ++k) {
         const frame_t then = past[k];
         plane_in q = kept + (size_t)then.slot * KEPT_PLANES * plane + at;
@@ -49,10 +51,10 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in kept, frames_in past, in
         if (EXPOSURE)
             c = scaled(c, SPLAT(then.exposure_ratio));
         c = choose_colour(good, to_range(c), p.own);
-        const real w = good ? sample_share(c, settings) : zero;
+        const real w = good ? sample_share(c, standing) : zero;
         const colour d = { c.r - p.own.r, c.g - p.own.g, c.b - p.own.b };
         if (k < SHORT_SPAN)
-            add_recent(&g, d, good ? one : zero);
+            add_recent(&g, share_difference(c, p.own, settings), good ? one : zero);
         g.sum.r += w * d.r;
         g.sum.g += w * d.g;
         g.sum.b += w * d.b;
@@ -61,7 +63,7 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in kept, frames_in past, in
         if (ALPHA)
             g.alpha += good ? load_share(q + KEPT_ALPHA * plane, one) - p.alpha : zero;
     }
-    const real whole_weight = sample_share(p.own, settings) + g.weight;
+    const real whole_weight = sample_share(p.own, standing) + g.weight;
     const colour v = { p.own.r + quotient(g.sum.r, whole_weight), p.own.g + quotient(g.sum.g, whole_weight),
         p.own.b + quotient(g.sum.b, whole_weight) };
     resolved out;

@@ -18,7 +18,7 @@ __kernel void weigh_spans_kernel(
     // What light does now: the step from the middle span to the shortest, as far as it is sure. The shortest lags
     // behind now by half as much again.
     const real sharp = K(SURE_FLOOR) * SPLAT(settings.change_floor);
-    const drifts latest = drifts_of(span_plane(p, 1, 0, frame), p, p, SPLAT(0.0), plane, frame);
+    const drifts latest = drifts_of(span_plane(p, 1, 0, frame), p, p, SPLAT(0.0), plane, frame, settings);
     const colour rate = believed(latest, shared_noise(error[0]), sharp, SPLAT(SURE_T));
     // Longer spans are moved to where the two shorter ones are, the better of them for the more, and on from there.
     const real short_trust = trust(error[0], lesser(error[0], error[1])),
@@ -32,7 +32,8 @@ __kernel void weigh_spans_kernel(
     for (int span = 1; span < SPANS; ++span) {
         const real w = trust(error[span], least);
         plane_in q = span_plane(p, span, 0, frame);
-        const drifts d = span == 1 ? latest : drifts_of(q, p, span_plane(p, 1, 0, frame), share, plane, frame);
+        const drifts d
+            = span == 1 ? latest : drifts_of(q, p, span_plane(p, 1, 0, frame), share, plane, frame, settings);
         const colour moved = believed(d, zero, SPLAT(settings.change_floor), SPLAT(settings.change_t));
         ahead += w * (span == 1 ? SPLAT(LAG) : K(LAG) + share);
         const colour v = { load(q) + moved.r, load(q + plane) + moved.g, load(q + 2 * plane) + moved.b };

@@ -49,6 +49,23 @@ def luminance_weight(weight: Array, current: Colour, history: Colour, build: Bui
     return result
 
 
+def sample_share(v: Colour, build: Build, settings: Record) -> Array:
+    """Luminance weight 1 / (knee + Y) of a sample."""
+    one = number(1.0, v[0])
+    if build.choices.weighting is Weighting.NONE:
+        return np.full_like(v[0], one)
+    share: Array = one / (number(settings["luminance_knee"], v[0]) + greater(luminance(v), number(0.0, v[0])))
+    return share
+
+
+def share_difference(v: Colour, other: Colour, build: Build, settings: Record) -> list[Array]:
+    """How far two colours differ, each as much as it counts: dim light as it is, highlights no more than
+    ``luminance_knee``."""
+    knee = number(1.0 if build.choices.weighting is Weighting.NONE else settings["luminance_knee"], v[0])
+    a, b = (knee * sample_share(c, build, settings) for c in (v, other))
+    return [a * x - b * y for x, y in zip(v, other, strict=True)]
+
+
 def filtered_share(share: Array, filtered: Colour, build: Build, settings: Record) -> Array:
     """Share of the filtered sample where ``filter_use`` says few-samples; bright ones weigh less, twice."""
     if build.choices.weighting is Weighting.NONE:

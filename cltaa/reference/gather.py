@@ -10,7 +10,7 @@ import numpy as np
 from cltaa.build import Build, Record
 from cltaa.layout import Layout
 from cltaa.params import AlphaFrom, CurrentFilter, FilterUse, GatherFit
-from cltaa.reference.blend import filtered_share, storable_colour
+from cltaa.reference.blend import filtered_share, sample_share, storable_colour
 from cltaa.reference.colour import Colour, from_range
 from cltaa.reference.gather_fit import (
     Gathered,
@@ -20,7 +20,7 @@ from cltaa.reference.gather_fit import (
     reach_of,
     stretch_of,
 )
-from cltaa.reference.gather_sample import View, gather_sample, sample_share
+from cltaa.reference.gather_sample import View, gather_sample
 from cltaa.reference.gather_sides import NEIGHBOURS, Layers, Side, range_of_side
 from cltaa.reference.gather_track import Track
 from cltaa.reference.neighbourhood import Surface

@@ -8,25 +8,17 @@ import numpy as np
 
 from cltaa.build import Build, Record, kept_planes
 from cltaa.layout import Layout
-from cltaa.params import GatherFit, Weighting
-from cltaa.reference.colour import Colour, colour_outside_domain, luminance, to_range
+from cltaa.params import GatherFit
+from cltaa.reference.blend import sample_share, share_difference
+from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.gather_fit import Gathered, Places, window
 from cltaa.reference.gather_sides import Layers
 from cltaa.reference.gather_track import KEPT_CLOSENESS, seen_then, texel_at
 from cltaa.reference.neighbourhood import Surface, usable_closeness
 from cltaa.reference.pixel import Pixel, usable_share
 from cltaa.reference.projection import Motion
-from cltaa.reference.real import Array, Mask, greater, number
+from cltaa.reference.real import Array, Mask, number
 from cltaa.reference.sampling import Footprint
-
-
-def sample_share(v: Colour, build: Build, settings: Record) -> Array:
-    """Luminance weight 1 / (knee + Y) of a sample."""
-    one = number(1.0, v[0])
-    if build.choices.weighting is Weighting.NONE:
-        return np.full_like(v[0], one)
-    share: Array = one / (number(settings["luminance_knee"], v[0]) + greater(luminance(v), number(0.0, v[0])))
-    return share
 
 
 class View(NamedTuple):
@@ -99,7 +91,7 @@ def gather_sample(
     g.add(d, w, np.where(good, dx, zero), np.where(good, dy, zero), ~near if far_only else near, fit)
     g.count = g.count + counted
     if v.recent:
-        g.add_recent(d, counted)
+        g.add_recent(share_difference(c, current, build, settings), counted)
     if build.steps.alpha:
         a = usable_share(texel_at(v.planes[kept_planes(build.steps) - 1], f, zero.dtype), 1.0)
         g.alpha = g.alpha + np.where(good, share * (a - now.alpha), zero)

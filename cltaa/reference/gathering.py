@@ -9,9 +9,9 @@ from typing import Any
 from cltaa.build import Build, Record, kept_planes
 from cltaa.layout import Layout
 from cltaa.params import GatherFit
+from cltaa.reference.blend import sample_share
 from cltaa.reference.gather import add_side, gather_samples, in_front, resolve_gathered
 from cltaa.reference.gather_fit import Gathered, first_sample
-from cltaa.reference.gather_sample import sample_share
 from cltaa.reference.gather_sides import Layers, layers_of, side_of, sides_of
 from cltaa.reference.gather_thin import recall_thin
 from cltaa.reference.gather_track import Track, untold

@@ -10,7 +10,7 @@ import numpy as np
 from cltaa.build import Build, Record, span_planes
 from cltaa.constants import CONSTANTS, PAD_X, PAD_Y, SHORT_SPAN, SPAN_REACH, SPANS
 from cltaa.layout import Layout
-from cltaa.reference.blend import storable_colour
+from cltaa.reference.blend import sample_share, storable_colour
 from cltaa.reference.pixel import Resolved
 from cltaa.reference.planes import real_type, store_resolved
 from cltaa.reference.real import Array, constant, greater, lesser, number, quiet
@@ -54,18 +54,34 @@ class Drift(NamedTuple):
     level: Array
 
 
-def drift_of(span: Array, shortest: Array, middle: Array, share: Array, layout: Layout) -> Drift:
-    """The drift of padded planes [rows, stride], by what lies ``share`` of the way from the shortest to the middle."""
-    first = layout.inside(shortest)
-    own = (first + share * (layout.inside(middle) - first)) - layout.inside(span)
-    total = squares = level = np.zeros_like(own)
-    for v, now, then in zip(*(around(plane, layout) for plane in (span, shortest, middle)), strict=True):
-        d = ((now + share * (then - now)) - v) - own
-        total, squares, level = total + d, squares + d * d, level + np.abs(v)
-    texels, zero, one = number(TEXELS, own), number(0.0, own), number(1.0, own)
-    offset = total / texels
-    variance = greater(squares - total * offset, zero) / (texels * (texels - one))
-    return Drift(own + offset, variance, level / texels)
+def drift_of(then: list[Array], now: list[Array], weights: list[Array]) -> Drift:
+    """The drift of one channel from the texels [H, W] of a window then and now, each by its weight."""
+    differences = [k - v for k, v in zip(now, then, strict=True)]
+    total = squares = level = weight = np.zeros_like(weights[0])
+    for d, v, w in zip(differences, then, weights, strict=True):
+        total, level, weight = total + w * d, level + w * np.abs(v), weight + w
+    mean = total / weight
+    for d, w in zip(differences, weights, strict=True):
+        off = d - mean
+        squares = squares + w * (off * off)
+    return Drift(mean, squares / (weight * number(TEXELS - 1, mean)), level / weight)
+
+
+def drifts_of(
+    span: Array, shortest: Array, middle: Array, share: Array, build: Build, layout: Layout, settings: Record
+) -> list[Drift]:
+    """The drifts of padded planes [3, rows, stride] to what lies ``share`` of the way from the shortest to the middle;
+    a texel counts as its light does in a mean, then and now."""
+    then = [list(around(plane, layout)) for plane in span]
+    now = [
+        [first + share * (second - first) for first, second in zip(around(a, layout), around(b, layout), strict=True)]
+        for a, b in zip(shortest, middle, strict=True)
+    ]
+    weights = [
+        sample_share((r, g, b), build, settings) * sample_share((x, y, z), build, settings)
+        for r, g, b, x, y, z in zip(*then, *now, strict=True)
+    ]
+    return [drift_of(v, k, weights) for v, k in zip(then, now, strict=True)]
 
 
 def t_of(drift: Drift, noise: Array, least: Array) -> Array:
@@ -104,7 +120,8 @@ def weigh_spans(
         least = lesser(least, error)
     floor, enough = (number(settings[name], least) for name in ("change_floor", "change_t"))
     zero, lag = np.zeros_like(least), constant("LAG", least)
-    alike = [drift_of(parts[1][c], parts[0][c], parts[0][c], zero, layout) for c in range(3)]
+    short, middle = parts[0][:3], parts[1][:3]
+    alike = drifts_of(middle, short, short, zero, build, layout, settings)
     sharp = constant("SURE_FLOOR", least) * floor
     rate = believed(alike, shared_noise(errors[0]), sharp, constant("SURE_T", least))
     better = lesser(errors[0], errors[1])
@@ -118,7 +135,7 @@ def weigh_spans(
         w, own = trust(error, least), layout.inside(part)
         drifts = alike
         if span > 1:
-            drifts = [drift_of(part[c], parts[0][c], parts[1][c], share, layout) for c in range(3)]
+            drifts = drifts_of(part[:3], short, middle, share, build, layout, settings)
         ahead = ahead + w * (lag if span == 1 else lag + share)
         moved = [v + step for v, step in zip(own, believed(drifts, zero, floor, enough), strict=False)]
         sums = [total + w * (v - k) for total, v, k in zip(sums, moved, first, strict=False)]

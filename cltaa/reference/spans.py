@@ -10,10 +10,9 @@ from cltaa.build import Build, Record, kept_planes, span_planes
 from cltaa.constants import MIDDLE_SPAN, SHORT_SPAN, SPANS, value
 from cltaa.layout import Layout
 from cltaa.params import AlphaFrom
-from cltaa.reference.blend import storable_colour
+from cltaa.reference.blend import sample_share, share_difference, storable_colour
 from cltaa.reference.colour import Colour, colour_outside_domain, from_range, to_range
 from cltaa.reference.gather_fit import Gathered
-from cltaa.reference.gather_sample import sample_share
 from cltaa.reference.gathering import Gathering
 from cltaa.reference.pixel import Pixel, Resolved, usable_share
 from cltaa.reference.real import Array, greater, number, quiet
@@ -24,10 +23,10 @@ def span_ends(frames: int) -> list[int]:
     return [min(SHORT_SPAN, frames), min(MIDDLE_SPAN, frames), frames]
 
 
-def span_error(g: Gathered, now: Colour, span: Resolved, build: Build) -> Array:
+def span_error(g: Gathered, now: Colour, span: Resolved, build: Build, settings: Record) -> Array:
     """Squared distances of the latest samples, the current one among them, from what a span says."""
     one, two = number(1.0, g.zero), number(2.0, g.zero)
-    d = [v - k for v, k in zip(to_range(span.rgb, build), now, strict=True)]
+    d = share_difference(to_range(span.rgb, build), now, build, settings)
     along = (d[0] * g.recent[0] + d[1] * g.recent[1]) + d[2] * g.recent[2]
     size = (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
     squares = (g.recent_squares - two * along) + (one + g.recent_count) * size
@@ -43,8 +42,8 @@ def resolve_unmoved(
     zero, one = np.zeros_like(p.own[0]), np.ones_like(p.own[0])
     total, weight, count, alphas = [zero, zero, zero], zero, zero, zero
     sums = Gathered(zero)
-    settings = settings.copy()
-    settings["luminance_knee"] *= np.float32(value("STANDING_KNEE"))
+    standing = settings.copy()
+    standing["luminance_knee"] *= np.float32(value("STANDING_KNEE"))
     for place, then in enumerate(past):
         planes = layout.inside(slots[int(then["slot"])]).astype(zero.dtype)
         c: Any = tuple(planes[:3])
@@ -53,16 +52,16 @@ def resolve_unmoved(
             ratio = number(then["exposure_ratio"], zero)
             c = (c[0] * ratio, c[1] * ratio, c[2] * ratio)
         c = tuple(np.where(good, k, own) for k, own in zip(to_range(c, build), p.own, strict=True))
-        w = np.where(good, sample_share(c, build, settings), zero)
+        w = np.where(good, sample_share(c, build, standing), zero)
         d = [k - own for k, own in zip(c, p.own, strict=True)]
         if place < SHORT_SPAN:
-            sums.add_recent(d, np.where(good, one, zero))
+            sums.add_recent(share_difference(c, p.own, build, settings), np.where(good, one, zero))
         total = [t + w * k for t, k in zip(total, d, strict=True)]
         weight, count = weight + w, count + np.where(good, one, zero)
         if build.steps.alpha:
             a = usable_share(planes[kept_planes(build.steps) - 1], 1.0)
             alphas = alphas + np.where(good, a - p.alpha, zero)
-    whole = sample_share(p.own, build, settings) + weight
+    whole = sample_share(p.own, build, standing) + weight
     r, g, b = (own + t / whole for own, t in zip(p.own, total, strict=True))
     alpha, counted = p.alpha, count + one
     if build.choices.alpha_from is AlphaFrom.BLEND:
@@ -84,14 +83,14 @@ def gather_spans(
     for span, end in enumerate(span_ends(frames)):
         gathering.add(past[begun:end], build, layout, frame, settings, before=begun, recent=SHORT_SPAN - begun)
         said = gathering.resolved(build, layout, settings)
-        error = span_error(gathering.near, own, said, build)
+        error = span_error(gathering.near, own, said, build, settings)
         _store(target[span * planes : (span + 1) * planes], said, error)
         begun = end
     unmoved, sums = resolve_unmoved(gathering.slots, past[:standing], gathering.pixel, build, layout, settings)
     told = sums.recent_count >= number(SHORT_SPAN, error)
     r, g, b = (np.where(told, k, v) for k, v in zip(unmoved.rgb, said.rgb, strict=True))
     alphas, counts = np.where(told, unmoved.alpha, said.alpha), np.where(told, unmoved.count, said.count)
-    error = np.where(told, span_error(sums, own, unmoved, build), error)
+    error = np.where(told, span_error(sums, own, unmoved, build, settings), error)
     _store(target[-planes:], Resolved((r, g, b), alphas, counts), error)
 
 

@@ -15,7 +15,7 @@ from cltaa.layout import Layout
 from cltaa.params import HistoryOf, LightChange, Rectify, Settings
 from cltaa.planning import plan_frame
 from cltaa.presets import load_preset, override
-from cltaa.reference.span_weights import drift_of, t_of, trust, weigh_spans
+from cltaa.reference.span_weights import around, drift_of, drifts_of, t_of, trust, weigh_spans
 from cltaa.resolve import Resolver
 from tests.kernels.hard_planes import padded
 from tests.kernels.test_resolve import hard_frames
@@ -113,9 +113,9 @@ def test_the_drift_is_students_t() -> None:
     layout = Layout(WIDTH, HEIGHT)
     then = random.uniform(0.2, 1.0, (1, HEIGHT, WIDTH)).astype(np.float32)
     now = (then + random.normal(0.01, 0.03, then.shape)).astype(np.float32)
-    span, shortest = padded(then, layout)[0], padded(now, layout)[0]
     nothing = np.zeros_like(now[0])
-    drift = drift_of(span, shortest, np.zeros_like(shortest), nothing, layout)
+    texels = [list(around(padded(values, layout)[0], layout)) for values in (then, now)]
+    drift = drift_of(texels[0], texels[1], [np.full_like(now[0], 0.25)] * len(texels[0]))
     mean, t = drift.mean, t_of(drift, nothing, nothing)
     side, inside = 2 * SPAN_REACH + 1, np.s_[SPAN_REACH:-SPAN_REACH, SPAN_REACH:-SPAN_REACH]
     windows = np.lib.stride_tricks.sliding_window_view(now[0].astype(np.float64) - then[0], (side, side))
@@ -155,6 +155,18 @@ def test_a_step_that_jitter_may_have_made_is_not_carried_on() -> None:
     # Of samples that are off by 0.5 the texels have 0.003 of the variance of 0.25 / 3 / 4 in common: 0.008.
     assert weighed(4 * 0.25) < 1.0
     assert weighed(0.0) > weighed(4 * 0.25)
+
+
+def test_a_highlight_that_appears_is_no_drift_of_the_light_around_it() -> None:
+    layout = Layout(WIDTH, HEIGHT)
+    then = np.random.default_rng(0).uniform(0.2, 1.0, (3, HEIGHT, WIDTH)).astype(np.float32)
+    now = then.copy()
+    now[:, 12] = 1e4  # a fifth of the texels around those beside it: by a plain mean t is 2.4, and the drift 2000
+    spans, share = (padded(then, layout), padded(now, layout), padded(now, layout)), np.zeros_like(then[0])
+    for drift in drifts_of(*spans, share, Build(), layout, settings_record(Settings())):
+        beside = np.s_[10:12, SPAN_REACH:-SPAN_REACH]
+        assert (drift.mean[beside] < 2).all()
+        assert (t_of(drift, share, share)[beside] < 0.1).all()
 
 
 def test_trust_falls_with_the_error_and_never_to_nothing() -> None:
