@@ -35,7 +35,8 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = folder / "report"
     arguments = ["bench", "accuracy", str(sequence), "-o", str(output), "--only", "arithmetic,build", "--rounds", "3"]
     arguments += ["--preset", PRESET]
-    assert main([*arguments, "--patience", "0", "--rounding-frames", "2", "--metrics", "mse,flip"]) == 0
+    arguments += ["--patience", "0", "--pixels", "1", "--rounding-frames", "2", "--metrics", "mse,flip"]
+    assert main(arguments) == 0
     return output
 
 
@@ -244,6 +245,17 @@ def test_without_supersampling_the_points_spread_out(window: Browser) -> None:
     assert window.run(marks) == 0
     assert window.run(spread) > narrow
     window.run("document.getElementById('yard').click()")
+
+
+@needs_browser
+def test_samples_that_are_the_truth_itself_have_no_place_on_the_plot(window: Browser) -> None:
+    # As many samples as the truth has are its own: no error, which no logarithm shows.
+    window.run("current().yardstick.forEach((y, i) => { y.added = 1e6 * i })")
+    window.run("const y = current().yardstick.at(-1); y.kept = y.errors.mse.mean; y.errors.mse.mean = 0; drawFront()")
+    assert window.run("return document.querySelectorAll('#front .sample').length") == 0
+    assert "Infinity" not in window.run("return document.getElementById('front').innerHTML")
+    window.run("const y = current().yardstick.at(-1); y.errors.mse.mean = y.kept; drawFront()")
+    assert window.run("return document.querySelectorAll('#front .sample').length") == 1
 
 
 @needs_browser

@@ -86,7 +86,7 @@ function drawFront() {
   const box = { left: 58, right: width - 12, top: 24, bottom: height - 38 };
   const logarithmic = state.metric === "rounding" || !higher.has(state.metric);
   const cells = measured.cells.filter((c) => { const e = errorOf(c); return e && (!logarithmic || e.mean > 0); });
-  const yards = state.metric === "rounding" || !$("yard").checked ? [] : measured.yardstick.filter((s) => s.added > 0);
+  const yards = state.metric === "rounding" || !$("yard").checked ? [] : measured.yardstick.filter((s) => s.added > 0 && (!logarithmic || s.errors[state.metric].mean > 0));
   const own = state.metric === "mse" && measured.mean_noise ? [measured.mean_noise] : [];
   const errors = cells.flatMap((c) => [errorOf(c).mean, errorOf(c).p5, errorOf(c).p95]).concat(yards.map((s) => s.errors[state.metric].mean), own);
   const times = cells.flatMap((c) => [timeOf(c).low, timeOf(c).high]).concat(yards.map((s) => s.added), [measured.floor]);
@@ -114,16 +114,23 @@ function drawFront() {
     svg.append(element("path", { class: "front", d: path.join("") }));
   }
   if (yards.length) svg.append(element("path", { class: "yard", d: "M" + yards.map((s) => `${x(s.added)} ${y(s.errors[state.metric].mean)}`).join("L") }));
+  const labelled = [];  // names that would cover one that is there are left out
+  const clearOf = (px, py, wide) => labelled.every(([lx, ly]) => Math.abs(lx - px) > wide || Math.abs(ly - py) > 14);
+  const points = [...cells].sort((p, q) => Boolean(beaten(q)) - Boolean(beaten(p)))
+    .map((cell) => pointOf(cell, x, y, box, beaten(cell), labelled, clearOf, logarithmic));
   for (const s of yards) {
     const px = x(s.added), py = y(s.errors[state.metric].mean), text = `${s.samples} samples a pixel: ${number(s.added)} ms/Mpx of drawing, ${state.metric} ${number(s.errors[state.metric].mean)}`;
-    const mark = element("g", { class: "point sample", tabindex: 0, role: "img", "aria-label": text }, element("path", { d: `M${px} ${py - 6}l6 6l-6 6l-6-6z` }), element("text", { x: px - 8, y: py + 4, "text-anchor": "end" }, `${s.samples}×`), element("title", {}, text));
+    const mark = element("g", { class: "point sample", tabindex: 0, role: "img", "aria-label": text, "data-x": px }, element("path", { d: `M${px} ${py - 6}l6 6l-6 6l-6-6z` }), element("title", {}, text));
+    if (clearOf(px, py, 45)) {
+      const right = px < box.right - 34;
+      mark.append(element("text", { x: right ? px + 8 : px - 8, y: py - 5, "text-anchor": right ? "start" : "end" }, `${s.samples}×`));
+      labelled.push([px, py]);
+    }
     mark.addEventListener("focus", () => { $("point").textContent = text; });
     svg.append(mark);
   }
-  const labelled = [];
-  for (const cell of [...cells].sort((p, q) => Boolean(beaten(q)) - Boolean(beaten(p)))) svg.append(pointOf(cell, x, y, box, beaten(cell), labelled, logarithmic));
-  const place = (node) => Number((node.querySelector("circle") || node.querySelector("text")).getAttribute(node.querySelector("circle") ? "cx" : "x"));
-  among(svg, [...svg.querySelectorAll(".point")].sort((p, q) => place(p) - place(q)));
+  svg.append(...points);
+  among(svg, [...svg.querySelectorAll(".point")].sort((p, q) => p.dataset.x - q.dataset.x));
 }
 
 function drawFrontLegend(measured, yards) {
@@ -134,17 +141,17 @@ function drawFrontLegend(measured, yards) {
   $("front-legend").replaceChildren(...parts);
 }
 
-function pointOf(cell, x, y, box, beatenBy, labelled, logarithmic) {
+function pointOf(cell, x, y, box, beatenBy, labelled, clearOf, logarithmic) {
   const t = timeOf(cell), e = errorOf(cell), px = x(t.median), py = y(e.mean), at = (v) => (logarithmic ? y(Math.max(v, e.mean * 1e-3)) : y(v));
   const clamp = (v) => Math.min(Math.max(v, box.top), box.bottom);
   const text = `${cell.variant}: ${number(t.median)} ms/Mpx [${number(t.low)}, ${number(t.high)}], ` +
     `${state.metric} ${number(e.mean)} (5 % to 95 % of frames: ${number(e.p5)} to ${number(e.p95)})` + (beatenBy ? `; beaten by ${beatenBy}` : "");
-  const node = element("g", { class: "point" + (beatenBy ? " beaten" : "") + (cell.variant === state.a ? " chosen" : ""), tabindex: 0, role: "button", "aria-label": text, "data-variant": cell.variant },
+  const node = element("g", { class: "point" + (beatenBy ? " beaten" : "") + (cell.variant === state.a ? " chosen" : ""), tabindex: 0, role: "button", "aria-label": text, "data-variant": cell.variant, "data-x": px },
     element("line", { class: "bar", x1: x(t.low), x2: x(t.high), y1: py, y2: py }),
     element("line", { class: "bar", x1: px, x2: px, y1: clamp(at(e.p5)), y2: clamp(at(e.p95)) }),
     element("circle", { cx: px, cy: py, r: cell.variant === "default" ? 7 : 5 }), element("title", {}, text));
-  const clear = labelled.every(([lx, ly]) => Math.abs(lx - px) > 170 || Math.abs(ly - py) > 14);
-  if (clear && (!beatenBy || groups[cell.variant] === "preset" || cell.variant === "default")) {
+  if (cell.variant === state.a) $("point").textContent = text;
+  if (clearOf(px, py, 170) && (!beatenBy || groups[cell.variant] === "preset" || cell.variant === "default")) {
     const right = px < box.right - 130;
     node.append(element("text", { class: "name", x: right ? px + 9 : px - 9, y: py - 6, "text-anchor": right ? "start" : "end" }, cell.variant));
     labelled.push([px, py]);
@@ -250,7 +257,7 @@ function drawFrames() {
   const lines = [], add = (name, colour, values) => values && values.length > 1 && lines.push({ name, colour, values });
   const of = (name) => { const c = measured.cells.find((cell) => cell.variant === name); const e = c && errorOf(c); return e && e.frames; };
   if (state.metric !== "rounding") { const one = measured.yardstick.find((s) => s.samples === 1); if (one) add("one sample", "var(--good)", one.errors[state.metric].frames); }
-  add("default", "var(--grey)", of("default"));
+  add("default", state.a === "default" ? "var(--accent)" : "var(--grey)", of("default"));
   if (state.b !== "default") add(`B: ${state.b}`, "var(--second)", of(state.b));
   if (state.a !== "default") add(`A: ${state.a}`, "var(--accent)", of(state.a));
   const svg = element("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "Error over the frames" });
@@ -313,8 +320,8 @@ function drawOverview() {
 
 function drawAll() {
   const measured = current(), where = report.environment;
-  $("where").textContent = `${measured.name}: ${measured.frames.length} frames, ${measured.width} × ${measured.height}, ${measured.effects || "no effects declared"}. ` +
-    `${where.device}${where.units ? `, ${where.units} compute units` : ""}; ${where.cpu}, ${where.cores} cores, load ${where.load_before} to ${where.load_after}; ${where.date} UTC; kernels ${where.kernels_sha256.slice(0, 12)}.` +
+  $("where").textContent = `${measured.name}: ${measured.frames.length} frames, ${measured.width} × ${measured.height}, ${measured.effects.replaceAll(",", ", ") || "no effects declared"}. ` +
+    `${where.device}${where.units ? `, ${where.units} compute units` : ""}; ${where.cpu}, ${where.cores} core${where.cores === 1 ? "" : "s"}, load ${where.load_before} to ${where.load_after}; ${where.date} UTC; kernels ${where.kernels_sha256.slice(0, 12)}.` +
     (report.missing.length ? ` Not finished in time, and left out: ${report.missing.join(", ")}.` : "");
   $("noise").hidden = !measured.noisy && measured.clock !== "processor";
   $("noise").textContent = !measured.noisy ? "Ranked by processor time, of all threads together: by the device's clock this machine was too noisy." : `Too noisy to rank by time: the default against its own copy took ${number(measured.control.median)} times as long [${number(measured.control.low)}, ${number(measured.control.high)}]. Errors are exact.`;
