@@ -18,17 +18,15 @@ LEAST_POINTS = 60  # fewer decide nothing
 
 
 class Picture(NamedTuple):
-    """A signal and its gradient, [H, W] each."""
+    """A signal [H, W] and its gradient [2, H, W], by x and by y."""
 
     signal: NDArray[np.float32]
-    by_x: NDArray[np.float32]
-    by_y: NDArray[np.float32]
+    gradient: NDArray[np.float32]
 
     @classmethod
     def of(cls, signal: NDArray[np.float32]) -> Picture:
         """Differentiate ``signal`` by central differences."""
-        by_y, by_x = (np.asarray(np.gradient(signal, axis=axis), np.float32) for axis in (0, 1))
-        return cls(signal, by_x, by_y)
+        return cls(signal, np.stack([np.asarray(np.gradient(signal, axis=axis), np.float32) for axis in (1, 0)]))
 
 
 class Fit(NamedTuple):
@@ -76,6 +74,6 @@ def _linear(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) ->
     there = sample(before.signal, x, y)
     inside = np.isfinite(there)
     left = (now - there)[inside]
-    slope = np.stack([sample(plane, x[inside], y[inside]) for plane in (before.by_x, before.by_y)])
+    slope = sample(before.gradient, x[inside], y[inside])
     weight = 1.0 / (1.0 + (left / scale) ** 2) ** 2
     return left, slope, weight

@@ -82,7 +82,7 @@ def _normal_equations(pair: Observed, unknown: Vector) -> tuple[Vector, Vector]:
     inside = np.isfinite(there)
     x, y = (pair.x + u)[inside], (pair.y + v)[inside]
     left = (pair.now - there)[inside]
-    by_x, by_y = (sample(plane, x, y) for plane in (pair.before.by_x, pair.before.by_y))
+    by_x, by_y = sample(pair.before.gradient, x, y)
     change = np.repeat(pair.jitter_change[:, None], len(x), axis=1)
     slope = np.concatenate([by_x * pair.own[:, inside], by_y * pair.own[:, inside], by_x * change, by_y * change])
     weight = 1.0 / (1.0 + (left / pair.scale) ** 2) ** 2
