@@ -39,12 +39,9 @@ def carried_over(path: Path, layers: tuple[str, ...]) -> CarriedOver:
     return CarriedOver(channels, attributes, header.layout.display_window)
 
 
-def merged(
-    carried: CarriedOver, channels: Mapping[str, Pixels], attributes: Mapping[str, object], undeclared: frozenset[str]
-) -> tuple[dict[str, Pixels], dict[str, object]]:
-    """What is carried over under what was resolved; attributes that the input did not declare are not made up."""
-    told = {name: value for name, value in attributes.items() if name not in undeclared}
-    return carried.channels | dict(channels), carried.attributes | told
+def merged(carried: CarriedOver, attributes: Mapping[str, object], undeclared: frozenset[str]) -> dict[str, object]:
+    """The attributes of a result over what is carried over; those that the input did not declare are not made up."""
+    return carried.attributes | {name: value for name, value in attributes.items() if name not in undeclared}
 
 
 def check_layers(sequence: Sequence, layers: tuple[str, ...]) -> None:

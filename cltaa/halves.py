@@ -11,10 +11,11 @@ from cltaa.frames import Image
 
 def image_channels(image: Image, *, half: bool = False) -> dict[str, Pixels]:
     """A resolved image [H, W, 3 or 4] as EXR channels R G B [A], in half (saturated to its range) or float32."""
-    if half:
-        largest = value("HALF_LIMIT")
-        image = np.clip(image, -largest, largest).astype(np.float16)
-    return {name: image[..., channel] for channel, name in enumerate("RGBA"[: image.shape[-1]])}
+    planes: dict[str, Pixels] = {name: image[..., channel] for channel, name in enumerate("RGBA"[: image.shape[-1]])}
+    if not half:
+        return planes
+    largest = value("HALF_LIMIT")
+    return {name: np.clip(plane, -largest, largest).astype(np.float16) for name, plane in planes.items()}
 
 
 def saturated_pixels(image: Image) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -171,7 +171,7 @@ class _Run:
                 image = self._resolver.resolve(with_effects(frame, self._effects))
                 if frame.index in wanted:
                     views = self._debug.write(self._folder.folder / "debug", frame.index)
-                    self._write(writer, read, image_channels(image, half=half) | views)
+                    self._write(writer, read, partial(image_channels, image, half=half), views)
                     self._repaired += read.unusable
                     if half or self._resolver.keeps_halves:
                         self._saturated += saturated_pixels(image)
@@ -194,13 +194,16 @@ class _Run:
         alpha = wanted and "A" in part.layouts[part.first].channels
         self._resolver.reserve(part.width, part.height, alpha=alpha)
 
-    def _write(self, writer: Writer, read: Read, channels: dict[str, Pixels]) -> None:
+    def _write(
+        self, writer: Writer, read: Read, resolved: Callable[[], dict[str, Pixels]], views: Mapping[str, Pixels]
+    ) -> None:
         assert read.frame.path is not None
         path = self._folder.folder / read.frame.path.name
         told = resolved_attributes(read.frame, self._resolver)
-        planes, attributes = merged(read.carried, channels, told, self._sequence.undeclared)
+        attributes = merged(read.carried, told, self._sequence.undeclared)
         finish = partial(self._folder.finish, path, read.source)
-        writer.write(path, planes, attributes, then=finish, window=read.carried.window)
+        kept, window = read.carried.channels, read.carried.window
+        writer.write(path, lambda: kept | resolved() | dict(views), attributes, then=finish, window=window)
         self._written.add(read.frame.index)
 
     def _note(self, times: Times) -> None:

@@ -134,17 +134,25 @@ class Writer:
     def write(
         self,
         path: Path,
-        channels: Mapping[str, Pixels],
+        channels: Mapping[str, Pixels] | Callable[[], Mapping[str, Pixels]],
         attributes: Mapping[str, object] | None = None,
         then: Callable[[], None] | None = None,
         window: Window | None = None,
     ) -> None:
-        """Queue one image for ``cltaa.exr.write_image``, and what is to be done ``then``; raises an earlier failure."""
+        """Queue one image for ``cltaa.exr.write_image``, and what is to be done ``then``; raises an earlier failure.
+
+        ``channels`` are planes, or make them when it is their turn, in the thread that writes.
+        """
         if not self._finalizer.alive:
             raise ValueError("the writer is closed")
         while len(self._images) >= self._depth or self._failed.is_set():
             self._finish_one()
-        write = partial(write_image, path, channels, attributes, compression=self._compression, window=window)
+        compression = self._compression  # and not the writer itself, which a queued image would keep alive
+
+        def write() -> None:
+            planes = channels() if callable(channels) else channels
+            write_image(path, planes, attributes, compression=compression, window=window)
+
         self._images.append(self._pool.submit(_write, write, then, self._failed, self.seconds))
 
     def _finish_one(self) -> None:

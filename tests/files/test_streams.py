@@ -149,6 +149,31 @@ def test_written_images_are_complete_at_the_close(tmp_path: Path) -> None:
         writer.write(tmp_path / "late.exr", image(0))
 
 
+def test_planes_may_be_made_where_they_are_written(tmp_path: Path) -> None:
+    makers: list[str] = []
+
+    def made() -> dict[str, np.ndarray]:
+        makers.append(threading.current_thread().name)
+        return image(0.5)
+
+    with Writer() as writer:
+        writer.write(tmp_path / "0.exr", made)
+    np.testing.assert_array_equal(read_image(tmp_path / "0.exr")[0]["G"], image(0.5)["G"])
+    assert makers
+    assert makers[0].startswith("cltaa write behind")
+
+
+def test_planes_that_cannot_be_made_are_a_failure_of_the_writer(tmp_path: Path) -> None:
+    def impossible() -> dict[str, np.ndarray]:
+        raise MemoryError
+
+    writer = Writer()
+    writer.write(tmp_path / "0.exr", impossible)
+    with pytest.raises(MemoryError):
+        writer.close()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_first_failure_is_raised_and_what_was_finished_stays(tmp_path: Path) -> None:
     writer = Writer(threads=1)
     writer.write(tmp_path / "0.exr", image(0))
