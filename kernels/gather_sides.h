@@ -52,7 +52,8 @@ typedef struct
 } sides_t;
 
 // Whether a side holds two surfaces: no plane passes as near to all of its samples as a surface's lie to each other
-// where no edge runs. `cut` parts them in the middle of what they span.
+// where no edge runs. `cut` parts them in the middle of what they span. All differences are from `origin`, a sample of
+// the side: beside the other one a far side's own differences would drown.
 STAGE mask two_surfaces(
     real* cut, real origin, layers_t l, int far, plane_in closeness, int x, int y, frame_t frame, settings_t settings)
 {
@@ -96,8 +97,8 @@ STAGE mask two_surfaces(
 STAGE sides_t sides_of(surface s, layers_t l, plane_in closeness, int x, int y, frame_t frame, settings_t settings)
 {
     sides_t sides = { l, l, l, l };
-    sides.near_between.edge = two_surfaces(&sides.front.cut, s.centre, l, 0, closeness, x, y, frame, settings);
-    sides.far_between.edge = two_surfaces(&sides.back.cut, s.centre, l, 1, closeness, x, y, frame, settings);
+    sides.near_between.edge = two_surfaces(&sides.front.cut, s.nearest, l, 0, closeness, x, y, frame, settings);
+    sides.far_between.edge = two_surfaces(&sides.back.cut, s.farthest, l, 1, closeness, x, y, frame, settings);
     sides.near_between.between = sides.far_between.between = 1;
     sides.near_between.over = sides.front.cut;
     sides.far_between.over = l.cut;

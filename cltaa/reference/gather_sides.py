@@ -102,8 +102,9 @@ def two_surfaces(
 
 def sides_of(s: Surface, layers: Layers, closeness: Array, layout: Layout, frame: Record, settings: Record) -> Sides:
     """The layers of each pixel where each side may hold two surfaces."""
-    at = (s.centre, layers, closeness, layout, frame, settings)
-    (near, front), (far, back) = two_surfaces(*at, far=False), two_surfaces(*at, far=True)
+    at = (layers, closeness, layout, frame, settings)
+    near, front = two_surfaces(s.nearest, *at, far=False)
+    far, back = two_surfaces(s.farthest, *at, far=True)
     return Sides(
         replace(layers, cut=front),
         replace(layers, edge=near, over=front),

@@ -12,7 +12,7 @@ from cltaa.frame_record import frame_record
 from cltaa.frames import Camera, Effect, Frame
 from cltaa.layout import Layout
 from cltaa.presets import Preset, load_preset, override
-from cltaa.reference.gather_sides import Layers, layers_of, side_of, two_surfaces
+from cltaa.reference.gather_sides import Layers, layers_of, side_of, sides_of, two_surfaces
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.planes import read_rows
 from cltaa.resolve import Resolver
@@ -196,6 +196,22 @@ def test_a_side_is_parted_where_no_plane_passes_near_its_samples() -> None:
         expected = np.broadcast_to((stepped is planes) & (y >= 2) & (y <= 3), planes.shape)
         assert (two[inside] == expected[inside]).all()
         assert parts[2, 4] == (np.float32(0.25) if planes is stepped else cut[2, 4])
+
+
+def test_a_plane_far_behind_what_is_very_near_is_one_surface() -> None:
+    # Beside a closeness of 16 one of 3e-6 is less than its rounding: differences of the far side must be its own.
+    layout, build = Layout(9, 7), Build(steps=Steps(own_motion=False))
+    y, x = np.mgrid[:7, :9].astype(np.float32)
+    closeness = padded(np.where(x < 4, 16.0, (3.0 + 0.1 * x + 0.2 * y) * 1e-6).astype(np.float32)[None], layout)
+    current = padded(np.zeros((3, 7, 9), np.float32), layout)
+    settings, frame = settings_record(Settings()), frame_record(make_frame(0, width=9, height=7), None, layout)
+    rows = read_rows(current, closeness, None, build, layout, frame)
+    s = nearest_surface(*rows, build, settings["edge_tolerance"])
+    layers = layers_of(*rows, s, settings)
+    sides = sides_of(s, layers, closeness, layout, frame, settings)
+    assert layers.edge[1:-1, 3].all()
+    assert not sides.near_between.edge.any()
+    assert not sides.far_between.edge[1:-1, 1:-1].any()
 
 
 def test_a_thing_that_moves_between_two_others_leaves_no_trace_on_the_farther_one() -> None:
