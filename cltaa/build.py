@@ -124,7 +124,6 @@ FRAME_FIELDS: dict[str, tuple[str, str]] = {
     "band_rows": ("int", "rows that the planes of the frame hold; 0: all"),
     "reset": ("int", "1: there is no history"),
     "number": ("int", "number of the frame, for what differs from frame to frame"),
-    "standing": ("int", "1: the camera sees what it saw in the previous frame"),
     "origin_x": ("float", "px of pixel x's sample = x + origin_x: 0.5 + jitter - width / 2"),
     "origin_y": ("float", "py of pixel y's sample = y + origin_y: 0.5 + jitter - height / 2"),
     "xx": ("float", "row x of D, by px"),

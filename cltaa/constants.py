@@ -33,9 +33,6 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "SURE_FLOOR": Constant(0.1, "times change_floor: that of such a step"),
     "LAG": Constant(0.5, "of such a step, what the shortest span is behind now: 0.75 if steady, 0 if over: measured"),
     "LEAST_HEADROOM": Constant(2.0**-16, "least 1 - peak when a tonemap is undone: half's largest number, 65504"),
-    "STANDING_GAIN": Constant(
-        3.0, "squared distances, of the moved history over its own place's, that say it stands: measured"
-    ),
     "ONE_THIRD": Constant(1.0 / 3.0, "mean of a row of three"),
     "TWO_THIRDS": Constant(2.0 / 3.0, "sum of squared distances over a row's spread (moments.h)"),
     "TWO_27THS": Constant(2.0 / 27.0, "variance over the spread of the 3x3: a ninth of that"),

@@ -56,7 +56,6 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan
     record = np.zeros((), FRAME_DTYPE)
     record["width"], record["height"], record["stride"] = layout.width, layout.height, layout.stride
     record["reset"] = int(previous is None)
-    record["standing"] = int(previous is not None and is_still(frame.camera, previous.camera))
     record["number"] = frame.index % 2**31
     record["origin_x"] = 0.5 + frame.jitter_px[0] - layout.width / 2.0
     record["origin_y"] = 0.5 + frame.jitter_px[1] - layout.height / 2.0

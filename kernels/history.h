@@ -78,39 +78,6 @@ STAGE sampled sample_at(
 #endif
 }
 
-// How far nine samples of now are from nine texels of the history: the squares of their distances, summed.
-STAGE real distance_from(plane_in current, history_in history, footprint f, int x, int y, frame_t frame)
-{
-    const nearest_t n = nearest_texels(f, row_stride(frame));
-    const size_t plane = history_plane_size(frame);
-    real sum = SPLAT(0.0);
-    for (int j = -1; j <= 1; ++j) {
-        const boxed_row now = read_boxed(current, x, y + j, frame);
-        for (int i = -1; i <= 1; ++i) {
-            const colour past = nearest_texel(history, n, i, j, plane, row_stride(frame));
-            const boxed d = light_difference(i < 0 ? now.left : (i > 0 ? now.right : now.own), past, frame);
-            sum += (d.a * d.a + d.b * d.b) + d.c * d.c;
-        }
-    }
-    return sum;
-}
-
-// The motion to follow where light may change under a standing camera: none where the history of the pixel's own place
-// is much nearer to the samples of now than that of where its surface was. A wheel turns, and what it shows stands.
-STAGE motion_t motion_of_light(
-    plane_in current, history_in history, motion_t m, mask valid, uint at, int x, int y, frame_t frame)
-{
-    const mask moves = (m.u != SPLAT(0.0)) | (m.v != SPLAT(0.0));
-    if (any_of(moves)) {
-        const real there = distance_from(current, history, footprint_of(m, valid, at, frame), x, y, frame);
-        const real here = distance_from(current, history, own_texel(at), x, y, frame);
-        const mask stands = valid & (K(STANDING_GAIN) * here < there);
-        m.u = stands ? SPLAT(0.0) : m.u;
-        m.v = stands ? SPLAT(0.0) : m.v;
-    }
-    return m;
-}
-
 // `next` holds the texels of the row below the pixel's.
 STAGE history_t sample_history(plane_in current, boxed_row next, history_in history, plane_in count,
     plane_in previous_closeness, motion_t m, surface s, int x, int y, frame_t frame, settings_t settings,
@@ -118,10 +85,8 @@ STAGE history_t sample_history(plane_in current, boxed_row next, history_in hist
 {
     const uint at = history_offset(frame, x, y);
     history_t h;
-    motion_t seen = motion_to_edge(m, LANE_INDEX + K(x), SPLAT(y), frame);
+    const motion_t seen = motion_to_edge(m, LANE_INDEX + K(x), SPLAT(y), frame);
     h.valid = on_screen(seen, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
-    if ((LIGHT_CHANGE != LIGHT_CHANGE_IGNORE) & (OWN_MOTION != 0) & (frame.standing != 0))
-        seen = motion_of_light(current, history, seen, h.valid, at, x, y, frame);
     const footprint f = CAMERA_MOTION || OWN_MOTION ? footprint_of(seen, h.valid, at, frame) : own_texel(at);
     const sampled v = sample_at(history, count, previous_closeness, f, y, frame, kept);
     h.rgb = v.rgb;

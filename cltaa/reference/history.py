@@ -12,7 +12,7 @@ from cltaa.layout import Layout
 from cltaa.params import LightChange, Reject
 from cltaa.reference.colour import Colour, colour_outside_domain
 from cltaa.reference.history_filter import history_weights
-from cltaa.reference.light import change_of_light, history_in_range, motion_of_light
+from cltaa.reference.light import change_of_light, history_in_range
 from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.projection import Motion, motion_to_edge, on_screen
 from cltaa.reference.real import Array, Mask, greater, limit, number
@@ -58,8 +58,6 @@ def sample_history(
     real: Any = m.u.dtype
     seen = motion_to_edge(m, build, layout)
     valid = on_screen(seen, layout) & np.bool_(frame["reset"] == 0)
-    if build.choices.light_change is not LightChange.IGNORE and build.steps.own_motion and frame["standing"]:
-        seen = motion_of_light(current, history, seen, valid, build, layout, frame)
     f = footprint_of(seen, valid, layout)
     wx, wy = history_weights(f.fx, build), history_weights(f.fy, build)
     r, g, b = (sample_plane(history[channel], f, wx, wy, build, real) for channel in range(3))

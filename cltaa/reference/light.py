@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,10 +11,9 @@ from cltaa.constants import PAD_X, PAD_Y
 from cltaa.layout import Layout
 from cltaa.reference.colour import Colour, to_box_space, to_range
 from cltaa.reference.neighbourhood import Moments, row_moments, window_moments
-from cltaa.reference.projection import Motion
-from cltaa.reference.real import Array, Mask, constant, greater, number
+from cltaa.reference.real import Array, constant, greater, number
 from cltaa.reference.repair import repaired_planes
-from cltaa.reference.sampling import Footprint, footprint_of
+from cltaa.reference.sampling import Footprint
 
 
 def history_in_range(colour: Colour, build: Build, frame: Record) -> Colour:
@@ -35,10 +33,13 @@ def paired_t(above: Moments, centre: Moments, below: Moments, least: Array) -> A
     return t
 
 
-def _differences(
-    current: Array, history: Array, f: Footprint, build: Build, layout: Layout, frame: Record
-) -> Callable[[int, int], tuple[Colour, Array]]:
-    """The samples i columns right and j rows below less the history nearest to ``f`` there; and their brightness."""
+def change_of_light(
+    current: Array, history: Array, f: Footprint, build: Build, layout: Layout, frame: Record, settings: Record
+) -> Array:
+    """What the history's count [H, W] is divided by: t over ``change_t`` of the channel that changed most, at least 1.
+
+    ``current`` [3, rows, stride] and ``history`` [3 or 4, rows, stride] are padded planes.
+    """
     real: Any = f.fx.dtype
     colour = repaired_planes(current, layout).astype(real)
     half = number(0.5, f.fx)
@@ -53,40 +54,6 @@ def _differences(
         past = to_box_space(history_in_range((r, g, b), build, frame), build)
         return (now[0] - past[0], now[1] - past[1], now[2] - past[2]), np.abs(now[0])
 
-    return difference
-
-
-def distance_from(current: Array, history: Array, f: Footprint, build: Build, layout: Layout, frame: Record) -> Array:
-    """Sum of squared distances [H, W] of nine samples of now from the nine texels of the history nearest to ``f``."""
-    difference = _differences(current, history, f, build, layout, frame)
-    total = np.zeros_like(f.fx)
-    for j in (-1, 0, 1):
-        for i in (-1, 0, 1):
-            (a, b, c), _ = difference(i, j)
-            total = total + ((a * a + b * b) + c * c)
-    return total
-
-
-def motion_of_light(
-    current: Array, history: Array, m: Motion, valid: Mask, build: Build, layout: Layout, frame: Record
-) -> Motion:
-    """The motion to follow: none where the history of the pixel's own place is much nearer to the samples of now than
-    that of where its surface was."""
-    still = m._replace(u=np.zeros_like(m.u), v=np.zeros_like(m.v))
-    there = distance_from(current, history, footprint_of(m, valid, layout), build, layout, frame)
-    here = distance_from(current, history, footprint_of(still, valid, layout), build, layout, frame)
-    stands = valid & (constant("STANDING_GAIN", here) * here < there)
-    return m._replace(u=np.where(stands, still.u, m.u), v=np.where(stands, still.v, m.v))
-
-
-def change_of_light(
-    current: Array, history: Array, f: Footprint, build: Build, layout: Layout, frame: Record, settings: Record
-) -> Array:
-    """What the history's count [H, W] is divided by: t over ``change_t`` of the channel that changed most, at least 1.
-
-    ``current`` [3, rows, stride] and ``history`` [3 or 4, rows, stride] are padded planes.
-    """
-    difference = _differences(current, history, f, build, layout, frame)
     rows: list[list[Moments]] = []
     levels = []
     for j in (-1, 0, 1):

@@ -95,37 +95,6 @@ def test_a_lamp_that_goes_on_is_followed_and_what_stands_is_not_forgotten() -> N
     assert tested[14] < 0.75 * ignored[14]  # 0.080 and 0.121
 
 
-def wheel(index: int) -> Frame:
-    """Both halves move by 2.4 pixels a frame, it is said; the left one shows the same all the time."""
-    effects = frozenset({Effect.SHADING, Effect.MOTION})
-    frame = make_frame(index, width=WIDTH, height=HEIGHT, camera=make_camera(), effects=effects, motion=True)
-    y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
-    place = np.where(x < WIDTH // 2, x, x - 2.4 * index)
-    level = 0.5 + 0.3 * np.sin(1.1 * place) * np.sin(0.9 * y)
-    noise = np.random.default_rng(index).normal(0.0, 0.05, (HEIGHT, WIDTH))
-    colour = np.repeat((level + noise)[..., None], 3, axis=2).astype(np.float32)
-    motion = np.zeros((HEIGHT, WIDTH, 2), np.float32)
-    motion[..., 0] = -2.4
-    return replace(frame, colour=colour, motion=motion, depth=np.full_like(frame.depth, 5.0))
-
-
-def test_what_turns_and_shows_the_same_is_taken_to_stand() -> None:
-    twin = Resolver("default", "numpy")
-    devices = [Resolver("default", strict=True, lanes=lanes) for lanes in (1, 8)]
-    for index in range(12):
-        frame = wheel(index)
-        image = twin.resolve(frame)
-        for device in devices:
-            assert np.array_equal(image.view(np.uint32), device.resolve(frame).view(np.uint32))
-    y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
-    place = np.where(x < WIDTH // 2, x, x - 2.4 * 11)
-    error = np.abs(image[..., 0] - (0.5 + 0.3 * np.sin(1.1 * place) * np.sin(0.9 * y)))
-    # The mean error of one sample is 0.04 (0.05 sqrt(2 / pi)). Half of it is that of a mean of four: where the history
-    # were read between texels it would count for one or two (changing_cost).
-    assert error[4:-4, 4:16].mean() < 0.02  # 0.0165
-    assert error[4:-4, 28:36].mean() < 0.04  # 0.0288: what moves is still followed
-
-
 @pytest.mark.parametrize(
     ("effects", "tested", "still", "moving"),
     [
