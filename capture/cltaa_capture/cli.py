@@ -91,7 +91,7 @@ def progress_display(label: str) -> Iterator[Callable[[int, int], None]]:
 )
 @click.option(
     "--jitter",
-    default="halton:16",
+    default="lattice:64",
     show_default=True,
     help="Sample positions: none, halton:N, r2:N, lattice:N, grid:N or hammersley:N with period N, centred; or vireo, "
     "babylon, simvx, as published.",

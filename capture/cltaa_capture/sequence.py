@@ -39,7 +39,7 @@ class Request:
     frames: int = 48
     width: int = 640
     height: int = 360
-    jitter: str = "halton:16"
+    jitter: str = "lattice:64"
     reference: int = 0  # samples a pixel of the reference; 0 draws none
     yardstick: tuple[int, ...] = ()  # samples a pixel of supersampled sequences to measure against
     seed: int = 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -9,8 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cltaa.checking.jitter import LARGEST_MEAN_PX
 from cltaa.errors import UsageError
 from cltaa.presets import load_preset, preset_names
+from cltaa_capture.cli import capture
 from cltaa_capture.jitter import (
     LONGEST_LATTICE,
     PUBLISHED,
@@ -22,6 +26,7 @@ from cltaa_capture.jitter import (
     lattice,
     radical_inverse,
 )
+from cltaa_capture.sequence import Request
 from tests.presets.transcriptions import babylon, simvx, vireo
 
 # 0.5 is exact and an offset has at most 53 bits: the mean of N offsets is off by N/2 roundings of 2^-54 at the most.
@@ -129,6 +134,15 @@ def test_no_steady_drift_lines_up_the_samples_of_a_lattice() -> None:
 
     # Worst seen 0.24 against 1.03 of halton and 1.29 of r2.
     assert worst("lattice") < min(worst("halton"), worst("r2")) / 4
+
+
+def test_the_default_is_centred_wherever_a_capture_of_it_is_cut() -> None:
+    """Of 8 frames or more in a row, so that ``cltaa check`` takes none for a jitter that shifts the picture."""
+    default = Request("still", Path("folder")).jitter
+    assert default == next(option.default for option in capture.params if option.name == "jitter")
+    points = np.tile(jitter_sequence(default), (2, 1))
+    runs = (points[first : first + length] for first, length in product(range(len(points) // 2), range(8, 65)))
+    assert max(np.abs(run.mean(axis=0)).max() for run in runs) < LARGEST_MEAN_PX  # worst seen 0.096
 
 
 @pytest.mark.parametrize("count", [1, 7, 30])
