@@ -69,13 +69,18 @@ class CltaaError(Exception):
         return printable(" ".join(line.split()))
 
 
-def known(name: str, names: Iterable[str], kind: str) -> str:
-    """The cure for a name that is none of ``names``: the one that was meant, where one is close, else all of them."""
+def closest(name: str, names: Iterable[str]) -> str | None:
+    """The one of ``names`` that was meant by a misspelt name, None where none is close."""
     import difflib  # here: most commands end without
 
+    return next(iter(difflib.get_close_matches(name, list(names), 1)), None)
+
+
+def known(name: str, names: Iterable[str], kind: str) -> str:
+    """The cure for a name that is none of ``names``: the one that was meant, where one is close, else all of them."""
     names = list(names)
-    close = difflib.get_close_matches(name, names, 1)
-    return f"did you mean {close[0]}?" if close else f"known {kind}: {', '.join(names)}"
+    close = closest(name, names)
+    return f"did you mean {close}?" if close else f"known {kind}: {', '.join(names)}"
 
 
 class UsageError(CltaaError):

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from cltaa.display import luma, shown_light, to_display
-from cltaa.errors import DataError, UsageError
+from cltaa.errors import DataError, UsageError, known
 from cltaa.extras import import_extra
 from cltaa.frames import Image
 
@@ -136,7 +136,7 @@ def parse_metrics(text: str) -> tuple[Metric, ...]:
     names = list(METRICS) if text == "all" else [name.strip() for name in text.split(",") if name.strip()]
     for name in names:
         if name not in METRICS:
-            raise UsageError("unknown metric", expected=", ".join(METRICS), found=name)
+            raise UsageError(f"unknown metric {name}", cure=known(name, METRICS, "metrics"))
     if not names:
         raise UsageError("no metric is named", expected=", ".join(METRICS))
     return tuple(METRICS[name] for name in dict.fromkeys(names))

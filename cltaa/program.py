@@ -13,7 +13,7 @@ import numpy as np
 import pyopencl as cl
 
 from cltaa.build import Build, prelude
-from cltaa.errors import InternalError, UsageError
+from cltaa.errors import InternalError, UsageError, known
 from cltaa.kernel_cache import save_log
 from cltaa.kernel_files import kernel_folder
 
@@ -26,7 +26,7 @@ def kernel_names() -> list[str]:
 def _pasted(name: str, seen: set[str]) -> list[str]:
     path = kernel_folder() / name
     if not path.is_file():
-        raise UsageError(f"unknown kernel {path.stem}", cure=f"known kernels: {', '.join(kernel_names())}")
+        raise UsageError(f"unknown kernel {path.stem}", cure=known(path.stem, kernel_names(), "kernels"))
     lines = [f'#line 1 "{name}"']
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
         if line.startswith("#include"):

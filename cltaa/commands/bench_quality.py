@@ -20,7 +20,7 @@ from cltaa.bench.quality_pictures import write_pictures
 from cltaa.bench.quality_summary import Table, ordered, summarise
 from cltaa.commands.bench_kernels import parse_size
 from cltaa.commands.options import FILE_PATH, PRESET, json_option
-from cltaa.errors import UsageError
+from cltaa.errors import UsageError, known
 from cltaa.launch import Launcher, launcher_for
 from cltaa.presets import Preset, load_preset, preset_names
 from cltaa.sources import Sequence, open_sequence
@@ -146,12 +146,13 @@ def _numbers(text: str) -> list[int]:
 
 
 def _planned(scenes: tuple[str, ...], seeds: dict[int, str], shape: Shape, work: Path) -> list[tuple[Case, int]]:
-    known = known_scenes()
+    registered = known_scenes()
     for scene in scenes:
-        if scene not in {*known, ALL} and not scene.startswith(MODEL):
-            raise UsageError(f"unknown scene {scene}", expected=f"{', '.join(known)}, {ALL} or file:PATH")
-    names = [name for scene in scenes or [ALL] for name in (known if scene == ALL else [scene])]
-    effects = {name: known.get(name, frozenset({"motion"})) for name in names}
+        if scene not in {*registered, ALL} and not scene.startswith(MODEL):
+            cure = known(scene, [*registered, ALL, f"{MODEL}PATH"], "scenes")
+            raise UsageError(f"unknown scene {scene}", cure=cure)
+    names = [name for scene in scenes or [ALL] for name in (registered if scene == ALL else [scene])]
+    effects = {name: registered.get(name, frozenset({"motion"})) for name in names}
     cases = planned(effects, seeds, shape, work / "sequences")
     return list(zip(cases, list(seeds) * len(effects), strict=True))
 

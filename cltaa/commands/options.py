@@ -10,7 +10,7 @@ from typing import Any, Literal
 import click
 from click.shell_completion import CompletionItem
 
-from cltaa.errors import UsageError
+from cltaa.errors import UsageError, known
 from cltaa.exr_attributes import EXPOSURE_STOPS
 from cltaa.frames import Effect, parse_effects
 
@@ -85,9 +85,7 @@ def chosen_effects(text: str) -> frozenset[Effect] | Literal["auto", "all"]:
         return "auto"
     if text == "all":
         return "all"
-    try:
-        return parse_effects(text)
-    except ValueError:
-        raise UsageError(
-            "--effects: unknown effect", expected=f"auto, all or {', '.join(Effect)}", found=text
-        ) from None
+    for name in (part.strip() for part in text.split(",")):
+        if name and name not in [*Effect]:
+            raise UsageError(f"--effects: unknown effect {name}", cure=known(name, ["auto", "all", *Effect], "effects"))
+    return parse_effects(text)

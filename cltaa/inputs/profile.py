@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from cltaa.errors import DataError, UsageError
+from cltaa.errors import DataError, UsageError, known
 from cltaa.file_content import read_text
 
 LARGEST = 1 << 16  # bytes; every key with a comment takes a few thousand
@@ -138,7 +138,9 @@ def load_profile(name: str) -> Profile:
     if name in profile_names():
         return _parse(name, (_FOLDER / f"{name}.toml").read_text(encoding="utf-8"), name)
     if not name.endswith(".toml"):
-        raise UsageError(f"unknown profile {name}", cure=f"known: auto, {', '.join(profile_names())}, FILE.toml")
+        raise UsageError(
+            f"unknown profile {name}", cure=known(name, ["auto", *profile_names(), "FILE.toml"], "profiles")
+        )
     return _parse(Path(name).stem, read_text(Path(name), "a profile", LARGEST), name)
 
 

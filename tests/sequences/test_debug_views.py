@@ -167,11 +167,22 @@ def test_the_command_writes_layers_and_pictures(tmp_path: Path, capsys: pytest.C
 def test_names_of_views() -> None:
     assert parse_views("motion, clip,motion") == (View.MOTION, View.CLIP)
     assert parse_views("") == ()
-    with pytest.raises(UsageError, match=r"--debug: unknown view \(expected reject, count, motion, clip, found x\)"):
+    with pytest.raises(UsageError, match="--debug: unknown view x; known views: reject, count, motion, clip"):
         parse_views("clip,x")
     assert are_views("reject,count")
+    assert are_views("rejct")
+    assert are_views("x,count")
+    assert are_views("count," + 5000 * "x")
     assert not are_views("folder")
     assert not are_views("")
+
+
+def test_a_folder_named_much_like_a_view_is_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert are_views("clips")
+    (tmp_path / "clips").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert not are_views("clips")
+    assert are_views("clip")
 
 
 def test_a_gathering_preset_shows_what_it_found() -> None:
