@@ -17,7 +17,7 @@ from cltaa.exr_layout import LOSSLESS, Layout
 from cltaa.frames import Effect, Matrix
 from cltaa.manifest import recorded_hashes
 from cltaa.numbered import numbered_files
-from cltaa.pixel_statistics import ChannelStatistics, pixel_problems
+from cltaa.pixel_statistics import ChannelStatistics, needless_channels, pixel_problems
 from cltaa.promises import Witness
 from cltaa.sources import open_images
 
@@ -110,7 +110,7 @@ def inspect_folder(
     if headers:
         _describe_headers(result, headers)
     _describe_reference(result, folder, paths)
-    result.problems += pixel_problems(result.statistics)
+    result.problems += pixel_problems(result.statistics) + needless_channels(result.statistics)
     if pixels and headers:
         declared = next(iter(headers.values())).effects
         result.problems += witness.broken(declared)

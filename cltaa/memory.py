@@ -112,6 +112,6 @@ def of_sequence(
 
 def of_whole_images(sequence: Sequence, *, doubled: bool = False) -> Memory:
     """Memory of a resolve of ``sequence`` over whole images, with each step that its channels allow; no frames kept."""
-    channels = {name for layout in sequence.layouts.values() for name in layout.channels}
-    steps = Steps(own_motion="backward.u" in channels, alpha="A" in channels, reactive="reactive" in channels)
+    holds = sequence.holds
+    steps = Steps(own_motion="motion" in holds, alpha="alpha" in holds, reactive="reactive" in holds)
     return of_sequence(sequence, steps, doubled=doubled)

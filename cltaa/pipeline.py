@@ -191,7 +191,7 @@ class _Run:
     def _reserve(self, part: Sequence) -> None:
         """Let the resolver allocate what the first frame will need, while that is decoded."""
         wanted = isinstance(self._effects, str) or Effect.ALPHA in self._effects
-        alpha = wanted and "A" in part.layouts[part.first].channels
+        alpha = wanted and "alpha" in part.holds
         self._resolver.reserve(part.width, part.height, alpha=alpha)
 
     def _write(

@@ -52,8 +52,6 @@ def pixel_problems(statistics: dict[str, ChannelStatistics]) -> list[str]:
             not_finite = channel.infinite
         if not_finite:
             problems.append(f"channel {name}: {not_finite} of {channel.count} values are not finite")
-        if name.startswith("backward.") and channel.zero == channel.count:
-            problems.append(f"channel {name}: all zero; nothing moves, so the channel is not needed")
     depth = statistics.get("Z")
     if depth is not None and depth.lowest <= 0:
         problems.append(f"channel Z: depth {depth.lowest:g} is not in front of the camera")
@@ -61,3 +59,12 @@ def pixel_problems(statistics: dict[str, ChannelStatistics]) -> list[str]:
     if alpha is not None and not 0 <= alpha.lowest <= alpha.highest <= 1:
         problems.append(f"channel A: alpha from {alpha.lowest:g} to {alpha.highest:g} leaves 0 to 1")
     return problems
+
+
+def needless_channels(statistics: dict[str, ChannelStatistics]) -> list[str]:
+    """Sentences about channels that say nothing, which whoever declares what moves had better leave out."""
+    return [
+        f"channel {name}: all zero; nothing moves, so the channel is not needed"
+        for name, channel in statistics.items()
+        if name.startswith("backward.") and channel.zero == channel.count
+    ]

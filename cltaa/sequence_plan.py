@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -13,7 +13,7 @@ from cltaa.bands import band_rows_for
 from cltaa.bench.timing import Job, Samples, measure
 from cltaa.build import Steps
 from cltaa.frame_record import Past
-from cltaa.frames import Effect, Frame
+from cltaa.frames import Effect
 from cltaa.launch import Launcher
 from cltaa.memory import Memory, of_sequence, of_whole_images
 from cltaa.params import HistoryOf, LightChange
@@ -23,7 +23,6 @@ from cltaa.resolve import Resolver
 from cltaa.sources import Sequence
 
 ROUNDS = 9  # of timing, each of which runs every variant once
-NO_PIXELS = np.empty((0, 0), np.float32)
 PLANNED, EVERY = "as planned", "every step"
 
 Effects = frozenset[Effect] | Literal["auto", "all"]
@@ -115,7 +114,7 @@ def _plans(sequence: Sequence, preset: Preset, effects: Effects) -> Iterator[tup
     """Number, whether history starts, and plan of every frame."""
     past: Past | None = None
     for number in sequence.numbers:
-        frame = with_effects(outline(sequence, number), effects)
+        frame = with_effects(sequence.outline(number), effects)
         if past is not None and not past.continues_in(frame, preset.choices):
             past = None
         yield (
@@ -124,17 +123,6 @@ def _plans(sequence: Sequence, preset: Preset, effects: Effects) -> Iterator[tup
             plan_frame(preset, frame, None if past is None else past.camera, every=effects == "all"),
         )
         past = Past.of(frame)
-
-
-def outline(sequence: Sequence, number: int) -> Frame:
-    """A frame of which only the header was read: its channels are there, and empty."""
-    header, channels = sequence.frame_header(number), sequence.layouts[number].channels
-    there = {"motion": "backward.u", "alpha": "A", "reactive": "reactive"}
-    empty: dict[str, Any] = {name: NO_PIXELS if channel in channels else None for name, channel in there.items()}
-    return Frame(
-        index=number, colour=NO_PIXELS, depth=NO_PIXELS, camera=header.camera, jitter_px=header.jitter_px,
-        cut=header.cut, exposure=header.exposure, scene=header.scene, effects=header.effects, **empty,
-    )  # fmt: skip
 
 
 def _time(span: Span, planned: Plan, sequence: Sequence, resolver: Resolver, effects: Effects, rounds: int) -> None:

@@ -11,6 +11,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cltaa.errors import DataError, InputMissing
 from cltaa.exr import ImageHeader, read_colour, read_frame, read_header
 from cltaa.exr_attributes import FrameHeader
@@ -18,6 +20,13 @@ from cltaa.exr_channels import check_float_channels
 from cltaa.frames import Effect, Frame, Image
 from cltaa.manifest import read_capture_record, recorded_hashes
 from cltaa.numbered import NUMBERED, NumberedFiles, OnBreak, check_same_size, frame_missing, name_of, numbered_files
+
+NO_PIXELS = np.empty((0, 0), np.float32)
+CHANNEL_OF = {
+    "motion": "backward.u",
+    "alpha": "A",
+    "reactive": "reactive",
+}  # part of a frame: the channel that shows it
 
 
 class ImageSequence(NumberedFiles):
@@ -54,6 +63,12 @@ class Sequence(NumberedFiles):
         """What was decided about the files of another tool, line by line; own ones: nothing."""
         return []
 
+    @property
+    def holds(self) -> frozenset[str]:
+        """Which of motion, alpha and reactive its frames have, one of them at least."""
+        there = {name for layout in self.layouts.values() for name in layout.channels}
+        return frozenset(part for part, name in CHANNEL_OF.items() if name in there)
+
     @cached_property
     def header(self) -> ImageHeader:
         """Layout and attributes of the first frame, read without its pixels."""
@@ -87,6 +102,15 @@ class Sequence(NumberedFiles):
         """Camera, jitter, cut and exposure of one frame number, checked, read without its pixels."""
         path = self.path(number)
         return FrameHeader(path, read_header(path).attributes)
+
+    def outline(self, number: int) -> Frame:
+        """A frame of which only the header was read: its channels are there, and empty."""
+        header, channels = self.frame_header(number), self.layouts[number].channels
+        empty: dict[str, Any] = {part: NO_PIXELS if name in channels else None for part, name in CHANNEL_OF.items()}
+        return Frame(
+            index=number, colour=NO_PIXELS, depth=NO_PIXELS, camera=header.camera, jitter_px=header.jitter_px,
+            cut=header.cut, exposure=header.exposure, scene=header.scene, effects=header.effects, **empty,
+        )  # fmt: skip
 
     def frame(self, number: int) -> Frame:
         """Read one frame by its number; raises DataError where header and sequence disagree."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
@@ -12,9 +13,11 @@ from rich.table import Table
 from cltaa.commands.options import FILE_PATH, PRESET, chosen_effects, input_options, json_option
 from cltaa.errors import DataError
 from cltaa.inputs.description import Description, describe_input
-from cltaa.inputs.opening import is_own
+from cltaa.inputs.opening import is_own, open_input
 from cltaa.inspection import Inspection, inspect_folder
-from cltaa.printable import json_of, shown
+from cltaa.pixel_statistics import ChannelStatistics
+from cltaa.printable import json_of, printable, shown
+from cltaa.sources import Sequence
 
 
 @click.command()
@@ -48,47 +51,50 @@ def inspect(
 
     Only headers are read, which takes well under a millisecond a frame; a truncated file is found all the same. The
     exit code is 0 when nothing is wrong, else 65. --plan prints the plan of a resolve instead. Of the files of another
-    tool it says how they would be read.
+    tool it says how they would be read, and with --pixels what a resolve then takes.
     """
-    named = bool(inputs) or camera is not None or profile not in ("auto", "cltaa")
-    if named or (profile == "auto" and not (pixels or planned) and not is_own(folder)):
-        _reading(describe_input(folder, profile=profile, assignments=inputs, side_file=camera), as_json)
-        return
+    reading: dict[str, Any] = {"profile": profile, "assignments": inputs, "side_file": camera}
     if planned:
-        _plan(folder, preset, device, effects, as_json)
+        _plan(open_input(folder, **reading), preset, device, effects, as_json)
         return
+    named = bool(inputs) or camera is not None or profile not in ("auto", "cltaa")
     console = Console(stderr=True)
+    found: Inspection | Description
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("inspecting")
-        found = inspect_folder(
-            folder,
-            pixels=pixels,
-            advance=lambda done, total: progress.update(task, completed=done, total=total),
-        )
+
+        def advance(done: int, total: int) -> None:
+            progress.update(task, completed=done, total=total)
+
+        if named or (profile == "auto" and not is_own(folder)):
+            found = describe_input(folder, pixels=pixels, advance=advance, **reading)
+        else:
+            found = inspect_folder(folder, pixels=pixels, advance=advance)
     if as_json:
         click.echo(json_of(found, indent=2))
+    elif isinstance(found, Description):
+        _print_reading(found)
     else:
         _print(found)
     if found.problems:
         ctx.exit(DataError.exit_code)
 
 
-def _plan(folder: Path, preset: str, device: str | None, effects: str, as_json: bool) -> None:
+def _plan(source: Sequence, preset: str, device: str | None, effects: str, as_json: bool) -> None:
     from cltaa.commands.plan_table import print_plan  # here: these load OpenCL, and a look at headers must not
     from cltaa.sequence_plan import plan
-    from cltaa.sources import open_sequence
 
-    found = plan(open_sequence(folder), preset, device, effects=chosen_effects(effects))
+    if source.notes:
+        click.echo("\n".join(map(printable, source.notes)), err=True)
+    found = plan(source, preset, device, effects=chosen_effects(effects))
     if as_json:
         click.echo(json_of(found, indent=2))
     else:
         print_plan(found)
 
 
-def _reading(found: Description, as_json: bool) -> None:
-    if as_json:
-        click.echo(json_of(found, indent=2))
-        return
+def _print_reading(found: Description) -> None:
+    console = Console()
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     table.add_column(style="dim")
     table.add_column()
@@ -99,7 +105,10 @@ def _reading(found: Description, as_json: bool) -> None:
     table.add_row("also there", shown(" ".join(found.unused)) or "nothing")
     for note in found.notes:
         table.add_row("without", shown(note))
-    Console().print(table)
+    console.print(table)
+    if found.statistics:
+        console.print(_statistics(found.statistics))
+    _print_problems(console, found.problems, looked=bool(found.statistics))
 
 
 def _print(found: Inspection) -> None:
@@ -111,12 +120,16 @@ def _print(found: Inspection) -> None:
         table.add_row(name, shown(text))
     console.print(table)
     if found.statistics:
-        console.print(_statistics(found))
+        console.print(_statistics(found.statistics))
     for idle in found.idle:
         console.print(f"[yellow]![/] {shown(idle)}", soft_wrap=True, highlight=False)
-    for problem in found.problems:
+    _print_problems(console, found.problems)
+
+
+def _print_problems(console: Console, problems: list[str], *, looked: bool = True) -> None:
+    for problem in problems:
         console.print(f"[red]✗[/] {shown(problem)}", soft_wrap=True, highlight=False)
-    if not found.problems:
+    if looked and not problems:
         console.print("[green]✓[/] no problem found")
 
 
@@ -162,10 +175,10 @@ def _reference(found: Inspection) -> str:
     return f"{found.reference.frames} frames" + ("" if samples is None else f" of {samples} samples a pixel")
 
 
-def _statistics(found: Inspection) -> Table:
+def _statistics(statistics: dict[str, ChannelStatistics]) -> Table:
     table = Table("channel")
     for heading in ("lowest", "highest", "NaN", "infinite"):
         table.add_column(heading, justify="right")
-    for name, channel in found.statistics.items():
+    for name, channel in statistics.items():
         table.add_row(name, f"{channel.lowest:.6g}", f"{channel.highest:.6g}", str(channel.nan), str(channel.infinite))
     return table

@@ -1,15 +1,19 @@
-"""How a folder of another tool's files would be read, for a reader."""
+"""How a folder of another tool's files would be read, and what their pixels then hold, for a reader."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import msgspec
 
+from cltaa.errors import CltaaError
+from cltaa.exr_channels import frame_planes
+from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import open_intake
 from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.roles import Place, shown_name
+from cltaa.pixel_statistics import ChannelStatistics, pixel_problems
 
 
 class Description(msgspec.Struct, kw_only=True):
@@ -26,12 +30,24 @@ class Description(msgspec.Struct, kw_only=True):
     channels: dict[str, list[str]]
     unused: list[str]
     notes: list[str]
+    statistics: dict[str, ChannelStatistics] = {}  # of what a resolve takes, by the channels of cltaa's own files
+    problems: list[str] = []
 
 
 def describe_input(
-    folder: Path, *, profile: str, assignments: Sequence[str] = (), side_file: Path | None = None
+    folder: Path,
+    *,
+    profile: str,
+    assignments: Sequence[str] = (),
+    side_file: Path | None = None,
+    pixels: bool = False,
+    advance: Callable[[int, int], None] | None = None,
 ) -> Description:
-    """Decide how ``folder`` is read, and say so; raises what ``open_intake`` raises."""
+    """Decide how ``folder`` is read, and say so; raises what ``open_intake`` raises.
+
+    With ``pixels`` every frame is read and converted as for a resolve, and what is wrong with it is listed, not raised.
+    ``advance(done, total)`` is called after every frame.
+    """
     intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file)
     numbers = sorted(intake.declared)
     size = intake.layouts[numbers[0]]
@@ -42,9 +58,27 @@ def describe_input(
         for label, files in sorted(intake.sets.items())
         for channel in read_any_header(files[min(files)]).layout.channels
     ]
-    return Description(
+    found = Description(
         folder=str(folder), profile=intake.profile.name, reason=intake.reason, first=numbers[0], last=numbers[-1],
         frames=len(numbers), width=size.width, height=size.height,
         channels={role: [shown_name(place, several) for place in places] for role, places in intake.roles.items()},
         unused=[shown_name(place, several) for place in there if place not in used], notes=intake.notes,
     )  # fmt: skip
+    if pixels:
+        _look(found, ForeignSequence(folder, intake, numbers), advance)
+    return found
+
+
+def _look(found: Description, sequence: ForeignSequence, advance: Callable[[int, int], None] | None) -> None:
+    for done, number in enumerate(sequence.numbers, start=1):
+        try:
+            planes = frame_planes(sequence.frame(number), sequence.path(number))
+        except CltaaError as error:
+            found.problems.append(str(error))
+            planes = {}
+        for channel, plane in planes.items():
+            if channel != "Z" or "depth" in sequence.intake.roles:  # else it is filled in
+                found.statistics.setdefault(channel, ChannelStatistics()).add(plane)
+        if advance is not None:
+            advance(done, found.frames)
+    found.problems += pixel_problems(found.statistics)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence as Many
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -19,7 +20,7 @@ from cltaa.inputs.intake import Intake, intake_lines
 from cltaa.inputs.parts import read_planes
 from cltaa.manifest import recorded_hashes
 from cltaa.numbered import OnBreak, name_of
-from cltaa.sources import Sequence
+from cltaa.sources import CHANNEL_OF, NO_PIXELS, Sequence
 
 MATRICES = ("worldToCamera", "worldToNDC", "cltaa:worldToView", "cltaa:viewToClip")
 
@@ -65,6 +66,11 @@ class ForeignSequence(Sequence):
         """What was decided about its files, line by line."""
         return list(intake_lines(self.intake))
 
+    @property
+    def holds(self) -> frozenset[str]:
+        """Which of motion, alpha and reactive its frames have: all or none, as the profile finds their channels."""
+        return frozenset(CHANNEL_OF.keys() & self.intake.roles.keys())
+
     def select(self, first: int, last: int) -> Self:
         """Return the frames ``first`` to ``last``, both included."""
         self.path(first), self.path(last)
@@ -73,29 +79,34 @@ class ForeignSequence(Sequence):
 
     def frame(self, number: int) -> Frame:
         """Read and convert one frame."""
-        intake, profile = self.intake, self.intake.profile
-        planes = self._planes(number)
-        known = intake.declared[number]
-        before = intake.declared.get(number - 1, known)
-        jitter, earlier = known.jitter_px or (0.0, 0.0), before.jitter_px or (0.0, 0.0)
+        profile, planes, outline = self.intake.profile, self._planes(number), self.outline(number)
         colour = linear_colour(planes["colour"], profile.colour.encoding)
-        height, width = colour.shape[:2]
-        camera = known.camera or still_camera(width, height)
-        if self._strict:
-            check_camera(camera, path=self.path(number), frame=number)
-        depth = np.full((height, width), np.inf, np.float32)
+        depth = np.full(colour.shape[:2], np.inf, np.float32)
         if "depth" in planes:
-            depth = planar_depth(planes["depth"][..., 0], profile.depth, camera, jitter)
+            depth = planar_depth(planes["depth"][..., 0], profile.depth, outline.camera, outline.jitter_px)
         motion = None
         if "motion" in planes:
-            motion = motion_px(planes["motion"], profile.motion, jitter, earlier)
-        attributes = intake.attributes[number]
+            motion = motion_px(planes["motion"], profile.motion, outline.jitter_px, self._jitter(number - 1, number))
+        alpha, reactive = _only(planes.get("alpha")), _only(planes.get("reactive"))
+        return replace(outline, colour=colour, depth=depth, motion=motion, alpha=alpha, reactive=reactive)
+
+    def outline(self, number: int) -> Frame:
+        """A frame of which only the header was read: the channels that it has are there, and empty."""
+        camera = self.intake.declared[number].camera or still_camera(self.width, self.height)
+        if self._strict:
+            check_camera(camera, path=self.path(number), frame=number)
+        attributes = self.intake.attributes[number]
+        empty: dict[str, Any] = dict.fromkeys(self.holds, NO_PIXELS)
         return Frame(
-            index=number, colour=colour, depth=depth, camera=camera, jitter_px=jitter, motion=motion,
-            alpha=_only(planes.get("alpha")), reactive=_only(planes.get("reactive")),
+            index=number, colour=NO_PIXELS, depth=NO_PIXELS, camera=camera, jitter_px=self._jitter(number, number),
             cut=attributes.get("cltaa:cut") == 1, exposure=_number(attributes.get("cltaa:exposure"), 1.0),
-            path=self.path(number),
+            path=self.path(number), **empty,
         )  # fmt: skip
+
+    def _jitter(self, number: int, otherwise: int) -> tuple[float, float]:
+        """What frame ``number`` declares, or where there is no such frame ``otherwise``; nothing counts as none."""
+        declared = self.intake.declared
+        return declared.get(number, declared[otherwise]).jitter_px or (0.0, 0.0)
 
     def sha256(self, number: int) -> str | None:
         """Return the SHA-256 that the file of a frame's colour must have, or None."""

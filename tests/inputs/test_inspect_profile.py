@@ -5,9 +5,15 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 from click.testing import CliRunner
 
+from cltaa.build import Steps
 from cltaa.cli import root
+from cltaa.inputs.opening import open_input
+from cltaa.memory import of_sequence, of_whole_images
+from tests.inputs.foreign import write_blender, write_parts
+from tests.sequence_factory import make_frame
 
 BLENDER = Path(__file__).parents[1] / "thirdparty" / "recorded" / "blender"
 
@@ -28,3 +34,51 @@ def test_it_prints_a_table_and_takes_a_side_file() -> None:
     assert done.exit_code == 0
     assert "ViewLayer.Depth.Z" in done.stdout
     assert "without" not in done.stdout
+
+
+def test_the_plan_of_another_tools_files_is_that_of_their_resolve() -> None:
+    arguments = ["inspect", str(BLENDER), "--plan", "--device", "numpy", "--json"]
+    done = CliRunner().invoke(root, arguments)
+    assert done.exit_code == 0, done.stderr
+    assert "no matrices" in done.stderr  # as a resolve says it
+    steps = {step["name"]: step["on"] for step in json.loads(done.stdout)["spans"][-1]["steps"]}
+    assert (steps["own motion"], steps["reprojection"], steps["alpha"]) == (True, False, False)
+    # What --camera tells is part of the plan.
+    done = CliRunner().invoke(root, [*arguments, "--camera", str(BLENDER / "camera.json")])
+    assert "no matrices" not in done.stderr
+    steps = {step["name"]: step["on"] for step in json.loads(done.stdout)["spans"][-1]["steps"]}
+    assert steps["reprojection"]
+
+
+def test_pixels_of_another_tools_files_are_looked_at_as_a_resolve_takes_them() -> None:
+    for named in ([], ["--profile", "blender"]):
+        done = CliRunner().invoke(root, ["inspect", str(BLENDER), "--pixels", "--json", *named])
+        found = json.loads(done.stdout)
+        assert (done.exit_code, found["problems"]) == (0, [])
+        assert sorted(found["statistics"]) == ["B", "G", "R", "Z", "backward.u", "backward.v"]
+    done = CliRunner().invoke(root, ["inspect", str(BLENDER), "--pixels"])
+    assert "backward.u" in done.stdout
+    assert "no problem found" in done.stdout
+
+
+def test_what_is_wrong_with_another_tools_pixels_is_listed(tmp_path: Path) -> None:
+    frames = [make_frame(number) for number in (1, 2, 3)]
+    frames[1].colour[3, 4] = np.nan
+    for frame in frames:
+        frame.depth[:2] = np.inf
+    colour = {f"ViewLayer.Combined.{name}": frames[2].colour[..., place] for place, name in enumerate("RGB")}
+    write_parts(write_blender(tmp_path, frames) / "shot.0003.exr", {"ViewLayer.Combined": colour}, {})
+    done = CliRunner().invoke(root, ["inspect", str(tmp_path), "--pixels", "--json"])
+    found = json.loads(done.stdout)
+    problems, depth = found["problems"], found["statistics"]["Z"]
+    assert done.exit_code == 65
+    assert any("shot.0003.exr" in text and "channel is missing" in text for text in problems), problems
+    assert any("channel R: 1 of" in text for text in problems), problems
+    assert depth["highest"] < 1e9  # Blender's 1e10 is the sky
+    assert depth["infinite"] == 2 * 2 * frames[0].width
+
+
+def test_memory_counts_what_another_tools_frames_hold() -> None:
+    source = open_input(BLENDER)
+    assert source.holds == {"motion"}
+    assert of_whole_images(source) == of_sequence(source, Steps(own_motion=True, alpha=False, reactive=False))

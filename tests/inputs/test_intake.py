@@ -301,7 +301,7 @@ def test_wrong_assignments(assignment: str, error: type[CltaaError]) -> None:
 
 
 def test_wrong_profiles(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="known: auto, arnold"):
+    with pytest.raises(UsageError, match="known profiles: auto, arnold"):
         load_profile("maya")
     with pytest.raises(InputMissing):
         load_profile(str(tmp_path / "a.toml"))
