@@ -20,8 +20,10 @@ from cltaa.metrics import METRICS
 @click.command("overview")
 @click.argument("reports", nargs=-1, required=True, type=FILE_PATH, metavar="REPORT...")
 @click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder to write into.")
+@click.option("--pictured", default=4, show_default=True, type=click.IntRange(min=0),
+              help="Sequences, the first ones, that have plots of their own.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print all numbers as JSON and nothing else.")
-def overview(reports: tuple[Path, ...], output: Path, as_json: bool) -> None:
+def overview(reports: tuple[Path, ...], output: Path, pictured: int, as_json: bool) -> None:
     """Put the reports of cltaa bench accuracy together: their sequences in one figure, one table, one JSON and CSV.
 
     Each REPORT is the folder of one; all must be of the same device, kernels and variants, as when several processes,
@@ -37,6 +39,6 @@ def overview(reports: tuple[Path, ...], output: Path, as_json: bool) -> None:
     for name, content in {NAME: numbers, "accuracy.csv": csv_text(result), "overview.md": text}.items():
         with atomic_path(output / name) as temporary:
             temporary.write_text(content, encoding="utf-8")
-    for _ in write_plots(result, output):
+    for _ in write_plots(result, output, pictured):
         pass
     click.echo(numbers if as_json else text, nl=False)

@@ -92,6 +92,9 @@ def test_reports_of_one_device_become_one(tmp_path: Path, capsys: pytest.Capture
     assert text == (tmp_path / "both" / "overview.md").read_text()
     assert [measured.name for measured in read_report(tmp_path / "both").sequences] == ["one", "two"]
     assert {"overview.png", "accuracy.csv", "front-two.svg"} <= {path.name for path in (tmp_path / "both").iterdir()}
+    assert main(["bench", "overview", *folders, "-o", str(tmp_path / "few"), "--pictured", "1"]) == 0
+    fronts = {path.name for path in (tmp_path / "few").glob("front-*.svg")}
+    assert fronts == {"front-one.svg"}
 
 
 def test_reports_that_cannot_be_one_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
