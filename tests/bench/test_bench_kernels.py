@@ -11,10 +11,11 @@ import pytest
 
 from cltaa.bench.baseline import BASELINE, PlainPort, check_same, least_bytes
 from cltaa.bench.frames import SHIFT_PX, Motion, camera_at, make_frames
-from cltaa.bench.kernels import AGAIN, CORE
+from cltaa.bench.kernels import AGAIN, CORE, Contenders
 from cltaa.build import STORAGES, Storage
 from cltaa.cameras import displacement
 from cltaa.errors import InternalError, UsageError
+from cltaa.frames import Frame, Image
 from cltaa.launch import DeviceLauncher
 from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
@@ -90,6 +91,41 @@ def test_plain_port_computes_the_core(motion: Motion, storage: Storage) -> None:
     check_same("plain port", image, expected, storage)
     with pytest.raises(InternalError, match="does not compute what the resolve computes"):
         check_same("another frame", frames[0].colour, expected, storage)
+
+
+class CoarseShader(PlainPort):
+    """A shader of so many reads, of which those of ``COARSE`` are weighed in 8 bits, as texture units may."""
+
+    COARSE: tuple[int, ...] = (9,)
+    renderer = "coarse"
+
+    def __init__(self, storage: Storage, width: int, height: int, taps: int) -> None:
+        super().__init__(DeviceLauncher(), storage, width, height)
+        self._taps = taps
+
+    def resolve(self, frame: Frame, previous: Frame | None) -> Image:
+        image = super().resolve(frame, previous)
+        return image * np.float32(1.0 + 2.0**-9) if self._taps in self.COARSE else image
+
+
+def contenders(monkeypatch: pytest.MonkeyPatch, coarse: tuple[int, ...]) -> Contenders:
+    monkeypatch.setattr("cltaa.bench.kernels.Shader", CoarseShader)
+    monkeypatch.setattr(CoarseShader, "COARSE", coarse)
+    return Contenders(DeviceLauncher(), Storage.FLOAT, make_frames(64, 36, Motion.TURN))
+
+
+def test_a_shader_whose_texture_units_weigh_coarsely_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    timed = contenders(monkeypatch, (9,))
+    timed.add_ports()
+    assert [job.name for job in timed.jobs] == [CORE, AGAIN, "plain port", "GLSL, 16 reads"]
+    assert list(timed.absent) == ["GLSL, 9 reads"]
+    assert "texture units" in timed.absent["GLSL, 9 reads"]
+    assert "% of the pixels" in timed.absent["GLSL, 9 reads"]
+
+
+def test_a_shader_that_fetches_texels_has_no_such_excuse(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InternalError, match="16 reads does not compute"):
+        contenders(monkeypatch, (16,)).add_ports()
 
 
 @pytest.mark.parametrize("changes", [{}, {"history_of": "samples", "frames_kept": 2}])
