@@ -113,7 +113,7 @@ class Contenders:
             except InternalError as error:
                 if taps == FETCHES:
                     raise
-                # OpenGL leaves open in how many bits the units weigh; those of GPUs take 8, which is not the core's sum.
+                # OpenGL leaves open in how many bits units weigh; those of GPUs take 8, and give another sum.
                 self.absent[name] = f"texture units weigh its bilinear reads too coarsely; {error}"
 
     def _add_port(self, name: str, port: PlainPort | Shader) -> None:
