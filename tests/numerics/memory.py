@@ -35,13 +35,13 @@ SIZES = [(9, 7), (1, 1), (17, 2)]
 LANES = (1, 4, 8, 16)
 # What the simulator asks for.
 EDITS = [
-    Mutation("no inlining", "kernels/real.h", " __attribute__((always_inline))", ""),
+    Mutation("no inlining", "kernels/lanes.h", " __attribute__((always_inline))", ""),
     Mutation("library root", "kernels/real.h", "#define SCALAR_ROOT __builtin_sqrtf", "#define SCALAR_ROOT sqrt"),
-    Mutation("halves of masks", "kernels/real.h",
+    Mutation("halves of masks", "kernels/lanes.h",
              "return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0;", "return any(m != 0);"),
-    Mutation("no reading ahead", "kernels/real.h", "#if __has_builtin(__builtin_prefetch)", "#if 0"),
-    Mutation("no reductions", "kernels/real.h", "#if __has_builtin(__builtin_reduce_or)", "#if 0"),
-    Mutation("no floor", "kernels/real.h", "#if __has_builtin(__builtin_elementwise_floor)",
+    Mutation("no reading ahead", "kernels/lanes.h", "#if __has_builtin(__builtin_prefetch)", "#if 0"),
+    Mutation("no reductions", "kernels/lanes.h", "#if __has_builtin(__builtin_reduce_or)", "#if 0"),
+    Mutation("no floor", "kernels/lanes.h", "#if __has_builtin(__builtin_elementwise_floor)",
              "#if 0 && __has_builtin(__builtin_elementwise_floor)"),
 ]  # fmt: skip
 STORED = "store_colour(repaired + texel_offset(frame, x, y), plane, v);"

@@ -1,0 +1,172 @@
+// lanes: how many pixels a work-item computes at once. One on GPUs, a vector of LANES neighbouring pixels on CPUs, and
+// what there is in each case to load, to store and to ask several lanes at once.
+#if !defined(LANES) || !defined(REAL_DOUBLE) || !defined(STORAGE_HALF) || !defined(STORAGE_DOUBLE)
+#error "lanes.h needs LANES, REAL_DOUBLE, STORAGE_HALF and STORAGE_DOUBLE from the prelude"
+#endif
+
+#if defined(__has_warning) && LANES > 1
+#if __has_warning("-Wpsabi")
+// Vectors wider than the CPU's registers are passed in memory; every function here is inlined, so no ABI is at stake.
+#pragma clang diagnostic ignored "-Wpsabi"
+#endif
+#endif
+
+// What the instruction set of NVIDIA's GPUs has and OpenCL C has not: docs/performance.md, A GPU.
+#if LANES == 1 && defined(cl_nv_pragma_unroll)
+#define NVIDIA 1
+#else
+#define NVIDIA 0
+#endif
+
+// Every stage function is inlined: a call would pass whole rows of vectors through memory.
+#define STAGE static inline __attribute__((always_inline))
+
+// Before a loop that stays one on a CPU, around what is rare or long: written out it is what a compiler takes its time
+// over. A GPU keeps in registers only what it has written out.
+#if LANES > 1 && defined(__clang__)
+#define ROLLED _Pragma("clang loop unroll(disable)")
+#else
+#define ROLLED
+#endif
+
+#define PASTE_(a, b) a##b
+#define PASTE(a, b) PASTE_(a, b)
+#if LANES == 1
+#define LANED(type) type
+#else
+#define LANED(type) PASTE(type, LANES)
+#endif
+
+#if REAL_DOUBLE || STORAGE_DOUBLE
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+#endif
+#if REAL_DOUBLE
+typedef double scalar;
+typedef long scalar_whole;
+typedef LANED(double) real;
+typedef LANED(long) whole;
+#define AS_WHOLE PASTE(as_, LANED(long))
+#define TO_WHOLE PASTE(PASTE(convert_, LANED(long)), _rtz)
+#define TO_REAL PASTE(convert_, LANED(double))
+#define MAGNITUDE_BITS 0x7fffffffffffffffL
+#else
+typedef float scalar;
+typedef int scalar_whole;
+typedef LANED(float) real;
+typedef LANED(int) whole;
+#define AS_WHOLE PASTE(as_, LANED(int))
+#define TO_WHOLE PASTE(PASTE(convert_, LANED(int)), _rtz)
+#define TO_REAL PASTE(convert_, LANED(float))
+#define MAGNITUDE_BITS 0x7fffffff
+#endif
+typedef whole mask;
+
+// Literals: the formula's coefficient in the precision of real.
+#define K(value) ((scalar)(value))
+#define SPLAT(value) ((real)(K(value)))
+
+// Planes hold floats; only the history may be stored in half or double.
+typedef __global const float* restrict plane_in;
+typedef __global float* restrict plane_out;
+#if STORAGE_HALF
+typedef __global const half* restrict history_in;
+typedef __global half* restrict history_out;
+#elif STORAGE_DOUBLE
+typedef __global const double* restrict history_in;
+typedef __global double* restrict history_out;
+#else
+typedef __global const float* restrict history_in;
+typedef __global float* restrict history_out;
+#endif
+
+// Starts to bring the texels right of the LANES from p on into the cache. On a CPU, where a work-item walks down, those
+// are what the work-items after this one will find there; nothing foresees a step of a whole row. OpenCL's own prefetch
+// does nothing on some CPU drivers, and the compiler's takes no pointer into a GPU's memory.
+#if LANES > 1 && defined(__has_builtin) && (defined(__x86_64__) || defined(__aarch64__))
+#if __has_builtin(__builtin_prefetch)
+#define FETCH_NEXT(p) __builtin_prefetch((const void*)(size_t)((p) + LANES))
+#endif
+#endif
+// On a GPU the work-items beside this one read those at the same time, so p itself is fetched.
+#if NVIDIA
+#define FETCH_NEXT(p) __asm volatile("prefetch.global.L1 [%0];" ::"l"(p))
+#endif
+#ifndef FETCH_NEXT
+#define FETCH_NEXT(p) (void)(p)
+#endif
+
+// Results that fill a line of the cache go past it: the line need not be fetched to be overwritten, and the stores
+// behind it do not wait for that. Segments begin on a multiple of 64 bytes: so do rows (ROW_ALIGNMENT, PAD_X), and
+// buffers on 128, the size of the largest type of OpenCL.
+#define STORES_LINES 0
+#if LANES == 16 && defined(__has_builtin)
+#if __has_builtin(__builtin_nontemporal_store)
+#undef STORES_LINES
+#define STORES_LINES 1
+#endif
+#endif
+
+// What a CPU has an instruction for, and not every compiler a name.
+#define REDUCES 0
+#define ELEMENTWISE 0
+#if defined(__has_builtin) && LANES > 1
+#if __has_builtin(__builtin_reduce_or)
+#undef REDUCES
+#define REDUCES 1
+#endif
+#if __has_builtin(__builtin_elementwise_floor) && __has_builtin(__builtin_elementwise_abs)
+#undef ELEMENTWISE
+#define ELEMENTWISE 1
+#endif
+#endif
+
+// Sixteen floats from anywhere by one instruction. Where it was measured it takes half of the time of sixteen loads.
+#define GATHERS 0
+#if LANES == 16 && !REAL_DOUBLE && defined(__AVX512F__) && defined(__has_builtin)
+#if __has_builtin(__builtin_ia32_gathersiv16sf)
+#undef GATHERS
+#define GATHERS 1
+#endif
+#endif
+
+#if LANES == 1
+STAGE real load(plane_in p) { return *p; }
+STAGE void store(plane_out p, real v) { *p = (float)v; }
+STAGE int any_of(mask m) { return m != 0; }
+STAGE scalar_whole first_lane(whole v) { return v; }
+#define LANE_INDEX ((real)(0))
+#else
+#if REAL_DOUBLE
+STAGE real load(plane_in p) { return PASTE(convert_, LANED(double))(PASTE(vload, LANES)(0, p)); }
+STAGE void store(plane_out p, real v) { PASTE(vstore, LANES)(PASTE(convert_, LANED(float))(v), 0, p); }
+#else
+// A vector at any float's address; vloadn and vstoren are calls on some CPU drivers.
+typedef real loose_real __attribute__((aligned(4)));
+STAGE real load(plane_in p) { return *(__global const loose_real*)p; }
+#if STORES_LINES
+STAGE void store(plane_out p, real v) { __builtin_nontemporal_store(v, (__global real*)p); }
+#else
+STAGE void store(plane_out p, real v) { *(__global loose_real*)p = v; }
+#endif
+#endif
+#if LANES == 16
+#define HALVES(m) ((m).lo.lo | (m).lo.hi | (m).hi.lo | (m).hi.hi)
+#define LANE_NUMBERS 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15
+#elif LANES == 8
+#define HALVES(m) ((m).lo | (m).hi)
+#define LANE_NUMBERS 0, 1, 2, 3, 4, 5, 6, 7
+#elif LANES == 4
+#define HALVES(m) (m)
+#define LANE_NUMBERS 0, 1, 2, 3
+#else
+#error "LANES is 1, 4, 8 or 16"
+#endif
+#define LANE_INDEX ((real)(LANE_NUMBERS))
+#if REDUCES
+// Straight from the register of masks, where there is one.
+STAGE int any_of(mask m) { return __builtin_reduce_or(m != 0) != 0; }
+#else
+STAGE int any_of(mask m) { return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0; }
+#endif
+STAGE scalar_whole first_lane(whole v) { return v.s0; }
+#endif
