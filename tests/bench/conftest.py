@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+
+from tests.bench.tiny_report import write_report
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -13,3 +16,9 @@ def data_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_DATA_HOME", str(tmp_path_factory.mktemp("data")))
         yield
+
+
+@pytest.fixture(scope="session")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a tiny report; its frames lie in ``seq`` beside it."""
+    return write_report(tmp_path_factory.mktemp("page"))

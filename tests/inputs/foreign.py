@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,18 @@ import OpenEXR
 from cltaa.exr import write_image
 from cltaa.exr_channels import Pixels, frame_planes
 from cltaa.frames import Frame
+from tests.sequence_factory import make_camera, make_frame
+
+
+def frames(count: int = 3) -> list[Frame]:
+    """Frames with every vector given and a camera whose numbers need all of a double."""
+    made = []
+    for index in range(count):
+        camera = make_camera((index / 3, 0.1, 5.0))
+        frame = make_frame(index, motion=True, camera=camera, jitter_px=(0.3 - index / 7, index / 9), effects=None)
+        assert frame.motion is not None
+        made.append(replace(frame, motion=np.nan_to_num(frame.motion, nan=0.25)))
+    return made
 
 
 def write_own(folder: Path, frames: Sequence[Frame], **attributes: object) -> Path:

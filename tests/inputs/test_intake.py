@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,30 +10,16 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
+from cltaa.errors import DataError, InputMissing
 from cltaa.exr import write_image
 from cltaa.exr_channels import Pixels
 from cltaa.frames import Camera, Frame
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import intake_lines, open_intake
 from cltaa.inputs.opening import open_input
-from cltaa.inputs.profile import load_profile, profile_names
-from cltaa.inputs.profile_text import override, toml_text
-from cltaa.inputs.side_file import read_side_file
 from cltaa.sources import Sequence
-from tests.inputs.foreign import side_text, write_blender, write_own, write_parts
-from tests.sequence_factory import make_camera, make_frame, write_sequence
-
-
-def frames(count: int = 3) -> list[Frame]:
-    """Frames with every vector given and a camera whose numbers need all of a double."""
-    made = []
-    for index in range(count):
-        camera = make_camera((index / 3, 0.1, 5.0))
-        frame = make_frame(index, motion=True, camera=camera, jitter_px=(0.3 - index / 7, index / 9), effects=None)
-        assert frame.motion is not None
-        made.append(replace(frame, motion=np.nan_to_num(frame.motion, nan=0.25)))
-    return made
+from tests.inputs.foreign import frames, side_text, write_blender, write_own, write_parts
+from tests.sequence_factory import make_camera, write_sequence
 
 
 def read(folder: Path, *assignments: str, profile: str = "auto", side: Path | None = None) -> list[Frame]:
@@ -195,52 +179,6 @@ def test_units_signs_and_jitter_of_motion(tmp_path: Path) -> None:
         np.testing.assert_allclose(theirs.motion, ours.motion, rtol=0, atol=2.0**-24 * width)
 
 
-def test_side_files_hold_exact_doubles_in_each_format(tmp_path: Path) -> None:
-    made = frames()
-    text = tmp_path / "camera.txt"
-    text.write_text(side_text(made))
-    content = {
-        str(f.index): {
-            "world_to_view": f.camera.world_to_view.tolist(), "view_to_clip": f.camera.view_to_clip.tolist(),
-            "jitter_px": f.jitter_px,
-        }
-        for f in made
-    }  # fmt: skip
-    (tmp_path / "camera.json").write_text(json.dumps({"frames": content}))
-    with (tmp_path / "camera.csv").open("w") as file:
-        writer = csv.writer(file)
-        names = [
-            f"{key}.{n}"
-            for key, count in (("world_to_view", 16), ("view_to_clip", 16), ("jitter_px", 2))
-            for n in range(count)
-        ]
-        writer.writerow(["frame", *names])
-        for f in made:
-            writer.writerow([f.index, *f.camera.world_to_view.ravel(), *f.camera.view_to_clip.ravel(), *f.jitter_px])
-    for name in ("camera.txt", "camera.json", "camera.csv"):
-        side = read_side_file(tmp_path / name)
-        for frame in made:
-            found = side[frame.index]
-            assert found.world_to_view is not None
-            assert found.view_to_clip is not None
-            np.testing.assert_array_equal(found.world_to_view, frame.camera.world_to_view)
-            np.testing.assert_array_equal(found.view_to_clip, frame.camera.view_to_clip)
-            assert found.jitter_px == frame.jitter_px
-
-
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [
-        ("a.json", "{"), ("a.json", "[]"), ("a.json", '{"frames": {"1": {"jitter_px": [1]}}}'), ("a.csv", "a,b\n1,2\n"),
-        ("a.txt", "world_to_view 1"), ("a.txt", "frame 1\njitter_px x y"), ("a.txt", "frame 1\nnear 1"), ("a.txt", ""),
-    ],
-)  # fmt: skip
-def test_damaged_side_files(name: str, text: str, tmp_path: Path) -> None:
-    (tmp_path / name).write_text(text)
-    with pytest.raises(DataError, match=name):
-        read_side_file(tmp_path / name)
-
-
 def test_standard_matrices_of_two_writers(tmp_path: Path) -> None:
     ours = make_camera((1.0, 2.0, 5.0))
     flip = np.diag([1.0, 1.0, -1.0, 1.0])
@@ -270,45 +208,6 @@ def test_wrong_matrices_are_refused_for_a_resolve(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="last row"):
         read(tmp_path, "motion.swap=false")
     assert len(read(tmp_path, "camera.view_layout=column")) == 3
-
-
-@pytest.mark.parametrize("name", profile_names())
-def test_profiles_survive_toml(name: str, tmp_path: Path) -> None:
-    profile = load_profile(name)
-    (tmp_path / f"{name}.toml").write_text(toml_text(profile))
-    assert load_profile(str(tmp_path / f"{name}.toml")) == profile
-
-
-def test_a_profile_can_build_on_another(tmp_path: Path) -> None:
-    path = tmp_path / "studio.toml"
-    path.write_text('profile = "blender"\n[depth]\nscale = 100.0\n')
-    assert load_profile(str(path)).depth.scale == 100.0
-    assert load_profile(str(path)).motion == load_profile("blender").motion
-
-
-@pytest.mark.parametrize(
-    ("assignment", "error"),
-    [
-        ("depth", UsageError),
-        ("depth.colour=1", UsageError),
-        ("depth.kind=deep", DataError),
-        ("motion.scale=1", DataError),
-    ],
-)
-def test_wrong_assignments(assignment: str, error: type[CltaaError]) -> None:
-    with pytest.raises(error):
-        override(load_profile("cltaa"), [assignment])
-
-
-def test_wrong_profiles(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="known profiles: auto, arnold"):
-        load_profile("maya")
-    with pytest.raises(InputMissing):
-        load_profile(str(tmp_path / "a.toml"))
-    for text in ("[", "[depth]\nkin = 1", 'speed = "x"'):
-        (tmp_path / "a.toml").write_text(text)
-        with pytest.raises(DataError):
-            load_profile(str(tmp_path / "a.toml"))
 
 
 def test_no_colour_names_what_is_there(tmp_path: Path) -> None:

@@ -1,0 +1,241 @@
+"""The report in a real browser: that it works, by mouse and keyboard, at any width."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+from PIL import Image as Pillow
+
+from cltaa.bench.results import Accuracy
+from tests.bench.browser import Browser, browser, missing
+from tests.bench.tiny_report import PRESET
+
+pytestmark = pytest.mark.skipif(missing() is not None, reason=missing() or "")
+ENTER, RIGHT, DOWN = "\ue007", "\ue014", "\ue015"
+
+
+@pytest.fixture(scope="module")
+def window(report: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with browser(tmp_path_factory.mktemp("profile")) as found:
+        found.size(1280, 900)
+        found.open(report / "index.html")
+        found.until("return document.getElementById('under').width === 37")
+        yield found
+
+
+def stage(window: Browser, folder: Path) -> str:
+    """What the viewer shows, as a hash."""
+    window.run("document.getElementById('stage').scrollIntoView()")
+    window.picture(folder / "stage.png", whole=False)
+    box = "const r = document.getElementById('stage').getBoundingClientRect();"
+    left, top, right, bottom = window.run(f"{box} return [r.x, r.y, r.right, r.bottom]")
+    shown = Pillow.open(folder / "stage.png").crop((left, top, right, bottom))
+    return hashlib.sha256(shown.tobytes()).hexdigest()
+
+
+def choose(window: Browser, name: str, value: str) -> None:
+    window.run(
+        "const e = document.getElementById(arguments[0]); e.value = arguments[1]; e.dispatchEvent(new Event('change'))",
+        name,
+        value,
+    )
+
+
+def test_console_stays_clean(window: Browser) -> None:
+    assert window.log() == []
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+def test_nothing_is_wider_than_the_page(window: Browser, width: int) -> None:
+    window.size(width, 900)
+    window.until(
+        "const f = document.getElementById('front');return f.firstChild.viewBox.baseVal.width === f.clientWidth"
+    )
+    assert window.run("return document.documentElement.scrollWidth") == width
+    smallest = window.run(
+        "return Math.min(...[...document.querySelectorAll('#front text')].map(t => t.getBoundingClientRect().height))"
+    )
+    assert smallest >= 11  # pixels: letters are not scaled down with the plot
+    window.size(1280, 900)
+
+
+def test_slider_moves_the_picture(window: Browser, tmp_path: Path) -> None:
+    choose(window, "a", "truth")
+    choose(window, "b", "one sample")
+    seen = set()
+    for place in ("0", "500", "1000"):
+        window.run(
+            "const s = document.getElementById('slide'); s.value = arguments[0]; s.dispatchEvent(new Event('input'))",
+            place,
+        )
+        seen.add(stage(window, tmp_path))
+    assert len(seen) == 3
+    before = stage(window, tmp_path)
+    window.run("document.getElementById('slide').value = 500; document.getElementById('slide').focus()")
+    window.press(RIGHT)
+    assert window.run("return document.getElementById('slide').value") == "501"
+    assert stage(window, tmp_path) != before
+
+
+def test_a_picture_against_itself_has_no_difference(window: Browser) -> None:
+    script = (
+        "const u = document.getElementById('under'), c = new OffscreenCanvas(u.width, u.height).getContext('2d');"
+        "c.drawImage(u, 0, 0); const d = c.getImageData(0, 0, u.width, u.height).data;"
+        "return Math.max(...d.filter((v, i) => i % 4 < 3))"
+    )
+    choose(window, "mode", "difference")
+    choose(window, "a", "truth")
+    choose(window, "b", "truth")
+    window.until(f"return (() => {{ {script} }})() === 0")
+    choose(window, "b", "one sample")
+    window.until(f"return (() => {{ {script} }})() > 50")
+    choose(window, "mode", "slider")
+
+
+@pytest.mark.parametrize("mode", ["flip", "count"])
+def test_maps_are_pictures_of_their_own(window: Browser, tmp_path: Path, mode: str) -> None:
+    choose(window, "a", PRESET)
+    choose(window, "b", PRESET)
+    plain = stage(window, tmp_path)
+    choose(window, "mode", mode)
+    window.until("return document.getElementById('under').width === 37")
+    assert stage(window, tmp_path) != plain
+    choose(window, "mode", "slider")
+
+
+def test_zoom_and_arrow_keys(window: Browser, tmp_path: Path) -> None:
+    fit = stage(window, tmp_path)
+    choose(window, "zoom", "4")
+    near = stage(window, tmp_path)
+    assert near != fit
+    window.run("document.getElementById('stage').focus()")
+    window.press(RIGHT)
+    assert stage(window, tmp_path) != near
+    choose(window, "zoom", "1")
+    window.run("document.activeElement.blur()")
+
+
+def test_a_point_shows_its_frame_by_keyboard(window: Browser) -> None:
+    choose(window, "a", "truth")
+    window.run("document.querySelector('[data-variant=\"build: strict\"]').focus()")
+    assert "build: strict" in window.run("return document.getElementById('point').textContent")
+    window.press(ENTER)
+    window.until("return document.getElementById('tag-a').textContent === 'build: strict'")
+    assert window.run("return document.getElementById('a').value") == "build: strict"
+
+
+@pytest.mark.parametrize(("part", "things"), [("front", ".point"), ("steps", "button.step")])
+def test_many_things_are_one_stop_of_the_tab_key(window: Browser, part: str, things: str) -> None:
+    stops = f"[...document.querySelectorAll('#{part} {things}')]"
+    assert window.run(f"return {stops}.length") > 2
+    assert window.run(f"return {stops}.filter(s => s.tabIndex === 0).length") == 1
+    window.run(f"{stops}.find(s => s.tabIndex === 0).focus()")
+    seen = set()
+    for _ in range(window.run(f"return {stops}.length") + 1):  # once more than there are: the last one stays
+        seen.add(window.run("return document.activeElement.dataset.variant || document.activeElement.ariaLabel"))
+        window.press(RIGHT)
+    assert len(seen) == window.run(f"return {stops}.length")
+    assert window.run(f"return {stops}.filter(s => s.tabIndex === 0).length") == 1
+
+
+def test_noise_lines_are_drawn_and_named(window: Browser, report: Path) -> None:
+    choose(window, "metric", "mse")
+    measured = msgspec.json.decode((report / "accuracy.json").read_bytes(), type=Accuracy).sequences[0]
+    (one,) = (row.errors["mse"].mean for row in measured.yardstick if row.samples == 1)
+    assert measured.mean_noise == pytest.approx(one * 0.1 / 1.9)  # weight 0.1
+    drawn = window.run("return document.getElementById('front').textContent")
+    named = window.run("return document.getElementById('front-legend').textContent")
+    for text in (drawn, named):
+        assert "noise of an exponential mean, weight 0.1" in text
+    assert "copy speed" in named
+    choose(window, "metric", "flip")
+    assert "exponential" not in window.run("return document.getElementById('front-legend').textContent")
+    choose(window, "metric", "mse")
+
+
+def test_rounding_is_an_axis_of_its_own(window: Browser) -> None:
+    choose(window, "metric", "rounding")
+    assert "half an ulp" in window.run("return document.getElementById('front').textContent")
+    assert window.run("return document.querySelectorAll('#front .sample').length") == 0
+    choose(window, "metric", "mse")
+
+
+def test_without_supersampling_the_points_spread_out(window: Browser) -> None:
+    marks = "return document.querySelectorAll('#front .sample').length"
+    # Made-up frames have no times; give the yardstick one, as a capture does.
+    window.run("current().yardstick.forEach((y, i) => { y.added = 1e6 * i }); drawFront()")
+    assert window.run(marks) == 1
+    spread = (
+        "const x = [...document.querySelectorAll('#front .point:not(.sample) circle')].map(c => +c.getAttribute('cx'));"
+    )
+    spread += "return Math.max(...x) - Math.min(...x)"
+    narrow = window.run(spread)
+    window.run("document.getElementById('yard').click()")
+    assert window.run(marks) == 0
+    assert window.run(spread) > narrow
+    window.run("document.getElementById('yard').click()")
+
+
+def test_samples_that_are_the_truth_itself_have_no_place_on_the_plot(window: Browser) -> None:
+    # As many samples as the truth has are its own: no error, which no logarithm shows.
+    window.run("current().yardstick.forEach((y, i) => { y.added = 1e6 * i })")
+    window.run("const y = current().yardstick.at(-1); y.kept = y.errors.mse.mean; y.errors.mse.mean = 0; drawFront()")
+    assert window.run("return document.querySelectorAll('#front .sample').length") == 0
+    assert "Infinity" not in window.run("return document.getElementById('front').innerHTML")
+    window.run("const y = current().yardstick.at(-1); y.errors.mse.mean = y.kept; drawFront()")
+    assert window.run("return document.querySelectorAll('#front .sample').length") == 1
+
+
+def test_several_sequences_stand_in_one_table(window: Browser) -> None:
+    assert window.run("return document.getElementById('several').hidden")
+    window.run(
+        "const s = structuredClone(report.sequences[0]); s.name = 'second'; pictures.second = pictures[current().name];"
+        "s.cells[1].errors.mse.mean *= 4; report.sequences.push(s);"
+        "document.getElementById('sequence').append(new Option('second', 1)); drawAll()"
+    )
+    cells = "[...document.querySelectorAll('#overview tbody tr:last-child td')].map(c => c.textContent)"
+    mean, first, second = window.run(f"return {cells}")
+    assert float(second) == pytest.approx(4 * float(first), rel=0.01)
+    assert float(mean) == pytest.approx(2 * float(first), rel=0.01)
+    window.run("document.querySelector('#overview tbody tr:last-child td:last-child button').click()")
+    assert window.run("return [state.sequence, state.a]") == [1, "arithmetic: double"]
+    places = "[...document.querySelectorAll('#overview button')]"
+    window.run(f"{places}.find(p => p.tabIndex === 0).focus()")
+    window.press(DOWN)  # a row is as long as there are sequences
+    assert window.run(f"return {places}.indexOf(document.activeElement)") == 2
+    window.size(400, 900)
+    assert window.run("return document.documentElement.scrollWidth") == 400
+    window.size(1280, 900)
+    window.run("report.sequences.pop(); document.getElementById('sequence').lastChild.remove(); state.sequence = 0")
+    window.run("document.getElementById('sequence').value = 0; drawAll()")
+
+
+def test_a_sequence_without_frames_says_so(window: Browser) -> None:
+    shown = (
+        "['stage', 'slide-row', 'debug', 'no-pictures'].map(id => document.getElementById(id).offsetParent !== null)"
+    )
+    assert window.run(f"return {shown}") == [True, True, True, False]
+    window.run("kept = pictures[current().name]; delete pictures[current().name]; drawAll()")
+    assert window.run(f"return {shown}") == [False, False, False, True]
+    assert window.run("return [...document.getElementById('a').options].some(o => o.value === 'arithmetic: double')")
+    window.run("document.querySelector('.point[data-variant]').dispatchEvent(new Event('click'))")
+    assert window.run("return document.querySelectorAll('#frames path').length") >= 2  # errors are there all the same
+    window.run("pictures[current().name] = kept; drawAll()")
+    assert window.run(f"return {shown}") == [True, True, True, False]
+
+
+def test_light_and_dark(window: Browser) -> None:
+    script = "return getComputedStyle(document.body).backgroundColor"
+    first = window.run(script)
+    window.run("document.getElementById('theme').click()")
+    assert window.run(script) != first
+    window.run("document.getElementById('theme').click()")
+    assert window.run(script) == first
+
+
+def test_still_no_errors_after_all_that(window: Browser) -> None:
+    assert window.log() == []

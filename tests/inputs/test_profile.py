@@ -1,0 +1,50 @@
+"""Reader profiles as text: written and read again, built on each other, and refused where they mean nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
+from cltaa.inputs.profile import load_profile, profile_names
+from cltaa.inputs.profile_text import override, toml_text
+
+
+@pytest.mark.parametrize("name", profile_names())
+def test_profiles_survive_toml(name: str, tmp_path: Path) -> None:
+    profile = load_profile(name)
+    (tmp_path / f"{name}.toml").write_text(toml_text(profile))
+    assert load_profile(str(tmp_path / f"{name}.toml")) == profile
+
+
+def test_a_profile_can_build_on_another(tmp_path: Path) -> None:
+    path = tmp_path / "studio.toml"
+    path.write_text('profile = "blender"\n[depth]\nscale = 100.0\n')
+    assert load_profile(str(path)).depth.scale == 100.0
+    assert load_profile(str(path)).motion == load_profile("blender").motion
+
+
+@pytest.mark.parametrize(
+    ("assignment", "error"),
+    [
+        ("depth", UsageError),
+        ("depth.colour=1", UsageError),
+        ("depth.kind=deep", DataError),
+        ("motion.scale=1", DataError),
+    ],
+)
+def test_wrong_assignments(assignment: str, error: type[CltaaError]) -> None:
+    with pytest.raises(error):
+        override(load_profile("cltaa"), [assignment])
+
+
+def test_wrong_profiles(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="known profiles: auto, arnold"):
+        load_profile("maya")
+    with pytest.raises(InputMissing):
+        load_profile(str(tmp_path / "a.toml"))
+    for text in ("[", "[depth]\nkin = 1", 'speed = "x"'):
+        (tmp_path / "a.toml").write_text(text)
+        with pytest.raises(DataError):
+            load_profile(str(tmp_path / "a.toml"))
