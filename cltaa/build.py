@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.constants import CONSTANTS, MIDDLE_SPAN, PAD_X, PAD_Y, SHORT_SPAN, SPAN_REACH, SPANS
-from cltaa.params import HOST_CHOICES, Choices
+from cltaa.params import HOST_CHOICES, Choices, GatherFit, HistoryOf
 from cltaa.settings import KERNEL_SETTINGS, Settings
 
 if TYPE_CHECKING:
@@ -107,6 +107,13 @@ class Build(msgspec.Struct, frozen=True, kw_only=True):
         if self.strict:
             return (*always, "-cl-fp32-correctly-rounded-divide-sqrt")
         return (*always, "-cl-fast-relaxed-math") if self.relaxed else always
+
+
+def shared(build: Build) -> Build:
+    """``build`` without the choice that its kernels make nothing of: what does not gather is the default's program."""
+    if build.choices.history_of is HistoryOf.SAMPLES:
+        return build
+    return msgspec.structs.replace(build, choices=msgspec.structs.replace(build.choices, gather_fit=GatherFit.MEAN))
 
 
 def edge_builds(build: Build) -> tuple[Build, Build]:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from cltaa.buffers import Buffers
-from cltaa.build import HALVES, Build, Real, Record, Steps, Storage, Terms, edge_builds, settings_record
+from cltaa.build import HALVES, Build, Real, Record, Steps, Storage, Terms, edge_builds, settings_record, shared
 from cltaa.frame_record import Past as Past
 from cltaa.frame_record import frame_record as frame_record
 from cltaa.frames import Frame, Image
@@ -180,7 +180,7 @@ class Resolver:
 
     def _build(self, plan: Plan) -> Build:
         decided = {"choices": plan.choices, "steps": plan.steps, "terms": Terms.of(plan.settings)}
-        return self.launcher.build(msgspec.structs.replace(self._shape, **decided))
+        return self.launcher.build(shared(msgspec.structs.replace(self._shape, **decided)))
 
     def _fitting(self, layout: Layout, alpha: bool) -> Buffers:
         if self._buffers is None or not self._buffers.fit(layout, alpha):

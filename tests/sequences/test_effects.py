@@ -13,6 +13,7 @@ from cltaa.launch import DeviceLauncher, Launcher, NumpyLauncher
 from cltaa.params import Reject
 from cltaa.planning import plan_frame, with_effects
 from cltaa.presets import load_preset, override
+from cltaa.program import source_hash
 from cltaa.resolve import Resolver
 from tests.sequence_factory import make_camera, make_frame
 
@@ -125,3 +126,21 @@ def test_plain_weights_stay_within_their_bound_of_luminance_weights() -> None:
     # Two blends of numbers below 1, some ten roundings each.
     assert (difference <= bound + 20.0 * 2.0**-24).all()
     assert (difference > 0.9 * bound).mean() > 0.5
+
+
+@pytest.mark.parametrize("name", ["nothing", "a still camera"])
+def test_what_does_not_gather_runs_the_program_of_the_default(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    launcher = DeviceLauncher()
+
+    def run(preset: str) -> tuple[str, bytes]:
+        resolver = Resolver(preset, launcher, strict=True)
+        image = [resolver.resolve(frame) for frame in frames(CALLS[name], 3)][-1]
+        assert resolver.last is not None
+        return source_hash("resolve", resolver.last.build), image.tobytes()
+
+    program, image = run("default")
+    assert run("t4") == (program, image)
+    monkeypatch.setattr("cltaa.resolve.shared", lambda build: build)
+    other, alone = run("t4")
+    assert other != program
+    assert alone == image
