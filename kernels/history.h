@@ -36,15 +36,17 @@ typedef struct
     real fx, fy;
 } sampled;
 
-STAGE sampled sample_planes(history_in history, plane_in count, plane_in previous_closeness, footprint f, weights wx,
-    weights wy, colour rgb, frame_t frame)
+STAGE real sample_count(plane_in count, footprint f, int stride) { return bilinear(sample_quad(count, f, stride), f); }
+
+STAGE sampled sample_planes(history_in history, plane_in previous_closeness, footprint f, weights wx, weights wy,
+    colour rgb, real count, frame_t frame)
 {
     sampled v;
     v.rgb = rgb;
     v.alpha = SPLAT(1.0);
     if (ALPHA)
         v.alpha = sample_plane(history + 3 * history_plane_size(frame), f, wx, wy, row_stride(frame));
-    v.count = bilinear(sample_quad(count, f, row_stride(frame)), f);
+    v.count = count;
     if (REJECT == REJECT_DEPTH)
         v.closeness = sample_quad(previous_closeness, f, row_stride(frame));
     v.fx = f.fx;
@@ -59,8 +61,9 @@ STAGE sampled sample_at(
     if (LANES == 1)
         fetch_history(history, count, previous_closeness, f.at, frame);
 #if KEEPS_ROWS && LANES == 1
-    const colour slid = slide_colour(kept, history, f, plane, row_stride(frame));
-    return sample_planes(history, count, previous_closeness, f, kept->wx, kept->wy, slid, frame);
+    real counted;
+    const colour slid = slide_history(kept, history, count, f, plane, row_stride(frame), &counted);
+    return sample_planes(history, previous_closeness, f, kept->wx, kept->wy, slid, counted, frame);
 #elif KEEPS_ROWS
     if (moves_alike(kept, f, row_stride(frame))) {
         f.at = kept->at;
@@ -68,13 +71,15 @@ STAGE sampled sample_at(
         f.fy = kept->fy;
         f.lanes = LANES_ALIKE;
         const colour rgb = sample_kept_colour(kept, history + f.at, plane, y, row_stride(frame));
-        return sample_planes(history, count, previous_closeness, f, kept->wx, kept->wy, rgb, frame);
+        const real counted = sample_count(count, f, row_stride(frame));
+        return sample_planes(history, previous_closeness, f, kept->wx, kept->wy, rgb, counted, frame);
     }
 #endif
 #if !KEEPS_ROWS || LANES > 1
     const weights wx = history_weights(f.fx), wy = history_weights(f.fy);
     const colour rgb = sample_colour(history, f, wx, wy, plane, row_stride(frame));
-    return sample_planes(history, count, previous_closeness, f, wx, wy, rgb, frame);
+    const real counted = sample_count(count, f, row_stride(frame));
+    return sample_planes(history, previous_closeness, f, wx, wy, rgb, counted, frame);
 #endif
 }
 

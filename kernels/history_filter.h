@@ -11,7 +11,8 @@
 // Taps 1 and 2 are read as one pair, as a texture unit would read them: w2 is then the place between the two.
 #define IN_PAIRS (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9 || HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5)
 
-// All weights but that of tap 1, which is what is left of 1.
+// All weights but that of tap 1, which is what is left of 1. Of Catmull-Rom's 16 taps they are those of the steps from
+// tap to tap instead: w0 of that from tap 0 to 1, w2 of that from 1 to 2, w3 of that from 2 to 3.
 typedef struct
 {
     real first, w0, w2, w3, last;
@@ -29,12 +30,16 @@ typedef struct
 STAGE weights catmull_rom(real t)
 {
     weights w;
-    w.w0 = t * (K(-0.5) + t * (K(1.0) - K(0.5) * t));
-    w.w2 = t * (K(0.5) + t * (K(2.0) - K(1.5) * t));
     w.w3 = (t * t) * (K(-0.5) + K(0.5) * t);
     w.first = w.last = SPLAT(0.0);
-    if (IN_PAIRS)
-        w.w2 = w.w2 / (SPLAT(1.0) - (w.w0 + w.w3));
+    if (!IN_PAIRS) {
+        w.w0 = t * (K(0.5) - t * (K(1.0) - K(0.5) * t));
+        w.w2 = t * (K(0.5) + t * (K(1.5) - t));
+        return w;
+    }
+    w.w0 = t * (K(-0.5) + t * (K(1.0) - K(0.5) * t));
+    w.w2 = t * (K(0.5) + t * (K(2.0) - K(1.5) * t));
+    w.w2 = w.w2 / (SPLAT(1.0) - (w.w0 + w.w3));
     return w;
 }
 
@@ -84,7 +89,7 @@ STAGE row_taps weigh(real first, real p0, real p1, real p2, real p3, real last, 
     row_taps v = { p1 + w.w2 * (p2 - p1), SPLAT(0.0) };
     const real pair = v.middle;
     if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM)
-        v.middle = (pair + w.w0 * (p0 - p1)) + w.w3 * (p3 - p1);
+        v.middle = ((p1 + w.w0 * (p1 - p0)) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p2);
     if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9)
         v.middle = pair + (w.w0 * (p0 - pair) + w.w3 * (p3 - pair));
     if (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_5)

@@ -11,7 +11,17 @@
 // Where nothing moves there is no filter to keep rows for.
 #define KEEPS_ROWS                                                                                                     \
     ((CAMERA_MOTION || OWN_MOTION)                                                                                     \
-        && (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM || HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9))
+        && (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM                                                               \
+            || (LANES > 1 && HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9)))
+
+#if KEEPS_ROWS && LANES == 1
+// A plane's rows, weighed along y as far as they are known, in the order of `weigh`: what the next pixel and the one
+// below it have of theirs, and the last row. Kept as rows they would move from register to register.
+typedef struct
+{
+    real next, second, last;
+} slid;
+#endif
 
 typedef struct
 {
@@ -20,7 +30,8 @@ typedef struct
     kept_light light; // used on a GPU alone
 #if KEEPS_ROWS && LANES == 1
     weights wx, wy;
-    real row[3][3]; // of each plane those above, at and below tap 1 of the next pixel
+    slid plane[3];
+    real count; // between two texels of the upper row of the next pixel
 #elif KEEPS_ROWS
     int filled; // whether there is what follows: only from the second segment on that moves alike
     weights wx, wy;
@@ -87,8 +98,7 @@ STAGE colour sample_kept_colour(kept_rows* kept, history_in p, size_t plane, int
 #endif
 
 #if KEEPS_ROWS && LANES == 1
-// A GPU asks for the row that every pixel needs before the branch, past which its compiler moves no load, and moves
-// rows from register to register: it cannot count registers.
+// A GPU asks for the row that every pixel needs before the branch, past which its compiler moves no load.
 typedef struct
 {
     real p0, p1, p2, p3;
@@ -100,37 +110,50 @@ STAGE taps load_taps(history_in p)
     return t;
 }
 
-STAGE void fill_plane(real* row, history_in p, uint at, weights wx, int stride)
+STAGE slid fill_plane(history_in p, uint at, weights wx, weights wy, int stride)
 {
-    row[0] = row_alike(ROW_BELOW(p, at, -1, stride), wx).middle;
-    row[1] = row_alike(ROW_BELOW(p, at, 0, stride), wx).middle;
-    row[2] = row_alike(ROW_BELOW(p, at, 1, stride), wx).middle;
+    const real r0 = row_alike(ROW_BELOW(p, at, -1, stride), wx).middle,
+               r1 = row_alike(ROW_BELOW(p, at, 0, stride), wx).middle,
+               r2 = row_alike(ROW_BELOW(p, at, 1, stride), wx).middle;
+    const slid s = { (r1 + wy.w0 * (r1 - r0)) + wy.w2 * (r2 - r1), r2 + wy.w0 * (r2 - r1), r2 };
+    return s;
 }
 
-STAGE real slide_plane(real* row, taps t, weights wx, weights wy)
+STAGE real slide_plane(slid* s, taps t, weights wx, weights wy)
 {
     const real zero = SPLAT(0.0), last = weigh(zero, t.p0, t.p1, t.p2, t.p3, zero, wx).middle;
-    const real v = weigh(zero, row[0], row[1], row[2], last, zero, wy).middle;
-    row[0] = row[1];
-    row[1] = row[2];
-    row[2] = last;
+    const real step = last - s->last, v = s->next + wy.w3 * step;
+    s->next = s->second + wy.w2 * step;
+    s->second = last + wy.w0 * step;
+    s->last = last;
     return v;
 }
 
-STAGE colour slide_colour(kept_rows* kept, history_in p, footprint f, size_t plane, int stride)
+// A row of the count between two texels, as `bilinear` has it.
+STAGE real count_between(real left, real right, real fx) { return left + fx * (right - left); }
+
+// Colour and count at a footprint.
+STAGE colour slide_history(
+    kept_rows* kept, history_in p, plane_in counts, footprint f, size_t plane, int stride, real* count)
 {
+    plane_in upper = counts + f.at, lower = ROW_BELOW(counts, f.at, 1, stride);
+    const real lower_left = load(lower), lower_right = load(lower + 1);
     const taps r = load_taps(ROW_BELOW(p, f.at, 2, stride)), g = load_taps(ROW_BELOW(p + plane, f.at, 2, stride)),
                b = load_taps(ROW_BELOW(p + 2 * plane, f.at, 2, stride));
     if ((f.at != kept->at) | (f.fx != kept->fx) | (f.fy != kept->fy)) {
         kept->fx = f.fx, kept->fy = f.fy;
         kept->wx = history_weights(f.fx), kept->wy = history_weights(f.fy);
-        fill_plane(kept->row[0], p, f.at, kept->wx, stride);
-        fill_plane(kept->row[1], p + plane, f.at, kept->wx, stride);
-        fill_plane(kept->row[2], p + 2 * plane, f.at, kept->wx, stride);
+        kept->plane[0] = fill_plane(p, f.at, kept->wx, kept->wy, stride);
+        kept->plane[1] = fill_plane(p + plane, f.at, kept->wx, kept->wy, stride);
+        kept->plane[2] = fill_plane(p + 2 * plane, f.at, kept->wx, kept->wy, stride);
+        kept->count = count_between(load(upper), load(upper + 1), f.fx);
     }
+    const real below = count_between(lower_left, lower_right, f.fx);
+    *count = kept->count + f.fy * (below - kept->count);
+    kept->count = below;
     kept->at = f.at + (uint)stride;
-    const colour v = { slide_plane(kept->row[0], r, kept->wx, kept->wy),
-        slide_plane(kept->row[1], g, kept->wx, kept->wy), slide_plane(kept->row[2], b, kept->wx, kept->wy) };
+    const colour v = { slide_plane(&kept->plane[0], r, kept->wx, kept->wy),
+        slide_plane(&kept->plane[1], g, kept->wx, kept->wy), slide_plane(&kept->plane[2], b, kept->wx, kept->wy) };
     return v;
 }
 #endif

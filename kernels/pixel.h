@@ -106,11 +106,13 @@ STAGE resolved resolve_beside(pixel_t p, history_t h, rectification r, real coun
         weight *= difference_share(current, past, settings);
     if (ANTI_FLICKER == ANTI_FLICKER_CLAMP_DISTANCE)
         weight *= r.calm;
+    if (!FRESH_BLUR)
+        weight = h.valid ? weight : SPLAT(1.0);
 
     const colour mixed
         = { blend(past.r, current.r, weight), blend(past.g, current.g, weight), blend(past.b, current.b, weight) };
     colour v = mixed;
-    if (any_of(!h.valid))
+    if (FRESH_BLUR && any_of(!h.valid))
         v = choose_colour(h.valid, mixed, fresh_colour(current, p.near.mean, settings));
     resolved out;
     out.rgb = storable_colour(from_range(v), current);

@@ -19,8 +19,13 @@ typedef LANED(uint) words;
 STAGE floats half_storable(floats v)
 {
     const floats most = (floats)((float)HALF_LIMIT), tiny = (floats)((float)HALF_TINY);
+#if NATIVE
+    const floats limited = limit(v, -most, most);
+    return fabs(limited) <= tiny ? 0.0f : limited;
+#else
     const floats limited = v > most ? most : (v < -most ? -most : v);
     return ((limited <= tiny) & (limited >= -tiny)) ? (floats)(0.0f) : limited;
+#endif
 }
 
 // 32 well spread bits from a number (the integer hash "lowbias32", Wellons 2018).

@@ -19,7 +19,7 @@ LANCZOS_3_REST: Final = (
 
 
 class Weights(NamedTuple):
-    """Of all taps but tap 1."""
+    """Of all taps but tap 1; of Catmull-Rom's 16 taps those of the steps from tap to tap."""
 
     first: Array
     w0: Array
@@ -38,11 +38,13 @@ class Row(NamedTuple):
 def catmull_rom(t: Array, build: Build) -> Weights:
     """Catmull and Rom 1974, tension 1/2, at fraction ``t``."""
     k = t.dtype.type
-    w0 = t * (k(-0.5) + t * (k(1.0) - k(0.5) * t))
-    w2 = t * (k(0.5) + t * (k(2.0) - k(1.5) * t))
     w3 = (t * t) * (k(-0.5) + k(0.5) * t)
     if build.choices.history_filter in IN_PAIRS:
-        w2 = w2 / (k(1.0) - (w0 + w3))
+        w0 = t * (k(-0.5) + t * (k(1.0) - k(0.5) * t))
+        w2 = t * (k(0.5) + t * (k(2.0) - k(1.5) * t)) / (k(1.0) - (w0 + w3))
+    else:
+        w0 = t * (k(0.5) - t * (k(1.0) - k(0.5) * t))
+        w2 = t * (k(0.5) + t * (k(1.5) - t))
     zero = np.zeros_like(t)
     return Weights(zero, w0, w2, w3, zero)
 
@@ -85,7 +87,7 @@ def weigh(p: Sequence[Array], w: Weights, build: Build) -> Row:
     pair: Array = p1 + w.w2 * (p2 - p1)
     middle, sides = pair, np.zeros_like(pair)
     if kind is HistoryFilter.CATMULL_ROM:
-        middle = (pair + w.w0 * (p0 - p1)) + w.w3 * (p3 - p1)
+        middle = ((p1 + w.w0 * (p1 - p0)) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p2)
     if kind is HistoryFilter.CATMULL_ROM_9:
         middle = pair + (w.w0 * (p0 - pair) + w.w3 * (p3 - pair))
     if kind is HistoryFilter.CATMULL_ROM_5:

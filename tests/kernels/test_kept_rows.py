@@ -21,7 +21,7 @@ ROWS = 13  # of a work-item: some begin in the midst of what moves alike
 CHANGES = {"fraction, x": (0.25, 0.0), "fraction, y": (0.0, 0.25), "whole, x": (1.0, 0.0), "whole, y": (0.0, -1.0)}
 BUILDS = [
     (HistoryFilter.CATMULL_ROM, 1, Storage.FLOAT),
-    (HistoryFilter.CATMULL_ROM_9, 1, Storage.HALF),
+    (HistoryFilter.CATMULL_ROM, 1, Storage.HALF),
     (HistoryFilter.CATMULL_ROM, 4, Storage.FLOAT),
     (HistoryFilter.CATMULL_ROM, 16, Storage.FLOAT),
     (HistoryFilter.CATMULL_ROM, 8, Storage.HALF),
