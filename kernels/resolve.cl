@@ -13,6 +13,8 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
     if (x >= frame.width || first >= end)
         return;
     const int last = first + ROWS < end ? first + ROWS : end;
+    if ((LANES == 1) & (CAMERA_MOTION | OWN_MOTION))
+        fetch_first(current, closeness, motion, history, history_count, previous_closeness, x, first, frame);
     row_t above = { 0 }, centre = { 0 };
     ROLLED
     for (int y = first - 1; y <= first; ++y) {
