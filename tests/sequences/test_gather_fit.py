@@ -214,6 +214,18 @@ def test_a_plane_far_behind_what_is_very_near_is_one_surface() -> None:
     assert not sides.far_between.edge[1:-1, 1:-1].any()
 
 
+def test_the_kernel_takes_it_for_one_surface_too() -> None:
+    # Its twin, of which the test above is, gives other bits where the kernel parts the far side by rounding alone.
+    def net_before_hills(index: int) -> Frame:
+        frame = make_frame(index, camera=make_camera((0.005 * index, 0.0, 5.0)), effects=None)
+        y, x = np.mgrid[: frame.depth.shape[0], : frame.depth.shape[1]]
+        depth = np.where(x % 5 == 0, 1 / 16, 1e6 / (3.0 + 0.02 * x + 0.05 * y))
+        return replace(frame, depth=depth.astype(np.float32))
+
+    frames = [net_before_hills(index) for index in range(3)]
+    assert differing({"history_of": "samples", "gather_fit": "layers"}, frames, 8, 7) == 0
+
+
 def test_a_thing_that_moves_between_two_others_leaves_no_trace_on_the_farther_one() -> None:
     # A grey bar passes before a black wall and behind a white rod that stands. Beside the rod the 3x3 shows all three.
     resolver = Resolver(gathering("layers", rectify="none"), "numpy")
