@@ -26,6 +26,9 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "DITHER_STEP": Constant(2.0**-24, "24 bits as a number in [0, 1)"),
     "LEAST_TRUST": Constant(2.0**-6, "least ratio of two spans' errors: its 16th power is well above the denormals"),
     "STANDING_KNEE": Constant(2.0, "times luminance_knee: that of the many samples of a span without motion: measured"),
+    "SURELY_STANDS": Constant(
+        4.0, "times what repeated samples differ by: of less than the shortest spans err, settled"
+    ),
     "SHARED_NOISE": Constant(
         0.003, "share of the latest samples' variance that the texels around have in common: measured"
     ),

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from cltaa.buffers import Buffers
 from cltaa.build import FRAME_DTYPE, Build, Steps, kept_planes, span_planes
 from cltaa.cameras import is_still
-from cltaa.constants import SPANS
+from cltaa.constants import MIDDLE_SPAN, SHORT_SPAN, SPANS
 from cltaa.errors import ResourceError
 from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame
@@ -27,7 +30,7 @@ class KeptFrames:
         self.planes = _ring(launcher, (self._slots * self._planes, layout.rows, layout.stride), self._slots)
         self.records = launcher.allocate((count,), FRAME_DTYPE)
         self.past: tuple[Past, ...] = ()
-        self._spans: Buffer | None = None
+        self._spans: dict[str, Buffer] = {}
 
     def fit(self, layout: Layout, count: int, steps: Steps) -> bool:
         """True when this ring holds ``count`` frames of that size and with those channels."""
@@ -38,12 +41,14 @@ class KeptFrames:
         moved = any(not is_still(frame.camera, past.camera) for past in self.past)
         return replace(build, steps=replace(build.steps, camera_motion=build.steps.camera_motion or moved))
 
-    def spans(self, steps: Steps) -> Buffer:
-        """Memory for what the spans of the past say, allocated when first asked for."""
-        if self._spans is None:
-            shape = (SPANS * span_planes(steps), self.layout.rows, self.layout.stride)
-            self._spans = self._launcher.allocate(shape, np.float32)
-        return self._spans
+    def spans(self, frame: Frame, steps: Steps) -> dict[str, Any]:
+        """What kernels are given for the spans of the past beside the ring: memory, allocated when first asked for, and
+        how many kept frames were seen by the camera of ``frame``."""
+        if not self._spans:
+            for name, planes in (("spans", SPANS * span_planes(steps)), ("repeats", 1)):
+                shape = (planes, self.layout.rows, self.layout.stride)
+                self._spans[name] = self._launcher.allocate(shape, np.float32)
+        return {**self._spans, "standing": self.standing(frame)}
 
     def standing(self, frame: Frame) -> int:
         """How many of the latest kept frames were seen by the camera of ``frame``."""
@@ -58,7 +63,19 @@ class KeptFrames:
                 record["jitter_x"], record["jitter_y"] = past.jitter_px
                 record["slot"] = past.index % self._slots
                 records[place] = record
+            self._tell_repeats(frame, records)
         return min(len(self.past), self._count)
+
+    def _tell_repeats(self, frame: Frame, records: NDArray[Any]) -> None:
+        """Tell of each of the latest frames, that of now first, which kept frame of one camera before it has its samples
+        nearest to where they lie in their pixels; of no more frames than the middle span has none."""
+        standing, records["again"] = self.standing(frame), -1
+        if standing <= MIDDLE_SPAN:
+            return
+        jitters = np.array([frame.jitter_px, *(past.jitter_px for past in self.past[:standing])])
+        for place in range(SHORT_SPAN + 1):
+            apart = np.square(jitters[place + 1 :] - jitters[place]).sum(-1)
+            records[place]["again"] = place + int(np.argmin(apart))
 
     def keep(self, frame: Frame, buffers: Buffers, steps: Steps) -> None:
         """Copy what was uploaded of ``frame`` into the ring, in the place of the oldest."""

@@ -215,23 +215,21 @@ class NumpyLauncher:
 
 
 def run_gather(
-    launcher: Launcher, build: Build, layout: Layout, arguments: Mapping[str, Any], spans: Buffer | None, standing: int
+    launcher: Launcher, build: Build, layout: Layout, arguments: Mapping[str, Any], spans: Mapping[str, Any] | None
 ) -> None:
-    """Gather with the ``arguments`` of ``gather``, or each of the spans where they have memory.
-
-    The ``standing`` latest kept frames were seen by the camera of now.
-    """
+    """Gather with the ``arguments`` of ``gather``, or each of the spans where their own (``KeptFrames.spans``) are given."""
     if spans is None:
         launcher.run("gather", build, layout, arguments)
         return
     results, structs = ("output", "output_count"), ("frame", "settings")
     given = {name: value for name, value in arguments.items() if name not in results}
-    launcher.run("gather_spans", build, layout, {**given, "standing": standing, "spans": spans})
+    launcher.run("gather_spans", build, layout, {**given, **spans})
     plain = Build(lanes=build.lanes, rows=build.rows)
-    whole = {"image": spans, "frame": arguments["frame"], "planes": SPANS * span_planes(build.steps)}
-    launcher.run("extend_edges", plain, layout, whole)
+    for name, planes in (("spans", SPANS * span_planes(build.steps)), ("repeats", 1)):
+        whole = {"image": spans[name], "frame": arguments["frame"], "planes": planes}
+        launcher.run("extend_edges", plain, layout, whole)
     named = {name: arguments[name] for name in (*results, *structs)}
-    launcher.run("weigh_spans", build, layout, {**named, "spans": spans})
+    launcher.run("weigh_spans", build, layout, {**named, "spans": spans["spans"], "repeats": spans["repeats"]})
 
 
 def launcher_for(wish: str | None) -> Launcher:

@@ -51,7 +51,7 @@ def device_bytes(
     texels = 2 * texel_planes(steps.alpha) * stored if doubled else 0
     frame = REAL * (4 + 2 * steps.own_motion + steps.alpha + steps.reactive)
     ring = REAL * kept_planes(steps) * (frames_kept + 1) if frames_kept else 0
-    ring += REAL * SPANS * span_planes(steps) if spans else 0
+    ring += REAL * (SPANS * span_planes(steps) + 1) if spans else 0
     return (frame + colour + REAL) * band.plane + (colour + 2 * REAL + texels + ring) * whole.plane
 
 

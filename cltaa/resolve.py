@@ -210,8 +210,8 @@ class Resolver:
             build = kept.build(build, frame)
             ring = {"kept": kept.planes, "past": kept.records, "frames": kept.describe(frame, self.plan)}
             self.last = LastRun(build, layout, self._arguments(record, steps, buffers) | ring)
-            spans = kept.spans(steps) if self.plan.choices.light_change is LightChange.SPANS else None
-            run_gather(self.launcher, *self.last, spans, kept.standing(frame))
+            spans = kept.spans(frame, steps) if self.plan.choices.light_change is LightChange.SPANS else None
+            run_gather(self.launcher, *self.last, spans)
             kept.keep(frame, buffers, steps)
         else:
             self._resolve(record, build, buffers)

@@ -5,7 +5,7 @@
 
 __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha,
     plane_in reactive, plane_in kept, frames_in past, const int frames, const int standing, plane_out spans,
-    const frame_t frame, const settings_t settings)
+    plane_out repeats, const frame_t frame, const settings_t settings)
 {
     const int x = (int)get_global_id(0) * LANES, first = (int)get_global_id(1) * ROWS;
     if (x >= frame.width || first >= frame.height)
@@ -25,6 +25,7 @@ __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in
             add_side(&b.far, back, p.own, settings);
         }
         track_t t = first_step(front.s), far_t = first_step(back.s);
+        const mask moves = t.own | (b.l.edge & far_t.own);
         resolved out;
         real error = SPLAT(0.0);
         for (int span = 0, from = 0; span <= ALL_FRAMES; ++span) {
@@ -45,7 +46,12 @@ __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in
         out.rgb = choose_colour(told, unmoved.rgb, out.rgb);
         out.alpha = told ? unmoved.alpha : out.alpha;
         out.count = told ? unmoved.count : out.count;
-        store_span(spans, UNMOVED, out, told ? span_error(b.near, p.own, unmoved, settings) : error, x, y, frame);
+        error = told ? span_error(b.near, p.own, unmoved, settings) : error;
+        store_span(spans, UNMOVED, out, error, x, y, frame);
+        real repeated = error;
+        if (any_of(moves))
+            repeated = moves ? repeat_error(kept, past, standing, p, error, x, y, frame, settings) : error;
+        store(repeats + texel_offset(frame, x, y), repeated);
         above = centre;
         centre = below;
     }

@@ -8,6 +8,7 @@
 #endif
 
 #define SPAN_PLANES (5 + ALPHA)
+#define UNMOVED (SPANS - 1)
 #define SPAN_TEXELS ((2 * SPAN_REACH + 1) * (2 * SPAN_REACH + 1))
 
 STAGE plane_in span_plane(plane_in spans, int span, int plane, frame_t frame)
@@ -37,6 +38,15 @@ STAGE real trust(real error, real least)
     const real ratio = greater(quotient(least + K(TINY), error + K(TINY)), SPLAT(LEAST_TRUST));
     const real second = ratio * ratio, fourth = second * second, eighth = fourth * fourth;
     return eighth * eighth;
+}
+
+// How much of a drift to spans that leave `error` is left to the span without motion: nothing where samples of the same
+// places differ by far less than those spans err.
+STAGE real unsettled(real repeated, real error)
+{
+    const real ratio = quotient(lesser(K(SURELY_STANDS) * repeated, error) + K(TINY), error + K(TINY));
+    const real second = ratio * ratio;
+    return second * second;
 }
 
 // How far light has moved since a span in one channel, around the pixel: the mean difference, the variance of that mean

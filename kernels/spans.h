@@ -30,6 +30,41 @@ STAGE real span_error(gathered g, colour now, resolved span, settings_t settings
     return quotient(greater(squares, SPLAT(0.0)), left * left);
 }
 
+// What the k-th kept frame drew at the pixel's own place, or the current sample where that is no colour.
+STAGE colour drawn_here(mask* good, plane_in kept, frames_in past, int k, pixel_t p, int x, int y, frame_t frame)
+{
+    const size_t plane = plane_size(frame);
+    const frame_t then = past[k];
+    colour c = load_colour(kept + (size_t)then.slot * KEPT_PLANES * plane + texel_offset(frame, x, y), plane);
+    *good = !colour_outside_domain(c);
+    if (EXPOSURE)
+        c = scaled(c, SPLAT(then.exposure_ratio));
+    return choose_colour(*good, to_range(c), p.own);
+}
+
+// How far the light at the pixel's own place has changed since frames whose samples lay nearly where those of the
+// latest lie: their squared differences, or `otherwise` where there are no such frames. What an edge or a texture
+// within the pixel does to two samples of one place is the same, and no change.
+STAGE real repeat_error(plane_in kept, frames_in past, int standing, pixel_t p, real otherwise, int x, int y,
+    frame_t frame, settings_t settings)
+{
+    real squares = SPLAT(0.0);
+    mask told = squares == squares;
+    colour latest = p.own;
+    for (int k = 0; k <= SHORT_SPAN && k < standing; ++k) {
+        if (past[k].again < 0)
+            return otherwise;
+        mask good;
+        const colour again = drawn_here(&good, kept, past, past[k].again, p, x, y, frame);
+        const colour d = share_difference(again, latest, settings);
+        squares += (d.r * d.r + d.g * d.g) + d.b * d.b;
+        told = told & good;
+        latest = drawn_here(&good, kept, past, k, p, x, y, frame);
+        told = told & good;
+    }
+    return told ? squares : otherwise;
+}
+
 // The plain mean of what was drawn at the pixel's own place in the `frames` latest frames, those from the camera of
 // now: right for what only moves along itself, as a wheel does, and for light that stands on what moves. `sums` are
 // those of its samples. So many samples may weigh nearly alike: a firefly among them does little, and what their
@@ -44,13 +79,8 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in kept, frames_in past, in
     settings_t standing = settings;
     standing.luminance_knee *= STANDING_KNEE;
     for (int k = 0; k < frames; ++k) {
-        const frame_t then = past[k];
-        plane_in q = kept + (size_t)then.slot * KEPT_PLANES * plane + at;
-        colour c = load_colour(q, plane);
-        const mask good = !colour_outside_domain(c);
-        if (EXPOSURE)
-            c = scaled(c, SPLAT(then.exposure_ratio));
-        c = choose_colour(good, to_range(c), p.own);
+        mask good;
+        const colour c = drawn_here(&good, kept, past, k, p, x, y, frame);
         const real w = good ? sample_share(c, standing) : zero;
         const colour d = { c.r - p.own.r, c.g - p.own.g, c.b - p.own.b };
         if (k < SHORT_SPAN)
@@ -60,8 +90,10 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in kept, frames_in past, in
         g.sum.b += w * d.b;
         g.weight += w;
         g.count += good ? one : zero;
-        if (ALPHA)
-            g.alpha += good ? load_share(q + KEPT_ALPHA * plane, one) - p.alpha : zero;
+        if (ALPHA) {
+            plane_in q = kept + ((size_t)past[k].slot * KEPT_PLANES + KEPT_ALPHA) * plane + at;
+            g.alpha += good ? load_share(q, one) - p.alpha : zero;
+        }
     }
     const real whole_weight = sample_share(p.own, standing) + g.weight;
     const colour v = { p.own.r + quotient(g.sum.r, whole_weight), p.own.g + quotient(g.sum.g, whole_weight),

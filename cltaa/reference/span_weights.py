@@ -45,6 +45,15 @@ def trust(error: Array, least: Array) -> Array:
     return result
 
 
+def unsettled(repeated: Array, error: Array) -> Array:
+    """How much of a drift to spans that leave ``error`` is left to the one without motion."""
+    tiny = constant("TINY", error)
+    ratio = (lesser(constant("SURELY_STANDS", error) * repeated, error) + tiny) / (error + tiny)
+    second = ratio * ratio
+    result: Array = second * second
+    return result
+
+
 class Drift(NamedTuple):
     """How far light has moved in one channel since a span: the mean over the window [H, W], its variance, and what the
     texels show."""
@@ -108,13 +117,17 @@ def shared_noise(error: Array) -> Array:
 
 @quiet
 def weigh_spans(
-    build: Build, layout: Layout, *, spans: Array, output: Array, output_count: Array, frame: Record, settings: Record
-) -> None:
-    """Write each pixel from the spans of its past, padded planes [SPANS * SPAN_PLANES, rows, stride]."""
+    build: Build, layout: Layout, *, spans: Array, repeats: Array, output: Array, output_count: Array, frame: Record,
+    settings: Record,
+) -> None:  # fmt: skip
+    """Write each pixel from the spans of its past, padded planes [SPANS * SPAN_PLANES, rows, stride], and what
+    repeated samples say of the last, [1, rows, stride]."""
     planes = span_planes(build.steps)
     real: Any = real_type(build)
     parts = spans.astype(real).reshape(SPANS, planes, layout.rows, layout.stride)
     errors = [sum_around(part[3], layout) for part in parts]
+    repeated = sum_around(repeats[0].astype(real), layout)
+    errors[-1] = lesser(errors[-1], repeated)
     least = errors[0]
     for error in errors[1:]:
         least = lesser(least, error)
@@ -136,8 +149,9 @@ def weigh_spans(
         drifts = alike
         if span > 1:
             drifts = drifts_of(part[:3], short, middle, share, build, layout, settings)
-        ahead = ahead + w * (lag if span == 1 else lag + share)
-        moved = [v + step for v, step in zip(own, believed(drifts, zero, floor, enough), strict=False)]
+        moves = unsettled(repeated, better) if span == SPANS - 1 else np.ones_like(least)
+        ahead = ahead + w * (moves * (lag if span == 1 else lag + share))
+        moved = [v + moves * step for v, step in zip(own, believed(drifts, zero, floor, enough), strict=False)]
         sums = [total + w * (v - k) for total, v, k in zip(sums, moved, first, strict=False)]
         darkest = [lesser(k, v) for k, v in zip(darkest, own, strict=False)]
         counts = counts + w * (own[4] - first[4])

@@ -35,6 +35,41 @@ def span_error(g: Gathered, now: Colour, span: Resolved, build: Build, settings:
     return error
 
 
+def drawn_here(planes: Array, then: Record, p: Pixel, build: Build) -> tuple[Colour, Array]:
+    """What kept planes [KEPT_PLANES, H, W] drew at each pixel's own place, and where that is a colour."""
+    c: Any = tuple(planes[:3])
+    good = ~colour_outside_domain(c)
+    if build.steps.exposure:
+        ratio = number(then["exposure_ratio"], p.own[0])
+        c = (c[0] * ratio, c[1] * ratio, c[2] * ratio)
+    r, g, b = (np.where(good, k, own) for k, own in zip(to_range(c, build), p.own, strict=True))
+    return (r, g, b), good
+
+
+def repeat_error(
+    slots: Array, past: Any, standing: int, p: Pixel, otherwise: Array, build: Build, layout: Layout, settings: Record
+) -> Array:
+    """Squared differences [H, W] of the latest samples at each pixel's own place, the current one among them, from those
+    of the frames ``past["again"]``, whose samples lay nearly there; ``otherwise`` where there are none."""
+
+    def drawn(place: int) -> tuple[Colour, Array]:
+        then = past[place]
+        return drawn_here(layout.inside(slots[int(then["slot"])]).astype(otherwise.dtype), then, p, build)
+
+    squares, told, latest = np.zeros_like(otherwise), np.ones(otherwise.shape, bool), p.own
+    for k in range(min(SHORT_SPAN + 1, standing)):
+        if past[k]["again"] < 0:
+            return otherwise
+        again, good = drawn(int(past[k]["again"]))
+        d = share_difference(again, latest, build, settings)
+        squares = squares + ((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2])
+        told = told & good
+        latest, good = drawn(k)
+        told = told & good
+    result: Array = np.where(told, squares, otherwise)
+    return result
+
+
 def resolve_unmoved(
     slots: Array, past: Any, p: Pixel, build: Build, layout: Layout, settings: Record
 ) -> tuple[Resolved, Gathered]:
@@ -46,12 +81,7 @@ def resolve_unmoved(
     standing["luminance_knee"] *= np.float32(value("STANDING_KNEE"))
     for place, then in enumerate(past):
         planes = layout.inside(slots[int(then["slot"])]).astype(zero.dtype)
-        c: Any = tuple(planes[:3])
-        good = ~colour_outside_domain(c)
-        if build.steps.exposure:
-            ratio = number(then["exposure_ratio"], zero)
-            c = (c[0] * ratio, c[1] * ratio, c[2] * ratio)
-        c = tuple(np.where(good, k, own) for k, own in zip(to_range(c, build), p.own, strict=True))
+        c, good = drawn_here(planes, then, p, build)
         w = np.where(good, sample_share(c, build, standing), zero)
         d = [k - own for k, own in zip(c, p.own, strict=True)]
         if place < SHORT_SPAN:
@@ -72,14 +102,15 @@ def resolve_unmoved(
 @quiet
 def gather_spans(
     build: Build, layout: Layout, *, current: Array, closeness: Array, motion: Array | None, alpha: Array | None,
-    reactive: Array | None, kept: Array, past: Any, frames: int, standing: int, spans: Array, frame: Record,
-    settings: Record,
+    reactive: Array | None, kept: Array, past: Any, frames: int, standing: int, spans: Array,
+    repeats: Array, frame: Record, settings: Record,
 ) -> None:  # fmt: skip
     """Resolve one frame from each span of ``frames`` kept ones into ``spans`` [SPANS * SPAN_PLANES, rows, stride]; the
-    latest ``standing`` of them were seen by the camera of now."""
+    latest ``standing`` of them were seen by the camera of now. What repeated samples say of the span without
+    motion goes into ``repeats`` [1, rows, stride]."""
     gathering = Gathering.begin(build, layout, locals(), parted=False)
     target, own = layout.inside(spans)[: SPANS * span_planes(build.steps)], gathering.pixel.own
-    planes, begun = span_planes(build.steps), 0
+    planes, begun, moves = span_planes(build.steps), 0, gathering.moves
     for span, end in enumerate(span_ends(frames)):
         gathering.add(past[begun:end], build, layout, frame, settings, before=begun, recent=SHORT_SPAN - begun)
         said = gathering.resolved(build, layout, settings)
@@ -92,6 +123,8 @@ def gather_spans(
     alphas, counts = np.where(told, unmoved.alpha, said.alpha), np.where(told, unmoved.count, said.count)
     error = np.where(told, span_error(sums, own, unmoved, build, settings), error)
     _store(target[-planes:], Resolved((r, g, b), alphas, counts), error)
+    repeated = repeat_error(gathering.slots, past, standing, gathering.pixel, error, build, layout, settings)
+    layout.inside(repeats)[0] = np.where(moves, repeated, error)
 
 
 def _store(planes: Array, said: Resolved, error: Array) -> None:

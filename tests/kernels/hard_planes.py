@@ -76,6 +76,7 @@ def hard_planes(layout: Layout, seed: int = 0) -> Planes:
     ]
     named = {**dict(zip(names, strewn, strict=True)), "kept": np.array(kept), "spans": np.array(spans)}
     named["texels"] = np.array(texels)
+    named["repeats"] = (errors * random.choice([0.01, 0.3, 1.0, 3.0], (1, *shape))).astype(np.float32)
     return {name: padded(planes, layout) for name, planes in named.items()}
 
 

@@ -41,7 +41,7 @@ WRITES: dict[str, dict[str, int]] = {
     "resolve": {"output": 4, "output_count": 1},
     "resolve_doubled": {"texels_out": 20, "output": 4, "output_count": 1},
     "gather": {"output": 4, "output_count": 1},
-    "gather_spans": {"spans": 24},
+    "gather_spans": {"spans": 24, "repeats": 1},
     "weigh_spans": {"output": 4, "output_count": 1},
 }
 FUSED = ("resolve", "resolve_doubled", "gather", "gather_spans")
@@ -147,6 +147,7 @@ def hard_work(width: int = 70, height: int = 41, seed: int = 0, settings: Settin
     record["left_mass"], record["right_mass"], record["upper_mass"], record["lower_mass"] = 0.9, 0.01, 0.6, 0.3
     past = np.array([frame_record(now, Past.of(frame), layout) for frame in reversed(before)], FRAME_DTYPE)
     # None that puts a texel's sample on the border of a neighbour's window, 0.8 off its centre, but for rounding.
+    past["again"] = KEPT - 1
     past["jitter_x"], past["jitter_y"] = np.linspace(-0.37, 0.31, KEPT), np.linspace(0.23, -0.46, KEPT)
     past["slot"] = (np.arange(KEPT) + 1) % KEPT
     settings = Settings() if settings is None else settings

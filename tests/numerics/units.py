@@ -269,6 +269,7 @@ OUTPUTS = [
     Output("gather", "gather: alpha", "output", FOURTH, "u", one),
     Output("gather", "gather: count n", "output_count", FIRST, "u·(1 + n)", one),
     *(output for span in range(SPANS) for output in outputs_of_span(span)),
+    Output("gather_spans", "repeats: error", "repeats", slice(0, 1), "u·M²", squared),
     Output("weigh_spans", "weighed: colour", "output", RGB, "u·M", of_spans),
     Output("weigh_spans", "weighed: alpha", "output", FOURTH, "u", one),
     Output("weigh_spans", "weighed: count n", "output_count", FIRST, "u·(1 + n)", counted),

@@ -125,9 +125,9 @@ def test_the_drift_is_students_t() -> None:
     assert np.allclose(t[inside], np.abs(expected) / (windows.std((-1, -2), ddof=1) / side), rtol=1e-4, atol=1e-4)
 
 
-def weighed(error: float) -> float:
+def weighed(error: float, repeated: float | None = None) -> float:
     """What flat spans of a light that grows come to where each texel leaves an error: 1.0 the latest four frames, 0.98
-    the latest eight, 0.8 all."""
+    the latest eight, 0.8 all; repeated samples leave as much unless told."""
     layout = Layout(WIDTH, HEIGHT)
     spans = layout.empty(SPANS * 5)
     for planes, light in zip(spans.reshape(SPANS, 5, *spans.shape[1:]), (1.0, 0.98, 0.8, 0.8), strict=True):
@@ -137,7 +137,10 @@ def weighed(error: float) -> float:
     frame = np.zeros((), FRAME_DTYPE)
     frame["width"], frame["height"] = WIDTH, HEIGHT
     build = Build(steps=Steps(alpha=False))
-    weigh_spans(build, layout, spans=spans, output=output, output_count=count, frame=frame, settings=settings)
+    repeats = np.full_like(layout.empty(1), error if repeated is None else repeated)
+    weigh_spans(
+        build, layout, spans=spans, repeats=repeats, output=output, output_count=count, frame=frame, settings=settings
+    )
     return float(layout.inside(output)[0, HEIGHT // 2, WIDTH // 2])
 
 
@@ -149,6 +152,26 @@ def test_light_that_changes_steadily_is_carried_on_where_that_is_sure() -> None:
     middle = 0.98 + step * max(moved, 0.0) + 0.5 * step * sure
     old = 0.8 + 0.19 * far + (0.5 + 0.5) * step * sure
     assert weighed(0.0) == pytest.approx((1.0 + 0.5 * step * sure + middle + 2 * old) / 4, abs=1e-6)
+
+
+def test_where_samples_repeat_what_reaches_far_is_believed_and_stays() -> None:
+    assert weighed(1.0, repeated=0.0) == pytest.approx(0.8, abs=1e-6)
+    assert weighed(1.0, repeated=1.0) > 0.9
+
+
+def test_each_of_the_latest_frames_is_told_the_frame_that_repeats_it() -> None:
+    jitters = [(0.4, 0.0), (0.1, 0.3), (-0.3, 0.2), (0.3, -0.3), *((-0.4, -0.4 + 0.2 * k) for k in range(5))]
+    again = [*jitters, (-0.3, 0.26), (0.4, 0.05)]
+    preset = override(load_preset("t5"), {"frames_kept": 10})
+    resolver = Resolver(preset, "numpy")
+    for index, jitter in enumerate(again):
+        resolver.resolve(replace(lit(index, 1.0, 0.5), jitter_px=jitter))
+        assert resolver.last is not None
+        with resolver.last.arguments["past"].mapped(write=False) as told:
+            records = told.copy()
+        assert (records["again"][: min(index, 4)] >= 0).all() == (index in (0, 8, 9, 10))
+    # The last repeats the first, ten frames ago, by 0.05 pixels; the one before it the third, seven frames before.
+    assert list(records["again"][:2]) == [9, 7]
 
 
 def test_a_step_that_jitter_may_have_made_is_not_carried_on() -> None:
