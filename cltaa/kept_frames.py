@@ -67,8 +67,8 @@ class KeptFrames:
         return min(len(self.past), self._count)
 
     def _tell_repeats(self, frame: Frame, records: NDArray[Any]) -> None:
-        """Tell of each of the latest frames, that of now first, which kept frame of one camera before it has its samples
-        nearest to where they lie in their pixels; of no more frames than the middle span has none."""
+        """Tell of each of the latest frames, that of now first, which kept frame of one camera before it has its
+        samples nearest to where they lie in their pixels; of no more frames than the middle span has none."""
         standing, records["again"] = self.standing(frame), -1
         if standing <= MIDDLE_SPAN:
             return

@@ -217,7 +217,7 @@ class NumpyLauncher:
 def run_gather(
     launcher: Launcher, build: Build, layout: Layout, arguments: Mapping[str, Any], spans: Mapping[str, Any] | None
 ) -> None:
-    """Gather with the ``arguments`` of ``gather``, or each of the spans where their own (``KeptFrames.spans``) are given."""
+    """Gather with the ``arguments`` of ``gather``, or each span where what ``KeptFrames.spans`` gives is there."""
     if spans is None:
         launcher.run("gather", build, layout, arguments)
         return

@@ -49,8 +49,8 @@ def drawn_here(planes: Array, then: Record, p: Pixel, build: Build) -> tuple[Col
 def repeat_error(
     slots: Array, past: Any, standing: int, p: Pixel, otherwise: Array, build: Build, layout: Layout, settings: Record
 ) -> Array:
-    """Squared differences [H, W] of the latest samples at each pixel's own place, the current one among them, from those
-    of the frames ``past["again"]``, whose samples lay nearly there; ``otherwise`` where there are none."""
+    """Squared differences [H, W] of the latest samples at each pixel's own place, the current one among them, from
+    those of the frames ``past["again"]``, whose samples lay nearly there; ``otherwise`` where there are none."""
 
     def drawn(place: int) -> tuple[Colour, Array]:
         then = past[place]
