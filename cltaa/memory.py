@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import msgspec
 import numpy as np
 import OpenEXR
@@ -20,9 +23,10 @@ GROUP = 3  # planes of a group, which are decoded one by one and moved together 
 # Blocks of the size of a chunk that each of OpenEXR's threads holds for a file: packed, unpacked, between the two. Seen
 # with 2 and 16 threads: 2.5 to 3.1.
 BLOCKS = 3
-# Interpreter, libraries and driver: the peak of a resolve of 16 x 16 pixels with built kernels, PoCL 3.0, 2026-11-21. A
-# kernel that has to be built first takes 140 MB more, before frames take any.
-PROGRAM = 102_000_000
+# Interpreter, libraries and driver: the peak of a resolve of 16 x 16 pixels with built kernels, PoCL 3.0, 2026-11-21,
+# and what of it is no file's (2026-11-22). Kernels that have to be built first take 100 to 190 MB more, and keep them.
+PROGRAM, ALLOCATED = 102_000_000, 38_000_000
+STATUS = Path("/proc/self/status")
 
 
 def device_bytes(
@@ -69,6 +73,20 @@ class Memory(msgspec.Struct, frozen=True, kw_only=True):
     def whole(self) -> int:
         """All of it together."""
         return self.device + self.frames + self.results + self.reading + self.packing + self.program
+
+
+def program_bytes() -> int:
+    """Bytes that this process takes without planes: what it allocates, and the pages of files that it has touched.
+
+    With the device the drivers of every OpenCL platform are loaded that is installed, and those may be large.
+    """
+    try:
+        status = STATUS.read_text(encoding="utf-8")
+    except OSError:  # another system than Linux
+        return PROGRAM
+    return ALLOCATED + 1024 * sum(
+        int(kilobytes) for kilobytes in re.findall(r"^Rss(?:File|Shmem):\s+(\d+)", status, re.M)
+    )
 
 
 def of_resolve(

@@ -15,7 +15,7 @@ from cltaa.build import Steps
 from cltaa.frame_record import Past
 from cltaa.frames import Effect
 from cltaa.launch import Launcher
-from cltaa.memory import Memory, of_sequence, of_whole_images
+from cltaa.memory import Memory, of_sequence, of_whole_images, program_bytes
 from cltaa.params import HistoryOf, LightChange
 from cltaa.planning import Plan, plan_frame, toggled, with_effects
 from cltaa.presets import Preset
@@ -107,7 +107,8 @@ def memory(sequence: Sequence, preset: Preset, plans: list[Plan]) -> Memory:
     frames_kept = preset.settings.frames_kept if kept else 0
     spans = kept and any(each.choices.light_change is LightChange.SPANS for each in plans)
     steps = Steps(**used)
-    return of_sequence(sequence, steps, band_rows=rows, frames_kept=frames_kept, doubled=doubled, spans=spans)
+    found = of_sequence(sequence, steps, band_rows=rows, frames_kept=frames_kept, doubled=doubled, spans=spans)
+    return msgspec.structs.replace(found, program=program_bytes())
 
 
 def _plans(sequence: Sequence, preset: Preset, effects: Effects) -> Iterator[tuple[int, bool, Plan]]:

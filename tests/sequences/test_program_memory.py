@@ -1,0 +1,28 @@
+"""What a process takes beside the planes: told by the process itself, since other OpenCL drivers may be loaded too."""
+
+from __future__ import annotations
+
+import mmap
+from pathlib import Path
+
+import pytest
+
+from cltaa import memory
+from cltaa.memory import PROGRAM, program_bytes
+
+DRIVER = 32 * 2**20  # bytes
+
+
+def test_files_that_a_driver_maps_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "driver"
+    path.write_bytes(bytes(DRIVER))
+    before = program_bytes()
+    assert before > memory.ALLOCATED
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapped:
+        assert sum(mapped[:: mmap.PAGESIZE]) == 0  # each page of it is touched
+        assert program_bytes() - before == pytest.approx(DRIVER, rel=0.1)
+
+
+def test_a_system_that_does_not_tell_gets_what_was_measured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(memory, "STATUS", tmp_path / "none")
+    assert program_bytes() == PROGRAM
