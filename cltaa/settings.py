@@ -80,7 +80,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         float, _number("gamma_still, where a change of light is tested for", 0.0, 64.0, "the same", "measured")
     ] = 1.0
     change_t: Annotated[
-        float, _number("Student's t of the 3x3 from which light has changed", 0.125, 1e6, "1", "measured")
+        float, _number("Student's t of the 3x3 from which light that goes on has changed", 0.125, 1e6, "1", "measured")
     ] = 2.0
     change_floor: Annotated[
         float, _number("standard error added to that of the 3x3, over its luminance", 0.0, 1.0, "1", "measured")

@@ -10,7 +10,7 @@
 typedef struct
 {
     colour rgb;
-    real alpha, count, fx, fy;
+    real alpha, count, fx, fy; // the sign of the count: which way light goes, where that is tested for
     mask valid;
 } history_t;
 
@@ -36,7 +36,13 @@ typedef struct
     real fx, fy;
 } sampled;
 
-STAGE real sample_count(plane_in count, footprint f, int stride) { return bilinear(sample_quad(count, f, stride), f); }
+// Whichever way light went. Where no light is tested for too: the frame before may have had another plan.
+STAGE real sample_count(plane_in count, footprint f, int stride)
+{
+    const quad t = sample_quad(count, f, stride);
+    const quad size = { absolute(t.p00), absolute(t.p10), absolute(t.p01), absolute(t.p11) };
+    return bilinear(size, f);
+}
 
 STAGE sampled sample_planes(history_in history, plane_in previous_closeness, footprint f, weights wx, weights wy,
     colour rgb, real count, frame_t frame)
@@ -100,7 +106,8 @@ STAGE history_t sample_history(plane_in current, boxed_row next, history_in hist
     h.alpha = ALPHA ? limit(v.alpha, SPLAT(0.0), SPLAT(1.0)) : v.alpha;
     h.count = v.count;
     if (LIGHT_CHANGE != LIGHT_CHANGE_IGNORE)
-        h.count = quotient(h.count, change_of_light(current, next, history, f, x, y, frame, settings, &kept->light));
+        h.count
+            = quotient(h.count, change_of_light(current, next, history, count, f, x, y, frame, settings, &kept->light));
     if (REJECT == REJECT_DEPTH)
         h.valid = h.valid & same_surface(v.closeness, s, m, settings);
     h.fx = v.fx;

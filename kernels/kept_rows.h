@@ -129,8 +129,11 @@ STAGE real slide_plane(slid* s, taps t, weights wx, weights wy)
     return v;
 }
 
-// A row of the count between two texels, as `bilinear` has it.
-STAGE real count_between(real left, real right, real fx) { return left + fx * (right - left); }
+// A row of the count between two texels, as `sample_count` has it.
+STAGE real count_between(real left, real right, real fx)
+{
+    return absolute(left) + fx * (absolute(right) - absolute(left));
+}
 
 // Colour and count at a footprint.
 STAGE colour slide_history(

@@ -59,12 +59,22 @@ STAGE colour nearest_texel(history_in p, nearest_t n, int i, int j, size_t plane
     return load_history_colour(ROW_BELOW(p, n.at, j, stride) + i, plane);
 }
 
-// Student's t of nine differences: their mean over its standard error, a third of their deviation. `least` is added to
-// the deviation, so that a difference that nobody sees is none in a flat place either.
+// The count at the nearest texel, whose sign says which way light went in the frame before.
+STAGE real nearest_count(plane_in count, nearest_t n, int stride)
+{
+#if LANES > 1
+    if (!n.alike)
+        return texels_apart(count + n.own, steps_apart(n.dx, n.dy, stride));
+#endif
+    return load(count + n.at);
+}
+
+// Student's t of nine differences: their mean over its standard error, a third of their deviation; its sign is that of
+// the mean. `least` is added to the deviation, so that a difference that nobody sees is none in a flat place either.
 STAGE real paired_t(moments above, moments centre, moments below, real da, real db, real least)
 {
     const moments m = window_moments(above, centre, below, da, db);
-    return quotient(K(3.0) * absolute(m.shift + m.offset), square_root(m.spread * K(TWO_27THS)) + least);
+    return quotient(K(3.0) * (m.shift + m.offset), square_root(m.spread * K(TWO_27THS)) + least);
 }
 
 // What a row of three says: the moments of its differences, the steps of their means from the row above, and how bright
@@ -115,10 +125,12 @@ STAGE light_row light_below(light_row above, light_row row)
     return row;
 }
 
-// What the history's count is divided by: t over change_t, of the channel that changed most; 1 up to there. `next` is
-// the row below the pixel's.
-STAGE real change_of_light(plane_in current, boxed_row next, history_in history, footprint f, int x, int y,
-    frame_t frame, settings_t settings, kept_light* kept)
+// What the history's count is divided by: t over change_t, of the channel that changed most; 1 up to there. Its sign is
+// negative where the first channel, luminance, falls. The jitter moves all nine differences one way in one frame and
+// another way in the next, light that changes goes on: what has not the sign of the frame before divides by 1. `next`
+// is the row below the pixel's.
+STAGE real change_of_light(plane_in current, boxed_row next, history_in history, plane_in count, footprint f, int x,
+    int y, frame_t frame, settings_t settings, kept_light* kept)
 {
     const nearest_t n = nearest_texels(f, row_stride(frame));
 #if LANES == 1
@@ -143,6 +155,9 @@ STAGE real change_of_light(plane_in current, boxed_row next, history_in history,
     const real ta = paired_t(above.a, centre.a, below.a, -up.a, down.a, least),
                tb = paired_t(above.b, centre.b, below.b, -up.b, down.b, least),
                tc = paired_t(above.c, centre.c, below.c, -up.c, down.c, least);
-    const real t = greater(ta, greater(tb, tc));
-    return greater(quotient(t, SPLAT(settings.change_t)), SPLAT(1.0));
+    const real t = greater(absolute(ta), greater(absolute(tb), absolute(tc)));
+    const real sign = ta < SPLAT(0.0) ? SPLAT(-1.0) : SPLAT(1.0);
+    const mask goes_on = sign * nearest_count(count, n, row_stride(frame)) > SPLAT(0.0);
+    const real change = greater(quotient(t, SPLAT(settings.change_t)), SPLAT(1.0));
+    return goes_on ? sign * change : sign;
 }

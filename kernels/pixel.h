@@ -85,7 +85,8 @@ STAGE real fading_share(real of_mean, settings_t settings)
 // How many samples a pixel's rectified history is believed to stand for.
 STAGE real believed_samples(pixel_t p, history_t h, rectification r, settings_t settings)
 {
-    const real count = believed_count(h.count, h.fx, h.fy, r.pull, settings);
+    const real held = LIGHT_CHANGE == LIGHT_CHANGE_IGNORE ? h.count : absolute(h.count);
+    const real count = believed_count(held, h.fx, h.fy, r.pull, settings);
     return REACTIVE ? count * (SPLAT(1.0) - p.reactivity) : count;
 }
 
@@ -120,6 +121,8 @@ STAGE resolved resolve_beside(pixel_t p, history_t h, rectification r, real coun
     if (ALPHA_FROM == ALPHA_FROM_BLEND)
         out.alpha = h.valid ? blend(h.alpha, p.alpha, weight) : p.alpha;
     out.count = h.valid ? count + K(1.0) : SPLAT(1.0);
+    if (LIGHT_CHANGE != LIGHT_CHANGE_IGNORE)
+        out.count = (h.valid & (h.count < SPLAT(0.0))) ? -out.count : out.count;
     return out;
 }
 

@@ -21,7 +21,10 @@ from cltaa.reference.sampling import Quad, bilinear, footprint_of, sample_plane,
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """Colour, alpha and sample count at the history position, its fractions, and whether it can be used."""
+    """Colour, alpha and sample count at the history position, its fractions, and whether it can be used.
+
+    The sign of the count says which way light goes, where a change of it is tested for.
+    """
 
     rgb: Colour
     alpha: Array
@@ -66,9 +69,9 @@ def sample_history(
     alpha = np.ones_like(r)
     if build.steps.alpha:
         alpha = limit(sample_plane(history[3], f, wx, wy, build, real), number(0, r), number(1, r))
-    count = bilinear(sample_quad(history_count[0], f, real), f)
+    count = bilinear(sample_quad(np.abs(history_count[0]), f, real), f)
     if build.choices.light_change is not LightChange.IGNORE:
-        count = count / change_of_light(current, history, f, build, layout, frame, settings)
+        count = count / change_of_light(current, history, history_count[0], f, build, layout, frame, settings)
     if build.choices.reject is Reject.DEPTH:
         valid &= same_surface(sample_quad(previous_closeness[0], f, real), s, m, settings["depth_tolerance"])
     return History(rgb, alpha, count, f.fx, f.fy, valid)

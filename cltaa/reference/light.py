@@ -26,19 +26,28 @@ def history_in_range(colour: Colour, build: Build, frame: Record) -> Colour:
 
 
 def paired_t(above: Moments, centre: Moments, below: Moments, least: Array) -> Array:
-    """Student's t of nine differences, ``least`` added to their deviation."""
+    """Student's t of nine differences with the sign of their mean, ``least`` added to their deviation."""
     m = window_moments(above, centre, below)
     deviation = np.sqrt(m.spread * constant("TWO_27THS", m.spread))
-    t: Array = number(3.0, least) * np.abs(m.shift + m.offset) / (deviation + least)
+    t: Array = number(3.0, least) * (m.shift + m.offset) / (deviation + least)
     return t
 
 
 def change_of_light(
-    current: Array, history: Array, f: Footprint, build: Build, layout: Layout, frame: Record, settings: Record
+    current: Array,
+    history: Array,
+    history_count: Array,
+    f: Footprint,
+    build: Build,
+    layout: Layout,
+    frame: Record,
+    settings: Record,
 ) -> Array:
-    """What the history's count [H, W] is divided by: t over ``change_t`` of the channel that changed most, at least 1.
+    """What the history's count [H, W] is divided by: t over ``change_t`` of the channel that changed most, at least 1,
+    and 1 where luminance does not go the way that it went in the frame before; negative where it falls.
 
-    ``current`` [3, rows, stride] and ``history`` [3 or 4, rows, stride] are padded planes.
+    ``current`` [3, rows, stride], ``history`` [3 or 4, rows, stride] and ``history_count`` [rows, stride], whose sign
+    is what this one's was in the frame before, are padded planes.
     """
     real: Any = f.fx.dtype
     colour = repaired_planes(current, layout).astype(real)
@@ -64,5 +73,9 @@ def change_of_light(
     floor = number(settings["change_floor"], level)
     least = floor * (level * constant("ONE_THIRD", level)) + constant("TINY", level)
     a, b, c = (paired_t(rows[0][k], rows[1][k], rows[2][k], least) for k in range(3))
-    t = greater(a, greater(b, c)) / number(settings["change_t"], level)
-    return greater(t, number(1.0, level))
+    t = greater(np.abs(a), greater(np.abs(b), np.abs(c))) / number(settings["change_t"], level)
+    one, zero = number(1.0, level), number(0.0, level)
+    sign = np.where(a < zero, -one, one)
+    goes_on = sign * history_count[row, column].astype(real) > zero
+    divisor: Array = np.where(goes_on, sign * greater(t, one), sign)
+    return divisor

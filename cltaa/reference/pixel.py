@@ -10,7 +10,7 @@ import numpy as np
 from cltaa.build import Build, Record
 from cltaa.constants import PAD_X, PAD_Y
 from cltaa.layout import Layout
-from cltaa.params import AlphaFrom, AntiFlicker, Box, FilterUse
+from cltaa.params import AlphaFrom, AntiFlicker, Box, FilterUse, LightChange
 from cltaa.reference.blend import (
     believed_count,
     blend,
@@ -121,7 +121,7 @@ def drawn_towards(own: Colour, filtered: Colour, share: Array) -> Colour:
 
 def believed_samples(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Array:
     """How many samples a pixel's rectified history is believed to stand for."""
-    count = believed_count(h.count, h.fx, h.fy, r.pull, build, settings)
+    count = believed_count(np.abs(h.count), h.fx, h.fy, r.pull, build, settings)
     return count * (number(1.0, count) - p.reactivity) if build.steps.reactive else count
 
 
@@ -158,4 +158,7 @@ def resolve_beside(p: Pixel, h: History, r: Rectification, count: Array, build: 
     alpha = p.alpha
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = np.where(h.valid, blend(h.alpha, alpha, weight), alpha)
-    return Resolved(stored, alpha, np.where(h.valid, count + one, one))
+    samples = np.where(h.valid, count + one, one)
+    if build.choices.light_change is not LightChange.IGNORE:
+        samples = np.where(h.valid & (h.count < number(0.0, count)), -samples, samples)
+    return Resolved(stored, alpha, samples)

@@ -21,7 +21,7 @@ from cltaa.constants import SPANS
 from cltaa.constants import value as value_of
 from cltaa.launch import Launcher, NumpyLauncher, storage_dtype
 from cltaa.layout import Layout
-from cltaa.params import Choices, CurrentFilter, Settings
+from cltaa.params import Choices, CurrentFilter, LightChange, Settings
 from cltaa.presets import load_preset
 from cltaa.reference import KERNELS
 from cltaa.resolve import Past, frame_record
@@ -72,6 +72,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "box",
         "box_space",
         "filter_use",
+        "light_change",
         "negatives",
         "reactive",
         "storage",
@@ -171,11 +172,21 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
         given["spans"] = spans_of(build.steps, work)
     given |= {name: np.full_like(work.layout.empty(count), UNWRITTEN) for name, count in WRITES[kernel].items()}
     names = [p.name for p in inspect.signature(KERNELS[kernel]).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    if build.choices.light_change is not LightChange.IGNORE:
+        for name in {"history_count", "history_at"} & set(names):
+            given[name] = with_signs(given[name])
     most = value_of("HALF_LIMIT") if build.storage in HALVES else np.inf
     for name in {"history", "output", "texels", "texels_out"} & set(names):
         with np.errstate(invalid="ignore"):  # signalling NaN
             given[name] = np.clip(given[name], -most, most).astype(storage_dtype(build))
     return {name: given[name] for name in names}
+
+
+def with_signs(planes: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The count, one plane or the fifth of eight, with the signs that a test of light left: of either one a half."""
+    signed, plane = planes.copy(), 0 if len(planes) == 1 else 4
+    signed[plane] *= np.random.default_rng(1).choice([-1.0, 1.0], planes.shape[1:])
+    return signed
 
 
 def spans_of(steps: Steps, work: Work) -> NDArray[np.float32]:

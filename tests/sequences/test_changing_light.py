@@ -10,6 +10,7 @@ import pytest
 
 from cltaa.build import Build, Steps, settings_record
 from cltaa.constants import PAD_X, PAD_Y
+from cltaa.debug import DebugViews
 from cltaa.frames import Effect, Frame
 from cltaa.layout import Layout
 from cltaa.params import BoxSpace, Choices, LightChange, Settings
@@ -18,6 +19,7 @@ from cltaa.presets import load_preset, override
 from cltaa.reference.light import change_of_light
 from cltaa.reference.sampling import Footprint
 from cltaa.resolve import Resolver
+from cltaa.views import View
 from tests.kernels.hard_planes import padded
 from tests.sequence_factory import make_camera, make_frame
 
@@ -26,14 +28,20 @@ BUILD = Build(choices=Choices(box_space=BoxSpace.RGB), steps=Steps(exposure=Fals
 LIT = frozenset({Effect.SHADING})
 
 
-def divisors(now: Any, then: Any, **settings: Any) -> Any:
-    """What the counts are divided by, [H, W], where nothing moves."""
+def signed_divisors(now: Any, then: Any, went: float, **settings: Any) -> Any:
+    """What the counts are divided by, [H, W], where nothing moves and light ``went`` up or down the frame before."""
     layout = Layout(WIDTH, HEIGHT)
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     still = np.zeros((HEIGHT, WIDTH), np.float32)
     place = Footprint(y + PAD_Y, x + PAD_X, still, still)
     record = settings_record(Settings(**settings))
-    return change_of_light(padded(now, layout), padded(then, layout), place, BUILD, layout, record, record)
+    count = padded(np.full((1, HEIGHT, WIDTH), went), layout)[0]
+    return change_of_light(padded(now, layout), padded(then, layout), count, place, BUILD, layout, record, record)
+
+
+def divisors(now: Any, then: Any, **settings: Any) -> Any:
+    """The same where light goes on, whichever way."""
+    return np.maximum(*(np.abs(signed_divisors(now, then, went, **settings)) for went in (7.0, -7.0)))
 
 
 def test_it_is_students_t() -> None:
@@ -68,6 +76,14 @@ def test_a_difference_that_nobody_sees_is_none() -> None:
     assert (divisors(flat * (1 + 1.2 * seen), flat) > 1.0).all()
 
 
+def test_what_goes_back_where_it_came_from_is_no_change() -> None:
+    noisy = np.random.default_rng(1).normal(0.5, 0.1, (3, HEIGHT, WIDTH)).astype(np.float32)
+    assert signed_divisors(1.2 * noisy, noisy, 7.0).min() > 2.0
+    assert signed_divisors(0.8 * noisy, noisy, -7.0).max() < -2.0
+    assert (signed_divisors(1.2 * noisy, noisy, -7.0) == 1.0).all()
+    assert (signed_divisors(0.8 * noisy, noisy, 7.0) == -1.0).all()
+
+
 def textured(index: int, light: float, effects: frozenset[Effect] = LIT) -> Frame:
     """A texture of two colours a pixel, either of which the jitter may find; light is on all of it."""
     frame = make_frame(index, width=WIDTH, height=HEIGHT, camera=make_camera(), effects=effects)
@@ -91,8 +107,29 @@ def errors(light_change: str, step: int, count: int) -> list[float]:
 
 def test_a_lamp_that_goes_on_is_followed_and_what_stands_is_not_forgotten() -> None:
     tested, ignored = errors("test", 12, 16), errors("ignore", 12, 16)
-    assert tested[11] < ignored[11]  # 0.0238 and 0.0260
-    assert tested[14] < 0.75 * ignored[14]  # 0.080 and 0.121
+    assert tested[11] < ignored[11]  # 0.0246 and 0.0259
+    assert tested[14] < 0.75 * ignored[14]  # 0.082 and 0.122
+
+
+def stored_counts(lights: list[float]) -> Any:
+    """The counts that frames of a texture under these lights leave, [H, W]."""
+    resolver = Resolver(load_preset(), "numpy")
+    for index, light in enumerate(lights):
+        resolver.resolve(textured(index, light))
+    assert resolver.last is not None
+    assert (DebugViews(resolver, [View.COUNT]).layers()["debug.count"] >= 1.0).all()
+    with resolver.last.arguments["output_count"].mapped(write=False) as count:
+        return Layout(WIDTH, HEIGHT).inside(count)[0].copy()
+
+
+def test_light_that_goes_on_is_followed_and_light_that_alternates_is_not() -> None:
+    rising, falling = ([1.3 ** (way * index) for index in range(10)] for way in (1, -1))
+    alternating = stored_counts([1.0, 1.6] * 5)
+    assert np.median(np.abs(alternating)) > 9.0  # of ten frames; 1.4 by a test of one frame alone
+    for lights, way in ((rising, 1.0), (falling, -1.0)):
+        going = stored_counts(lights)
+        assert (way * going > 0).mean() > 0.95
+        assert np.median(np.abs(going)) < 4.0
 
 
 @pytest.mark.parametrize(
