@@ -170,7 +170,7 @@ def test_every_choice_and_step_is_looked_at_by_a_stage() -> None:
 
 def test_the_structs_hold_what_a_kernel_reads_and_nothing_else() -> None:
     text = "".join(without_comments(text) for text in kernel_files().values())
-    for struct, fields in (("settings", SETTINGS_DTYPE.fields), ("(?:frame|then)", FRAME_DTYPE.fields)):
+    for struct, fields in (("settings", SETTINGS_DTYPE.fields), (r"(?:frame|then|past\[\w+\])", FRAME_DTYPE.fields)):
         assert set(re.findall(rf"\b{struct}\.(\w+)", text)) == set(fields or ())
     assert set(Settings.__struct_fields__) > HOST_SETTINGS
 
