@@ -69,11 +69,16 @@ class CltaaError(Exception):
         return printable(" ".join(line.split()))
 
 
+# How much of two names has to be the same for one to be the other misspelt. With less, lpips, a score of its own,
+# would be taken for flip.
+ALIKE = 0.7
+
+
 def closest(name: str, names: Iterable[str]) -> str | None:
     """The one of ``names`` that was meant by a misspelt name, None where none is close."""
     import difflib  # here: most commands end without
 
-    return next(iter(difflib.get_close_matches(name, list(names), 1)), None)
+    return next(iter(difflib.get_close_matches(name, list(names), 1, ALIKE)), None)
 
 
 def known(name: str, names: Iterable[str], kind: str) -> str:

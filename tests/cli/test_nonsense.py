@@ -85,6 +85,7 @@ CASES: list[tuple[str, int, str]] = [
     ("compare small", WRONG, "nothing to compare with"),
     ("compare seq --metrics nonsense", WRONG, "unknown metric"),
     ("compare seq --metrics pnsr", WRONG, "unknown metric pnsr; did you mean psnr?"),
+    ("compare seq --metrics lpips", WRONG, "unknown metric lpips; known metrics: "),
     ("compare seq --metrics ''", WRONG, "no metric is named"),
     ("compare seq --frames x", WRONG, "wrong range of frames"),
     ("compare seq --frames 0-99999999999999999999", WRONG, "no such frame"),
