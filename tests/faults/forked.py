@@ -43,6 +43,14 @@ BROKEN = 99  # the exit code of a fork whose assertion failed
 INTERRUPTED = 130
 
 
+def wait_until_alone() -> None:
+    """A thread that was joined is listed a moment longer; one that stays would be missing in a fork."""
+    end = time.monotonic() + 5.0
+    while len(threads := list(Path("/proc/self/task").iterdir())) > 1:
+        assert time.monotonic() < end, threads
+        time.sleep(0.001)
+
+
 class Forks:
     """Work in forks, one at a time; what it prints goes into a file."""
 
@@ -51,7 +59,7 @@ class Forks:
 
     def start(self, work: Callable[[], int]) -> int:
         """Begin ``work``, whose result is the exit code, in a fork; returns its process number."""
-        assert len(list(Path("/proc/self/task").iterdir())) == 1
+        wait_until_alone()
         signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # until the fork is ready for them (see ``Ended.resolve``)
         process = os.fork()
         if process:
