@@ -27,7 +27,8 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "LEAST_TRUST": Constant(2.0**-6, "least ratio of two spans' errors: its 16th power is well above the denormals"),
     "STANDING_KNEE": Constant(2.0, "times luminance_knee: that of the many samples of a span without motion: measured"),
     "SURELY_STANDS": Constant(
-        4.0, "times what repeated samples differ by: of less than the shortest spans err, settled"
+        4.0,
+        "times repeated samples differ by: where that is below what the short spans err, light stands (decision 35)",
     ),
     "SHARED_NOISE": Constant(
         0.003, "share of the latest samples' variance that the texels around have in common: measured"

@@ -22,11 +22,8 @@ from cltaa.manifest import read_capture_record, recorded_hashes
 from cltaa.numbered import NUMBERED, NumberedFiles, OnBreak, check_same_size, frame_missing, name_of, numbered_files
 
 NO_PIXELS = np.empty((0, 0), np.float32)
-CHANNEL_OF = {
-    "motion": "backward.u",
-    "alpha": "A",
-    "reactive": "reactive",
-}  # part of a frame: the channel that shows it
+# The channel that shows that a frame has this part.
+CHANNEL_OF = {"motion": "backward.u", "alpha": "A", "reactive": "reactive"}
 
 
 class ImageSequence(NumberedFiles):
