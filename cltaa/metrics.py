@@ -68,7 +68,8 @@ def display_ssim(test: Image, reference: Image) -> float:
     """``ssim`` of two display images."""
     if min(test.shape[:2]) < SSIM_SMALLEST_SIDE:
         expected = f"at least {SSIM_SMALLEST_SIDE} pixels a side"
-        raise DataError("image too small for SSIM", expected=expected, found=f"{test.shape[1]} x {test.shape[0]}")
+        found, cure = f"{test.shape[1]} x {test.shape[0]}", "leave it out: --metrics mse,psnr,flip"
+        raise DataError("image too small for SSIM", expected=expected, found=found, cure=cure)
     module = import_extra("skimage.metrics", package="scikit-image", extra="metrics", purpose="metric ssim")
     value = module.structural_similarity(
         luma(test), luma(reference),

@@ -54,10 +54,8 @@ class NumberedFiles:
         self.layouts: dict[int, Layout] = {}
         for number, path in self._paths.items():
             self.layouts[number] = layout = read_layout(path)
-            if (layout.width, layout.height) != (self.width, self.height) and on_resize is OnBreak.ERROR:
-                expected, found = f"{self.width} x {self.height}", f"{layout.width} x {layout.height}"
-                cure = "all frames of a sequence have one size; resolve --on-resize reset begins anew at each change"
-                raise DataError("size differs", path=path, frame=number, expected=expected, found=found, cure=cure)
+            if on_resize is OnBreak.ERROR:
+                check_size(layout, self.layouts[self.first], number)
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -117,6 +115,14 @@ class NumberedFiles:
         return type(self)(
             self.folder, self.name, paths, verify=self.verify, gaps=self.gaps, on_resize=self.on_resize
         )  # fmt: skip
+
+
+def check_size(layout: Layout, first: Layout, number: int) -> None:
+    """Raise DataError unless frame ``number`` has the size of the first."""
+    if (layout.width, layout.height) != (first.width, first.height):
+        expected, found = f"{first.width} x {first.height}", f"{layout.width} x {layout.height}"
+        cure = "all frames of a sequence have one size; resolve --on-resize reset begins anew at each change"
+        raise DataError("size differs", path=layout.path, frame=number, expected=expected, found=found, cure=cure)
 
 
 def check_same_size(one: NumberedFiles, other: NumberedFiles) -> None:

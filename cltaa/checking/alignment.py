@@ -26,7 +26,12 @@ class Picture(NamedTuple):
     @classmethod
     def of(cls, signal: NDArray[np.float32]) -> Picture:
         """Differentiate ``signal`` by central differences."""
-        return cls(signal, np.stack([np.asarray(np.gradient(signal, axis=axis), np.float32) for axis in (1, 0)]))
+        return cls(signal, np.stack([_slope(signal, axis) for axis in (1, 0)]))
+
+
+def _slope(signal: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
+    """Central differences along ``axis``; 0 where there is one pixel and nothing to differ from."""
+    return np.asarray(np.gradient(signal, axis=axis), np.float32) if signal.shape[axis] > 1 else np.zeros_like(signal)
 
 
 class Fit(NamedTuple):

@@ -23,9 +23,12 @@ class Declared(NamedTuple):
 
 
 def declared_frames(
-    profile: Profile, attributes: Mapping[int, Attributes], side: Mapping[int, Side], size: tuple[int, int]
+    profile: Profile,
+    attributes: Mapping[int, Attributes],
+    side: Mapping[int, Side],
+    sizes: Mapping[int, tuple[int, int]],
 ) -> dict[int, Declared]:
-    """Jitter and camera of every frame number; ``size`` is width and height."""
+    """Jitter and camera of every frame number; ``sizes`` are width and height."""
     jitters = {number: _jitter(profile, given, side.get(number)) for number, given in attributes.items()}
     if not any(jitter is not None for jitter in jitters.values()) or profile.jitter.source == "none":
         jitters = dict.fromkeys(attributes)
@@ -38,7 +41,7 @@ def declared_frames(
         pair = matrices.get(number + profile.camera.delay, matrices[number])
         camera = None
         if pair is not None and profile.camera.source != "none":
-            camera = mended_camera(*pair, profile.camera, jitter or (0.0, 0.0), *size)
+            camera = mended_camera(*pair, profile.camera, jitter or (0.0, 0.0), *sizes[number])
         frames[number] = Declared(camera, jitter)
     return frames
 

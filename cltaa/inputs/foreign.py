@@ -19,7 +19,7 @@ from cltaa.inputs.convert import linear_colour, motion_px, planar_depth, still_c
 from cltaa.inputs.intake import Intake, intake_lines
 from cltaa.inputs.parts import read_planes
 from cltaa.manifest import recorded_hashes
-from cltaa.numbered import OnBreak, name_of
+from cltaa.numbered import name_of
 from cltaa.sources import CHANNEL_OF, NO_PIXELS, Sequence
 
 MATRICES = ("worldToCamera", "worldToNDC", "cltaa:worldToView", "cltaa:viewToClip")
@@ -36,7 +36,7 @@ class ForeignSequence(Sequence):
         self._hashes: dict[Path, dict[str, str]] = {}
         main = intake.sets[intake.roles["colour"][0].files]
         self.folder, self.name = folder, name_of(main[numbers[0]])
-        self.verify, self.gaps, self.on_resize = verify, OnBreak.ERROR, OnBreak.ERROR
+        self.verify, self.gaps, self.on_resize = verify, intake.gaps, intake.on_resize
         self._paths = {number: main[number] for number in numbers}
         self.layouts = {number: intake.layouts[number] for number in numbers}
 
@@ -92,7 +92,8 @@ class ForeignSequence(Sequence):
 
     def outline(self, number: int) -> Frame:
         """A frame of which only the header was read: the channels that it has are there, and empty."""
-        camera = self.intake.declared[number].camera or still_camera(self.width, self.height)
+        layout = self.layouts[number]
+        camera = self.intake.declared[number].camera or still_camera(layout.width, layout.height)
         if self._strict:
             check_camera(camera, path=self.path(number), frame=number)
         attributes = self.intake.attributes[number]

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cltaa.errors import DataError
+from cltaa.errors import DataError, InputMissing
 from cltaa.exr_layout import Layout
 from cltaa.inputs.declared import Declared, declared_frames
 from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.profile import Profile, load_profile, profile_names
 from cltaa.inputs.profile_text import override
-from cltaa.inputs.roles import Roles, assign, describe, file_sets
+from cltaa.inputs.roles import Roles, assign, describe, equal_matches, file_sets, shown_name
 from cltaa.inputs.side_file import read_side_file
-from cltaa.numbered import frame_missing, renumbered
+from cltaa.numbered import OnBreak, check_size, frame_missing, renumbered
 
 
 @dataclass(slots=True)
@@ -29,6 +29,8 @@ class Intake:
     attributes: dict[int, dict[str, object]]
     layouts: dict[int, Layout]
     declared: dict[int, Declared]
+    gaps: OnBreak = OnBreak.ERROR
+    on_resize: OnBreak = OnBreak.ERROR
     notes: list[str] = field(default_factory=list)  # what is missing, and what is done without it
 
     @property
@@ -43,9 +45,19 @@ class Intake:
 
 
 def open_intake(
-    folder: Path, *, profile: str = "auto", assignments: Many[str] = (), side_file: Path | None = None
+    folder: Path,
+    *,
+    profile: str = "auto",
+    assignments: Many[str] = (),
+    side_file: Path | None = None,
+    gaps: OnBreak = OnBreak.ERROR,
+    on_resize: OnBreak = OnBreak.ERROR,
 ) -> Intake:
-    """Decide how ``folder`` is read, from its headers; raises InputMissing, DataError or UsageError."""
+    """Decide how ``folder`` is read, from its headers; raises InputMissing, DataError or UsageError.
+
+    ``gaps`` and ``on_resize`` say whether a frame may be missing (in any of the files that are read) and whether sizes
+    may differ.
+    """
     sets = file_sets(folder)
     first = {label: read_any_header(files[min(files)]) for label, files in sets.items()}
     channels = {label: tuple(header.layout.channels) for label, header in first.items()}
@@ -56,25 +68,50 @@ def open_intake(
     chosen = override(chosen, assignments)
     roles = assign(chosen, channels)
     if "colour" not in roles:
-        found = " ".join(name for names in channels.values() for name in names)
-        cure = "name them: --input colour.channels='R G B'"
-        raise DataError(
-            "no colour channels", path=folder, expected=" or ".join(chosen.colour.channels), found=found, cure=cure
-        )
+        raise _no_colour(folder, chosen, channels)
     main = sets[roles["colour"][0].files]
-    for number in range(min(main), max(main) + 1):
-        for label in {place.files for places in roles.values() for place in places}:
-            if number not in sets[label]:
-                raise frame_missing(renumbered(next(iter(sets[label].values())), number), number)
-    headers = {number: read_any_header(path) for number, path in sorted(main.items())}
+    numbers = _numbers(
+        main, [sets[label] for label in {place.files for all_of in roles.values() for place in all_of}], gaps
+    )
+    headers = {number: read_any_header(main[number]) for number in numbers}
     layouts = {number: header.layout for number, header in headers.items()}
-    size = next(iter(layouts.values()))
+    for number, layout in layouts.items() if on_resize is OnBreak.ERROR else ():
+        check_size(layout, layouts[numbers[0]], number)
     given = {number: header.attributes for number, header in headers.items()}
     side = {} if side_file is None else read_side_file(side_file)
-    declared = declared_frames(chosen, given, side, (size.width, size.height))
-    intake = Intake(chosen, reason, roles, sets, given, layouts, declared)
+    declared = declared_frames(chosen, given, side, {n: (layout.width, layout.height) for n, layout in layouts.items()})
+    intake = Intake(chosen, reason, roles, sets, given, layouts, declared, gaps, on_resize)
     intake.notes += _notes(intake)
     return intake
+
+
+def _numbers(main: Mapping[int, Path], read: Many[Mapping[int, Path]], gaps: OnBreak) -> list[int]:
+    """Frame numbers of ``main`` that all sets of files that are read have; a gap is an error unless it is allowed."""
+    for number in range(min(main), max(main) + 1) if gaps is OnBreak.ERROR else ():
+        for files in read:
+            if number not in files:
+                raise frame_missing(renumbered(next(iter(files.values())), number), number)
+    numbers = sorted(number for number in main if all(number in files for files in read))
+    if not numbers:
+        raise InputMissing("no frame has all of its files", path=next(iter(main.values())), cure="render them again")
+    return numbers
+
+
+def _no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]]) -> DataError:
+    """The error where nothing is the colour, or several sets of files could be."""
+    several = equal_matches(profile.colour.channels, channels)
+    if several:
+        names = " ".join(shown_name(place, several=True) for place in several[0])
+        return DataError(
+            "several sets of files may be the colour",
+            path=folder,
+            found=", ".join(places[0].files for places in several),
+            cure=f"name the folder of one sequence, or the channels, as --input colour.channels='{names}'",
+        )
+    found = " ".join(name for names in channels.values() for name in names)
+    cure = "name them: --input colour.channels='R G B'"
+    expected = " or ".join(profile.colour.channels)
+    return DataError("no colour channels", path=folder, expected=expected, found=found, cure=cure)
 
 
 def _guess(attributes: dict[str, object], channels: dict[str, tuple[str, ...]]) -> tuple[Profile, str]:
@@ -87,7 +124,11 @@ def _guess(attributes: dict[str, object], channels: dict[str, tuple[str, ...]]) 
                 return profile, f"header attribute {name} is {shown}"
     scores = {profile.name: len(assign(profile, channels)) for profile in profiles}
     best = max(profiles, key=lambda profile: (scores[profile.name], profile.name == "cltaa"))
-    return best, f"no header names the writer; its channel names fit best ({scores[best.name]} roles)"
+    return best, f"no header names the writer; its channel names fit best ({_roles(scores[best.name])})"
+
+
+def _roles(count: int) -> str:
+    return "1 role" if count == 1 else f"{count} roles"
 
 
 def _notes(intake: Intake) -> list[str]:

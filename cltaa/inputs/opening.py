@@ -14,7 +14,7 @@ from cltaa.sources import Sequence, open_sequence
 def open_input(
     folder: Path, *, profile: str = "auto", assignments: Many[str] = (), side_file: Path | None = None, **options: Any
 ) -> Sequence:
-    """Open ``folder`` as its profile says; a sequence of cltaa's own is opened by ``open_sequence`` with ``options``.
+    """Open ``folder`` as its profile says; ``options`` are those of ``open_sequence``, whoever wrote the files.
 
     Raises what ``open_sequence`` and ``open_intake`` raise.
     """
@@ -24,8 +24,9 @@ def open_input(
     from cltaa.inputs.foreign import ForeignSequence  # here: a run over cltaa's own files starts without
     from cltaa.inputs.intake import open_intake
 
-    intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file)
-    return ForeignSequence(folder, intake, sorted(intake.declared), verify=options.get("verify", True))
+    verify = options.pop("verify", True)
+    intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file, **options)
+    return ForeignSequence(folder, intake, sorted(intake.declared), verify=verify)
 
 
 def is_own(folder: Path) -> bool:

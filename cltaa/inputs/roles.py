@@ -55,13 +55,16 @@ def _is_input(folder: Path) -> bool:
 
 
 def assign(profile: Profile, channels: Mapping[str, Iterable[str]]) -> dict[str, tuple[Place, ...]]:
-    """Find the channels of each role among those of each set of files; roles that nothing plays are left out."""
+    """Find the channels of each role among those of each set of files; roles that nothing plays are left out.
+
+    So is the colour where several sets of files could be it: which of two pictures is meant nobody can tell.
+    """
     names = {
         "colour": profile.colour.channels, "alpha": profile.colour.alpha, "reactive": profile.colour.reactive,
         "depth": profile.depth.channels, "motion": profile.motion.channels,
     }  # fmt: skip
-    found = {role: _first(candidates, channels) for role, candidates in names.items()}
-    return {role: places for role, places in found.items() if places}
+    found = {role: equal_matches(candidates, channels) for role, candidates in names.items()}
+    return {role: places[0] for role, places in found.items() if places and (role != "colour" or len(places) == 1)}
 
 
 def describe(roles: Roles, several: bool = False) -> str:
@@ -76,7 +79,8 @@ def shown_name(place: Place, several: bool) -> str:
     return f"{_short(place.files)}.{place.channel}" if several else place.channel
 
 
-def _first(candidates: Sequence[str], channels: Mapping[str, Iterable[str]]) -> tuple[Place, ...]:
+def equal_matches(candidates: Sequence[str], channels: Mapping[str, Iterable[str]]) -> list[tuple[Place, ...]]:
+    """The channels that the first candidate with any names; several where sets of files have them alike."""
     for candidate in candidates:
         # With several sets of files, ``depth.Z`` also means channel Z of the set named depth; that is tried first.
         for by_set in (True, False):
@@ -84,8 +88,13 @@ def _first(candidates: Sequence[str], channels: Mapping[str, Iterable[str]]) -> 
             found = [_in_set(candidate.split(), label, names, by_set) for label, names in channels.items()]
             whole = [places for places in found if places]
             if whole:  # the shortest names are the least qualified: no view, no light group
-                return min(whole, key=lambda places: sum(len(place.channel) for place in places))
-    return ()
+                shortest = min(map(_length, whole))
+                return [places for places in whole if _length(places) == shortest]
+    return []
+
+
+def _length(places: tuple[Place, ...]) -> int:
+    return sum(len(place.channel) for place in places)
 
 
 def _in_set(patterns: Sequence[str], label: str, names: Iterable[str], by_set: bool) -> tuple[Place, ...]:

@@ -17,6 +17,7 @@ from cltaa.inputs.opening import open_input
 from tests.checking.conftest import Scene
 from tests.checking.mistakes import MISTAKES
 from tests.inputs.foreign import write_own
+from tests.sequence_factory import write_sequence
 
 # Mistakes that no way of reading mends: the numbers are lost, or were never there.
 LOST = {"jitter-missing"}
@@ -72,3 +73,9 @@ def test_half_precision_depth(pixels: type, name: str | None, tmp_path: Path) ->
         write_image(tmp_path / f"a.{index:04d}.exr", planes)
     report, _ = check_folder(tmp_path)
     assert (name in [finding.name for finding in report.mistakes]) == (name is not None)
+
+
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (1, 7), (2, 1)])
+def test_images_of_a_single_row_or_column(width: int, height: int, tmp_path: Path) -> None:
+    write_sequence(tmp_path, 4, width=width, height=height, motion=True)
+    assert main(["check", str(tmp_path)]) in (0, 65)

@@ -11,7 +11,7 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
-from cltaa.exr import write_image
+from cltaa.exr import read_image, write_image
 from cltaa.exr_channels import Pixels
 from cltaa.frames import Camera, Frame
 from cltaa.inputs.foreign import ForeignSequence
@@ -214,3 +214,70 @@ def test_no_colour_names_what_is_there(tmp_path: Path) -> None:
     write_image(tmp_path / "a.0001.exr", {"Y": np.ones((4, 4), np.float32)})
     with pytest.raises(DataError, match=r"no colour channels.*found Y"):
         open_intake(tmp_path)
+
+
+def write_colour(folder: Path, made: list[Frame], name: str = "picture", rows: int | None = None) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    for frame in made:
+        channels = {channel: np.ascontiguousarray(frame.colour[:rows, :, i]) for i, channel in enumerate("RGB")}
+        write_image(folder / f"{name}.{frame.index:04d}.exr", channels)
+    return folder
+
+
+def resolved(folder: Path, *more: str) -> int:
+    return main(["resolve", str(folder), "-o", f"{folder}-out", "--device", "numpy", *more])
+
+
+def test_a_gap_is_an_error_or_a_new_history(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = frames(5)
+    write_blender(tmp_path / "gap", [made[0], made[1], made[3], made[4]])
+    assert resolved(tmp_path / "gap") == 66
+    assert "frame 2: the frame is missing" in capsys.readouterr().err
+    assert resolved(tmp_path / "gap", "--gaps", "reset") == 0
+    write_blender(tmp_path / "behind", made[3:])
+    assert resolved(tmp_path / "behind") == 0
+    for number in (3, 4):
+        name = f"shot.{number:04d}.exr"
+        ours, theirs = (read_image(tmp_path / folder / name)[0] for folder in ("gap-out", "behind-out"))
+        for channel in "RGB":
+            np.testing.assert_array_equal(ours[channel], theirs[channel])
+
+
+def test_a_depth_that_is_missing_is_a_gap(tmp_path: Path) -> None:
+    made = frames(4)
+    write_colour(tmp_path / "shot", made, "beauty")
+    for frame in [made[0], made[2], made[3]]:
+        write_image(tmp_path / "shot" / f"depth.{frame.index:04d}.exr", {"Z": frame.depth})
+    assert resolved(tmp_path / "shot") == 66
+    assert resolved(tmp_path / "shot", "--gaps", "reset") == 0
+    assert len(list(Path(f"{tmp_path}/shot-out").glob("*.exr"))) == 3
+
+
+def test_another_size_is_an_error_or_a_new_history(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = frames(4)
+    write_colour(tmp_path / "shot", made[:2])
+    write_colour(tmp_path / "shot", made[2:], rows=12)
+    for command in ("resolve", "check", "inspect"):
+        more = ["-o", str(tmp_path / "out")] if command == "resolve" else []
+        assert main([command, str(tmp_path / "shot"), *more]) == 65
+        assert "frame 2: size differs (expected 37 x 23, found 37 x 12)" in capsys.readouterr().err
+    assert resolved(tmp_path / "shot", "--on-resize", "reset") == 0
+    np.testing.assert_array_equal(
+        read_image(tmp_path / "shot-out" / "picture.0002.exr")[0]["R"], made[2].colour[:12, :, 0]
+    )
+
+
+def test_of_several_pictures_none_is_taken_for_the_colour(tmp_path: Path) -> None:
+    """A beauty beside an albedo is told by its name; of two takes nobody can say which is meant."""
+    made = frames(2)
+    for name in ("albedo", "beauty"):
+        write_colour(tmp_path / "layers" / name, made)
+    intake = open_intake(tmp_path / "layers")
+    assert {place.files for place in intake.roles["colour"]} == {"beauty/picture"}
+    for name in ("take1", "take2"):
+        write_colour(tmp_path / "takes" / name, made)
+    with pytest.raises(
+        DataError, match=r"several sets of files.*found take1/picture, take2/picture.*take1\.R take1\.G"
+    ):
+        open_intake(tmp_path / "takes")
+    read(tmp_path / "takes", "colour.channels=take2.R take2.G take2.B")
