@@ -76,25 +76,27 @@ def load_preset(name: str = "default") -> Preset:
     """The preset of that name; raises UsageError where there is none."""
     if name not in preset_names():
         raise UsageError(f"unknown preset {name}", cure=known(name, preset_names(), "presets"))
-    return _parse(name, (_FOLDER / f"{name}.toml").read_text(encoding="utf-8"), origin=f"preset {name}")
+    text = (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
+    parsed = _parse(text, f"preset {name}", Preset(name=name, description=""))
+    return msgspec.structs.replace(parsed, name=name)  # also where it begins with another
 
 
 def load_config(path: Path, base: Preset) -> Preset:
-    """``base`` with the keys of a TOML file; its optional key ``preset`` names another base."""
-    return _parse(base.name, read_text(path, "a TOML file", LARGEST_CONFIG), origin=str(path), base=base)
+    """``base`` with the keys of a TOML file over it, and so named; its optional key ``preset`` names another base."""
+    parsed = _parse(read_text(path, "a TOML file", LARGEST_CONFIG), str(path), base)
+    return msgspec.structs.replace(parsed, name=f"{path.name} over {parsed.name}")
 
 
-def _parse(name: str, text: str, origin: str, base: Preset | None = None) -> Preset:
+def _parse(text: str, origin: str, base: Preset) -> Preset:
     try:
         values = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise DataError(f"not TOML: {error}", path=origin) from None
     if "preset" in values:
         base = load_preset(str(values.pop("preset")))
-    base = base or Preset(name=name, description="")
     said = {key: values.pop(key) for key in ("description", "jitter", "published") if key in values}
     try:
-        named = msgspec.convert(msgspec.to_builtins(base) | said | {"name": name}, Preset)
+        named = msgspec.convert(msgspec.to_builtins(base) | said, Preset)
     except msgspec.ValidationError as error:
         raise UsageError(f"{origin}: {error}".replace("`$.", "`")) from None
     return override(named, values, origin)

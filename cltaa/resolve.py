@@ -87,11 +87,12 @@ class Resolver:
         return self._shape.storage in HALVES
 
     def settings(self) -> dict[str, Any]:
-        """Everything that decides the bits of a result, beside the frames."""
+        """Everything that decides the bits of a result, beside the frames; what a preset is called does not."""
+        preset = msgspec.to_builtins(self.preset)
         return {
             "code_sha256": code_sha256(),
             "device": self.launcher.description,
-            "preset": msgspec.to_builtins(self.preset),
+            "preset": {part: preset[part] for part in ("choices", "settings", "published")},
             "build": msgspec.to_builtins(self._shape),
         }
 

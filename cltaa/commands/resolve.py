@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
+from msgspec.structs import replace
 
 from cltaa.bands import resolver_for
 from cltaa.build import STORAGES, Storage
@@ -122,15 +123,15 @@ def resolve(
     if as_json:
         click.echo(json_of(outcome))
     else:
-        _print_outcome(outcome)
+        _print_outcome(outcome, preview)
 
 
 def chosen_preset(name: str, config: Path | None, assignments: tuple[str, ...]) -> Preset:
-    """The preset of that name with a TOML file over it and ``KEY=VALUE`` assignments over both."""
+    """The preset of that name with a TOML file over it and ``KEY=VALUE`` assignments over both, named after all."""
     preset = load_preset(name)
     if config is not None:
         preset = load_config(config, preset)
-    return override(preset, _values(assignments))
+    return _assigned(preset, assignments)
 
 
 def within_budget(
@@ -141,7 +142,15 @@ def within_budget(
 
     choice = choose(launcher_for(device).description, budget_ms, *size)
     click.echo(choice.why, err=True)
-    return override(choice.variant.preset, _values(assignments)), choice.variant.storage
+    return _assigned(choice.variant.preset, assignments), choice.variant.storage
+
+
+def _assigned(preset: Preset, assignments: tuple[str, ...]) -> Preset:
+    values = _values(assignments)
+    if not values:
+        return preset
+    told = ", ".join(f"{key}={value}" for key, value in values.items())
+    return replace(override(preset, values), name=f"{preset.name} with {told}")
 
 
 def _values(assignments: tuple[str, ...]) -> dict[str, str]:
@@ -170,7 +179,7 @@ def _frame_range(text: str) -> tuple[int, int]:
         raise UsageError("--frames: no range", expected="A-B or A", found=text) from None
 
 
-def _print_outcome(outcome: Outcome) -> None:
+def _print_outcome(outcome: Outcome, preview: Path | None) -> None:
     from rich.console import Console  # here and below: when the frames are written, and not before the first is read
     from rich.table import Table
 
@@ -192,3 +201,5 @@ def _print_outcome(outcome: Outcome) -> None:
         console.print(f"{outcome.saturated} pixels reached 65504, the largest half, and saturated", highlight=False)
     console.print(f"on {shown(outcome.device)}", highlight=False, soft_wrap=True)
     console.print(f"written to {shown(outcome.output)}", highlight=False, soft_wrap=True)
+    if preview is not None:
+        console.print(f"film {shown(str(preview))}", highlight=False, soft_wrap=True)

@@ -36,6 +36,30 @@ def test_resolved_files_hold_what_the_resolver_returns(tmp_path: Path, capsys: p
         assert attributes["cltaa:frame"] == frame.index
 
 
+def test_what_resolved_is_named_with_all_that_was_changed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, config, out = write_sequence(tmp_path / "in", 2), tmp_path / "mine.toml", tmp_path / "out"
+    command = ["resolve", str(folder), "-o", str(out), "--device", "numpy"]
+    for text, more, name in (
+        ("gamma_still = 2.0", [], "mine.toml over default"),
+        ("gamma_still = 2.0", ["--preset", "t2"], "mine.toml over t2"),
+        ('preset = "t2"', ["--preset", "t5", "--set", "gamma_still=2"], "mine.toml over t2 with gamma_still=2"),
+    ):
+        config.write_text(text)
+        assert main([*command, "--restart", "--config", str(config), *more]) == 0
+        assert f"2 frames, 37 x 23, preset {name}\n" in capsys.readouterr().out
+        assert read_image(next(out.glob("*.exr")))[1]["cltaa:preset"] == name
+
+
+def test_another_name_for_the_same_settings_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, config = write_sequence(tmp_path / "in", 2), tmp_path / "mine.toml"
+    command = ["resolve", str(folder), "-o", str(tmp_path / "out"), "--device", "numpy", "--set"]
+    assert main([*command, "gamma_still=2"]) == 0
+    assert main([*command, "gamma_still=2.0"]) == 0
+    config.write_text("gamma_still = 2.0")
+    assert main([*command[:-1], "--config", str(config)]) == 0
+    assert capsys.readouterr().out.count("2 frames were finished already") == 2
+
+
 def test_half_output_saturates(tmp_path: Path) -> None:
     folder = write_sequence(tmp_path / "in", 1)
     assert main(["resolve", str(folder), "-o", str(tmp_path / "out"), "--half"]) == 0
