@@ -28,6 +28,11 @@ class Preset(msgspec.Struct, frozen=True, kw_only=True):
     choices: Choices = Choices()
     settings: Settings = Settings()
 
+    def deciding(self) -> dict[str, Any]:
+        """What of it decides the bits of a result; what it is called and says of itself does not."""
+        parts: dict[str, Any] = msgspec.to_builtins(self)
+        return {part: parts[part] for part in ("choices", "settings", "published")}
+
 
 FIELDS: dict[str, type[Settings] | type[Choices]] = {
     **dict.fromkeys(Settings.__struct_fields__, Settings),

@@ -87,12 +87,11 @@ class Resolver:
         return self._shape.storage in HALVES
 
     def settings(self) -> dict[str, Any]:
-        """Everything that decides the bits of a result, beside the frames; what a preset is called does not."""
-        preset = msgspec.to_builtins(self.preset)
+        """Everything that decides the bits of a result, beside the frames."""
         return {
             "code_sha256": code_sha256(),
             "device": self.launcher.description,
-            "preset": {part: preset[part] for part in ("choices", "settings", "published")},
+            "preset": self.preset.deciding(),
             "build": msgspec.to_builtins(self._shape),
         }
 

@@ -83,6 +83,14 @@ def test_strict_kernels_are_their_twins(lanes: int) -> None:
         assert (bits(resolved) == bits(twin.resolve(frame))).all()
 
 
+def test_a_box_and_reads_between_texels_say_nothing_to_spans() -> None:
+    """So t5 sets neither of the two that the other tiers use where light changes."""
+    other = override(load_preset("t5"), {"changing_cost": 7.0, "changing_gamma": 3.0, "frames_kept": 9})
+    resolver, expected = Resolver(other, "numpy"), Resolver(override(load_preset("t5"), {"frames_kept": 9}), "numpy")
+    for frame in declared(10):
+        assert (bits(resolver.resolve(frame)) == bits(expected.resolve(frame))).all()
+
+
 def test_every_step_gives_the_same_bits() -> None:
     planned, every = (Resolver("t5", strict=True, every_step=every) for every in (False, True))
     for index in range(5):
