@@ -10,17 +10,18 @@ import msgspec
 import numpy as np
 
 from cltaa.errors import CltaaError
-from cltaa.exr import read_header, read_image
+from cltaa.exr import ImageHeader, read_header, read_image
 from cltaa.exr_attributes import FrameHeader
-from cltaa.exr_channels import frame_channels
+from cltaa.exr_channels import COLOUR, check_float_channels, frame_channels
 from cltaa.exr_layout import LOSSLESS, Layout
 from cltaa.frames import Effect, Matrix
 from cltaa.manifest import recorded_hashes
-from cltaa.numbered import numbered_files
+from cltaa.numbered import numbered_files, one_range, ranges
 from cltaa.pixel_statistics import ChannelStatistics, needless_channels, pixel_problems
 from cltaa.promises import Witness
 from cltaa.sources import open_images
 
+RESOLVED = "cltaa:preset"  # the attribute of images that a resolve wrote
 LARGEST_MEAN_JITTER = 1e-3  # pixels; a mean that is not 0 shifts the whole image for good
 
 Headers = Mapping[int, FrameHeader]
@@ -47,6 +48,7 @@ class Inspection(msgspec.Struct, kw_only=True):
     folder: str
     name: str
     scene: str = ""
+    resolved_by: str = ""  # the preset, where these are results of a resolve
     first: int = 0
     last: int = 0
     frames: int = 0
@@ -79,33 +81,32 @@ def inspect_folder(
     """
     _, name, paths = numbered_files(folder)
     result = Inspection(folder=str(folder), name=name, first=min(paths), last=max(paths), frames=len(paths))
-    gaps = [_range(one + 1, other - 1) for one, other in pairwise(sorted(paths)) if other > one + 1]
+    gaps = [one_range(one + 1, other - 1) for one, other in pairwise(sorted(paths)) if other > one + 1]
     if gaps:
         result.problems.append(f"frames missing: {', '.join(gaps)}")
-    recorded: dict[str, str] = {}
-    try:
-        recorded = recorded_hashes(folder) if pixels else recorded
-    except CltaaError as error:
-        result.problems.append(str(error))
+    recorded = _recorded(folder, result.problems) if pixels else {}
     layouts: dict[int, Layout] = {}
     headers: dict[int, FrameHeader] = {}
-    witness = Witness()
+    witness, wrong = Witness(), dict[object, tuple[str, list[int]]]()
     for done, (number, path) in enumerate(sorted(paths.items()), start=1):
         try:
             header = read_header(path)
             layouts[number] = header.layout
-            frame_channels(header.layout)  # refuses a frame without the channels it needs
+            result.resolved_by = str(header.attributes.get(RESOLVED, ""))
+            _check_channels(header)
             headers[number] = FrameHeader(path, header.attributes)
             if pixels:
                 channels = read_image(path, sha256=recorded.get(path.name))[0]
                 for channel, plane in channels.items():
                     result.statistics.setdefault(channel, ChannelStatistics()).add(plane)
-                witness.look(headers[number], channels)
+                if not result.resolved_by:
+                    witness.look(headers[number], channels)
         except CltaaError as error:
-            result.problems.append(str(error))
+            wrong.setdefault(_kind(error), (str(error), []))[1].append(number)
         result.disk_bytes += _size(path)
         if advance is not None:
             advance(done, len(paths))
+    result.problems += [_with_others(text, numbers[1:]) for text, numbers in wrong.values()]
     _describe_layouts(result, layouts)
     if headers:
         _describe_headers(result, headers)
@@ -116,6 +117,32 @@ def inspect_folder(
         result.problems += witness.broken(declared)
         result.idle = witness.idle(declared)
     return result
+
+
+def _recorded(folder: Path, problems: list[str]) -> dict[str, str]:
+    """The hashes that files must have; a record that cannot be read is among the ``problems``."""
+    try:
+        return recorded_hashes(folder)
+    except CltaaError as error:
+        problems.append(str(error))
+        return {}
+
+
+def _check_channels(header: ImageHeader) -> None:
+    """Refuse a frame without the channels that it needs: an image that a resolve wrote needs no depth."""
+    if RESOLVED in header.attributes:
+        check_float_channels(header.layout, COLOUR)
+    else:
+        frame_channels(header.layout)
+
+
+def _kind(error: CltaaError) -> object:
+    """The same for what is wrong in the same way with another frame."""
+    return error.what, error.channel, str(error.expected), str(error.found)
+
+
+def _with_others(problem: str, others: list[int]) -> str:
+    return f"{problem}; the same in frame{'s' * (len(others) > 1)} {ranges(others)}" if others else problem
 
 
 def _describe_layouts(result: Inspection, layouts: Mapping[int, Layout]) -> None:
@@ -130,7 +157,7 @@ def _describe_layouts(result: Inspection, layouts: Mapping[int, Layout]) -> None
     ):
         others = [other for other, layout in layouts.items() if value(layout) != value(first)]
         if others:
-            result.problems.append(f"{name} of frames {_ranges(others)} differ from those of frame {number}")
+            result.problems.append(f"{name} of frames {ranges(others)} differ from those of frame {number}")
     lossy = sorted({layout.compression for layout in layouts.values()} - LOSSLESS)
     if lossy:
         result.problems.append(f"compression {', '.join(lossy)} loses precision; depth and motion need all of it")
@@ -155,10 +182,10 @@ def _describe_headers(result: Inspection, headers: Headers) -> None:
         result.problems.append(f"jitter is not centred: its mean shifts the image by up to {mean:.3g} pixels")
     renamed = [number for number, header in headers.items() if header.index != number]
     if renamed:
-        result.problems.append(f"cltaa:frame of frames {_ranges(renamed)} is not the number in the file name")
+        result.problems.append(f"cltaa:frame of frames {ranges(renamed)} is not the number in the file name")
     others = [number for number, header in headers.items() if header.effects != first.effects]
     if others:
-        result.problems.append(f"frames {_ranges(others)} declare other effects than the first")
+        result.problems.append(f"frames {ranges(others)} declare other effects than the first")
     if first.effects is not None:
         result.problems += _broken_promises(result, first.effects)
 
@@ -189,7 +216,7 @@ def _describe_reference(result: Inspection, folder: Path, paths: Mapping[int, Pa
     result.disk_bytes += sum(map(_size, truth.paths))
     without = sorted(set(paths) - set(truth.numbers))
     if without:
-        result.problems.append(f"reference missing for frames {_ranges(without)}")
+        result.problems.append(f"reference missing for frames {ranges(without)}")
     if (truth.width, truth.height) != (result.width, result.height):
         result.problems.append(f"reference is {truth.width} x {truth.height}, frames {result.width} x {result.height}")
 
@@ -211,18 +238,3 @@ def _constant(matrices: Iterable[Matrix]) -> bool:
 
 def _size(path: Path) -> int:
     return path.stat().st_size if path.is_file() else 0
-
-
-def _ranges(numbers: list[int]) -> str:
-    """Write 1, 2, 3, 7 as "1-3, 7"."""
-    runs: list[list[int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][1] + 1:
-            runs[-1][1] = number
-        else:
-            runs.append([number, number])
-    return ", ".join(_range(first, last) for first, last in runs)
-
-
-def _range(first: int, last: int) -> str:
-    return str(first) if first == last else f"{first}-{last}"

@@ -20,6 +20,9 @@ from cltaa.manifest import recorded_hashes
 # Nine digits fit cltaa:frame, an int. A number below 0, ``x.-001.exr``, is none: its frames would come in wrong order.
 NUMBERED = re.compile(r"(?P<name>.*?)[._-]?(?<![0-9])(?<![._]-)(?<!^-)(?P<number>[0-9]{1,9})\.exr", re.DOTALL)
 
+# What a folder without frames may hold in their place.
+PICTURES = frozenset({".bmp", ".dpx", ".exr", ".hdr", ".jpeg", ".jpg", ".png", ".tga", ".tif", ".tiff"})
+
 
 class OnBreak(StrEnum):
     """What to do where a sequence breaks off: a frame is missing, or the size is another."""
@@ -162,8 +165,12 @@ def no_frames(folder: Path, files: Iterable[Path]) -> InputMissing:
     """The error for a folder none of whose EXR ``files`` has a number."""
     names = [path.name for path in files]
     cure = f"number the frames, as in {Path(names[0]).stem}.0001.exr" if names else None
-    expected = "<name>.<frame>.exr"
-    return InputMissing("no frames in the folder", path=folder, expected=expected, found=names or "nothing", cure=cure)
+    found = ", ".join(names)
+    if not names:
+        others = sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in PICTURES)
+        found = f"no EXR, but {others[0]}" if others else "nothing"
+        cure = "convert the frames to OpenEXR, with .exr in small letters" if others else None
+    return InputMissing("no frames in the folder", path=folder, expected="<name>.<frame>.exr", found=found, cure=cure)
 
 
 def renumbered(path: Path, number: int) -> Path:
@@ -185,3 +192,19 @@ def frame_missing(path: Path, number: int) -> InputMissing:
     """The error for a frame that should be there."""
     cure = "capture it again; resolve --gaps reset begins anew behind each gap"
     return InputMissing("the frame is missing", path=path, frame=number, cure=cure)
+
+
+def ranges(numbers: Iterable[int]) -> str:
+    """Frame numbers for a reader: write 1, 2, 3, 7 as "1-3, 7"."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][1] + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    return ", ".join(one_range(first, last) for first, last in runs)
+
+
+def one_range(first: int, last: int) -> str:
+    """Write ``first`` to ``last`` for a reader."""
+    return str(first) if first == last else f"{first}-{last}"

@@ -140,6 +140,7 @@ def _facts(found: Inspection) -> list[tuple[str, str]]:
     return [
         ("sequence", f"{found.name} in {found.folder}"),
         ("scene", found.scene or "not named"),
+        *([("resolved by", found.resolved_by)] if found.resolved_by else []),
         ("frames", f"{found.frames}: {found.first} to {found.last}"),
         ("size", f"{found.width} x {found.height}"),
         ("channels", ", ".join(by_kind)),
@@ -149,8 +150,12 @@ def _facts(found: Inspection) -> list[tuple[str, str]]:
         ("cuts", ", ".join(map(str, found.cuts)) or "none"),
         ("exposure", f"{darkest:g}" if darkest == brightest else f"{darkest:g} to {brightest:g}"),
         ("reference", _reference(found)),
-        ("on disk", f"{found.disk_bytes / 1e6:.1f} MB, {found.compression}"),
+        ("on disk", f"{_size(found.disk_bytes)}, {found.compression or 'unknown compression'}"),
     ]
+
+
+def _size(count: int) -> str:
+    return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{count / 1e3:.1f} kB"
 
 
 def _camera(found: Inspection) -> str:

@@ -96,9 +96,23 @@ def test_completion_of_a_command() -> None:
 
 
 def test_unknown_command_is_a_usage_error() -> None:
-    done = run("relsove")
+    done = run("nonsense")
     assert done.returncode == 2
-    assert "relsove" in done.stderr
+    assert done.stderr == "cltaa: error: No such command 'nonsense'; see cltaa --help\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "group", "meant"), [("relsove x -o y", "cltaa", "resolve"), ("bench qualty", "cltaa bench", "quality")]
+)
+def test_a_misspelt_command_is_told_what_was_meant(words: str, group: str, meant: str) -> None:
+    done = run(*words.split())
+    assert done.returncode == 2
+    assert done.stderr.endswith(f". Did you mean '{meant}'?; see {group} --help\n")
+
+
+def test_the_package_is_the_command() -> None:
+    done = subprocess.run([sys.executable, "-m", "cltaa", "--help"], capture_output=True, text=True, check=False)
+    assert done.stdout.startswith("Usage: cltaa [OPTIONS]")
 
 
 @pytest.mark.parametrize("command", ["resolve", "inspect", "compare"])

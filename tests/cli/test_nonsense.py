@@ -23,6 +23,7 @@ CASES: list[tuple[str, int, str]] = [
     ("inspect ''", USAGE, "the name is empty"),
     ("inspect nowhere", MISSING, "nowhere: the folder is missing"),
     ("inspect empty", MISSING, "empty: no frames in the folder"),
+    ("inspect pngs", MISSING, "found no EXR, but a.0001.PNG); convert the frames"),
     ("inspect noexr", MISSING, "noexr: no frames in the folder"),
     ("inspect file.txt", MISSING, "file.txt: the folder cannot be read: Not a directory"),
     ("inspect /dev/null", MISSING, "/dev/null: the folder cannot be read"),
@@ -128,9 +129,10 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("desk")
     write_sequence(folder / "seq", 3, reference=True)
     write_sequence(folder / "small", 3, width=20, height=10)
-    for name in ("empty", "noexr"):
+    for name in ("empty", "noexr", "pngs"):
         (folder / name).mkdir()
     (folder / "noexr" / "readme").touch()
+    (folder / "pngs" / "a.0001.PNG").touch()
     (folder / "file.txt").write_text("not what you think")
     (folder / "latin.toml").write_bytes(b"# caf\xe9")
     (folder / "large.toml").write_text("#" * 100_000)

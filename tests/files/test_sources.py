@@ -66,7 +66,7 @@ def test_names_of_other_tools(tmp_path: Path, pattern: str, name: str) -> None:
 @pytest.mark.parametrize("name", ["shot.-001.exr", "shot_-001.exr", "-001.exr", "shot.0123456789.exr", "shot.exr"])
 def test_what_is_no_frame_number(tmp_path: Path, name: str) -> None:
     (tmp_path / name).touch()
-    assert f"found ['{name}']); number the frames" in refusal(tmp_path, InputMissing)
+    assert f"found {name}); number the frames" in refusal(tmp_path, InputMissing)
 
 
 def test_reference_and_sequence_json(tmp_path: Path) -> None:

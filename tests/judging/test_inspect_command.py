@@ -136,6 +136,29 @@ def test_every_problem_is_listed_at_once(capsys: pytest.CaptureFixture[str], tmp
         assert sum(message in problem for problem in found) == 1, found
 
 
+def test_the_same_in_many_frames_is_one_problem(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    for number in (0, 1, 2, 5):
+        frame = sound(number)
+        write_frame(tmp_path / f"synthetic.{number:04d}.exr", frame)
+    for number in (1, 2, 5):
+        path = tmp_path / f"synthetic.{number:04d}.exr"
+        path.write_bytes(b"")
+    found = findings(capsys, tmp_path)["problems"]
+    assert len(found) == 2, found
+    assert found[1].endswith("synthetic.0001.exr: the file is empty (expected an EXR image); write it again; "
+                             "the same in frames 2, 5")  # fmt: skip
+
+
+def test_what_a_resolve_wrote_lacks_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    write(tmp_path / "in", [sound(i) for i in range(4)])
+    command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", "--preset", "t1"]
+    assert main(command) == 0
+    capsys.readouterr()
+    for more in ([], ["--pixels"]):
+        found = findings(capsys, tmp_path / "out", *more, code=0)
+        assert (found["resolved_by"], found["problems"]) == ("t1", [])
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
