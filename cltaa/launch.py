@@ -95,8 +95,7 @@ class DeviceLauncher:
         from cltaa.program import source_hash
 
         given = {name: getattr(value, "buffer", value) for name, value in arguments.items()}
-        if kernel == "resolve" and self.device.shape.one_size:
-            build = self._for_one_size(build, layout, in_bands=bool(arguments["frame"]["band_rows"]))
+        build = self.fitted(kernel, build, layout, arguments)
         size, group = self._range(kernel, build, layout, given)
         first = (kernel, build, size) not in self._used
         with self.device.first_use(source_hash(kernel, build)) if first else nullcontext(), device_errors(self.device):
@@ -107,12 +106,17 @@ class DeviceLauncher:
         if self.events is not None:
             self.events.append((kernel, event))
 
-    def _for_one_size(self, build: Build, layout: Layout, *, in_bands: bool) -> Build:
-        """The build for planes of a layout; rows that were not asked for are those that fill the device evenly."""
+    def fitted(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> Build:
+        """What a kernel is built from for planes of ``layout``: some devices' resolve knows their size.
+
+        Rows that were not asked for are then those that fill the device evenly.
+        """
         import msgspec
 
         shape, rows = self.device.shape, build.rows
-        if in_bands:
+        if kernel != "resolve" or not shape.one_size:
+            return build
+        if arguments["frame"]["band_rows"]:
             return msgspec.structs.replace(build, stride=layout.stride)
         if shape.most_rows and rows == shape.rows and not _in_place(build):
             units = self.device.cl_device.max_compute_units

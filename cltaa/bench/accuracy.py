@@ -10,14 +10,14 @@ from pathlib import Path
 import msgspec
 
 from cltaa.atomic import atomic_path, make_folder
-from cltaa.bench.distribution import path_of, run_all
+from cltaa.bench.distribution import build_all, path_of, run_all
 from cltaa.bench.environment import environment, pin_threads, processors
 from cltaa.bench.environment import load as load_average
 from cltaa.bench.errors_of import Task
 from cltaa.bench.ladder import Variant
 from cltaa.bench.measured import Progress, Timing, measure_sequence
 from cltaa.bench.results import Accuracy, Measured
-from cltaa.bench.schedule import first_of_each
+from cltaa.bench.schedule import Program, dearest_first, programs_needed
 from cltaa.build import Build
 from cltaa.errors import DataError, ResourceError
 from cltaa.kernel_files import kernel_folder
@@ -51,7 +51,7 @@ def bench_accuracy(
     time_limit: float,
     progress: Progress,
 ) -> Accuracy:
-    """Run what is missing of ``tasks``, time every variant here, and put both together.
+    """Build what ``tasks`` need in ``jobs`` processes, run what is missing, time every variant here; all together.
 
     A sequence that is finished is kept in ``output``. Beyond ``time_limit`` seconds no other is begun: those that are
     not finished are ``missing``; raises ResourceError where that is all of them.
@@ -64,9 +64,10 @@ def bench_accuracy(
     timing = Timing(rounds, patience, len(folders), units, processors(), pixels)
     paths = {folder: _path(output, tasks, folder, launcher, timing) for folder in folders}
     open_ones = [task for task in tasks if not paths[task.sequence].is_file()]
-    first = first_of_each(open_ones, launcher, pixels) if jobs > 1 and dask is None else []
-    ordered, until = [*(each.task for each in first), *tasks], begun + ERRORS_SHARE * time_limit
-    work = run_all(ordered, output, jobs=jobs, dask=dask, ahead=first, until=until)
+    until = begun + ERRORS_SHARE * time_limit
+    if jobs > 1 and dask is None:
+        build_programs(open_ones, launcher, pixels=pixels, jobs=jobs, until=until, progress=progress)
+    work = run_all(tasks, output, jobs=jobs, dask=dask, until=until)
     for _ in progress(work, len(tasks), "measuring errors", "tasks"):
         pass
     sequences, slowest = list[Measured](), 0.0
@@ -89,6 +90,20 @@ def bench_accuracy(
         sequences=sequences,
         missing=[Path(folder).name for folder in folders if folder not in finished],
     )
+
+
+def build_programs(
+    tasks: Sequence[Task], launcher: DeviceLauncher, *, pixels: int | None, jobs: int, until: float, progress: Progress
+) -> int:
+    """Build every program that errors and times of ``tasks`` need, each once; returns how many there are."""
+    found = set[Program]()
+    sequences = len({task.sequence for task in tasks})
+    for _ in progress(programs_needed(tasks, launcher, pixels, found), sequences, "planning", "sequences"):
+        pass
+    building = build_all(dearest_first(found), tasks[0].device, jobs=jobs, until=until) if found else ()
+    for _ in progress(building, len(found), "building", "programs"):
+        pass
+    return len(found)
 
 
 def _path(output: Path, tasks: Sequence[Task], folder: str, launcher: DeviceLauncher, timing: Timing) -> Path:

@@ -10,23 +10,27 @@ import math
 import multiprocessing
 import os
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
 from cltaa.atomic import atomic_path, make_folder
 from cltaa.bench.environment import processors
-from cltaa.bench.errors_of import Errors, Task, run_task
-from cltaa.bench.schedule import Ahead, build_ahead
+from cltaa.bench.errors_of import Errors, Task, opened, run_task
+from cltaa.bench.schedule import Program
 from cltaa.errors import DataError, ResourceError, UsageError
 from cltaa.extras import import_extra
+from cltaa.launch import WISH
 
 FOLDER = "tasks"
 RETRIES = 3  # of a task whose worker was lost
+
+Item = TypeVar("Item", Task, Program)
 
 
 def path_of(task: Task, output: Path) -> Path:
@@ -53,19 +57,13 @@ def save(task: Task, errors: Errors, output: Path) -> None:
 
 
 def run_all(
-    tasks: Iterable[Task],
-    output: Path,
-    *,
-    jobs: int = 1,
-    dask: str | None = None,
-    ahead: Sequence[Ahead] = (),
-    until: float = math.inf,
+    tasks: Iterable[Task], output: Path, *, jobs: int = 1, dask: str | None = None, until: float = math.inf
 ) -> Iterator[Task]:
     """Run the tasks whose files are missing, and yield each task when its file is there, once.
 
-    ``jobs`` processes are spawned, never forked: a forked child hangs once PoCL was used. They first build what is
-    ``ahead``. ``dask`` is the address of a scheduler whose workers see the sequences under the same paths. When the
-    monotonic clock shows ``until``, what has not begun is left. Raises ResourceError where a worker dies for good.
+    ``jobs`` processes are spawned, never forked: a forked child hangs once PoCL was used. ``dask`` is the address of a
+    scheduler whose workers see the sequences under the same paths. When the monotonic clock shows ``until``, what has
+    not begun is left. Raises ResourceError where a worker dies for good.
     """
     waiting = []
     for task in {task.key(): task for task in tasks}.values():
@@ -76,7 +74,9 @@ def run_all(
     if dask is not None:
         yield from _on_dask(waiting, output, dask)
     elif jobs > 1:
-        yield from _in_processes(waiting, output, jobs, ahead, until)
+        for task, errors in _in_processes(run_encoded, waiting, jobs, until):
+            save(task, msgspec.msgpack.decode(errors, type=Errors), output)
+            yield task
     else:
         for task in waiting:
             if time.monotonic() > until:
@@ -85,13 +85,26 @@ def run_all(
             yield task
 
 
-def _in_processes(tasks: list[Task], output: Path, jobs: int, ahead: Sequence[Ahead], until: float) -> Iterator[Task]:
-    context, encode = multiprocessing.get_context("spawn"), msgspec.msgpack.encode
+def build_all(
+    programs: Iterable[Program], device: str | None, *, jobs: int, until: float = math.inf
+) -> Iterator[Program]:
+    """Have the driver build, and keep, each of ``programs`` in one of ``jobs`` processes, in their order; yield each.
+
+    A driver that keeps nothing builds them for nothing. ``until`` and errors as for ``run_all``.
+    """
+    for program, _ in _in_processes(partial(build_encoded, device), programs, jobs, until):
+        yield program
+
+
+def _in_processes(
+    function: Callable[[bytes], bytes], items: Iterable[Item], jobs: int, until: float
+) -> Iterator[tuple[Item, bytes]]:
+    """Each of ``items`` with what ``function`` makes of it, as they end."""
+    context = multiprocessing.get_context("spawn")
     threads = max(processors() // jobs, 1)
     with ProcessPoolExecutor(jobs, context, initializer=share_processors, initargs=(threads,)) as pool:
-        builds = {pool.submit(build_encoded, encode(each)) for each in ahead}
-        errors = {pool.submit(run_encoded, encode(task)): task for task in tasks}
-        pending: set[Future[Any]] = {*builds, *errors}
+        items_of = {pool.submit(function, msgspec.msgpack.encode(item)): item for item in items}
+        pending = set(items_of)
         try:
             while pending:
                 left = None if until == math.inf else max(until - time.monotonic(), 0.0)
@@ -100,10 +113,7 @@ def _in_processes(tasks: list[Task], output: Path, jobs: int, ahead: Sequence[Ah
                     pool.shutdown(cancel_futures=True)
                     done, pending = {future for future in pending if not future.cancelled()}, set()
                 for future in done:
-                    found = future.result()
-                    if future in errors:
-                        save(errors[future], msgspec.msgpack.decode(found, type=Errors), output)
-                        yield errors[future]
+                    yield items_of[future], future.result()
         except BrokenProcessPool as error:
             cure = "run the same again, with fewer --jobs; what is finished is kept"
             raise ResourceError("a worker process was killed", cure=cure) from error
@@ -112,8 +122,8 @@ def _in_processes(tasks: list[Task], output: Path, jobs: int, ahead: Sequence[Ah
 
 
 def share_processors(threads: int) -> None:
-    """Let PoCL, which this process has not loaded yet, use that many threads anywhere: its fellows have the others."""
-    os.environ |= {"POCL_MAX_PTHREAD_COUNT": str(threads), "POCL_AFFINITY": "0"}
+    """Let what this process has not loaded yet, PoCL and OpenMP, use that many threads: its fellows have the others."""
+    os.environ |= {"POCL_MAX_PTHREAD_COUNT": str(threads), "POCL_AFFINITY": "0", "OMP_NUM_THREADS": str(threads)}
 
 
 def _on_dask(tasks: list[Task], output: Path, address: str) -> Iterator[Task]:
@@ -137,6 +147,8 @@ def run_encoded(task: bytes) -> bytes:
     return msgspec.msgpack.encode(run_task(msgspec.msgpack.decode(task, type=Task)))
 
 
-def build_encoded(ahead: bytes) -> None:
-    """``build_ahead`` between processes."""
-    build_ahead(msgspec.msgpack.decode(ahead, type=Ahead))
+def build_encoded(device: str | None, program: bytes) -> bytes:
+    """Build a program of ``build_all`` on a device of this process; answers nothing."""
+    asked = msgspec.msgpack.decode(program, type=Program)
+    opened(device or os.environ.get(WISH)).prepare(asked.kernel, asked.build)
+    return b""

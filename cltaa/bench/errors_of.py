@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterator
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from cltaa.display import Picture, to_picture
 from cltaa.errors import InputMissing
 from cltaa.frames import Frame, Image
 from cltaa.kernel_files import code_sha256
-from cltaa.launch import WISH, Buffer, NumpyLauncher
+from cltaa.launch import WISH, Buffer, Launcher, NumpyLauncher, launcher_for
 from cltaa.layout import Layout
 from cltaa.metrics import METRICS, flip_map, measure
 from cltaa.pictures import heat
@@ -90,11 +91,17 @@ class DoubleTwin(NumpyLauncher):
         return super().allocate(shape, np.float64 if np.dtype(dtype).kind == "f" else dtype)
 
 
+@cache
+def opened(device: str | None) -> Launcher:
+    """A launcher of a device for all tasks of this process: to open one anew takes a GPU as long as many frames."""
+    return launcher_for(device)
+
+
 def run_task(task: Task) -> Errors:
     """Resolve the whole sequence and measure; raises InputMissing where the sequence has no truth."""
     sequence = open_sequence(Path(task.sequence))
     truth = truth_of(sequence)
-    resolver = task.variant.resolver(task.device)
+    resolver = task.variant.resolver(opened(task.device or os.environ.get(WISH)))
     twin = Resolver(task.variant.preset, DoubleTwin()) if task.rounding_frames else None
     frames: dict[str, list[float]] = {name: [] for name in task.metrics}
     apart: list[tuple[float, float]] = []

@@ -1,33 +1,44 @@
-"""What to begin with: of many sequences and variants, the first that needs each set of programs.
+"""What has to be built before anything is measured: every program that the tasks need, each once.
 
-A compiler that takes seconds for a program should see each once, in as many processes as there are, before a process
-that times needs it; two processes that want the same one at once would both wait for it.
+A compiler takes a second for a program, and processes that want the same one at once would each build it. Which
+programs a frame calls for is decided by its header and channels, so that one pixel of each frame tells them all.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from cltaa.bench.baseline import resolve_job
 from cltaa.bench.errors_of import Task
-from cltaa.bench.times_of import enlarged, enlargement, pair_of
+from cltaa.bench.times_of import enlargement, numbers_of_pair
 from cltaa.build import Build
 from cltaa.frames import Frame
 from cltaa.launch import DeviceLauncher, NumpyLauncher
 from cltaa.layout import Layout
+from cltaa.program import source
+from cltaa.sources import Sequence as Captured
 from cltaa.sources import open_sequence
 
 
-class Rehearsal(NumpyLauncher):
-    """Notes which programs another launcher would need, and runs none."""
+class Program(msgspec.Struct, frozen=True, kw_only=True):
+    """A kernel and all that it is built from."""
 
-    def __init__(self, launcher: DeviceLauncher) -> None:
-        self._launcher = launcher
-        self.programs: set[tuple[str, Build]] = set()
+    kernel: str
+    build: Build
+
+
+class Rehearsal(NumpyLauncher):
+    """Notes which programs another launcher would need for planes of a layout, and runs none."""
+
+    def __init__(self, launcher: DeviceLauncher, layout: Layout) -> None:
+        self._launcher, self._layout = launcher, layout
+        self.programs: set[Program] = set()
 
     def build(self, plan_build: Build) -> Build:
         """The build as the other launcher shapes it."""
@@ -35,38 +46,53 @@ class Rehearsal(NumpyLauncher):
 
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
         """Only note the program."""
-        self.programs.add((kernel, build))
+        self.programs.add(Program(kernel=kernel, build=self._launcher.fitted(kernel, build, self._layout, arguments)))
 
 
-class Ahead(msgspec.Struct, frozen=True, kw_only=True):
-    """A task whose programs are to be built for frames that are enlarged so many times."""
-
-    task: Task
-    factor: int
-
-
-def first_of_each(tasks: Sequence[Task], launcher: DeviceLauncher, pixels: int | None = None) -> list[Ahead]:
-    """The tasks that need programs which none before them needs, as their last two frames have it.
+def programs_of(tasks: Sequence[Task], launcher: DeviceLauncher, pixels: int | None = None) -> set[Program]:
+    """What errors and times of ``tasks``, all over one sequence, need.
 
     ``pixels`` are those of a frame that is timed, at least; None: what fills the device.
     """
-    known: set[tuple[str, Build]] = set()
-    frames: dict[str, list[Frame]] = {}
-    factor, first = 1, []
+    captured = open_sequence(Path(tasks[0].sequence))
+    frames = {number: _pixel_of(captured, number) for number in captured.numbers}
+    pair = [frames[number] for number in numbers_of_pair(captured)]
+    factor = enlargement(captured, launcher, pixels)
+    found: set[Program] = set()
     for task in tasks:
-        if task.sequence not in frames:
-            captured = open_sequence(Path(task.sequence))
-            frames, factor = {task.sequence: pair_of(captured)}, enlargement(captured, launcher, pixels)
-        rehearsal = Rehearsal(launcher)
-        resolve_job(task.variant.name, task.variant.resolver(rehearsal), frames[task.sequence])
-        if not rehearsal.programs <= known:
-            known |= rehearsal.programs
-            first.append(Ahead(task=task, factor=factor))
-    return first
+        whole = Rehearsal(launcher, Layout(captured.width, captured.height))
+        resolver = task.variant.resolver(whole)
+        for frame in frames.values():
+            resolver.resolve(frame)
+        timed = Rehearsal(launcher, Layout(captured.width * factor, captured.height * factor))
+        resolve_job(task.variant.name, task.variant.resolver(timed), pair)
+        found |= whole.programs | timed.programs
+    return found
 
 
-def build_ahead(ahead: Ahead) -> None:
-    """Have the driver build, and keep, what timing the task's variant over its sequence will need."""
-    task, captured = ahead.task, open_sequence(Path(ahead.task.sequence))
-    frames = [enlarged(frame, ahead.factor) for frame in pair_of(captured)]
-    resolve_job(task.variant.name, task.variant.resolver(task.device), frames)
+def programs_needed(
+    tasks: Sequence[Task], launcher: DeviceLauncher, pixels: int | None, found: set[Program]
+) -> Iterator[str]:
+    """Add to ``found`` what the tasks need, and yield each sequence when that is done."""
+    for folder in dict.fromkeys(task.sequence for task in tasks):
+        found |= programs_of([task for task in tasks if task.sequence == folder], launcher, pixels)
+        yield folder
+
+
+def dearest_first(programs: Iterable[Program]) -> list[Program]:
+    """In an order in which many processes end together: a compiler's time follows the length of the text."""
+    return sorted(programs, key=lambda program: (-len(source(program.kernel, program.build)), repr(program)))
+
+
+def _pixel_of(captured: Captured, number: int) -> Frame:
+    """A frame of one pixel with the header and the channels of a captured one."""
+    outline = captured.outline(number)
+    plane, pair = np.zeros((1, 1), np.float32), np.zeros((1, 1, 2), np.float32)
+    return replace(
+        outline,
+        colour=np.zeros((1, 1, 3), np.float32),
+        depth=plane + 1,
+        motion=None if outline.motion is None else pair,
+        alpha=None if outline.alpha is None else plane,
+        reactive=None if outline.reactive is None else plane,
+    )

@@ -94,11 +94,16 @@ def enlarged(frame: Frame, factor: int) -> Frame:
     )
 
 
-def pair_of(captured: Captured) -> list[Frame]:
-    """The last two frames that belong together."""
+def numbers_of_pair(captured: Captured) -> list[int]:
+    """The numbers of the last two frames that belong together."""
     numbers = list(captured.numbers)
     last = next((n for n in reversed(numbers[1:]) if not captured.frame_header(n).cut), numbers[-1])
-    return list(captured.select(max(last - 1, numbers[0]), last))
+    return [number for number in numbers if last - 1 <= number <= last]
+
+
+def pair_of(captured: Captured) -> list[Frame]:
+    """The frames of ``numbers_of_pair``."""
+    return [captured.frame(number) for number in numbers_of_pair(captured)]
 
 
 def stage_seconds(

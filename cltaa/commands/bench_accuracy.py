@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.atomic import atomic_path, make_folder
-from cltaa.bench.accuracy import bench_accuracy, tasks_of
+from cltaa.bench.accuracy import bench_accuracy, build_programs, tasks_of
 from cltaa.bench.accuracy_csv import csv_text
 from cltaa.bench.accuracy_page import page
 from cltaa.bench.distribution import run_all
@@ -30,6 +30,7 @@ from cltaa.bench.timing import Clock
 from cltaa.commands.options import FILE_PATH, PRESET, device_option, json_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
+from cltaa.launch import DeviceLauncher
 from cltaa.metrics import METRICS, parse_metrics
 from cltaa.presets import load_preset, preset_names
 from cltaa.progress import track
@@ -56,6 +57,8 @@ from cltaa.progress import track
 @click.option(
     "--jobs", default=1, show_default=True, type=click.IntRange(min=1), help="Processes to measure errors in."
 )
+@click.option("--build-only", is_flag=True,
+              help="Only build what errors and times of these sequences need, in --jobs processes.")  # fmt: skip
 @click.option("--dask", metavar="ADDRESS", help="Measure errors on a Dask cluster: the scheduler's address.")
 @click.option("--pictured", default=4, show_default=True, type=click.IntRange(min=0),
               help="Sequences, the first ones, whose frames the page shows and that are plotted.")  # fmt: skip
@@ -77,6 +80,7 @@ def accuracy(
     pixels: int | None,
     time_limit: float,
     jobs: int,
+    build_only: bool,
     dask: str | None,
     pictured: int,
     listed: bool,
@@ -88,11 +92,16 @@ def accuracy(
     A SEQUENCE is a capture with its truth: cltaa capture SCENE -o DIR --reference 256 --yardstick 2,4,8,16,32,64.
     Errors are measured in two axes: against the truth, and against the same algorithm in float64. Finished tasks are
     kept in the output folder: the same command again, or with other --jobs, goes on where the last one stopped.
-    Timing is always done here, by this process, in shuffled rounds, after all errors; with --jobs the programs that it
-    needs are built before it by those processes.
+    Timing is always done here, by this process, in shuffled rounds, after all errors; with --jobs the programs that
+    both need are built first by those processes, each once.
     """
     names = tuple(metric.name for metric in parse_metrics(metrics))
     tasks = tasks_of(sequences, chosen_variants(preset, only, named, full=full), device, names, rounding_frames)
+    if build_only:
+        launcher = DeviceLauncher(device)
+        count = build_programs(tasks, launcher, pixels=pixels, jobs=jobs, until=math.inf, progress=_progress)
+        click.echo(f"{count} programs are built")
+        return
     make_folder(output)
     if listed:
         click.echo("\n".join(command_lines(len(tasks))))

@@ -15,14 +15,17 @@ from cltaa.bench.baseline import resolve_job
 from cltaa.bench.distribution import load, path_of, run_all, save
 from cltaa.bench.errors_of import Errors, Rounding, Task, run_task
 from cltaa.bench.ladder import ladder
-from cltaa.bench.schedule import first_of_each
-from cltaa.bench.times_of import enlarged, enlargement
+from cltaa.bench.schedule import Program, dearest_first, programs_needed, programs_of
+from cltaa.bench.times_of import enlarged, pair_of
 from cltaa.build import Real, Storage
 from cltaa.cli import main
+from cltaa.device import Device
 from cltaa.errors import DataError, InputMissing
+from cltaa.exr import write_frame
 from cltaa.launch import DeviceLauncher
 from cltaa.presets import load_preset, override, preset_names
 from cltaa.resolve import Resolver
+from cltaa.shape import Shape
 from cltaa.sources import open_sequence
 from tests.kernels.test_resolve import hard_frames
 from tests.sequence_factory import bits, make_frame, write_images, write_sequence
@@ -189,16 +192,53 @@ def test_a_limit_of_time_leaves_whole_sequences_out(
     assert len(set((tmp_path / "out" / "times").iterdir()) - before) == 2
 
 
-def test_programs_are_built_once_for_sequences_of_one_plan(tmp_path: Path) -> None:
-    launcher = DeviceLauncher(None)
+def built(launcher: DeviceLauncher) -> set[Program]:
+    return {Program(kernel=kernel, build=build) for kernel, build in launcher._kernels}
+
+
+@pytest.mark.parametrize("one_size", [False, True])
+def test_what_is_built_first_is_all_that_is_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, one_size: bool
+) -> None:
+    shape = Shape(lanes=1, rows=5, group=(8, 1), one_size=one_size)
+    monkeypatch.setattr(Device, "shape", property(lambda _: shape))
+    folder = write_sequence(tmp_path / "seq", 3, reference=True, motion=one_size)
+    for number in range(3):
+        frame = make_frame(number, motion=one_size, alpha=one_size, reactive=one_size)
+        write_frame(folder / f"synthetic.{number:04d}.exr", frame)
+    every = [task(folder, choices=load_preset(name).choices) for name in ("t0", "t3-200", "t5")]
+    planned = programs_of(every, DeviceLauncher(None), 3000)
+    run = set[Program]()
+    for each in every:
+        launcher = DeviceLauncher(None)
+        monkeypatch.setattr("cltaa.bench.errors_of.opened", lambda _, own=launcher: own)
+        run_task(each)
+        frames = [enlarged(frame, 2) for frame in pair_of(open_sequence(folder))]
+        resolve_job("timed", each.variant.resolver(launcher), frames)
+        run |= built(launcher)
+    assert planned == run
+
+
+def test_a_program_of_many_sequences_is_built_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     one, same = (write_sequence(tmp_path / name, 3, reference=True) for name in ("one", "same"))
     moving = write_sequence(tmp_path / "moving", 3, reference=True, motion=True)
-    tasks = [task(folder, place) for folder in (one, same, moving) for place in (0, 1)]
-    first = first_of_each(tasks, launcher)
-    assert [(Path(each.task.sequence).name, each.task.variant.name) for each in first] == [
-        (name, tasks[place].variant.name) for name in ("one", "moving") for place in (0, 1)
-    ]
-    assert first[0].factor == enlargement(open_sequence(one), launcher)
+    of_two = [task(folder, place) for folder in (one, same) for place in (0, 1)]
+    found: set[Program] = set()
+    assert list(programs_needed(of_two, DeviceLauncher(None), None, found)) == [str(one), str(same)]
+    assert found == programs_of([task(one, place) for place in (0, 1)], DeviceLauncher(None))
+    assert found < found | programs_of([task(moving)], DeviceLauncher(None))
+    in_order = dearest_first(found)
+    assert set(in_order) == found
+    assert in_order[-1].kernel == "extend_edges"
+    cache = tmp_path / "cache"
+    monkeypatch.setenv("POCL_CACHE_DIR", str(cache))
+    arguments = ["bench", "accuracy", str(one), str(same), "-o", str(tmp_path / "out"), "--variant", "t0"]
+    assert main([*arguments, "--jobs", "2", "--build-only"]) == 0
+    count = int(capsys.readouterr().out.split()[0])
+    assert len(list((cache / "locks").iterdir())) == count
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("preset", ["t4", "t5"])
