@@ -18,6 +18,7 @@ from cltaa.metrics import METRICS
 FORMATS = ("svg", "png")
 DOTS_AN_INCH = 150
 NAME_WIDE, NAME_HIGH = 130, 9  # pixels that a name takes
+CROWDED = 1e3  # from this ratio of an axis's ends on only powers of ten are written
 FRONT, BEATEN, SAMPLES, LIMIT = "#0b62c4", "#a3a6ad", "#16784a", "#b4500a"
 
 
@@ -80,7 +81,9 @@ def front_figure(pyplot: Any, measured: Measured, metric: str, weight: float) ->
     for axis in (near.xaxis, near.yaxis):
         axis.set_major_formatter("{x:g}")
         if axis.get_scale() == "log":
-            axis.set_minor_formatter("{x:g}")
+            least, most = axis.get_view_interval()
+            room = axis is near.yaxis or most < CROWDED * least
+            axis.set_minor_formatter("{x:g}" if room else ticker.NullFormatter())
             axis.set_minor_locator(ticker.LogLocator(subs=(2, 5) if axis is near.xaxis else range(2, 10)))
     near.tick_params(which="minor", labelsize=6)
     _name_points(near, measured, metric)

@@ -74,9 +74,10 @@ def print_growth(bench: GrowthBench) -> None:
             f"{row.allocated / 1e6:.1f}", f"{row.allocated / row.formula:.1%}",
         )  # fmt: skip
     print_table(table)
-    apart = [row.side for row in bench.rows if row.side >= REFERENCE and abs(row.ratio.median - 1.0) > FLAT]
-    console.print(
-        f"from {REFERENCE}² on: flat within {FLAT:.0%}" if not apart else f"apart by more than {FLAT:.0%}: {apart}",
-        highlight=False,
-    )
+    large = [row for row in bench.rows if row.side >= REFERENCE]
+    apart = [row.side for row in large if abs(row.ratio.median - 1.0) > FLAT]
+    if apart:
+        console.print(f"apart by more than {FLAT:.0%}: {', '.join(map(str, apart))}", highlight=False)
+    elif large:
+        console.print(f"from {REFERENCE}² on: flat within {FLAT:.0%}", highlight=False)
     console.print(bench.environment.line, highlight=False, soft_wrap=True)

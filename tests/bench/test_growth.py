@@ -90,6 +90,13 @@ def test_the_command_counts_whole_images_and_bands(capsys: pytest.CaptureFixture
         assert 0 < row["least_ns"] <= row["ns_a_pixel"]["median"]
 
 
+def test_small_sizes_say_nothing_of_large_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "growth", "--sizes", "16", "--rounds", "3"]) == 0
+    said = capsys.readouterr().out
+    assert "16²" in said
+    assert "flat within" not in said
+
+
 def test_large_sizes_take_fewer_rounds() -> None:
     assert [rounds_of(side, 9) for side in (256, 4096, 5000, 8192, 16384)] == [9, 9, 6, 3, 3]
     assert rounds_of(16384, 400) == 25

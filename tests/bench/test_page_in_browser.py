@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
+from itertools import combinations
 from pathlib import Path
 
 import msgspec
@@ -61,6 +62,21 @@ def test_nothing_is_wider_than_the_page(window: Browser, width: int) -> None:
     )
     assert smallest >= 11  # pixels: letters are not scaled down with the plot
     window.size(1280, 900)
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+def test_no_name_covers_another(window: Browser, width: int) -> None:
+    window.size(width, 900)
+    window.until(
+        "const f = document.getElementById('front');return f.firstChild.viewBox.baseVal.width === f.clientWidth"
+    )
+    boxes = window.run(
+        "return [...document.querySelectorAll('#front .point text')].map(t => t.getBoundingClientRect())"
+        ".map(b => [b.left, b.right, b.top, b.bottom])"
+    )
+    assert boxes
+    for one, other in combinations(boxes, 2):
+        assert one[1] <= other[0] or other[1] <= one[0] or one[3] <= other[2] + 2 or other[3] <= one[2] + 2
 
 
 def test_slider_moves_the_picture(window: Browser, tmp_path: Path) -> None:

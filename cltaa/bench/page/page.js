@@ -115,17 +115,18 @@ function drawFront() {
   }
   if (yards.length) svg.append(element("path", { class: "yard", d: "M" + yards.map((s) => `${x(s.added)} ${y(s.errors[state.metric].mean)}`).join("L") }));
   const labelled = [];  // names that would cover one that is there are left out
-  const clearOf = (px, py, wide) => labelled.every(([lx, ly]) => Math.abs(lx - px) > wide || Math.abs(ly - py) > 14);
+  const named = (px, py, name, shape) => {  // the text beside a point, or nothing where it would cover another
+    const wide = 7 * name.length, right = px + 9 + wide < box.right, left = right ? px + 9 : px - 9 - wide;
+    if (labelled.some(([from, to, ly]) => left < to && from < left + wide && Math.abs(ly - py) < 14)) return [];
+    labelled.push([left, left + wide + 24, py]);
+    return [element("text", { ...shape, x: right ? px + 9 : px - 9, y: py - 6, "text-anchor": right ? "start" : "end" }, name)];
+  };
   const points = [...cells].sort((p, q) => Boolean(beaten(q)) - Boolean(beaten(p)))
-    .map((cell) => pointOf(cell, x, y, box, beaten(cell), labelled, clearOf, logarithmic));
+    .map((cell) => pointOf(cell, x, y, box, beaten(cell), named, logarithmic));
   for (const s of yards) {
     const px = x(s.added), py = y(s.errors[state.metric].mean), text = `${s.samples} samples a pixel: ${number(s.added)} ms/Mpx of drawing, ${state.metric} ${number(s.errors[state.metric].mean)}`;
     const mark = element("g", { class: "point sample", tabindex: 0, role: "img", "aria-label": text, "data-x": px }, element("path", { d: `M${px} ${py - 6}l6 6l-6 6l-6-6z` }), element("title", {}, text));
-    if (clearOf(px, py, 45)) {
-      const right = px < box.right - 34;
-      mark.append(element("text", { x: right ? px + 8 : px - 8, y: py - 5, "text-anchor": right ? "start" : "end" }, `${s.samples}×`));
-      labelled.push([px, py]);
-    }
+    mark.append(...named(px, py, `${s.samples}×`));
     mark.addEventListener("focus", () => { $("point").textContent = text; });
     svg.append(mark);
   }
@@ -141,7 +142,7 @@ function drawFrontLegend(measured, yards) {
   $("front-legend").replaceChildren(...parts);
 }
 
-function pointOf(cell, x, y, box, beatenBy, labelled, clearOf, logarithmic) {
+function pointOf(cell, x, y, box, beatenBy, named, logarithmic) {
   const t = timeOf(cell), e = errorOf(cell), px = x(t.median), py = y(e.mean), at = (v) => (logarithmic ? y(Math.max(v, e.mean * 1e-3)) : y(v));
   const clamp = (v) => Math.min(Math.max(v, box.top), box.bottom);
   const text = `${cell.variant}: ${number(t.median)} ms/Mpx [${number(t.low)}, ${number(t.high)}], ` +
@@ -151,11 +152,7 @@ function pointOf(cell, x, y, box, beatenBy, labelled, clearOf, logarithmic) {
     element("line", { class: "bar", x1: px, x2: px, y1: clamp(at(e.p5)), y2: clamp(at(e.p95)) }),
     element("circle", { cx: px, cy: py, r: cell.variant === "default" ? 7 : 5 }), element("title", {}, text));
   if (cell.variant === state.a) $("point").textContent = text;
-  if (clearOf(px, py, 170) && (!beatenBy || groups[cell.variant] === "preset" || cell.variant === "default")) {
-    const right = px < box.right - 130;
-    node.append(element("text", { class: "name", x: right ? px + 9 : px - 9, y: py - 6, "text-anchor": right ? "start" : "end" }, cell.variant));
-    labelled.push([px, py]);
-  }
+  if (!beatenBy || groups[cell.variant] === "preset" || cell.variant === "default") node.append(...named(px, py, cell.variant, { class: "name" }));
   const choose = (second) => { $("point").textContent = text; pick(second ? "b" : "a", cell.variant); };
   node.addEventListener("click", (event) => choose(event.shiftKey));
   node.addEventListener("focus", () => { $("point").textContent = text; });
