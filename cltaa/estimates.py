@@ -51,7 +51,8 @@ def estimate(
         settings = for_changing_light(choices, settings, declared)
     choices, reason = _testing_light(choices, declared, free)
     reasons.append(reason)
-    reasons.append(Reason(RECTIFICATION, not (free and still), _why_rectified(free, still)))
+    rectified = choices.rectify is not Rectify.NONE
+    reasons.append(Reason(RECTIFICATION, rectified, _why_rectified(preset, rectified, free and still)))
     choices, reason = _rejecting(choices, declared, free)
     reasons.append(reason)
     if free and declared is not None and Effect.HDR not in declared:
@@ -85,10 +86,12 @@ def for_changing_light(choices: Choices, settings: Settings, declared: frozenset
     return msgspec.structs.replace(settings, **changed)
 
 
-def _why_rectified(free: bool, still: bool) -> str:
-    if not free:
-        return "as published"
-    return "declared still: plain mean of all samples" if still else "something may make history wrong"
+def _why_rectified(preset: Preset, rectified: bool, still: bool) -> str:
+    if rectified:
+        return "as published" if preset.published else "something may make history wrong"
+    if preset.choices.rectify is Rectify.NONE:
+        return "the preset says rectify = none"
+    return "declared still: plain mean of all samples" if still else "kept samples are chosen, not moved into a box"
 
 
 def _light_may_change(declared: frozenset[Effect] | None) -> bool:

@@ -33,7 +33,7 @@ from cltaa.reading import Read, reads
 from cltaa.resolve import Resolver, Times
 from cltaa.sources import Sequence, open_images
 from cltaa.streams import InTurn, ReadAhead, Writer
-from cltaa.video import check_film, write_video
+from cltaa.video import check_film, rate_of, write_video
 from cltaa.views import View
 
 
@@ -109,6 +109,7 @@ def resolve_sequence(
     settings = {**resolver.settings(), **options, "compression": compression, **sequence_settings(sequence)}
     with kept_memory(4 * sequence.width * sequence.height), owned(output), stop_signals() as stop:
         if preview is not None:
+            rate = rate_of(sequence.attributes, sequence.sequence_json)
             check_film(preview, sequence)  # now that the output is there, which may be the film's folder too
         folder = OutputFolder(output, settings, restart=restart)
         checkpoints = Checkpoints(output, folder.key)
@@ -124,7 +125,7 @@ def resolve_sequence(
         _write_record(output, outcome, resolver.preset)
         checkpoints.clear()
     if preview is not None:
-        write_video(preview, open_images(output, gaps=sequence.gaps).select(sequence.first, sequence.last))
+        write_video(preview, open_images(output, gaps=sequence.gaps).select(sequence.first, sequence.last), rate=rate)
     return outcome
 
 

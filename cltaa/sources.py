@@ -6,7 +6,7 @@ the first frame is worked on. Only one frame is in memory at a time, unless the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -70,6 +70,11 @@ class Sequence(NumberedFiles):
     def header(self) -> ImageHeader:
         """Layout and attributes of the first frame, read without its pixels."""
         return read_header(self.path(self.first))
+
+    @property
+    def attributes(self) -> Mapping[str, object]:
+        """Attributes of the first frame's header, as its files hold them."""
+        return self.header.attributes
 
     @cached_property
     def effects(self) -> frozenset[Effect] | None:

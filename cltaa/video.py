@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
@@ -20,6 +20,8 @@ from cltaa.pictures import side_by_side
 
 QUALITY = 16  # x264's constant rate factor: finer than its default of 23, whose blocks would hide what is compared
 SUFFIXES = (".mp4", ".m4v")  # players go by them
+USUAL_RATE = Fraction(24)  # frames a second, where nothing tells
+RATES = (1, 240)  # frames a second that a player may be asked for
 BT709 = 1  # number of ITU-R BT.709 in the tables of H.264, for primaries, curve and matrix
 
 
@@ -70,7 +72,7 @@ def import_av() -> Any:
 
 
 @contextmanager
-def open_video(path: Path, rate: Fraction | int = 24) -> Iterator[Video]:
+def open_video(path: Path, rate: Fraction | int = USUAL_RATE) -> Iterator[Video]:
     """Open an MP4 file for pictures at ``rate`` frames a second; it appears under its name when the block ends well.
 
     Its index lies at the front, so that it plays while it loads. Raises UsageError without PyAV, OutputError where
@@ -100,7 +102,21 @@ def check_film(path: Path, sequence: NumberedFiles) -> None:
         raise UsageError("a film of frames of several sizes", path=path, cure="leave --preview out")
 
 
-def write_video(path: Path, images: Iterable[Image], *, rate: Fraction | int = 24, stops: float = 0.0) -> int:
+def rate_of(attributes: Mapping[str, object], record: Mapping[str, Any]) -> Fraction:
+    """Frames a second to show a sequence with: attribute ``framesPerSecond``, else the ``fps`` of its capture, else 24.
+
+    ``record`` is what ``sequence.json`` says. What is no rate that a player takes counts as nothing.
+    """
+    settings = record.get("settings")
+    told: Any = attributes.get("framesPerSecond", settings.get("fps") if isinstance(settings, dict) else None)
+    try:
+        rate = Fraction(told).limit_denominator(1001)
+    except (TypeError, ValueError, ArithmeticError):
+        return USUAL_RATE
+    return rate if RATES[0] <= rate <= RATES[1] else USUAL_RATE
+
+
+def write_video(path: Path, images: Iterable[Image], *, rate: Fraction | int = USUAL_RATE, stops: float = 0.0) -> int:
     """Write linear images [H, W, 3] as an MP4 through the display transform and return their count; errors as above."""
     with open_video(path, rate) as video:
         for image in images:
@@ -114,7 +130,7 @@ def write_side_by_side(
     after: Iterable[Image],
     *,
     labels: tuple[str, str] = ("before", "after"),
-    rate: Fraction | int = 24,
+    rate: Fraction | int = USUAL_RATE,
     stops: float = 0.0,
 ) -> int:
     """Write two sequences of equal length and size next to each other, labelled; errors as above."""

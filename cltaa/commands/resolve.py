@@ -36,7 +36,7 @@ from cltaa.views import View, parse_views
     "--effects", default="auto", show_default=True, help="auto (as declared), all, or a comma-separated list."
 )
 @click.option("--frames", metavar="A-B", help="Only the frames A to B, both included.")
-@click.option("--preview", type=FILE_PATH, help="Also write the result as an MP4.")
+@click.option("--preview", type=FILE_PATH, help="Also write the result as an MP4, as fast as it was captured.")
 @click.option("--half", is_flag=True, help="Write half-precision EXRs (values saturate at 65504).")
 @click.option("--compression", help="EXR compression that loses nothing.  [default: the input's, else zip]")
 @click.option("--layers", metavar="NAMES", help="Channels of the input to keep beside the resolved ones: all, none, or "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from collections.abc import Sequence as Many
 from dataclasses import replace
 from pathlib import Path
@@ -54,6 +55,11 @@ class ForeignSequence(Sequence):
         }
         digest = hashlib.sha256(msgspec.json.encode(known)).hexdigest()
         return {"profile": msgspec.to_builtins(self.intake.profile), "declared_sha256": digest}
+
+    @property
+    def attributes(self) -> Mapping[str, object]:
+        """Attributes of the first frame's header, as its files hold them."""
+        return self.intake.attributes[self.first]
 
     @property
     def undeclared(self) -> frozenset[str]:

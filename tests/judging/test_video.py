@@ -12,11 +12,13 @@ import av
 import numpy as np
 import pytest
 
+from cltaa.cli import main
 from cltaa.display import to_picture
 from cltaa.errors import DataError, OutputError, UsageError
 from cltaa.frames import Image
 from cltaa.pictures import GAP
-from cltaa.video import open_video, write_side_by_side, write_video
+from cltaa.video import open_video, rate_of, write_side_by_side, write_video
+from tests.sequence_factory import write_sequence
 
 # 8-bit limited-range YCbCr has 219 steps of luma and 224 of chroma for 255 of RGB, so a flat colour is off by about
 # one step of each (255/219 * 0.5 + 1.57 * 255/224 * 0.5 = 1.5); the encoder adds as much again (3 was observed).
@@ -110,3 +112,29 @@ def test_memory_does_not_grow_with_the_frames(tmp_path: Path) -> None:
 
     write_video(tmp_path / "a.mp4", frames(280))
     assert resident[279] - resident[79] < 15_000
+
+
+@pytest.mark.parametrize(
+    ("attributes", "record", "rate"),
+    [
+        ({}, {}, 24),
+        ({}, {"settings": {"fps": 30.0}}, 30),
+        ({"framesPerSecond": Fraction(30000, 1001)}, {"settings": {"fps": 12.0}}, Fraction(30000, 1001)),
+        ({}, {"settings": {"fps": 29.97}}, Fraction(2997, 100)),
+        ({}, {"settings": {"fps": 1e9}}, 24),
+        ({}, {"settings": {"fps": "fast"}}, 24),
+        ({}, {"settings": []}, 24),
+        ({"framesPerSecond": float("nan")}, {}, 24),
+        ({"framesPerSecond": None}, {}, 24),
+    ],
+)
+def test_rate(attributes: dict[str, object], record: dict[str, Any], rate: Fraction) -> None:
+    assert rate_of(attributes, record) == rate
+
+
+def test_the_film_of_a_resolve_is_as_fast_as_its_capture(tmp_path: Path) -> None:
+    folder, film = write_sequence(tmp_path / "in", 3), tmp_path / "film.mp4"
+    (folder / "sequence.json").write_text('{"settings": {"fps": 30.0}}')
+    command = ["resolve", str(folder), "-o", str(tmp_path / "out"), "--device", "numpy", "--preview", str(film)]
+    assert main(command) == 0
+    assert frames_of(film)[1][2] == 30

@@ -46,6 +46,22 @@ def test_a_camera_that_stops_and_a_cut_make_spans(walk: Path) -> None:
     assert all(step.why and step.milliseconds is None for span in plan.spans for step in span.steps)
 
 
+@pytest.mark.parametrize(
+    ("preset", "on", "why"),
+    [
+        ("default", True, "something may make history wrong"),
+        ("t0", False, "the preset says rectify = none"),
+        ("t5", False, "kept samples are chosen, not moved into a box"),
+        ("karis", True, "as published"),
+        ("babylon-accumulate", False, "the preset says rectify = none"),
+    ],
+)
+def test_rectification_runs_where_the_kernel_has_it(walk: Path, preset: str, on: bool, why: str) -> None:
+    found = cltaa.plan(cltaa.open_sequence(walk), preset, device="numpy", rounds=0)
+    told = [(step.on, step.why) for step in found.spans[0].steps if step.name == "rectification"]
+    assert told == [(on, why)]
+
+
 def test_all_and_named_effects(walk: Path) -> None:
     sequence = cltaa.open_sequence(walk)
     (first, second) = cltaa.plan(sequence, device="numpy", rounds=0, effects="all").spans
