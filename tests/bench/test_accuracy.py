@@ -28,7 +28,7 @@ from cltaa.resolve import Resolver
 from cltaa.shape import Shape
 from cltaa.sources import open_sequence
 from tests.kernels.test_resolve import hard_frames
-from tests.sequence_factory import bits, make_frame, write_images, write_sequence
+from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame, write_images, write_sequence
 
 FRAMES = 4
 
@@ -202,9 +202,12 @@ def test_what_is_built_first_is_all_that_is_run(
 ) -> None:
     shape = Shape(lanes=1, rows=5, group=(8, 1), one_size=one_size)
     monkeypatch.setattr(Device, "shape", property(lambda _: shape))
-    folder = write_sequence(tmp_path / "seq", 3, reference=True, motion=one_size)
-    for number in range(3):
-        frame = make_frame(number, motion=one_size, alpha=one_size, reactive=one_size)
+    folder = write_sequence(tmp_path / "seq", 4, reference=True, motion=one_size)
+    for number in range(4):  # the camera stands from the second on: the last two frames alone do not tell that it moved
+        camera = make_camera((0.1 * min(number, 1), 0.0, 5.0), WIDTH / HEIGHT)
+        frame = make_frame(
+            number, camera=camera, effects=frozenset(), motion=one_size, alpha=one_size, reactive=one_size
+        )
         write_frame(folder / f"synthetic.{number:04d}.exr", frame)
     every = [task(folder, choices=load_preset(name).choices) for name in ("t0", "t3-200", "t5")]
     planned = programs_of(every, DeviceLauncher(None), 3000)
