@@ -36,6 +36,8 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "SURE_T": Constant(3.0, "Student's t from which the step between the two shortest spans is no chance: measured"),
     "SURE_FLOOR": Constant(0.1, "times change_floor: that of such a step"),
     "LAG": Constant(0.5, "of such a step, what the shortest span is behind now: 0.75 if steady, 0 if over: measured"),
+    "CHANGE_STEP": Constant(0.125, "of Student's t: what is kept of a change of light comes in steps of it"),
+    "KEPT_CHANGES": Constant(63.0, "most such steps: the last six bits of a count hold them"),
     "LEAST_HEADROOM": Constant(2.0**-16, "least 1 - peak when a tonemap is undone: half's largest number, 65504"),
     "ONE_THIRD": Constant(1.0 / 3.0, "mean of a row of three"),
     "TWO_THIRDS": Constant(2.0 / 3.0, "sum of squared distances over a row's spread (moments.h)"),

@@ -70,7 +70,7 @@ class DebugViews:
         if View.REJECT in self.views:
             layers["debug.reject"] = (_reasons_gathered(stages) if gathers else _reasons(stages)).astype(np.float32)
         if View.COUNT in self.views:
-            # Its sign says which way light goes.
+            # Its sign says which way light goes, its last bits how far.
             layers["debug.count"] = np.abs(stages.read(last.arguments["output_count"])[0])
         if View.MOTION in self.views:
             layers["debug.motion.u"], layers["debug.motion.v"] = stages.read(stages.motion)[:2]

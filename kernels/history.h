@@ -10,7 +10,7 @@
 typedef struct
 {
     colour rgb;
-    real alpha, count, fx, fy; // the sign of the count: which way light goes, where that is tested for
+    real alpha, count, fx, fy; // in the count: how light changes, where that is tested for
     mask valid;
 } history_t;
 
@@ -106,8 +106,7 @@ STAGE history_t sample_history(plane_in current, boxed_row next, history_in hist
     h.alpha = ALPHA ? limit(v.alpha, SPLAT(0.0), SPLAT(1.0)) : v.alpha;
     h.count = v.count;
     if (LIGHT_CHANGE != LIGHT_CHANGE_IGNORE)
-        h.count
-            = quotient(h.count, change_of_light(current, next, history, count, f, x, y, frame, settings, &kept->light));
+        h.count = count_in_light(v.count, current, next, history, count, f, x, y, frame, settings, &kept->light);
     if (REJECT == REJECT_DEPTH)
         h.valid = h.valid & same_surface(v.closeness, s, m, settings);
     h.fx = v.fx;

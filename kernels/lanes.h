@@ -46,18 +46,22 @@ typedef long scalar_whole;
 typedef LANED(double) real;
 typedef LANED(long) whole;
 #define AS_WHOLE PASTE(as_, LANED(long))
+#define AS_REAL PASTE(as_, LANED(double))
 #define TO_WHOLE PASTE(PASTE(convert_, LANED(long)), _rtz)
 #define TO_REAL PASTE(convert_, LANED(double))
 #define MAGNITUDE_BITS 0x7fffffffffffffffL
+#define FLOAT_BITS 29 // below those of a float
 #else
 typedef float scalar;
 typedef int scalar_whole;
 typedef LANED(float) real;
 typedef LANED(int) whole;
 #define AS_WHOLE PASTE(as_, LANED(int))
+#define AS_REAL PASTE(as_, LANED(float))
 #define TO_WHOLE PASTE(PASTE(convert_, LANED(int)), _rtz)
 #define TO_REAL PASTE(convert_, LANED(float))
 #define MAGNITUDE_BITS 0x7fffffff
+#define FLOAT_BITS 0
 #endif
 typedef whole mask;
 

@@ -59,7 +59,40 @@ STAGE colour nearest_texel(history_in p, nearest_t n, int i, int j, size_t plane
     return load_history_colour(ROW_BELOW(p, n.at, j, stride) + i, plane);
 }
 
-// The count at the nearest texel, whose sign says which way light went in the frame before.
+// What is kept of a change of light: its sign as that of a count, and its size in steps of CHANGE_STEP as the count's
+// last bits, which are 2^-17 of it at most. So no plane is read or written for it. After a frame without the test those
+// bits are the count's own, a change of any size for one frame.
+#define CHANGE_BITS ((whole)(KEPT_CHANGES) << FLOAT_BITS)
+#define BELOW_CHANGE_BITS (((whole)(1) << FLOAT_BITS) - (whole)(1)) // of a double, past those of a float
+
+STAGE real kept_change(real count)
+{
+    const real size = TO_REAL((AS_WHOLE(count) & CHANGE_BITS) >> FLOAT_BITS) * K(CHANGE_STEP);
+    return AS_REAL(AS_WHOLE(size) | (AS_WHOLE(count) & ~(whole)(MAGNITUDE_BITS)));
+}
+
+// A count and the bits of a change.
+STAGE real marked_count(real count, whole marks)
+{
+    return AS_REAL((AS_WHOLE(count) & (whole)(MAGNITUDE_BITS) & ~(CHANGE_BITS | BELOW_CHANGE_BITS)) | marks);
+}
+
+// A count, not 0 since no denormal is stored, with a finite change.
+STAGE real with_change(real count, real change)
+{
+    const whole steps = TO_WHOLE(lesser(absolute(change) * K(1.0 / CHANGE_STEP), SPLAT(KEPT_CHANGES)));
+    const whole sign = AS_WHOLE(change) & ~(whole)(MAGNITUDE_BITS);
+    return marked_count(greater(count, SPLAT(TINY)), (steps << FLOAT_BITS) | sign);
+}
+
+// A count with the change that another one holds, or none. Chosen here: LLVM 14 gets a choice of such counts wrong.
+STAGE real with_change_of(real count, real other, mask any)
+{
+    const whole marks = AS_WHOLE(other) & (CHANGE_BITS | ~(whole)(MAGNITUDE_BITS));
+    return marked_count(count, any ? marks : (whole)(0));
+}
+
+// The count at the nearest texel.
 STAGE real nearest_count(plane_in count, nearest_t n, int stride)
 {
 #if LANES > 1
@@ -125,12 +158,13 @@ STAGE light_row light_below(light_row above, light_row row)
     return row;
 }
 
-// What the history's count is divided by: t over change_t, of the channel that changed most; 1 up to there. Its sign is
-// negative where the first channel, luminance, falls. The jitter moves all nine differences one way in one frame and
-// another way in the next, light that changes goes on: what has not the sign of the frame before divides by 1. `next`
-// is the row below the pixel's.
-STAGE real change_of_light(plane_in current, boxed_row next, history_in history, plane_in count, footprint f, int x,
-    int y, frame_t frame, settings_t settings, kept_light* kept)
+// `held` samples of a history, divided by how much light changes, and holding that: Student's t of the channel that
+// changed most, with the sign of the first one, luminance, and change_kept of what the frame before left. Its size over
+// change_t divides, where that is more than 1. The jitter moves all nine differences one way in one frame and another
+// way in the next, light that changes goes on: so what the jitter does stays small in the sum. `next` is the row below
+// the pixel's.
+STAGE real count_in_light(real held, plane_in current, boxed_row next, history_in history, plane_in count, footprint f,
+    int x, int y, frame_t frame, settings_t settings, kept_light* kept)
 {
     const nearest_t n = nearest_texels(f, row_stride(frame));
 #if LANES == 1
@@ -155,9 +189,10 @@ STAGE real change_of_light(plane_in current, boxed_row next, history_in history,
     const real ta = paired_t(above.a, centre.a, below.a, -up.a, down.a, least),
                tb = paired_t(above.b, centre.b, below.b, -up.b, down.b, least),
                tc = paired_t(above.c, centre.c, below.c, -up.c, down.c, least);
-    const real t = greater(absolute(ta), greater(absolute(tb), absolute(tc)));
-    const real sign = ta < SPLAT(0.0) ? SPLAT(-1.0) : SPLAT(1.0);
-    const mask goes_on = sign * nearest_count(count, n, row_stride(frame)) > SPLAT(0.0);
-    const real change = greater(quotient(t, SPLAT(settings.change_t)), SPLAT(1.0));
-    return goes_on ? sign * change : sign;
+    const real largest = greater(absolute(ta), greater(absolute(tb), absolute(tc)));
+    const real t = lesser(largest, SPLAT(DOMAIN_LIMIT)); // or that, where it is no number
+    const real before = kept_change(nearest_count(count, n, row_stride(frame)));
+    const real change = (ta < SPLAT(0.0) ? -t : t) + K(settings.change_kept) * before;
+    return with_change(
+        quotient(held, greater(quotient(absolute(change), SPLAT(settings.change_t)), SPLAT(1.0))), change);
 }

@@ -122,7 +122,7 @@ STAGE resolved resolve_beside(pixel_t p, history_t h, rectification r, real coun
         out.alpha = h.valid ? blend(h.alpha, p.alpha, weight) : p.alpha;
     out.count = h.valid ? count + K(1.0) : SPLAT(1.0);
     if (LIGHT_CHANGE != LIGHT_CHANGE_IGNORE)
-        out.count = (h.valid & (h.count < SPLAT(0.0))) ? -out.count : out.count;
+        out.count = with_change_of(out.count, h.count, h.valid);
     return out;
 }
 

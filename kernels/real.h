@@ -23,14 +23,7 @@
 // A GPU's instructions take the magnitude of an operand for nothing.
 STAGE real absolute(real v) { return fabs(v); }
 #else
-STAGE real absolute(real v)
-{
-#if REAL_DOUBLE
-    return PASTE(as_, LANED(double))(AS_WHOLE(v) & MAGNITUDE_BITS);
-#else
-    return PASTE(as_, LANED(float))(AS_WHOLE(v) & MAGNITUDE_BITS);
-#endif
-}
+STAGE real absolute(real v) { return AS_REAL(AS_WHOLE(v) & MAGNITUDE_BITS); }
 #endif
 
 // Greater and lesser of two reals; where b is no number, a GPU's instruction gives a.

@@ -1,5 +1,5 @@
 // Stage 4 on its own: the history at the motion of stage 3. 8 planes: r, g, b, alpha, count, fx, fy, valid (1 or 0).
-// Where a change of light is tested for, the sign of the count says which way light goes.
+// Where a change of light is tested for, the sign and the last bits of the count say how light changes.
 #include "history.h"
 
 __kernel void sample_history_kernel(plane_in current, plane_in motion_in, history_in history, plane_in history_count,

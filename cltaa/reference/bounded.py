@@ -198,6 +198,28 @@ def _floor(a: Bounded) -> Bounded:
     return Bounded(np.floor(a.value), np.where(same, 0.0, np.inf))
 
 
+def _truncated(a: Bounded) -> Bounded:
+    """The whole part, which may be that of any number within the error: unlike a floor, no place of a texel."""
+    value, lower, upper = (np.trunc(v) for v in (a.value, a.value - a.error, a.value + a.error))
+    return Bounded(value, np.maximum(upper - value, value - lower))
+
+
+def _mantissa(a: Bounded) -> tuple[Bounded, NDArray[np.intc]]:
+    (value, exponent), size = np.frexp(a.value), np.abs(a.value)
+    same = (np.frexp(size - a.error)[1] == exponent) & (np.frexp(size + a.error)[1] == exponent)
+    return Bounded(value, np.where(same | (a.error == 0), np.ldexp(a.error, -exponent), np.inf)), exponent
+
+
+def _scaled(a: Bounded, exponent: Bounded) -> Bounded:
+    whole = exponent.value.astype(np.intc)
+    return Bounded(np.ldexp(a.value, whole), np.ldexp(a.error, whole))
+
+
+def _signed(a: Bounded, b: Bounded) -> Bounded:
+    turned = (b.error > 0) & (np.abs(b.value) <= b.error)
+    return Bounded(np.copysign(a.value, b.value), np.where(turned, np.inf, a.error))
+
+
 def _compare(ufunc: np.ufunc) -> Callable[[Bounded, Bounded], Decision | Mask]:
     def compare(a: Bounded, b: Bounded) -> Decision | Mask:
         slack, value = a.error + b.error, ufunc(a.value, b.value)
@@ -226,6 +248,10 @@ _OPERATIONS: dict[np.ufunc, Callable[..., Any]] = {
     np.true_divide: _divide,
     np.sqrt: _root,
     np.floor: _floor,
+    np.trunc: _truncated,
+    np.frexp: _mantissa,
+    np.ldexp: _scaled,
+    np.copysign: _signed,
     np.negative: lambda a: Bounded(-a.value, a.error),
     np.absolute: lambda a: Bounded(np.abs(a.value), a.error),
     **{

@@ -12,7 +12,7 @@ from cltaa.layout import Layout
 from cltaa.params import LightChange, Reject
 from cltaa.reference.colour import Colour, colour_outside_domain
 from cltaa.reference.history_filter import history_weights
-from cltaa.reference.light import change_of_light, history_in_range
+from cltaa.reference.light import count_in_light, history_in_range
 from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.projection import Motion, motion_to_edge, on_screen
 from cltaa.reference.real import Array, Mask, greater, limit, number
@@ -23,7 +23,7 @@ from cltaa.reference.sampling import Quad, bilinear, footprint_of, sample_plane,
 class History:
     """Colour, alpha and sample count at the history position, its fractions, and whether it can be used.
 
-    The sign of the count says which way light goes, where a change of it is tested for.
+    The count holds how light changes, where a change of it is tested for.
     """
 
     rgb: Colour
@@ -71,7 +71,7 @@ def sample_history(
         alpha = limit(sample_plane(history[3], f, wx, wy, build, real), number(0, r), number(1, r))
     count = bilinear(sample_quad(np.abs(history_count[0]), f, real), f)
     if build.choices.light_change is not LightChange.IGNORE:
-        count = count / change_of_light(current, history, history_count[0], f, build, layout, frame, settings)
+        count = count_in_light(count, current, history, history_count[0], f, build, layout, frame, settings)
     if build.choices.reject is Reject.DEPTH:
         valid &= same_surface(sample_quad(previous_closeness[0], f, real), s, m, settings["depth_tolerance"])
     return History(rgb, alpha, count, f.fx, f.fy, valid)

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cltaa.build import Build, Record
-from cltaa.constants import PAD_X, PAD_Y
+from cltaa.constants import PAD_X, PAD_Y, value
 from cltaa.layout import Layout
 from cltaa.reference.colour import Colour, to_box_space, to_range
 from cltaa.reference.neighbourhood import Moments, row_moments, window_moments
-from cltaa.reference.real import Array, constant, greater, number
+from cltaa.reference.real import Array, constant, greater, lesser, number
 from cltaa.reference.repair import repaired_planes
 from cltaa.reference.sampling import Footprint
 
@@ -33,7 +34,41 @@ def paired_t(above: Moments, centre: Moments, below: Moments, least: Array) -> A
     return t
 
 
-def change_of_light(
+def _parts(count: Array) -> tuple[Array, Array, NDArray[Any]]:
+    """Counts as (whole + steps / 64) 2^(exponent - 18): all but a float's last six bits, those, and the exponents."""
+    mantissa, exponent = np.frexp(np.abs(count))
+    scaled = mantissa * number(2.0**18, count)
+    whole = np.trunc(scaled)
+    return whole, (scaled - whole) * number(64.0, count), exponent
+
+
+def kept_change(count: Array) -> Array:
+    """The change of light that counts hold: its sign is theirs, its size in steps their last bits."""
+    size: Array = np.copysign(_parts(count)[1] * constant("CHANGE_STEP", count), count)
+    return size
+
+
+def _marked_count(count: Array, steps: Array, sign: Array) -> Array:
+    whole, _, exponent = _parts(count)
+    mantissa = (whole + steps * number(2.0**-6, count)) * number(2.0**-18, count)
+    held: Array = np.copysign(np.ldexp(mantissa, exponent), sign)
+    return held
+
+
+def with_change(count: Array, change: Array) -> Array:
+    """Counts, not 0, that hold a finite change."""
+    steps = np.abs(change) * number(1.0 / value("CHANGE_STEP"), change)
+    whole = np.trunc(lesser(steps, constant("KEPT_CHANGES", change)))
+    return _marked_count(greater(count, constant("TINY", count)), whole, change)
+
+
+def with_change_of(count: Array, other: Array) -> Array:
+    """Counts that hold the change that others hold."""
+    return _marked_count(count, _parts(other)[1], other)
+
+
+def count_in_light(
+    held: Array,
     current: Array,
     history: Array,
     history_count: Array,
@@ -43,11 +78,12 @@ def change_of_light(
     frame: Record,
     settings: Record,
 ) -> Array:
-    """What the history's count [H, W] is divided by: t over ``change_t`` of the channel that changed most, at least 1,
-    and 1 where luminance does not go the way that it went in the frame before; negative where it falls.
+    """``held`` [H, W] samples of a history, divided by how much light changes, and holding that.
 
-    ``current`` [3, rows, stride], ``history`` [3 or 4, rows, stride] and ``history_count`` [rows, stride], whose sign
-    is what this one's was in the frame before, are padded planes.
+    The change is Student's t of the channel that changed most, negative where luminance falls, and ``change_kept`` of
+    the change that the frame before left; its size over ``change_t`` divides, where it is more than 1. ``current`` [3,
+    rows, stride], ``history`` [3 or 4, rows, stride] and ``history_count`` [rows, stride], which holds the change that
+    the frame before left, are padded planes.
     """
     real: Any = f.fx.dtype
     colour = repaired_planes(current, layout).astype(real)
@@ -73,9 +109,8 @@ def change_of_light(
     floor = number(settings["change_floor"], level)
     least = floor * (level * constant("ONE_THIRD", level)) + constant("TINY", level)
     a, b, c = (paired_t(rows[0][k], rows[1][k], rows[2][k], least) for k in range(3))
-    t = greater(np.abs(a), greater(np.abs(b), np.abs(c))) / number(settings["change_t"], level)
-    one, zero = number(1.0, level), number(0.0, level)
-    sign = np.where(a < zero, -one, one)
-    goes_on = sign * history_count[row, column].astype(real) > zero
-    divisor: Array = np.where(goes_on, sign * greater(t, one), sign)
-    return divisor
+    largest = greater(np.abs(a), greater(np.abs(b), np.abs(c)))
+    t = lesser(largest, constant("DOMAIN_LIMIT", level))
+    before = kept_change(history_count[row, column].astype(real))
+    change = np.where(a < number(0.0, level), -t, t) + number(settings["change_kept"], level) * before
+    return with_change(held / greater(np.abs(change) / number(settings["change_t"], level), number(1.0, level)), change)

@@ -22,6 +22,7 @@ from cltaa.reference.blend import (
 )
 from cltaa.reference.colour import Colour, from_box_space, from_range, to_box_space
 from cltaa.reference.history import History
+from cltaa.reference.light import with_change_of
 from cltaa.reference.neighbourhood import Row, Statistics, current_sample, neighbourhood_statistics
 from cltaa.reference.projection import Motion
 from cltaa.reference.real import Array, greater, lesser, limit, number, outside_domain
@@ -160,5 +161,5 @@ def resolve_beside(p: Pixel, h: History, r: Rectification, count: Array, build: 
         alpha = np.where(h.valid, blend(h.alpha, alpha, weight), alpha)
     samples = np.where(h.valid, count + one, one)
     if build.choices.light_change is not LightChange.IGNORE:
-        samples = np.where(h.valid & (h.count < number(0.0, count)), -samples, samples)
+        samples = np.where(h.valid, with_change_of(samples, h.count), samples)
     return Resolved(stored, alpha, samples)

@@ -24,6 +24,7 @@ from cltaa.layout import Layout
 from cltaa.params import Choices, CurrentFilter, LightChange, Settings
 from cltaa.presets import load_preset
 from cltaa.reference import KERNELS
+from cltaa.reference.light import with_change
 from cltaa.resolve import Past, frame_record
 from tests.kernels.hard_planes import KEPT, Planes, hard_planes
 from tests.kernels.test_resolve import turned
@@ -174,7 +175,7 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     names = [p.name for p in inspect.signature(KERNELS[kernel]).parameters.values() if p.kind is p.KEYWORD_ONLY]
     if build.choices.light_change is not LightChange.IGNORE:
         for name in {"history_count", "history_at"} & set(names):
-            given[name] = with_signs(given[name])
+            given[name] = with_changes(given[name])
     most = value_of("HALF_LIMIT") if build.storage in HALVES else np.inf
     for name in {"history", "output", "texels", "texels_out"} & set(names):
         with np.errstate(invalid="ignore"):  # signalling NaN
@@ -182,11 +183,12 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     return {name: given[name] for name in names}
 
 
-def with_signs(planes: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The count, one plane or the fifth of eight, with the signs that a test of light left: of either one a half."""
-    signed, plane = planes.copy(), 0 if len(planes) == 1 else 4
-    signed[plane] *= np.random.default_rng(1).choice([-1.0, 1.0], planes.shape[1:])
-    return signed
+def with_changes(planes: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The count, one plane or the fifth of eight, holding changes of light as a test for them leaves them; 0 none."""
+    held, plane = planes.copy(), 0 if len(planes) == 1 else 4
+    changes = np.random.default_rng(1).uniform(-9.0, 9.0, planes.shape[1:]).astype(np.float32)
+    held[plane] = np.where(held[plane] == 0, held[plane], with_change(held[plane], changes))
+    return held
 
 
 def spans_of(steps: Steps, work: Work) -> NDArray[np.float32]:
