@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from cltaa.build import HALVES, Build, Storage
 from cltaa.constants import value as value_of
 from cltaa.layout import Layout
-from cltaa.reference import KERNELS
+from cltaa.reference import KERNELS, digits
 from cltaa.reference.decision import Decision, Mask, Whole, decision
 
 Values = NDArray[np.float64]
@@ -193,31 +193,9 @@ def _root(a: Bounded) -> Bounded:
     return _rounded(value, np.maximum(value - lower, upper - value), ROOT, _zero(a))
 
 
-def _floor(a: Bounded) -> Bounded:
-    same = np.floor(a.value - a.error) == np.floor(a.value + a.error)
-    return Bounded(np.floor(a.value), np.where(same, 0.0, np.inf))
-
-
-def _truncated(a: Bounded) -> Bounded:
-    """The whole part, which may be that of any number within the error: unlike a floor, no place of a texel."""
-    value, lower, upper = (np.trunc(v) for v in (a.value, a.value - a.error, a.value + a.error))
-    return Bounded(value, np.maximum(upper - value, value - lower))
-
-
 def _mantissa(a: Bounded) -> tuple[Bounded, NDArray[np.intc]]:
-    (value, exponent), size = np.frexp(a.value), np.abs(a.value)
-    same = (np.frexp(size - a.error)[1] == exponent) & (np.frexp(size + a.error)[1] == exponent)
-    return Bounded(value, np.where(same | (a.error == 0), np.ldexp(a.error, -exponent), np.inf)), exponent
-
-
-def _scaled(a: Bounded, exponent: Bounded) -> Bounded:
-    whole = exponent.value.astype(np.intc)
-    return Bounded(np.ldexp(a.value, whole), np.ldexp(a.error, whole))
-
-
-def _signed(a: Bounded, b: Bounded) -> Bounded:
-    turned = (b.error > 0) & (np.abs(b.value) <= b.error)
-    return Bounded(np.copysign(a.value, b.value), np.where(turned, np.inf, a.error))
+    value, error, exponent = digits.mantissa(a.value, a.error)
+    return Bounded(value, error), exponent
 
 
 def _compare(ufunc: np.ufunc) -> Callable[[Bounded, Bounded], Decision | Mask]:
@@ -247,11 +225,11 @@ _OPERATIONS: dict[np.ufunc, Callable[..., Any]] = {
     np.multiply: _multiply,
     np.true_divide: _divide,
     np.sqrt: _root,
-    np.floor: _floor,
-    np.trunc: _truncated,
+    np.floor: lambda a: Bounded(*digits.floor(a.value, a.error)),
+    np.trunc: lambda a: Bounded(*digits.truncated(a.value, a.error)),
     np.frexp: _mantissa,
-    np.ldexp: _scaled,
-    np.copysign: _signed,
+    np.ldexp: lambda a, exponent: Bounded(*digits.scaled(a.value, a.error, exponent.value)),
+    np.copysign: lambda a, b: Bounded(*digits.signed(a.value, a.error, b.value, b.error)),
     np.negative: lambda a: Bounded(-a.value, a.error),
     np.absolute: lambda a: Bounded(np.abs(a.value), a.error),
     **{

@@ -51,6 +51,21 @@ def check(rows: list[Row]) -> None:
     assert [row for row in rows if row.bound > 0 and row.ratio < TOO_LOOSE] == []
 
 
+def test_parts_of_numbers_carry_what_rounding_may_turn() -> None:
+    numbers: Any = Bounded(np.array([3.5, 3.999, -4.0001, 0.7]), np.array([0.25, 0.01, 0.01, 1.0]))
+    whole, part = np.trunc(numbers), np.floor(numbers)
+    assert (whole.value.tolist(), whole.error.tolist()) == ([3.0, 3.0, -4.0, 0.0], [0.0, 1.0, 1.0, 1.0])
+    assert part.error.tolist() == [0.0, np.inf, np.inf, np.inf]
+    mantissa, exponent = np.frexp(numbers)
+    assert mantissa.error.tolist() == [0.0625, np.inf, np.inf, np.inf]
+    back = np.ldexp(mantissa, exponent)
+    assert back.value.tolist() == numbers.value.tolist()
+    assert back.error[0] == 0.25
+    two: Any = Bounded.exact([2.0] * 4)
+    signed = np.copysign(two, numbers)
+    assert (signed.value.tolist(), signed.error.tolist()) == ([2.0, 2.0, -2.0, 2.0], [0.0, 0.0, 0.0, np.inf])
+
+
 @pytest.mark.parametrize(("kernel", "name"), [names for k in WRITES for names in variant_names(k, DEFAULT)])
 def test_a_fast_kernel_lies_inside_its_bound_and_near_it(kernel: str, name: str) -> None:
     check(rows_of(kernel, variants(kernel, DEFAULT)[name]))
