@@ -55,9 +55,12 @@ def read_bytes(path: Path, expected: str, largest: int) -> bytes:
 
 
 def read_text(path: Path, expected: str, largest: int) -> str:
-    """Read a text of at most ``largest`` bytes; errors as ``read_bytes``, and DataError for what is no UTF-8."""
+    """Read a text of at most ``largest`` bytes; errors as ``read_bytes``, and DataError for what is no UTF-8.
+
+    The mark that some editors and spreadsheets put before UTF-8 is no part of it.
+    """
     try:
-        return read_bytes(path, expected, largest).decode()
+        return read_bytes(path, expected, largest).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise DataError(f"not UTF-8: {error}", path=path, expected=expected) from None
 

@@ -14,8 +14,8 @@ from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.profile import Profile, load_profile, profile_names
 from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import Roles, assign, describe, equal_matches, file_sets, shown_name
-from cltaa.inputs.side_file import read_side_file
-from cltaa.numbered import OnBreak, check_size, frame_missing, renumbered
+from cltaa.inputs.side_file import Side, read_side_file
+from cltaa.numbered import OnBreak, check_size, frame_missing, ranges, renumbered
 
 
 @dataclass(slots=True)
@@ -78,8 +78,9 @@ def open_intake(
     for number, layout in layouts.items() if on_resize is OnBreak.ERROR else ():
         check_size(layout, layouts[numbers[0]], number)
     given = {number: header.attributes for number, header in headers.items()}
-    side = {} if side_file is None else read_side_file(side_file)
+    side = {} if side_file is None else _side_of(side_file, numbers)
     declared = declared_frames(chosen, given, side, {n: (layout.width, layout.height) for n, layout in layouts.items()})
+    _check_complete(folder, declared)
     intake = Intake(chosen, reason, roles, sets, given, layouts, declared, gaps, on_resize)
     intake.notes += _notes(intake)
     return intake
@@ -95,6 +96,28 @@ def _numbers(main: Mapping[int, Path], read: Many[Mapping[int, Path]], gaps: OnB
     if not numbers:
         raise InputMissing("no frame has all of its files", path=next(iter(main.values())), cure="render them again")
     return numbers
+
+
+def _side_of(path: Path, numbers: Many[int]) -> dict[int, Side]:
+    """What the side file says; raises DataError where it speaks of none of the frames."""
+    side = read_side_file(path)
+    if not side.keys() & set(numbers):
+        raise DataError(
+            "none of the frames is in the side file", path=path, expected=f"frames {ranges(numbers)}",
+            found=ranges(sorted(side)), cure="number its frames as the files are",
+        )  # fmt: skip
+    return side
+
+
+def _check_complete(folder: Path, declared: Mapping[int, Declared]) -> None:
+    """Raise DataError where some frames have matrices or a jitter and others have none: the camera would jump."""
+    for what, section, without in (
+        ("matrices", "camera", [number for number, known in declared.items() if known.camera is None]),
+        ("jitter", "jitter", [number for number, known in declared.items() if known.jitter_px is None]),
+    ):
+        if 0 < len(without) < len(declared):
+            cure = f"give it to every frame with --camera FILE, or to none with --input {section}.source=none"
+            raise DataError(f"no {what} for frames {ranges(without)}", path=folder, cure=cure)
 
 
 def _no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]]) -> DataError:

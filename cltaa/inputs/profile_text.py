@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from cltaa.errors import UsageError
+from cltaa.errors import UsageError, known
 from cltaa.inputs.profile import Profile, convert_profile
 
 
@@ -20,8 +20,8 @@ def override(profile: Profile, assignments: Sequence[str]) -> Profile:
         if not (equals and dot):
             raise UsageError(f"--input {assignment}: no value", expected="SECTION.KEY=VALUE", found=assignment)
         if name not in values.get(section, {}):
-            known = ", ".join(f"{s}.{k}" for s, keys in values.items() if isinstance(keys, dict) for k in keys)
-            raise UsageError(f"--input {assignment}: no such key", expected=known, found=key)
+            keys = [f"{s}.{k}" for s, keys in values.items() if isinstance(keys, dict) for k in keys]
+            raise UsageError(f"--input {assignment}: no such key", cure=known(key.strip(), keys, "keys"))
         values[section][name] = _value(text.strip(), values[section][name])
     return convert_profile(values, "--input")
 

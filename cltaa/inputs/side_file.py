@@ -36,10 +36,18 @@ def read_side_file(path: Path) -> dict[int, Side]:
     text = read_text(path, "a side file", LARGEST)
     rows = {".json": _json, ".csv": _csv}.get(path.suffix.lower(), _text)(path, text)
     found: dict[int, Side] = {}
+    unknown: list[str] = []
     for number, values in rows:
+        unknown += [str(name) for name in values if name not in KEYS]
         found[number] = Side(*(_numbers(path, number, name, values.get(name)) for name in KEYS))  # type: ignore[arg-type]
     if not found:
         raise DataError("the side file names no frame", path=path)
+    for number, side in found.items():
+        if (side.world_to_view is None) != (side.view_to_clip is None):
+            raise DataError("world_to_view and view_to_clip belong together", path=path, frame=number)
+    if all(value is None for side in found.values() for value in side):
+        what, keys = "no frame has a camera or a jitter", ", ".join(KEYS)
+        raise DataError(what, path=path, expected=keys, found=", ".join(unknown[:9]) or None)
     return found
 
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cltaa.errors import DataError
+from cltaa.errors import DataError, UsageError
+from cltaa.inputs.opening import open_input
 from cltaa.inputs.side_file import read_side_file
-from tests.inputs.foreign import frames, side_text
+from tests.inputs.foreign import frames, side_text, write_blender
 
 
 def test_side_files_hold_exact_doubles_in_each_format(tmp_path: Path) -> None:
@@ -52,9 +54,40 @@ def test_side_files_hold_exact_doubles_in_each_format(tmp_path: Path) -> None:
     [
         ("a.json", "{"), ("a.json", "[]"), ("a.json", '{"frames": {"1": {"jitter_px": [1]}}}'), ("a.csv", "a,b\n1,2\n"),
         ("a.txt", "world_to_view 1"), ("a.txt", "frame 1\njitter_px x y"), ("a.txt", "frame 1\nnear 1"), ("a.txt", ""),
+        ("a.json", '{"frames": {"1": {"jitter": [1, 2]}}}'), ("a.csv", "frame,jitter\n1,2\n"), ("a.txt", "frame 1\n"),
+        ("a.json", '{"frames": {"1": {"world_to_view": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}}}'),
     ],
 )  # fmt: skip
 def test_damaged_side_files(name: str, text: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(DataError, match=name):
         read_side_file(tmp_path / name)
+
+
+def test_the_mark_that_spreadsheets_write_is_none_of_the_first_column(tmp_path: Path) -> None:
+    path = tmp_path / "camera.csv"
+    path.write_bytes(b"\xef\xbb\xbfframe,jitter_px.0,jitter_px.1\r\n1,0.25,-0.5\r\n")
+    assert read_side_file(path)[1].jitter_px == (0.25, -0.5)
+
+
+@pytest.mark.parametrize(
+    ("numbered", "message"),
+    [
+        ((4, 5, 6), r"none of the frames is in the side file \(expected frames 0-2, found 4-6\)"),
+        ((0, 2, 3), r"no matrices for frames 1; give it to every frame"),
+    ],
+)
+def test_a_side_file_of_other_frames(numbered: tuple[int, ...], message: str, tmp_path: Path) -> None:
+    """Frames that it leaves out would be resolved with another camera than the rest."""
+    made = frames()
+    side = tmp_path / "camera.txt"
+    side.write_text(side_text([replace(frame, index=number) for frame, number in zip(made, numbered, strict=True)]))
+    write_blender(tmp_path / "shot", made)
+    with pytest.raises(DataError, match=message):
+        open_input(tmp_path / "shot", side_file=side)
+
+
+def test_a_misspelt_key_of_a_profile_is_told_what_was_meant(tmp_path: Path) -> None:
+    write_blender(tmp_path, frames())
+    with pytest.raises(UsageError, match=r"--input motion\.sclae=1: no such key; did you mean motion\.scale\?"):
+        open_input(tmp_path, assignments=["motion.sclae=1"])
