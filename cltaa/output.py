@@ -100,11 +100,14 @@ def _clear(folder: Path) -> None:
 def _refuse_difference(begun: Mapping[str, Any], asked: Mapping[str, Any], path: Path) -> None:
     before, now = dict(_flat(begun)), dict(_flat(asked))
     for key in sorted(before.keys() | now.keys()):
-        if before.get(key) != now.get(key):
-            raise UsageError(
-                f"was begun with another {key}", path=path,
-                expected=before.get(key, "none"), found=now.get(key, "none"), cure=RESTART_CURE,
-            )  # fmt: skip
+        if before.get(key) == now.get(key):
+            continue
+        if key == "code_sha256":  # 64 digits tell nobody anything
+            raise UsageError("was begun with another version of cltaa's code", path=path, cure=RESTART_CURE)
+        raise UsageError(
+            f"was begun with another {key}", path=path,
+            expected=before.get(key, "none"), found=now.get(key, "none"), cure=RESTART_CURE,
+        )  # fmt: skip
 
 
 def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -86,6 +86,17 @@ def test_signal_ends_with_130_and_a_checkpoint(tmp_path: Path, number: signal.Si
     finish(folder, output, expected)
 
 
+def test_another_version_of_the_code_is_refused_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, output = write_sequence(tmp_path / "in", 2, width=9, height=7), tmp_path / "out"
+    assert main(arguments(folder, output)) == 0
+    begun = Manifest(output).settings
+    assert begun is not None
+    (output / "manifest.jsonl").unlink()
+    Manifest(output).begin({**begun, "code_sha256": "0" * 64})
+    assert main(arguments(folder, output)) == 64
+    assert "was begun with another version of cltaa's code; use --restart" in capsys.readouterr().err
+
+
 def test_other_settings_device_and_inputs_are_refused_by_name(
     tmp_path: Path, whole: tuple[Path, dict[str, str]], capsys: pytest.CaptureFixture[str]
 ) -> None:
