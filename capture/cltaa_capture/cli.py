@@ -20,6 +20,7 @@ from rich.table import Table
 from cltaa.commands.options import FILE_PATH
 from cltaa.errors import UsageError
 from cltaa.printable import printable
+from cltaa_capture.jitter import USUAL
 from cltaa_capture.osmesa import BACKENDS
 from cltaa_datasets.models import MOTIONS
 
@@ -91,7 +92,7 @@ def progress_display(label: str) -> Iterator[Callable[[int, int], None]]:
 )
 @click.option(
     "--jitter",
-    default="lattice:64",
+    default=USUAL,
     show_default=True,
     help="Sample positions: none, halton:N, r2:N, lattice:N, grid:N or hammersley:N with period N, centred; or vireo, "
     "babylon, simvx, as published.",

@@ -18,7 +18,7 @@ from cltaa.exr import write_frame, write_image
 from cltaa.exr_layout import LARGEST_SIDE
 from cltaa.frames import Effect, Frame, Image, format_effects
 from cltaa.manifest import file_sha256
-from cltaa_capture.jitter import jitter_sequence
+from cltaa_capture.jitter import USUAL, jitter_sequence
 from cltaa_capture.manifest import REFERENCE, Manifest, code_sha256, versions
 from cltaa_capture.osmesa import Context, open_context
 from cltaa_datasets.scene import Instant, Scene
@@ -39,7 +39,7 @@ class Request:
     frames: int = 48
     width: int = 640
     height: int = 360
-    jitter: str = "lattice:64"
+    jitter: str = USUAL
     reference: int = 0  # samples a pixel of the reference; 0 draws none
     yardstick: tuple[int, ...] = ()  # samples a pixel of supersampled sequences to measure against
     seed: int = 0
