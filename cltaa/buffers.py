@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.build import texel_planes
+from cltaa.build import Build, texel_planes
 from cltaa.errors import ResourceError
 from cltaa.frames import Image
 from cltaa.launch import Buffer, Launcher
@@ -15,6 +15,17 @@ from cltaa.layout import Layout
 
 # Kernels step in 31 bits over the four planes of a channel at 200 %.
 MOST_DOUBLED = 2**29 - 1
+
+
+class LastRun(NamedTuple):
+    """What the fused kernel was given for the last frame; its memory holds that until the next one.
+
+    The arguments of a resolve that gathers samples have ``kept``, its ring of frames, among them.
+    """
+
+    build: Build
+    layout: Layout
+    arguments: dict[str, Any]
 
 
 class Buffers:

@@ -15,13 +15,14 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from cltaa.atomic import make_folder
+from cltaa.buffers import LastRun
 from cltaa.build import Build
 from cltaa.display import Picture, quantise
 from cltaa.frames import Image
 from cltaa.launch import Buffer
 from cltaa.params import Rectify, Reject
 from cltaa.pictures import heat, write_png
-from cltaa.resolve import LastRun, Resolver
+from cltaa.resolve import Resolver
 from cltaa.views import View
 
 Planes = NDArray[Any]  # [planes, H, W]

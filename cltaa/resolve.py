@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from cltaa.buffers import Buffers
+from cltaa.buffers import Buffers, LastRun
 from cltaa.build import HALVES, Build, Real, Record, Steps, Storage, Terms, edge_builds, settings_record, shared
 from cltaa.frame_record import Past as Past
 from cltaa.frame_record import frame_record as frame_record
@@ -29,17 +29,6 @@ class Times(NamedTuple):
     upload: float
     kernels: float
     read_back: float
-
-
-class LastRun(NamedTuple):
-    """What the fused kernel was given for the last frame; its memory holds that until the next one.
-
-    The arguments of a resolve that gathers samples have ``kept``, its ring of frames, among them.
-    """
-
-    build: Build
-    layout: Layout
-    arguments: dict[str, Any]
 
 
 class Resolver:
@@ -169,6 +158,15 @@ class Resolver:
         self._run(frame, Past.of(previous), self._build(self.plan), self._buffers)
         self._buffers.swap()
         self.launcher.finish()
+
+    def keep_again(self, frame: Frame, times: int) -> None:
+        """Keep ``frame``, which was resolved last, as the last ``times`` ones, if any are kept: something to time."""
+        if self._kept is None or self._buffers is None or self.plan is None:
+            return
+        self._buffers.swap()  # back to where the frame was uploaded
+        for ago in reversed(range(times)):
+            self._kept.keep(replace(frame, index=frame.index - ago), self._buffers, self.plan.steps)
+        self._buffers.swap()
 
     def _begin(self, frame: Frame) -> tuple[Past | None, Build]:
         """Make the plan of ``frame``; returns the past that it continues, and what its kernels are built from."""

@@ -56,19 +56,9 @@ def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int 
 
 def _keep_before(resolver: Resolver, frame: Frame) -> None:
     """Keep ``frame`` as often as the preset keeps frames, as if each had been resolved, if its plan gathers at all."""
-    resolver.resolve(replace(frame, index=frame.index - 1))
-    past, memory = resolver.recurrent()
-    if not past.earlier:
-        return
-    count, saved = resolver.preset.settings.frames_kept, {}
-    for name, buffer in memory.items():
-        with buffer.mapped(write=False) as planes:
-            one = planes.reshape(count + 1, -1)[past.index % (count + 1)] if name == "kept" else planes
-            saved[name] = one.copy()
-    earlier = tuple(replace(past.earlier[0], index=past.index - ago) for ago in range(count))
-    for name, buffer in resolver.restore(replace(past, earlier=earlier)).items():
-        with buffer.mapped(write=True) as planes:
-            (planes.reshape(count + 1, -1) if name == "kept" else planes)[:] = saved[name]
+    before = replace(frame, index=frame.index - 1)
+    resolver.resolve(before)
+    resolver.keep_again(before, resolver.preset.settings.frames_kept)
 
 
 def busy(events: list[tuple[str, Any]]) -> float:
