@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -42,6 +43,7 @@ CODECS = (
 )  # those that lose nothing and that most programs read; zstd is new
 HELD = 3  # frames in memory while a stage is timed alone
 NO_HASH = "0" * 64
+ALONE, WHOLE = "alone", "whole"  # folders of what is written
 Progress = Callable[[Iterable[int], int], Iterable[int]]
 
 
@@ -173,12 +175,12 @@ def _stages(folder: Path, sequence: Captured, resolver: Resolver, codec: str, ha
                 resolver.resolve(replace(held[index % len(held)], index=index)) for index in range(count)
             ],
             "write": partial(_write, folder, image_channels(resolver.resolve(held[0]), half=half), codec, count),
-            "whole": partial(
-                resolve_sequence, sequence, folder / "out", resolver, half=half, compression=codec, restart=True
-            ),
+            "whole": partial(resolve_sequence, sequence, folder / WHOLE, resolver, half=half, compression=codec),
         }
         for name, step in steps.items():
             resolver.reset()
+            for written in (ALONE, WHOLE):  # outside of the times: with --restart alone a run deletes what was there
+                shutil.rmtree(folder / written, ignore_errors=True)
             started = time.perf_counter()
             step()
             if number:
@@ -198,7 +200,7 @@ def _read_all(sequence: Captured) -> None:
 
 
 def _write(folder: Path, channels: dict[str, Pixels], codec: str, count: int) -> None:
-    output = OutputFolder(make_folder(folder / "alone"), {}, restart=True)
+    output = OutputFolder(make_folder(folder / ALONE), {})
     with Writer(compression=codec) as writer:
         for index in range(count):
             path = output.folder / f"alone.{index:04d}.exr"

@@ -29,6 +29,14 @@ def test_every_compression_and_the_command(tmp_path: Path, capsys: pytest.Captur
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
 
 
+def test_nothing_is_deleted_within_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    deleted: list[Path] = []
+    monkeypatch.setattr("cltaa.output._clear", deleted.append)
+    arguments = ["--compressions", "none", "--threads", "1", "--commands", "none", "--rounds", "3", "--json"]
+    assert main(["bench", "files", str(write_sequence(tmp_path / "in", 2)), *arguments]) == 0
+    assert deleted == []
+
+
 @pytest.mark.parametrize("wrong", [("--compressions", "b44"), ("--threads", "x"), ("--commands", "zip:full")])
 def test_nonsense(tmp_path: Path, wrong: tuple[str, str]) -> None:
     assert main(["bench", "files", str(write_sequence(tmp_path, 1)), *wrong]) == 64
