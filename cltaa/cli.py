@@ -50,6 +50,9 @@ def root(ctx: click.Context, debug: bool) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line and return its exit code (sysexits; 130 when interrupted); an error is one line."""
+    _open_standard_streams()
+    if os.environ.get("COLUMNS") == "0":  # a width that is not known, of which tables would have no column
+        del os.environ["COLUMNS"]
     # NumPy's linear algebra starts a thread a core when it is imported, which then waits busily; our matrices are 4x4.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     debug, arguments = _take_debug(sys.argv[1:] if arguments is None else arguments)
@@ -73,6 +76,20 @@ def main(arguments: list[str] | None = None) -> int:
             raise
         return _failed(error)
     return outcome if isinstance(outcome, int) else 0
+
+
+def _open_standard_streams() -> None:
+    """Let a stream that was closed, as a service may start us, end nowhere.
+
+    Else the next file that is opened would take its number, and what a driver prints would go into an EXR.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the least number that is free: this one
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
 
 
 def _take_debug(arguments: list[str]) -> tuple[bool, list[str]]:

@@ -200,6 +200,21 @@ def test_wrong_option_is_one_line(arguments: str, capsys: pytest.CaptureFixture[
     assert said.out == ""
 
 
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+def test_a_stream_that_is_closed_ends_nothing(closed: str, tmp_path: Path) -> None:
+    """Nor does what is printed find its way into a file that took the stream's number."""
+    folder, out, whole = write_sequence(tmp_path / "in", 2), tmp_path / "out", tmp_path / "whole"
+    command = f"{sys.executable} -m cltaa.cli resolve {folder} --device numpy -o "
+    assert subprocess.run(["sh", "-c", f"{command} {out} {closed}"], check=False).returncode == 0
+    assert subprocess.run(["sh", "-c", f"{command} {whole}"], check=False).returncode == 0
+    for path in sorted(whole.glob("*.exr")):
+        assert (out / path.name).read_bytes() == path.read_bytes()
+
+
+def test_a_width_of_nothing_is_no_width() -> None:
+    assert "default" in run("presets", COLUMNS="0").stdout
+
+
 def test_reader_that_has_had_enough() -> None:
     """``cltaa presets --parameters | head -1`` says nothing about broken pipes."""
     command = f"{sys.executable} -m cltaa.cli presets --parameters --json | true"
