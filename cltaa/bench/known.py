@@ -52,11 +52,12 @@ def known_path(device: str) -> Path:
     return base / "cltaa" / "bench" / f"{hashlib.sha256(device.encode()).hexdigest()[:16]}.json"
 
 
-def remember(result: Accuracy) -> Path:
-    """Keep what ``resolve --budget-ms`` needs of a measurement; returns the file."""
+def remember(result: Accuracy) -> Path | None:
+    """Keep what ``resolve --budget-ms`` needs of a measurement; returns the file, None without a metric that falls with
+    the error, by which it chooses."""
     metric = next((name for name in result.metrics if not METRICS[name].higher_is_better), None)
     if metric is None:
-        raise UsageError("nothing to remember: no metric that falls with the error", found=", ".join(result.metrics))
+        return None
     rows = [
         Candidate(
             variant=variant,

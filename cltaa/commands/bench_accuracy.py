@@ -114,7 +114,8 @@ def accuracy(
         progress=_progress,
     )  # fmt: skip
     write_report(result, tasks, output, pictured)
-    remember(result)
+    if remember(result) is None:
+        click.echo("not kept for resolve --budget-ms, which goes by a metric that falls with the error", err=True)
     if as_json:
         click.echo(msgspec.json.encode(result).decode())
     else:

@@ -83,3 +83,27 @@ def test_a_measurement_is_remembered(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert [row.variant.name for row in known.candidates] == ["t1", "dilation: closest", "dilation: edge"]
     assert known.candidates[0].error == 1.0
     assert known.sequences == ["seq"]
+
+
+def test_a_measurement_by_a_score_alone_is_told_and_not_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sequence = write_sequence(tmp_path / "seq", 3, reference=True)
+    arguments = [
+        "bench",
+        "accuracy",
+        str(sequence),
+        "-o",
+        str(tmp_path / "report"),
+        "--variant",
+        "t1",
+        "--preset",
+        "t1",
+    ]
+    kept = known_path(launcher_for(None).description)
+    before = kept.read_bytes() if kept.exists() else b""
+    assert main([*arguments, "--rounds", "3", "--patience", "0", "--rounding-frames", "0", "--metrics", "psnr"]) == 0
+    said = capsys.readouterr()
+    assert "look at" in said.out
+    assert "not kept for resolve --budget-ms" in said.err
+    assert (kept.read_bytes() if kept.exists() else b"") == before
