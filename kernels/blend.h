@@ -35,13 +35,13 @@ STAGE real believed_count(real count, real fx, real fy, real pull, settings_t se
 }
 
 // Luminance weights 1 / (knee + Y) (Karis 2014 with knee 1) as one weight of the current sample, so that blending stays
-// a single step from the history: w_x / (w_x + w_h).
-STAGE real luminance_weight(real weight, colour current, colour history, settings_t settings)
+// a single step from the history: w_x / (w_x + w_h). Of the luminances of the sample and of the history.
+STAGE real luminance_weight(real weight, real current, real history, settings_t settings)
 {
     if (WEIGHTING == WEIGHTING_NONE)
         return weight;
-    const real x = SPLAT(settings.luminance_knee) + greater(luminance(current), SPLAT(0.0));
-    const real h = SPLAT(settings.luminance_knee) + greater(luminance(history), SPLAT(0.0));
+    const real x = SPLAT(settings.luminance_knee) + greater(current, SPLAT(0.0));
+    const real h = SPLAT(settings.luminance_knee) + greater(history, SPLAT(0.0));
     const real for_current = weight * h, for_history = (SPLAT(1.0) - weight) * x;
     return quotient(for_current, for_current + for_history);
 }
@@ -63,13 +63,12 @@ STAGE colour share_difference(colour v, colour other, settings_t settings)
     return d;
 }
 
-// Lottes' measure u = 1 - |dY| / max(Y, Y, knee): the weight is scaled by a share that goes with u^2 from that of
-// luminances that differ to that of luminances that agree.
-STAGE real difference_share(colour current, colour history, settings_t settings)
+// Lottes' measure u = 1 - |dY| / max(Y, Y, knee) of both luminances: the weight is scaled by a share that goes with u^2
+// from that of luminances that differ to that of luminances that agree.
+STAGE real difference_share(real current, real history, settings_t settings)
 {
-    const real x = luminance(current), h = luminance(history);
-    const real size = greater(greater(x, h), SPLAT(settings.difference_knee));
-    const real u = SPLAT(1.0) - quotient(absolute(x - h), size);
+    const real size = greater(greater(current, history), SPLAT(settings.difference_knee));
+    const real u = SPLAT(1.0) - quotient(absolute(current - history), size);
     return K(settings.differing_share) + (u * u) * (K(settings.agreeing_share) - K(settings.differing_share));
 }
 
@@ -92,13 +91,18 @@ STAGE real blend(real history, real current, real weight)
 }
 
 // A value fit to be stored: inside the domain, never a denormal, never -0, and not below the least of 0 and the current
-// sample, so that light never turns negative through a negative lobe or a chroma clamp.
+// sample, so that light never turns negative through a negative lobe or a chroma clamp. On a GPU that stores halves
+// also nothing that would round to 0 or -0, which half_storable need not ask again.
 STAGE real storable(real v, real current)
 {
     const real floor_value = lesser(current, SPLAT(0.0));
     const real raised = NEGATIVES == NEGATIVES_RAISE ? greater(v, floor_value) : v;
-    const mask bad = outside_domain(raised) | (absolute(raised) < SPLAT(TINY));
-    return bad ? SPLAT(0.0) : raised;
+#if NATIVE && STORAGE_HALF
+    const mask nothing = absolute(raised) <= SPLAT(HALF_TINY);
+#else
+    const mask nothing = absolute(raised) < SPLAT(TINY);
+#endif
+    return outside_domain(raised) | nothing ? SPLAT(0.0) : raised;
 }
 
 STAGE colour storable_colour(colour v, colour current)

@@ -34,13 +34,19 @@ typedef struct
 
 STAGE nearest_t nearest_texels(footprint f, int stride)
 {
+    const mask right = f.fx >= SPLAT(0.5), down = f.fy >= SPLAT(0.5);
     nearest_t n;
-    n.dx = f.dx + TO_WHOLE(floor_of(f.fx + K(0.5)));
-    n.dy = f.dy + TO_WHOLE(floor_of(f.fy + K(0.5)));
-    const scalar_whole x = first_lane(n.dx), y = first_lane(n.dy);
     n.own = f.own;
+    n.dx = f.dx + (right ? (whole)(1) : (whole)(0));
+    n.dy = f.dy + (down ? (whole)(1) : (whole)(0));
+#if LANES == 1
+    n.at = f.at + (right ? 1u : 0u) + (down ? (uint)stride : 0u);
+    n.alike = 1;
+#else
+    const scalar_whole x = first_lane(n.dx), y = first_lane(n.dy);
     n.at = f.own + (uint)((int)y * stride + (int)x);
-    n.alike = LANES == 1 || !any_of((n.dx ^ x) | (n.dy ^ y));
+    n.alike = !any_of((n.dx ^ x) | (n.dy ^ y));
+#endif
     return n;
 }
 
@@ -102,35 +108,55 @@ STAGE real nearest_count(plane_in count, nearest_t n, int stride)
     return load(count + n.at);
 }
 
-// Student's t of nine differences: their mean over its standard error, a third of their deviation; its sign is that of
-// the mean. `least` is added to the deviation, so that a difference that nobody sees is none in a flat place either.
-STAGE real paired_t(moments above, moments centre, moments below, real da, real db, real least)
+// Mean of three differences, and 3/2 of their spread. The mean is a sum here, where that of colours keeps its shift:
+// light that stands leaves differences around 0, and beside light that changes their last digits count for nothing.
+typedef struct
 {
-    const moments m = window_moments(above, centre, below, da, db);
-    return quotient(K(3.0) * (m.shift + m.offset), square_root(m.spread * K(TWO_27THS)) + least);
+    real mean, spread;
+    real spreads; // its own and that of the row above
+} paired;
+
+STAGE paired pair_row(real left, real centre, real right)
+{
+    const real dl = left - centre, dr = right - centre;
+    const paired row = { centre + (dl + dr) * K(ONE_THIRD), spread_of_three(dl, dr), SPLAT(0.0) };
+    return row;
 }
 
-// What a row of three says: the moments of its differences, the steps of their means from the row above, and how bright
-// its samples are in all.
+// A third of Student's t of nine differences: their mean over three standard errors, their deviation. Its sign is that
+// of the mean. `least` is added to the deviation, so that a difference that nobody sees is none in a flat place either.
+STAGE real paired_t(paired centre, paired below, real da, real db, real least)
+{
+    const real mean = centre.mean + (da + db) * K(ONE_THIRD),
+               spread = (centre.spreads + below.spread) + K(3.0) * spread_of_three(da, db);
+    return quotient(mean, square_root(spread * K(TWO_27THS)) + least);
+}
+
+// What a row of three says: its differences, the steps of their means from the row above, and how bright its samples
+// are in all.
 typedef struct
 {
-    moments a, b, c;
+    paired a, b, c;
     boxed step;
-    real level;
+    real level, levels; // its own, and with that of the row above
 } light_row;
 
-// What a work-item of a GPU keeps while it slides down: the rows above and at the next pixel, and the texel of the
-// history that is nearest to where it comes from if it moves as the one above.
+// What a work-item of a GPU keeps while it slides down: the row at the next pixel, and the texel of the history that is
+// nearest to where it comes from if it moves as the one above.
 typedef struct
 {
-    light_row above, centre;
+    light_row row;
     uint nearest;
 } kept_light;
 
+// Of YCoCg the formula of to_box_space, each part taken away from now's by itself: fewer operations.
 STAGE boxed light_difference(boxed now, colour past, frame_t frame)
 {
-    const boxed was = to_box_space(history_in_range(past, frame));
-    return (boxed) { now.a - was.a, now.b - was.b, now.c - was.c };
+    const colour was = history_in_range(past, frame);
+    if (BOX_SPACE != BOX_SPACE_YCOCG)
+        return (boxed) { now.a - was.r, now.b - was.g, now.c - was.b };
+    const real rb = K(0.25) * (was.r + was.b), green = K(0.5) * was.g;
+    return (boxed) { (now.a - rb) - green, now.b - K(0.5) * (was.r - was.b), (now.c + rb) - green };
 }
 
 // The row of `now`, j below that of the nearest texels.
@@ -143,19 +169,31 @@ STAGE light_row light_of_row(boxed_row now, history_in history, nearest_t n, int
         d[i + 1] = light_difference(i < 0 ? now.left : (i > 0 ? now.right : now.own), past, frame);
     }
     light_row row;
-    row.a = row_moments(d[0].a, d[1].a, d[2].a);
-    row.b = row_moments(d[0].b, d[1].b, d[2].b);
-    row.c = row_moments(d[0].c, d[1].c, d[2].c);
+    row.a = pair_row(d[0].a, d[1].a, d[2].a);
+    row.b = pair_row(d[0].b, d[1].b, d[2].b);
+    row.c = pair_row(d[0].c, d[1].c, d[2].c);
     row.step = (boxed) { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) };
     row.level = (absolute(now.left.a) + absolute(now.own.a)) + absolute(now.right.a);
+    row.levels = SPLAT(0.0);
     return row;
 }
 
 // A row below another.
 STAGE light_row light_below(light_row above, light_row row)
 {
-    row.step = (boxed) { mean_step(above.a, row.a), mean_step(above.b, row.b), mean_step(above.c, row.c) };
+    row.step = (boxed) { row.a.mean - above.a.mean, row.b.mean - above.b.mean, row.c.mean - above.c.mean };
+    row.a.spreads = above.a.spread + row.a.spread;
+    row.b.spreads = above.b.spread + row.b.spread;
+    row.c.spreads = above.c.spread + row.c.spread;
+    row.levels = above.level + row.level;
     return row;
+}
+
+// The row of the pixel's, below the one above it.
+STAGE light_row light_above(plane_in current, history_in history, nearest_t n, int x, int y, frame_t frame)
+{
+    const light_row above = light_of_row(read_boxed(current, x, y - 1, frame), history, n, -1, frame);
+    return light_below(above, light_of_row(read_boxed(current, x, y, frame), history, n, 0, frame));
 }
 
 // `held` samples of a history, divided by how much light changes, and holding that: Student's t of the channel that
@@ -168,28 +206,24 @@ STAGE real count_in_light(real held, plane_in current, boxed_row next, history_i
 {
     const nearest_t n = nearest_texels(f, row_stride(frame));
 #if LANES == 1
-    if (n.at != kept->nearest) {
-        kept->above = light_of_row(read_boxed(current, x, y - 1, frame), history, n, -1, frame);
-        kept->centre = light_below(kept->above, light_of_row(read_boxed(current, x, y, frame), history, n, 0, frame));
-    }
-    const light_row above = kept->above, centre = kept->centre;
+    if (n.at != kept->nearest)
+        kept->row = light_above(current, history, n, x, y, frame);
+    const light_row centre = kept->row;
 #else
-    const light_row above = light_of_row(read_boxed(current, x, y - 1, frame), history, n, -1, frame),
-                    centre = light_below(above, light_of_row(read_boxed(current, x, y, frame), history, n, 0, frame));
+    const light_row centre = light_above(current, history, n, x, y, frame);
 #endif
     const light_row below = light_below(centre, light_of_row(next, history, n, 1, frame));
 #if LANES == 1
-    kept->above = centre;
-    kept->centre = below;
+    kept->row = below;
     kept->nearest = n.at + (uint)row_stride(frame);
 #endif
-    const real level = (above.level + centre.level) + below.level;
+    const real level = centre.levels + below.level;
     const real least = K(settings.change_floor) * (level * K(ONE_THIRD)) + K(TINY);
     const boxed up = centre.step, down = below.step; // the step to the row above is -up, to the bit
-    const real ta = paired_t(above.a, centre.a, below.a, -up.a, down.a, least),
-               tb = paired_t(above.b, centre.b, below.b, -up.b, down.b, least),
-               tc = paired_t(above.c, centre.c, below.c, -up.c, down.c, least);
-    const real largest = greater(absolute(ta), greater(absolute(tb), absolute(tc)));
+    const real ta = paired_t(centre.a, below.a, -up.a, down.a, least),
+               tb = paired_t(centre.b, below.b, -up.b, down.b, least),
+               tc = paired_t(centre.c, below.c, -up.c, down.c, least);
+    const real largest = K(3.0) * greater(absolute(ta), greater(absolute(tb), absolute(tc)));
     const real t = lesser(largest, SPLAT(DOMAIN_LIMIT)); // or that, where it is no number
     const real before = kept_change(nearest_count(count, n, row_stride(frame)));
     const real change = (ta < SPLAT(0.0) ? -t : t) + K(settings.change_kept) * before;

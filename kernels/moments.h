@@ -29,21 +29,33 @@ STAGE moments row_moments(real left, real centre, real right)
     return m;
 }
 
-// By how much the mean of a row is above that of another. The other way round it is the same with the other sign, to
-// the bit, so that a window that slides down works it out once a row.
-STAGE real mean_step(moments from, moments to) { return (to.shift - from.shift) + (to.offset - from.offset); }
+// A row with the one above it: by how much its mean is above that one's, and the sum of their spreads and the extremes
+// of both. The step up is that down with the other sign, to the bit, so that a window that slides down works each of
+// these out once a row.
+typedef struct
+{
+    real step, spreads, low, high;
+} joined;
+
+STAGE joined joined_rows(moments above, moments row)
+{
+    const joined both = { (row.shift - above.shift) + (row.offset - above.offset), above.spread + row.spread,
+        lesser(above.low, row.low), greater(above.high, row.high) };
+    return both;
+}
 
 // Three rows of three (Chan, Golub and LeVeque 1983, pairwise update for equal counts): the spread of the whole is the
-// spread inside the rows plus three times the spread of the row means about their mean. da and db are the steps from
-// the centre row to the others.
-STAGE moments window_moments(moments above, moments centre, moments below, real da, real db)
+// spread inside the rows plus three times the spread of the row means about their mean. `upper` is the centre row with
+// the one above it, `lower` the one below with the centre row.
+STAGE moments window_moments(moments centre, moments below, joined upper, joined lower)
 {
+    const real da = -upper.step, db = lower.step;
     moments m;
     m.shift = centre.shift;
     m.offset = centre.offset + (da + db) * K(ONE_THIRD);
-    m.spread = ((above.spread + below.spread) + centre.spread) + K(3.0) * spread_of_three(da, db);
-    m.low = lesser(lesser(above.low, below.low), centre.low);
-    m.high = greater(greater(above.high, below.high), centre.high);
+    m.spread = (upper.spreads + below.spread) + K(3.0) * spread_of_three(da, db);
+    m.low = lesser(upper.low, below.low);
+    m.high = greater(upper.high, below.high);
     return m;
 }
 
@@ -124,11 +136,11 @@ STAGE real deviation_of(moments m)
     return square_root(greater(variance, SPLAT(0.0)));
 }
 
-STAGE moments neighbourhood_moments(moments above, moments centre, moments below, real da, real db)
+STAGE moments neighbourhood_moments(moments above, moments centre, moments below, joined upper, joined lower)
 {
-    moments m = window_moments(above, centre, below, da, db);
+    moments m = window_moments(centre, below, upper, lower);
     if (NEIGHBOURHOOD == NEIGHBOURHOOD_WEIGHTED)
-        m = weighted_window(m, above, centre, below, da, db);
+        m = weighted_window(m, above, centre, below, -upper.step, lower.step);
     if (BOX == BOX_ROUNDED) {
         m.low = K(0.5) * (m.low + lesser(lesser(above.shift, below.shift), centre.low));
         m.high = K(0.5) * (m.high + greater(greater(above.shift, below.shift), centre.high));

@@ -18,9 +18,9 @@ typedef struct
 {
     moments a, b, c;
     boxed_row texels;
-    boxed step; // of the means, from the row above
+    joined a_above, b_above, c_above; // with the row above
     colour centre;
-    colour across; // the three texels weighed by the current filter along x
+    colour across, across_step; // the three texels weighed by the current filter along x; from those of the row above
     real nearest, nearest_x, farthest, closeness;
     real rise; // of closeness from the left texel to the right one
     real u, v; // own motion of the nearest texel
@@ -35,9 +35,9 @@ typedef struct
 
 STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below)
 {
-    const moments a = neighbourhood_moments(above.a, centre.a, below.a, -centre.step.a, below.step.a);
-    const moments b = neighbourhood_moments(above.b, centre.b, below.b, -centre.step.b, below.step.b);
-    const moments c = neighbourhood_moments(above.c, centre.c, below.c, -centre.step.c, below.step.c);
+    const moments a = neighbourhood_moments(above.a, centre.a, below.a, centre.a_above, below.a_above);
+    const moments b = neighbourhood_moments(above.b, centre.b, below.b, centre.b_above, below.b_above);
+    const moments c = neighbourhood_moments(above.c, centre.c, below.c, centre.c_above, below.c_above);
     statistics s;
     s.mean = (boxed) { a.shift + a.offset, b.shift + b.offset, c.shift + c.offset };
     s.deviation = (boxed) { deviation_of(a), deviation_of(b), deviation_of(c) };
@@ -49,14 +49,16 @@ STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below
 // Closeness outside the domain (no depth, infinite) is the sky's.
 STAGE real usable_closeness(real v, frame_t frame) { return usable_or(v, SPLAT(frame.sky_closeness)); }
 
-// Three colours weighed as the middle one plus weighted differences from it: equal colours keep their bits.
-STAGE colour weigh_line(colour before, colour middle, colour after, scalar first, scalar last)
+STAGE colour colour_step(colour from, colour to) { return (colour) { to.r - from.r, to.g - from.g, to.b - from.b }; }
+
+// Three colours weighed as the middle one plus the weighted steps to it and from it: equal colours keep their bits.
+STAGE colour weigh_line(colour to, colour middle, colour from, scalar first, scalar last)
 {
     colour v = middle;
     if (CURRENT_FILTER != CURRENT_FILTER_NONE) {
-        v.r = middle.r + (first * (before.r - middle.r) + last * (after.r - middle.r));
-        v.g = middle.g + (first * (before.g - middle.g) + last * (after.g - middle.g));
-        v.b = middle.b + (first * (before.b - middle.b) + last * (after.b - middle.b));
+        v.r = middle.r + (last * from.r - first * to.r);
+        v.g = middle.g + (last * from.g - first * to.g);
+        v.b = middle.b + (last * from.b - first * to.b);
     }
     return v;
 }
@@ -78,14 +80,13 @@ STAGE row_t read_row(plane_in image, plane_in closeness, plane_in motion, int x,
     }
     l = to_range(l), c = to_range(c), r = to_range(r);
     const boxed bl = to_box_space(l), bc = to_box_space(c), br = to_box_space(r);
-    row_t row;
+    row_t row = { 0 };
     row.a = chosen_row(bl.a, bc.a, br.a);
     row.b = chosen_row(bl.b, bc.b, br.b);
     row.c = chosen_row(bl.c, bc.c, br.c);
     row.texels = (boxed_row) { bl, bc, br };
-    row.step = (boxed) { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) };
     row.centre = c;
-    row.across = weigh_line(l, c, r, K(frame.left_weight), K(frame.right_weight));
+    row.across = weigh_line(colour_step(l, c), c, colour_step(c, r), K(frame.left_weight), K(frame.right_weight));
 
     const mask left = zl > zc;
     row.closeness = zc;
@@ -125,7 +126,10 @@ STAGE boxed_row read_boxed(plane_in image, int x, int y, frame_t frame)
 STAGE row_t read_next_row(row_t above, plane_in image, plane_in closeness, plane_in motion, int x, int y, frame_t frame)
 {
     row_t row = read_row(image, closeness, motion, x, y, frame);
-    row.step = (boxed) { mean_step(above.a, row.a), mean_step(above.b, row.b), mean_step(above.c, row.c) };
+    row.a_above = joined_rows(above.a, row.a);
+    row.b_above = joined_rows(above.b, row.b);
+    row.c_above = joined_rows(above.c, row.c);
+    row.across_step = colour_step(above.across, row.across);
     return row;
 }
 
@@ -172,7 +176,8 @@ STAGE colour current_sample(row_t above, row_t centre, row_t below, statistics n
 {
     if (CURRENT_FILTER == CURRENT_FILTER_NONE)
         return centre.centre;
-    colour v = weigh_line(above.across, centre.across, below.across, K(frame.above_weight), K(frame.below_weight));
+    colour v = weigh_line(
+        centre.across_step, centre.across, below.across_step, K(frame.above_weight), K(frame.below_weight));
     if (CURRENT_FILTER == CURRENT_FILTER_LANCZOS) {
         const boxed b = to_box_space(v);
         const boxed over = { limit(b.a, near.low.a, near.high.a) - b.a, limit(b.b, near.low.b, near.high.b) - b.b,

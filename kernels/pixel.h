@@ -12,6 +12,7 @@
 typedef struct
 {
     colour own, filtered;
+    real luminance; // of `filtered`
     real alpha, reactivity;
     statistics near;
 } pixel_t;
@@ -38,6 +39,9 @@ STAGE pixel_t current_pixel(
     p.near = neighbourhood_statistics(above, centre, below);
     p.filtered = current_sample(above, centre, below, p.near, frame);
     p.own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? centre.centre : p.filtered;
+    // In YCoCg that of the pixel's own sample is worked out already, to the bit.
+    const int known = (CURRENT_FILTER == CURRENT_FILTER_NONE) & (BOX_SPACE == BOX_SPACE_YCOCG);
+    p.luminance = known ? centre.a.shift : luminance(p.filtered);
     p.alpha = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
     p.reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
     return p;
@@ -102,9 +106,10 @@ STAGE resolved resolve_beside(pixel_t p, history_t h, rectification r, real coun
     real weight = sample_weight(count, r.unrest, settings);
     if (REACTIVE)
         weight += p.reactivity * (SPLAT(1.0) - weight);
-    weight = luminance_weight(weight, current, past, settings);
+    const real y = FILTER_USE == FILTER_USE_FEW_SAMPLES ? luminance(current) : p.luminance, past_y = luminance(past);
+    weight = luminance_weight(weight, y, past_y, settings);
     if (ANTI_FLICKER == ANTI_FLICKER_DIFFERENCE)
-        weight *= difference_share(current, past, settings);
+        weight *= difference_share(y, past_y, settings);
     if (ANTI_FLICKER == ANTI_FLICKER_CLAMP_DISTANCE)
         weight *= r.calm;
     if (!FRESH_BLUR)

@@ -23,13 +23,14 @@ STAGE void narrow(real* low, real* high, real mean, real width)
     *high = lesser(mean + width, *high);
 }
 
-// Ends moved outwards (inwards where `more` is negative) by a multiple of the half extent.
+// Ends moved outwards (inwards where `more` is negative) by a multiple of the half extent. That is half of the range:
+// halved beside it the number is the same, and a GPU halves it once for three channels.
 STAGE void widen(real* low, real* high, real* extent, real more)
 {
-    const real by = more * *extent;
-    *low -= by;
-    *high += by;
-    *extent += by;
+    const real share = K(0.5) * more, range = *high - *low;
+    *low -= share * range;
+    *high += share * range;
+    *extent += share * range;
 }
 
 STAGE box_t neighbourhood_box(statistics s, real gamma, settings_t settings)

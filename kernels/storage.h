@@ -15,14 +15,14 @@ typedef LANED(uint) words;
 #define TO_FLOATS PASTE(convert_, LANED(float))
 #define TO_WORDS PASTE(convert_, LANED(uint))
 
-// Within the range of halves, and +0 rather than what would round to -0.
+// Within the range of halves, and +0 rather than what would round to -0: on a GPU it arrives so (storable).
 STAGE floats half_storable(floats v)
 {
-    const floats most = (floats)((float)HALF_LIMIT), tiny = (floats)((float)HALF_TINY);
+    const floats most = (floats)((float)HALF_LIMIT);
 #if NATIVE
-    const floats limited = limit(v, -most, most);
-    return fabs(limited) <= tiny ? 0.0f : limited;
+    return limit(v, -most, most);
 #else
+    const floats tiny = (floats)((float)HALF_TINY);
     const floats limited = v > most ? most : (v < -most ? -most : v);
     return ((limited <= tiny) & (limited >= -tiny)) ? (floats)(0.0f) : limited;
 #endif

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from cltaa.build import Build, Record
 from cltaa.constants import PAD_X, PAD_Y, value
 from cltaa.layout import Layout
+from cltaa.params import BoxSpace
 from cltaa.reference.colour import Colour, to_box_space, to_range
-from cltaa.reference.neighbourhood import Moments, row_moments, window_moments
+from cltaa.reference.neighbourhood import spread_of_three
 from cltaa.reference.real import Array, constant, greater, lesser, number
 from cltaa.reference.repair import repaired_planes
 from cltaa.reference.sampling import Footprint
@@ -26,12 +27,36 @@ def history_in_range(colour: Colour, build: Build, frame: Record) -> Colour:
     return to_range((r, g, b), build)
 
 
-def paired_t(above: Moments, centre: Moments, below: Moments, least: Array) -> Array:
-    """Student's t of nine differences with the sign of their mean, ``least`` added to their deviation."""
-    m = window_moments(above, centre, below)
-    deviation = np.sqrt(m.spread * constant("TWO_27THS", m.spread))
-    t: Array = number(3.0, least) * (m.shift + m.offset) / (deviation + least)
+class Paired(NamedTuple):
+    """Mean of three differences, and 3/2 of their spread."""
+
+    mean: Array
+    spread: Array
+
+
+def pair_row(left: Array, centre: Array, right: Array) -> Paired:
+    """Three differences of a row."""
+    dl, dr = left - centre, right - centre
+    return Paired(centre + (dl + dr) * constant("ONE_THIRD", centre), spread_of_three(dl, dr))
+
+
+def paired_t(above: Paired, centre: Paired, below: Paired, least: Array) -> Array:
+    """A third of Student's t of nine differences with the sign of their mean, ``least`` added to their deviation."""
+    da, db = above.mean - centre.mean, below.mean - centre.mean
+    mean = centre.mean + (da + db) * constant("ONE_THIRD", da)
+    spread = ((above.spread + centre.spread) + below.spread) + number(3.0, da) * spread_of_three(da, db)
+    t: Array = mean / (np.sqrt(spread * constant("TWO_27THS", spread)) + least)
     return t
+
+
+def light_difference(now: Colour, past: Colour, build: Build, frame: Record) -> Colour:
+    """What is in the box space now, less the history's colour there."""
+    r, g, b = history_in_range(past, build, frame)
+    if build.choices.box_space is not BoxSpace.YCOCG:
+        return now[0] - r, now[1] - g, now[2] - b
+    half = number(0.5, r)
+    rb, green = number(0.25, r) * (r + b), half * g
+    return (now[0] - rb) - green, now[1] - half * (r - b), (now[2] + rb) - green
 
 
 def _parts(count: Array) -> tuple[Array, Array, NDArray[Any]]:
@@ -87,29 +112,29 @@ def count_in_light(
     """
     real: Any = f.fx.dtype
     colour = repaired_planes(current, layout).astype(real)
-    half = number(0.5, f.fx)
+    half, zero, one = number(0.5, f.fx), np.zeros_like(f.fx), np.ones_like(f.fx)
     row, column = (
-        at + np.floor(fraction + half).astype(np.int64) for at, fraction in ((f.row, f.fy), (f.column, f.fx))
+        at + np.where(fraction >= half, one, zero).astype(np.int64)
+        for at, fraction in ((f.row, f.fy), (f.column, f.fx))
     )
 
     def difference(i: int, j: int) -> tuple[Colour, Array]:
         there = slice(PAD_Y + j, PAD_Y + j + layout.height), slice(PAD_X + i, PAD_X + i + layout.width)
         now = to_box_space(to_range((colour[0][there], colour[1][there], colour[2][there]), build), build)
         r, g, b = (plane[row + j, column + i].astype(real) for plane in history[:3])
-        past = to_box_space(history_in_range((r, g, b), build, frame), build)
-        return (now[0] - past[0], now[1] - past[1], now[2] - past[2]), np.abs(now[0])
+        return light_difference(now, (r, g, b), build, frame), np.abs(now[0])
 
-    rows: list[list[Moments]] = []
+    rows: list[list[Paired]] = []
     levels = []
     for j in (-1, 0, 1):
         (left, left_size), (own, own_size), (right, right_size) = (difference(i, j) for i in (-1, 0, 1))
-        rows.append([row_moments(left[k], own[k], right[k]) for k in range(3)])
+        rows.append([pair_row(left[k], own[k], right[k]) for k in range(3)])
         levels.append((left_size + own_size) + right_size)
     level = (levels[0] + levels[1]) + levels[2]
     floor = number(settings["change_floor"], level)
     least = floor * (level * constant("ONE_THIRD", level)) + constant("TINY", level)
     a, b, c = (paired_t(rows[0][k], rows[1][k], rows[2][k], least) for k in range(3))
-    largest = greater(np.abs(a), greater(np.abs(b), np.abs(c)))
+    largest = number(3.0, level) * greater(np.abs(a), greater(np.abs(b), np.abs(c)))
     t = lesser(largest, constant("DOMAIN_LIMIT", level))
     before = kept_change(history_count[row, column].astype(real))
     change = np.where(a < number(0.0, level), -t, t) + number(settings["change_kept"], level) * before

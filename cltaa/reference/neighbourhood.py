@@ -79,15 +79,15 @@ def row_moments(left: Array, centre: Array, right: Array) -> Moments:
 
 
 def window_moments(above: Moments, centre: Moments, below: Moments) -> Moments:
-    """Three rows of three (Chan, Golub and LeVeque 1983); the kernels keep the steps between the rows' means."""
+    """Three rows of three (Chan, Golub and LeVeque 1983); the kernels keep what two rows have in common."""
     da = (above.shift - centre.shift) + (above.offset - centre.offset)
     db = (below.shift - centre.shift) + (below.offset - centre.offset)
     return Moments(
         centre.shift,
         centre.offset + (da + db) * constant("ONE_THIRD", da),
-        ((above.spread + below.spread) + centre.spread) + number(3.0, da) * spread_of_three(da, db),
-        lesser(lesser(above.low, below.low), centre.low),
-        greater(greater(above.high, below.high), centre.high),
+        ((above.spread + centre.spread) + below.spread) + number(3.0, da) * spread_of_three(da, db),
+        lesser(lesser(above.low, centre.low), below.low),
+        greater(greater(above.high, centre.high), below.high),
     )
 
 
