@@ -80,7 +80,10 @@ def shown_name(place: Place, several: bool) -> str:
 
 
 def equal_matches(candidates: Sequence[str], channels: Mapping[str, Iterable[str]]) -> list[tuple[Place, ...]]:
-    """The channels that the first candidate with any names; several where sets of files have them alike."""
+    """The channels that the first candidate with any names; several where sets of files have them alike.
+
+    Files in the folder itself come before those of its subfolders.
+    """
     for candidate in candidates:
         # With several sets of files, ``depth.Z`` also means channel Z of the set named depth; that is tried first.
         for by_set in (True, False):
@@ -89,7 +92,8 @@ def equal_matches(candidates: Sequence[str], channels: Mapping[str, Iterable[str
             whole = [places for places in found if places]
             if whole:  # the shortest names are the least qualified: no view, no light group
                 shortest = min(map(_length, whole))
-                return [places for places in whole if _length(places) == shortest]
+                alike = [places for places in whole if _length(places) == shortest]
+                return [places for places in alike if "/" not in places[0].files] or alike
     return []
 
 

@@ -274,6 +274,9 @@ def test_of_several_pictures_none_is_taken_for_the_colour(tmp_path: Path) -> Non
         write_colour(tmp_path / "layers" / name, made)
     intake = open_intake(tmp_path / "layers")
     assert {place.files for place in intake.roles["colour"]} == {"beauty/picture"}
+    write_colour(tmp_path / "shot", made, "shot")
+    write_colour(tmp_path / "shot" / "backup", made)
+    assert {place.files for place in open_intake(tmp_path / "shot").roles["colour"]} == {"shot"}
     for name in ("take1", "take2"):
         write_colour(tmp_path / "takes" / name, made)
     with pytest.raises(
