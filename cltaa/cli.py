@@ -34,6 +34,9 @@ COMMANDS = {
     "tune": Entry("cltaa.commands.tune", "command", "Search for the best settings within a time or an error."),
 }
 
+# The commands that find what they had finished.
+GOES_ON = {("capture",), ("demo",), ("resolve",), ("bench", "accuracy"), ("bench", "quality")}
+
 
 @click.group(
     cls=LazyGroup,
@@ -65,13 +68,13 @@ def main(arguments: list[str] | None = None) -> int:
             outcome: Any = root.main(arguments, prog_name="cltaa", standalone_mode=False)
         sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):
-        return _interrupted()
+        return _interrupted(arguments)
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         return error.exit_code
     except Exception as error:
         if stop.requested and not isinstance(error, CltaaError):  # what it stumbled over; our own errors stand
-            return _interrupted()
+            return _interrupted(arguments)
         if debug and not isinstance(error, click.ClickException):
             raise
         return _failed(error)
@@ -105,8 +108,11 @@ def _take_debug(arguments: list[str]) -> tuple[bool, list[str]]:
     return debug, ["--debug"] * debug + others + arguments[end:]
 
 
-def _interrupted() -> int:
-    click.echo("cltaa: interrupted; the frames already written are complete, run the same again to go on", err=True)
+def _interrupted(arguments: list[str]) -> int:
+    words = [argument for argument in arguments if not argument.startswith("-")]
+    goes_on = tuple(words[:1]) in GOES_ON or tuple(words[:2]) in GOES_ON
+    more = "; what was finished is kept, run the same again to go on" if goes_on else ""
+    click.echo(f"cltaa: interrupted{more}", err=True)
     return 130
 
 

@@ -142,12 +142,12 @@ def test_debug_shows_the_traceback_wherever_it_stands(tmp_path: Path) -> None:
         assert "InputMissing" in done.stderr
 
 
-def run_main_raising(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> int:
+def run_main_raising(monkeypatch: pytest.MonkeyPatch, error: BaseException, *arguments: str) -> int:
     def fail(*_: object, **__: object) -> None:
         raise error
 
     monkeypatch.setattr(cli.root, "main", fail)
-    return cli.main(["inspect"])
+    return cli.main([*arguments] or ["inspect"])
 
 
 def test_every_error_class_ends_with_its_code(
@@ -235,16 +235,23 @@ def test_debug_behind_two_dashes_is_a_name(capsys: pytest.CaptureFixture[str]) -
     assert "--debug" in capsys.readouterr().err
 
 
-def test_an_interrupt_ends_with_130(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_main_raising(monkeypatch, KeyboardInterrupt()) == 130
-    assert "run the same again to go on" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("command", "goes_on"),
+    [("resolve x -o y", True), ("--debug bench quality", True), ("bench kernels", False), ("compare x y", False)],
+)
+def test_an_interrupt_ends_with_130(
+    command: str, goes_on: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_main_raising(monkeypatch, KeyboardInterrupt(), *command.split()) == 130
+    more = "; what was finished is kept, run the same again to go on" if goes_on else ""
+    assert capsys.readouterr().err == f"cltaa: interrupted{more}\n"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
     ("error", "code", "words"),
     [
-        (NameError("planted"), 130, "cltaa: interrupted; "),
+        (NameError("planted"), 130, "cltaa: interrupted"),
         (errors.StorageError("the disk is full"), 74, "cltaa: error: the disk is full"),
     ],
 )
