@@ -107,14 +107,15 @@ def _limits(axes: Any, measured: Measured, metric: str, weight: float) -> None:
 
 
 def _name_points(axes: Any, measured: Measured, metric: str) -> None:
-    """Names beside the points that nothing beats, the default first, as far as they do not cover each other."""
+    """Names beside the default, which comes first, and the points that nothing beats, as far as they do not overlap."""
     taken: list[Any] = []
     axes.figure.canvas.draw()  # the scales are final from here on
-    for cell in sorted(measured.cells, key=lambda cell: (cell.variant != DEFAULT, cell.errors[metric].mean)):
+    default = measured.cells[0].variant
+    for cell in sorted(measured.cells, key=lambda cell: (cell.variant != default, cell.errors[metric].mean)):
         at = time_of(cell, measured.clock)[0], cell.errors[metric].mean
         pixel = axes.transData.transform(at)
         clear = all(abs(pixel[1] - y) > NAME_HIGH or abs(pixel[0] - x) > NAME_WIDE for x, y in taken)
-        if clear and metric not in cell.dominated_by:
+        if clear and (metric not in cell.dominated_by or cell.variant == default):
             axes.annotate(cell.variant, at, textcoords="offset points", xytext=(5, 3), fontsize=6)
             taken.append(pixel)
 

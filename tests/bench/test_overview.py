@@ -12,7 +12,7 @@ from cltaa.bench.errors_of import Rounding
 from cltaa.bench.ladder import ladder
 from cltaa.bench.merge import read_report
 from cltaa.bench.overview import overall, table
-from cltaa.bench.plots import write_plots
+from cltaa.bench.plots import front_figure, write_plots
 from cltaa.bench.results import Accuracy, Cell, Measured, spread
 from cltaa.bench.timing import Interval
 from cltaa.cli import main
@@ -119,3 +119,13 @@ def report(folder: Path, result: Accuracy) -> str:
     folder.mkdir()
     (folder / "accuracy.json").write_bytes(msgspec.json.encode(result))
     return str(folder)
+
+
+def test_the_default_is_named_beside_its_point_even_where_something_beats_it() -> None:
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    measured = sequence("one", (1.0, 0.5, 0.4))
+    beaten = [msgspec.structs.replace(each, dominated_by={"mse": VARIANTS[2].name}) for each in measured.cells[:2]]
+    measured = msgspec.structs.replace(measured, cells=[*beaten, measured.cells[2]])
+    figure = front_figure(pyplot, measured, "mse", 0.1)
+    assert {text.get_text() for text in figure.axes[1].texts} == {VARIANTS[0].name, VARIANTS[2].name}
+    pyplot.close(figure)
