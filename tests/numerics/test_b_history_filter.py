@@ -93,7 +93,7 @@ def fireflies(height: int = 60, width: int = 90) -> Plane:
 
 
 class Filtered(NamedTuple):
-    """A history read at random places, and its texels around each, which may be asked for by row and column."""
+    """A history read at other places, and its texels around each, which may be asked for by row and column."""
 
     read: NDArray[np.float64]
     u: Plane
@@ -102,10 +102,11 @@ class Filtered(NamedTuple):
     inside: NDArray[np.bool_]
 
 
-def filtered(launcher: DeviceLauncher, kind: HistoryFilter) -> Filtered:
-    """Fireflies read with ``kind``."""
+def filtered(launcher: DeviceLauncher, kind: HistoryFilter, *, alike: bool = False) -> Filtered:
+    """Fireflies read with ``kind`` at random places; ``alike``: all moved by the same, which lanes read otherwise."""
     history, random = fireflies(), np.random.default_rng(2)
-    u, v = random.uniform(-2, 2, (2, *history.shape)).astype(np.float32)
+    moved = random.uniform(-2, 2, (2, 1, 1) if alike else (2, *history.shape))
+    u, v = np.broadcast_to(moved, (2, *history.shape)).astype(np.float32)
     read = sampled(launcher, history, u, v, kind).astype(np.float64)
     y, x = np.mgrid[: history.shape[0], : history.shape[1]]
     around = np.pad(history, 8, mode="edge").astype(np.float64)
@@ -114,9 +115,10 @@ def filtered(launcher: DeviceLauncher, kind: HistoryFilter) -> Filtered:
     return Filtered(read, u, v, lambda j, i: around[rows + j, columns + i], inside)
 
 
+@pytest.mark.parametrize("alike", [False, True])
 @pytest.mark.parametrize("kind", list(HistoryFilter))
-def test_b1_every_tap_weighs_what_the_filter_says(launcher: DeviceLauncher, kind: HistoryFilter) -> None:
-    read, u, v, texels, inside = filtered(launcher, kind)
+def test_b1_every_tap_weighs_what_the_filter_says(launcher: DeviceLauncher, kind: HistoryFilter, alike: bool) -> None:
+    read, u, v, texels, inside = filtered(launcher, kind, alike=alike)
     expected, size = np.zeros(read.shape), np.zeros(read.shape)
     for (j, i), weight in plane_weights(kind, u - np.floor(u), v - np.floor(v)).items():
         tap = texels(j, i)
