@@ -9,8 +9,6 @@ from typing import Any, NamedTuple
 import click
 from click.shell_completion import CompletionItem
 
-from cltaa.errors import closest
-
 
 class Entry(NamedTuple):
     """Where a subcommand lives and the line that ``--help`` says about it."""
@@ -42,11 +40,11 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the subcommand that ``args`` begin with; a misspelt one is told what was meant."""
-        meant = closest(args[0], self.entries)
-        if meant is not None and args[0] not in self.entries and not ctx.resilient_parsing:
-            ctx.fail(f"No such command {args[0]!r}. Did you mean {meant!r}?")
-        return super().resolve_command(ctx, args)
+        """As click does, which suggests for a misspelt one commands that are imported: here those that can be."""
+        try:
+            return super().resolve_command(ctx, args)
+        except click.NoSuchCommand as error:
+            raise click.NoSuchCommand(error.command_name, possibilities=self.entries, ctx=ctx) from None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the table of subcommands without importing them."""

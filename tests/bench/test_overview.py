@@ -6,6 +6,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from matplotlib import pyplot
 
 from cltaa.bench.environment import Environment
 from cltaa.bench.errors_of import Rounding
@@ -122,7 +123,6 @@ def report(folder: Path, result: Accuracy) -> str:
 
 
 def test_the_default_is_named_beside_its_point_even_where_something_beats_it() -> None:
-    pyplot = pytest.importorskip("matplotlib.pyplot")
     measured = sequence("one", (1.0, 0.5, 0.4))
     beaten = [msgspec.structs.replace(each, dominated_by={"mse": VARIANTS[2].name}) for each in measured.cells[:2]]
     measured = msgspec.structs.replace(measured, cells=[*beaten, measured.cells[2]])
