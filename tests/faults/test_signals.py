@@ -58,9 +58,13 @@ def test_capture_interrupted_at_any_time(tmp_path: Path, shim: Path, number: sig
 
 @pytest.mark.parametrize("count", [100, pytest.param(2000, marks=pytest.mark.big)])
 def test_killed_at_any_time(tmp_path: Path, shim: Path, count: int) -> None:
+    """Before the first frame is kept and between frames; which counts of frames a kill leaves is chance, since two are
+    written at a time: ``test_killed_at_each_step`` sees every one of them."""
     runs = forked(tmp_path, shim, "resolve", "times", signal.SIGKILL, count)
-    assert sum(run["code"] == KILLED for run in runs) > count // 5
-    assert {run["kept"] for run in runs} == set(range(FRAMES + 1))
+    kept = [run["kept"] for run in runs if run["code"] == KILLED]
+    assert len(kept) > count // 5
+    assert 0 in kept
+    assert any(0 < frames < FRAMES for frames in kept)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
