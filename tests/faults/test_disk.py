@@ -7,15 +7,22 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
 from cltaa.cli import main
-from tests.faults.runs import arguments, check_after_fault, check_finished, prepare, small_disk, start
+from tests.faults.runs import (
+    PATIENCE,
+    arguments,
+    check_after_fault,
+    check_finished,
+    prepare,
+    small_disk,
+    start_held,
+    wait_for_frames,
+)
 
-PATIENCE = 300.0
 FRAMES = 4
 STEPS = 64
 
@@ -52,15 +59,13 @@ def test_files_that_may_not_grow_beyond_k_bytes(tmp_path: Path) -> None:
 
 
 def test_folder_that_is_deleted_during_the_run(tmp_path: Path) -> None:
-    folder, whole = prepare(tmp_path, 60)
+    folder, whole = prepare(tmp_path, 20)
     output = tmp_path / "out"
-    process = start(arguments(folder, output))
-    deadline = time.monotonic() + PATIENCE
-    while len(list(output.glob("[!.]*.exr"))) < 3:
-        assert time.monotonic() < deadline
-        time.sleep(0.001)
+    process = start_held(arguments(folder, output), tmp_path / "go", 3)
+    wait_for_frames(process, output, 3)
     output.rename(tmp_path / "elsewhere")  # at once, so that the run cannot fill it again meanwhile
     shutil.rmtree(tmp_path / "elsewhere")
+    (tmp_path / "go").touch()
     _, said = process.communicate(timeout=PATIENCE)
     assert process.returncode in (73, 74), said
     assert str(output) in said

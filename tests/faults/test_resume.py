@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import time
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +15,17 @@ from cltaa.cli import main
 from cltaa.exr import write_frame
 from cltaa.manifest import Manifest
 from cltaa.presets import load_preset
-from tests.faults.runs import FRAMES, arguments, check_after_fault, check_finished, prepare, start
+from tests.faults.runs import (
+    FRAMES,
+    PATIENCE,
+    arguments,
+    check_after_fault,
+    check_finished,
+    prepare,
+    start_held,
+    wait_for_frames,
+)
 from tests.sequence_factory import make_frame, write_sequence
-
-PATIENCE = 60.0  # seconds after which a run of a few small frames counts as hung
 
 
 @pytest.fixture(scope="module")
@@ -35,17 +40,13 @@ def finish(folder: Path, output: Path, expected: dict[str, str]) -> None:
 
 def begun(folder: Path, output: Path, frames: int) -> None:
     """Resolve until ``frames`` images are there, then interrupt."""
-    process = start(arguments(folder, output))
+    go = output.with_name("go")
+    process = start_held(arguments(folder, output), go, frames)
     wait_for_frames(process, output, frames)
     process.send_signal(signal.SIGINT)
+    go.touch()
     process.communicate(timeout=PATIENCE)
-
-
-def wait_for_frames(process: subprocess.Popen[str], output: Path, frames: int) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while process.poll() is None and len(list(output.glob("[!.]*.exr"))) < frames:
-        assert time.monotonic() < deadline
-        time.sleep(0.001)
+    assert process.returncode == 130
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -71,12 +72,13 @@ def test_signal_that_is_ignored_stays_ignored(
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signal_ends_with_130_and_a_checkpoint(tmp_path: Path, number: signal.Signals) -> None:
-    count = 60
+    count = 20
     folder, expected = prepare(tmp_path, count)
     output = tmp_path / "out"
-    process = start(arguments(folder, output))
+    process = start_held(arguments(folder, output), tmp_path / "go", 5)
     wait_for_frames(process, output, 5)
     process.send_signal(number)
+    (tmp_path / "go").touch()
     _, said = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert said.splitlines()[-1].startswith("cltaa: interrupted")
@@ -170,12 +172,13 @@ def test_sequence_may_grow(tmp_path: Path, whole: tuple[Path, dict[str, str]]) -
 
 
 def test_second_process_on_one_folder_is_refused(tmp_path: Path) -> None:
-    folder, expected = prepare(tmp_path, 60)
+    folder, expected = prepare(tmp_path, 20)
     output = tmp_path / "out"
-    process = start(arguments(folder, output))
+    process = start_held(arguments(folder, output), tmp_path / "go", 2)
     wait_for_frames(process, output, 2)
     assert main(arguments(folder, output)) == 73
     process.send_signal(signal.SIGTERM)
+    (tmp_path / "go").touch()
     process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     finish(folder, output, expected)
