@@ -10,9 +10,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 # A busy machine is slow, and no property of ours is one of time.
-# Many examples where asked for: pytest --hypothesis-profile=big
-settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("big", settings.get_profile("patient"), max_examples=500)
+# The same examples in every run; many, and new ones each time, where asked for: pytest --hypothesis-profile=big
+settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
+settings.register_profile("big", settings.get_profile("patient"), max_examples=500, derandomize=False)
 settings.load_profile("patient")
 
 TOP = Path(__file__).parents[1]

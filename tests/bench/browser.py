@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 import shutil
-import socket
 import subprocess
 import time
 import urllib.request
@@ -19,7 +19,8 @@ FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
     "--disable-background-networking", "--disable-component-update", "--hide-scrollbars",
 )  # fmt: skip
-START_SECONDS = 60.0
+PATIENCE = 300.0  # seconds after which a browser counts as hung, on a machine however busy
+STARTED = re.compile(r"started successfully on port (\d+)")
 
 
 def missing() -> str | None:
@@ -48,7 +49,7 @@ class Browser:
     def run(self, script: str, *arguments: object) -> Any:
         return self._send("execute/sync", {"script": script, "args": list(arguments)})
 
-    def until(self, script: str, seconds: float = 20.0) -> None:
+    def until(self, script: str, seconds: float = PATIENCE) -> None:
         """Wait until a script gives something true."""
         end = time.monotonic() + seconds
         while not self.run(script):
@@ -75,27 +76,23 @@ class Browser:
 def send(address: str, body: object = None, method: str = "POST") -> Any:
     data = None if method == "DELETE" else json.dumps(body or {}).encode()
     request = urllib.request.Request(address, data, {"Content-Type": "application/json"}, method=method)
-    with urllib.request.urlopen(request, timeout=START_SECONDS) as answer:
+    with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
         return json.loads(answer.read())["value"]
 
 
 @contextmanager
 def browser(profile: Path) -> Iterator[Browser]:
     """A fresh Chromium with an empty profile in ``profile``; its driver ends with the block."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    driver = subprocess.Popen(["chromedriver", f"--port={port}"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    address = f"http://127.0.0.1:{port}"
+    log = profile / "chromedriver.log"
+    with log.open("wb") as said:  # port 0: the driver takes one that is free
+        driver = subprocess.Popen(["chromedriver", "--port=0"], stdout=said, stderr=subprocess.STDOUT)
     try:
-        end = time.monotonic() + START_SECONDS
-        while True:
-            try:
-                socket.create_connection(("127.0.0.1", port), 1).close()
-                break
-            except OSError:
-                assert time.monotonic() < end, "chromedriver does not answer"
-                time.sleep(0.05)
+        end = time.monotonic() + PATIENCE
+        while (started := STARTED.search(log.read_text())) is None:
+            assert driver.poll() is None, log.read_text()
+            assert time.monotonic() < end, "chromedriver does not start"
+            time.sleep(0.05)
+        address = f"http://127.0.0.1:{started[1]}"
         options = {"args": [*FLAGS, f"--user-data-dir={profile}"], "binary": shutil.which("chromium")}
         wanted = {"browserName": "chrome", "goog:chromeOptions": options, "goog:loggingPrefs": {"browser": "ALL"}}
         session = send(f"{address}/session", {"capabilities": {"alwaysMatch": wanted}})["sessionId"]
@@ -106,4 +103,4 @@ def browser(profile: Path) -> Iterator[Browser]:
             window.close()
     finally:
         driver.terminate()
-        driver.wait(10)
+        driver.wait(PATIENCE)

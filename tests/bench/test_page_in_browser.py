@@ -29,7 +29,8 @@ def window(report: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[B
 
 
 def stage(window: Browser, folder: Path) -> str:
-    """What the viewer shows, as a hash."""
+    """What the viewer shows once its pictures are there and drawn, as a hash."""
+    window.run("return Promise.all(loaded.values()).then(() => new Promise((done) => setTimeout(done)))")
     window.run("document.getElementById('stage').scrollIntoView()")
     window.picture(folder / "stage.png", whole=False)
     box = "const r = document.getElementById('stage').getBoundingClientRect();"

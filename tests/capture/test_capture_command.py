@@ -16,6 +16,7 @@ from cltaa.sources import open_sequence
 from cltaa_capture import osmesa
 from tests.capture.test_sequence import digests
 
+PATIENCE = 600.0  # seconds that a capture of two tiny frames may take, on a machine however busy
 TINY = ["--frames", "2", "--size", "32x18", "--jitter", "halton:4"]
 MODELS = Path(__file__).parents[3] / "shared" / "data" / "gltf"
 
@@ -23,7 +24,9 @@ MODELS = Path(__file__).parents[3] / "shared" / "data" / "gltf"
 def run_alone(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
     """Run the command line in a process of its own: PyOpenGL binds to one platform for good."""
     command = [sys.executable, "-m", "cltaa.cli", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120, env=os.environ | variables)
+    return subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=PATIENCE, env=os.environ | variables
+    )
 
 
 def test_summary_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -122,7 +125,7 @@ def test_egl_without_a_surfaceless_display_draws_on_a_device(tmp_path: Path) -> 
     arguments = ["capture", "conveyor", *TINY, "--backend", "egl", "-o"]
     done = subprocess.run(
         [sys.executable, "-c", program, *arguments, str(tmp_path / "device")],
-        capture_output=True, text=True, check=False, timeout=120,
+        capture_output=True, text=True, check=False, timeout=PATIENCE,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     surfaceless = run_alone(*arguments, str(tmp_path / "surfaceless"))

@@ -16,9 +16,10 @@ import pytest
 from cltaa.exr import write_frame
 from tests.faults import reading_process
 from tests.faults.exr_surgery import VERSION, Anatomy, channel, dissect, window
+from tests.faults.runs import PATIENCE
 from tests.sequence_factory import HEIGHT, WIDTH, make_frame
 
-LONGEST = 1.0  # seconds for one file
+LONGEST = 1.0  # seconds of processor time for one file
 MOST_MEMORY = 200_000  # kB that the process ever holds, Python, NumPy and OpenEXR included
 LARGE = 2**31 - 1
 TILED, DEEP, MULTI_PART = 1 << 9, 1 << 11, 1 << 12
@@ -202,7 +203,7 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any
     jobs.append(json.dumps({"path": str(sound)}))
     child = subprocess.run(
         [sys.executable, reading_process.__file__],
-        input="\n".join(jobs), capture_output=True, text=True, check=False, timeout=60,
+        input="\n".join(jobs), capture_output=True, text=True, check=False, timeout=PATIENCE,
     )  # fmt: skip
     assert child.returncode == 0, child.stderr
     replies = [json.loads(line) for line in child.stdout.splitlines()]

@@ -52,8 +52,8 @@ def test_capture_killed_at_each_step(tmp_path: Path, shim: Path, stride: int) ->
 @pytest.mark.big
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_capture_interrupted_at_any_time(tmp_path: Path, shim: Path, number: signal.Signals) -> None:
-    runs = forked(tmp_path, shim, "capture", "times", number, 25)
-    assert INTERRUPTED in {run["code"] for run in runs}
+    runs = forked(tmp_path, shim, "capture", "times", number, 12)
+    assert sum(run["code"] == INTERRUPTED for run in runs) == 12
 
 
 @pytest.mark.parametrize("count", [100, pytest.param(2000, marks=pytest.mark.big)])
@@ -62,7 +62,7 @@ def test_killed_at_any_time(tmp_path: Path, shim: Path, count: int) -> None:
     written at a time: ``test_killed_at_each_step`` sees every one of them."""
     runs = forked(tmp_path, shim, "resolve", "times", signal.SIGKILL, count)
     kept = [run["kept"] for run in runs if run["code"] == KILLED]
-    assert len(kept) > count // 5
+    assert len(kept) == count
     assert 0 in kept
     assert any(0 < frames < FRAMES for frames in kept)
 
@@ -72,7 +72,7 @@ def test_killed_at_any_time(tmp_path: Path, shim: Path, count: int) -> None:
 def test_interrupted_at_any_time(tmp_path: Path, shim: Path, number: signal.Signals, count: int) -> None:
     """The frame in work is finished or dropped, the state is saved, and the code is 130, or 0 where all was done."""
     runs = forked(tmp_path, shim, "resolve", "times", number, count)
-    assert sum(run["code"] == INTERRUPTED for run in runs) > count // 5  # runs may be faster than those timed
+    assert sum(run["code"] == INTERRUPTED for run in runs) == count
     assert all(run["code"] == INTERRUPTED or run["kept"] == FRAMES for run in runs)
 
 

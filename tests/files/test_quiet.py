@@ -17,6 +17,8 @@ from cltaa.progress import track
 from cltaa.quiet import muted_output
 from tests.sequence_factory import make_frame
 
+PATIENCE = 300.0  # seconds after which a thread counts as hung
+
 
 def test_only_this_thread_is_muted(monkeypatch: pytest.MonkeyPatch) -> None:
     stream = io.StringIO()
@@ -67,13 +69,13 @@ def test_threads_that_overlap_restore_the_stream(monkeypatch: pytest.MonkeyPatch
     def second() -> None:
         with muted_output():
             entered.set()
-            leave.wait(10)
+            leave.wait(PATIENCE)
             print("noise")
 
     thread = threading.Thread(target=second)
     with muted_output():
         thread.start()
-        assert entered.wait(10)
+        assert entered.wait(PATIENCE)
     print("kept")
     leave.set()
     thread.join()

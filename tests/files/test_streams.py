@@ -21,7 +21,7 @@ from cltaa.sources import open_sequence
 from cltaa.streams import ReadAhead, Writer, read_ahead
 from tests.sequence_factory import write_sequence
 
-PATIENCE = 10.0  # seconds after which a thread that should have ended counts as hung
+PATIENCE = 300.0  # seconds after which a thread that should have ended counts as hung, on a machine however busy
 
 
 def cltaa_threads() -> list[str]:
@@ -114,11 +114,17 @@ def test_leaving_early_ends_the_thread() -> None:
 
 
 def test_forgotten_reader_and_writer_end_their_threads(tmp_path: Path) -> None:
-    numbers, writer = read_ahead(Counted(1000)), Writer()
+    numbers, writer, gate = read_ahead(Counted(1000)), Writer(), threading.Event()
+
+    def held() -> dict[str, np.ndarray]:
+        assert gate.wait(PATIENCE)
+        return image(0)
+
     next(numbers)
     for number in range(2):
-        writer.write(tmp_path / f"{number}.exr", image(number))
-    assert len(cltaa_threads()) == 3
+        writer.write(tmp_path / f"{number}.exr", held)
+    assert len(cltaa_threads()) == 3  # the second image needs a thread of its own while the first is not done
+    gate.set()
     del numbers, writer
     gc.collect()
     assert cltaa_threads() == []
