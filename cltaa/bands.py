@@ -125,6 +125,8 @@ class BandedResolver(Resolver):
         previous, build = self._begin(frame)
         buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
         record = frame_record(frame, previous, buffers.whole, self.plan)
+        assert self.plan is not None
+        buffers.ready_counts(self.plan.choices, read=previous is not None)
         whole = _whole(frame, build.steps.alpha)
         waiting: deque[_Result] = deque()  # rows that the bands below still take along as they came
         for first in range(0, frame.height, self._rows):

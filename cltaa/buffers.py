@@ -8,13 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.build import Build, texel_planes
+from cltaa.constants import value
 from cltaa.errors import ResourceError
 from cltaa.frames import Image
 from cltaa.launch import Buffer, Launcher
 from cltaa.layout import Layout
+from cltaa.params import Choices, HistoryOf, LightChange
 
 # Kernels step in 31 bits over the four planes of a channel at 200 %.
 MOST_DOUBLED = 2**29 - 1
+
+# Those of a float but its sign and the last ones, which hold a change of light.
+_COUNT_BITS = 0x7FFFFFFF & ~int(value("KEPT_CHANGES"))
 
 
 class LastRun(NamedTuple):
@@ -48,6 +53,7 @@ class Buffers:
         self._dtype = dtype
         self._texels: list[Buffer] = []  # at 200 %: those that are read, and those that are written
         self.doubled = False  # whether the last frame left a history at 200 %
+        self.marked = False  # whether the counts that the last frame left hold changes of light
 
     def _planes(self, count: int, dtype: Any = np.float32, layout: Layout | None = None) -> Buffer:
         layout = layout or self.layout
@@ -97,6 +103,22 @@ class Buffers:
         self.history_count, self.output_count = self.output_count, self.history_count
         self.closeness, self.previous_closeness = self.previous_closeness, self.closeness
         self._texels.reverse()
+
+    def ready_counts(self, choices: Choices, *, read: bool) -> None:
+        """Ready the counts for a frame of those choices, which does or does not read them.
+
+        Where it tests light and the last frame did not, their last bits are no change of light (``light.h``).
+        """
+        tests = choices.history_of is HistoryOf.RESULT and choices.light_change is not LightChange.IGNORE
+        if tests and read and not self.marked:
+            self._clear_changes()
+        self.marked = tests
+
+    def _clear_changes(self) -> None:
+        with self.history_count.mapped(write=False) as counts:
+            cleared = counts.view(np.uint32) & np.uint32(_COUNT_BITS)
+        with self.history_count.mapped(write=True) as counts:
+            counts[...] = cleared.view(np.float32)
 
     def recurrent(self) -> dict[str, Buffer]:
         """The memory that the next frame reads beside its own input, by name; valid until the next ``swap``."""

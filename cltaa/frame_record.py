@@ -28,6 +28,7 @@ class Past:
     own_motion: bool
     jitter_px: tuple[float, float]
     doubled: bool = False  # whether it left a history at 200 %
+    marked: bool = False  # whether the counts that it left hold changes of light
     earlier: tuple[Past, ...] = ()  # the frames before it whose samples are kept, the latest first
 
     @classmethod

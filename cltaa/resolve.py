@@ -97,19 +97,19 @@ class Resolver:
         """
         if self._previous is None or self._buffers is None:
             raise ValueError("there is no history")
-        memory = self._buffers.recurrent()
+        memory, past = self._buffers.recurrent(), replace(self._previous, marked=self._buffers.marked)
         if self._buffers.doubled:
-            return replace(self._previous, doubled=True), {**memory, "texels": self._buffers.texels()[0]}
+            return replace(past, doubled=True), {**memory, "texels": self._buffers.texels()[0]}
         if self._kept is None:
-            return self._previous, memory
-        return replace(self._previous, earlier=self._kept.past), {**memory, "kept": self._kept.planes}
+            return past, memory
+        return replace(past, earlier=self._kept.past), {**memory, "kept": self._kept.planes}
 
     def restore(self, past: Past) -> dict[str, Buffer]:
         """Go on after ``past``; returns the memory to fill with what ``recurrent`` gave then, by the same names."""
         layout = Layout(past.shape[1], past.shape[0])
         buffers = self._allocate(layout, past.alpha or self.every_step)
         self._previous, self._kept = past, None
-        buffers.doubled = past.doubled
+        buffers.doubled, buffers.marked = past.doubled, past.marked
         if past.doubled:
             return {**buffers.recurrent(), "texels": buffers.texels()[0]}
         if not past.earlier:
@@ -203,6 +203,7 @@ class Resolver:
         assert self.plan is not None
         layout, steps = buffers.layout, build.steps
         record = frame_record(frame, previous, layout, self.plan)
+        buffers.ready_counts(self.plan.choices, read=previous is not None)
         if self.plan.choices.history_of is HistoryOf.SAMPLES:
             kept = self._ring(previous, layout, steps)
             build = kept.build(build, frame)

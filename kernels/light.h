@@ -67,7 +67,7 @@ STAGE colour nearest_texel(history_in p, nearest_t n, int i, int j, size_t plane
 
 // What is kept of a change of light: its sign as that of a count, and its size in steps of CHANGE_STEP as the count's
 // last bits, which are 2^-17 of it at most. So no plane is read or written for it. After a frame without the test those
-// bits are the count's own, a change of any size for one frame.
+// bits would be the count's own: the host clears them before the next one with it.
 #define CHANGE_BITS ((whole)(KEPT_CHANGES) << FLOAT_BITS)
 #define BELOW_CHANGE_BITS (((whole)(1) << FLOAT_BITS) - (whole)(1)) // of a double, past those of a float
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from cltaa.bands import BandedResolver
 from cltaa.build import Build, Steps, settings_record
+from cltaa.checkpoint import Checkpoints
 from cltaa.constants import PAD_X, PAD_Y
 from cltaa.debug import DebugViews
 from cltaa.frames import Effect, Frame
@@ -134,8 +137,13 @@ def stored_counts(lights: list[float], **settings: float) -> Any:
     resolver = Resolver(override(load_preset(), settings), "numpy")
     for index, light in enumerate(lights):
         resolver.resolve(textured(index, light))
-    assert resolver.last is not None
     assert (DebugViews(resolver, [View.COUNT]).layers()["debug.count"] >= 1.0).all()
+    return stored(resolver)
+
+
+def stored(resolver: Resolver) -> Any:
+    """The counts that the last frame left, [H, W]."""
+    assert resolver.last is not None
     with resolver.last.arguments["output_count"].mapped(write=False) as count:
         return Layout(WIDTH, HEIGHT).inside(count)[0].copy()
 
@@ -176,3 +184,37 @@ def test_without_the_test_the_box_alone_tells_and_is_narrow() -> None:
     frame = make_frame(1, camera=make_camera(), effects=LIT)
     planned = plan_frame(override(load_preset(), {"light_change": "ignore"}), frame, frame.camera).settings
     assert (planned.gamma_still, planned.gamma_moving) == (1.0, 1.0)
+
+
+def changes_read(resolver: Resolver) -> Any:
+    """What changes of light the counts held that the last frame read, [H, W]."""
+    assert resolver.last is not None
+    with resolver.last.arguments["history_count"].mapped(write=False) as count:
+        return kept_change(Layout(WIDTH, HEIGHT).inside(count)[0].copy())
+
+
+def test_counts_of_a_frame_without_the_test_hold_no_change() -> None:
+    """Their last bits are their own: read as a change they divided counts by up to 2.6 for one frame."""
+    resolver, beside, banded = Resolver(), Resolver(strict=True, device="numpy"), BandedResolver(band_rows=7)
+    for index in range(8):
+        frame = textured(index, 1.0, LIT if index in (2, 5, 6) else frozenset({Effect.MOTION}))
+        image = resolver.resolve(frame)
+        if index in (2, 5):
+            assert (changes_read(resolver) == 0.0).all()
+            assert (np.abs(stored(resolver)) > index).mean() > 0.99
+        if index == 6:
+            assert np.median(np.abs(changes_read(resolver))) > 0.2
+        assert np.allclose(image, beside.resolve(frame), rtol=1e-4, atol=1e-5)
+        assert (image == banded.resolve(replace(frame, colour=frame.colour.copy(), depth=frame.depth.copy()))).all()
+
+
+def test_a_resolver_that_was_put_back_knows_whether_counts_hold_changes(tmp_path: Path) -> None:
+    for effects in (LIT, frozenset({Effect.MOTION})):
+        resolver, other, checkpoints = Resolver(), Resolver(), Checkpoints(tmp_path, str(effects))
+        for index in range(3):
+            resolver.resolve(textured(index, 1.0, effects))
+        checkpoints.save(resolver)
+        assert checkpoints.restore(other, before=9) == 2
+        after = textured(3, 1.2)
+        assert (resolver.resolve(after) == other.resolve(after)).all()
+        assert (changes_read(resolver) == changes_read(other)).all()
