@@ -72,7 +72,7 @@ def test_what_the_jitter_makes_is_no_change_and_what_a_lamp_makes_is() -> None:
     edge = then.copy()
     edge[:, :, 20] = 0.9
     assert divisors(edge, then).max() < 1.1
-    assert divisors(1.2 * noisy, noisy).min() > 2.0
+    assert divisors(1.2 * noisy, noisy).min() > 1.4
 
 
 def test_a_difference_that_nobody_sees_is_none() -> None:
@@ -85,7 +85,7 @@ def test_a_difference_that_nobody_sees_is_none() -> None:
 
 def test_what_goes_back_where_it_came_from_is_no_change_and_what_goes_on_is_more_of_one() -> None:
     noisy = np.random.default_rng(1).normal(0.5, 0.1, (3, HEIGHT, WIDTH)).astype(np.float32)
-    brighter, darker = np.float32(1.02) * noisy, np.float32(0.98) * noisy  # by themselves t is 2.9 to 5.2
+    brighter, darker = np.float32(1.1) * noisy, np.float32(0.9) * noisy  # by themselves t is 2.3 to 4.8
     assert (divisors(brighter, noisy, -5.0) < NONE).all()
     assert (divisors(darker, noisy, 5.0) < NONE).all()
     for now, before in ((brighter, 5.0), (darker, -5.0)):
