@@ -7,6 +7,7 @@ sign that turns the direction of reading, or bytes that are no UTF-8. Each such 
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +32,18 @@ def shown(text: str | Path) -> str:
     return escape(printable(text))
 
 
-def json_of(value: Any, *, indent: int | None = None) -> str:
-    """Return a struct, or what JSON has a form for, as JSON in ASCII: every other character is its escape.
+def json_of(value: Any) -> str:
+    """Return a struct, or what JSON has a form for, as every ``--json`` prints it: indented, in ASCII.
 
-    That is also the only form of JSON for a file name that is no UTF-8.
+    Every other character is its escape, the only form of JSON for a file name that is no UTF-8. JSON has no infinity
+    and no NaN: the PSNR of identical images, and a score of nothing, become null.
     """
-    return json.dumps(msgspec.to_builtins(value), indent=indent)
+    return json.dumps(_finite(msgspec.to_builtins(value)), indent=2)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

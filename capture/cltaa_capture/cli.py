@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import sys
 import time
@@ -19,7 +18,7 @@ from rich.table import Table
 
 from cltaa.commands.options import FILE_PATH
 from cltaa.errors import UsageError
-from cltaa.printable import printable
+from cltaa.printable import json_of, printable
 from cltaa_capture.jitter import USUAL
 from cltaa_capture.osmesa import BACKENDS
 from cltaa_datasets.models import MOTIONS
@@ -160,7 +159,7 @@ def _print_explanation(
     built = build_scene(scene, seed, motion)
     rows = explain(built, *size, measure_costs(built, *size, backend))
     if as_json:
-        click.echo(json.dumps({"channels": ALWAYS, "effects": [asdict(row) for row in rows]}, indent=2))
+        click.echo(json_of({"channels": ALWAYS, "effects": [asdict(row) for row in rows]}))
         return
     headings = ("effect", "drawn", "why", "channels", "MB a frame", "CPU ms a frame")
     table = Table(*headings, box=None, padding=(0, 2, 0, 0))
@@ -181,7 +180,7 @@ def _print_summary(request: Request, captured: Captured, seconds: float, as_json
             "height": request.height, "reference": request.reference, "backend": captured.backend,
             "opengl": captured.opengl, "seconds": round(seconds, 3),
         }  # fmt: skip
-        click.echo(json.dumps(summary, indent=2))
+        click.echo(json_of(summary))
         return
     kept = f", {captured.kept} kept" if captured.kept else ""
     print(

@@ -33,6 +33,7 @@ from cltaa.errors import UsageError
 from cltaa.launch import DeviceLauncher
 from cltaa.metrics import METRICS, parse_metrics
 from cltaa.presets import load_preset, preset_names
+from cltaa.printable import json_of
 from cltaa.progress import track
 
 
@@ -117,7 +118,7 @@ def accuracy(
     if remember(result) is None:
         click.echo("not kept for resolve --budget-ms, which goes by a metric that falls with the error", err=True)
     if as_json:
-        click.echo(msgspec.json.encode(result).decode())
+        click.echo(json_of(result))
     else:
         print_accuracy(result)
         click.echo(f"look at {output / 'index.html'}")

@@ -58,7 +58,7 @@ def effects(
         if not as_json:
             click.echo(line(cells(rows[-1])), nl=False)  # as soon as it is known: all scenes take a while
     if as_json:
-        click.echo(json_of(rows, indent=2))
+        click.echo(json_of(rows))
     if not all(row.same_bits for row in rows):
         ctx.exit(DataError.exit_code)
 

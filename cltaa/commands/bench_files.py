@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-import msgspec
 from rich.console import Console
 from rich.table import Table
 
@@ -16,6 +15,7 @@ from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
 from cltaa.exr_layout import LOSSLESS
 from cltaa.presets import load_preset
+from cltaa.printable import json_of
 from cltaa.progress import track
 from cltaa.sources import open_sequence
 
@@ -47,7 +47,7 @@ def files(
         progress=lambda numbers, total: track(numbers, total, "timing", unit="rounds"),
     )  # fmt: skip
     if as_json:
-        click.echo(msgspec.json.encode(found).decode())
+        click.echo(json_of(found))
     else:
         _print(found)
 

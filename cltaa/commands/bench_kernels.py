@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import click
-import msgspec
 from rich.console import Console
 from rich.table import Table
 
@@ -15,6 +14,7 @@ from cltaa.commands.options import PRESET, device_option, json_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
 from cltaa.presets import load_preset
+from cltaa.printable import json_of
 from cltaa.progress import track
 
 
@@ -69,7 +69,7 @@ def kernels(
         progress=lambda numbers, total: track(numbers, total, "timing", unit="rounds"),
     )
     if as_json:
-        click.echo(msgspec.json.encode(bench).decode())
+        click.echo(json_of(bench))
     else:
         print_bench(bench)
 

@@ -7,7 +7,6 @@ from collections import Counter
 from pathlib import Path
 
 import click
-import msgspec
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table as Grid
@@ -23,6 +22,7 @@ from cltaa.commands.options import FILE_PATH, PRESET, json_option
 from cltaa.errors import UsageError, known
 from cltaa.launch import Launcher, launcher_for
 from cltaa.presets import Preset, load_preset, preset_names
+from cltaa.printable import json_of
 from cltaa.sources import Sequence, open_sequence
 
 ALL = "all"  # every scene of cltaa scenes
@@ -133,7 +133,7 @@ def quality(
     if page is not None:
         write_page(page, markdown(table, _about(table, shape, settled), texts))
     if as_json:
-        click.echo(msgspec.json.encode(table).decode())
+        click.echo(json_of(table))
     else:
         _print(table)
 

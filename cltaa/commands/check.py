@@ -46,7 +46,7 @@ def check(
         with atomic_path(fix) as temporary:
             temporary.write_text(toml_text(mended), encoding="utf-8")
     if as_json:
-        click.echo(json_of(report, indent=2))
+        click.echo(json_of(report))
     else:
         _print(report, fix)
     if report.mistakes:

@@ -93,7 +93,7 @@ def compare(
         result["definitions"] |= {score.name: score.title for score in SCORES}
         result |= {name: sums.scores() for name, sums in zip(names, video.totals, strict=False)}
     if as_json:
-        click.echo(json_of(_finite(result), indent=2))
+        click.echo(json_of(result))
     else:
         _print(result, shown)
 
@@ -178,15 +178,6 @@ def _summary(
             samples, method = equal_quality(comparison, result["mean"]["mse"], one_sample_mse, stops)
             result["equal_quality_samples"] = {"samples": samples, "method": method}
     return result
-
-
-def _finite(value: Any) -> Any:
-    """JSON has no infinity and no NaN: the PSNR of identical images, and a score of nothing, become null."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _print(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -20,7 +19,7 @@ from cltaa.frames import Image
 from cltaa.metrics import METRICS, mean, measure
 from cltaa.pictures import side_by_side, write_image_png, write_png
 from cltaa.pipeline import Outcome, resolve_sequence
-from cltaa.printable import shown
+from cltaa.printable import json_of, shown
 from cltaa.resolve import Resolver
 from cltaa.sources import ImageSequence, open_images, open_sequence
 from cltaa.video import write_side_by_side
@@ -69,7 +68,7 @@ def demo(output: Path, scene: str, frames: int, size: str, device: str | None, a
     gain = _judge(open_images(folder).select(0, frames - 1), after, sequence.reference, outcome)
     _show(output, open_images(folder).select(0, frames - 1), after)
     if as_json:
-        click.echo(json.dumps(asdict(gain)))
+        click.echo(json_of(gain))
     else:
         _print(gain, outcome, output)
 

@@ -26,7 +26,7 @@ def doctor(ctx: click.Context, as_json: bool) -> None:
     with console.status("Trying files, linker, OpenCL and OpenGL ..."):
         diagnosis = diagnose()
     if as_json:
-        click.echo(json_of(diagnosis, indent=2))
+        click.echo(json_of(diagnosis))
     else:
         console.print(_findings(diagnosis))
         for devices in filter(None, (finding.devices for finding in diagnosis.findings)):

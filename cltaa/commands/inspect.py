@@ -71,7 +71,7 @@ def inspect(
         else:
             found = inspect_folder(folder, pixels=pixels, advance=advance)
     if as_json:
-        click.echo(json_of(found, indent=2))
+        click.echo(json_of(found))
     elif isinstance(found, Description):
         _print_reading(found)
     else:
@@ -88,7 +88,7 @@ def _plan(source: Sequence, preset: str, device: str | None, effects: str, as_js
         click.echo("\n".join(map(printable, source.notes)), err=True)
     found = plan(source, preset, device, effects=chosen_effects(effects))
     if as_json:
-        click.echo(json_of(found, indent=2))
+        click.echo(json_of(found))
     else:
         print_plan(found)
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
-
 import click
 
 from cltaa.build import Build, Steps
 from cltaa.commands.options import PRESET
 from cltaa.presets import load_preset
+from cltaa.printable import json_of
 
 
 @click.command("kernels")
@@ -31,7 +30,7 @@ def kernels(show: str | None, preset: str, lanes: str, strict: bool, as_json: bo
         return
     hashes = {name: source_hash(name, build) for name in kernel_names()}
     if as_json:
-        click.echo(json.dumps({"flags": list(build.flags()), "kernels": hashes}))
+        click.echo(json_of({"flags": list(build.flags()), "kernels": hashes}))
         return
     click.echo(f"built with {' '.join(build.flags())}")
     for name, digest in hashes.items():

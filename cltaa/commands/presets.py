@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any, get_type_hints
 
 import click
@@ -15,6 +14,7 @@ from rich.table import Table
 from cltaa.commands.options import PRESET
 from cltaa.params import Choices, Settings
 from cltaa.presets import Preset, allowed, load_preset, preset_names
+from cltaa.printable import json_of
 
 
 @click.command("presets")
@@ -25,14 +25,14 @@ def presets(name: str | None, parameters: bool, as_json: bool) -> None:
     """List the presets; with NAME, print that one as TOML for cltaa resolve --config."""
     if parameters:
         rows = parameter_rows()
-        click.echo(json.dumps(rows)) if as_json else _print_parameters(rows)
+        click.echo(json_of(rows)) if as_json else _print_parameters(rows)
     elif name is not None:
         preset = load_preset(name)
-        click.echo(json.dumps(msgspec.to_builtins(preset)) if as_json else _toml(preset), nl=as_json)
+        click.echo(json_of(preset) if as_json else _toml(preset), nl=as_json)
     else:
         listed = sorted(map(load_preset, preset_names()), key=lambda preset: preset.published)  # our own first
         rows = [{"preset": preset.name, "description": preset.description} for preset in listed]
-        click.echo(json.dumps(rows)) if as_json else _print_presets(listed)
+        click.echo(json_of(rows)) if as_json else _print_presets(listed)
 
 
 def parameter_rows() -> list[dict[str, str]]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-import msgspec
 
 from cltaa.atomic import atomic_path
 from cltaa.commands.options import PRESET, json_option
 from cltaa.errors import UsageError
 from cltaa.launch import launcher_for
 from cltaa.presets import load_preset
+from cltaa.printable import json_of
 from cltaa.progress import track
 from cltaa.sources import open_sequence
 from cltaa.tune import Tuned, parse_goal, preset_text, tune
@@ -72,7 +72,7 @@ def command(
     with atomic_path(output) as temporary:
         temporary.write_text(preset_text(tuned, found), encoding="utf-8")
     if as_json:
-        click.echo(msgspec.json.encode(tuned).decode())
+        click.echo(json_of(tuned))
     else:
         click.echo(
             "\n".join([*outcome_lines(tuned), f"written to {output}; use it with: cltaa resolve --config {output}"])

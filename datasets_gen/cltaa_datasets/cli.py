@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
-
 import click
 from rich.console import Console
 from rich.table import Table
 
 from cltaa.frames import format_effects
+from cltaa.printable import json_of
 from cltaa_datasets.models import FORMATS, MOTIONS
 
 
@@ -21,7 +20,7 @@ def scenes(as_json: bool) -> None:
     entries = registered()
     if as_json:
         listed = [{"name": e.name, "description": e.description, "effects": sorted(e.effects)} for e in entries]
-        click.echo(json.dumps({"scenes": listed, "file": {"formats": FORMATS, "motions": MOTIONS}}, indent=2))
+        click.echo(json_of({"scenes": listed, "file": {"formats": FORMATS, "motions": MOTIONS}}))
         return
     table = Table("scene", "what it shows", "effects", box=None, padding=(0, 2, 0, 0))
     for entry in entries:
