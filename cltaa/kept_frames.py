@@ -18,6 +18,7 @@ from cltaa.frames import Frame
 from cltaa.launch import Buffer, Launcher
 from cltaa.layout import Layout
 from cltaa.planning import Plan
+from cltaa.printable import counted
 
 
 class KeptFrames:
@@ -100,6 +101,6 @@ def _ring(launcher: Launcher, shape: tuple[int, int, int], frames: int) -> Buffe
         return launcher.allocate(shape, np.float32)
     except ResourceError as error:
         raise ResourceError(
-            f"{error.what} to keep {frames} frames", expected=error.expected, found=error.found,
+            f"{error.what} to keep {counted(frames, 'frame')}", expected=error.expected, found=error.found,
             cure="keep fewer with --set frames_kept=N, or none with --preset default",
         ) from error  # fmt: skip

@@ -32,6 +32,11 @@ def shown(text: str | Path) -> str:
     return escape(printable(text))
 
 
+def counted(number: int, thing: str) -> str:
+    """Return how many of a thing there are in words: ``1 frame``, ``2 frames``."""
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
 def json_of(value: Any) -> str:
     """Return a struct, or what JSON has a form for, as every ``--json`` prints it: indented, in ASCII.
 

@@ -21,6 +21,7 @@ from cltaa.launch import Launcher
 from cltaa.metrics import METRICS
 from cltaa.params import Choices, Settings
 from cltaa.presets import Preset, override
+from cltaa.printable import counted
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence as Captured
 
@@ -203,7 +204,8 @@ def _suggested(trial: Any) -> dict[str, str | float]:
 def preset_text(tuned: Tuned, preset: Preset) -> str:
     """The preset as TOML: a description, and the keys that differ from cltaa's own defaults."""
     limit = f"{tuned.goal.budget_ms:g} ms" if tuned.goal.budget_ms is not None else f"{tuned.goal.target:g}"
-    about = f"Tuned for {tuned.goal.metric} within {limit} on {', '.join(tuned.searched_on)}, {tuned.trials} trials"
+    searched, trials = ", ".join(tuned.searched_on), counted(tuned.trials, "trial")
+    about = f"Tuned for {tuned.goal.metric} within {limit} on {searched}, {trials}"
     if tuned.overfits:
         about += f"; over-fits: not borne out on {', '.join(tuned.checked_on)}"
     lines = [f"description = {json.dumps(about)}"]

@@ -18,7 +18,7 @@ from rich.table import Table
 
 from cltaa.commands.options import FILE_PATH
 from cltaa.errors import UsageError
-from cltaa.printable import json_of, printable
+from cltaa.printable import counted, json_of, printable
 from cltaa_capture.jitter import USUAL
 from cltaa_capture.osmesa import BACKENDS
 from cltaa_datasets.models import MOTIONS
@@ -184,7 +184,7 @@ def _print_summary(request: Request, captured: Captured, seconds: float, as_json
         return
     kept = f", {captured.kept} kept" if captured.kept else ""
     print(
-        f"{printable(request.output)}: {captured.drawn} frames drawn{kept} in {seconds:.1f} s"
+        f"{printable(request.output)}: {counted(captured.drawn, 'frame')} drawn{kept} in {seconds:.1f} s"
         f" with {captured.backend} ({captured.opengl})",
         file=sys.stderr,
     )

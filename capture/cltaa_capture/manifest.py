@@ -6,6 +6,7 @@ again, to the same bits, so that a capture may be killed at any moment.
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import json
 import platform
@@ -28,11 +29,18 @@ REFERENCE = "reference"
 FORMAT = 1
 LIBRARIES = ("numpy", "OpenEXR", "pyrender", "PyOpenGL", "trimesh", "scipy", "Pillow")
 SAVE_EVERY = 1.0  # seconds; what a kill can cost
-CODE_SUFFIXES = (".py", ".vert", ".frag", ".glsl")
+SHADER_SUFFIXES = (".vert", ".frag", ".glsl")
+# What talks, measures or keeps the record, and draws nothing.
+NOT_DRAWING = ("cltaa_capture/cli.py", "cltaa_capture/costs.py", "cltaa_capture/explain.py",
+               "cltaa_capture/manifest.py", "cltaa_datasets/cli.py")  # fmt: skip
+DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef)
 
 
 def code_sha256() -> str:
-    """SHA-256 over the code and shaders of capture and scenes: other code may draw other pixels."""
+    """SHA-256 over the code and shaders of capture and scenes that draw: other code may draw other pixels.
+
+    Comments, docstrings and white space of Python do not count.
+    """
     digest = hashlib.sha256()
     for package in ("cltaa_capture", "cltaa_datasets"):
         for name, content in sorted(_code_files(files(package), package)):
@@ -46,9 +54,20 @@ def _code_files(folder: Traversable, prefix: str) -> list[tuple[str, bytes]]:
         name = f"{prefix}/{entry.name}"
         if entry.is_dir():
             found += _code_files(entry, name)
-        elif entry.name.endswith(CODE_SUFFIXES):
+        elif entry.name.endswith(SHADER_SUFFIXES):
             found.append((name, entry.read_bytes()))
+        elif entry.name.endswith(".py") and name not in NOT_DRAWING:
+            found.append((name, what_runs(entry.read_text(encoding="utf-8"))))
     return found
+
+
+def what_runs(source: str) -> bytes:
+    """Python source without what does not run: comments, docstrings, white space."""
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
+            del node.body[0]
+    return ast.dump(tree).encode()
 
 
 def versions(opengl: str) -> dict[str, str]:
@@ -104,6 +123,9 @@ class Manifest:
             asked, begun = self._settings.get(key), settings.get(key)
             if asked != begun:
                 cure = "use --restart to begin anew, or another folder"
+                if key == "code_sha256":  # 64 digits tell nobody anything
+                    what = "was begun by another version of capture or scenes, which may draw other pixels"
+                    raise UsageError(what, path=path, cure=cure)
                 raise UsageError(f"was begun with another {key}", path=path, expected=begun, found=asked, cure=cure)
         self._files = files_
         self._seconds = dict(content.get("seconds_a_frame", {}))

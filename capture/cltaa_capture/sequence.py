@@ -18,6 +18,7 @@ from cltaa.exr import write_frame, write_image
 from cltaa.exr_layout import LARGEST_SIDE
 from cltaa.frames import Effect, Frame, Image, format_effects
 from cltaa.manifest import file_sha256
+from cltaa.printable import counted
 from cltaa_capture.jitter import USUAL, jitter_sequence
 from cltaa_capture.manifest import REFERENCE, Manifest, code_sha256, versions
 from cltaa_capture.osmesa import Context, open_context
@@ -114,7 +115,7 @@ def capture_sequence(request: Request, progress: Callable[[int, int], None] | No
     Raises UsageError, InputMissing, DataError, DeviceMissing, OutputError, StorageError and ResourceError.
     """
     if min(request.frames, request.width, request.height) < 1 or not 0.0 < request.fps < float("inf"):
-        found = f"{request.frames} frames of {request.width} x {request.height} at {request.fps:g} fps"
+        found = f"{counted(request.frames, 'frame')} of {request.width} x {request.height} at {request.fps:g} fps"
         raise UsageError("frames, size and fps must be positive and finite", found=found)
     if max(request.width, request.height) > LARGEST_SIDE:
         expected, found = f"at most {LARGEST_SIDE} pixels a side", f"{request.width} x {request.height}"

@@ -15,6 +15,7 @@ from cltaa.bench.results import Accuracy, Cell
 from cltaa.bench.timing import Clock
 from cltaa.errors import DataError, UsageError
 from cltaa.metrics import METRICS
+from cltaa.printable import counted
 
 FOLDER = "XDG_DATA_HOME", ".local/share"  # the variable, and what stands for it in the home folder
 
@@ -28,7 +29,7 @@ class Candidate(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Known(msgspec.Struct, frozen=True, kw_only=True):
-    """The last measurement on one device."""
+    """The last measurement on one device that was no smaller than the one before it."""
 
     device: str
     date: str
@@ -36,6 +37,7 @@ class Known(msgspec.Struct, frozen=True, kw_only=True):
     sequences: list[str]
     noisy: bool
     candidates: list[Candidate]
+    pixels: int = 0  # of the least of the sequences' frames
 
 
 class Choice(msgspec.Struct, frozen=True, kw_only=True):
@@ -52,12 +54,15 @@ def known_path(device: str) -> Path:
     return base / "cltaa" / "bench" / f"{hashlib.sha256(device.encode()).hexdigest()[:16]}.json"
 
 
-def remember(result: Accuracy) -> Path | None:
-    """Keep what ``resolve --budget-ms`` needs of a measurement; returns the file, None without a metric that falls with
-    the error, by which it chooses."""
+def remember(result: Accuracy) -> str | None:
+    """Keep what ``resolve --budget-ms`` needs of a measurement; returns why where it is not kept.
+
+    It chooses by a metric that falls with the error. A quick look at a few variants, sequences or small frames does not
+    take the place of a larger measurement.
+    """
     metric = next((name for name in result.metrics if not METRICS[name].higher_is_better), None)
     if metric is None:
-        return None
+        return "it goes by a metric that falls with the error"
     rows = [
         Candidate(
             variant=variant,
@@ -74,12 +79,32 @@ def remember(result: Accuracy) -> Path | None:
         sequences=[measured.name for measured in result.sequences],
         noisy=any(measured.noisy for measured in result.sequences),
         candidates=rows,
+        pixels=min(measured.width * measured.height for measured in result.sequences),
     )
     path = known_path(known.device)
+    if (before := _kept(path)) is not None and (less := _less(known, before)):
+        return f"{less}, measured {before.date}; delete {path} to keep this one"
     make_folder(path.parent)
     with atomic_path(path) as temporary:
         temporary.write_bytes(msgspec.json.format(msgspec.json.encode(known)))
-    return path
+    return None
+
+
+def _kept(path: Path) -> Known | None:
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Known)
+    except (OSError, msgspec.DecodeError):
+        return None
+
+
+def _less(new: Known, kept: Known) -> str:
+    """What of a measurement is less than of the one that is kept; empty where nothing is."""
+    sizes = (
+        ("sequence", len(new.sequences), len(kept.sequences)),
+        ("variant", len(new.candidates), len(kept.candidates)),
+        ("pixel", new.pixels, kept.pixels),
+    )
+    return " and ".join(f"{counted(own, what)} where {theirs} are kept" for what, own, theirs in sizes if own < theirs)
 
 
 def choose(device: str, budget_ms: float, width: int, height: int) -> Choice:

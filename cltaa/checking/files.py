@@ -5,6 +5,7 @@ from __future__ import annotations
 from cltaa.checking.finding import Finding
 from cltaa.exr_layout import LOSSLESS
 from cltaa.inputs.intake import Intake
+from cltaa.printable import counted
 
 
 def check_files(intake: Intake) -> list[Finding]:
@@ -17,7 +18,7 @@ def check_files(intake: Intake) -> list[Finding]:
             codecs = {intake.layouts[number].compression for number in files if number in intake.layouts}
             if lossy := sorted(codecs - LOSSLESS):
                 what = f"compression {', '.join(lossy)} loses precision that {role} needs"
-                evidence = f"{role} {' '.join(place.channel for place in places)} in {len(files)} files"
+                evidence = f"{role} {' '.join(place.channel for place in places)} in {counted(len(files), 'file')}"
                 found.append(Finding(name="file-lossy", mistake=True, confidence=0.99, what=what, evidence=evidence))
         types = {intake.layouts[min(intake.layouts)].channels.get(place.channel) for place in places}
         if "half" in types:

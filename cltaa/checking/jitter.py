@@ -15,6 +15,7 @@ from cltaa.checking.finding import Finding
 from cltaa.checking.gains import left_over, linear_maps, regress
 from cltaa.checking.shots import Shot
 from cltaa.checking.signal import Vector
+from cltaa.printable import counted
 
 LEAST_PAIRS = 4  # two unknown gains an axis, and something left to tell signal from noise
 LEAST_SHIFT_PX = 0.1  # root mean square; less is no jitter
@@ -78,7 +79,7 @@ def _mean(shot: Shot) -> list[Finding]:
         Finding(
             name="jitter-biased", mistake=True, confidence=0.9,
             what="the jitter is not centred: the resolved picture is shifted by its mean, for good",
-            evidence=f"mean ({text}) px over {len(offsets)} frames",
+            evidence=f"mean ({text}) px over {counted(len(offsets), 'frame')}",
             fix={"jitter": {"offset": [round(float(-mean[0]), 4), round(float(-mean[1]), 4)]}},
         )
     ]  # fmt: skip

@@ -33,7 +33,7 @@ from cltaa.errors import UsageError
 from cltaa.launch import DeviceLauncher
 from cltaa.metrics import METRICS, parse_metrics
 from cltaa.presets import load_preset, preset_names
-from cltaa.printable import json_of
+from cltaa.printable import counted, json_of, printable
 from cltaa.progress import track
 
 
@@ -101,7 +101,7 @@ def accuracy(
     if build_only:
         launcher = DeviceLauncher(device)
         count = build_programs(tasks, launcher, pixels=pixels, jobs=jobs, until=math.inf, progress=_progress)
-        click.echo(f"{count} programs are built")
+        click.echo(f"{counted(count, 'program')} built")
         return
     make_folder(output)
     if listed:
@@ -115,8 +115,8 @@ def accuracy(
         progress=_progress,
     )  # fmt: skip
     write_report(result, tasks, output, pictured)
-    if remember(result) is None:
-        click.echo("not kept for resolve --budget-ms, which goes by a metric that falls with the error", err=True)
+    if why := remember(result):
+        click.echo(f"not kept for resolve --budget-ms: {printable(why)}", err=True)
     if as_json:
         click.echo(json_of(result))
     else:
@@ -189,7 +189,8 @@ def print_accuracy(result: Accuracy) -> None:
 
 def _table(result: Accuracy, measured: Measured) -> Table:
     metric = result.metrics[0]
-    table = Table(title=f"{measured.name}: {len(measured.frames)} frames, {measured.width} x {measured.height}")
+    frames = counted(len(measured.frames), "frame")
+    table = Table(title=f"{measured.name}: {frames}, {measured.width} x {measured.height}")
     table.add_column("variant")
     for heading in ("ms/Mpx", "x default", "95 %", *result.metrics, "bits right", "beaten by"):
         table.add_column(heading, justify="left" if heading == "beaten by" else "right")

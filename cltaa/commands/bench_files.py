@@ -15,7 +15,7 @@ from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
 from cltaa.exr_layout import LOSSLESS
 from cltaa.presets import load_preset
-from cltaa.printable import json_of
+from cltaa.printable import counted, json_of
 from cltaa.progress import track
 from cltaa.sources import open_sequence
 
@@ -83,7 +83,7 @@ def _print(found: FilesBench) -> None:
             _range(row.write), f"{row.read.median:.0f}", _range(row.read), f"{row.megabytes:.1f}",
         )  # fmt: skip
     print_table(table)
-    table = Table(title=f"cltaa resolve, {found.frames} frames, milliseconds a frame")
+    table = Table(title=f"cltaa resolve, {counted(found.frames, 'frame')}, milliseconds a frame")
     for heading in ("compression", "read alone", "resolve alone", "write alone", "whole", "over slowest", "95 %"):
         table.add_column(heading, justify="right", no_wrap=True)
     for stage in found.stages:

@@ -15,6 +15,7 @@ from cltaa.bench.plots import write_plots
 from cltaa.commands.options import FILE_PATH
 from cltaa.errors import UsageError
 from cltaa.metrics import METRICS
+from cltaa.printable import json_of
 
 
 @click.command("overview")
@@ -41,4 +42,4 @@ def overview(reports: tuple[Path, ...], output: Path, pictured: int, as_json: bo
             temporary.write_text(content, encoding="utf-8")
     for _ in write_plots(result, output, pictured):
         pass
-    click.echo(numbers if as_json else text, nl=False)
+    click.echo(json_of(result) if as_json else text, nl=as_json)

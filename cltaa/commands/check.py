@@ -12,7 +12,7 @@ from cltaa.checking.report import FRAMES, Report, check_folder
 from cltaa.commands.options import FILE_PATH, input_options, json_option
 from cltaa.errors import DataError
 from cltaa.inputs.profile_text import toml_text
-from cltaa.printable import json_of, shown
+from cltaa.printable import counted, json_of, shown
 
 
 @click.command()
@@ -65,7 +65,7 @@ def _print(report: Report, fix: Path | None) -> None:
         if finding.option:
             console.print(f"    {shown(finding.option)}", soft_wrap=True, highlight=False)
     if not report.mistakes:
-        console.print(f"[green]✓[/] no mistake found in {report.frames} frames", highlight=False)
+        console.print(f"[green]✓[/] no mistake found in {counted(report.frames, 'frame')}", highlight=False)
     elif any(finding.fix for finding in report.mistakes):
         text = f"cltaa resolve {report.folder} {report.options}" if fix is None else f"--profile {fix}"
         console.print(f"to read it right: {shown(text)}", soft_wrap=True, highlight=False)

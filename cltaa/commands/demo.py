@@ -19,7 +19,7 @@ from cltaa.frames import Image
 from cltaa.metrics import METRICS, mean, measure
 from cltaa.pictures import side_by_side, write_image_png, write_png
 from cltaa.pipeline import Outcome, resolve_sequence
-from cltaa.printable import json_of, shown
+from cltaa.printable import counted, json_of, shown
 from cltaa.resolve import Resolver
 from cltaa.sources import ImageSequence, open_images, open_sequence
 from cltaa.video import write_side_by_side
@@ -132,7 +132,8 @@ def _crop(image: Image) -> Image:
 
 def _print(gain: Gain, outcome: Outcome, output: Path) -> None:
     console = Console()
-    table = Table(title=f"{outcome.frames} frames, {outcome.width} x {outcome.height}, judged from frame {SETTLED} on")
+    frames = counted(outcome.frames, "frame")
+    table = Table(title=f"{frames}, {outcome.width} x {outcome.height}, judged from frame {SETTLED} on")
     for column in ("", "one sample", "resolved"):
         table.add_column(column, justify="left" if not column else "right")
     table.add_row("PSNR, dB (more is better)", f"{gain.psnr_one_sample:.2f}", f"[bold]{gain.psnr_resolved:.2f}")

@@ -16,7 +16,7 @@ from cltaa.inputs.description import Description, describe_input
 from cltaa.inputs.opening import is_own, open_input
 from cltaa.inspection import Inspection, inspect_folder
 from cltaa.pixel_statistics import ChannelStatistics
-from cltaa.printable import json_of, printable, shown
+from cltaa.printable import counted, json_of, printable, shown
 from cltaa.sources import Sequence
 
 
@@ -177,7 +177,7 @@ def _reference(found: Inspection) -> str:
     if found.reference is None:
         return "none"
     samples = found.reference.samples
-    return f"{found.reference.frames} frames" + ("" if samples is None else f" of {samples} samples a pixel")
+    return f"{counted(found.reference.frames, 'frame')}" + ("" if samples is None else f" of {samples} samples a pixel")
 
 
 def _statistics(statistics: dict[str, ChannelStatistics]) -> Table:

@@ -18,7 +18,7 @@ from cltaa.launch import launcher_for
 from cltaa.numbered import OnBreak
 from cltaa.pipeline import Outcome, resolve_sequence, stage_rows
 from cltaa.presets import Preset, load_config, load_preset, override
-from cltaa.printable import json_of, printable, shown
+from cltaa.printable import counted, json_of, printable, shown
 from cltaa.sources import Sequence
 from cltaa.views import View, parse_views
 
@@ -184,7 +184,7 @@ def _print_outcome(outcome: Outcome, preview: Path | None) -> None:
     from rich.table import Table
 
     console = Console()
-    what = f"{outcome.frames} frames, {outcome.width} x {outcome.height}, preset {shown(outcome.preset)}"
+    what = f"{counted(outcome.frames, 'frame')}, {outcome.width} x {outcome.height}, preset {shown(outcome.preset)}"
     console.print(what, highlight=False, soft_wrap=True)
     if outcome.resolved:
         table = Table()
@@ -194,11 +194,11 @@ def _print_outcome(outcome: Outcome, preview: Path | None) -> None:
             table.add_row(name, f"{milliseconds:.1f}", end_section=name == "write")
         console.print(table)
     if outcome.resolved < outcome.frames:
-        console.print(f"{outcome.frames - outcome.resolved} frames were finished already", highlight=False)
+        console.print(f"{counted(outcome.frames - outcome.resolved, 'frame')} finished already", highlight=False)
     if outcome.repaired:
-        console.print(f"{outcome.repaired} pixels were no usable numbers and were repaired", highlight=False)
+        console.print(f"{counted(outcome.repaired, 'pixel')} without a usable number repaired", highlight=False)
     if outcome.saturated:
-        console.print(f"{outcome.saturated} pixels reached 65504, the largest half, and saturated", highlight=False)
+        console.print(f"{counted(outcome.saturated, 'pixel')} saturated at 65504, the largest half", highlight=False)
     console.print(f"on {shown(outcome.device)}", highlight=False, soft_wrap=True)
     console.print(f"written to {shown(outcome.output)}", highlight=False, soft_wrap=True)
     if preview is not None:

@@ -11,7 +11,7 @@ from cltaa.commands.options import PRESET, json_option
 from cltaa.errors import UsageError
 from cltaa.launch import launcher_for
 from cltaa.presets import load_preset
-from cltaa.printable import json_of
+from cltaa.printable import counted, json_of
 from cltaa.progress import track
 from cltaa.sources import open_sequence
 from cltaa.tune import Tuned, parse_goal, preset_text, tune
@@ -84,7 +84,7 @@ def outcome_lines(tuned: Tuned) -> list[str]:
     goal, best, start = tuned.goal, tuned.best, tuned.start
     lines = [
         f"{goal.metric} {best.error:.4g} in {best.milliseconds:.3g} ms a frame; it began with {start.error:.4g} in "
-        f"{start.milliseconds:.3g} ms ({tuned.trials} trials on {', '.join(tuned.searched_on)})"
+        f"{start.milliseconds:.3g} ms ({counted(tuned.trials, 'trial')} on {', '.join(tuned.searched_on)})"
     ]
     if not tuned.reached:
         lines.append("the goal was not reached; this is what came nearest")

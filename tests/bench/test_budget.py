@@ -8,8 +8,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cltaa.bench.known import Candidate, Known, choose, known_path
+from cltaa.bench.environment import environment
+from cltaa.bench.known import Candidate, Known, choose, known_path, remember
 from cltaa.bench.ladder import Variant, ladder
+from cltaa.bench.results import Accuracy, Cell, Measured, spread
+from cltaa.bench.timing import Interval
 from cltaa.build import Storage
 from cltaa.cli import main
 from cltaa.errors import DataError, UsageError
@@ -74,6 +77,7 @@ def test_resolve_takes_it_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 def test_a_measurement_is_remembered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    known_path(launcher_for(None).description).unlink(missing_ok=True)  # of another test, and perhaps larger
     sequence = write_sequence(tmp_path / "seq", 3, reference=True)
     arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path / "report"), "--only", "build,dilation"]
     arguments += ["--preset", "t1"]  # whose kernels are built soonest
@@ -83,6 +87,47 @@ def test_a_measurement_is_remembered(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert [row.variant.name for row in known.candidates] == ["t1", "dilation: closest", "dilation: edge"]
     assert known.candidates[0].error == 1.0
     assert known.sequences == ["seq"]
+
+
+def measured(sequences: int, size: int, variants: int, date: str) -> Accuracy:
+    """A measurement of so many sequences of square frames, of the first variants of the ladder."""
+    interval = Interval(median=1.0, low=1.0, high=1.0)
+    errors = {"mse": spread([0.1])}
+    names = ladder(load_preset())[:variants]
+    cells = [
+        Cell(variant=variant.name, errors=errors, rounding=None, wall=interval, device=None, least=1.0, ratio=interval,
+             dominated_by={})
+        for variant in names
+    ]  # fmt: skip
+    one = Measured(
+        name="seq", folder="seq", frames=[0], width=size, height=size, effects="", cells=cells, yardstick=[],
+        noisy=False, control=interval, floor=1.0, truth_noise=None, mean_noise=None, stages={},
+    )  # fmt: skip
+    place = msgspec.structs.replace(environment(f"{DEVICE} too", 0.0, (), Path(__file__).parent), date=date)
+    return Accuracy(environment=place, metrics=["mse"], rounds=3, variants=names, sequences=[one] * sequences)
+
+
+def test_a_smaller_measurement_does_not_take_the_place_of_a_larger_one() -> None:
+    path = known_path(f"{DEVICE} too")
+    path.unlink(missing_ok=True)
+
+    def kept() -> str:
+        return msgspec.json.decode(path.read_bytes(), type=Known).date
+
+    assert remember(measured(3, 32, 3, "first")) is None
+    for less, told in (
+        ((1, 32, 3), "1 sequence where 3 are kept, measured first; delete"),
+        ((9, 32, 2), "2 variants where 3 are kept"),
+        ((9, 16, 3), "256 pixels where 1024 are kept"),
+        ((1, 16, 3), "1 sequence where 3 are kept and 256 pixels where 1024 are kept"),
+    ):
+        assert told in (remember(measured(*less, "later")) or "")
+        assert kept() == "first"
+    assert remember(measured(3, 32, 3, "again")) is None
+    assert kept() == "again"
+    path.write_text("{")  # damaged, or of another version
+    assert remember(measured(1, 8, 1, "anew")) is None
+    assert kept() == "anew"
 
 
 def test_a_measurement_by_a_score_alone_is_told_and_not_kept(

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import cltaa_capture
+import cltaa_datasets
 from cltaa.errors import DataError, OutputError, StorageError, UsageError
 from cltaa.exr import read_colour, read_image, write_frame
 from cltaa.frames import Effect, Image
@@ -142,8 +144,26 @@ def test_another_setting_is_refused_by_name(captured: Path, change: dict[str, ob
 
 def test_other_code_is_another_setting(captured: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sequence, "code_sha256", lambda: "0" * 64)
-    with pytest.raises(UsageError, match="another code_sha256"):
+    with pytest.raises(UsageError, match=r"by another version of capture or scenes, .*; use --restart"):
         capture_sequence(request(captured))
+
+
+def test_what_does_not_run_is_no_other_code() -> None:
+    code = "def f(x):\n    return x + 1\n"
+    told = '"""A module."""\n\n\ndef f(x):  # adds\n    """Add one."""\n    return (\n        x + 1\n    )\n'
+    assert manifest.what_runs(code) == manifest.what_runs(told)
+    assert manifest.what_runs(code) != manifest.what_runs(code.replace("1", "2"))
+    assert manifest.what_runs("class A:\n    'what it is'\n") == manifest.what_runs("class A:\n    'and is not'\n")
+
+
+def test_what_draws_uses_nothing_that_the_sum_over_the_code_leaves_out() -> None:
+    left_out = [name.removesuffix(".py").replace("/", ".") for name in manifest.NOT_DRAWING]
+    for package in (cltaa_capture, cltaa_datasets):
+        folder = Path(package.__file__ or "").parent
+        for path in folder.rglob("*.py"):
+            name = path.relative_to(folder.parent).as_posix()
+            if name not in (*manifest.NOT_DRAWING, "cltaa_capture/sequence.py"):  # the sequence keeps the record
+                assert not [other for other in left_out if other in path.read_text(encoding="utf-8")], name
 
 
 def test_restart_begins_anew(tmp_path: Path) -> None:

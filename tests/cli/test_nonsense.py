@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from cltaa.cli import main
+from cltaa.printable import json_of
 from tests.sequence_factory import write_sequence
 from tests.test_architecture import SOURCES, name_of
 
@@ -153,12 +154,25 @@ def test_nonsense(
     assert words in said.err
 
 
-@pytest.mark.parametrize("line", ["profiles --json", "profiles blender --json", "presets --json", "scenes --json"])
+LISTS = ("profiles", "profiles blender", "presets", "presets t2", "presets --parameters", "scenes", "kernels")
+
+
+@pytest.mark.parametrize("line", LISTS)
 def test_lists_are_json_when_asked(line: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(line.split()) == 0
+    assert main([*line.split(), "--json"]) == 0
     said = capsys.readouterr()
-    assert json.loads(said.out)
+    assert said.out == json_of(json.loads(said.out)) + "\n"  # the same form everywhere
     assert said.err == ""
+
+
+def test_answers_are_json_when_asked(
+    desk: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(desk)
+    for line in ("inspect seq", "inspect seq --plan", "check seq", "resolve seq -o out", "compare out seq"):
+        main([*line.split(), "--json"])  # random numbers are no good sequence, and check and inspect say so
+        said = capsys.readouterr()
+        assert said.out == json_of(json.loads(said.out)) + "\n"
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=name_of)

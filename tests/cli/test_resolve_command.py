@@ -57,7 +57,7 @@ def test_another_name_for_the_same_settings_goes_on(tmp_path: Path, capsys: pyte
     assert main([*command, "gamma_still=2.0"]) == 0
     config.write_text("gamma_still = 2.0")
     assert main([*command[:-1], "--config", str(config)]) == 0
-    assert capsys.readouterr().out.count("2 frames were finished already") == 2
+    assert capsys.readouterr().out.count("2 frames finished already") == 2
 
 
 def test_half_output_saturates(tmp_path: Path) -> None:

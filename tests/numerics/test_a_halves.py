@@ -54,7 +54,7 @@ def test_a4_what_saturated_is_counted(
     if counted:
         assert green[1:5].tolist() == [65504.0, 65504.0, 65504.0, -65504.0]
     assert main([*given, *options, "--restart"]) == 0
-    assert (f"{counted} pixels reached 65504" in capsys.readouterr().out) == bool(counted)
+    assert (f"{counted} pixels saturated at 65504" in capsys.readouterr().out) == bool(counted)
 
 
 def test_a4_a_pixel_is_counted_once_and_alpha_with_it() -> None:
