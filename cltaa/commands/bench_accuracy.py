@@ -29,11 +29,11 @@ from cltaa.bench.results import Accuracy, Measured
 from cltaa.bench.timing import Clock
 from cltaa.commands.options import FILE_PATH, PRESET, device_option, json_option
 from cltaa.commands.tables import print_table
-from cltaa.errors import UsageError
+from cltaa.errors import UsageError, known
 from cltaa.launch import DeviceLauncher
 from cltaa.metrics import METRICS, parse_metrics
 from cltaa.presets import load_preset, preset_names
-from cltaa.printable import counted, json_of, printable
+from cltaa.printable import counted, json_of, printable, shown
 from cltaa.progress import track
 
 
@@ -146,13 +146,15 @@ def chosen_variants(preset: str, only: str | None, named: Sequence[str] = (), *,
     every = ladder(load_preset(preset), [load_preset(name) for name in preset_names()], full=full)
     if only is None and not named:
         return every
-    known, names = {variant.group for variant in every}, {variant.name for variant in every}
-    if not names.issuperset(named):
-        missing = next(name for name in named if name not in names)
-        raise UsageError("--variant: no such variant", expected="; ".join(sorted(names)), found=missing)
-    groups = {name.strip() for name in only.split(",")} if only is not None else set()
-    if not groups <= known:
-        raise UsageError("--only: unknown group", expected=", ".join(sorted(known)), found=only)
+    kinds, names = {variant.group for variant in every}, {variant.name for variant in every}
+    groups = [name.strip() for name in only.split(",")] if only is not None else []
+    for option, kind, chosen, there in (
+        ("--variant", "variant", named, names),
+        ("--only", "group", groups, kinds),
+    ):
+        for name in chosen:
+            if name not in there:
+                raise UsageError(f"{option}: unknown {kind} {name}", cure=known(name, sorted(there), f"{kind}s"))
     return [every[0], *(variant for variant in every[1:] if variant.group in groups or variant.name in named)]
 
 
@@ -190,7 +192,7 @@ def print_accuracy(result: Accuracy) -> None:
 def _table(result: Accuracy, measured: Measured) -> Table:
     metric = result.metrics[0]
     frames = counted(len(measured.frames), "frame")
-    table = Table(title=f"{measured.name}: {frames}, {measured.width} x {measured.height}")
+    table = Table(title=f"{shown(measured.name)}: {frames}, {measured.width} x {measured.height}")
     table.add_column("variant")
     for heading in ("ms/Mpx", "x default", "95 %", *result.metrics, "bits right", "beaten by"):
         table.add_column(heading, justify="left" if heading == "beaten by" else "right")
@@ -208,5 +210,5 @@ def _table(result: Accuracy, measured: Measured) -> Table:
     for row in measured.yardstick:
         added = "–" if row.added is None else f"{row.added:.3g}"
         errors = (f"{row.errors[name].mean:.4g}" for name in result.metrics)
-        table.add_row(f"{row.samples} samples a pixel", added, "", "", *errors, "", "", style="dim")
+        table.add_row(f"{counted(row.samples, 'sample')} a pixel", added, "", "", *errors, "", "", style="dim")
     return table

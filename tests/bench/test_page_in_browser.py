@@ -65,6 +65,21 @@ def test_nothing_is_wider_than_the_page(window: Browser, width: int) -> None:
     window.size(1280, 900)
 
 
+def test_a_control_that_is_hidden_leaves_no_row_on_a_narrow_page(window: Browser) -> None:
+    window.size(400, 900)
+    lowest = """const rows = [...document.querySelectorAll("#choices label")].filter(
+        (label) => getComputedStyle(label).display !== "none").map((label) => label.getBoundingClientRect().bottom);
+        return [Math.max(...rows), rows.length]"""
+    with_gain = {}
+    for mode in ("slider", "difference"):
+        choose(window, "mode", mode)
+        with_gain[mode] = window.run(lowest)
+    assert with_gain["slider"][0] < with_gain["difference"][0] - 30
+    assert [rows for _, rows in with_gain.values()] == [4, 5]
+    choose(window, "mode", "slider")
+    window.size(1280, 900)
+
+
 @pytest.mark.parametrize("width", [1280, 400])
 def test_no_name_covers_another(window: Browser, width: int) -> None:
     window.size(width, 900)

@@ -141,7 +141,7 @@ def weighed(error: float, repeated: float | None = None) -> float:
     for planes, light in zip(spans.reshape(SPANS, 5, *spans.shape[1:]), (1.0, 0.98, 0.8, 0.8), strict=True):
         planes[:3], planes[3], planes[4] = light, error, 4.0
     output, count = layout.empty(4), layout.empty(1)
-    settings = settings_record(Settings(change_floor=0.01))
+    settings = settings_record(Settings(change_t=2.0, change_floor=0.01))
     frame = np.zeros((), FRAME_DTYPE)
     frame["width"], frame["height"] = WIDTH, HEIGHT
     build = Build(steps=Steps(alpha=False))

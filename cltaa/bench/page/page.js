@@ -125,7 +125,7 @@ function drawFront() {
   const points = [...cells].sort((p, q) => Boolean(beaten(q)) - Boolean(beaten(p)))
     .map((cell) => pointOf(cell, x, y, box, beaten(cell), named, logarithmic));
   for (const s of yards) {
-    const px = x(s.added), py = y(s.errors[state.metric].mean), text = `${s.samples} samples a pixel: ${number(s.added)} ms/Mpx of drawing, ${state.metric} ${number(s.errors[state.metric].mean)}`;
+    const px = x(s.added), py = y(s.errors[state.metric].mean), text = `${s.samples} sample${s.samples === 1 ? "" : "s"} a pixel: ${number(s.added)} ms/Mpx of drawing, ${state.metric} ${number(s.errors[state.metric].mean)}`;
     const mark = element("g", { class: "point sample", tabindex: 0, role: "img", "aria-label": text, "data-x": px }, element("path", { d: `M${px} ${py - 6}l6 6l-6 6l-6-6z` }), element("title", {}, text));
     mark.append(...named(px, py, `${s.samples}×`));
     mark.addEventListener("focus", () => { $("point").textContent = text; });
@@ -188,7 +188,7 @@ async function paint() {
   else drawDifference(a, b, under.getContext("2d"));
   over.hidden = $("seam").hidden = !split;
   document.querySelector(".slide").style.visibility = split ? "visible" : "hidden";
-  document.querySelector(".gain").style.visibility = split ? "hidden" : "visible";
+  document.querySelector(".gain").classList.toggle("off", split);
   $("tag-a").textContent = split ? state.a : `|${state.a} − ${state.b}| × ${$("gain").value}`;
   $("tag-b").textContent = split ? state.b : "";
   place();
@@ -292,7 +292,7 @@ function drawNumbers() {
   const measured = current(), head = ["variant", "ms/Mpx", "95 %", "× default", ...report.metrics, "bits right", "beaten by"];
   const rows = measured.cells.map((c) => [c.variant, number(timeOf(c).median), `${number(timeOf(c).low)} – ${number(timeOf(c).high)}`,
     measured.noisy ? "noisy" : c.ratio.median.toFixed(3), ...report.metrics.map((m) => number(c.errors[m].mean)), c.rounding && c.rounding.rms > 0 ? (-Math.log2(c.rounding.rms)).toFixed(1) : "–", c.dominated_by[state.metric] || ""]);
-  for (const s of measured.yardstick) rows.push([`${s.samples} samples a pixel`, s.added === null ? "–" : number(s.added), "", "", ...report.metrics.map((m) => number(s.errors[m].mean)), "", ""]);
+  for (const s of measured.yardstick) rows.push([`${s.samples} sample${s.samples === 1 ? "" : "s"} a pixel`, s.added === null ? "–" : number(s.added), "", "", ...report.metrics.map((m) => number(s.errors[m].mean)), "", ""]);
   $("numbers").replaceChildren(element("thead", {}, element("tr", {}, ...head.map((h) => element("th", {}, h)))), element("tbody", {}, ...rows.map((r) => element("tr", {}, ...r.map((v) => element("td", {}, v))))));
 }
 
