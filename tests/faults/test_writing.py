@@ -36,8 +36,8 @@ def test_every_call_that_can_fail(tmp_path: Path, shim: Path, work: str, action:
     # What fails without harm: two reads when a run begins (the slots of a checkpoint), and at most two writes an image,
     # which the C++ library tries again when it closes the file. That is 8 of the 80 calls of the short resolve; but two
     # frames are written at a time, so that the n-th call is not the same in every run, and how often one of the 8 is
-    # met is a matter of chance (3 to 12 were seen): more than 20 would be, of a Poisson law of 8, one run in 10,000.
+    # met is a matter of chance (3 to 12 were seen): of a Poisson law of 8, more than half of 80 is one run in 10^15.
     print(f"{len(trials) - 1} faults")
-    assert len(failed) >= 0.75 * (len(trials) - 1)
+    assert len(failed) >= 0.5 * (len(trials) - 1)
     kept = [trial["kept"] for trial in trials]
     assert min(kept) == 0 < max(kept) == kept[-1]
