@@ -15,7 +15,7 @@ import pytest
 
 from tests.faults.runs import FRAMES
 
-PATIENCE = 1200.0
+PATIENCE = 7200.0
 KILLED, INTERRUPTED = -signal.SIGKILL, 130
 
 
