@@ -19,8 +19,8 @@ from cltaa.errors import UsageError
 from cltaa.extras import import_extra
 from cltaa.launch import Launcher
 from cltaa.metrics import METRICS
-from cltaa.params import Choices, Settings
-from cltaa.presets import Preset, override
+from cltaa.params import Choices
+from cltaa.presets import Preset, load_preset, override, preset_names
 from cltaa.printable import counted
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence as Captured
@@ -132,7 +132,7 @@ def tune(
     seed: int,
     progress: Progress,
 ) -> tuple[Tuned, Preset]:
-    """Search ``trials`` settings, beginning with those of ``base``; raises UsageError without optuna.
+    """Search ``trials`` settings, the first of which is ``base`` as it is; raises UsageError without optuna.
 
     ``checked`` are sequences that the search never sees; what it found is measured on them at the end.
     """
@@ -145,12 +145,13 @@ def tune(
     for _ in progress(range(trials), trials):
         asked = study.ask()
         values = _suggested(asked)
-        preset = override(base, values, "cltaa tune")
+        preset = override(base, values, "cltaa tune") if found else base
         trial = Trial(values=values, error=bench.error(preset), milliseconds=bench.milliseconds(preset))
         study.tell(asked, goal.score(trial.error, trial.milliseconds))
         found.append(trial)
     best = min(found, key=lambda trial: goal.score(trial.error, trial.milliseconds))
-    start, preset = found[0], override(base, best.values, "cltaa tune")
+    start = found[0]
+    preset = base if best is start else override(base, best.values, "cltaa tune")
     gain, elsewhere = start.error / max(best.error, 1e-30), None
     if checked:
         other = Bench(checked, goal.metric, launcher)
@@ -202,14 +203,15 @@ def _suggested(trial: Any) -> dict[str, str | float]:
 
 
 def preset_text(tuned: Tuned, preset: Preset) -> str:
-    """The preset as TOML: a description, and the keys that differ from cltaa's own defaults."""
+    """The preset as TOML: a description, the preset that it is of, and the keys that differ from that one's."""
     limit = f"{tuned.goal.budget_ms:g} ms" if tuned.goal.budget_ms is not None else f"{tuned.goal.target:g}"
     searched, trials = ", ".join(tuned.searched_on), counted(tuned.trials, "trial")
     about = f"Tuned for {tuned.goal.metric} within {limit} on {searched}, {trials}"
     if tuned.overfits:
         about += f"; over-fits: not borne out on {', '.join(tuned.checked_on)}"
-    lines = [f"description = {json.dumps(about)}"]
-    for part, default in ((preset.choices, Choices()), (preset.settings, Settings())):
+    base = load_preset(preset.name if preset.name in preset_names() else "default")
+    lines = [f"description = {json.dumps(about)}", f"preset = {json.dumps(base.name)}"]
+    for part, default in ((preset.choices, base.choices), (preset.settings, base.settings)):
         for name in type(default).__struct_fields__:
             value = getattr(part, name)
             if value != getattr(default, name):

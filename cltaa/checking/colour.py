@@ -58,6 +58,8 @@ def _channels(frames: Sequence[Frame], has_depth: bool) -> Iterator[Finding]:
         yield _channel("colour-repeated", True, f"all {len(frames)} frames are the same picture", "colour")
     if has_depth:
         depth = np.stack([frame.depth for frame in frames])
+        if wrong := float(np.isnan(depth).mean()):  # infinity is the sky
+            yield _channel("depth-not-a-number", wrong > 0.001, f"{wrong:.2%} of depth is NaN", "depth")
         finite = depth[np.isfinite(depth)]
         if len(finite) and np.ptp(finite) == 0.0 and len(finite) > 0.5 * depth.size:
             yield _channel("depth-constant", True, f"every depth is {finite[0]:g}", "depth")

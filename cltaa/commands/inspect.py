@@ -185,5 +185,6 @@ def _statistics(statistics: dict[str, ChannelStatistics]) -> Table:
     for heading in ("lowest", "highest", "NaN", "infinite"):
         table.add_column(heading, justify="right")
     for name, channel in statistics.items():
-        table.add_row(name, f"{channel.lowest:.6g}", f"{channel.highest:.6g}", str(channel.nan), str(channel.infinite))
+        ends = (f"{channel.lowest:.6g}", f"{channel.highest:.6g}") if channel.lowest <= channel.highest else ("–", "–")
+        table.add_row(name, *ends, str(channel.nan), str(channel.infinite))
     return table

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from cltaa.atomic import atomic_path
-from cltaa.commands.options import PRESET, json_option
+from cltaa.atomic import atomic_path, check_creatable
+from cltaa.commands.options import FILE_PATH, PRESET, json_option
 from cltaa.errors import UsageError
 from cltaa.launch import launcher_for
 from cltaa.presets import load_preset
@@ -16,24 +16,22 @@ from cltaa.progress import track
 from cltaa.sources import open_sequence
 from cltaa.tune import Tuned, parse_goal, preset_text, tune
 
-PATH = click.Path(path_type=Path)
-
 
 @click.command("tune")
-@click.argument("sequences", nargs=-1, required=True, type=PATH, metavar="SEQUENCE...")
+@click.argument("sequences", nargs=-1, required=True, type=FILE_PATH, metavar="SEQUENCE...")
 @click.option(
     "--budget", metavar="TIME", help="Least error within this time a frame, as 5ms; the kernels' time counts."
 )
 @click.option("--target", metavar="METRIC=VALUE", help="Least time with at most this error, as flip=0.02.")
 @click.option("--metric", default="mse", show_default=True, help="What is minimised within a --budget.")
-@click.option("--check", "checked", multiple=True, type=PATH, metavar="SEQUENCE",
+@click.option("--check", "checked", multiple=True, type=FILE_PATH, metavar="SEQUENCE",
               help="Only check the outcome on this one; repeatable.  [default: the last SEQUENCE]")  # fmt: skip
 @click.option("--preset", type=PRESET, default="default", show_default=True, help="Where the search begins.")
 @click.option("--trials", default=40, show_default=True, type=click.IntRange(min=2), help="Settings to try.")
 @click.option("--seed", default=0, show_default=True, help="Of the search.")
 @click.option("--device", metavar="NAME", help="OpenCL device, or numpy.")
 @click.option(
-    "-o", "--output", required=True, type=PATH, help="TOML file to write; use it with cltaa resolve --config."
+    "-o", "--output", required=True, type=FILE_PATH, help="TOML file to write; use it with cltaa resolve --config."
 )
 @json_option
 def command(
@@ -59,6 +57,7 @@ def command(
         sequences, checked = sequences[:-1], sequences[-1:]
     if {path.resolve() for path in sequences} & {path.resolve() for path in checked}:
         raise UsageError("a sequence is both searched and checked on", cure="name another one with --check")
+    check_creatable(output)
     tuned, found = tune(
         [open_sequence(path) for path in sequences],
         [open_sequence(path) for path in checked],

@@ -131,8 +131,10 @@ def _no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]]
             found=", ".join(places[0].files for places in several),
             cure=f"name the folder of one sequence, or the channels, as --input colour.channels='{names}'",
         )
-    found = " ".join(name for names in channels.values() for name in names)
-    cure = "name them: --input colour.channels='R G B'"
+    there = [name for names in channels.values() for name in names]
+    found = " ".join(there)
+    example = " ".join(there * 3) if len(there) == 1 else "R G B"  # of a picture in greys one channel is all three
+    cure = f"name them: --input colour.channels='{example}'"
     expected = " or ".join(profile.colour.channels)
     return DataError("no colour channels", path=folder, expected=expected, found=found, cure=cure)
 

@@ -13,6 +13,7 @@ import msgspec
 
 from cltaa.errors import DataError, UsageError, known
 from cltaa.file_content import read_text
+from cltaa.printable import counted
 
 LARGEST = 1 << 16  # bytes; every key with a comment takes a few thousand
 _FOLDER = resources.files("cltaa") / "profiles"
@@ -178,10 +179,12 @@ def _parse(name: str, text: str, origin: str) -> Profile:
     base = load_profile(str(values.pop("profile"))) if "profile" in values else Profile()
     merged = msgspec.to_builtins(base) | {"name": name}
     for section, keys in values.items():
-        if section not in merged or (
-            isinstance(keys, dict) and section != "recognise" and not keys.keys() <= merged[section].keys()
-        ):
-            raise DataError("unknown key", path=origin, expected=", ".join(merged), found=f"{section} {keys}")
+        if section not in merged:
+            raise DataError(f"unknown key {section}", path=origin, cure=known(section, merged, "keys"))
+        for key in keys if isinstance(keys, dict) and section != "recognise" else ():
+            if key not in merged[section]:
+                cure = known(key, merged[section], f"keys of {section}")
+                raise DataError(f"unknown key {section}.{key}", path=origin, cure=cure)
         merged[section] = merged[section] | keys if isinstance(keys, dict) else keys
     return convert_profile(merged, origin)
 
@@ -189,6 +192,19 @@ def _parse(name: str, text: str, origin: str) -> Profile:
 def convert_profile(values: dict[str, Any], origin: str) -> Profile:
     """Builtins to a profile; raises DataError that names the key."""
     try:
-        return msgspec.convert(values, Profile)
+        profile = msgspec.convert(values, Profile)
     except msgspec.ValidationError as error:
         raise DataError(f"profile: {error}", path=origin) from None
+    for key, candidates, count in (
+        ("colour.channels", profile.colour.channels, 3), ("colour.alpha", profile.colour.alpha, 1),
+        ("colour.reactive", profile.colour.reactive, 1), ("depth.channels", profile.depth.channels, 1),
+        ("motion.channels", profile.motion.channels, 2),
+    ):  # fmt: skip
+        for names in candidates:
+            if len(names.split()) != count:
+                cure = f"one channel may be named more than once: {' '.join([names.strip() or 'Y'] * count)}"
+                raise DataError(
+                    f"profile: {key} is not {counted(count, 'name')}", path=origin, found=names,
+                    cure=cure if len(names.split()) <= 1 < count else None,
+                )  # fmt: skip
+    return profile

@@ -13,7 +13,7 @@ import pytest
 from cltaa.cli import main
 from cltaa.commands.tune import outcome_lines
 from cltaa.errors import UsageError
-from cltaa.presets import load_config, load_preset
+from cltaa.presets import Preset, load_config, load_preset
 from cltaa.tune import Goal, Trial, Tuned, overfits, parse_goal, preset_text
 from tests.sequence_factory import write_sequence
 
@@ -52,8 +52,9 @@ def test_over_fitting(gain: float, elsewhere: float, verdict: bool) -> None:
     assert overfits(gain, elsewhere) is verdict
 
 
-def test_preset_text_is_toml_that_resolve_reads(tmp_path: Path) -> None:
-    base = load_preset()
+@pytest.mark.parametrize("name", ["default", "t1", "karis"])
+def test_preset_text_is_toml_that_resolve_reads(name: str, tmp_path: Path) -> None:
+    base = load_preset(name)
     trial = Trial(values={}, error=1.0, milliseconds=1.0)
     tuned = Tuned(
         goal=Goal(metric="mse", budget_ms=5.0), start=trial, best=trial, trials=3, reached=True, searched_on=['a "b"'],
@@ -61,12 +62,13 @@ def test_preset_text_is_toml_that_resolve_reads(tmp_path: Path) -> None:
     )  # fmt: skip
     from cltaa.presets import override
 
-    wanted = override(base, {"rectify": "clip", "sample_limit": 31.7, "history_filter": "bilinear"})
+    # Some are the values that a preset begins from, and not those of the default.
+    wanted = override(base, {"rectify": "clip", "sample_limit": 31.7, "light_change": "ignore", "resample_cost": 1.5})
     path = tmp_path / "tuned.toml"
     path.write_text(preset_text(tuned, wanted))
     assert "over-fits" in tomllib.loads(path.read_text())["description"]
-    read = load_config(path, base)
-    assert (read.choices, read.settings) == (wanted.choices, wanted.settings)
+    read = load_config(path, load_preset())  # as resolve --config does
+    assert (read.choices, read.settings, read.published) == (wanted.choices, wanted.settings, base.published)
 
 
 def test_search_finds_something_no_worse_and_checks_it_elsewhere(
@@ -96,6 +98,37 @@ def test_search_finds_something_no_worse_and_checks_it_elsewhere(
     load_config(output, load_preset())
     assert main([*arguments, "--check", str(folders[0])]) == 64
     assert "both searched and checked" in capsys.readouterr().err
+
+
+def test_an_output_that_cannot_be_written_is_told_before_the_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_sequence(tmp_path / "a", 2, reference=True)
+    monkeypatch.setattr("cltaa.commands.tune.tune", lambda *_, **__: pytest.fail("it searched"))
+    arguments = ["tune", str(folder), "--budget", "5ms", "--device", "numpy"]
+    for output in (tmp_path / "nowhere" / "t.toml", tmp_path):
+        assert main([*arguments, "-o", str(output)]) == 73
+    assert capsys.readouterr().err.count("cltaa: error: ") == 2
+
+
+def test_the_search_begins_with_the_preset_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also where its numbers lie beyond what is searched, as t1's sample_limit does."""
+    tried: list[Preset] = []
+
+    def error(_: object, preset: Preset) -> float:
+        tried.append(preset)
+        return float(len(tried))  # the first is the best
+
+    monkeypatch.setattr("cltaa.tune.Bench.error", error)
+    monkeypatch.setattr("cltaa.tune.Bench.milliseconds", lambda *_: 1.0)
+    folder, output = write_sequence(tmp_path / "a", 2, reference=True), tmp_path / "t.toml"
+    arguments = ["tune", str(folder), "--budget", "5ms", "--preset", "t1", "--trials", "2", "--device", "numpy"]
+    assert main([*arguments, "-o", str(output)]) == 0
+    assert "nothing better" in capsys.readouterr().out
+    assert tried[0] == load_preset("t1")
+    assert load_config(output, load_preset()).deciding() == load_preset("t1").deciding()
 
 
 def test_a_single_sequence_is_said_to_be_unchecked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

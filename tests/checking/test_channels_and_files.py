@@ -36,6 +36,7 @@ def picture(frame: Frame, value: float) -> Frame:
         ("colour-not-finite", lambda f: picture(f, np.nan)),
         ("colour-repeated", lambda f: replace(f, colour=make_frame(0).colour)),
         ("depth-constant", lambda f: replace(f, depth=np.full_like(f.depth, 3.0))),
+        ("depth-not-a-number", lambda f: replace(f, depth=np.full_like(f.depth, np.nan))),
         ("motion-constant", lambda f: replace(f, motion=np.full((f.height, f.width, 2), 0.5, np.float32))),
     ],
 )

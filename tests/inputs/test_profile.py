@@ -32,6 +32,9 @@ def test_a_profile_can_build_on_another(tmp_path: Path) -> None:
         ("depth.colour=1", UsageError),
         ("depth.kind=deep", DataError),
         ("motion.scale=1", DataError),
+        ("colour.channels=Y", DataError),
+        ("depth.channels=", DataError),
+        ("motion.channels=u v w", DataError),
     ],
 )
 def test_wrong_assignments(assignment: str, error: type[CltaaError]) -> None:
@@ -44,7 +47,12 @@ def test_wrong_profiles(tmp_path: Path) -> None:
         load_profile("maya")
     with pytest.raises(InputMissing):
         load_profile(str(tmp_path / "a.toml"))
-    for text in ("[", "[depth]\nkin = 1", 'speed = "x"'):
+    for text, told in (
+        ("[", "not TOML"),
+        ("[depth]\nkin = 1", r"unknown key depth\.kin; did you mean kind\?"),
+        ('speed = "x"', "unknown key speed; known keys: name, .*camera"),
+        ('[colour]\nchannels = ["Y"]', r"colour\.channels is not 3 names .*may be named more than once: Y Y Y"),
+    ):
         (tmp_path / "a.toml").write_text(text)
-        with pytest.raises(DataError):
+        with pytest.raises(DataError, match=told):
             load_profile(str(tmp_path / "a.toml"))
