@@ -31,6 +31,7 @@ from cltaa.exr_layout import (
     parse_layout,
     read_layout,
 )
+from cltaa.exr_zip import ROWS_A_CHUNK, fast_deflate, write_zip
 from cltaa.file_content import check_memory, file_size, open_regular, read_all
 from cltaa.frames import Frame, Image
 from cltaa.quiet import muted_output
@@ -138,8 +139,12 @@ def write_image(
     contiguous = {name: np.ascontiguousarray(pixels) for name, pixels in channels.items()}
     with atomic_path(path) as temporary:
         try:
-            # As bytes: a str that came from a name in another encoding than UTF-8 cannot be handed over.
-            OpenEXR.File(header, contiguous).write(os.fsencode(temporary))
+            deflate = fast_deflate()
+            if deflate is not None and compression in ROWS_A_CHUNK:
+                write_zip(temporary, header, contiguous, compression, deflate)
+            else:
+                # As bytes: a str that came from a name in another encoding than UTF-8 cannot be handed over.
+                OpenEXR.File(header, contiguous).write(os.fsencode(temporary))
             # A write that fails when OpenEXR closes the file goes unsaid; then the table of chunks is not whole.
             read_layout(temporary)
         except (RuntimeError, ValueError, TypeError, DataError) as error:

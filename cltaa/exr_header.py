@@ -61,6 +61,18 @@ def read_channels(path: Path, value: bytes) -> dict[str, str]:
     return channels
 
 
+def place_of(content: bytes, attribute: str) -> int:
+    """Where the value of an attribute stands in a file of one part; IndexError where there is no such attribute."""
+    place = 8
+    while content[place] != 0:
+        name, place = _name(content, place)
+        _, place = _name(content, place)  # of its type
+        if name == attribute:
+            return place + 4
+        place += 4 + struct.unpack_from("<i", content, place)[0]
+    raise IndexError(f"no attribute {attribute}")
+
+
 def read_at(file: BinaryIO, place: int, size: int) -> bytes:
     """Read ``size`` bytes from ``place`` on, fewer where the file ends."""
     file.seek(place)

@@ -20,8 +20,8 @@ REAL = 4  # bytes of a float
 FRAMES = 1 + DEPTH  # in work, and those that are decoded or being decoded
 RESULTS = 1 + DEPTH  # just made, and those that wait to be written or are being written
 GROUP = 3  # planes of a group, which are decoded one by one and moved together when the packed file has gone
-# Blocks of the size of a chunk that each of OpenEXR's threads holds for a file: packed, unpacked, between the two. Seen
-# with 2 and 16 threads: 2.5 to 3.1.
+# Blocks of the size of a chunk that each thread that packs or unpacks holds for a file: packed, unpacked, between the
+# two. Seen with 2 and 16 threads of OpenEXR: 2.5 to 3.1.
 BLOCKS = 3
 # Interpreter, libraries and driver: the peak of a resolve of 16 x 16 pixels with built kernels, PoCL 3.0, 2026-11-21,
 # and what of it is no file's (2026-11-22). Kernels that have to be built first take 100 to 190 MB more, and keep them.
@@ -66,7 +66,7 @@ class Memory(msgspec.Struct, frozen=True, kw_only=True):
     frames: int
     results: int
     reading: int  # for each frame that is being decoded the packed file or, after it, a group of planes
-    packing: int  # what OpenEXR's threads hold of the files that are read and written
+    packing: int  # what the threads that pack and unpack hold of the files that are read and written
     program: int = PROGRAM
 
     @property

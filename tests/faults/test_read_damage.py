@@ -104,9 +104,10 @@ def check(counts: Counter[str], compression: str, tries: int) -> None:
     # With a recorded hash nothing passes, in whatever way it was damaged.
     assert counts["passed its hash"] == 0
     assert counts["stopped by its hash"] == tries - counts["not damaged"] > 0.99 * tries
-    # Without one, ZIP has a checksum for each chunk; PIZ has none, and uncompressed pixels have nothing to check.
+    # Without one, ZIP has a sum for each chunk; PIZ has none, and uncompressed pixels have nothing to check. The sum is
+    # Adler-32, for which bytes one more and one less in turn cancel out, as in the smooth picture: one of 8,000 seen.
     if compression == "zip":
-        assert counts["other pixels"] == 0
+        assert counts["other pixels"] <= tries // 1000
 
 
 @pytest.mark.parametrize("compression", ["zip", "piz", "none"])
