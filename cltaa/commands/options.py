@@ -36,18 +36,33 @@ class _Stops(click.FloatRange):
         return stops
 
 
-class _PresetName(click.ParamType[str]):
-    """The name of a preset, which a shell completes; what it stands for is looked up where it is used."""
+class _Name(click.ParamType[str]):
+    """A name that a shell completes; what it stands for is looked up where it is used."""
 
     name = "name"
 
+    def __init__(self, listed: Callable[[], list[str]], *, or_file: bool = False) -> None:
+        self._listed, self._or_file = listed, or_file
+
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        from cltaa.presets import preset_names  # here: no command needs it before it runs
+        found = [CompletionItem(name) for name in self._listed() if name.startswith(incomplete)]
+        return found or [CompletionItem(incomplete, type="file")] * self._or_file
 
-        return [CompletionItem(name) for name in preset_names() if name.startswith(incomplete)]
+
+# What lists the names is imported when a shell asks: no command needs it before it runs.
+def _presets() -> list[str]:
+    from cltaa.presets import preset_names
+
+    return preset_names()
 
 
-PRESET = _PresetName()
+def _profiles() -> list[str]:
+    from cltaa.inputs.profile import profile_names
+
+    return ["auto", *profile_names()]
+
+
+PRESET, PROFILE = _Name(_presets), _Name(_profiles, or_file=True)
 FILE_PATH = _FilePath(path_type=Path)
 STOPS = _Stops(-EXPOSURE_STOPS, EXPOSURE_STOPS)
 
@@ -72,7 +87,7 @@ def input_options(command: Command) -> Command:
                      help="Matrices and jitter of each frame: .json, .csv or text (docs/inputs.md)."),
         click.option("--input", "inputs", multiple=True, metavar="SECTION.KEY=VALUE",
                      help="One key of the profile, such as motion.scale=1,-1; may be repeated."),
-        click.option("--profile", default="auto", show_default=True,
+        click.option("--profile", type=PROFILE, metavar="NAME", default="auto", show_default=True,
                      help="Who wrote the files: auto, a name (cltaa profiles), or FILE.toml."),
     ):  # fmt: skip
         command = option(command)

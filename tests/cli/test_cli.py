@@ -81,6 +81,8 @@ def test_completion_script(shell: str) -> None:
         ("cltaa presets ka", "karis"),
         ("cltaa bench kernels --preset ka", "karis"),
         ("cltaa capture spi", "spinner"),
+        ("cltaa profiles bl", "blender"),
+        ("cltaa resolve x --profile bl", "blender"),
     ],
 )
 def test_completion_of_a_name(words: str, completed: str) -> None:
