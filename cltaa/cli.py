@@ -35,7 +35,7 @@ COMMANDS = {
 }
 
 # The commands that find what they had finished.
-GOES_ON = {("capture",), ("demo",), ("resolve",), ("bench", "accuracy"), ("bench", "quality")}
+GOES_ON = {("capture",), ("demo",), ("resolve",), ("bench", "accuracy"), ("bench", "quality"), ("tune",)}
 
 
 @click.group(

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Callable, Iterable, Sequence
 from enum import StrEnum
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -24,6 +25,7 @@ from cltaa.presets import Preset, load_preset, override, preset_names
 from cltaa.printable import counted
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence as Captured
+from cltaa.tune_record import Record, Trial, key_of
 
 # What is searched. The other choices are there to follow published resolves, not to be good.
 CHOICES = (
@@ -62,14 +64,6 @@ class Goal(msgspec.Struct, frozen=True, kw_only=True):
     def reached(self, error: float, milliseconds: float) -> bool:
         """Whether the limit is kept."""
         return milliseconds <= self.budget_ms if self.budget_ms is not None else error <= (self.target or 0.0)
-
-
-class Trial(msgspec.Struct, frozen=True, kw_only=True):
-    """One set of settings with what it brought over the sequences of the search."""
-
-    values: dict[str, str | float]
-    error: float
-    milliseconds: float  # a frame, least of ROUNDS, the mean over the sequences
 
 
 class Tuned(msgspec.Struct, frozen=True, kw_only=True):
@@ -131,22 +125,27 @@ def tune(
     trials: int,
     seed: int,
     progress: Progress,
+    output: Path | None = None,
 ) -> tuple[Tuned, Preset]:
     """Search ``trials`` settings, the first of which is ``base`` as it is; raises UsageError without optuna.
 
-    ``checked`` are sequences that the search never sees; what it found is measured on them at the end.
+    ``checked`` are sequences that the search never sees; what it found is measured on them at the end. Trials are kept
+    beside ``output`` till then: a search that was interrupted goes on with the same arguments, and maybe more trials.
     """
     optuna: Any = import_extra("optuna", package="optuna", extra="tune", purpose="cltaa tune")
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
     study.enqueue_trial(_values_of(base))
     bench = Bench(searched, goal.metric, launcher)
+    record = Record(output, key_of(goal, base.deciding(), seed, launcher.description, sequences=searched))
     found: list[Trial] = []
     for _ in progress(range(trials), trials):
         asked = study.ask()
         values = _suggested(asked)
-        preset = override(base, values, "cltaa tune") if found else base
-        trial = Trial(values=values, error=bench.error(preset), milliseconds=bench.milliseconds(preset))
+        if (trial := record.known(values)) is None:
+            preset = override(base, values, "cltaa tune") if found else base
+            trial = Trial(values=values, error=bench.error(preset), milliseconds=bench.milliseconds(preset))
+            record.add(trial)
         study.tell(asked, goal.score(trial.error, trial.milliseconds))
         found.append(trial)
     best = min(found, key=lambda trial: goal.score(trial.error, trial.milliseconds))
@@ -156,6 +155,7 @@ def tune(
     if checked:
         other = Bench(checked, goal.metric, launcher)
         elsewhere = other.error(base) / max(other.error(preset), 1e-30)
+    record.clear()
     tuned = Tuned(
         goal=goal,
         start=start,

@@ -50,7 +50,8 @@ def command(
     """Search for the settings with the least error within a time, or the least time for an error.
 
     Every SEQUENCE is a capture with its truth. The outcome is measured on sequences that the search never saw, and
-    said to over-fit where less than half of the gain is left there.
+    said to over-fit where less than half of the gain is left there. A search that was interrupted goes on when the same
+    command is given again, also with more --trials.
     """
     goal = parse_goal(budget, target, metric)
     if not checked and len(sequences) > 1:
@@ -66,6 +67,7 @@ def command(
         base=load_preset(preset),
         trials=trials,
         seed=seed,
+        output=output,
         progress=lambda items, total: track(items, total, "tuning", unit="trials"),
     )
     with atomic_path(output) as temporary:

@@ -14,7 +14,8 @@ from cltaa.cli import main
 from cltaa.commands.tune import outcome_lines
 from cltaa.errors import UsageError
 from cltaa.presets import Preset, load_config, load_preset
-from cltaa.tune import Goal, Trial, Tuned, overfits, parse_goal, preset_text
+from cltaa.tune import Goal, Tuned, overfits, parse_goal, preset_text
+from cltaa.tune_record import Record, Trial
 from tests.sequence_factory import write_sequence
 
 
@@ -129,6 +130,47 @@ def test_the_search_begins_with_the_preset_as_it_is(
     assert "nothing better" in capsys.readouterr().out
     assert tried[0] == load_preset("t1")
     assert load_config(output, load_preset()).deciding() == load_preset("t1").deciding()
+
+
+def test_a_search_that_was_interrupted_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tried: list[Preset] = []
+    stop_at = 3
+
+    def error(_: object, preset: Preset) -> float:
+        if len(tried) == stop_at:
+            raise KeyboardInterrupt
+        tried.append(preset)
+        return 1.0 + preset.settings.gamma_still
+
+    monkeypatch.setattr("cltaa.tune.Bench.error", error)
+    monkeypatch.setattr("cltaa.tune.Bench.milliseconds", lambda *_: 1.0)
+    folder, output = write_sequence(tmp_path / "a", 2, reference=True), tmp_path / "t.toml"
+    arguments = ["tune", str(folder), "--budget", "5ms", "--device", "numpy", "--trials", "8", "-o", str(output)]
+    assert main(arguments) == 130
+    assert "kept, run the same again to go on" in capsys.readouterr().err
+    record = tmp_path / ".t.toml.trials"
+    record.write_text(record.read_text() + '{"values": {"box": "var')  # and killed while it wrote
+    stop_at = 100
+    assert main(arguments) == 0
+    continued, whole = output.read_text(), tried.copy()
+    assert len(whole) == 8  # none was measured twice
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "t.toml"]
+    tried.clear()
+    assert main(arguments) == 0
+    assert tried == whole  # what it would have been without the interruption
+    assert output.read_text() == continued
+
+
+def test_trials_of_another_search_count_for_nothing(tmp_path: Path) -> None:
+    trial = Trial(values={"box": "variance"}, error=1.0, milliseconds=1.0)
+    output = tmp_path / "t.toml"
+    Record(output, "one").add(trial)
+    assert Record(output, "one").known({"box": "variance"}) == trial
+    assert Record(output, "one").known({"box": "extremes"}) is None
+    assert Record(output, "another").known({"box": "variance"}) is None
+    assert Record(None, "one").known({"box": "variance"}) is None
 
 
 def test_a_single_sequence_is_said_to_be_unchecked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
