@@ -9,8 +9,20 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.constants import CONSTANTS, MIDDLE_SPAN, PAD_X, PAD_Y, SHORT_SPAN, SPAN_REACH, SPANS
-from cltaa.params import HOST_CHOICES, Choices, GatherFit, HistoryOf
+from cltaa.constants import (
+    CONSTANTS,
+    MIDDLE_SPAN,
+    PAD_X,
+    PAD_Y,
+    SHORT_SPAN,
+    SPAN_REACH,
+    SPANS,
+    THIN_COLUMNS,
+    THIN_FARTHER,
+    THIN_ROWS,
+    THIN_STEP,
+)
+from cltaa.params import HOST_CHOICES, Choices, GatherFit, HistoryOf, ThinSearch
 from cltaa.settings import KERNEL_SETTINGS, Settings
 
 if TYPE_CHECKING:
@@ -110,10 +122,11 @@ class Build(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def shared(build: Build) -> Build:
-    """``build`` without the choice that its kernels make nothing of: what does not gather is the default's program."""
+    """``build`` without choices that its kernels make nothing of: what does not gather is the default's program."""
     if build.choices.history_of is HistoryOf.SAMPLES:
         return build
-    return msgspec.structs.replace(build, choices=msgspec.structs.replace(build.choices, gather_fit=GatherFit.MEAN))
+    choices = msgspec.structs.replace(build.choices, gather_fit=GatherFit.MEAN, thin_search=ThinSearch.OWN_WAY)
+    return msgspec.structs.replace(build, choices=choices)
 
 
 def edge_builds(build: Build) -> tuple[Build, Build]:
@@ -221,6 +234,10 @@ def prelude(build: Build) -> str:
         "SHORT_SPAN": SHORT_SPAN,
         "MIDDLE_SPAN": MIDDLE_SPAN,
         "SPAN_REACH": SPAN_REACH,
+        "THIN_COLUMNS": THIN_COLUMNS,
+        "THIN_STEP": THIN_STEP,
+        "THIN_ROWS": THIN_ROWS,
+        "THIN_FARTHER": THIN_FARTHER,
         **{_macro(name): int(getattr(build.steps, name)) for name in Steps.__struct_fields__},
         **{_macro(name): int(getattr(build.terms, name)) for name in Terms.__struct_fields__},
     }

@@ -72,7 +72,7 @@ def two_surfaces(
     sides = [
         (dx, dy, q, layers.on_side(q, far=far))
         for dx, dy in NEIGHBOURS
-        for q in [usable_closeness(_window(closeness[0], dx, dy, layout, real), frame)]
+        for q in [usable_closeness(texels_beside(closeness[0], dx, dy, layout, real), frame)]
     ]
     n = sx = sy = sq = xy = qx = qy = zero
     xx = yy = np.full_like(zero, number(settings["fit_ridge"], zero))
@@ -113,7 +113,8 @@ def sides_of(s: Surface, layers: Layers, closeness: Array, layout: Layout, frame
     )
 
 
-def _window(plane: Array, dx: int, dy: int, layout: Layout, real: Any) -> Array:
+def texels_beside(plane: Array, dx: int, dy: int, layout: Layout, real: Any) -> Array:
+    """Of every pixel the texel ``dx`` columns and ``dy`` rows beside it, [H, W]."""
     top, left = PAD_Y + dy, PAD_X + dx
     texels: Array = plane[top : top + layout.height, left : left + layout.width].astype(real)
     return texels
@@ -135,14 +136,14 @@ def side_surface(
     least = np.full_like(s.centre, constant("DOMAIN_LIMIT", s.centre))
     x, y, q, u, v = s.x, s.y, s.closeness, s.u, s.v
     for dx, dy in NEIGHBOURS:
-        z = usable_closeness(_window(closeness[0], dx, dy, layout, real), frame)
+        z = usable_closeness(texels_beside(closeness[0], dx, dy, layout, real), frame)
         away = number(2 * dx * dx + 3 * dy * dy, least)
         here = layers.on_side(z, far=far) & (away < least)
         least = np.where(here, away, least)
         x, y, q = np.where(here, number(dx, x), x), np.where(here, number(dy, y), y), np.where(here, z, q)
         if build.steps.own_motion and motion is not None:
-            u = np.where(here, _window(motion[0], dx, dy, layout, real), u)
-            v = np.where(here, _window(motion[1], dx, dy, layout, real), v)
+            u = np.where(here, texels_beside(motion[0], dx, dy, layout, real), u)
+            v = np.where(here, texels_beside(motion[1], dx, dy, layout, real), v)
     return s._replace(x=x, y=y, closeness=q, u=u, v=v)
 
 
@@ -168,14 +169,14 @@ def side_of(
     xy = qx = qy = count = zero
     mean = [zero, zero, zero]
     for dx, dy in NEIGHBOURS:
-        z = usable_closeness(_window(closeness[0], dx, dy, layout, real), frame)
+        z = usable_closeness(texels_beside(closeness[0], dx, dy, layout, real), frame)
         here = layers.on_side(z, far=far)
         rise = np.where(here, z - at.closeness, zero)
         ox = np.where(here, number(dx, zero) - at.x, zero)
         oy = np.where(here, number(dy, zero) - at.y, zero)
         xx, xy, yy = xx + ox * ox, xy + ox * oy, yy + oy * oy
         qx, qy = qx + ox * rise, qy + oy * rise
-        r, g, b = (_window(plane, dx, dy, layout, real) for plane in current[:3])
+        r, g, b = (texels_beside(plane, dx, dy, layout, real) for plane in current[:3])
         usable = here & ~colour_outside_domain((r, g, b))
         seen = to_range((r, g, b), build)
         mean = [t + np.where(usable, c - o, zero) for t, c, o in zip(mean, seen, own, strict=True)]

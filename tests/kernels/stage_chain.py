@@ -103,6 +103,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "reactive",
         "reject",
         "storage",
+        "thin_search",
         "tonemap",
         "weighting",
     ),
