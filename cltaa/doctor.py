@@ -17,8 +17,9 @@ import msgspec
 
 from cltaa import kernel_cache
 
-# A cold build of every kernel takes about 10 s on one core; far beyond that a probe hangs.
-PROBE_SECONDS = 120
+# A cold build of every kernel takes about 10 s on one core, 60 s on one that ten others want too; far beyond that a
+# probe hangs.
+PROBE_SECONDS = 600
 
 LINKER_CURE = "sudo apt-get install -y gcc libc6-dev"
 OPENCL_CURE = "python -m pip install 'pyopencl[pocl]'"
