@@ -60,7 +60,7 @@ class Camera:
         return bool(self.view_to_clip[3, 2] == 0.0)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Frame:
     """One captured frame: arrays ``[H, W]`` or ``[H, W, C]``, row 0 at the top, linear scene-referred float32.
 
@@ -99,3 +99,9 @@ class Frame:
     def width(self) -> int:
         """Columns."""
         return int(self.colour.shape[1])
+
+    def __repr__(self) -> str:
+        """Size and channels, not their numbers."""
+        names = ("colour", "depth", "motion", "alpha", "reactive", "object_id", "normal")
+        there = " ".join(name for name in names if getattr(self, name) is not None)
+        return f"Frame({self.index}: {self.width} x {self.height}, {there}{', cut' if self.cut else ''})"

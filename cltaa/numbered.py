@@ -16,6 +16,7 @@ from typing import Self
 from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.exr_layout import Layout, read_layout
 from cltaa.manifest import recorded_hashes
+from cltaa.printable import counted
 
 # Nine digits fit cltaa:frame, an int. A number below 0, ``x.-001.exr``, is none: its frames would come in wrong order.
 NUMBERED = re.compile(r"(?P<name>.*?)[._-]?(?<![0-9])(?<![._]-)(?<!^-)(?P<number>[0-9]{1,9})\.exr", re.DOTALL)
@@ -93,6 +94,11 @@ class NumberedFiles:
     def __len__(self) -> int:
         """Count of frames."""
         return len(self._paths)
+
+    def __repr__(self) -> str:
+        """The folder, the numbers and the size."""
+        numbers = f"{one_range(self.first, self.last)}, {self.width} x {self.height}"
+        return f"{type(self).__name__}({str(self.folder)!r}: {counted(len(self), 'frame')}, {numbers})"
 
     def path(self, number: int) -> Path:
         """Return the file of a frame number; raises UsageError for one outside the sequence."""

@@ -41,8 +41,9 @@ def upload(frame: Frame, buffers: Buffers, steps: Steps, settings: Settings) -> 
 
 
 def check_shapes(frame: Frame) -> None:
-    """Raise DataError where the channels of a frame differ in size, or a plane is too large to be counted."""
-    size = frame.colour.shape[:2]
+    """Raise DataError where a channel holds no floats, channels differ in size, or a plane is too large to count."""
+    _check_numbers(frame)
+    size = (*frame.colour.shape[:2], 1, 1)[:2]  # of fewer axes too, to say that the shape is wrong
     if Layout(size[1], size[0]).plane > MOST_TEXELS:
         raise DataError(
             "the image is too large",
@@ -63,4 +64,20 @@ def check_shapes(frame: Frame) -> None:
                 expected=shape if 0 not in shape else "at least one pixel",
                 found=array.shape,
                 cure="all channels of a frame share one size",
+            )
+
+
+def _check_numbers(frame: Frame) -> None:
+    for name in ("colour", "depth", *NOTHING):
+        array: object = getattr(frame, name)
+        if array is None and name in NOTHING:
+            continue
+        if not isinstance(array, np.ndarray) or array.dtype.kind != "f":
+            raise DataError(
+                f"{name} is no array of floats",
+                path=frame.path,
+                frame=frame.index,
+                expected="float32",
+                found=array.dtype if isinstance(array, np.ndarray) else type(array).__name__,
+                cure="bytes of a picture are no linear light: decode them first" if name == "colour" else None,
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any, get_type_hints
 
 import click
@@ -12,6 +13,7 @@ from rich.padding import Padding
 from rich.table import Table
 
 from cltaa.commands.options import PRESET
+from cltaa.errors import UsageError
 from cltaa.params import Choices, Settings
 from cltaa.presets import Preset, allowed, load_preset, preset_names
 from cltaa.printable import json_of
@@ -19,11 +21,17 @@ from cltaa.printable import json_of
 
 @click.command("presets")
 @click.argument("name", required=False, type=PRESET)
+@click.option("--against", type=PRESET, help="Print only what NAME sets otherwise than this preset does.")
 @click.option("--parameters", is_flag=True, help="List every parameter with its range, unit and meaning.")
 @click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
-def presets(name: str | None, parameters: bool, as_json: bool) -> None:
+def presets(name: str | None, against: str | None, parameters: bool, as_json: bool) -> None:
     """List the presets; with NAME, print that one as TOML for cltaa resolve --config."""
-    if parameters:
+    if against is not None:
+        if name is None:
+            raise UsageError("--against compares with a preset", expected="cltaa presets NAME --against OTHER")
+        rows = difference(load_preset(name), load_preset(against))
+        click.echo(json_of(rows) if as_json else _toml_over(load_preset(against), rows), nl=as_json)
+    elif parameters:
         rows = parameter_rows()
         click.echo(json_of(rows)) if as_json else _print_parameters(rows)
     elif name is not None:
@@ -64,8 +72,23 @@ def _toml(preset: Preset) -> str:
         lines += [f'jitter = "{preset.jitter}"', "published = true"]
     for part in (preset.choices, preset.settings):
         for key, value in msgspec.to_builtins(part).items():
-            lines.append(f'{key} = "{value}"' if isinstance(value, str) else f"{key} = {value!r}")
+            lines.append(f"{key} = {json.dumps(value)}")
     return "\n".join(lines) + "\n"
+
+
+def difference(preset: Preset, other: Preset) -> list[dict[str, Any]]:
+    """One row for everything that decides a result and that the two set otherwise."""
+    ours, theirs = preset.deciding(), other.deciding()
+    pairs = [(key, ours[part][key], theirs[part][key]) for part in ("choices", "settings") for key in ours[part]]
+    pairs.append(("published", ours["published"], theirs["published"]))
+    return [{"parameter": key, "value": one, "against": another} for key, one, another in pairs if one != another]
+
+
+def _toml_over(base: Preset, rows: list[dict[str, Any]]) -> str:
+    lines = [(f"{row['parameter']} = {json.dumps(row['value'])}", json.dumps(row["against"])) for row in rows]
+    width = max((len(line) for line, _ in lines), default=0)
+    told = [f"{line:{width}}  # {against}" for line, against in lines]
+    return "\n".join([f"preset = {json.dumps(base.name)}", *told]) + "\n"
 
 
 def _print_presets(presets: list[Preset]) -> None:

@@ -151,6 +151,22 @@ def test_printed_preset_is_a_configuration(tmp_path: Path, capsys: pytest.Captur
         assert (loaded.jitter, loaded.published) == (preset.jitter, preset.published)
 
 
+def test_what_differs_between_presets_is_a_configuration_over_one_of_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, other in (("t5", "default"), ("karis", "t2"), ("default", "karis"), ("t3", "default")):
+        assert main(["presets", name, "--against", other]) == 0
+        path = tmp_path / f"{name}.toml"
+        path.write_text(capsys.readouterr().out)
+        assert load_config(path, load_preset()).deciding() == load_preset(name).deciding()
+    assert path.read_text() == 'preset = "default"\n'  # t3 is the default
+    assert main(["presets", "t5", "--against", "default", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert {"parameter": "light_change", "value": "spans", "against": "test"} in rows
+    assert main(["presets", "--against", "t2"]) == 64
+    assert "cltaa presets NAME --against OTHER" in capsys.readouterr().err
+
+
 def test_every_parameter_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["presets", "--parameters", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)

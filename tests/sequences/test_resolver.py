@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +15,8 @@ from cltaa.frames import Camera, Effect, Frame
 from cltaa.launch import NumpyLauncher
 from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
-from tests.sequence_factory import bits, make_camera, make_frame
+from cltaa.sources import open_sequence
+from tests.sequence_factory import bits, make_camera, make_frame, write_sequence
 
 STILL = frozenset({Effect.SKY})
 UNIT_ROUNDOFF = 2.0**-24
@@ -116,6 +120,28 @@ def test_wrong_shapes_are_refused() -> None:
     frame = still_frame(0)
     with pytest.raises(DataError, match=r"depth has the wrong shape .*expected \(23, 37\), found \(22, 37\)"):
         Resolver().resolve(replace(frame, depth=frame.depth[1:]))
+
+
+@pytest.mark.parametrize(
+    ("name", "spoilt", "found"),
+    [
+        ("colour", lambda a: (a * 50).astype(np.uint8), "expected float32, found uint8.*no linear light"),
+        ("colour", lambda a: a.tolist(), "found list"),
+        ("depth", lambda _: None, "depth is no array of floats .*found NoneType"),
+        ("motion", lambda a: a.astype(np.int32), "motion is no array of floats .*found int32"),
+        ("colour", lambda a: a[0, 0], "colour has the wrong shape"),
+    ],
+)
+def test_what_is_no_picture_is_told_before_it_is_resolved(name: str, spoilt: Callable[[Any], Any], found: str) -> None:
+    frame = make_frame(0, motion=True)
+    with pytest.raises(DataError, match=found):
+        Resolver(device="numpy").resolve(replace(frame, **{name: spoilt(getattr(frame, name))}))
+
+
+def test_frames_and_sequences_are_told_in_a_line(tmp_path: Path) -> None:
+    assert repr(make_frame(3, motion=True, cut=True)) == "Frame(3: 37 x 23, colour depth motion, cut)"
+    sequence = open_sequence(write_sequence(tmp_path / "a", 2))
+    assert repr(sequence) == f"Sequence({str(tmp_path / 'a')!r}: 2 frames, 0-1, 37 x 23)"
 
 
 def test_an_image_whose_texels_32_bits_do_not_count_is_refused() -> None:
