@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -59,7 +60,11 @@ class Packing(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Stages(msgspec.Struct, frozen=True, kw_only=True):
-    """Seconds a frame: of each stage with nothing beside it, and of the command in which they overlap."""
+    """Seconds a frame: of each stage with nothing beside it, and of the command in which they overlap.
+
+    ``processor`` is what the command takes of all cores together, ``at_best`` what ``over_slowest`` would be if none of
+    them was ever idle, and 1 where the slowest stage takes longer than that.
+    """
 
     codec: str
     half: bool
@@ -67,7 +72,9 @@ class Stages(msgspec.Struct, frozen=True, kw_only=True):
     resolve: Interval
     write: Interval
     whole: Interval
+    processor: Interval
     over_slowest: Interval  # whole over the slowest stage, round by round
+    at_best: Interval
 
 
 class FilesBench(msgspec.Struct, frozen=True, kw_only=True):
@@ -165,6 +172,7 @@ def _milliseconds(seconds: Interval) -> Interval:
 
 def _stages(folder: Path, sequence: Captured, resolver: Resolver, codec: str, half: bool, rounds: int) -> Stages:
     times: dict[str, list[float]] = {"read": [], "resolve": [], "write": [], "whole": []}
+    processor: list[float] = []
     held = [sequence.frame(index) for index in sequence.numbers[:HELD]]
     count = len(sequence)
     for number in range(rounds + 1):  # the first builds kernels and fills caches
@@ -181,14 +189,18 @@ def _stages(folder: Path, sequence: Captured, resolver: Resolver, codec: str, ha
             resolver.reset()
             for written in (ALONE, WHOLE):  # outside of the times: with --restart alone a run deletes what was there
                 shutil.rmtree(folder / written, ignore_errors=True)
-            started = time.perf_counter()
+            started, busy = time.perf_counter(), time.process_time()
             step()
             if number:
                 times[name].append((time.perf_counter() - started) / count)
+            if number and name == "whole":
+                processor.append((time.process_time() - busy) / count)
     slowest = [max(times[name][number] for name in ("read", "resolve", "write")) for number in range(rounds)]
     ratios = [whole / alone for whole, alone in zip(times["whole"], slowest, strict=True)]
+    cores = len(os.sched_getaffinity(0))
+    best = [max(1.0, busy / cores / alone) for busy, alone in zip(processor, slowest, strict=True)]
     return Stages(
-        codec=codec, half=half, over_slowest=_interval(ratios),
+        codec=codec, half=half, processor=_interval(processor), over_slowest=_interval(ratios), at_best=_interval(best),
         **{name: _interval(seconds) for name, seconds in times.items()},
     )  # fmt: skip
 

@@ -38,7 +38,8 @@ def files(
 
     "alone" is a stage with nothing beside it: reading (with all checks), resolving (with the way to the device and
     back) and writing. "whole" is cltaa resolve, where they overlap; "over slowest" is its time a frame over that of the
-    slowest stage, which it cannot pass.
+    slowest stage, which it cannot pass, and "at best" what that would be if no core was ever idle, by the "processor"
+    time of all of them together.
     """
     found = bench_files(
         open_sequence(sequence), load_preset(preset), device,
@@ -84,14 +85,16 @@ def _print(found: FilesBench) -> None:
         )  # fmt: skip
     print_table(table)
     table = Table(title=f"cltaa resolve, {counted(found.frames, 'frame')}, milliseconds a frame")
-    for heading in ("compression", "read alone", "resolve alone", "write alone", "whole", "over slowest", "95 %"):
+    alone = ("read alone", "resolve alone", "write alone")
+    for heading in ("compression", *alone, "whole", "processor", "over slowest", "95 %", "at best"):
         table.add_column(heading, justify="right", no_wrap=True)
     for stage in found.stages:
-        alone = (f"{seconds.median * 1e3:.0f}" for seconds in (stage.read, stage.resolve, stage.write, stage.whole))
-        ratio = stage.over_slowest
+        seconds = (stage.read, stage.resolve, stage.write, stage.whole, stage.processor)
+        ratio, best = stage.over_slowest, stage.at_best
         table.add_row(
-            stage.codec + (", half" if stage.half else ""), *alone, f"{ratio.median:.2f}", _range(ratio, ".2f")
-        )
+            stage.codec + (", half" if stage.half else ""), *(f"{value.median * 1e3:.0f}" for value in seconds),
+            f"{ratio.median:.2f}", _range(ratio, ".2f"), f"{best.median:.2f}",
+        )  # fmt: skip
     print_table(table)
     console.print(found.environment.line, highlight=False, soft_wrap=True)
 
