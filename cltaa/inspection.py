@@ -19,9 +19,8 @@ from cltaa.manifest import recorded_hashes
 from cltaa.numbered import numbered_files, one_range, ranges
 from cltaa.pixel_statistics import ChannelStatistics, needless_channels, pixel_problems
 from cltaa.promises import Witness
-from cltaa.sources import open_images
+from cltaa.sources import RESOLVED, open_images
 
-RESOLVED = "cltaa:preset"  # the attribute of images that a resolve wrote
 LARGEST_MEAN_JITTER = 1e-3  # pixels; a mean that is not 0 shifts the whole image for good
 
 Headers = Mapping[int, FrameHeader]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.errors import DataError, InputMissing
+from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.exr import ImageHeader, read_colour, read_frame, read_header
 from cltaa.exr_attributes import FrameHeader
 from cltaa.exr_channels import check_float_channels
@@ -24,6 +24,8 @@ from cltaa.numbered import NUMBERED, NumberedFiles, OnBreak, check_same_size, fr
 NO_PIXELS = np.empty((0, 0), np.float32)
 # The channel that shows that a frame has this part.
 CHANNEL_OF = {"motion": "backward.u", "alpha": "A", "reactive": "reactive"}
+
+RESOLVED = "cltaa:preset"  # the attribute of images that a resolve wrote
 
 
 class ImageSequence(NumberedFiles):
@@ -75,6 +77,14 @@ class Sequence(NumberedFiles):
     def attributes(self) -> Mapping[str, object]:
         """Attributes of the first frame's header, as its files hold them."""
         return self.header.attributes
+
+    def refuse_result(self) -> None:
+        """Raise UsageError where these are results of a resolve, which has used up what one needs."""
+        if RESOLVED in self.attributes:
+            raise UsageError(
+                "these are results of cltaa resolve", path=self.folder, found=f"preset {self.attributes[RESOLVED]}",
+                cure="name the folder that they were made from",
+            )  # fmt: skip
 
     @cached_property
     def effects(self) -> frozenset[Effect] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,8 @@ def check_folder(
     intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file)
     numbers = sorted(intake.declared)[:frames]
     sequence = ForeignSequence(folder, intake, numbers, strict=False)
+    if "depth" not in intake.roles:
+        sequence.refuse_result()
     read = [sequence.frame(number) for number in track(numbers, len(numbers), "reading")]
     found = check_frames(
         read,
@@ -66,7 +69,7 @@ def check_folder(
     changes = differences(mended, base)
     options = option_text(changes)
     if side_file is not None:
-        options = f"--camera {side_file} {options}".strip()
+        options = f"--camera {shlex.quote(str(side_file))} {options}".strip()
     report = Report(
         folder=str(folder), frames=len(read), reading=[*intake_lines(intake)], findings=findings,
         options=f"--profile {profile if profile != 'auto' else intake.profile.name} {options}".strip(),

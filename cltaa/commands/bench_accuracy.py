@@ -121,7 +121,7 @@ def accuracy(
         click.echo(json_of(result))
     else:
         print_accuracy(result)
-        click.echo(f"look at {output / 'index.html'}")
+        click.echo(f"look at {printable(output / 'index.html')}")
 
 
 def write_report(result: Accuracy, tasks: list[Task], output: Path, pictured: int | None = None) -> None:

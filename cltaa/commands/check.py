@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import click
@@ -67,5 +68,7 @@ def _print(report: Report, fix: Path | None) -> None:
     if not report.mistakes:
         console.print(f"[green]✓[/] no mistake found in {counted(report.frames, 'frame')}", highlight=False)
     elif any(finding.fix for finding in report.mistakes):
-        text = f"cltaa resolve {report.folder} {report.options}" if fix is None else f"--profile {fix}"
+        text = f"--profile {shlex.quote(str(fix))}"
+        if fix is None:
+            text = f"cltaa resolve {shlex.quote(report.folder)} {report.options}"
         console.print(f"to read it right: {shown(text)}", soft_wrap=True, highlight=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import click
@@ -11,7 +12,7 @@ from cltaa.commands.options import FILE_PATH, PRESET, json_option
 from cltaa.errors import UsageError
 from cltaa.launch import launcher_for
 from cltaa.presets import load_preset
-from cltaa.printable import counted, json_of
+from cltaa.printable import counted, json_of, printable
 from cltaa.progress import track
 from cltaa.sources import open_sequence
 from cltaa.tune import Tuned, parse_goal, preset_text, tune
@@ -75,9 +76,8 @@ def command(
     if as_json:
         click.echo(json_of(tuned))
     else:
-        click.echo(
-            "\n".join([*outcome_lines(tuned), f"written to {output}; use it with: cltaa resolve --config {output}"])
-        )
+        use = f"written to {output}; use it with: cltaa resolve --config {shlex.quote(str(output))}"
+        click.echo("\n".join(map(printable, [*outcome_lines(tuned), use])))
 
 
 def outcome_lines(tuned: Tuned) -> list[str]:

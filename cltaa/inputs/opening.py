@@ -16,11 +16,14 @@ def open_input(
 ) -> Sequence:
     """Open ``folder`` as its profile says; ``options`` are those of ``open_sequence``, whoever wrote the files.
 
-    Raises what ``open_sequence`` and ``open_intake`` raise.
+    Raises what ``open_sequence`` and ``open_intake`` raise, and UsageError for what a resolve wrote.
     """
     plain = not assignments and side_file is None
     if plain and profile in ("auto", "cltaa") and is_own(folder):
-        return open_sequence(folder, **options)
+        sequence = open_sequence(folder, **options)
+        if "Z" not in sequence.layouts[sequence.first].channels:
+            sequence.refuse_result()
+        return sequence
     from cltaa.inputs.foreign import ForeignSequence  # here: a run over cltaa's own files starts without
     from cltaa.inputs.intake import open_intake
 

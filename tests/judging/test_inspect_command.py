@@ -157,6 +157,13 @@ def test_what_a_resolve_wrote_lacks_nothing(capsys: pytest.CaptureFixture[str], 
     for more in ([], ["--pixels"]):
         found = findings(capsys, tmp_path / "out", *more, code=0)
         assert (found["resolved_by"], found["problems"]) == ("t1", [])
+    for command in (
+        ["check", str(tmp_path / "out")],
+        ["resolve", str(tmp_path / "out"), "-o", str(tmp_path / "twice")],
+    ):
+        assert main(command) == 64
+        said = capsys.readouterr().err
+        assert "these are results of cltaa resolve (found preset t1); name the folder that they were made from" in said
 
 
 @pytest.mark.parametrize(
