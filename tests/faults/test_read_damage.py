@@ -106,8 +106,9 @@ def check(counts: Counter[str], compression: str, tries: int) -> None:
     assert counts["stopped by its hash"] == tries - counts["not damaged"] > 0.99 * tries
     # Without one, ZIP has a sum for each chunk; PIZ has none, and uncompressed pixels have nothing to check. The sum is
     # Adler-32, for which bytes one more and one less in turn cancel out, as in the smooth picture: one of 8,000 seen.
+    # What ISA-L writes depends on the processor, so elsewhere other files pass; without the sum half of all would.
     if compression == "zip":
-        assert counts["other pixels"] <= tries // 1000
+        assert counts["other pixels"] <= tries // 100
 
 
 @pytest.mark.parametrize("compression", ["zip", "piz", "none"])
