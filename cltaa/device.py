@@ -23,10 +23,11 @@ import pyopencl as cl
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError, UsageError
 from cltaa.kernel_cache import check_cache, filling
 from cltaa.launch import WISH
-from cltaa.shape import CPU_8, CPU_16, GPU, NVIDIA, Shape
+from cltaa.shape import CPU_8, CPU_16, GPU, INTEL_16, NVIDIA, Shape
 from cltaa.unknown_cpu import name_unknown_cpu
 
 POCL = "Portable Computing Language"  # the platform's name
+INTEL = 0x8086  # as a device names its vendor: the number that the PCI SIG gave it
 FILL_BYTES = 2**30
 
 
@@ -160,8 +161,10 @@ class Device:
     @property
     def shape(self) -> Shape:
         """How kernels are cut up for this device."""
+        if self.is_cpu and self.cl_device.native_vector_width_float >= 16:
+            return INTEL_16 if self.cl_device.vendor_id == INTEL else CPU_16
         if self.is_cpu:
-            return CPU_16 if self.cl_device.native_vector_width_float >= 16 else CPU_8
+            return CPU_8
         return NVIDIA if self.cl_device.platform.name == "NVIDIA CUDA" else GPU
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Memory:

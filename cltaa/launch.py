@@ -78,7 +78,8 @@ class DeviceLauncher:
 
         shape = self.device.shape
         lanes, rows = plan_build.lanes or shape.lanes, plan_build.rows or shape.rows
-        return msgspec.structs.replace(plan_build, lanes=lanes, rows=rows, registers=_registers(shape, plan_build))
+        fits = {"registers": _registers(shape, plan_build), "columns_ahead": shape.columns_ahead}
+        return msgspec.structs.replace(plan_build, lanes=lanes, rows=rows, **fits)
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
         """Zeroed device memory."""

@@ -21,6 +21,7 @@ class Shape(NamedTuple):
     registers_for_light: int = 0  # the same where changing light is tested
     registers_in_place: int = 0  # the same where history is neither moved nor rectified, which takes few
     registers_for_few: int = 0  # the same where history is read from four texels at most
+    columns_ahead: int = 0  # work-items right of one whose texels it fetches into the second cache; 0: next, first
     most_rows: int = 0  # up to which a resolve of whole images takes as many rows as fill the device; 0: ``rows``
 
     def even_rows(self, width: int, height: int, registers: int, units: int) -> int:
@@ -40,6 +41,7 @@ class Shape(NamedTuple):
 
 
 CPU_8, CPU_16 = Shape(lanes=8, rows=32, group=(1, 1)), Shape(lanes=16, rows=64, group=(1, 1))
+INTEL_16 = CPU_16._replace(columns_ahead=3)
 GPU = Shape(lanes=1, rows=8, group=(64, 2))
 NVIDIA = Shape(
     lanes=1, rows=16, group=(128, 1), one_size=True,

@@ -3,15 +3,28 @@
 // texels ROWS_AHEAD rows below. Its own filters read some of that, and the next work-item all of it. An address beyond
 // the image is harmless: nothing is read, nothing fails. On a GPU it is the next row that the work-item itself has not
 // read yet.
+//
+// COLUMNS_AHEAD: a core of Intel's has few places for lines that are under way to its first cache, one that comes from
+// memory keeps its place for long, and a load from the second cache waits for one too. There a work-item fetches what
+// lies so many work-items right of it into the second cache alone, and its own next texels and those right of them from
+// there into the first.
 #include "image.h"
 
+#if !defined(COLUMNS_AHEAD)
+#error "ahead.h needs COLUMNS_AHEAD from the prelude"
+#endif
+
 #define ROWS_AHEAD (LANES > 1 ? 4 : 2)
+#define ROWS_NEAR 2 // of ROWS_AHEAD left out for what comes from the second cache
 
 // The texel of plane p that lies `rows` rows below the one at `at`. Where a row's length is a constant the step is part
 // of NVIDIA's instruction, so that it takes the address that the loads around it have.
 #if NVIDIA && STRIDE > 0
 #define FETCH_BELOW(p, at, rows, stride)                                                                               \
     __asm volatile("prefetch.global.L1 [%0+%1];" ::"l"((p) + (at)), "n"((rows) * STRIDE * (int)sizeof(*(p))))
+#elif COLUMNS_AHEAD
+#define FETCH_BELOW(p, at, rows, stride)                                                                               \
+    FETCH_TWICE(ROW_BELOW(p, at, rows, stride) + COLUMNS_AHEAD * LANES, ROW_BELOW(p, at, rows - ROWS_NEAR, stride))
 #else
 #define FETCH_BELOW(p, at, rows, stride) FETCH_NEXT(ROW_BELOW(p, at, rows, stride))
 #endif

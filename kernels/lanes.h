@@ -89,6 +89,10 @@ typedef __global float* restrict history_out;
 #if LANES > 1 && defined(__has_builtin) && (defined(__x86_64__) || defined(__aarch64__))
 #if __has_builtin(__builtin_prefetch)
 #define FETCH_NEXT(p) __builtin_prefetch((const void*)(size_t)((p) + LANES))
+// The LANES from `far` on into the second cache; those from `near` on, and the ones after them, into the first.
+#define FETCH_TWICE(far, near)                                                                                         \
+    (__builtin_prefetch((const void*)(size_t)(far), 0, 2), __builtin_prefetch((const void*)(size_t)(near), 0, 3),      \
+        FETCH_NEXT(near))
 #endif
 #endif
 // On a GPU the work-items beside this one read those at the same time, so p itself is fetched.
@@ -97,6 +101,9 @@ typedef __global float* restrict history_out;
 #endif
 #ifndef FETCH_NEXT
 #define FETCH_NEXT(p) (void)(p)
+#endif
+#ifndef FETCH_TWICE
+#define FETCH_TWICE(far, near) (void)(far)
 #endif
 
 // Results that fill a line of the cache go past it: the line need not be fetched to be overwritten, and the stores
@@ -130,6 +137,16 @@ typedef __global float* restrict history_out;
 #if __has_builtin(__builtin_ia32_gathersiv16sf)
 #undef GATHERS
 #define GATHERS 1
+#endif
+#endif
+
+// Sixteen halves to floats and back by one instruction each. OpenCL's vload_half and vstore_half are calls on some CPU
+// drivers, around which every register is saved.
+#define CONVERTS_HALVES 0
+#if LANES == 16 && !REAL_DOUBLE && defined(__AVX512F__) && defined(__has_builtin)
+#if __has_builtin(__builtin_ia32_vcvtph2ps512_mask) && __has_builtin(__builtin_ia32_vcvtps2ph512_mask)
+#undef CONVERTS_HALVES
+#define CONVERTS_HALVES 1
 #endif
 #endif
 

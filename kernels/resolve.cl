@@ -24,12 +24,18 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
     kept_rows kept = nothing_kept();
     for (int y = first; y < last; ++y) {
         fetch_frame(current, closeness, motion, x, y, frame);
+#if !COLUMNS_AHEAD
         if (LANES > 1)
             fetch_history(history, history_count, previous_closeness, history_offset(frame, x, y), frame);
+#endif
         const row_t below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
         const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
         const surface s = nearest_surface(above, centre, below, settings);
         const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
+#if COLUMNS_AHEAD
+        // Not beside the frame's: more would be asked for at a time than can be under way.
+        fetch_history(history, history_count, previous_closeness, history_offset(frame, x, y), frame);
+#endif
         history_t h = sample_history(
             current, below.texels, history, history_count, previous_closeness, m, s, x, y, frame, settings, &kept);
         const rectification r = rectify(h.rgb, p.filtered, p.near, m, box_gamma(m, settings), frame, settings);

@@ -84,6 +84,20 @@ STAGE void store_history(history_out p, real v, int x, int y, frame_t frame)
 {
     vstore_half_rte(stored_half(v, x, y, frame), 0, p);
 }
+#elif CONVERTS_HALVES
+typedef short16 loose_halves __attribute__((aligned(2)));
+STAGE real load_history(history_in p)
+{
+    enum { CURRENT_ROUNDING = 4 }; // of which nothing is seen: each half is a float
+    const short16 halves = *(__global const loose_halves*)p;
+    return __builtin_ia32_vcvtph2ps512_mask(halves, SPLAT(0.0), (ushort)0xffff, CURRENT_ROUNDING);
+}
+STAGE void store_history(history_out p, real v, int x, int y, frame_t frame)
+{
+    enum { NEAREST_EVEN = 0 };
+    *(__global loose_halves*)p
+        = __builtin_ia32_vcvtps2ph512_mask(stored_half(v, x, y, frame), NEAREST_EVEN, (short16)(0), (ushort)0xffff);
+}
 #else
 STAGE real load_history(history_in p) { return TO_REAL(PASTE(vload_half, LANES)(0, p)); }
 STAGE void store_history(history_out p, real v, int x, int y, frame_t frame)
