@@ -9,6 +9,7 @@ the one before it, plus 128; deflated, in a stream of zlib's format.
 from __future__ import annotations
 
 import struct
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache, partial
@@ -68,10 +69,22 @@ def write_zip(
 
 
 def _in_threads(pack: Callable[[int], list[Chunk]], rows: range) -> Iterator[list[Chunk]]:
+    """``pack(row)`` for each of ``rows``, in their order; for one more of them than there are threads ahead of use."""
+    count = max(1, OpenEXR.global_thread_count())
+    begun = deque[Callable[[], list[Chunk]]]()
+    for row in rows:
+        begun.append(_begin(_threads(count), pack, row))
+        if len(begun) > count:
+            yield begun.popleft()()
+    while begun:
+        yield begun.popleft()()
+
+
+def _begin(threads: ThreadPoolExecutor, pack: Callable[[int], list[Chunk]], row: int) -> Callable[[], list[Chunk]]:
     try:
-        return _threads(max(1, OpenEXR.global_thread_count())).map(pack, rows)
+        return threads.submit(pack, row).result
     except RuntimeError:  # at the end of the program no thread is given work, and what is queued is written still
-        return map(pack, rows)
+        return partial(pack, row)
 
 
 @cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import zlib
 from io import BytesIO
 from pathlib import Path
@@ -96,6 +97,22 @@ def test_a_failure_to_pack_leaves_nothing_behind(tmp_path: Path, monkeypatch: py
     with pytest.raises(MemoryError):
         write_image(tmp_path / "a.exr", planes(50, 9))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_packed_rows_wait_in_bounded_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(OpenEXR, "global_thread_count", lambda: 3)
+    begun: list[int] = []
+
+    def pack(row: int) -> list[exr_zip.Chunk]:
+        begun.append(row)
+        return [bytes([row])]
+
+    packed = exr_zip._in_threads(pack, range(50))
+    for row in range(50):
+        assert next(packed) == [bytes([row])]
+        time.sleep(0.002)
+        assert len(begun) <= row + 1 + 3
+    assert list(packed) == []
 
 
 def test_place_of_an_attribute_that_is_not_there() -> None:
