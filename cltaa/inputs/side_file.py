@@ -61,8 +61,14 @@ def _json(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
 
 
 def _csv(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
-    """Columns ``frame``, ``world_to_view.0`` to ``.15``, ``view_to_clip.0`` to ``.15``, ``jitter_px.0`` and ``.1``."""
-    for line, row in enumerate(csv.DictReader(text.splitlines()), start=2):
+    """Columns ``frame``, ``world_to_view.0`` to ``.15``, ``view_to_clip.0`` to ``.15``, ``jitter_px.0`` and ``.1``.
+
+    With semicolons between them, as spreadsheets of many countries write, decimals may have commas.
+    """
+    delimiter = ";" if ";" in text.partition("\n")[0] else ","
+    if delimiter == ";":
+        text = text.replace(",", ".")
+    for line, row in enumerate(csv.DictReader(text.splitlines(), delimiter=delimiter), start=2):
         try:
             values = {
                 name: [row[f"{name}.{place}"] for place in range(count)]

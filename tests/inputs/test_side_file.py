@@ -70,6 +70,13 @@ def test_the_mark_that_spreadsheets_write_is_none_of_the_first_column(tmp_path: 
     assert read_side_file(path)[1].jitter_px == (0.25, -0.5)
 
 
+@pytest.mark.parametrize("row", ["1;0,25;-0,5", "1;0.25;-0.5"])
+def test_semicolons_stand_between_columns_where_commas_stand_in_decimals(row: str, tmp_path: Path) -> None:
+    path = tmp_path / "camera.csv"
+    path.write_text(f"frame;jitter_px.0;jitter_px.1\r\n{row}\r\n")
+    assert read_side_file(path)[1].jitter_px == (0.25, -0.5)
+
+
 @pytest.mark.parametrize(
     ("numbered", "message"),
     [
