@@ -10,6 +10,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from cltaa.bench.again import again_of
 from cltaa.comparison import truth_samples
 from cltaa.correspondence import Mask
 from cltaa.display import shown_light, to_display
@@ -26,6 +27,7 @@ from cltaa.streams import read_ahead
 from cltaa.video_scores import Sums, VideoScores
 
 ONE_SAMPLE = "one sample"  # what was captured, judged beside its resolves
+LEAST_FRESH = 100  # uncovered pixels for a score: with fewer, single samples at other places score 0.3 to 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,9 +98,8 @@ class _Marks(NamedTuple):
             "psnr": psnr(mse(image.display, truth.display)),
             "ssim": display_ssim(image.display, truth.display),
         }
-        wrong = image.light[fresh].astype(np.float64) - truth.light[fresh]
         error = float(display_flip(image.display, truth.display).mean()) if flip else None
-        return cls(row, error, float((wrong**2).sum()), wrong.size)
+        return cls(row, error, _square(image, truth, fresh), 3 * int(fresh.sum()))
 
 
 @dataclass(slots=True)
@@ -128,21 +129,27 @@ class _Tally:
         self.fresh_square += marks.fresh_square
         self.fresh_count += marks.fresh_count
 
-    def scores(self, one: _Tally, truth_samples: int | None) -> dict[str, float | None]:
-        """All scores, with the single samples as the currency of three of them."""
+    def scores(self, one: _Tally, again_square: float, truth_samples: int | None) -> dict[str, float | None]:
+        """All scores, with the single samples as the currency of two of them.
+
+        Where pixels appear it is those drawn ``again``, which err by ``again_square`` there: that the captured
+        samples show what has appeared is why these pixels are the ones, so that they are nearer to the truth than
+        samples are by chance.
+        """
         means, single = mean(self.rows), mean(one.rows)["mse"]
 
         def samples(error: float, of_one: float) -> float:
             return equal_quality_samples(error, of_one, truth_samples=truth_samples) if of_one > 0 else math.nan
 
-        fresh = one.fresh_square / one.fresh_count if one.fresh_count else 0.0
+        enough = one.fresh_count >= 3 * LEAST_FRESH
+        fresh = again_square / one.fresh_count if enough else 0.0
         values = {
             "psnr": means["psnr"],
             "ssim": means["ssim"],
             "flip": math.fsum(self.flip) / len(self.flip),
             "samples": samples(means["mse"], single),
             "last": samples(self.rows[-1]["mse"], single),
-            "uncovered": samples(self.fresh_square / self.fresh_count, fresh) if self.fresh_count else math.nan,
+            "uncovered": samples(self.fresh_square / self.fresh_count, fresh) if enough else math.nan,
             **self.video.scores(),
         }
         return {name: value if math.isfinite(value) else None for name, value in values.items()}
@@ -153,9 +160,10 @@ def judge_sequence(
 ) -> dict[str, Judged]:
     """Resolve ``sequence`` with every preset and judge each, and the single samples, from frame ``settled`` on.
 
-    FLIP, which takes longer than all else, judges the last frame and every ``flip_every``-th before it. The history
-    of every preset is in memory at once. Raises InputMissing for a sequence without its truth and DataError for one
-    that is over before it settles.
+    Uncovered pixels are told in equal-quality samples where the sequence's folder holds ``again`` and enough of them
+    are there. FLIP, which takes longer than all else, judges the last frame and every ``flip_every``-th before it. The
+    history of every preset is in memory at once. Raises InputMissing for a sequence without its truth and DataError
+    for one that is over before it settles.
     """
     reference = sequence.reference
     if reference is None:
@@ -165,6 +173,7 @@ def judge_sequence(
             "the sequence is over before it is judged", path=sequence.folder,
             expected=f"more than {settled} frames", found=len(sequence),
         )  # fmt: skip
+    again, again_square = again_of(sequence), 0.0
     resolvers = {preset.name: Resolver(preset, launcher) for preset in presets}
     tallies = {name: _Tally() for name in (ONE_SAMPLE, *resolvers)}
     video = VideoScores(len(tallies))
@@ -181,14 +190,24 @@ def judge_sequence(
                 marks = {key: _Marks.of(image, shown, video.fresh, flip=flip) for key, image in different.items()}
                 for tally, image, score in zip(tallies.values(), images, sums, strict=True):
                     tally.add(marks[id(image)], score)
-    return _judged(tallies, truth_samples(reference), len(sequence), launcher.description)
+                if again is not None and video.fresh.any():
+                    other = _Shown.of(again.image(frame.index))
+                    again_square += _square(other, shown, video.fresh)
+    return _judged(tallies, again_square, truth_samples(reference), len(sequence), launcher.description)
 
 
-def _judged(tallies: Mapping[str, _Tally], samples: int | None, frames: int, device: str) -> dict[str, Judged]:
+def _square(image: _Shown, truth: _Shown, where: Mask) -> float:
+    """Squared differences of linear light, summed over some pixels and the channels."""
+    return float(((image.light[where].astype(np.float64) - truth.light[where]) ** 2).sum())
+
+
+def _judged(
+    tallies: Mapping[str, _Tally], again_square: float, samples: int | None, frames: int, device: str
+) -> dict[str, Judged]:
     one = tallies[ONE_SAMPLE]
     return {
         name: Judged(
-            scores=tally.scores(one, samples), frames=frames, not_finite=tally.not_finite, device=device
+            scores=tally.scores(one, again_square, samples), frames=frames, not_finite=tally.not_finite, device=device
         )
         for name, tally in tallies.items()
     }  # fmt: skip

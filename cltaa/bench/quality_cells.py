@@ -9,19 +9,20 @@ from pathlib import Path
 import msgspec
 
 from cltaa.atomic import atomic_path, make_folder
+from cltaa.bench.again import AGAIN, again_of
 from cltaa.bench.quality import Judged
 from cltaa.kernel_files import code_sha256
 from cltaa.manifest import file_sha256, recorded_hashes
 from cltaa.presets import Preset
 from cltaa.sources import Sequence
 
-FORMAT = 1  # of the file and of the way to judge
+FORMAT = 2  # of the file and of the way to judge
 
 
 class Cell(msgspec.Struct, kw_only=True):
     """One cell: what was judged, by which code, and the outcome."""
 
-    inputs: str  # SHA-256 over sequence, truth, preset, judged frames and FORMAT
+    inputs: str  # SHA-256 over sequence, truth, AGAIN, preset, judged frames and FORMAT
     code: str  # of the kernels and the package
     judged: Judged
 
@@ -59,11 +60,15 @@ class Cells:
 
 
 def sequence_sha256(sequence: Sequence) -> str:
-    """One SHA-256 over the frames and the truth, from what their capture recorded, else from the files."""
+    """One SHA-256 over the frames, the truth and AGAIN, from what their capture recorded, else from the files."""
     recorded = recorded_hashes(sequence.folder)
     paths: Iterable[Path] = sequence.paths
     if sequence.reference is not None:
         paths = (*paths, *sequence.reference.paths)
+    again = again_of(sequence)
+    if again is not None:
+        recorded |= {f"{AGAIN}/{name}": found for name, found in recorded_hashes(again.folder).items()}
+        paths = (*paths, *again.paths)
     digest = hashlib.sha256()
     for path in paths:
         name = path.relative_to(sequence.folder).as_posix()

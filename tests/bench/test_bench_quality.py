@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
+from cltaa.bench.again import AGAIN
 from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged, judge_sequence
 from cltaa.bench.quality_cases import HELD_OUT, TRAIN, Case, Shape, planned
 from cltaa.bench.quality_cells import Cells
@@ -19,11 +20,14 @@ from cltaa.bench.quality_pictures import write_pictures
 from cltaa.bench.quality_summary import best_classic, ordered, summarise
 from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
+from cltaa.exr import read_frame
+from cltaa.frames import Frame
 from cltaa.launch import NumpyLauncher
 from cltaa.metrics import flip_map
 from cltaa.presets import load_preset, override
 from cltaa.sources import open_sequence
-from tests.sequence_factory import write_sequence
+from cltaa.video_scores import Sums, VideoScores
+from tests.sequence_factory import write_images, write_sequence
 
 NUMPY = NumpyLauncher()
 SMALL = ["--scene", "occluder", "--size", "64x36", "--frames", "5", "--samples", "4", "--settled", "1", "--held-out",
@@ -102,6 +106,33 @@ def test_what_is_not_finite_counts_and_is_judged_as_black(tmp_path: Path, monkey
     bad = sum(int((frame.colour > 2).sum()) for frame in sequence)
     assert (judged["default"].not_finite, judged[ONE_SAMPLE].not_finite) == (bad, 0)
     assert math.isfinite(judged["default"].scores["psnr"] or math.nan)
+
+
+@pytest.mark.parametrize(("least", "again"), [(1, True), (1, False), (10_000, True)])
+def test_what_appears_is_told_by_single_samples_drawn_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, least: int, *, again: bool
+) -> None:
+    """The captured samples are right wherever something appears, which is why it is seen there; others are not."""
+    folder = tmp_path / "capture"
+    frames = [read_frame(path) for path in sorted(write_sequence(folder, 3).glob("*.exr"))]
+    truth = [np.clip(frame.colour, 0.0, 1.0) for frame in frames]
+    write_images(folder / "reference", truth, name="synthetic")
+    elsewhere = [np.clip(image[:, ::-1], 0.0, 1.0) for image in truth]
+    if again:
+        write_images(folder / AGAIN, elsewhere, name="synthetic")
+
+    class AllAppears(VideoScores):
+        def add_shown(self, frame: Frame, *given: Any, **named: Any) -> list[Sums]:
+            sums = super().add_shown(frame, *given, **named)
+            self.fresh = np.ones(frame.depth.shape, np.bool_)
+            return sums
+
+    monkeypatch.setattr("cltaa.bench.quality.VideoScores", AllAppears)
+    monkeypatch.setattr("cltaa.bench.quality.LEAST_FRESH", least)
+    monkeypatch.setattr("cltaa.resolve.Resolver.resolve", lambda _self, frame: elsewhere[frame.index])
+    judged = judge_sequence(open_sequence(folder), [load_preset()], NUMPY, settled=1)
+    found = judged["default"].scores["uncovered"]
+    assert found == (pytest.approx(1.0) if again and least == 1 else None)
 
 
 def test_flip_judges_every_so_many_frames(tmp_path: Path) -> None:
