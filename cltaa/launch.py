@@ -233,7 +233,7 @@ def run_gather(
     for name, planes in (("spans", SPANS * span_planes(build.steps)), ("repeats", 1)):
         whole = {"image": spans[name], "frame": arguments["frame"], "planes": planes}
         launcher.run("extend_edges", plain, layout, whole)
-    named = {name: arguments[name] for name in (*results, *structs)}
+    named = {name: arguments[name] for name in ("current", *results, *structs)}
     launcher.run("weigh_spans", build, layout, {**named, "spans": spans["spans"], "repeats": spans["repeats"]})
 
 

@@ -1,9 +1,9 @@
 // The pixel from the spans of its past that gather_spans.cl found, each as far as the texels around it bear it out.
-#include "span_weights.h"
+#include "span_now.h"
 #include "pixel.h"
 
-__kernel void weigh_spans_kernel(plane_in spans, plane_in repeats, history_out output, plane_out output_count,
-    const frame_t frame, const settings_t settings)
+__kernel void weigh_spans_kernel(plane_in current, plane_in spans, plane_in repeats, history_out output,
+    plane_out output_count, const frame_t frame, const settings_t settings)
 {
     const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
     if (x >= frame.width || y >= frame.height)
@@ -33,6 +33,7 @@ __kernel void weigh_spans_kernel(plane_in spans, plane_in repeats, history_out o
                count = load(p + 4 * plane);
     real weight = trust(error[0], least), alpha_sum = zero, count_sum = zero, ahead = weight * K(LAG);
     colour sum = { zero, zero, zero }, darkest = first;
+    real shares[SPANS];
     for (int span = 1; span < SPANS; ++span) {
         const real w = trust(error[span], least);
         plane_in q = span_plane(p, span, 0, frame);
@@ -52,10 +53,15 @@ __kernel void weigh_spans_kernel(plane_in spans, plane_in repeats, history_out o
         count_sum += w * (load(q + 4 * plane) - count);
         if (ALPHA)
             alpha_sum += w * (load(q + 5 * plane) - alpha);
+        shares[span] = w;
         weight += w;
     }
-    const colour v = { first.r + quotient(sum.r + ahead * rate.r, weight),
+    for (int span = 1; span < SPANS; ++span)
+        shares[span] = quotient(shares[span], weight);
+    const colour carried = { first.r + quotient(sum.r + ahead * rate.r, weight),
         first.g + quotient(sum.g + ahead * rate.g, weight), first.b + quotient(sum.b + ahead * rate.b, weight) };
+    plane_in now = current + texel_offset(frame, x, y);
+    const colour v = held_by_now(moved_to_now(carried, p, shares, now, frame, settings), now, frame);
     resolved out;
     out.rgb = storable_colour(v, darkest);
     out.alpha = alpha + quotient(alpha_sum, weight);

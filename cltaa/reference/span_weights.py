@@ -1,27 +1,25 @@
-"""Twin of ``span_weights.h`` and ``weigh_spans.cl``: from the spans of each pixel's past to its colour."""
+"""Twin of ``span_weights.h``: how far each span of a pixel's past is believed, and how far light has moved since."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from cltaa.build import Build, Record, span_planes
-from cltaa.constants import CONSTANTS, PAD_X, PAD_Y, SHORT_SPAN, SPAN_REACH, SPANS
+from cltaa.build import Build, Record
+from cltaa.constants import CONSTANTS, PAD_X, PAD_Y, SHORT_SPAN, SPAN_REACH
 from cltaa.layout import Layout
-from cltaa.reference.blend import sample_share, storable_colour
-from cltaa.reference.pixel import Resolved
-from cltaa.reference.planes import real_type, store_resolved
-from cltaa.reference.real import Array, constant, greater, lesser, number, quiet
+from cltaa.reference.blend import sample_share
+from cltaa.reference.real import Array, constant, greater, lesser, number
 
 TEXELS = (2 * SPAN_REACH + 1) ** 2
 
 
-def around(plane: Array, layout: Layout) -> Iterator[Array]:
+def around(plane: Array, layout: Layout, reach: int = SPAN_REACH) -> Iterator[Array]:
     """A padded plane [rows, stride] moved by each step of the window, row by row, [H, W] each."""
-    for j in range(-SPAN_REACH, SPAN_REACH + 1):
-        for i in range(-SPAN_REACH, SPAN_REACH + 1):
+    for j in range(-reach, reach + 1):
+        for i in range(-reach, reach + 1):
             top, left = PAD_Y + j, PAD_X + i
             yield plane[top : top + layout.height, left : left + layout.width]
 
@@ -113,52 +111,3 @@ def shared_noise(error: Array) -> Array:
     of_each = 3.0 * TEXELS * (SHORT_SPAN + 1) * (SHORT_SPAN + 1)
     result: Array = error * number(CONSTANTS["SHARED_NOISE"].value / of_each, error)
     return result
-
-
-@quiet
-def weigh_spans(
-    build: Build, layout: Layout, *, spans: Array, repeats: Array, output: Array, output_count: Array, frame: Record,
-    settings: Record,
-) -> None:  # fmt: skip
-    """Write each pixel from the spans of its past, padded planes [SPANS * SPAN_PLANES, rows, stride], and what
-    repeated samples say of the last, [1, rows, stride]."""
-    planes = span_planes(build.steps)
-    real: Any = real_type(build)
-    parts = spans.astype(real).reshape(SPANS, planes, layout.rows, layout.stride)
-    errors = [sum_around(part[3], layout) for part in parts]
-    repeated = sum_around(repeats[0].astype(real), layout)
-    errors[-1] = lesser(errors[-1], repeated)
-    least = errors[0]
-    for error in errors[1:]:
-        least = lesser(least, error)
-    floor, enough = (number(settings[name], least) for name in ("change_floor", "change_t"))
-    zero, lag = np.zeros_like(least), constant("LAG", least)
-    short, middle = parts[0][:3], parts[1][:3]
-    alike = drifts_of(middle, short, short, zero, build, layout, settings)
-    sharp = constant("SURE_FLOOR", least) * floor
-    rate = believed(alike, shared_noise(errors[0]), sharp, constant("SURE_T", least))
-    better = lesser(errors[0], errors[1])
-    short_trust, middle_trust = trust(errors[0], better), trust(errors[1], better)
-    share = middle_trust / (short_trust + middle_trust)
-    first = layout.inside(parts[0])
-    alpha = first[5] if build.steps.alpha else np.ones_like(least)
-    weight, darkest = trust(errors[0], least), list(first[:3])
-    sums, alphas, counts, ahead = [zero, zero, zero], zero, zero, weight * lag
-    for span, (part, error) in enumerate(zip(parts[1:], errors[1:], strict=True), start=1):
-        w, own = trust(error, least), layout.inside(part)
-        drifts = alike
-        if span > 1:
-            drifts = drifts_of(part[:3], short, middle, share, build, layout, settings)
-        moves = unsettled(repeated, better) if span == SPANS - 1 else np.ones_like(least)
-        ahead = ahead + w * (moves * (lag if span == 1 else lag + share))
-        moved = [v + moves * step for v, step in zip(own, believed(drifts, zero, floor, enough), strict=False)]
-        sums = [total + w * (v - k) for total, v, k in zip(sums, moved, first, strict=False)]
-        darkest = [lesser(k, v) for k, v in zip(darkest, own, strict=False)]
-        counts = counts + w * (own[4] - first[4])
-        if build.steps.alpha:
-            alphas = alphas + w * (own[5] - alpha)
-        weight = weight + w
-    r, g, b = (k + (total + ahead * v) / weight for k, total, v in zip(first, sums, rate, strict=False))
-    rgb = storable_colour((r, g, b), (darkest[0], darkest[1], darkest[2]), build)
-    resolved = Resolved(rgb, alpha + alphas / weight, first[4] + counts / weight)
-    store_resolved(resolved, build, layout, frame, output, output_count)

@@ -15,7 +15,10 @@ from cltaa.layout import Layout
 from cltaa.params import HistoryOf, LightChange, Rectify, Settings
 from cltaa.planning import plan_frame
 from cltaa.presets import load_preset, override
-from cltaa.reference.span_weights import around, drift_of, drifts_of, t_of, trust, weigh_spans
+from cltaa.reference.real import Array
+from cltaa.reference.span_now import held_by_now, moved_to_now
+from cltaa.reference.span_weights import around, drift_of, drifts_of, t_of, trust
+from cltaa.reference.weigh_spans import weigh_spans
 from cltaa.resolve import Resolver
 from tests.kernels.hard_planes import padded
 from tests.kernels.test_resolve import hard_frames
@@ -133,11 +136,13 @@ def test_the_drift_is_students_t() -> None:
     assert np.allclose(t[inside], np.abs(expected) / (windows.std((-1, -2), ddof=1) / side), rtol=1e-4, atol=1e-4)
 
 
-def weighed(error: float, repeated: float | None = None) -> float:
+def weighed(error: float, repeated: float | None = None, now: Array | None = None) -> float:
     """What flat spans of a light that grows come to where each texel leaves an error: 1.0 the latest four frames, 0.98
-    the latest eight, 0.8 all; repeated samples leave as much unless told."""
+    the latest eight, 0.8 all; repeated samples leave as much unless told, and no texel of now can be used."""
     layout = Layout(WIDTH, HEIGHT)
     spans = layout.empty(SPANS * 5)
+    nothing = np.full((3, HEIGHT, WIDTH), np.nan, np.float32)
+    current = padded(nothing if now is None else now.astype(np.float32), layout)
     for planes, light in zip(spans.reshape(SPANS, 5, *spans.shape[1:]), (1.0, 0.98, 0.8, 0.8), strict=True):
         planes[:3], planes[3], planes[4] = light, error, 4.0
     output, count = layout.empty(4), layout.empty(1)
@@ -147,8 +152,9 @@ def weighed(error: float, repeated: float | None = None) -> float:
     build = Build(steps=Steps(alpha=False))
     repeats = np.full_like(layout.empty(1), error if repeated is None else repeated)
     weigh_spans(
-        build, layout, spans=spans, repeats=repeats, output=output, output_count=count, frame=frame, settings=settings
-    )
+        build, layout, current=current, spans=spans, repeats=repeats, output=output, output_count=count, frame=frame,
+        settings=settings,
+    )  # fmt: skip
     return float(layout.inside(output)[0, HEIGHT // 2, WIDTH // 2])
 
 
@@ -160,6 +166,49 @@ def test_light_that_changes_steadily_is_carried_on_where_that_is_sure() -> None:
     middle = 0.98 + step * max(moved, 0.0) + 0.5 * step * sure
     old = 0.8 + 0.19 * far + (0.5 + 0.5) * step * sure
     assert weighed(0.0) == pytest.approx((1.0 + 0.5 * step * sure + middle + 2 * old) / 4, abs=1e-6)
+
+
+def test_what_the_texels_of_now_say_is_taken_from_them_where_they_agree() -> None:
+    flat = np.ones((3, HEIGHT, WIDTH))
+    noise = np.random.default_rng(0).normal(0.0, 0.02, (3, HEIGHT, WIDTH))
+    said = weighed(1.0)
+    for light in (said, said + 0.01):
+        assert weighed(1.0, now=light * flat) == pytest.approx(light, abs=1e-6)
+    assert weighed(1.0, now=said + 0.01 + noise) == pytest.approx(said, abs=1e-6)
+
+
+def test_what_is_far_from_all_texels_of_now_is_held_by_them() -> None:
+    low, high = np.full((2, 3, HEIGHT, WIDTH), [[[[0.1]]], [[[0.2]]]], np.float32)
+    layout, far = Layout(WIDTH, HEIGHT), np.full((HEIGHT, WIDTH), 0.9, np.float32)
+    now = padded(np.where(np.arange(WIDTH) % 2 == 0, low, high), layout)
+    for colour, expected in ((far, 0.3), (-far, 0.0), (far / 3, 0.3), (far / 6, 0.15)):  # as wide again on either side
+        assert np.allclose(held_by_now((colour, colour, colour), now, layout), expected, atol=1e-6)
+
+
+def moved_by_now(said: Array, now: Array, jitter: float = 0.0) -> Array:
+    """How far [H, W] spans that all say ``said`` [W] are moved where the texels of now show ``now`` [W]."""
+    layout, frame = Layout(WIDTH, HEIGHT), np.zeros((), FRAME_DTYPE)
+    frame["jitter_x"] = jitter
+    said, now = (np.broadcast_to(v.astype(np.float32), (3, HEIGHT, WIDTH)) for v in (said, now))
+    spans, shares = [padded(said, layout)] * SPANS, [np.full((HEIGHT, WIDTH), 0.25, np.float32)] * (SPANS - 1)
+    given = (Build(), layout, frame, settings_record(Settings()))
+    moved = moved_to_now((said[0], said[1], said[2]), spans, shares, padded(now, layout), *given)
+    inside: Array = (moved[0] - said[0])[SPAN_REACH:-SPAN_REACH, SPAN_REACH:-SPAN_REACH]
+    return inside
+
+
+def test_what_is_moved_to_now_is_what_is_no_chance() -> None:
+    flat, chance = np.full(WIDTH, 0.5), 4 * 0.0002 * 0.5
+    for step, expected in ((0.0012, 0.0012 - chance), (-0.0012, chance - 0.0012), (0.0003, 0.0)):
+        assert np.allclose(moved_by_now(flat, flat + step), expected, atol=1e-6)
+
+
+def test_a_slope_seen_by_jitter_is_no_change_of_light() -> None:
+    slope = 0.5 + 0.01 * np.arange(WIDTH)
+    chance = 4 * 0.0002 * slope[SPAN_REACH:-SPAN_REACH]
+    assert np.allclose(moved_by_now(slope, slope - 0.004, jitter=-0.4), 0.0, atol=1e-6)
+    assert np.allclose(moved_by_now(slope, slope - 0.008, jitter=-0.4), chance - 0.004, atol=1e-5)
+    assert np.allclose(moved_by_now(slope, slope + 0.004, jitter=-0.4), 0.004 - chance, atol=1e-5)
 
 
 def test_where_samples_repeat_what_reaches_far_is_believed_and_stays() -> None:
