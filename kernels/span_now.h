@@ -95,8 +95,8 @@ STAGE colour moved_to_now(
     return choose_colour(some, there, v);
 }
 
-// v as far as the 5x5 of now can hold it: no farther from what its texels range over than that is wide. A thing of the
-// past that is gone leaves nothing there.
+// v as far as the 5x5 of now can hold it: no farther from what its texels range over than NOW_HELD times as much. A
+// thing of the past that is gone leaves nothing there.
 STAGE colour held_by_now(colour v, plane_in current, frame_t frame)
 {
     const size_t plane = plane_size(frame);
@@ -108,7 +108,8 @@ STAGE colour held_by_now(colour v, plane_in current, frame_t frame)
         low.g = k ? lesser(low.g, now.g) : now.g, high.g = k ? greater(high.g, now.g) : now.g;
         low.b = k ? lesser(low.b, now.b) : now.b, high.b = k ? greater(high.b, now.b) : now.b;
     }
-    const colour wide = { high.r - low.r, high.g - low.g, high.b - low.b };
+    const real times = SPLAT(NOW_HELD);
+    const colour wide = { times * (high.r - low.r), times * (high.g - low.g), times * (high.b - low.b) };
     const colour held = { limit(v.r, low.r - wide.r, high.r + wide.r), limit(v.g, low.g - wide.g, high.g + wide.g),
         limit(v.b, low.b - wide.b, high.b + wide.b) };
     return held;

@@ -93,5 +93,6 @@ def held_by_now(v: Colour, current: Array, layout: Layout) -> Colour:
         n = [np.where(good, drawn, own) for drawn, own in zip(c, v, strict=True)]
         low = [lesser(a, b) for a, b in zip(low, n, strict=True)] if k else n
         high = [greater(a, b) for a, b in zip(high, n, strict=True)] if k else n
-    held = [limit(x, a - (b - a), b + (b - a)) for x, a, b in zip(v, low, high, strict=True)]
+    wide = [constant("NOW_HELD", a) * (b - a) for a, b in zip(low, high, strict=True)]
+    held = [limit(x, a - w, b + w) for x, a, b, w in zip(v, low, high, wide, strict=True)]
     return held[0], held[1], held[2]

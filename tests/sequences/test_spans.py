@@ -181,7 +181,12 @@ def test_what_is_far_from_all_texels_of_now_is_held_by_them() -> None:
     low, high = np.full((2, 3, HEIGHT, WIDTH), [[[[0.1]]], [[[0.2]]]], np.float32)
     layout, far = Layout(WIDTH, HEIGHT), np.full((HEIGHT, WIDTH), 0.9, np.float32)
     now = padded(np.where(np.arange(WIDTH) % 2 == 0, low, high), layout)
-    for colour, expected in ((far, 0.3), (-far, 0.0), (far / 3, 0.3), (far / 6, 0.15)):  # as wide again on either side
+    for colour, expected in (
+        (far, 0.4),
+        (-far, -0.1),
+        (far / 3, 0.3),
+        (far / 6, 0.15),
+    ):  # twice as wide again on each side
         assert np.allclose(held_by_now((colour, colour, colour), now, layout), expected, atol=1e-6)
 
 
@@ -198,14 +203,14 @@ def moved_by_now(said: Array, now: Array, jitter: float = 0.0) -> Array:
 
 
 def test_what_is_moved_to_now_is_what_is_no_chance() -> None:
-    flat, chance = np.full(WIDTH, 0.5), 4 * 0.0002 * 0.5
+    flat, chance = np.full(WIDTH, 0.5), 12 * 0.0001 * 0.5
     for step, expected in ((0.0012, 0.0012 - chance), (-0.0012, chance - 0.0012), (0.0003, 0.0)):
         assert np.allclose(moved_by_now(flat, flat + step), expected, atol=1e-6)
 
 
 def test_a_slope_seen_by_jitter_is_no_change_of_light() -> None:
     slope = 0.5 + 0.01 * np.arange(WIDTH)
-    chance = 4 * 0.0002 * slope[SPAN_REACH:-SPAN_REACH]
+    chance = 12 * 0.0001 * slope[SPAN_REACH:-SPAN_REACH]
     assert np.allclose(moved_by_now(slope, slope - 0.004, jitter=-0.4), 0.0, atol=1e-6)
     assert np.allclose(moved_by_now(slope, slope - 0.008, jitter=-0.4), chance - 0.004, atol=1e-5)
     assert np.allclose(moved_by_now(slope, slope + 0.004, jitter=-0.4), 0.004 - chance, atol=1e-5)
