@@ -17,6 +17,18 @@ from cltaa.reference.span_now import held_by_now, moved_to_now
 from cltaa.reference.span_weights import believed, drifts_of, shared_noise, sum_around, trust, unsettled
 
 
+def errors_of(parts: Array, repeats: Array, layout: Layout) -> tuple[list[Array], Array, Array]:
+    """The errors of spans [SPANS, SPAN_PLANES, rows, stride] summed up over each window, the least of them, and the sum
+    of ``repeats`` [rows, stride], which takes the place of the last where it is less."""
+    errors = [sum_around(part[3], layout) for part in parts]
+    repeated = sum_around(repeats, layout)
+    errors[-1] = lesser(errors[-1], repeated)
+    least = errors[0]
+    for error in errors[1:]:
+        least = lesser(least, error)
+    return errors, least, repeated
+
+
 @quiet
 def weigh_spans(
     build: Build, layout: Layout, *, current: Array, spans: Array, repeats: Array, output: Array, output_count: Array,
@@ -27,12 +39,7 @@ def weigh_spans(
     planes = span_planes(build.steps)
     real: Any = real_type(build)
     parts = spans.astype(real).reshape(SPANS, planes, layout.rows, layout.stride)
-    errors = [sum_around(part[3], layout) for part in parts]
-    repeated = sum_around(repeats[0].astype(real), layout)
-    errors[-1] = lesser(errors[-1], repeated)
-    least = errors[0]
-    for error in errors[1:]:
-        least = lesser(least, error)
+    errors, least, repeated = errors_of(parts, repeats[0].astype(real), layout)
     floor, enough = (number(settings[name], least) for name in ("change_floor", "change_t"))
     zero, lag = np.zeros_like(least), constant("LAG", least)
     short, middle = parts[0][:3], parts[1][:3]
