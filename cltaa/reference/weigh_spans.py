@@ -17,13 +17,13 @@ from cltaa.reference.span_now import held_by_now, moved_to_now
 from cltaa.reference.span_weights import believed, drifts_of, shared_noise, sum_around, trust, unsettled
 
 
-def errors_of(parts: Array, repeats: Array, layout: Layout) -> tuple[list[Array], Array, Array]:
+def errors_of(parts: Any, repeats: Array, layout: Layout) -> tuple[list[Array], Array, Array]:
     """The errors of spans [SPANS, SPAN_PLANES, rows, stride] summed up over each window, the least of them, and the sum
     of ``repeats`` [rows, stride], which takes the place of the last where it is less."""
     errors = [sum_around(part[3], layout) for part in parts]
     repeated = sum_around(repeats, layout)
     errors[-1] = lesser(errors[-1], repeated)
-    least = errors[0]
+    least: Array = errors[0]
     for error in errors[1:]:
         least = lesser(least, error)
     return errors, least, repeated
