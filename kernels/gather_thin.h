@@ -19,8 +19,7 @@ typedef struct
 // Of the surfaces that the 3x3 of the latest kept frames, at the place of surface `along`, show in front of all that
 // the 3x3 of now shows of `s`, the one that now lies nearest to the pixel's centre, if that is nearer than what was
 // found. What filled more of that 3x3 than a line does is not missed now but gone. With `beside` true `along` is
-// another thing that is still there: what is of it counts only where it now lies less than a pixel off, in four
-// samples' room.
+// another thing that is still there: what is of it counts only where it now lies nearer than THIN_ROOM.
 STAGE thin_t look_for_thin(thin_t thin, mask open, surface along, int beside, surface s, plane_in kept, frames_in past,
     int frames, int x, int y, frame_t frame, settings_t settings)
 {

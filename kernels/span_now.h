@@ -26,7 +26,7 @@ STAGE void add_now(now_t* n, int k, real said, real now, real weight)
     n->down += K(k / 3 - 1) * said;
 }
 
-// Their mean, and the variance of a texel about it.
+// Their mean, its variance, and the mean light.
 STAGE drift_t now_drift(now_t n, const real* weights, real weight)
 {
     const real mean = quotient(n.sum, weight);

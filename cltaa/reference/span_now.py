@@ -16,8 +16,8 @@ TEXELS = 9
 
 
 def now_drift(said: list[Array], now: list[Array], weights: list[Array], weight: Array) -> Drift:
-    """How far the texels [H, W] of a 3x3 of now lie from what the spans say there, in one channel: their mean, and the
-    variance of a texel about it."""
+    """How far the texels [H, W] of a 3x3 of now lie from what the spans say there, in one channel: their mean, its
+    variance, and the mean light."""
     total = level = squares = np.zeros_like(weight)
     for v, c, w in zip(said, now, weights, strict=True):
         total, level = total + w * (c - v), level + w * np.abs(v)
