@@ -41,6 +41,7 @@ STAGE drift_t now_drift(now_t n, const real* weights, real weight)
 
 // What is left of a difference that what the spans came to has from now, without what chance may have made of it: the
 // noise of the texels, and in their mean that of one sample of a slope beside its middle (the jitter is that of all).
+// A slope is the least squares' one of a 3x3, whose steps have squares that add up to 6.
 STAGE real no_chance(real difference, drift_t d, now_t n, real shared, frame_t frame)
 {
     const real zero = SPLAT(0.0);
