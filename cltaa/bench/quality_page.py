@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from cltaa.atomic import atomic_path
 from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Column
-from cltaa.bench.quality_summary import DEFAULT, Row, Table, best_classic, ordered
+from cltaa.bench.quality_summary import DEFAULT, Row, Table, best_classic, highest_tier, ordered, published
 from cltaa.errors import DataError, InputMissing
 
 BEGIN, END = "<!-- cltaa bench quality: begin -->", "<!-- cltaa bench quality: end -->"
+OVERVIEW = ("flip", "samples")  # the scores of the table that has a line a scene
 
 
 def write_page(path: Path, text: str) -> None:
@@ -28,15 +30,57 @@ def write_page(path: Path, text: str) -> None:
 
 
 def markdown(table: Table, about: str, pictures: Mapping[str, str] | None = None) -> str:
-    """The whole text: how it was made, means, who beats whom, a table for each scene, and the pictures."""
+    """The whole text: how it was made, means, who beats whom, scenes and pictures, those collapsed."""
     parts = [about, "### Means over sequences", *_means(table), "### Who beats whom", *_duels(table)]
-    parts.append("### Each scene")
-    for scene in dict.fromkeys(row.scene for row in table.rows):
-        parts += [f"#### {scene}", _scene_table([row for row in table.rows if row.scene == scene])]
+    scenes = {scene: [row for row in table.rows if row.scene == scene] for scene in _titles(table)}
+    parts += ["### Each scene", *_overview(table, scenes)]
+    for scene, rows in scenes.items():
+        parts += [f"#### {scene}", _collapsed("all presets and scores", _scene_table(rows))]
     if pictures:
         parts.append("### Each preset's worst")
-        parts += [f"**{name}.** {text}" for name, text in pictures.items()]
+        for name, text in pictures.items():
+            caption, _, picture = text.partition("\n\n")
+            line = f"<b>{name}.</b> {caption}"
+            parts.append(_collapsed(line, picture) if picture else line)
     return "\n\n".join(parts)
+
+
+def _collapsed(summary: str, text: str) -> str:
+    return f"<details><summary>{summary}</summary>\n\n{text}\n\n</details>"
+
+
+def _overview(table: Table, scenes: Mapping[str, list[Row]]) -> Iterable[str]:
+    """A line a scene, with a link to its table: the best published preset beside the default and the highest tier."""
+    names = _names(table)
+    shown: dict[str, list[str]] = {"best published": [name for name in names if published(name)]}
+    shown |= {name: [name] for name in names if name in (DEFAULT, highest_tier(names))}
+    shown = {title: group for title, group in shown.items() if group}
+    if not shown:
+        return
+    columns = [column for column in COLUMNS if column.name in OVERVIEW]
+    yield "Published are the presets of articles and engines, the best of them in each cell by itself."
+    heads = [
+        f"{column.name} {'↑' if column.higher_is_better else '↓'} {title}" for column in columns for title in shown
+    ]
+    lines = [f"| scene | {' | '.join(heads)} |", "|---|" + "---:|" * len(heads)]
+    for scene, rows in scenes.items():
+        cells = []
+        for column in columns:
+            groups = [
+                [_best(column, (row.presets[name].scores for name in group if name in row.presets)) for row in rows]
+                for group in shown.values()
+            ]
+            leaders = [_best(column, ({column.name: group[n]} for group in groups)) for n in range(len(rows))]
+            for group in groups:
+                cells.append(" / ".join(_cell(v, column, best) for v, best in zip(group, leaders, strict=True)))
+        lines.append(f"| [{scene}](#{_anchor(scene)}) | {' | '.join(cells)} |")
+    yield "\n".join(lines)
+    yield _splits(table.means)
+
+
+def _anchor(heading: str) -> str:
+    """What GitHub calls a heading in links."""
+    return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
 
 
 def _means(table: Table) -> Iterable[str]:
@@ -48,7 +92,7 @@ def _means(table: Table) -> Iterable[str]:
 def _duels(table: Table) -> Iterable[str]:
     """One line for each pair; better means a lower FLIP and a higher PSNR, both."""
     if not table.duels:
-        yield "Nothing to compare: the seeds and the classics were not judged."
+        yield "Nothing to compare: no preset of an article or an engine was judged."
         return
     lines = ["| preset | against | better in | mean FLIP | mean PSNR | not better in |", "|---|---|---|---|---|---|"]
     for duel in table.duels:
@@ -62,7 +106,7 @@ def _duels(table: Table) -> Iterable[str]:
     for split, means in table.means.items():
         classic = best_classic(means)
         if classic is not None and DEFAULT in means:
-            yield f"Best classic by mean FLIP ({split}): {classic}."
+            yield f"Best of the engines' by mean FLIP ({split}): {classic}."
 
 
 def _scene_table(rows: list[Row]) -> str:
@@ -107,6 +151,10 @@ def _cell(value: float | None, column: Column, best: float | None) -> str:
         return "–"
     text = format(value, column.form)
     return f"**{text}**" if value == best else text
+
+
+def _titles(table: Table) -> list[str]:
+    return list(dict.fromkeys(row.scene for row in table.rows))
 
 
 def _names(table: Table) -> list[str]:

@@ -58,11 +58,21 @@ def summarise(judged: Iterable[tuple[Case, Mapping[str, Judged]]]) -> Table:
         split: {name: _mean_scores([row.presets[name] for row in rows if row.split == split]) for name in names}
         for split in splits
     }
-    others = [name for name in names if SEEDS.match(name) or CLASSICS.match(name)]
-    tiers = sorted(filter(LADDER.fullmatch, names))
+    others = [name for name in names if published(name)]
+    tier = highest_tier(names)
     duels = [_duel(rows, DEFAULT, other) for other in others if DEFAULT in names]
-    duels += [_duel(rows, tiers[-1], other) for other in others if tiers]
+    duels += [_duel(rows, tier, other) for other in others if tier is not None]
     return Table(rows=rows, means=means, duels=duels)
+
+
+def published(name: str) -> bool:
+    """Whether a preset is the resolve of an article or of an engine."""
+    return bool(SEEDS.match(name) or CLASSICS.match(name))
+
+
+def highest_tier(names: Iterable[str]) -> str | None:
+    """The last of the ladder, or None where none of it was judged."""
+    return max(filter(LADDER.fullmatch, names), default=None)
 
 
 def best_classic(means: Mapping[str, Mapping[str, float | None]]) -> str | None:

@@ -213,12 +213,29 @@ def test_the_table_marks_the_best_resolve_and_says_who_lost() -> None:
     table = summarise([
         (case("a"), {ONE_SAMPLE: scores(blur=0.0), "default": scores(blur=-0.1, psnr=30.0), "bevy": scores(blur=0.2)}),
     ])  # fmt: skip
-    text = markdown(table, "about", {"bevy": "picture"})
+    text = markdown(table, "about", {"bevy": "caption\n\n![bevy](bevy.png)", "t5": "The same."})
     assert "| **-0.100** |" in text
     assert "| 0.000 |" in text
     assert "| default | bevy | 0 of 1 | 1.0000 : 1.0000 | 30.00 : 1.00 | a (train) |" in text
-    assert "Best classic by mean FLIP (train): bevy." in text
-    assert text.endswith("**bevy.** picture")
+    assert "Best of the engines' by mean FLIP (train): bevy." in text
+    shown = "<details><summary><b>bevy.</b> caption</summary>\n\n![bevy](bevy.png)\n\n</details>"
+    assert text.endswith(f"{shown}\n\n<b>t5.</b> The same.")
+
+
+def test_each_scene_has_a_line_that_leads_to_its_table() -> None:
+    cells = {"default": scores(flip=0.2, samples=3.0), "t4": scores(flip=0.3), "t5": scores(flip=0.1, samples=9.0)}
+    cells |= {"bevy": scores(flip=0.4, samples=2.0), "simvx": scores(flip=0.5, samples=2.5), "mine": scores(flip=0.01)}
+    scenes = ("file:/a/Two words.glb", "pan")
+    table = summarise([(case(scene, split), cells) for scene in scenes for split in (TRAIN, HELD_OUT)])
+    text = markdown(table, "about")
+    head = ["flip ↓ best published", "flip ↓ default", "flip ↓ t5", "samples ↑ best published", "samples ↑ default"]
+    assert f"| scene | {' | '.join(head)} | samples ↑ t5 |" in text
+    values = "0.4000 / 0.4000 | 0.2000 / 0.2000 | **0.1000** / **0.1000** | 2.5 / 2.5 | 3.0 / 3.0 | **9.0** / **9.0**"
+    assert f"| [pan](#pan) | {values} |" in text
+    assert f"| [file:Two words.glb](#filetwo-wordsglb) | {values} |" in text
+    assert "\n\n#### pan\n\n<details><summary>all presets and scores</summary>\n\n| preset |" in text
+    alone = markdown(summarise([(case("pan"), {"mine": scores()})]), "about")
+    assert "### Each scene\n\n#### pan\n\n" in alone
 
 
 def test_a_preset_that_is_nowhere_worse_gets_no_picture(tmp_path: Path) -> None:
