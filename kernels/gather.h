@@ -168,6 +168,15 @@ STAGE gathered in_front(gathered g, gathered behind, layers_t l, settings_t sett
     return behind;
 }
 
+// Share of the filtered sample beside the n of a pixel, from their share 1 / n: as 1 / n^2, since a fit leaves little
+// for it to do, where light may change only beyond filter_samples. At a depth edge, where samples miss their surface
+// and are worth fewer than they are, 1 / n.
+STAGE real gathered_filter_share(real of_mean, layers_t l, settings_t settings)
+{
+    const real fading = LIGHT_CHANGE == LIGHT_CHANGE_SPANS ? fading_share(of_mean, settings) : of_mean * of_mean;
+    return l.edge ? of_mean : fading;
+}
+
 // The pixel from its samples, the current one among them.
 STAGE resolved resolve_gathered(
     gathered g, gathered far, layers_t l, pixel_t p, motion_t m, frame_t frame, settings_t settings)
@@ -193,8 +202,10 @@ STAGE resolved resolve_gathered(
         current.g + share * ((past.g - current.g) + r.change.g),
         current.b + share * ((past.b - current.b) + r.change.b) };
     colour chosen = choose_colour(any, mixed, fresh_colour(current, p.near.mean, settings));
-    if ((FILTER_USE == FILTER_USE_FEW_SAMPLES) & (CURRENT_FILTER != CURRENT_FILTER_NONE))
-        chosen = drawn_towards(chosen, p.filtered, filtered_share(one / (g.count + one), p.filtered, settings));
+    if ((FILTER_USE == FILTER_USE_FEW_SAMPLES) & (CURRENT_FILTER != CURRENT_FILTER_NONE)) {
+        const real of_mean = one / (g.count + one), kept = gathered_filter_share(of_mean, l, settings);
+        chosen = drawn_towards(chosen, p.filtered, filtered_share(kept, p.filtered, settings));
+    }
     resolved out;
     out.rgb = storable_colour(from_range(chosen), current);
     out.alpha = p.alpha;

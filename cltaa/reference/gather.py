@@ -9,7 +9,7 @@ import numpy as np
 
 from cltaa.build import Build, Record
 from cltaa.layout import Layout
-from cltaa.params import AlphaFrom, CurrentFilter, FilterUse, GatherFit
+from cltaa.params import AlphaFrom, CurrentFilter, FilterUse, GatherFit, LightChange
 from cltaa.reference.blend import filtered_share, sample_share, storable_colour
 from cltaa.reference.colour import Colour, from_range
 from cltaa.reference.gather_fit import (
@@ -29,6 +29,7 @@ from cltaa.reference.pixel import (
     Resolved,
     box_gamma,
     drawn_towards,
+    fading_share,
     fresh_colour,
 )
 from cltaa.reference.projection import Motion, motion_from_depth, on_screen, pixel_grid
@@ -144,6 +145,13 @@ def in_front(g: Gathered, behind: Gathered, layers: Layers, build: Build, settin
     return result
 
 
+def gathered_filter_share(of_mean: Array, layers: Layers, build: Build, settings: Record) -> Array:
+    """Share of the filtered sample beside the n of a pixel, from their share 1 / n, ``of_mean``."""
+    spans = build.choices.light_change is LightChange.SPANS
+    fading = fading_share(of_mean, settings) if spans else of_mean * of_mean
+    return np.where(layers.edge, of_mean, fading)
+
+
 def resolve_gathered(
     g: Gathered,
     far: Gathered,
@@ -174,7 +182,8 @@ def resolve_gathered(
     chosen = (r, gr, b)
     filters = build.choices.current_filter is not CurrentFilter.NONE
     if filters and build.choices.filter_use is FilterUse.FEW:
-        share = filtered_share(one / (g.count + one), p.filtered, build, settings)
+        kept = gathered_filter_share(one / (g.count + one), layers, build, settings)
+        share = filtered_share(kept, p.filtered, build, settings)
         chosen = drawn_towards(chosen, p.filtered, share)
     stored = storable_colour(from_range(chosen, build), current, build)
     if build.choices.alpha_from is AlphaFrom.BLEND:

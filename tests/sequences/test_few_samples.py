@@ -44,9 +44,10 @@ def test_the_filter_has_the_share_of_one_sample(history_of: str) -> None:
     assert (bits(alone) == bits(dotted(0).colour)).all(), "a first frame is what was drawn"
     for number in (2, 3, 4):
         value = resolver.resolve(dotted(number - 1))[10, 12, 0]
-        # The recurrent image keeps what the filter took of each sample after the first: 1/n of the n-th.
+        # The recurrent image keeps what the filter took of each sample after the first: 1/n of the n-th. Kept samples
+        # are filtered anew in each frame, by 1/n^2.
         kept = sum(1 / n for n in range(2, number + 1)) / number
-        taken = 1 / number if history_of == "samples" else kept
+        taken = 1 / number**2 if history_of == "samples" else kept
         assert abs(value - (1 - (1 - middle) * taken)) < 1e-6
 
 
@@ -60,9 +61,21 @@ def test_what_the_filter_leaves_in_a_history_fades_sooner(history_of: str, beyon
     for number in range(1, 9):
         value = resolver.resolve(dotted(number - 1))[10, 12, 0]
         kept += min(1 / number, beyond / number**2) if number > 1 else 0.0
-        # Kept samples are filtered anew in each frame: nothing adds up.
-        taken = 1 / number if history_of == "samples" else kept / number
+        # Kept samples are filtered anew in each frame: nothing adds up, and the setting is not asked.
+        taken = 1 / number**2 if history_of == "samples" else kept / number
         assert number == 1 or abs(value - (1 - (1 - middle) * taken)) < 1e-6
+
+
+def test_at_a_depth_edge_the_filter_keeps_the_share_of_one_sample() -> None:
+    resolver = Resolver(few("samples"), "numpy")
+    side = np.exp(-np.float32(resolver.preset.settings.filter_falloff))
+    middle = 1 / (1 + 2 * side) ** 2
+    for number in range(1, 6):
+        frame = dotted(number - 1)
+        depth = frame.depth.copy()
+        depth[:, 13:] = 2.0
+        value = resolver.resolve(replace(frame, depth=depth))[10, 12, 0]
+        assert number == 1 or abs(value - (1 - (1 - middle) / number)) < 1e-6
 
 
 @pytest.mark.parametrize("history_of", ["result", "samples"])
