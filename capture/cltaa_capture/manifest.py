@@ -62,12 +62,25 @@ def _code_files(folder: Traversable, prefix: str) -> list[tuple[str, bytes]]:
 
 
 def what_runs(source: str) -> bytes:
-    """Python source without what does not run: comments, docstrings, white space."""
+    """Python source without what does not run, comments, docstrings and white space; the same in every Python."""
     tree = ast.parse(source)
     for node in ast.walk(tree):
         if isinstance(node, DOCUMENTED) and ast.get_docstring(node, clean=False) is not None:
             del node.body[0]
-    return ast.dump(tree).encode()
+        if isinstance(node, ast.JoinedStr):  # 3.12 ends a width that is computed by an empty text
+            node.values = [part for part in node.values if not isinstance(part, ast.Constant) or part.value != ""]
+    return _written(tree).encode()
+
+
+def _written(node: object) -> str:
+    """A syntax tree as text, without fields that are empty: of those ``ast.dump`` shows others in each Python."""
+    if isinstance(node, list):
+        return f"[{', '.join(map(_written, node))}]"
+    if not isinstance(node, ast.AST):
+        return ascii(node)
+    fields = ((name, getattr(node, name, None)) for name in node._fields)
+    told = (f"{name}={_written(value)}" for name, value in fields if value is not None and value != [])
+    return f"{type(node).__name__}({', '.join(told)})"
 
 
 def versions(opengl: str) -> dict[str, str]:
