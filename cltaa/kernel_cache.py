@@ -8,6 +8,7 @@ message where the folder cannot be written, and is not safe when several process
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import os
 import shutil
 import tempfile
@@ -76,12 +77,15 @@ def filling(kernel: str) -> Iterator[None]:
                 _depth -= 1
 
 
-def save_log(name: str, text: str) -> Path | None:
-    """Keep what a compiler said, for a bug report; None where that is impossible."""
-    folder = Path(tempfile.gettempdir())
+def save_log(name: str, said: str, text: str) -> Path | None:
+    """Keep what a compiler said of a kernel's text, for a bug report; None where that is impossible.
+
+    Beside the kernels, where no other user can plant a link, and once for each text, so that they do not pile up.
+    """
+    log = cache_folder() / "logs" / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:16]}.log"
     try:
-        with tempfile.NamedTemporaryFile("w", dir=folder, prefix=f"cltaa-{name}-", suffix=".log", delete=False) as log:
-            log.write(text)
+        log.parent.mkdir(parents=True, exist_ok=True)
+        log.write_text(f"{said}\n\n{text}", encoding="utf-8")
     except OSError:
         return None
-    return Path(log.name)
+    return log

@@ -63,10 +63,11 @@ class Kernel:
                 program = cl.Program(context, source(name, build)).build(options=list(build.flags()))
         except cl.RuntimeError as error:
             lines = [line for line in str(error).splitlines() if "error" in line] or str(error).splitlines()
-            log = save_log(Path(name).name, f"{error}\n\n{source(name, build)}")
+            log = save_log(Path(name).name, str(error), source(name, build))
+            told = f"the whole log and text: {log}; " if log else ""
             raise InternalError(
                 f"kernel {name} does not build: {lines[0].strip() if lines else 'no build log'}",
-                cure=f"the whole log and text: {log}; check the driver and its kernel cache with: cltaa doctor",
+                cure=f"{told}check the driver and its kernel cache with: cltaa doctor",
             ) from error
         # A kernel's function is its file's name and _kernel, so that stage functions can have the plain name.
         self._kernel = cl.Kernel(program, f"{Path(name).name}_kernel")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -42,14 +41,24 @@ def test_kernel_that_does_not_build(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     real = program.source
     broken = '#error "planted"\n'
     monkeypatch.setattr(program, "source", lambda name, build: broken + real(name, build))
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    with pytest.raises(InternalError, match=r"kernel resolve does not build: .*planted.*kernel cache") as caught:
+    monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path))
+    for _ in range(2):  # the second time it is told in the same file
+        with pytest.raises(InternalError, match=r"kernel resolve does not build: .*planted.*kernel cache") as caught:
+            Resolver().resolve(make_frame())
+        assert caught.value.exit_code == 70
+        (log,) = (tmp_path / "logs").iterdir()
+        assert str(log) in str(caught.value)
+        assert "planted" in log.read_text()
+        assert "__kernel void resolve_kernel" in log.read_text()
+
+
+def test_a_build_log_that_cannot_be_kept_is_not_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(program, "source", lambda _name, _build: '#error "planted"\n')
+    monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path))
+    (tmp_path / "logs").write_text("no folder")
+    with pytest.raises(InternalError, match=r"planted\S*; check the driver and its kernel cache") as caught:
         Resolver().resolve(make_frame())
-    assert caught.value.exit_code == 70
-    (log,) = tmp_path.glob("cltaa-resolve-*.log")
-    assert str(log) in str(caught.value)
-    assert "planted" in log.read_text()
-    assert "__kernel void resolve_kernel" in log.read_text()
+    assert "log" not in str(caught.value)
 
 
 class Failing:
