@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import io
 import os
 import sys
@@ -11,7 +12,7 @@ import click
 
 from cltaa import __version__
 from cltaa.errors import CltaaError, InternalError, ResourceError, StorageError, UsageError
-from cltaa.interrupt import Stop, interrupts
+from cltaa.interrupt import Stop, ends_at_once, ignore_signals, interrupts
 from cltaa.lazy import Entry, LazyGroup
 from cltaa.printable import printable
 from cltaa.views import are_views
@@ -34,6 +35,8 @@ COMMANDS = {
     "tune": Entry("cltaa.commands.tune", "command", "Search for the best settings within a time or an error."),
 }
 
+INTERRUPTED = 130  # as shells say it: 128 and the number of SIGINT
+
 # The commands that find what they had finished.
 GOES_ON = {("capture",), ("demo",), ("resolve",), ("bench", "accuracy"), ("bench", "quality"), ("tune",)}
 
@@ -52,13 +55,33 @@ def root(ctx: click.Context, debug: bool) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line and return its exit code (sysexits; 130 when interrupted); an error is one line."""
+    """Run the command line and return its exit code (sysexits; 130 when interrupted); an error is one line.
+
+    Without ``arguments`` it is that of the process, which has nothing left to do then but to end.
+    """
+    if arguments is not None:
+        return _outcome(arguments)
+    atexit.register(ignore_signals)  # after the threads have been waited for
+    ends_at_once(INTERRUPTED)  # outside of what _outcome handles by itself
+    try:
+        code = _outcome(sys.argv[1:])
+    except KeyboardInterrupt:  # one more while the first was told
+        code = INTERRUPTED
+    ends_at_once(code)
+    if code == INTERRUPTED:
+        # Python up to 3.12 takes a thread for ended when the wait for it was interrupted, and would let it run while
+        # the interpreter is taken down, which OpenEXR ends by an abort. Files are atomic: none is half-written.
+        os._exit(code)
+    return code
+
+
+def _outcome(arguments: list[str]) -> int:
     _open_standard_streams()
     if os.environ.get("COLUMNS") == "0":  # a width that is not known, of which tables would have no column
         del os.environ["COLUMNS"]
     # NumPy's linear algebra starts a thread a core when it is imported, which then waits busily; our matrices are 4x4.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    debug, arguments = _take_debug(sys.argv[1:] if arguments is None else arguments)
+    debug, arguments = _take_debug(arguments)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a letter that the terminal's encoding has not ends nothing
@@ -113,7 +136,7 @@ def _interrupted(arguments: list[str]) -> int:
     goes_on = tuple(words[:1]) in GOES_ON or tuple(words[:2]) in GOES_ON
     more = "; what was finished is kept, run the same again to go on" if goes_on else ""
     click.echo(f"cltaa: interrupted{more}", err=True)
-    return 130
+    return INTERRUPTED
 
 
 def _failed(error: Exception) -> int:

@@ -6,6 +6,7 @@ ignore, by nohup or as a shell's background job, stays ignored.
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -49,6 +50,22 @@ def stop_signals() -> Iterator[Stop]:
 
     with _handled(SIGNALS, note) as restore:
         yield stop
+
+
+def ends_at_once(code: int) -> None:
+    """From now on SIGINT and SIGTERM end the process, with ``code`` and without waiting for its threads.
+
+    For the time when all is said: Python waits for threads then, and takes an exception there for the end of the wait.
+    """
+    for number in SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda *_: os._exit(code))
+
+
+def ignore_signals() -> None:
+    """Let SIGINT and SIGTERM do nothing: once the interpreter is taken down, they would end it by their number."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
 
 
 @contextmanager
