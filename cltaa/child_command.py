@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -11,7 +12,9 @@ from cltaa.errors import InternalError
 def call_cltaa(arguments: list[str]) -> subprocess.CompletedProcess[str]:
     """Run a command to its end, whatever its exit code; what it prints is kept, its standard error goes to ours."""
     command = [sys.executable, "-m", "cltaa.cli", *arguments]
-    return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
+    # What a shell asks of us to complete is not asked of the child.
+    environment = {name: value for name, value in os.environ.items() if name != "_CLTAA_COMPLETE"}
+    return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False, env=environment)
 
 
 def run_cltaa(arguments: list[str]) -> str:

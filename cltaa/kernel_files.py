@@ -17,6 +17,11 @@ def kernel_folder() -> Path:
     return Path(__file__).resolve().parent.parent / "kernels"
 
 
+def kernel_names() -> list[str]:
+    """Names of all kernels, sorted."""
+    return sorted(path.stem for path in kernel_folder().glob("*.cl"))
+
+
 @cache
 def code_sha256() -> str:
     """SHA-256 over the kernels and this package (its commands left out): other code may give other bits."""

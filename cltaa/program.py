@@ -15,12 +15,7 @@ import pyopencl as cl
 from cltaa.build import Build, prelude
 from cltaa.errors import InternalError, UsageError, known
 from cltaa.kernel_cache import save_log
-from cltaa.kernel_files import kernel_folder
-
-
-def kernel_names() -> list[str]:
-    """Names of all kernels, sorted."""
-    return sorted(path.stem for path in kernel_folder().glob("*.cl"))
+from cltaa.kernel_files import kernel_folder, kernel_names
 
 
 def _pasted(name: str, seen: set[str]) -> list[str]:

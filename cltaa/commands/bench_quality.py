@@ -18,14 +18,13 @@ from cltaa.bench.quality_page import markdown, write_page
 from cltaa.bench.quality_pictures import write_pictures
 from cltaa.bench.quality_summary import Table, ordered, summarise
 from cltaa.commands.bench_kernels import parse_size
-from cltaa.commands.options import FILE_PATH, PRESET, json_option
+from cltaa.commands.options import ALL_SCENES, FILE_PATH, PRESET, SCENES, json_option
 from cltaa.errors import UsageError, known
 from cltaa.launch import Launcher, launcher_for
 from cltaa.presets import Preset, load_preset, preset_names
 from cltaa.printable import json_of
 from cltaa.sources import Sequence, open_sequence
 
-ALL = "all"  # every scene of cltaa scenes
 NARROWEST = 160  # columns of the terminal, so that no number is cut off
 
 
@@ -34,6 +33,7 @@ NARROWEST = 160  # columns of the terminal, so that no number is cut off
     "--scene",
     "scenes",
     multiple=True,
+    type=SCENES,
     metavar="NAME",
     help="Scene, file:PATH, or all (of cltaa scenes); repeatable.  [default: all]",
 )
@@ -148,10 +148,10 @@ def _numbers(text: str) -> list[int]:
 def _planned(scenes: tuple[str, ...], seeds: dict[int, str], shape: Shape, work: Path) -> list[tuple[Case, int]]:
     registered = known_scenes()
     for scene in scenes:
-        if scene not in {*registered, ALL} and not scene.startswith(MODEL):
-            cure = known(scene, [*registered, ALL, f"{MODEL}PATH"], "scenes")
+        if scene not in {*registered, ALL_SCENES} and not scene.startswith(MODEL):
+            cure = known(scene, [*registered, ALL_SCENES, f"{MODEL}PATH"], "scenes")
             raise UsageError(f"unknown scene {scene}", cure=cure)
-    names = [name for scene in scenes or [ALL] for name in (registered if scene == ALL else [scene])]
+    names = [name for scene in scenes or [ALL_SCENES] for name in (registered if scene == ALL_SCENES else [scene])]
     effects = {name: registered.get(name, frozenset({"motion"})) for name in names}
     cases = planned(effects, seeds, shape, work / "sequences")
     return list(zip(cases, list(seeds) * len(effects), strict=True))

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.child_command import call_cltaa
-from cltaa.commands.options import FILE_PATH
+from cltaa.commands.options import FILE_PATH, SCENE
 from cltaa.equal_quality import equal_quality_samples
 from cltaa.errors import UsageError
 from cltaa.frames import Image
@@ -46,7 +46,9 @@ class Gain:
 @click.command("demo")
 @click.option("-o", "--output", type=FILE_PATH, default=Path("demo"), show_default=True,
               help="Folder for everything that the demo leaves.")  # fmt: skip
-@click.option("--scene", default="spinner", show_default=True, help="What to capture; list scenes with: cltaa scenes")
+@click.option(
+    "--scene", type=SCENE, default="spinner", show_default=True, help="What to capture; list scenes with: cltaa scenes"
+)
 @click.option(
     "--frames", type=click.IntRange(min=SETTLED + 1), default=40, show_default=True, help="Frames to capture."
 )

@@ -5,13 +5,16 @@ from __future__ import annotations
 import click
 
 from cltaa.build import Build, Steps
-from cltaa.commands.options import PRESET
+from cltaa.commands.options import KERNEL, PRESET
+from cltaa.kernel_files import kernel_names
 from cltaa.presets import load_preset
 from cltaa.printable import json_of
 
 
 @click.command("kernels")
-@click.option("--show", metavar="KERNEL", help="Print the whole text of a kernel, prelude and includes pasted.")
+@click.option(
+    "--show", type=KERNEL, metavar="KERNEL", help="Print the whole text of a kernel, prelude and includes pasted."
+)
 @click.option(
     "--preset", type=PRESET, default="default", show_default=True, help="Preset whose choices the prelude carries."
 )
@@ -22,7 +25,7 @@ from cltaa.printable import json_of
 @click.option("--json", "as_json", is_flag=True, help="Print names, flags and hashes as JSON.")
 def kernels(show: str | None, preset: str, lanes: str, strict: bool, as_json: bool) -> None:
     """List the OpenCL kernels with the hash of their text, or print one as the compiler sees it."""
-    from cltaa.program import kernel_names, source, source_hash
+    from cltaa.program import source, source_hash
 
     build = Build(choices=load_preset(preset).choices, steps=Steps(), lanes=int(lanes), rows=32, strict=strict)
     if show is not None:

@@ -15,6 +15,7 @@ from cltaa.exr_attributes import EXPOSURE_STOPS
 from cltaa.frames import Effect, parse_effects
 
 Command = Callable[..., Any]
+ALL_SCENES = "all"  # every scene of cltaa scenes
 
 
 class _FilePath(click.Path):
@@ -62,7 +63,21 @@ def _profiles() -> list[str]:
     return ["auto", *profile_names()]
 
 
+def _kernels() -> list[str]:
+    from cltaa.kernel_files import kernel_names
+
+    return kernel_names()
+
+
+def _scenes() -> list[str]:
+    from cltaa.bench.quality_cases import known_scenes
+
+    return [*known_scenes()]
+
+
 PRESET, PROFILE = _Name(_presets), _Name(_profiles, or_file=True)
+KERNEL, SCENE = _Name(_kernels), _Name(_scenes)
+SCENES = _Name(lambda: [ALL_SCENES, *_scenes()])  # or all of them
 FILE_PATH = _FilePath(path_type=Path)
 STOPS = _Stops(-EXPOSURE_STOPS, EXPOSURE_STOPS)
 

@@ -8,11 +8,13 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from cltaa import __version__, cli, errors
+from cltaa.exr import read_image
 from tests.sequence_factory import write_sequence
 
 # Nothing that draws or computes may be imported to show help: it must work, and quickly, where those are not installed.
@@ -83,6 +85,10 @@ def test_completion_script(shell: str) -> None:
         ("cltaa capture spi", "spinner"),
         ("cltaa profiles bl", "blender"),
         ("cltaa resolve x --profile bl", "blender"),
+        ("cltaa kernels --show gather_s", "gather_spans"),
+        ("cltaa bench quality --scene spi", "spinner"),
+        ("cltaa bench quality --scene al", "all"),
+        ("cltaa demo --scene spi", "spinner"),
     ],
 )
 def test_completion_of_a_name(words: str, completed: str) -> None:
@@ -271,3 +277,38 @@ def test_interrupt_that_another_module_swallows(
     monkeypatch.setattr(cli.root, "main", swallowed)
     assert cli.main([]) == code
     assert capsys.readouterr().err.startswith(words)
+
+
+WRITING = """
+import sys
+import time
+from pathlib import Path
+import numpy as np
+from cltaa import cli
+from cltaa.streams import Writer
+def work(*_, **__):
+    noise = np.random.default_rng(0).random((1080, 1920), np.float32)
+    with Writer() as writer:
+        for number in range(50):
+            writer.write(Path(sys.argv[1]) / f"{number}.exr", {"R": noise, "G": noise, "B": noise})
+            print("written", flush=True)
+cli.root.main = work
+sys.exit(cli.main())
+"""
+
+
+@pytest.mark.parametrize("pause", [0.005, 0.05])
+def test_a_user_who_presses_ctrl_c_again_and_again_meets_no_abort(tmp_path: Path, pause: float) -> None:
+    """While threads write, are waited for, and at last while the interpreter is taken down."""
+    arguments = [sys.executable, "-c", WRITING, str(tmp_path)]
+    with subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "written\n"
+        while process.poll() is None:
+            process.send_signal(signal.SIGINT)
+            time.sleep(pause)
+        assert process.stderr is not None
+        assert process.stderr.read() in ("cltaa: interrupted\n", "")  # the last of many may come before the words
+    assert process.returncode == 130
+    for path in tmp_path.glob("*.exr"):
+        assert read_image(path)[0]["R"].shape == (1080, 1920)
