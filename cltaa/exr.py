@@ -7,7 +7,6 @@ wrong input ends in one DataError or InputMissing.
 
 from __future__ import annotations
 
-import mmap
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -74,7 +73,6 @@ def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
     layout, content = _load(path, sha256)
     names = frame_channels(layout)
     pixels, attributes = _decode(layout, content)
-    del content  # what is not needed any more goes at once: of a large picture little fits into memory twice
     header = FrameHeader(path, attributes)
 
     # Each group in a block of its own, and a single plane as it was decoded: what is freed fits what is needed next.
@@ -175,7 +173,7 @@ def read_colour(path: Path, *, sha256: str | None = None) -> Image:
     return np.moveaxis(np.stack([pixels[name] for name in COLOUR]).astype(np.float32, copy=False), 0, -1)
 
 
-def _load(path: Path, sha256: str | None) -> tuple[Layout, mmap.mmap]:
+def _load(path: Path, sha256: str | None) -> tuple[Layout, BinaryIO]:
     """Check the layout, and only then read the whole file, so that what was checked is what is decoded."""
     with open_regular(path) as file:
         layout = parse_layout(path, file)
@@ -185,8 +183,9 @@ def _load(path: Path, sha256: str | None) -> tuple[Layout, mmap.mmap]:
         return layout, read_all(path, file, sha256)
 
 
-def _decode(layout: Layout, content: mmap.mmap) -> tuple[dict[str, Pixels], dict[str, object]]:
-    file, attributes = _open(layout, content, header_only=False)
+def _decode(layout: Layout, content: BinaryIO) -> tuple[dict[str, Pixels], dict[str, object]]:
+    with content:  # which goes as soon as it is decoded: of a large picture little fits into memory twice
+        file, attributes = _open(layout, content, header_only=False)
     channels = {name: channel.pixels for name, channel in file.channels().items()}
     columns, rows = layout.data_size
     if set(channels) != set(layout.channels) or any(plane.shape != (rows, columns) for plane in channels.values()):
@@ -194,23 +193,26 @@ def _decode(layout: Layout, content: mmap.mmap) -> tuple[dict[str, Pixels], dict
     return {name: plane[layout.crop] for name, plane in channels.items()}, attributes
 
 
-def _open(layout: Layout, stream: BinaryIO | mmap.mmap, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:
-    file = open_stream(layout.path, stream, header_only=header_only)
+def _open(layout: Layout, content: BinaryIO, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:
+    file = open_content(layout.path, content, header_only=header_only)
     return file, {name: _scalar(value) for name, value in file.header().items()}
 
 
-def open_stream(path: Path, stream: BinaryIO | mmap.mmap, *, header_only: bool) -> OpenEXR.File:
-    """Let OpenEXR decode a file whose layout was checked; ``path`` is its name in messages. Raises DataError."""
+def open_content(path: Path, content: BinaryIO, *, header_only: bool) -> OpenEXR.File:
+    """Let OpenEXR decode an open file whose layout was checked; ``path`` is its name in messages. Raises DataError."""
+    # By the name of the descriptor: the file's own need not be UTF-8, and what OpenEXR itself prints would hold it raw.
+    # Not as a stream: OpenEXR's threads would take hundreds of turns a frame with the interpreter to read from one.
+    name = f"/proc/self/fd/{content.fileno()}"
     try:
-        # Separate channels: the merging of R, G and B in the module had memory errors, and loses mixed types. A stream
-        # instead of a name: names need not be UTF-8, and what OpenEXR itself prints would hold them raw.
+        # Separate channels: the merging of R, G and B in the module had memory errors, and loses mixed types.
         with muted_output():
-            file = OpenEXR.File(stream, separate_channels=True, header_only=header_only)
+            file = OpenEXR.File(name, separate_channels=True, header_only=header_only)
         if not file.parts:  # the module's way of saying that decoding failed
             raise DataError("the pixels are damaged", path=path, cure="write the file again")
         file.header()  # whose texts must be UTF-8
     except (RuntimeError, ValueError, TypeError) as error:  # UnicodeDecodeError is a ValueError
-        raise DataError(f"OpenEXR cannot read it: {error}", path=path, cure="write the file again") from error
+        said = str(error).replace(name, "it")
+        raise DataError(f"OpenEXR cannot read it: {said}", path=path, cure="write the file again") from error
     return file
 
 

@@ -15,7 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache, partial
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import OpenEXR
@@ -30,12 +30,24 @@ except ImportError:  # not made for every machine: there OpenEXR packs
 
 # ISA-L's levels are 0 to 3; docs/performance.md, Files.
 LEVEL = 2
-ROWS = 16  # that a thread packs at a time: one chunk of ZIP, 16 of ZIPS
+# Threads take turns with the interpreter between the steps of their work: so a few of them with much each
+# (docs/decisions/0041-few-turns-with-the-interpreter.md).
+THREADS = 4
+ROWS = 128  # that a thread packs at a time: 8 chunks of ZIP, 128 of ZIPS
 ROWS_A_CHUNK = {"zip": 16, "zips": 1}
 
 Bytes = NDArray[np.uint8]
 Deflate = Callable[[memoryview], bytes]
-Chunk = memoryview | bytes
+
+
+class Packed(NamedTuple):
+    """Neighbouring chunks as they stand in the file, and the bytes that each of them takes there."""
+
+    sizes: list[int]
+    content: bytes
+
+
+Pack = Callable[[int], Packed]
 
 
 def fast_deflate() -> Deflate | None:
@@ -53,44 +65,42 @@ def write_zip(
     """
     height, width = next(iter(channels.values())).shape
     first, last = header.get("dataWindow", np.array([[0, 0], [width - 1, height - 1]], np.int32))
-    top, rows_a_chunk = int(first[1]), ROWS_A_CHUNK[compression]
-    table = np.zeros(-(-height // rows_a_chunk), "<u8")
     planes = [channels[name].view(np.uint8) for name in sorted(channels)]
     start = _header(path, header, channels, first, last)
-    pack = partial(_chunks, planes, rows_a_chunk, deflate)
-    packed = _in_threads(pack, range(0, height, ROWS))
+    pack = partial(_pack, planes, int(first[1]), ROWS_A_CHUNK[compression], deflate)
+    sizes = [0]
     with path.open("wb") as file:
-        place = file.write(start) + file.write(table.data)
-        for number, chunk in enumerate(chunk for chunks in packed for chunk in chunks):
-            table[number] = place
-            place += file.write(struct.pack("<2i", top + number * rows_a_chunk, len(chunk))) + file.write(chunk)
+        file.write(start + bytes(8 * -(-height // ROWS_A_CHUNK[compression])))
+        sizes[0] = file.tell()
+        for packed in _in_threads(pack, range(0, height, ROWS)):
+            file.write(packed.content)
+            sizes += packed.sizes
         file.seek(len(start))
-        file.write(table.data)
+        file.write(np.cumsum(sizes[:-1], dtype="<u8").data)  # where each chunk begins
 
 
-def _in_threads(pack: Callable[[int], list[Chunk]], rows: range) -> Iterator[list[Chunk]]:
+def _in_threads(pack: Pack, rows: range) -> Iterator[Packed]:
     """``pack(row)`` for each of ``rows``, in their order; for one more of them than there are threads ahead of use."""
-    count = max(1, OpenEXR.global_thread_count())
-    begun = deque[Callable[[], list[Chunk]]]()
+    begun = deque[Callable[[], Packed]]()
     for row in rows:
-        begun.append(_begin(_threads(count), pack, row))
-        if len(begun) > count:
+        begun.append(_begin(pack, row))
+        if len(begun) > THREADS:
             yield begun.popleft()()
     while begun:
         yield begun.popleft()()
 
 
-def _begin(threads: ThreadPoolExecutor, pack: Callable[[int], list[Chunk]], row: int) -> Callable[[], list[Chunk]]:
+def _begin(pack: Pack, row: int) -> Callable[[], Packed]:
     try:
-        return threads.submit(pack, row).result
+        return _threads().submit(pack, row).result
     except RuntimeError:  # at the end of the program no thread is given work, and what is queued is written still
         return partial(pack, row)
 
 
 @cache
-def _threads(count: int) -> ThreadPoolExecutor:
-    """For all files that are being written; as many as OpenEXR has, and like those there until the program ends."""
-    return ThreadPoolExecutor(count, "pack EXR")
+def _threads() -> ThreadPoolExecutor:
+    """For all files that are being written; there until the program ends."""
+    return ThreadPoolExecutor(THREADS, "pack EXR")
 
 
 def _header(
@@ -106,10 +116,24 @@ def _header(
     return content[: window + 12] + struct.pack("<i", last[1]) + content[window + 16 : end]
 
 
-def _chunks(planes: list[Bytes], rows_a_chunk: int, deflate: Deflate, row: int) -> list[Chunk]:
-    """The chunks of up to ``ROWS`` rows from ``row`` on, of planes [H, bytes of a row]."""
-    lines = np.concatenate([plane[row : row + ROWS] for plane in planes], axis=1)
-    raw = lines.reshape(-1, lines.shape[1] * min(rows_a_chunk, len(lines)))
+def _pack(planes: list[Bytes], top: int, rows_a_chunk: int, deflate: Deflate, row: int) -> Packed:
+    """The chunks of up to ``ROWS`` rows from ``row`` on, of planes [H, bytes of a row]; ``top`` is y of the first."""
+    end = min(row + ROWS, len(planes[0]))
+    even = end - (end - row) % rows_a_chunk  # from there on the last chunk, which has fewer rows
+    packed: list[bytes | memoryview] = []
+    for start, stop, rows in ((row, even, rows_a_chunk), (even, end, end - even)):
+        if start < stop:
+            packed += _deflated([plane[start:stop] for plane in planes], rows, deflate)
+    parts: list[bytes | memoryview] = []
+    for y, chunk in zip(range(top + row, top + end, rows_a_chunk), packed, strict=True):
+        parts += struct.pack("<2i", y, len(chunk)), chunk
+    return Packed([8 + len(chunk) for chunk in packed], b"".join(parts))
+
+
+def _deflated(planes: list[Bytes], rows: int, deflate: Deflate) -> Iterator[bytes | memoryview]:
+    """Chunks of ``rows`` rows each, of planes [a multiple of them, bytes of a row]."""
+    lines = np.concatenate(planes, axis=1)
+    raw = lines.reshape(-1, lines.shape[1] * rows)
     pairs, half = raw.view("<u2"), raw.shape[1] // 2
     split, steps = np.empty_like(raw), np.empty_like(raw)
     split[:, :half] = pairs  # its lower byte
@@ -117,6 +141,7 @@ def _chunks(planes: list[Bytes], rows_a_chunk: int, deflate: Deflate, row: int) 
     steps[:, 0] = split[:, 0]
     np.subtract(split[:, 1:], split[:, :-1], out=steps[:, 1:])
     steps[:, 1:] += 128
-    packed = [deflate(chunk.data) for chunk in steps]
-    # What does not become smaller is written as it is, which a reader tells by its size.
-    return [small if len(small) < len(whole) else whole.data for small, whole in zip(packed, raw, strict=True)]
+    for whole, stepped in zip(raw, steps, strict=True):
+        small = deflate(stepped.data)
+        # What does not become smaller is written as it is, which a reader tells by its size.
+        yield small if len(small) < len(whole) else whole.data

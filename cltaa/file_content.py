@@ -7,17 +7,17 @@ read. They are read, not mapped: a mapped file that somebody cuts short kills th
 from __future__ import annotations
 
 import hashlib
-import mmap
 import os
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO, cast
 
 from cltaa.errors import DataError, InputMissing, ResourceError, StorageError
 
+PIECE = 1 << 20  # bytes that are read at a time: few calls of Python a file, and hashed while a core's cache has them
 _CGROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")
 
 
@@ -65,26 +65,47 @@ def read_text(path: Path, expected: str, largest: int) -> str:
         raise DataError(f"not UTF-8: {error}", path=path, expected=expected) from None
 
 
-def read_all(path: Path, file: BinaryIO, sha256: str | None) -> mmap.mmap:
-    """Read the whole file into memory of its own, which is a stream as well, and goes when it is dropped.
+def read_all(path: Path, file: BinaryIO, sha256: str | None) -> BinaryIO:
+    """Copy the whole file into memory, which is a file of no folder, so that nobody can change it; close it to free it.
 
     Raises DataError where its SHA-256, in hexadecimal, is not the given one, or where the file changes meanwhile.
     """
-    # Memory of no file. Not bytes, which come from the heap a small page at a time and are copied into a stream again.
-    content = mmap.mmap(-1, file_size(file) or 1, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
-    with suppress(OSError):  # a system without large pages
-        content.madvise(mmap.MADV_HUGEPAGE)
-    file.seek(0)
-    if cast(BufferedReader, file).readinto(content) < len(content):
-        raise DataError("the file changed while it was read", path=path, cure="run again")
-    if sha256 is not None:
-        found = hashlib.sha256(content).hexdigest()
-        if found != sha256:
+    content = os.fdopen(os.memfd_create("content"), "w+b")
+    try:
+        found = _copy(path, file, content, hashed=sha256 is not None)
+        if sha256 is not None and found != sha256:
             raise DataError(
                 "the content is not what was recorded when it was written", path=path,
                 expected=f"SHA-256 {sha256[:12]}...", found=f"{found[:12]}...", cure="capture or copy the file again",
             )  # fmt: skip
+    except BaseException:
+        content.close()
+        raise
     return content
+
+
+def _copy(path: Path, file: BinaryIO, content: BinaryIO, *, hashed: bool) -> str:
+    """Copy a file of the size that it has now; returns the SHA-256 of what was copied, where that is wanted."""
+    digest, piece, left = hashlib.sha256(), memoryview(bytearray(PIECE)), file_size(file)
+    file.seek(0)
+    while left:
+        length = cast(BufferedReader, file).readinto(piece[:left])
+        if not length:
+            raise DataError("the file changed while it was read", path=path, cure="run again")
+        if hashed:
+            digest.update(piece[:length])
+        content.write(piece[:length])
+        left -= length
+    content.flush()
+    return digest.hexdigest()
+
+
+def content_sha256(file: BinaryIO) -> str:
+    """SHA-256 of an open file from where it stands, in hexadecimal."""
+    digest, piece = hashlib.sha256(), memoryview(bytearray(PIECE))
+    while length := cast(BufferedReader, file).readinto(piece):
+        digest.update(piece[:length])
+    return digest.hexdigest()
 
 
 def file_size(file: BinaryIO) -> int:

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import OpenEXR
 
+from cltaa import exr_zip
 from cltaa.build import Build, Steps, Storage, kept_planes, span_planes, texel_planes
 from cltaa.constants import SPANS
 from cltaa.launch import storage_dtype
@@ -20,7 +21,7 @@ REAL = 4  # bytes of a float
 FRAMES = 1 + DEPTH  # in work, and those that are decoded or being decoded
 RESULTS = 1 + DEPTH  # just made, and those that wait to be written or are being written
 GROUP = 3  # planes of a group, which are decoded one by one and moved together when the packed file has gone
-# Blocks of the size of a chunk that each thread that packs or unpacks holds for a file: packed, unpacked, between the
+# Blocks of the size of what it works on that each thread that packs or unpacks holds: packed, unpacked, between the
 # two. Seen with 2 and 16 threads of OpenEXR: 2.5 to 3.1.
 BLOCKS = 3
 # Interpreter, libraries and driver: the peak of a resolve of 16 x 16 pixels with built kernels, PoCL 3.0, 2026-11-21,
@@ -66,7 +67,7 @@ class Memory(msgspec.Struct, frozen=True, kw_only=True):
     frames: int
     results: int
     reading: int  # for each frame that is being decoded the packed file or, after it, a group of planes
-    packing: int  # what the threads that pack and unpack hold of the files that are read and written
+    packing: int  # what the threads that unpack hold of each file that is read, and those that pack
     program: int = PROGRAM
 
     @property
@@ -90,19 +91,22 @@ def program_bytes() -> int:
 
 
 def of_resolve(
-    pixels: int, channels: int, file: int, chunk: int, device: int, *, alpha: bool, banded: bool = False
+    width: int, height: int, channels: int, file: int, chunk: int, device: int, *, alpha: bool, banded: bool = False
 ) -> Memory:
-    """Memory of a resolve of frames of ``pixels`` in float ``channels``, whose packed files have ``file`` bytes.
+    """Memory of a resolve of frames in float ``channels``, whose packed files have ``file`` bytes.
 
-    ``chunk`` is what a chunk of such a file unpacks to; results are packed in chunks of as many rows. In bands one
-    frame at a time is in memory, its result in its place, and beside it the count of each pixel.
+    ``chunk`` is what a chunk of such a file unpacks to. In bands one frame at a time is in memory, its result in its
+    place, and beside it the count of each pixel.
     """
+    pixels, planes = width * height, 3 + alpha
     frames, results, decoded = (1, 0, 1) if banded else (FRAMES, RESULTS, THREADS)
+    unpacking = decoded * OpenEXR.global_thread_count() * BLOCKS * chunk
+    packing = exr_zip.THREADS * BLOCKS * planes * REAL * width * min(exr_zip.ROWS, height)
     return Memory(
         device=device, frames=frames * channels * REAL * pixels,
-        results=REAL * pixels * (1 if banded else results * (3 + alpha)),
+        results=REAL * pixels * (1 if banded else results * planes),
         reading=decoded * (file if banded else max(file, GROUP * REAL * pixels)),
-        packing=decoded * OpenEXR.global_thread_count() * BLOCKS * chunk * (channels + 3 + alpha) // channels,
+        packing=unpacking + packing,
     )  # fmt: skip
 
 
@@ -118,7 +122,7 @@ def of_sequence(
     """Memory of a resolve of ``sequence`` with ``steps``: whole images, or bands of ``band_rows`` rows."""
     width, height = sequence.width, sequence.height
     return of_resolve(
-        width * height, max(len(layout.channels) for layout in sequence.layouts.values()),
+        width, height, max(len(layout.channels) for layout in sequence.layouts.values()),
         max(sequence.path(number).stat().st_size for number in sequence.numbers),
         max(layout.chunk_bytes for layout in sequence.layouts.values()),
         device_bytes(

@@ -9,7 +9,7 @@ from pathlib import Path
 import OpenEXR
 
 from cltaa.errors import DataError
-from cltaa.exr import open_stream, read_header, read_image
+from cltaa.exr import open_content, read_header, read_image
 from cltaa.exr_channels import Pixels
 from cltaa.exr_header import MULTI_PART
 from cltaa.exr_layout import Layout, parse_parts
@@ -50,7 +50,7 @@ def _many_header(path: Path) -> FileHeader:
     with open_regular(path) as file:
         layouts = parse_parts(path, file)
         file.seek(0)
-        return _described(layouts, open_stream(path, file, header_only=True))
+        return _described(layouts, open_content(path, file, header_only=True))
 
 
 def _many_planes(path: Path, sha256: str | None) -> tuple[FileHeader, dict[str, Pixels]]:
@@ -58,7 +58,8 @@ def _many_planes(path: Path, sha256: str | None) -> tuple[FileHeader, dict[str, 
         layouts = parse_parts(path, file)
         check_memory(path, file_size(file) + 2 * sum(layout.decoded_bytes for layout in layouts))
         content = read_all(path, file, sha256)
-    decoded = open_stream(path, content, header_only=False)
+    with content:
+        decoded = open_content(path, content, header_only=False)
     header, planes = _described(layouts, decoded), dict[str, Pixels]()
     for layout, part in zip(layouts, decoded.parts, strict=True):
         columns, rows = layout.data_size

@@ -48,7 +48,7 @@ def written(path: Path, channels: dict[str, Pixels], packer: Deflate | None, **m
 
 
 @ZIPS
-@pytest.mark.parametrize(("height", "width"), [(1, 1), (16, 5), (17, 31), (50, 64)])
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (16, 5), (17, 31), (50, 64), (260, 3)])
 def test_only_how_chunks_are_deflated_differs(
     height: int, width: int, compression: str, deflate: Deflate, tmp_path: Path
 ) -> None:
@@ -100,16 +100,16 @@ def test_a_failure_to_pack_leaves_nothing_behind(tmp_path: Path, monkeypatch: py
 
 
 def test_packed_rows_wait_in_bounded_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(OpenEXR, "global_thread_count", lambda: 3)
+    monkeypatch.setattr(exr_zip, "THREADS", 3)
     begun: list[int] = []
 
-    def pack(row: int) -> list[exr_zip.Chunk]:
+    def pack(row: int) -> exr_zip.Packed:
         begun.append(row)
-        return [bytes([row])]
+        return exr_zip.Packed([1], bytes([row]))
 
     packed = exr_zip._in_threads(pack, range(50))
     for row in range(50):
-        assert next(packed) == [bytes([row])]
+        assert next(packed).content == bytes([row])
         time.sleep(0.002)
         assert len(begun) <= row + 1 + 3
     assert list(packed) == []

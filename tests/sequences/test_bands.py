@@ -113,7 +113,7 @@ def whole_images(width: int, height: int) -> Memory:
     """What a run takes whose frames have motion of their own and do not pack at all."""
     channels = 6
     return of_resolve(
-        width * height, channels, 4 * channels * width * height, 16 * 4 * channels * width,
+        width, height, channels, 4 * channels * width * height, 16 * 4 * channels * width,
         device_bytes(width, height, Steps()), alpha=False,
     )  # fmt: skip
 
