@@ -23,11 +23,11 @@ __kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, 
         h.alpha = past_alpha(alpha + at, h.alpha, frame);
     const colour mean = load_colour(statistics_in + at, plane);
     pixel_t p; // of it only what is looked at after rectification
-    p.near.mean = (boxed) { mean.r, mean.g, mean.b };
+    p.near.mean = from_units((boxed) { mean.r, mean.g, mean.b });
     p.alpha = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
     p.reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
     p.filtered = load_colour(statistics_in + at + 12 * plane, plane);
-    p.luminance = luminance(p.filtered);
+    p.luminance = luminance_4(p.filtered);
     p.own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? usable_colour(current, plane, x, y, frame) : p.filtered;
     const resolved out = resolve_pixel(p, h, r, settings);
     store_resolved(output, output_count, out, x, y, frame);

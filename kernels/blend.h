@@ -20,6 +20,16 @@ STAGE real sample_weight(real count, real unrest, settings_t settings)
     return greater(mean, SPLAT(settings.blend_weight));
 }
 
+// What `count` samples count as in the mean that `accumulate` takes: with the new one 1 / blend_weight at most.
+STAGE real samples_in_mean(real count, settings_t settings)
+{
+    if (ACCUMULATE == ACCUMULATE_COUNT)
+        return count;
+    // Not by `reciprocal`, which is worked out pixel by pixel: a compiler moves a division by a setting out of the
+    // loop.
+    return lesser(count, SPLAT(1.0) / SPLAT(settings.blend_weight) - K(1.0));
+}
+
 // How many samples the history still stands for. Resampling between texels blurs, the more the further the position
 // lies from a texel, so it limits the count (resample_cost); history that had to be pulled into its box is less to be
 // believed (pull_cost); and sample_limit is the most that is ever counted.
@@ -34,16 +44,37 @@ STAGE real believed_count(real count, real fx, real fy, real pull, settings_t se
     return lesser(believed, most);
 }
 
-// Luminance weights 1 / (knee + Y) (Karis 2014 with knee 1) as one weight of the current sample, so that blending stays
-// a single step from the history: w_x / (w_x + w_h). Of the luminances of the sample and of the history.
+// knee + Y, the inverse of a luminance weight (Karis 2014 with knee 1), four times as large. Of four times a luminance.
+STAGE real luminance_inertia(real luminance, settings_t settings)
+{
+    return K(4.0) * SPLAT(settings.luminance_knee) + greater(luminance, SPLAT(0.0));
+}
+
+// Luminance weights 1 / (knee + Y) as one weight of the current sample, so that blending stays a single step from the
+// history: w_x / (w_x + w_h). Of four times the luminances of the sample and of the history.
 STAGE real luminance_weight(real weight, real current, real history, settings_t settings)
 {
     if (WEIGHTING == WEIGHTING_NONE)
         return weight;
-    const real x = SPLAT(settings.luminance_knee) + greater(current, SPLAT(0.0));
-    const real h = SPLAT(settings.luminance_knee) + greater(history, SPLAT(0.0));
+    const real x = luminance_inertia(current, settings), h = luminance_inertia(history, settings);
     const real for_current = weight * h, for_history = (SPLAT(1.0) - weight) * x;
     return quotient(for_current, for_current + for_history);
+}
+
+// Weight of the current sample beside a history of `count`, before what stills flicker. In a mean of all of them 1 /
+// (count
+// + 1) is left to be worked out: with luminance weights it is h / (h + count x). Four times the luminances again.
+STAGE real weight_of_sample(real count, real current, real history, real reactivity, real unrest, settings_t settings)
+{
+    const int in_mean = (ACCUMULATE == ACCUMULATE_COUNT) | (ACCUMULATE == ACCUMULATE_EXPONENTIAL);
+    if (in_mean & (WEIGHTING != WEIGHTING_NONE) & !REACTIVE) {
+        const real x = luminance_inertia(current, settings), h = luminance_inertia(history, settings);
+        return quotient(h, h + samples_in_mean(count, settings) * x);
+    }
+    real weight = sample_weight(count, unrest, settings);
+    if (REACTIVE)
+        weight += reactivity * (SPLAT(1.0) - weight);
+    return luminance_weight(weight, current, history, settings);
 }
 
 // Luminance weight 1 / (knee + Y): one firefly does not outweigh a pixel's whole past (Karis 2014 with knee 1).
@@ -63,11 +94,11 @@ STAGE colour share_difference(colour v, colour other, settings_t settings)
     return d;
 }
 
-// Lottes' measure u = 1 - |dY| / max(Y, Y, knee) of both luminances: the weight is scaled by a share that goes with u^2
-// from that of luminances that differ to that of luminances that agree.
+// Lottes' measure u = 1 - |dY| / max(Y, Y, knee): the weight is scaled by a share that goes with u^2 from that of
+// luminances that differ to that of luminances that agree. Of four times both luminances.
 STAGE real difference_share(real current, real history, settings_t settings)
 {
-    const real size = greater(greater(current, history), SPLAT(settings.difference_knee));
+    const real size = greater(greater(current, history), K(4.0) * SPLAT(settings.difference_knee));
     const real u = SPLAT(1.0) - quotient(absolute(current - history), size);
     return K(settings.differing_share) + (u * u) * (K(settings.agreeing_share) - K(settings.differing_share));
 }
@@ -78,8 +109,8 @@ STAGE real filtered_share(real share, colour filtered, settings_t settings)
 {
     if (WEIGHTING == WEIGHTING_NONE)
         return share;
-    const real knee = SPLAT(settings.luminance_knee);
-    const real dim = quotient(knee, knee + greater(luminance(filtered), SPLAT(0.0)));
+    const real knee = K(4.0) * SPLAT(settings.luminance_knee);
+    const real dim = quotient(knee, knee + greater(luminance_4(filtered), SPLAT(0.0)));
     return share * (dim * dim);
 }
 

@@ -10,21 +10,26 @@ typedef struct
     real r, g, b;
 } colour;
 
-// Coordinates in the box space: Y, Co, Cg or R, G, B.
+// Coordinates in the box space: 4 Y, 2 Co, 4 Cg or R, G, B.
 typedef struct
 {
     real a, b, c;
 } boxed;
 
-// Malvar and Sullivan 2003: all coefficients are powers of two, so that greys have exactly no chroma.
+// How many of each make one of the space's own.
+#define BOX_A (BOX_SPACE == BOX_SPACE_YCOCG ? 4.0 : 1.0)
+#define BOX_B (BOX_SPACE == BOX_SPACE_YCOCG ? 2.0 : 1.0)
+
+// Malvar and Sullivan 2003: all coefficients are powers of two, so that greys have exactly no chroma, and so that what
+// is held without its divisors has the same digits.
 STAGE boxed to_box_space(colour v)
 {
     boxed out = { v.r, v.g, v.b };
     if (BOX_SPACE == BOX_SPACE_YCOCG) {
-        const real rb = K(0.25) * (v.r + v.b);
-        out.a = rb + K(0.5) * v.g;
-        out.b = K(0.5) * (v.r - v.b);
-        out.c = K(0.5) * v.g - rb;
+        const real rb = v.r + v.b;
+        out.a = rb + K(2.0) * v.g;
+        out.b = v.r - v.b;
+        out.c = K(2.0) * v.g - rb;
     }
     return out;
 }
@@ -33,16 +38,21 @@ STAGE colour from_box_space(boxed v)
 {
     colour out = { v.a, v.b, v.c };
     if (BOX_SPACE == BOX_SPACE_YCOCG) {
-        const real t = v.a - v.c;
-        out.r = t + v.b;
-        out.g = v.a + v.c;
-        out.b = t - v.b;
+        const real t = K(0.25) * (v.a - v.c);
+        out.r = t + K(0.5) * v.b;
+        out.g = K(0.25) * (v.a + v.c);
+        out.b = t - K(0.5) * v.b;
     }
     return out;
 }
 
-// Y of YCoCg, whatever the box space: R/4 + G/2 + B/4.
+// The space's own coordinates, and from them.
+STAGE boxed in_units(boxed v) { return (boxed) { v.a * K(1.0 / BOX_A), v.b * K(1.0 / BOX_B), v.c * K(1.0 / BOX_A) }; }
+STAGE boxed from_units(boxed v) { return (boxed) { v.a * K(BOX_A), v.b * K(BOX_B), v.c * K(BOX_A) }; }
+
+// Y of YCoCg, whatever the box space: R/4 + G/2 + B/4. And four times it.
 STAGE real luminance(colour v) { return K(0.25) * (v.r + v.b) + K(0.5) * v.g; }
+STAGE real luminance_4(colour v) { return (v.r + v.b) + K(2.0) * v.g; }
 
 // Greatest of the three and 0.
 STAGE real peak(colour v) { return greater(greater(greater(v.r, v.g), v.b), SPLAT(0.0)); }

@@ -155,8 +155,8 @@ STAGE boxed light_difference(boxed now, colour past, frame_t frame)
     const colour was = history_in_range(past, frame);
     if (BOX_SPACE != BOX_SPACE_YCOCG)
         return (boxed) { now.a - was.r, now.b - was.g, now.c - was.b };
-    const real rb = K(0.25) * (was.r + was.b), green = K(0.5) * was.g;
-    return (boxed) { (now.a - rb) - green, now.b - K(0.5) * (was.r - was.b), (now.c + rb) - green };
+    const real rb = was.r + was.b;
+    return (boxed) { (now.a - rb) - K(2.0) * was.g, now.b - (was.r - was.b), (now.c + rb) - K(2.0) * was.g };
 }
 
 // The row of `now`, j below that of the nearest texels.
@@ -218,10 +218,10 @@ STAGE real count_in_light(real held, plane_in current, boxed_row next, history_i
     kept->nearest = n.at + (uint)row_stride(frame);
 #endif
     const real level = centre.levels + below.level;
-    const real least = K(settings.change_floor) * (level * K(ONE_THIRD)) + K(TINY);
+    const real least = K(settings.change_floor) * (level * K(ONE_THIRD)) + K(BOX_A * TINY);
     const boxed up = centre.step, down = below.step; // the step to the row above is -up, to the bit
     const real ta = paired_t(centre.a, below.a, -up.a, down.a, least),
-               tb = paired_t(centre.b, below.b, -up.b, down.b, least),
+               tb = paired_t(centre.b, below.b, -up.b, down.b, K(BOX_B / BOX_A) * least),
                tc = paired_t(centre.c, below.c, -up.c, down.c, least);
     const real largest = K(3.0) * greater(absolute(ta), greater(absolute(tb), absolute(tc)));
     const real t = lesser(largest, SPLAT(DOMAIN_LIMIT)); // or that, where it is no number

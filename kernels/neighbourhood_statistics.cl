@@ -22,9 +22,9 @@ __kernel void neighbourhood_statistics_kernel(
     const statistics s = neighbourhood_statistics(above, centre, below);
     const colour sample = current_sample(above, centre, below, s, frame);
     plane_out p = statistics_out + texel_offset(frame, x, y);
-    store_boxed(p, s.mean, plane);
-    store_boxed(p + 3 * plane, s.deviation, plane);
-    store_boxed(p + 6 * plane, s.low, plane);
-    store_boxed(p + 9 * plane, s.high, plane);
+    store_boxed(p, in_units(s.mean), plane);
+    store_boxed(p + 3 * plane, in_units(s.deviation), plane);
+    store_boxed(p + 6 * plane, in_units(s.low), plane);
+    store_boxed(p + 9 * plane, in_units(s.high), plane);
     store_boxed(p + 12 * plane, (boxed) { sample.r, sample.g, sample.b }, plane);
 }

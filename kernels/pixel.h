@@ -12,7 +12,7 @@
 typedef struct
 {
     colour own, filtered;
-    real luminance; // of `filtered`
+    real luminance; // four times that of `filtered`
     real alpha, reactivity;
     statistics near;
 } pixel_t;
@@ -41,7 +41,7 @@ STAGE pixel_t current_pixel(
     p.own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? centre.centre : p.filtered;
     // In YCoCg that of the pixel's own sample is worked out already, to the bit.
     const int known = (CURRENT_FILTER == CURRENT_FILTER_NONE) & (BOX_SPACE == BOX_SPACE_YCOCG);
-    p.luminance = known ? centre.a.shift : luminance(p.filtered);
+    p.luminance = known ? centre.a.shift : luminance_4(p.filtered);
     p.alpha = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
     p.reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
     return p;
@@ -103,11 +103,9 @@ STAGE resolved resolve_beside(pixel_t p, history_t h, rectification r, real coun
         const real share = h.valid ? fading_share(reciprocal(count + K(1.0)), settings) : SPLAT(1.0);
         current = drawn_towards(p.own, current, filtered_share(share, current, settings));
     }
-    real weight = sample_weight(count, r.unrest, settings);
-    if (REACTIVE)
-        weight += p.reactivity * (SPLAT(1.0) - weight);
-    const real y = FILTER_USE == FILTER_USE_FEW_SAMPLES ? luminance(current) : p.luminance, past_y = luminance(past);
-    weight = luminance_weight(weight, y, past_y, settings);
+    const real y = FILTER_USE == FILTER_USE_FEW_SAMPLES ? luminance_4(current) : p.luminance,
+               past_y = luminance_4(past);
+    real weight = weight_of_sample(count, y, past_y, p.reactivity, r.unrest, settings);
     if (ANTI_FLICKER == ANTI_FLICKER_DIFFERENCE)
         weight *= difference_share(y, past_y, settings);
     if (ANTI_FLICKER == ANTI_FLICKER_CLAMP_DISTANCE)

@@ -48,8 +48,8 @@ STAGE box_t neighbourhood_box(statistics s, real gamma, settings_t settings)
             narrow(&s.low.c, &s.high.c, s.mean.c, gamma * s.deviation.c);
         }
         if (BOX == BOX_UNIT) {
-            const real zero = SPLAT(0.0), one = SPLAT(1.0);
-            s.low = (boxed) { lesser(s.low.a, one), lesser(s.low.b, one), lesser(s.low.c, one) };
+            const real zero = SPLAT(0.0), one = SPLAT(BOX_A);
+            s.low = (boxed) { lesser(s.low.a, one), lesser(s.low.b, SPLAT(BOX_B)), lesser(s.low.c, one) };
             s.high = (boxed) { greater(s.high.a, zero), greater(s.high.b, zero), greater(s.high.c, zero) };
         }
         box.extent
@@ -66,10 +66,11 @@ STAGE box_t neighbourhood_box(statistics s, real gamma, settings_t settings)
     box.low = s.low;
     box.high = s.high;
     if ((RECTIFY == RECTIFY_CLIP) | (RECTIFY == RECTIFY_ELLIPSOID)) {
-        const real size = greater(absolute(box.centre.a), greater(absolute(box.centre.b), absolute(box.centre.c)));
-        const real least = K(settings.box_floor) * size + K(TINY);
+        const real size = greater(
+            absolute(box.centre.a), greater(K(BOX_A / BOX_B) * absolute(box.centre.b), absolute(box.centre.c)));
+        const real least = K(settings.box_floor) * size + K(BOX_A * TINY);
         box.extent.a = greater(box.extent.a, least);
-        box.extent.b = greater(box.extent.b, least);
+        box.extent.b = greater(box.extent.b, K(BOX_B / BOX_A) * least);
         box.extent.c = greater(box.extent.c, least);
     }
     return box;
@@ -167,7 +168,7 @@ STAGE real unrest_of(motion_t m, boxed moved, frame_t frame, settings_t settings
 STAGE real calm_of(real history, real centre, real extent)
 {
     const real d = lesser(absolute(history - (centre - extent)), absolute(history - (centre + extent)));
-    return d / ((d + (extent + extent)) + SPLAT(TINY));
+    return d / ((d + (extent + extent)) + SPLAT(BOX_A * TINY));
 }
 
 STAGE rectification rectify(
@@ -185,9 +186,9 @@ STAGE rectification rectify(
     const boxed moved = { r.a - h.a, r.b - h.b, r.c - h.c };
     rectification out;
     out.change = from_box_space(moved);
-    const real least = K(settings.box_floor) * absolute(box.centre.a) + K(TINY);
+    const real least = K(settings.box_floor) * absolute(box.centre.a) + K(BOX_A * TINY);
     out.pull = quotient(absolute(moved.a), greater(box.extent.a, least));
-    out.unrest = ACCUMULATE == ACCUMULATE_ADAPTIVE ? unrest_of(m, moved, frame, settings) : SPLAT(0.0);
+    out.unrest = ACCUMULATE == ACCUMULATE_ADAPTIVE ? unrest_of(m, in_units(moved), frame, settings) : SPLAT(0.0);
     out.calm = ANTI_FLICKER == ANTI_FLICKER_CLAMP_DISTANCE ? calm_of(h.a, box.centre.a, box.extent.a) : SPLAT(1.0);
     return out;
 }

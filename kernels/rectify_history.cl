@@ -5,7 +5,7 @@
 STAGE boxed load_boxed(plane_in p, size_t plane)
 {
     boxed v = { load(p), load(p + plane), load(p + 2 * plane) };
-    return v;
+    return from_units(v);
 }
 
 __kernel void rectify_history_kernel(plane_in statistics_in, plane_in motion_in, plane_in history_at,

@@ -25,6 +25,14 @@ def sample_weight(count: Array, unrest: Array, build: Build, settings: Record) -
     return greater(mean, least)
 
 
+def samples_in_mean(count: Array, build: Build, settings: Record) -> Array:
+    """What ``count`` samples count as in the mean that is taken: with the new one 1 / blend_weight at most."""
+    if build.choices.accumulate is Accumulate.COUNT:
+        return count
+    one = number(1.0, count)
+    return lesser(count, one / number(settings["blend_weight"], count) - one)
+
+
 def believed_count(count: Array, fx: Array, fy: Array, pull: Array, build: Build, settings: Record) -> Array:
     """Samples that the history still stands for after resampling and rectification."""
     one = number(1.0, count)
@@ -36,17 +44,42 @@ def believed_count(count: Array, fx: Array, fy: Array, pull: Array, build: Build
     return lesser(believed, one / least)
 
 
+def luminance_inertia(v: Colour, settings: Record) -> Array:
+    """knee + Y, the inverse of a luminance weight (Karis 2014 with knee 1); the kernels have four times it."""
+    inertia: Array = number(settings["luminance_knee"], v[0]) + greater(luminance(v), number(0.0, v[0]))
+    return inertia
+
+
 def luminance_weight(weight: Array, current: Colour, history: Colour, build: Build, settings: Record) -> Array:
-    """Weights 1 / (knee + Y) (Karis 2014 with knee 1) as one weight of the current sample."""
+    """Weights 1 / (knee + Y) as one weight of the current sample."""
     if build.choices.weighting is Weighting.NONE:
         return weight
-    one, zero = number(1.0, weight), number(0.0, weight)
-    knee = number(settings["luminance_knee"], weight)
-    x = knee + greater(luminance(current), zero)
-    h = knee + greater(luminance(history), zero)
-    for_current, for_history = weight * h, (one - weight) * x
+    x, h = luminance_inertia(current, settings), luminance_inertia(history, settings)
+    for_current, for_history = weight * h, (number(1.0, weight) - weight) * x
     result: Array = for_current / (for_current + for_history)
     return result
+
+
+def weight_of_sample(
+    count: Array,
+    current: Colour,
+    history: Colour,
+    reactivity: Array,
+    unrest: Array,
+    build: Build,
+    settings: Record,
+) -> Array:
+    """Weight of the current sample beside a history of ``count``, before what stills flicker: in a mean of all with
+    luminance weights h / (h + count x)."""
+    in_mean = build.choices.accumulate in (Accumulate.COUNT, Accumulate.EXPONENTIAL)
+    if in_mean and build.choices.weighting is not Weighting.NONE and not build.steps.reactive:
+        x, h = luminance_inertia(current, settings), luminance_inertia(history, settings)
+        in_mean_of_all: Array = h / (h + samples_in_mean(count, build, settings) * x)
+        return in_mean_of_all
+    weight = sample_weight(count, unrest, build, settings)
+    if build.steps.reactive:
+        weight = weight + reactivity * (number(1.0, weight) - weight)
+    return luminance_weight(weight, current, history, build, settings)
 
 
 def sample_share(v: Colour, build: Build, settings: Record) -> Array:
@@ -54,7 +87,7 @@ def sample_share(v: Colour, build: Build, settings: Record) -> Array:
     one = number(1.0, v[0])
     if build.choices.weighting is Weighting.NONE:
         return np.full_like(v[0], one)
-    share: Array = one / (number(settings["luminance_knee"], v[0]) + greater(luminance(v), number(0.0, v[0])))
+    share: Array = one / luminance_inertia(v, settings)
     return share
 
 

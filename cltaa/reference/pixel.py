@@ -16,9 +16,8 @@ from cltaa.reference.blend import (
     blend,
     difference_share,
     filtered_share,
-    luminance_weight,
-    sample_weight,
     storable_colour,
+    weight_of_sample,
 )
 from cltaa.reference.colour import Colour, from_box_space, from_range, to_box_space
 from cltaa.reference.history import History
@@ -144,10 +143,7 @@ def resolve_beside(p: Pixel, h: History, r: Rectification, count: Array, build: 
     if build.choices.filter_use is FilterUse.FEW:
         share = np.where(h.valid, fading_share(one / (count + one), settings), one)
         current = drawn_towards(p.own, current, filtered_share(share, current, build, settings))
-    weight = sample_weight(count, r.unrest, build, settings)
-    if build.steps.reactive:
-        weight = weight + p.reactivity * (one - weight)
-    weight = luminance_weight(weight, current, past, build, settings)
+    weight = weight_of_sample(count, current, past, p.reactivity, r.unrest, build, settings)
     if build.choices.anti_flicker is AntiFlicker.DIFFERENCE:
         weight = weight * difference_share(current, past, settings)
     if build.choices.anti_flicker is AntiFlicker.CLAMP_DISTANCE:

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from cltaa.build import Build, Storage
 from cltaa.launch import DeviceLauncher
+from cltaa.params import Accumulate
 from cltaa.reference.bounded import Bounded
 from cltaa.reference.decision import Decision
 from cltaa.reference.real import greater
@@ -78,6 +79,13 @@ GPU = replace(DEFAULT, lanes=1)
 @pytest.mark.parametrize("kernel", WRITES)
 def test_the_kernels_of_a_gpu_lie_inside_their_bounds(kernel: str) -> None:
     check(rows_of(kernel, GPU))
+
+
+@pytest.mark.parametrize("lanes", [0, 1])
+@pytest.mark.parametrize("accumulate", [Accumulate.COUNT, Accumulate.EXPONENTIAL])
+def test_a_weight_in_a_mean_lies_inside_its_bound(accumulate: Accumulate, lanes: int) -> None:
+    steps, choices = replace(ALL_STEPS, reactive=False), replace(DEFAULT.choices, accumulate=accumulate)
+    check(rows_of("blend", replace(DEFAULT, steps=steps, choices=choices, lanes=lanes)))
 
 
 @pytest.mark.big
