@@ -196,7 +196,7 @@ def name_of(path: Path) -> str:
 
 def frame_missing(path: Path, number: int) -> InputMissing:
     """The error for a frame that should be there."""
-    cure = "capture it again; resolve --gaps reset begins anew behind each gap"
+    cure = "capture or render it again; resolve --gaps reset begins anew behind each gap"
     return InputMissing("the frame is missing", path=path, frame=number, cure=cure)
 
 

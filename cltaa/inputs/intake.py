@@ -17,6 +17,8 @@ from cltaa.inputs.roles import Roles, assign, describe, equal_matches, file_sets
 from cltaa.inputs.side_file import Side, read_side_file
 from cltaa.numbered import OnBreak, check_size, frame_missing, ranges, renumbered
 
+LUMINANCE = "Y"  # of a picture in greys, as OpenEXR calls it
+
 
 @dataclass(slots=True)
 class Intake:
@@ -133,7 +135,8 @@ def _no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]]
         )
     there = [name for names in channels.values() for name in names]
     found = " ".join(there)
-    example = " ".join(there * 3) if len(there) == 1 else "R G B"  # of a picture in greys one channel is all three
+    grey = LUMINANCE if LUMINANCE in there else there[0] if len(there) == 1 else None
+    example = " ".join([grey] * 3) if grey else "R G B"  # of a picture in greys one channel is all three
     cure = f"name them: --input colour.channels='{example}'"
     expected = " or ".join(profile.colour.channels)
     return DataError("no colour channels", path=folder, expected=expected, found=found, cure=cure)

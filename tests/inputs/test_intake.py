@@ -212,7 +212,13 @@ def test_wrong_matrices_are_refused_for_a_resolve(tmp_path: Path) -> None:
 
 def test_no_colour_names_what_is_there(tmp_path: Path) -> None:
     write_image(tmp_path / "a.0001.exr", {"Y": np.ones((4, 4), np.float32)})
-    with pytest.raises(DataError, match=r"no colour channels.*found Y"):
+    with pytest.raises(DataError, match=r"no colour channels.*found Y.*--input colour.channels='Y Y Y'"):
+        open_intake(tmp_path)
+
+
+def test_a_picture_in_greys_beside_its_depth_is_told_how_it_is_read(tmp_path: Path) -> None:
+    write_image(tmp_path / "a.0001.exr", {name: np.ones((4, 4), np.float32) for name in "YZ"})
+    with pytest.raises(DataError, match=r"found Y Z\); name them: --input colour.channels='Y Y Y'"):
         open_intake(tmp_path)
 
 
