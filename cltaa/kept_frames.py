@@ -68,15 +68,18 @@ class KeptFrames:
         return min(len(self.past), self._count)
 
     def _tell_repeats(self, frame: Frame, records: NDArray[Any]) -> None:
-        """Tell of each of the latest frames, that of now first, which kept frame of one camera before it has its
-        samples nearest to where they lie in their pixels; of no more frames than the middle span has none."""
+        """Tell of each frame, that of now first, which other kept frame of one camera has its samples nearest to where
+        they lie in their pixels, of the latest ones before them; of no more frames than the middle span has none."""
         standing, records["again"] = self.standing(frame), -1
         if standing <= MIDDLE_SPAN:
             return
         jitters = np.array([frame.jitter_px, *(past.jitter_px for past in self.past[:standing])])
-        for place in range(SHORT_SPAN + 1):
-            apart = np.square(jitters[place + 1 :] - jitters[place]).sum(-1)
-            records[place]["again"] = place + int(np.argmin(apart))
+        apart = np.square(jitters[:-1, None] - jitters[1:]).sum(-1)
+        itself = np.arange(1, standing)
+        apart[itself, itself - 1] = np.inf
+        for place in range(1, SHORT_SPAN + 1):
+            apart[place, :place] = np.inf
+        records["again"][:standing] = apart.argmin(-1)
 
     def keep(self, frame: Frame, buffers: Buffers, steps: Steps) -> None:
         """Copy what was uploaded of ``frame`` into the ring, in the place of the oldest."""

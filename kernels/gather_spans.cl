@@ -40,7 +40,8 @@ __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in
             store_span(spans, span, out, error, x, y, frame);
             from = to;
         }
-        const resolved unmoved = resolve_unmoved(&b.near, kept, past, standing, p, x, y, frame, settings);
+        repeats_t repeated;
+        const resolved unmoved = resolve_unmoved(&b.near, &repeated, kept, past, standing, p, x, y, frame, settings);
         // What no latest sample could contradict says nothing.
         const mask told = b.near.recent_count >= SPLAT(SHORT_SPAN);
         out.rgb = choose_colour(told, unmoved.rgb, out.rgb);
@@ -48,10 +49,7 @@ __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in
         out.count = told ? unmoved.count : out.count;
         error = told ? span_error(b.near, p.own, unmoved, settings) : error;
         store_span(spans, UNMOVED, out, error, x, y, frame);
-        real repeated = error;
-        if (any_of(moves))
-            repeated = moves ? repeat_error(kept, past, standing, p, error, x, y, frame, settings) : error;
-        store(repeats + texel_offset(frame, x, y), repeated);
+        store(repeats + texel_offset(frame, x, y), repeat_error(repeated, moves, error));
         above = centre;
         centre = below;
     }

@@ -42,40 +42,61 @@ STAGE colour drawn_here(mask* good, plane_in kept, frames_in past, int k, pixel_
     return choose_colour(*good, to_range(c), p.own);
 }
 
-// How far the light at the pixel's own place has changed since frames whose samples lay nearly where those of the
-// latest lie: their squared differences, or `otherwise` where there are no such frames. What an edge or a texture
-// within the pixel does to two samples of one place is the same, and no change.
-STAGE real repeat_error(plane_in kept, frames_in past, int standing, pixel_t p, real otherwise, int x, int y,
-    frame_t frame, settings_t settings)
+// How far light at the pixel's own place differs from what frames drew whose samples lie nearly where those of the
+// frame that is asked lie: squares, of the latest frames together and of each on average of all. What an edge or a
+// texture within the pixel does to two samples of one place is the same, and no change.
+typedef struct
 {
-    real squares = SPLAT(0.0);
-    mask told = squares == squares;
-    colour latest = p.own;
-    for (int k = 0; k <= SHORT_SPAN && k < standing; ++k) {
-        if (past[k].again < 0)
-            return otherwise;
-        mask good;
-        const colour again = drawn_here(&good, kept, past, past[k].again, p, x, y, frame);
-        const colour d = share_difference(again, latest, settings);
-        squares += (d.r * d.r + d.g * d.g) + d.b * d.b;
-        told = told & good;
-        latest = drawn_here(&good, kept, past, k, p, x, y, frame);
-        told = told & good;
+    real latest, all, pairs;
+    mask told; // each of the latest frames has such a frame
+} repeats_t;
+
+STAGE repeats_t no_repeats(void)
+{
+    const real zero = SPLAT(0.0);
+    const repeats_t r = { zero, zero, zero, zero == zero };
+    return r;
+}
+
+// One frame's sample and that of the frame that repeats it; `good` where both are colours.
+STAGE void add_repeat(repeats_t* r, colour sample, colour again, mask good, int latest, settings_t settings)
+{
+    const colour d = share_difference(again, sample, settings);
+    const real squares = good ? (d.r * d.r + d.g * d.g) + d.b * d.b : SPLAT(0.0);
+    if (latest) {
+        r->latest += squares;
+        r->told = r->told & good;
     }
-    return told ? squares : otherwise;
+    r->all += squares;
+    r->pairs += good ? SPLAT(1.0) : SPLAT(0.0);
+}
+
+// What repeated samples say of the span without motion, or `otherwise` where there are none. What moves along itself is
+// asked of the latest samples alone: before them other things may have been there. What stands has to have had the same
+// light all the time, since now may look like then and not like what was between: of that the variance of so many
+// samples counts, half of the squares of their differences.
+STAGE real repeat_error(repeats_t r, mask moves, real otherwise)
+{
+    const real all = K(0.5 * (SHORT_SPAN + 1)) * quotient(r.all, greater(r.pairs, SPLAT(1.0)));
+    const mask some = r.told & (r.pairs > SPLAT(0.0));
+    return some ? (moves ? r.latest : greater(r.latest, all)) : otherwise;
 }
 
 // The plain mean of what was drawn at the pixel's own place in the `frames` latest frames, those from the camera of
 // now: right for what only moves along itself, as a wheel does, and for light that stands on what moves. `sums` are
-// those of its samples. So many samples may weigh nearly alike: a firefly among them does little, and what their
-// weights take off where dark and bright meet is the same in every frame.
-STAGE resolved resolve_unmoved(gathered* sums, plane_in kept, frames_in past, int frames, pixel_t p, int x, int y,
-    frame_t frame, settings_t settings)
+// those of its samples, `repeats` says how they differ from those that repeat them. So many samples may weigh nearly
+// alike: a firefly among them does little, and what their weights take off where dark and bright meet is the same in
+// every frame.
+STAGE resolved resolve_unmoved(gathered* sums, repeats_t* repeats, plane_in kept, frames_in past, int frames, pixel_t p,
+    int x, int y, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
     const uint at = texel_offset(frame, x, y);
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
     gathered g = no_samples();
+    repeats_t r = no_repeats();
+    colour after = p.own;
+    mask after_good = zero == zero;
     settings_t standing = settings;
     standing.luminance_knee *= STANDING_KNEE;
     for (int k = 0; k < frames; ++k) {
@@ -90,6 +111,13 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in kept, frames_in past, in
         g.sum.b += w * d.b;
         g.weight += w;
         g.count += good ? one : zero;
+        if (past[k].again >= 0) {
+            mask good_again;
+            const colour again = drawn_here(&good_again, kept, past, past[k].again, p, x, y, frame);
+            add_repeat(&r, after, again, good_again & after_good, k <= SHORT_SPAN, settings);
+        }
+        after = c;
+        after_good = good;
         if (ALPHA) {
             plane_in q = kept + ((size_t)past[k].slot * KEPT_PLANES + KEPT_ALPHA) * plane + at;
             g.alpha += good ? load_share(q, one) - p.alpha : zero;
@@ -105,6 +133,7 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in kept, frames_in past, in
     if (ALPHA_FROM == ALPHA_FROM_BLEND)
         out.alpha = p.alpha + quotient(g.alpha, out.count);
     *sums = g;
+    *repeats = r;
     return out;
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -46,57 +47,75 @@ def drawn_here(planes: Array, then: Record, p: Pixel, build: Build) -> tuple[Col
     return (r, g, b), good
 
 
-def repeat_error(
-    slots: Array, past: Any, standing: int, p: Pixel, otherwise: Array, build: Build, layout: Layout, settings: Record
-) -> Array:
-    """Squared differences [H, W] of the latest samples at each pixel's own place, the current one among them, from
-    those of the frames ``past["again"]``, whose samples lay nearly there; ``otherwise`` where there are none."""
+@dataclass(slots=True)
+class Repeats:
+    """Squared differences [H, W] of samples at each pixel's own place from those of frames whose samples lay nearly
+    there: of the latest frames together, and of all of them, in how many pairs."""
 
-    def drawn(place: int) -> tuple[Colour, Array]:
-        then = past[place]
-        return drawn_here(layout.inside(slots[int(then["slot"])]).astype(otherwise.dtype), then, p, build)
+    latest: Array
+    everything: Array
+    pairs: Array
+    told: Array  # each of the latest frames has such a frame
 
-    squares, told, latest = np.zeros_like(otherwise), np.ones(otherwise.shape, bool), p.own
-    for k in range(min(SHORT_SPAN + 1, standing)):
-        if past[k]["again"] < 0:
-            return otherwise
-        again, good = drawn(int(past[k]["again"]))
-        d = share_difference(again, latest, build, settings)
-        squares = squares + ((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2])
-        told = told & good
-        latest, good = drawn(k)
-        told = told & good
-    result: Array = np.where(told, squares, otherwise)
-    return result
+    @classmethod
+    def none(cls, zero: Array) -> Repeats:
+        """Those of no frame."""
+        return cls(zero, zero, zero, np.ones(zero.shape, bool))
+
+    def add(self, sample: Colour, again: Colour, good: Array, build: Build, settings: Record, *, latest: bool) -> None:
+        """One frame's sample and the one that repeats it; ``good`` where both are colours."""
+        zero = np.zeros_like(self.pairs)
+        d = share_difference(again, sample, build, settings)
+        squares = np.where(good, (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2], zero)
+        if latest:
+            self.latest, self.told = self.latest + squares, self.told & good
+        self.everything, self.pairs = self.everything + squares, self.pairs + np.where(good, np.ones_like(zero), zero)
+
+    def error(self, moves: Array, otherwise: Array) -> Array:
+        """What they say of the span without motion, ``otherwise`` where there are none: of what moves along itself the
+        latest samples alone, of what stands the variance of all of them too."""
+        one = np.ones_like(otherwise)
+        everything = number(0.5 * (SHORT_SPAN + 1), one) * (self.everything / greater(self.pairs, one))
+        error = np.where(moves, self.latest, greater(self.latest, everything))
+        result: Array = np.where(self.told & (self.pairs > np.zeros_like(one)), error, otherwise)
+        return result
 
 
 def resolve_unmoved(
     slots: Array, past: Any, p: Pixel, build: Build, layout: Layout, settings: Record
-) -> tuple[Resolved, Gathered]:
-    """The plain mean of what was drawn at each pixel's own place, and the sums of its samples."""
+) -> tuple[Resolved, Gathered, Repeats]:
+    """The plain mean of what was drawn at each pixel's own place, the sums of its samples, and how they repeat."""
+
+    def drawn(then: Record) -> tuple[Colour, Array]:
+        return drawn_here(layout.inside(slots[int(then["slot"])]).astype(zero.dtype), then, p, build)
+
     zero, one = np.zeros_like(p.own[0]), np.ones_like(p.own[0])
     total, weight, count, alphas = [zero, zero, zero], zero, zero, zero
-    sums = Gathered(zero)
+    sums, repeats, after, after_good = Gathered(zero), Repeats.none(zero), p.own, np.ones(zero.shape, bool)
     standing = settings.copy()
     standing["luminance_knee"] *= np.float32(value("STANDING_KNEE"))
     for place, then in enumerate(past):
-        planes = layout.inside(slots[int(then["slot"])]).astype(zero.dtype)
-        c, good = drawn_here(planes, then, p, build)
+        c, good = drawn(then)
         w = np.where(good, sample_share(c, build, standing), zero)
         d = [k - own for k, own in zip(c, p.own, strict=True)]
         if place < SHORT_SPAN:
             sums.add_recent(share_difference(c, p.own, build, settings), np.where(good, one, zero))
         total = [t + w * k for t, k in zip(total, d, strict=True)]
         weight, count = weight + w, count + np.where(good, one, zero)
+        if then["again"] >= 0:
+            again, good_again = drawn(past[int(then["again"])])
+            repeats.add(after, again, good_again & after_good, build, settings, latest=place <= SHORT_SPAN)
+        after, after_good = c, good
         if build.steps.alpha:
-            a = usable_share(planes[kept_planes(build.steps) - 1], 1.0)
+            plane = layout.inside(slots[int(then["slot"])])[kept_planes(build.steps) - 1]
+            a = usable_share(plane.astype(zero.dtype), 1.0)
             alphas = alphas + np.where(good, a - p.alpha, zero)
     whole = sample_share(p.own, build, standing) + weight
     r, g, b = (own + t / whole for own, t in zip(p.own, total, strict=True))
     alpha, counted = p.alpha, count + one
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = alpha + alphas / counted
-    return Resolved(storable_colour(from_range((r, g, b), build), p.own, build), alpha, counted), sums
+    return Resolved(storable_colour(from_range((r, g, b), build), p.own, build), alpha, counted), sums, repeats
 
 
 @quiet
@@ -117,14 +136,15 @@ def gather_spans(
         error = span_error(gathering.near, own, said, build, settings)
         _store(target[span * planes : (span + 1) * planes], said, error)
         begun = end
-    unmoved, sums = resolve_unmoved(gathering.slots, past[:standing], gathering.pixel, build, layout, settings)
+    unmoved, sums, repeating = resolve_unmoved(
+        gathering.slots, past[:standing], gathering.pixel, build, layout, settings
+    )
     told = sums.recent_count >= number(SHORT_SPAN, error)
     r, g, b = (np.where(told, k, v) for k, v in zip(unmoved.rgb, said.rgb, strict=True))
     alphas, counts = np.where(told, unmoved.alpha, said.alpha), np.where(told, unmoved.count, said.count)
     error = np.where(told, span_error(sums, own, unmoved, build, settings), error)
     _store(target[-planes:], Resolved((r, g, b), alphas, counts), error)
-    repeated = repeat_error(gathering.slots, past, standing, gathering.pixel, error, build, layout, settings)
-    layout.inside(repeats)[0] = np.where(moves, repeated, error)
+    layout.inside(repeats)[0] = repeating.error(moves, error)
 
 
 def _store(planes: Array, said: Resolved, error: Array) -> None:
