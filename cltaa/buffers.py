@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.build import Build, texel_planes
+from cltaa.build import Build, Record, Steps, texel_planes
 from cltaa.constants import value
 from cltaa.errors import ResourceError
 from cltaa.frames import Image
@@ -52,6 +52,7 @@ class Buffers:
         self._optional: dict[str, Buffer] = {}
         self._dtype = dtype
         self._texels: list[Buffer] = []  # at 200 %: those that are read, and those that are written
+        self._shown: dict[str, Buffer] = {}
         self.doubled = False  # whether the last frame left a history at 200 %
         self.marked = False  # whether the counts that the last frame left hold changes of light
 
@@ -84,6 +85,16 @@ class Buffers:
             self._texels.append(self._planes(planes, self._dtype))
         return self._texels[0], self._texels[1]
 
+    def shown(self) -> dict[str, Buffer]:
+        """What takes the place of the output and its counts where the next frame reads another image than is shown;
+        allocated when first asked for."""
+        if not self._shown:
+            self._shown = {
+                "output": self._planes(self._history_planes, self._dtype),
+                "output_count": self._planes(1),
+            }
+        return self._shown
+
     def written(self, doubled: bool) -> list[tuple[Buffer, int]]:
         """What a resolve writes for the next frame in the numbers of the history, with the planes of each."""
         images = [(self.output, self._history_planes)]
@@ -91,11 +102,11 @@ class Buffers:
             images.append((self.texels()[1], texel_planes(self._history_planes == 4)))
         return images
 
-    def read(self, alpha: bool) -> Image:
-        """The output as [H, W, 3 or 4] float32, planar in memory."""
-        with self.output.mapped(write=False) as planes:
-            image: NDArray[np.float32] = self.layout.inside(planes)[: 4 if alpha else 3].astype(np.float32)
-        return np.moveaxis(image, 0, -1)
+    def read(self, image: Buffer, alpha: bool) -> Image:
+        """The output, or what is ``shown`` in its place, as [H, W, 3 or 4] float32, planar in memory."""
+        with image.mapped(write=False) as planes:
+            inside: NDArray[np.float32] = self.layout.inside(planes)[: 4 if alpha else 3].astype(np.float32)
+        return np.moveaxis(inside, 0, -1)
 
     def swap(self) -> None:
         """What was written becomes what is read."""
@@ -119,6 +130,20 @@ class Buffers:
             cleared = counts.view(np.uint32) & np.uint32(_COUNT_BITS)
         with self.history_count.mapped(write=True) as counts:
             counts[...] = cleared.view(np.float32)
+
+    def arguments(self, frame: Record, settings: Record, steps: Steps) -> dict[str, Any]:
+        """What every kernel that resolves is given beside what recurs."""
+        return {
+            "current": self.current,
+            "closeness": self.closeness,
+            "motion": self.optional("motion", 2) if steps.own_motion else None,
+            "alpha": self.optional("alpha", 1) if steps.alpha else None,
+            "reactive": self.optional("reactive", 1) if steps.reactive else None,
+            "output": self.output,
+            "output_count": self.output_count,
+            "frame": frame,
+            "settings": settings,
+        }
 
     def recurrent(self) -> dict[str, Buffer]:
         """The memory that the next frame reads beside its own input, by name; valid until the next ``swap``."""

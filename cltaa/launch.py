@@ -219,22 +219,22 @@ class NumpyLauncher:
         """Nothing is ever pending."""
 
 
-def run_gather(
-    launcher: Launcher, build: Build, layout: Layout, arguments: Mapping[str, Any], spans: Mapping[str, Any] | None
-) -> None:
-    """Gather with the ``arguments`` of ``gather``, or each span where what ``KeptFrames.spans`` gives is there."""
-    if spans is None:
-        launcher.run("gather", build, layout, arguments)
-        return
+def run_spans(
+    launcher: Launcher, build: Build, layout: Layout, arguments: Mapping[str, Any], spans: Mapping[str, Any],
+    recursive: Mapping[str, Any],
+) -> None:  # fmt: skip
+    """Gather each span with the ``arguments`` of ``gather`` and what ``KeptFrames.spans`` gives, and weigh them beside
+    the ``recursive`` resolve of the frame."""
     results, structs = ("output", "output_count"), ("frame", "settings")
-    given = {name: value for name, value in arguments.items() if name not in results}
-    launcher.run("gather_spans", build, layout, {**given, **spans})
+    gathered = {name: value for name, value in arguments.items() if name not in results}
+    launcher.run("gather_spans", build, layout, {**gathered, **spans})
     plain = Build(lanes=build.lanes, rows=build.rows)
     for name, planes in (("spans", SPANS * span_planes(build.steps)), ("repeats", 1)):
         whole = {"image": spans[name], "frame": arguments["frame"], "planes": planes}
         launcher.run("extend_edges", plain, layout, whole)
     named = {name: arguments[name] for name in ("current", *results, *structs)}
-    launcher.run("weigh_spans", build, layout, {**named, "spans": spans["spans"], "repeats": spans["repeats"]})
+    given = {"spans": spans["spans"], "repeats": spans["repeats"], **recursive}
+    launcher.run("weigh_spans", build, layout, {**named, **given})
 
 
 def launcher_for(wish: str | None) -> Launcher:

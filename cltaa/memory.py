@@ -46,8 +46,8 @@ def device_bytes(
     Per texel and in floats: the frame holds 4 (R G B, closeness), and 2, 1 and 1 more for own motion, alpha and
     reactive; what recurs holds count and closeness; the result its count. Both hold 3 or, with alpha, 4 planes of
     ``storage``. In bands the frame and its result are ``band_rows`` high. A ring holds ``frames_kept`` frames and one;
-    ``spans`` of them, where they are weighed, hold their planes too. A history at 200 % (``doubled``) holds twice four
-    texels of colour, alpha and count in ``storage``.
+    ``spans`` of them, where they are weighed, hold their planes too, and what is shown is then not what recurs. A
+    history at 200 % (``doubled``) holds twice four texels of colour, alpha and count in ``storage``.
     """
     whole = Layout(width, height)
     band = Layout(width, band_rows) if band_rows else whole
@@ -56,7 +56,7 @@ def device_bytes(
     texels = 2 * texel_planes(steps.alpha) * stored if doubled else 0
     frame = REAL * (4 + 2 * steps.own_motion + steps.alpha + steps.reactive)
     ring = REAL * kept_planes(steps) * (frames_kept + 1) if frames_kept else 0
-    ring += REAL * (SPANS * span_planes(steps) + 1) if spans else 0
+    ring += REAL * (SPANS * span_planes(steps) + 2) + colour if spans else 0
     return (frame + colour + REAL) * band.plane + (colour + 2 * REAL + texels + ring) * whole.plane
 
 

@@ -15,10 +15,10 @@ from cltaa.frame_record import frame_record as frame_record
 from cltaa.frames import Frame, Image
 from cltaa.kept_frames import KeptFrames
 from cltaa.kernel_files import code_sha256
-from cltaa.launch import Buffer, Launcher, launcher_for, run_gather, storage_dtype
+from cltaa.launch import Buffer, Launcher, launcher_for, run_spans, storage_dtype
 from cltaa.layout import Layout
 from cltaa.params import HistoryOf, LightChange
-from cltaa.planning import Plan, plan_frame
+from cltaa.planning import Plan, plan_frame, recursive
 from cltaa.presets import Preset, load_preset
 from cltaa.upload import check_shapes, upload
 
@@ -139,7 +139,8 @@ class Resolver:
         self._run(frame, previous, build, buffers)
         self.launcher.finish()
         resolved = perf_counter()
-        image = buffers.read(frame.alpha is not None)
+        assert self.last is not None
+        image = buffers.read(self.last.arguments["output"], frame.alpha is not None)
         self.times = Times(uploaded - started, resolved - uploaded, perf_counter() - resolved)
         buffers.swap()
         self._previous = Past.of(frame)
@@ -203,28 +204,43 @@ class Resolver:
         assert self.plan is not None
         layout, steps = buffers.layout, build.steps
         record = frame_record(frame, previous, layout, self.plan)
-        buffers.ready_counts(self.plan.choices, read=previous is not None)
         if self.plan.choices.history_of is HistoryOf.SAMPLES:
             kept = self._ring(previous, layout, steps)
             build = kept.build(build, frame)
             ring = {"kept": kept.planes, "past": kept.records, "frames": kept.describe(frame, self.plan)}
-            self.last = LastRun(build, layout, self._arguments(record, steps, buffers) | ring)
-            spans = kept.spans(frame, steps) if self.plan.choices.light_change is LightChange.SPANS else None
-            run_gather(self.launcher, *self.last, spans)
+            arguments = buffers.arguments(record, settings_record(self.plan.settings), steps)
+            self.last = LastRun(build, layout, arguments | ring)
+            if self.plan.choices.light_change is LightChange.SPANS:
+                self._run_spans(frame, previous, kept, buffers)
+            else:
+                buffers.ready_counts(self.plan.choices, read=previous is not None)
+                self.launcher.run("gather", *self.last)
             kept.keep(frame, buffers, steps)
         else:
+            buffers.ready_counts(self.plan.choices, read=previous is not None)
             self._resolve(record, build, buffers)
         colours, counts = edge_builds(build)
-        doubled = self.plan.choices.history_of is HistoryOf.DOUBLED
-        written = [(colours, *image) for image in buffers.written(doubled)]
+        buffers.doubled = self.plan.choices.history_of is HistoryOf.DOUBLED
+        written = [(colours, *image) for image in buffers.written(buffers.doubled)]
         for shaped, image, planes in (*written, (counts, buffers.output_count, 1)):
             self.launcher.run("extend_edges", shaped, layout, {"image": image, "frame": record, "planes": planes})
-        buffers.doubled = doubled
+
+    def _run_spans(self, frame: Frame, previous: Past | None, kept: KeptFrames, buffers: Buffers) -> None:
+        """Gather spans of the past beside a recursive resolve of the frame, which is all that the next frame reads."""
+        assert self.last is not None
+        build, layout, arguments = self.last
+        plan = plan_frame(recursive(self.preset), frame, previous.camera if previous else None, every=self.every_step)
+        buffers.ready_counts(plan.choices, read=previous is not None)
+        given = buffers.arguments(arguments["frame"], settings_record(plan.settings), build.steps)
+        self.launcher.run("resolve", self._build(plan), layout, given | buffers.recurrent())
+        written = {"recursive": buffers.output, "recursive_count": buffers.output_count}
+        self.last = LastRun(build, layout, arguments | buffers.shown())
+        run_spans(self.launcher, *self.last, kept.spans(frame, build.steps), written)
 
     def _resolve(self, record: Record, build: Build, buffers: Buffers) -> None:
         """Start the kernel that resolves what ``buffers`` hold of a frame."""
         assert self.plan is not None
-        arguments = self._arguments(record, build.steps, buffers)
+        arguments = buffers.arguments(record, settings_record(self.plan.settings), build.steps)
         if self.plan.choices.history_of is HistoryOf.DOUBLED:
             record["reset"] |= not buffers.doubled  # the last frame may have left no history at 200 %
             kernel, given = "resolve_doubled", arguments | buffers.doubling()
@@ -232,18 +248,3 @@ class Resolver:
             kernel, given = "resolve", arguments | buffers.recurrent()
         self.last = LastRun(build, buffers.layout, arguments | buffers.recurrent())
         self.launcher.run(kernel, build, buffers.layout, given)
-
-    def _arguments(self, record: Record, steps: Steps, buffers: Buffers) -> dict[str, Any]:
-        """What every kernel that resolves is given."""
-        assert self.plan is not None
-        return {
-            "current": buffers.current,
-            "closeness": buffers.closeness,
-            "motion": buffers.optional("motion", 2) if steps.own_motion else None,
-            "alpha": buffers.optional("alpha", 1) if steps.alpha else None,
-            "reactive": buffers.optional("reactive", 1) if steps.reactive else None,
-            "output": buffers.output,
-            "output_count": buffers.output_count,
-            "frame": record,
-            "settings": settings_record(self.plan.settings),
-        }

@@ -1,9 +1,11 @@
-// The pixel from the spans of its past that gather_spans.cl found, each as far as the texels around it bear it out.
+// The pixel from the spans of its past that gather_spans.cl found, each as far as the texels around it bear it out, and
+// beside them from the recursive resolve of the same frame.
 #include "span_now.h"
-#include "pixel.h"
+#include "span_recursive.h"
 
-__kernel void weigh_spans_kernel(plane_in current, plane_in spans, plane_in repeats, history_out output,
-    plane_out output_count, const frame_t frame, const settings_t settings)
+__kernel void weigh_spans_kernel(plane_in current, plane_in spans, plane_in repeats, history_in recursive,
+    plane_in recursive_count, history_out output, plane_out output_count, const frame_t frame,
+    const settings_t settings)
 {
     const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
     if (x >= frame.width || y >= frame.height)
@@ -20,7 +22,7 @@ __kernel void weigh_spans_kernel(plane_in current, plane_in spans, plane_in repe
     }
     // What light does now: the step from the middle span to the shortest, as far as it is sure. The shortest lags
     // behind now by half as much again.
-    const real sharp = K(SURE_FLOOR) * SPLAT(settings.change_floor);
+    const real sharp = SPLAT(SURE_FLOOR);
     const drifts latest = drifts_of(span_plane(p, 1, 0, frame), p, p, SPLAT(0.0), plane, frame, settings);
     const colour rate = believed(latest, shared_noise(error[0]), sharp, SPLAT(SURE_T));
     // Longer spans are moved to where the two shorter ones are, the better of them for the more, and on from there.
@@ -39,7 +41,7 @@ __kernel void weigh_spans_kernel(plane_in current, plane_in spans, plane_in repe
         plane_in q = span_plane(p, span, 0, frame);
         const drifts d
             = span == 1 ? latest : drifts_of(q, p, span_plane(p, 1, 0, frame), share, plane, frame, settings);
-        const colour moved = believed(d, zero, SPLAT(settings.change_floor), SPLAT(settings.change_t));
+        const colour moved = believed(d, zero, SPLAT(DRIFT_FLOOR), SPLAT(DRIFT_T));
         const real moves = span == UNMOVED ? unsettled(repeated, better) : one;
         ahead += w * (moves * (span == 1 ? SPLAT(LAG) : K(LAG) + share));
         const colour v
@@ -66,5 +68,7 @@ __kernel void weigh_spans_kernel(plane_in current, plane_in spans, plane_in repe
     out.rgb = storable_colour(v, darkest);
     out.alpha = alpha + quotient(alpha_sum, weight);
     out.count = count + quotient(count_sum, weight);
+    const size_t at = texel_offset(frame, x, y);
+    out = beside_recursive(out, recursive + at, load(recursive_count + at), frame);
     store_resolved(output, output_count, out, x, y, frame);
 }

@@ -12,8 +12,9 @@ from cltaa.layout import Layout
 from cltaa.reference.blend import storable_colour
 from cltaa.reference.pixel import Resolved
 from cltaa.reference.planes import real_type, store_resolved
-from cltaa.reference.real import Array, constant, lesser, number, quiet
+from cltaa.reference.real import Array, constant, lesser, quiet
 from cltaa.reference.span_now import held_by_now, moved_to_now
+from cltaa.reference.span_recursive import beside_recursive
 from cltaa.reference.span_weights import believed, drifts_of, shared_noise, sum_around, trust, unsettled
 
 
@@ -31,20 +32,21 @@ def errors_of(parts: Any, repeats: Array, layout: Layout) -> tuple[list[Array], 
 
 @quiet
 def weigh_spans(
-    build: Build, layout: Layout, *, current: Array, spans: Array, repeats: Array, output: Array, output_count: Array,
-    frame: Record, settings: Record,
+    build: Build, layout: Layout, *, current: Array, spans: Array, repeats: Array, recursive: Array,
+    recursive_count: Array, output: Array, output_count: Array, frame: Record, settings: Record,
 ) -> None:  # fmt: skip
     """Write each pixel from the spans of its past, padded planes [SPANS * SPAN_PLANES, rows, stride], what repeated
-    samples say of the last, [1, rows, stride], and the current frame [3, rows, stride]."""
+    samples say of the last, [1, rows, stride], the current frame [3, rows, stride], and the recursive resolve of it:
+    planes [3 or 4, rows, stride] in the numbers of the history, and of its samples, [1, rows, stride]."""
     planes = span_planes(build.steps)
     real: Any = real_type(build)
     parts = spans.astype(real).reshape(SPANS, planes, layout.rows, layout.stride)
     errors, least, repeated = errors_of(parts, repeats[0].astype(real), layout)
-    floor, enough = (number(settings[name], least) for name in ("change_floor", "change_t"))
+    floor, enough = constant("DRIFT_FLOOR", least), constant("DRIFT_T", least)
     zero, lag = np.zeros_like(least), constant("LAG", least)
     short, middle = parts[0][:3], parts[1][:3]
     alike = drifts_of(middle, short, short, zero, build, layout, settings)
-    sharp = constant("SURE_FLOOR", least) * floor
+    sharp = constant("SURE_FLOOR", least)
     rate = believed(alike, shared_noise(errors[0]), sharp, constant("SURE_T", least))
     better = lesser(errors[0], errors[1])
     short_trust, middle_trust = trust(errors[0], better), trust(errors[1], better)
@@ -74,4 +76,5 @@ def weigh_spans(
     r, g, b = held_by_now((r, g, b), now, layout)
     rgb = storable_colour((r, g, b), (darkest[0], darkest[1], darkest[2]), build)
     resolved = Resolved(rgb, alpha + alphas / weight, first[4] + counts / weight)
+    resolved = beside_recursive(resolved, recursive, recursive_count[0].astype(real), build, layout)
     store_resolved(resolved, build, layout, frame, output, output_count)

@@ -137,8 +137,9 @@ def test_running_again_gives_the_same(changes: dict[str, object]) -> None:
     for _ in range(2):
         resolver.run_again(frames[-1], frames[-2])
         assert resolver._buffers is not None
+        assert resolver.last is not None
         resolver._buffers.swap()
-        np.testing.assert_array_equal(resolver._buffers.read(alpha=False), image)
+        np.testing.assert_array_equal(resolver._buffers.read(resolver.last.arguments["output"], alpha=False), image)
         resolver._buffers.swap()
 
 

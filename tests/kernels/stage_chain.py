@@ -175,10 +175,10 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     given |= {name: np.full_like(work.layout.empty(count), UNWRITTEN) for name, count in WRITES[kernel].items()}
     names = [p.name for p in inspect.signature(KERNELS[kernel]).parameters.values() if p.kind is p.KEYWORD_ONLY]
     if build.choices.light_change is not LightChange.IGNORE:
-        for name in {"history_count", "history_at"} & set(names):
+        for name in {"history_count", "history_at", "recursive_count"} & set(names):
             given[name] = with_changes(given[name])
     most = value_of("HALF_LIMIT") if build.storage in HALVES else np.inf
-    for name in {"history", "output", "texels", "texels_out"} & set(names):
+    for name in {"history", "recursive", "output", "texels", "texels_out"} & set(names):
         with np.errstate(invalid="ignore"):  # signalling NaN
             given[name] = np.clip(given[name], -most, most).astype(storage_dtype(build))
     return {name: given[name] for name in names}

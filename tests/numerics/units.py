@@ -204,13 +204,14 @@ def squared(work: Work) -> Values:
 
 
 def of_spans(work: Work) -> Values:
-    """Largest magnitude of any span's colour in the 5x5."""
+    """Largest magnitude of any span's colour in the 5x5, and of the recursive result."""
     planes = (
         work.planes["spans"]
         .reshape(SPANS, -1, *work.planes["spans"].shape[1:])[:, :3]
         .reshape(-1, work.layout.rows, work.layout.stride)
     )
-    return np.max([np.abs(part) for plane in planes for part in around(plane, work.layout)], axis=0)
+    recursive = np.abs(work.layout.inside(work.planes["recursive"])[:3])
+    return np.max([*recursive, *(np.abs(part) for plane in planes for part in around(plane, work.layout))], axis=0)
 
 
 def counted(work: Work) -> Values:

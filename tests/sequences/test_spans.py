@@ -17,6 +17,7 @@ from cltaa.planning import plan_frame
 from cltaa.presets import load_preset, override
 from cltaa.reference.real import Array
 from cltaa.reference.span_now import held_by_now, moved_to_now
+from cltaa.reference.span_recursive import recursive_share
 from cltaa.reference.span_weights import around, drift_of, drifts_of, t_of, trust
 from cltaa.reference.weigh_spans import weigh_spans
 from cltaa.resolve import Resolver
@@ -86,12 +87,40 @@ def test_strict_kernels_are_their_twins(lanes: int) -> None:
         assert (bits(resolved) == bits(twin.resolve(frame))).all()
 
 
-def test_a_box_and_reads_between_texels_say_nothing_to_spans() -> None:
-    """So t5 sets neither of the two that the other tiers use where light changes."""
-    other = override(load_preset("t5"), {"changing_cost": 7.0, "changing_gamma": 3.0, "frames_kept": 9})
-    resolver, expected = Resolver(other, "numpy"), Resolver(override(load_preset("t5"), {"frames_kept": 9}), "numpy")
+def test_beside_the_spans_runs_the_resolve_of_the_default() -> None:
+    as_default = override(load_preset("default"), {"change_floor": load_preset("t5").settings.change_floor})
+    spans, alone = Resolver(override(load_preset("t5"), {"frames_kept": 9}), "numpy"), Resolver(as_default, "numpy")
     for frame in declared(10):
-        assert (bits(resolver.resolve(frame)) == bits(expected.resolve(frame))).all()
+        shown, expected = spans.resolve(frame), alone.resolve(frame)
+        (past, recurs), (_, recurs_alone) = spans.recurrent(), alone.recurrent()
+        assert past.marked
+        for name, buffer in recurs_alone.items():
+            with buffer.mapped(write=False) as planes, recurs[name].mapped(write=False) as found:
+                assert (bits(found) == bits(planes)).all()
+    assert not np.array_equal(shown, expected)
+
+
+@pytest.mark.parametrize(
+    ("recursive", "spans", "share"),
+    [
+        (1.0, 1.0, 0.85),  # few samples in both
+        (1.0, 5.0, 0.75),
+        (1.0, 20.0, 35 / 400),  # many in the spans
+        (3.5, 10.0, 0.35 / 2),
+        (5.0, 10.0, 0.0),  # neither begun anew nor lasted
+        (5.0, 5.0, 0.75),  # few in the spans
+        (100.0, 5.5, 3.75 / 5.5 / 2),  # light that the recursive result may lag behind
+        (100.0, 6.5, 0.0),
+        (8.0, 32.0, 0.5 / 25),
+        (32.0, 32.0, 0.25),
+        (96.0, 10.5, (96 / 106.5) ** 2 / 2),
+    ],
+)
+def test_a_recursive_result_counts_where_it_has_begun_anew_or_lasted(
+    recursive: float, spans: float, share: float
+) -> None:
+    found = recursive_share(np.array([[recursive]], np.float32), np.array([[spans]], np.float32))
+    assert found[0, 0] == pytest.approx(share, rel=1e-6, abs=1e-7)
 
 
 def test_every_step_gives_the_same_bits() -> None:
@@ -144,16 +173,17 @@ def weighed(error: float, repeated: float | None = None, now: Array | None = Non
     nothing = np.full((3, HEIGHT, WIDTH), np.nan, np.float32)
     current = padded(nothing if now is None else now.astype(np.float32), layout)
     for planes, light in zip(spans.reshape(SPANS, 5, *spans.shape[1:]), (1.0, 0.98, 0.8, 0.8), strict=True):
-        planes[:3], planes[3], planes[4] = light, error, 4.0
+        planes[:3], planes[3], planes[4] = light, error, 7.0
     output, count = layout.empty(4), layout.empty(1)
-    settings = settings_record(Settings(change_t=2.0, change_floor=0.01))
+    settings = settings_record(Settings())
     frame = np.zeros((), FRAME_DTYPE)
     frame["width"], frame["height"] = WIDTH, HEIGHT
     build = Build(steps=Steps(alpha=False))
+    beside = layout.empty(4), np.full_like(layout.empty(1), 5.0)  # neither begun anew nor lasted, beside 7
     repeats = np.full_like(layout.empty(1), error if repeated is None else repeated)
     weigh_spans(
-        build, layout, current=current, spans=spans, repeats=repeats, output=output, output_count=count, frame=frame,
-        settings=settings,
+        build, layout, current=current, spans=spans, repeats=repeats, recursive=beside[0],
+        recursive_count=beside[1], output=output, output_count=count, frame=frame, settings=settings,
     )  # fmt: skip
     return float(layout.inside(output)[0, HEIGHT // 2, WIDTH // 2])
 
