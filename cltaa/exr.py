@@ -8,7 +8,8 @@ wrong input ends in one DataError or InputMissing.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, cast
@@ -70,9 +71,9 @@ def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
     ``sha256`` is what the file's content must have, in hexadecimal. Raises InputMissing, DataError, StorageError and
     ResourceError as in the module's text.
     """
-    layout, content = _load(path, sha256)
-    names = frame_channels(layout)
-    pixels, attributes = _decode(layout, content)
+    with _loaded(path, sha256) as (layout, content):
+        names = frame_channels(layout)
+        pixels, attributes = _decode(layout, content)
     header = FrameHeader(path, attributes)
 
     # Each group in a block of its own, and a single plane as it was decoded: what is freed fits what is needed next.
@@ -153,7 +154,8 @@ def write_image(
 
 def read_image(path: Path, *, sha256: str | None = None) -> tuple[dict[str, Pixels], dict[str, object]]:
     """Read every channel ``[H, W]`` in its own type, and the attributes that describe the picture; errors as above."""
-    pixels, attributes = _decode(*_load(path, sha256))
+    with _loaded(path, sha256) as loaded:
+        pixels, attributes = _decode(*loaded)
     return pixels, {name: value for name, value in attributes.items() if name not in _STRUCTURAL}
 
 
@@ -167,25 +169,30 @@ def read_header(path: Path) -> ImageHeader:
 
 def read_colour(path: Path, *, sha256: str | None = None) -> Image:
     """Read R G B only, as a [H, W, 3] float32 view of a planar block; errors and ``sha256`` as ``read_frame``."""
-    layout, content = _load(path, sha256)
-    check_float_channels(layout, COLOUR)
-    pixels, _ = _decode(layout, content)
+    with _loaded(path, sha256) as (layout, content):
+        check_float_channels(layout, COLOUR)
+        pixels, _ = _decode(layout, content)
     return np.moveaxis(np.stack([pixels[name] for name in COLOUR]).astype(np.float32, copy=False), 0, -1)
 
 
-def _load(path: Path, sha256: str | None) -> tuple[Layout, BinaryIO]:
-    """Check the layout, and only then read the whole file, so that what was checked is what is decoded."""
+@contextmanager
+def _loaded(path: Path, sha256: str | None) -> Iterator[tuple[Layout, BinaryIO]]:
+    """Check the layout, and only then read the whole file, so that what was checked is what is decoded.
+
+    Its content goes at the end of the block: of a large picture little fits into memory twice.
+    """
     with open_regular(path) as file:
         layout = parse_layout(path, file)
         # Beside the pixels stands the packed file first, and then the one channel that is being moved into the frame.
         columns, rows = layout.data_size
         check_memory(path, layout.decoded_bytes + max(file_size(file), 4 * columns * rows))
-        return layout, read_all(path, file, sha256)
+        content = read_all(path, file, sha256)
+    with content:
+        yield layout, content
 
 
 def _decode(layout: Layout, content: BinaryIO) -> tuple[dict[str, Pixels], dict[str, object]]:
-    with content:  # which goes as soon as it is decoded: of a large picture little fits into memory twice
-        file, attributes = _open(layout, content, header_only=False)
+    file, attributes = _open(layout, content, header_only=False)
     channels = {name: channel.pixels for name, channel in file.channels().items()}
     columns, rows = layout.data_size
     if set(channels) != set(layout.channels) or any(plane.shape != (rows, columns) for plane in channels.values()):
