@@ -100,6 +100,26 @@ def test_beside_the_spans_runs_the_resolve_of_the_default() -> None:
     assert not np.array_equal(shown, expected)
 
 
+def test_what_recurs_beside_the_spans_is_all_that_goes_on() -> None:
+    preset = override(load_preset("t5"), {"frames_kept": 9})
+    frames = list(declared(8))
+    whole, later = Resolver(preset, "numpy"), Resolver(preset, "numpy")
+    for frame in frames[:5]:
+        whole.resolve(frame)
+    past, memory = whole.recurrent()
+    for name, target in later.restore(past).items():
+        with memory[name].mapped(write=False) as held, target.mapped(write=True) as planes:
+            planes[...] = held
+    for frame in frames[5:]:
+        shown = whole.resolve(frame)
+        assert (bits(later.resolve(frame)) == bits(shown)).all()
+    whole.run_again(frames[-1], frames[-2])
+    assert whole.last is not None
+    with whole.last.arguments["output"].mapped(write=False) as planes:
+        again = np.moveaxis(whole.last.layout.inside(planes)[: shown.shape[-1]], 0, -1)
+        assert (bits(again) == bits(shown)).all()
+
+
 @pytest.mark.parametrize(
     ("recursive", "spans", "share"),
     [
