@@ -163,6 +163,14 @@ def open_sequence(
     return sequence
 
 
+def open_capture(folder: str | Path, **options: Any) -> Sequence:
+    """Open a folder as ``open_sequence`` does, for a resolve: raises UsageError for the results of one."""
+    sequence = open_sequence(folder, **options)
+    if "Z" not in sequence.layouts[sequence.first].channels:
+        sequence.refuse_result()
+    return sequence
+
+
 def open_images(path: str | Path, *, verify: bool = True, gaps: OnBreak = OnBreak.ERROR) -> ImageSequence:
     """Open resolved or reference images: a folder as ``open_sequence`` takes it, or one EXR file.
 

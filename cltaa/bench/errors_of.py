@@ -139,8 +139,9 @@ def yardstick_errors(sequence: Sequence, metrics: tuple[str, ...]) -> Iterator[t
 
 
 def truth_of(sequence: Sequence) -> ImageSequence:
-    """The truth of a sequence; raises InputMissing where it has none."""
+    """The truth of a sequence; raises InputMissing where it has none, UsageError for the results of a resolve."""
     if sequence.reference is None:
+        sequence.refuse_result()
         cure = "capture it with --reference 256, best also --yardstick 2,4,8,16,32,64"
         raise InputMissing("no truth to measure against", path=sequence.folder / "reference", cure=cure)
     return sequence.reference

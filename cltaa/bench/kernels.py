@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import msgspec
 
-from cltaa.bench.baseline import BASELINE, PlainPort, check_same, copy_job, least_bytes, resolve_job
+from cltaa.bench.baseline import BASELINE, BORDER, PlainPort, check_same, copy_job, least_bytes, resolve_job
 from cltaa.bench.environment import Environment, environment, load
 from cltaa.bench.frames import Motion, make_frames
 from cltaa.bench.shader import Shader
@@ -153,8 +153,13 @@ def bench_kernels(
 ) -> KernelBench:
     """Time the kernels of ``presets`` and of the core against everything else on ``device``.
 
-    Raises UsageError for the NumPy launcher and InternalError where a contender computes something else.
+    Raises UsageError for the NumPy launcher and an image that is all border, and InternalError where a contender
+    computes something else.
     """
+    least = 2 * BORDER + 1
+    if min(width, height) < least:
+        expected = f"at least {least}x{least}"
+        raise UsageError("too small to compare images in", expected=expected, found=f"{width}x{height}")
     if device == "numpy":
         raise UsageError("bench kernels times OpenCL kernels", cure="name an OpenCL device; the oracle is timed anyway")
     launcher, before = DeviceLauncher(device), load()

@@ -16,7 +16,14 @@ OVERVIEW = ("flip", "samples")  # the scores of the table that has a line a scen
 
 
 def write_page(path: Path, text: str) -> None:
-    """Replace what stands between the marks of a page; raises InputMissing without it, DataError without marks."""
+    """Replace what stands between the marks of a page; raises what ``check_page`` does."""
+    before, after = check_page(path)
+    with atomic_path(path) as temporary:
+        temporary.write_text(f"{before}{BEGIN}\n\n{text.strip()}\n\n{END}{after}", encoding="utf-8")
+
+
+def check_page(path: Path) -> tuple[str, str]:
+    """What stands before and behind the marks of a page; raises InputMissing without it, DataError without marks."""
     try:
         before, begin, rest = path.read_text(encoding="utf-8").partition(BEGIN)
     except FileNotFoundError:
@@ -25,8 +32,7 @@ def write_page(path: Path, text: str) -> None:
     _, end, after = rest.partition(END)
     if not begin or not end:
         raise DataError("the marks are missing", path=path, expected=f"{BEGIN} and {END}")
-    with atomic_path(path) as temporary:
-        temporary.write_text(f"{before}{BEGIN}\n\n{text.strip()}\n\n{END}{after}", encoding="utf-8")
+    return before, after
 
 
 def markdown(table: Table, about: str, pictures: Mapping[str, str] | None = None) -> str:

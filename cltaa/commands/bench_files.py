@@ -17,7 +17,7 @@ from cltaa.exr_layout import LOSSLESS
 from cltaa.presets import load_preset
 from cltaa.printable import counted, json_of
 from cltaa.progress import track
-from cltaa.sources import open_sequence
+from cltaa.sources import open_capture
 
 
 @click.command("files")
@@ -42,7 +42,7 @@ def files(
     time of all of them together.
     """
     found = bench_files(
-        open_sequence(sequence), load_preset(preset), device,
+        open_capture(sequence), load_preset(preset), device,
         codecs=[_codec(name) for name in compressions.split(",")], threads=_numbers(threads),
         commands=[_command(text) for text in commands.split(",") if text], rounds=rounds,
         progress=lambda numbers, total: track(numbers, total, "timing", unit="rounds"),

@@ -14,7 +14,7 @@ from rich.table import Table as Grid
 from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged, judge_sequence
 from cltaa.bench.quality_cases import HELD_OUT, MODEL, TRAIN, Case, Shape, capture, known_scenes, open_case, planned
 from cltaa.bench.quality_cells import Cells
-from cltaa.bench.quality_page import markdown, write_page
+from cltaa.bench.quality_page import check_page, markdown, write_page
 from cltaa.bench.quality_pictures import write_pictures
 from cltaa.bench.quality_summary import Table, ordered, summarise
 from cltaa.commands.bench_kernels import parse_size
@@ -23,7 +23,7 @@ from cltaa.errors import UsageError, known
 from cltaa.launch import Launcher, launcher_for
 from cltaa.presets import Preset, load_preset, preset_names
 from cltaa.printable import json_of
-from cltaa.sources import Sequence, open_sequence
+from cltaa.sources import Sequence, open_capture
 
 NARROWEST = 160  # columns of the terminal, so that no number is cut off
 
@@ -110,6 +110,8 @@ def quality(
     and measured again only where sequence, preset or code changed, so that a run can be cut short and go on. Runs of
     other scenes may share --work at the same time.
     """
+    if page is not None:
+        check_page(page)  # before what may take hours
     chosen = [load_preset(name) for name in presets or preset_names()]
     shape = Shape(*parse_size(size), frames, samples, still_samples, jitter)
     seeds = dict.fromkeys(_numbers(train), TRAIN) | dict.fromkeys(_numbers(held_out), HELD_OUT)
@@ -121,7 +123,7 @@ def quality(
     for number, (case, seed) in enumerate(cases, start=1):
         Console(stderr=True).print(f"{number} of {len(cases)}: {case.key}", highlight=False)
         sequence = (
-            open_sequence(case.folder) if case.folder in folders else open_case(case) or capture(case, seed, shape)
+            open_capture(case.folder) if case.folder in folders else open_case(case) or capture(case, seed, shape)
         )
         cells = Cells(work / "cells" / case.key, sequence, settled, flip_every, any_code=any_code)
         judged.append((case, _judge(sequence, chosen, cells, launcher, settled, flip_every)))

@@ -14,7 +14,7 @@ from cltaa.launch import launcher_for
 from cltaa.presets import load_preset
 from cltaa.printable import counted, json_of, printable
 from cltaa.progress import track
-from cltaa.sources import open_sequence
+from cltaa.sources import open_capture
 from cltaa.tune import Tuned, parse_goal, preset_text, tune
 
 
@@ -61,8 +61,8 @@ def command(
         raise UsageError("a sequence is both searched and checked on", cure="name another one with --check")
     check_creatable(output)
     tuned, found = tune(
-        [open_sequence(path) for path in sequences],
-        [open_sequence(path) for path in checked],
+        [open_capture(path) for path in sequences],
+        [open_capture(path) for path in checked],
         goal,
         launcher_for(device),
         base=load_preset(preset),

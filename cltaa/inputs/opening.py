@@ -8,7 +8,7 @@ from typing import Any
 
 from cltaa.errors import DataError
 from cltaa.inputs.parts import read_any_header
-from cltaa.sources import Sequence, open_sequence
+from cltaa.sources import Sequence, open_capture
 
 
 def open_input(
@@ -20,10 +20,7 @@ def open_input(
     """
     plain = not assignments and side_file is None
     if plain and profile in ("auto", "cltaa") and is_own(folder):
-        sequence = open_sequence(folder, **options)
-        if "Z" not in sequence.layouts[sequence.first].channels:
-            sequence.refuse_result()
-        return sequence
+        return open_capture(folder, **options)
     from cltaa.inputs.foreign import ForeignSequence  # here: a run over cltaa's own files starts without
     from cltaa.inputs.intake import open_intake
 

@@ -61,7 +61,12 @@ def test_a_machine_without_the_shader_is_told_so() -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
-    [(("--size", "12"), 64, "expected WxH"), (("--device", "numpy"), 64, "OpenCL"), (("--rounds", "1"), 2, "x>=3")],
+    [
+        (("--size", "12"), 64, "expected WxH"),
+        (("--size", "40x16"), 64, "at least 17x17, found 40x16"),
+        (("--device", "numpy"), 64, "OpenCL"),
+        (("--rounds", "1"), 2, "x>=3"),
+    ],
 )
 def test_wrong_use_is_one_line(arguments: tuple[str, ...], code: int, said: str) -> None:
     done = run(*arguments)

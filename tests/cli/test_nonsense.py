@@ -103,6 +103,12 @@ CASES: list[tuple[str, int, str]] = [
     ("bench nonsense", USAGE, "No such command"),
     ("bench quality --scene spiner --work out", WRONG, "unknown scene spiner; did you mean spinner?"),
     ("bench kernels --size x", WRONG, "no size"),
+    ("bench accuracy done -o out", WRONG, "done: these are results of cltaa resolve (found preset default)"),
+    ("bench files done", WRONG, "done: these are results of cltaa resolve"),
+    ("bench quality --sequence seq --work out --page nowhere.md", MISSING, "nowhere.md: no page to put the table into"),
+    ("bench quality --sequence seq --work out --page file.txt", DATA, "file.txt: the marks are missing"),
+    ("tune done --budget 5ms -o out.toml", WRONG, "done: these are results of cltaa resolve"),
+    ("tune seq --check done --budget 5ms -o out.toml", WRONG, "done: these are results of cltaa resolve"),
     ("capture nonsense -o out", WRONG, "no such scene: nonsense"),
     ("capture '' -o out", WRONG, "no such scene"),
     ("capture spinner", WRONG, "no output folder"),
@@ -128,6 +134,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("desk")
     write_sequence(folder / "seq", 3, reference=True)
     write_sequence(folder / "small", 3, width=20, height=10)
+    assert main(["resolve", str(folder / "seq"), "-o", str(folder / "done"), "--device", "numpy"]) == 0
     for name in ("empty", "noexr", "pngs"):
         (folder / name).mkdir()
     (folder / "noexr" / "readme").touch()
