@@ -33,7 +33,7 @@ LEVEL = 2
 # Threads take turns with the interpreter between the steps of their work: so a few of them with much each
 # (docs/decisions/0041-few-turns-with-the-interpreter.md).
 THREADS = 4
-ROWS = 128  # that a thread packs at a time: 8 chunks of ZIP, 128 of ZIPS
+ROWS = 64  # that a thread packs at a time: 4 chunks of ZIP, 64 of ZIPS
 ROWS_A_CHUNK = {"zip": 16, "zips": 1}
 
 Bytes = NDArray[np.uint8]
