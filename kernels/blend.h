@@ -61,15 +61,19 @@ STAGE real luminance_weight(real weight, real current, real history, settings_t 
     return quotient(for_current, for_current + for_history);
 }
 
-// Weight of the current sample beside a history of `count`, before what stills flicker. In a mean of all of them 1 /
-// (count
-// + 1) is left to be worked out: with luminance weights it is h / (h + count x). Four times the luminances again.
+// Weight of the current sample beside a history of `count`, before what stills flicker. In a mean of all of them the
+// share 1 / (count + 1) is left to be worked out: with luminance weights it is h / (h + count x), and a reactive sample
+// counts for as many more as are then missing among the count. Four times the luminances again.
 STAGE real weight_of_sample(real count, real current, real history, real reactivity, real unrest, settings_t settings)
 {
     const int in_mean = (ACCUMULATE == ACCUMULATE_COUNT) | (ACCUMULATE == ACCUMULATE_EXPONENTIAL);
-    if (in_mean & (WEIGHTING != WEIGHTING_NONE) & !REACTIVE) {
+    if (in_mean & (WEIGHTING != WEIGHTING_NONE)) {
         const real x = luminance_inertia(current, settings), h = luminance_inertia(history, settings);
-        return quotient(h, h + samples_in_mean(count, settings) * x);
+        const real samples = samples_in_mean(count, settings);
+        // Nothing reactive gives the bits of a frame without a mask.
+        const real now = REACTIVE ? (SPLAT(1.0) + reactivity * samples) * h : h;
+        const real before = REACTIVE ? samples * (SPLAT(1.0) - reactivity) * x : samples * x;
+        return quotient(now, now + before);
     }
     real weight = sample_weight(count, unrest, settings);
     if (REACTIVE)

@@ -70,15 +70,19 @@ def weight_of_sample(
     settings: Record,
 ) -> Array:
     """Weight of the current sample beside a history of ``count``, before what stills flicker: in a mean of all with
-    luminance weights h / (h + count x)."""
+    luminance weights h / (h + count x), where a reactive sample counts for as many more as are then missing."""
+    one = number(1.0, count)
     in_mean = build.choices.accumulate in (Accumulate.COUNT, Accumulate.EXPONENTIAL)
-    if in_mean and build.choices.weighting is not Weighting.NONE and not build.steps.reactive:
-        x, h = luminance_inertia(current, settings), luminance_inertia(history, settings)
-        in_mean_of_all: Array = h / (h + samples_in_mean(count, build, settings) * x)
-        return in_mean_of_all
+    if in_mean and build.choices.weighting is not Weighting.NONE:
+        now, inertia = luminance_inertia(history, settings), luminance_inertia(current, settings)
+        samples = samples_in_mean(count, build, settings)
+        if build.steps.reactive:
+            now, samples = (one + reactivity * samples) * now, samples * (one - reactivity)
+        share: Array = now / (now + samples * inertia)
+        return share
     weight = sample_weight(count, unrest, build, settings)
     if build.steps.reactive:
-        weight = weight + reactivity * (number(1.0, weight) - weight)
+        weight = weight + reactivity * (one - weight)
     return luminance_weight(weight, current, history, build, settings)
 
 
