@@ -194,16 +194,16 @@ import os, signal, sys
 from cltaa import exr
 from cltaa.cli import main
 
-load = exr._load
+loaded = exr._loaded
 
 
 def interrupted(path, sha256):
     if path.parts[-2:] == ("seq", "synthetic.0005.exr"):
         os.kill(os.getpid(), signal.SIGINT)
-    return load(path, sha256)
+    return loaded(path, sha256)
 
 
-exr._load = interrupted
+exr._loaded = interrupted
 sys.exit(main(sys.argv[1:]))
 """
 
