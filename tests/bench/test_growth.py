@@ -142,8 +142,9 @@ def test_the_peak_is_what_the_formula_says(tmp_path: Path, motion: bool) -> None
     folder = write_sequence(tmp_path / "in", 10, width=1920, height=1080, motion=motion)
     resolve = ["resolve", str(folder), "-o", str(tmp_path / "out"), "--restart", "--device", "pthread"]
     command = [sys.executable, "-m", "cltaa.cli", *resolve]
-    for _ in range(2):  # the first builds the kernels
-        peak = peak_of(command)
+    peak_of(command)  # which builds the kernels
+    # The plan is for both files that are read at once; in a single run they may never lie there whole together.
+    peak = max(peak_of(command) for _ in range(3))
     assert peak == pytest.approx(plan(open_sequence(folder), rounds=0).memory.whole, rel=0.10)
 
 
