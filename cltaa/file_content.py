@@ -100,14 +100,6 @@ def _copy(path: Path, file: BinaryIO, content: BinaryIO, *, hashed: bool) -> str
     return digest.hexdigest()
 
 
-def content_sha256(file: BinaryIO) -> str:
-    """SHA-256 of an open file from where it stands, in hexadecimal."""
-    digest, piece = hashlib.sha256(), memoryview(bytearray(PIECE))
-    while length := cast(BufferedReader, file).readinto(piece):
-        digest.update(piece[:length])
-    return digest.hexdigest()
-
-
 def file_size(file: BinaryIO) -> int:
     """Size of an open file in bytes."""
     return os.fstat(file.fileno()).st_size

@@ -7,6 +7,7 @@ full disk tore is no line: what it would have vouched for is made again.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import re
@@ -18,7 +19,7 @@ from typing import Any, NamedTuple
 
 from cltaa.atomic import atomic_path
 from cltaa.errors import DataError, StorageError
-from cltaa.file_content import content_sha256, read_bytes, read_text
+from cltaa.file_content import read_bytes, read_text
 
 NAME = "manifest.jsonl"
 CAPTURE = "sequence.json"
@@ -41,7 +42,7 @@ def file_sha256(path: Path) -> str:
     """SHA-256 of a file, in hexadecimal; raises StorageError where it cannot be read."""
     try:
         with path.open("rb") as stream:
-            return content_sha256(stream)
+            return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError as error:
         raise StorageError(f"cannot be read: {error.strerror}", path=path) from error
 

@@ -1,0 +1,74 @@
+"""What Ctrl-C does to a command: while packages are imported, and again and again while threads write."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from cltaa import cli, errors
+from cltaa.exr import read_image
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (NameError("planted"), 130, "cltaa: interrupted"),
+        (errors.StorageError("the disk is full"), 74, "cltaa: error: the disk is full"),
+    ],
+)
+def test_interrupt_that_another_module_swallows(
+    number: signal.Signals, error: Exception, code: int, words: str, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    """Packages that are interrupted while they are imported go on without a part of theirs; our own errors stand."""
+
+    def swallowed(*_: object, **__: object) -> None:
+        with contextlib.suppress(KeyboardInterrupt):
+            os.kill(os.getpid(), number)
+        raise error
+
+    monkeypatch.setattr(cli.root, "main", swallowed)
+    assert cli.main([]) == code
+    assert capsys.readouterr().err.startswith(words)
+
+
+WRITING = """
+import sys
+from pathlib import Path
+import numpy as np
+from cltaa import cli
+from cltaa.streams import Writer
+def work(*_, **__):
+    noise = np.random.default_rng(0).random((1080, 1920), np.float32)
+    with Writer() as writer:
+        for number in range(50):
+            writer.write(Path(sys.argv[1]) / f"{number}.exr", {"R": noise, "G": noise, "B": noise})
+            print("written", flush=True)
+cli.root.main = work
+sys.exit(cli.main())
+"""
+
+
+@pytest.mark.parametrize("pause", [0.005, 0.05])
+def test_a_user_who_presses_ctrl_c_again_and_again_meets_no_abort(tmp_path: Path, pause: float) -> None:
+    """While threads write, are waited for, and at last while the interpreter is taken down."""
+    arguments = [sys.executable, "-c", WRITING, str(tmp_path)]
+    with subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "written\n"
+        while process.poll() is None:
+            process.send_signal(signal.SIGINT)
+            time.sleep(pause)
+        assert process.stderr is not None
+        assert process.stderr.read() in ("cltaa: interrupted\n", "")  # the last of many may come before the words
+    assert process.returncode == 130
+    for path in tmp_path.glob("*.exr"):
+        assert read_image(path)[0]["R"].shape == (1080, 1920)
