@@ -26,9 +26,20 @@ BOXES = (300, 400)  # boxes at once, [H, W]
 
 
 def rectified(
-    launcher: DeviceLauncher, history: Planes, mean: Planes, deviation: Planes, kind: Rectify, space: BoxSpace
+    launcher: DeviceLauncher,
+    history: Planes,
+    mean: Planes,
+    deviation: Planes,
+    kind: Rectify,
+    space: BoxSpace,
+    box: Box = Box.VARIANCE,
+    strict: bool = True,
+    lanes: int = 0,
 ) -> Planes:
-    """RGB history [3, H, W] after the stage moved it into mean +- deviation [3, H, W] of the box space."""
+    """RGB history [3, H, W] after the stage moved it into mean +- deviation [3, H, W] of the box space.
+
+    A box of extremes has the same ends, as float32.
+    """
     layout = Layout(history.shape[2], history.shape[1])
     zero = np.zeros_like(history[:1])
     planes = {
@@ -37,8 +48,8 @@ def rectified(
         "history_at": padded(np.concatenate([history, np.repeat(zero, 5, axis=0)]), layout),
     }
     frame = make_frame(width=layout.width, height=layout.height, camera=CAMERA)
-    choices = Choices(box=Box.VARIANCE, box_space=space, rectify=kind)
-    build = launcher.build(Build(choices=choices, steps=Steps(), strict=True))
+    choices = Choices(box=box, box_space=space, rectify=kind)
+    build = launcher.build(Build(choices=choices, steps=Steps(), strict=strict, lanes=lanes))
     work = Work(layout, planes, frame_record(frame, Past.of(frame), layout), settings_record(SETTINGS))
     change = layout.inside(run_stage("rectify_history", build, work, launcher)["change_out"])
     return history + change[:3]
@@ -127,17 +138,6 @@ def test_d2_the_popular_clip_jumps_for_many_boxes(launcher: DeviceLauncher) -> N
     moved = moved_by_one_ulp(launcher, Rectify.CLIP_UNGUARDED, BoxSpace.RGB)
     assert moved.max() > 1e6  # more than a tenth of the whole signal
     assert (moved > 1e6).mean() > 1e-3
-
-
-@pytest.mark.parametrize("kind", [Rectify.CLAMP, Rectify.CLIP])
-def test_d2_the_result_lies_in_the_box(launcher: DeviceLauncher, kind: Rectify) -> None:
-    history, mean, deviation = random_boxes()
-    result = rectified(launcher, history, mean, deviation, kind, BoxSpace.RGB).astype(np.float64)
-    largest = np.maximum(np.abs(mean).max(axis=0), np.abs(history).max(axis=0))
-    floor = SETTINGS.box_floor * np.abs(mean).max(axis=0) if kind is Rectify.CLIP else 0.0
-    extent = np.maximum(deviation.astype(np.float64), floor)
-    # Worst seen: 1.95 u.
-    assert (np.abs(result - mean) <= extent + 2 * UNIT_ROUNDOFF * largest).all()
 
 
 @pytest.mark.parametrize("space", list(BoxSpace))
