@@ -62,7 +62,7 @@ def pair_up(
     Raises UsageError, InputMissing and DataError where the two do not belong together.
     """
     capture = _capture(test if reference is None else reference, verify)
-    images = open_images(test, verify=verify)
+    images = open_images(test, verify=verify, frames=frames)
     if capture is not None and capture.reference is not None:
         truth = capture.reference
     elif reference is None:
@@ -70,7 +70,7 @@ def pair_up(
         raise UsageError("nothing to compare with: no folder reference/ in it", path=test, cure=cure)
     else:
         truth = open_images(reference, verify=verify)
-    comparison = Comparison(images if frames is None else images.select(*frames), truth, capture)
+    comparison = Comparison(images, truth, capture)
     comparison.check()
     return comparison
 

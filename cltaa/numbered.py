@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from collections.abc import Sequence as Many
 from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
@@ -24,6 +25,8 @@ NUMBERED = re.compile(r"(?P<name>.*?)[._-]?(?<![0-9])(?<![._]-)(?<!^-)(?P<number
 # What a folder without frames may hold in their place.
 PICTURES = frozenset({".bmp", ".dpx", ".exr", ".hdr", ".jpeg", ".jpg", ".png", ".tga", ".tif", ".tiff"})
 
+FrameRange = tuple[int, int]  # numbers of the first and the last frame, both included
+
 
 class OnBreak(StrEnum):
     """What to do where a sequence breaks off: a frame is missing, or the size is another."""
@@ -36,7 +39,8 @@ class NumberedFiles:
     """EXR files of one name; frame numbers are those in the file names.
 
     Each file that is read must have the SHA-256 that is recorded for it, if one is; ``verify`` False leaves that out.
-    ``gaps`` and ``on_resize`` say whether a number may be missing and whether sizes may differ.
+    ``gaps`` and ``on_resize`` say whether a number may be missing and whether sizes may differ. Of ``frames``, the first
+    and the last number, all others count as not there: what is wrong with them is of no interest.
     """
 
     def __init__(
@@ -48,13 +52,15 @@ class NumberedFiles:
         verify: bool = True,
         gaps: OnBreak = OnBreak.ERROR,
         on_resize: OnBreak = OnBreak.ERROR,
+        frames: FrameRange | None = None,
     ) -> None:
         """Read every layout; raises InputMissing for a gap and DataError for damaged files or sizes that differ."""
         self.folder, self.name, self.verify, self.gaps, self.on_resize = folder, name, verify, gaps, on_resize
-        self._paths = dict(sorted(paths.items()))
-        for number in range(self.first, self.last + 1) if gaps is OnBreak.ERROR else ():
-            if number not in self._paths:
-                raise frame_missing(renumbered(self.paths[0], number), number)
+        numbers = chosen_numbers(sorted(paths), frames, folder)
+        for number in range(numbers[0], numbers[-1] + 1) if gaps is OnBreak.ERROR else ():
+            if number not in paths:
+                raise frame_missing(renumbered(paths[numbers[0]], number), number)
+        self._paths = {number: paths[number] for number in numbers}
         self.layouts: dict[int, Layout] = {}
         for number, path in self._paths.items():
             self.layouts[number] = layout = read_layout(path)
@@ -103,8 +109,7 @@ class NumberedFiles:
     def path(self, number: int) -> Path:
         """Return the file of a frame number; raises UsageError for one outside the sequence."""
         if number not in self._paths:
-            expected = f"{self.first} to {self.last}"
-            raise UsageError("no such frame", path=self.folder, frame=number, expected=expected)
+            raise no_such_frame(self.folder, number, self.numbers)
         return self._paths[number]
 
     def sha256(self, number: int) -> str | None:
@@ -117,13 +122,28 @@ class NumberedFiles:
 
     def select(self, first: int, last: int) -> Self:
         """Return the frames ``first`` to ``last``, both included; raises UsageError unless these two are there."""
-        self.path(first), self.path(last)
-        if first > last:
-            raise UsageError("the range of frames is empty", path=self.folder, found=f"{first}-{last}")
-        paths = {number: path for number, path in self._paths.items() if first <= number <= last}
         return type(self)(
-            self.folder, self.name, paths, verify=self.verify, gaps=self.gaps, on_resize=self.on_resize
+            self.folder, self.name, self._paths, verify=self.verify, gaps=self.gaps, on_resize=self.on_resize,
+            frames=(first, last),
         )  # fmt: skip
+
+
+def chosen_numbers(numbers: Many[int], frames: FrameRange | None, folder: Path) -> list[int]:
+    """Those of the sorted frame ``numbers`` that are asked for; raises UsageError unless both ends are there."""
+    if frames is None:
+        return list(numbers)
+    first, last = frames
+    for end in frames:
+        if end not in numbers:
+            raise no_such_frame(folder, end, numbers)
+    if first > last:
+        raise UsageError("the range of frames is empty", path=folder, found=f"{first}-{last}")
+    return [number for number in numbers if first <= number <= last]
+
+
+def no_such_frame(folder: Path, number: int, numbers: Many[int]) -> UsageError:
+    """The error for a frame that was asked for and is none of the sorted ``numbers``."""
+    return UsageError("no such frame", path=folder, frame=number, expected=ranges(numbers))
 
 
 def check_size(layout: Layout, first: Layout, number: int) -> None:

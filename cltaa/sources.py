@@ -19,7 +19,16 @@ from cltaa.exr_attributes import FrameHeader
 from cltaa.exr_channels import check_float_channels
 from cltaa.frames import Effect, Frame, Image
 from cltaa.manifest import read_capture_record, recorded_hashes
-from cltaa.numbered import NUMBERED, NumberedFiles, OnBreak, check_same_size, frame_missing, name_of, numbered_files
+from cltaa.numbered import (
+    NUMBERED,
+    FrameRange,
+    NumberedFiles,
+    OnBreak,
+    check_same_size,
+    frame_missing,
+    name_of,
+    numbered_files,
+)
 
 NO_PIXELS = np.empty((0, 0), np.float32)
 # The channel that shows that a frame has this part.
@@ -144,17 +153,23 @@ class Sequence(NumberedFiles):
 
 
 def open_sequence(
-    folder: str | Path, *, verify: bool = True, gaps: OnBreak = OnBreak.ERROR, on_resize: OnBreak = OnBreak.ERROR
+    folder: str | Path,
+    *,
+    verify: bool = True,
+    gaps: OnBreak = OnBreak.ERROR,
+    on_resize: OnBreak = OnBreak.ERROR,
+    frames: FrameRange | None = None,
 ) -> Sequence:
     """Open a folder of ``<name>.<frame:04d>.exr`` files, reading layouts but no pixels.
 
     With ``verify`` every file that is read later must have the SHA-256 that ``sequence.json`` records for it.
     Raises InputMissing where the folder, its frames, a frame in the middle or one that ``sequence.json`` lists is
     missing (unless ``gaps`` allows it), DataError where files are damaged, differ in size (unless ``on_resize`` allows
-    it) or belong to several sequences.
+    it) or belong to several sequences. ``frames`` are the numbers of the first and the last frame to take, both
+    included, and no other counts; raises UsageError unless both are there.
     """
-    sequence = Sequence(*numbered_files(Path(folder)), verify=verify, gaps=gaps, on_resize=on_resize)
-    if verify and gaps is OnBreak.ERROR:
+    sequence = Sequence(*numbered_files(Path(folder)), verify=verify, gaps=gaps, on_resize=on_resize, frames=frames)
+    if verify and gaps is OnBreak.ERROR and frames is None:
         # A frame that is missing before the first or behind the last is no gap, but the capture says that it was there.
         for name in recorded_hashes(sequence.folder):
             match = NUMBERED.fullmatch(name)
@@ -171,19 +186,21 @@ def open_capture(folder: str | Path, **options: Any) -> Sequence:
     return sequence
 
 
-def open_images(path: str | Path, *, verify: bool = True, gaps: OnBreak = OnBreak.ERROR) -> ImageSequence:
+def open_images(
+    path: str | Path, *, verify: bool = True, gaps: OnBreak = OnBreak.ERROR, frames: FrameRange | None = None
+) -> ImageSequence:
     """Open resolved or reference images: a folder as ``open_sequence`` takes it, or one EXR file.
 
-    A single file without a number is frame 0. ``verify``, ``gaps`` and errors are those of ``open_sequence``,
-    and DataError is raised where R, G or B is missing.
+    A single file without a number is frame 0. ``verify``, ``gaps``, ``frames`` and errors are those of
+    ``open_sequence``, and DataError is raised where R, G or B is missing.
     """
     path = Path(path)
     if path.is_dir():
-        images = ImageSequence(*numbered_files(path), verify=verify, gaps=gaps)
+        images = ImageSequence(*numbered_files(path), verify=verify, gaps=gaps, frames=frames)
     else:
         match = NUMBERED.fullmatch(path.name)
         number = int(match["number"]) if match else 0
-        images = ImageSequence(path.parent, name_of(path), {number: path}, verify=verify)
+        images = ImageSequence(path.parent, name_of(path), {number: path}, verify=verify, frames=frames)
     for layout in images.layouts.values():
         check_float_channels(layout, ("R", "G", "B"))
     return images

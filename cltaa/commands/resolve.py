@@ -96,11 +96,10 @@ def resolve(
     source = open_input(
         sequence, profile=profile, assignments=inputs, side_file=camera,
         verify=verify, gaps=OnBreak(gaps), on_resize=OnBreak(on_resize),
+        frames=None if frames is None else _frame_range(frames),
     )  # fmt: skip
     if source.notes:
         click.echo("\n".join(map(printable, source.notes)), err=True)
-    if frames is not None:
-        source = source.select(*_frame_range(frames))
     settings, kept = chosen_preset(preset, config, assignments), Storage(storage)
     if budget_ms is not None:
         if preset != "default" or config is not None:

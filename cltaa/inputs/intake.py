@@ -15,7 +15,7 @@ from cltaa.inputs.profile import Profile, load_profile, profile_names
 from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import Roles, assign, describe, equal_matches, file_sets, shown_name
 from cltaa.inputs.side_file import Side, read_side_file
-from cltaa.numbered import OnBreak, check_size, frame_missing, ranges, renumbered
+from cltaa.numbered import FrameRange, OnBreak, check_size, chosen_numbers, frame_missing, ranges, renumbered
 
 LUMINANCE = "Y"  # of a picture in greys, as OpenEXR calls it
 
@@ -54,11 +54,12 @@ def open_intake(
     side_file: Path | None = None,
     gaps: OnBreak = OnBreak.ERROR,
     on_resize: OnBreak = OnBreak.ERROR,
+    frames: FrameRange | None = None,
 ) -> Intake:
     """Decide how ``folder`` is read, from its headers; raises InputMissing, DataError or UsageError.
 
     ``gaps`` and ``on_resize`` say whether a frame may be missing (in any of the files that are read) and whether sizes
-    may differ.
+    may differ; ``frames`` are the numbers of the first and the last one to take, both included, and no other counts.
     """
     sets = file_sets(folder)
     first = {label: read_any_header(files[min(files)]) for label, files in sets.items()}
@@ -72,32 +73,38 @@ def open_intake(
     if "colour" not in roles:
         raise _no_colour(folder, chosen, channels)
     main = sets[roles["colour"][0].files]
-    numbers = _numbers(
-        main, [sets[label] for label in {place.files for all_of in roles.values() for place in all_of}], gaps
-    )
-    headers = {number: read_any_header(main[number]) for number in numbers}
-    layouts = {number: header.layout for number, header in headers.items()}
+    read = [sets[label] for label in {place.files for all_of in roles.values() for place in all_of}]
+    there = sorted(number for number in main if all(number in files for files in read))
+    if not there:
+        raise InputMissing("no frame has all of its files", path=next(iter(main.values())), cure="render them again")
+    numbers = chosen_numbers(there, frames, folder)
+    if gaps is OnBreak.ERROR:
+        _refuse_gaps(main, read, frames)
+    # What a profile says is late stands in files beside those that are asked for.
+    late = max(abs(chosen.jitter.delay), abs(chosen.camera.delay))
+    around = [number for number in there if numbers[0] - late <= number <= numbers[-1] + late]
+    headers = {number: read_any_header(main[number]) for number in around}
+    layouts = {number: headers[number].layout for number in numbers}
     for number, layout in layouts.items() if on_resize is OnBreak.ERROR else ():
         check_size(layout, layouts[numbers[0]], number)
     given = {number: header.attributes for number, header in headers.items()}
     side = {} if side_file is None else _side_of(side_file, numbers)
-    declared = declared_frames(chosen, given, side, {n: (layout.width, layout.height) for n, layout in layouts.items()})
+    sizes = {number: (header.layout.width, header.layout.height) for number, header in headers.items()}
+    known = declared_frames(chosen, given, side, sizes)
+    declared = {number: known[number] for number in numbers}
     _check_complete(folder, declared)
     intake = Intake(chosen, reason, roles, sets, given, layouts, declared, gaps, on_resize)
     intake.notes += _notes(intake)
     return intake
 
 
-def _numbers(main: Mapping[int, Path], read: Many[Mapping[int, Path]], gaps: OnBreak) -> list[int]:
-    """Frame numbers of ``main`` that all sets of files that are read have; a gap is an error unless it is allowed."""
-    for number in range(min(main), max(main) + 1) if gaps is OnBreak.ERROR else ():
+def _refuse_gaps(main: Mapping[int, Path], read: Many[Mapping[int, Path]], frames: FrameRange | None) -> None:
+    """Raise InputMissing where one of the files that are read is missing between two that are asked for."""
+    first, last = frames or (min(main), max(main))
+    for number in range(first, last + 1):
         for files in read:
             if number not in files:
                 raise frame_missing(renumbered(next(iter(files.values())), number), number)
-    numbers = sorted(number for number in main if all(number in files for files in read))
-    if not numbers:
-        raise InputMissing("no frame has all of its files", path=next(iter(main.values())), cure="render them again")
-    return numbers
 
 
 def _side_of(path: Path, numbers: Many[int]) -> dict[int, Side]:

@@ -49,7 +49,7 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve seq -o out --set =1", WRONG, "unknown key"),
     ("resolve seq -o out --frames 2-1", WRONG, "the range of frames is empty"),
     ("resolve seq -o out --frames -", WRONG, "no range"),
-    ("resolve seq -o out --frames 99999999999999999999", WRONG, "no such frame (expected 0 to 2)"),
+    ("resolve seq -o out --frames 99999999999999999999", WRONG, "no such frame (expected 0-2)"),
     ("resolve seq -o out --debug rejct", WRONG, "--debug: unknown view rejct; did you mean reject?"),
     ("resolve --debug count,x seq -o out", WRONG, "unknown view x; known views: reject, count, motion, clip"),
     ("resolve seq -o out --effects motoin", WRONG, "--effects: unknown effect motoin; did you mean motion?"),

@@ -56,6 +56,28 @@ def test_gap_is_refused_or_begins_anew(tmp_path: Path, missing: list[int], capsy
         assert all(np.array_equal(bits(channels[c]), bits(expected[..., place])) for place, c in enumerate("RGB"))
 
 
+def test_what_is_wrong_outside_the_frames_asked_for_does_not_count(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A gap, a damaged file and another size before and behind them."""
+    folder = write_sequence(tmp_path / "in", 8, width=9, height=7)
+    write_sequence(tmp_path / "whole", 8, width=9, height=7)
+    frame_path(folder, 1).unlink()
+    frame_path(folder, 6).write_bytes(b"")
+    write_sequence(folder, 1, first=7, width=8, height=7)
+    assert main(arguments(folder, tmp_path / "out", "--frames", "3-5")) == 0
+    assert main(arguments(tmp_path / "whole", tmp_path / "sound", "--frames", "3-5")) == 0
+    for number in (3, 4, 5):
+        ours, theirs = (read_image(frame_path(tmp_path / name, number))[0] for name in ("out", "sound"))
+        assert np.array_equal(bits(ours["G"]), bits(theirs["G"]))
+    capsys.readouterr()
+    assert main(["compare", str(folder), str(tmp_path / "sound"), "--frames", "4-5", "--metrics", "psnr"]) == 0
+    assert main(arguments(folder, tmp_path / "refused", "--frames", "0-5")) == 66
+    assert "synthetic.0001.exr frame 1: the frame is missing" in capsys.readouterr().err
+    assert main(arguments(folder, tmp_path / "refused", "--frames", "1-5")) == 64
+    assert "frame 1: no such frame (expected 0, 2-7)" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("number", [0, 3])
 def test_first_and_last_frame_are_missed_where_the_capture_lists_them(
     tmp_path: Path, number: int, capsys: pytest.CaptureFixture[str]

@@ -249,6 +249,23 @@ def test_a_gap_is_an_error_or_a_new_history(tmp_path: Path, capsys: pytest.Captu
             np.testing.assert_array_equal(ours[channel], theirs[channel])
 
 
+def test_what_is_wrong_outside_the_frames_asked_for_does_not_count(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = frames(7)
+    write_blender(tmp_path / "in", [made[0], made[2], made[3], made[4], made[6]])
+    assert resolved(tmp_path / "in", "--frames", "2-4") == 0
+    write_blender(tmp_path / "alone", made[2:5])
+    assert resolved(tmp_path / "alone") == 0
+    for number in (2, 3, 4):
+        name = f"shot.{number:04d}.exr"
+        ours, theirs = (read_image(tmp_path / folder / name)[0] for folder in ("in-out", "alone-out"))
+        np.testing.assert_array_equal(ours["G"], theirs["G"])
+    capsys.readouterr()
+    assert resolved(tmp_path / "in", "--frames", "3-6") == 66
+    assert "frame 5: the frame is missing" in capsys.readouterr().err
+
+
 def test_a_depth_that_is_missing_is_a_gap(tmp_path: Path) -> None:
     made = frames(4)
     write_colour(tmp_path / "shot", made, "beauty")
