@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cltaa.errors import OutputError, StorageError
+from cltaa.errors import OutputError, StorageError, room_cure
 
 LONGEST_NAME = 200  # bytes of a final name in that of its temporary file; file systems end at 255
 
@@ -70,9 +70,8 @@ def atomic_path(path: Path) -> Iterator[Path]:
             temporary.replace(path)
             _flush(path.parent)
         except OSError as error:
-            raise StorageError(
-                f"writing failed: {error.strerror or error}", path=path, cure="free some space and run again"
-            ) from error
+            what = f"writing failed: {error.strerror or error}"
+            raise StorageError(what, path=path, cure=room_cure(error)) from error
     finally:
         temporary.unlink(missing_ok=True)
 

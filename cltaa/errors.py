@@ -16,6 +16,7 @@ The codes are those of sysexits.h. A message says where, what, expected against 
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterable
 from pathlib import Path
 from typing import ClassVar
@@ -86,6 +87,13 @@ def known(name: str, names: Iterable[str], kind: str) -> str:
     names = list(names)
     close = closest(name, names)
     return f"did you mean {close}?" if close else f"known {kind}: {', '.join(names)}"
+
+
+def room_cure(error: OSError) -> str:
+    """The cure for a file that could not be written: what the system says is too large is no matter of a full disk."""
+    if error.errno == errno.EFBIG:
+        return "the shell limits the size of a file, and of a copy in memory: ulimit -f unlimited"
+    return "free some space and run again"
 
 
 class UsageError(CltaaError):

@@ -50,10 +50,10 @@ def read_channels(path: Path, value: bytes) -> dict[str, str]:
         name, place = _name(value, place)
         kind, _, x_sampling, y_sampling = struct.unpack_from("<4i", value, place)
         if (x_sampling, y_sampling) != (1, 1):
-            found = f"one in {x_sampling} x {y_sampling}"
             raise DataError(
-                "sub-sampled channels are not read", path=path, channel=name, expected="every pixel", found=found
-            )
+                "sub-sampled channels are not read", path=path, channel=name, expected="every pixel",
+                found=f"one in {x_sampling} x {y_sampling}", cure="write R G B, and every channel at full size",
+            )  # fmt: skip
         if name in channels or kind < 0 or len(channels) == MOST_CHANNELS:
             raise ValueError("channel twice, of no type, or one too many")
         channels[name] = PIXEL_TYPES[kind]

@@ -173,7 +173,8 @@ def _check_windows(layout: Layout) -> None:
     if data[0] > display[0] or data[1] > display[1] or data[2] < display[2] or data[3] < display[3]:
         raise DataError(
             "the data window does not cover the display window",
-            path=layout.path, expected=f"at least {display}", found=data, cure="render the whole picture",
+            path=layout.path, expected=f"at least {display}", found=data,
+            cure="write the whole picture: no crop or render region, in Nuke no autocrop",
         )  # fmt: skip
 
 

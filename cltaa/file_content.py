@@ -6,6 +6,7 @@ read. They are read, not mapped: a mapped file that somebody cuts short kills th
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import stat
@@ -15,7 +16,7 @@ from io import BufferedReader
 from pathlib import Path
 from typing import BinaryIO, cast
 
-from cltaa.errors import DataError, InputMissing, ResourceError, StorageError
+from cltaa.errors import DataError, InputMissing, ResourceError, StorageError, room_cure
 
 PIECE = 1 << 20  # bytes that are read at a time: few calls of Python a file, and hashed while a core's cache has them
 _CGROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")
@@ -42,7 +43,8 @@ def open_regular(path: Path, expected: str = "an EXR file") -> Iterator[BinaryIO
     except PermissionError as error:
         raise InputMissing("the file cannot be read: permission denied", path=path) from error
     except OSError as error:
-        raise StorageError(f"reading failed: {error.strerror or error}", path=path) from error
+        cure = room_cure(error) if error.errno in (errno.EFBIG, errno.ENOSPC) else None  # of the copy in memory
+        raise StorageError(f"reading failed: {error.strerror or error}", path=path, cure=cure) from error
 
 
 def read_bytes(path: Path, expected: str, largest: int) -> bytes:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cltaa.atomic import atomic_path
-from cltaa.errors import DataError, StorageError
+from cltaa.errors import DataError, StorageError, room_cure
 from cltaa.file_content import read_bytes, read_text
 
 NAME = "manifest.jsonl"
@@ -127,8 +127,8 @@ class Manifest:
                 stream.flush()
                 os.fsync(stream.fileno())
         except OSError as error:
-            cure = "free some space and run again"
-            raise StorageError(f"writing failed: {error.strerror}", path=self.path, cure=cure) from error
+            what = f"writing failed: {error.strerror}"
+            raise StorageError(what, path=self.path, cure=room_cure(error)) from error
         self.entries[name] = entry
 
     def vouches_for(self, path: Path) -> bool:

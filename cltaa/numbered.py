@@ -14,6 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Self
 
+from cltaa.below import only_below, sequences_below
 from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.exr_layout import Layout, read_layout
 from cltaa.manifest import recorded_hashes
@@ -39,8 +40,8 @@ class NumberedFiles:
     """EXR files of one name; frame numbers are those in the file names.
 
     Each file that is read must have the SHA-256 that is recorded for it, if one is; ``verify`` False leaves that out.
-    ``gaps`` and ``on_resize`` say whether a number may be missing and whether sizes may differ. Of ``frames``, the first
-    and the last number, all others count as not there: what is wrong with them is of no interest.
+    ``gaps`` and ``on_resize`` say whether a number may be missing and whether sizes may differ. Where ``frames`` are
+    given, the first and the last number, no file outside them counts, whatever is wrong with it.
     """
 
     def __init__(
@@ -193,6 +194,9 @@ def no_frames(folder: Path, files: Iterable[Path]) -> InputMissing:
     cure = f"number the frames, as in {Path(names[0]).stem}.0001.exr" if names else None
     found = ", ".join(names)
     if not names:
+        below = sequences_below(folder)
+        if below:
+            return only_below(folder, below)
         others = sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in PICTURES)
         found = f"no EXR, but {others[0]}" if others else "nothing"
         cure = "convert the frames to OpenEXR, with .exr in small letters" if others else None

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import msgspec
 
-from cltaa.errors import StorageError
+from cltaa.errors import StorageError, room_cure
 from cltaa.file_content import read_text
 from cltaa.kernel_files import code_sha256
 from cltaa.sources import Sequence
@@ -74,8 +74,8 @@ class Record:
             with path.open(mode, encoding="utf-8") as stream:
                 stream.writelines(f"{line}\n" for line in lines)
         except OSError as error:
-            cure = "free some space and run again"
-            raise StorageError(f"a trial cannot be kept: {error.strerror}", path=path, cure=cure) from error
+            what = f"a trial cannot be kept: {error.strerror}"
+            raise StorageError(what, path=path, cure=room_cure(error)) from error
 
 
 def _trials(path: Path, key: str) -> list[Trial]:

@@ -20,7 +20,7 @@ from typing import Any
 
 from cltaa import __version__
 from cltaa.atomic import atomic_path, make_folder, remove_stale_temporaries
-from cltaa.errors import DataError, StorageError, UsageError
+from cltaa.errors import DataError, StorageError, UsageError, room_cure
 from cltaa.file_content import read_text
 from cltaa.manifest import LARGEST_RECORD, file_sha256
 
@@ -182,7 +182,8 @@ class Manifest:
             try:
                 temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
             except OSError as error:
-                raise StorageError(f"writing failed: {error.strerror}", path=path, cure="free some space") from error
+                what = f"writing failed: {error.strerror}"
+                raise StorageError(what, path=path, cure=room_cure(error)) from error
         self._saved = time.monotonic()
 
     def _key(self, path: Path) -> str:

@@ -20,6 +20,7 @@ from cltaa.frames import Image
 from cltaa.metrics import DEFAULT_METRICS, METRICS, Metric, flip_map, mean, measure, parse_metrics
 from cltaa.printable import json_of, shown
 from cltaa.progress import track
+from cltaa.same_scene import doubts
 from cltaa.streams import read_ahead
 from cltaa.video_scores import SCORES, VideoScores
 
@@ -74,10 +75,15 @@ def compare(
 
     Heat maps run from black over red and yellow to white; they show FLIP where it is among the metrics, else the
     absolute difference on the display.
+
+    Where headers or records say that A and B show different things, that is said on standard error, as a warning.
     """
     shown = parse_metrics(metric_names)
     metrics = tuple(dict.fromkeys((*shown, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
     comparison = pair_up(test, reference, None if frames is None else _parse_range(frames), verify=verify)
+    warnings = doubts(comparison)
+    for warning in warnings:
+        click.echo(f"cltaa: warning: {warning}", err=True)
     if heatmap is not None:
         make_folder(heatmap)
     video = _video_scores(comparison, stops) if in_time else None
@@ -88,6 +94,7 @@ def compare(
         "stops": stops,
     }
     result |= _summary(comparison, rows, metrics, stops)
+    result["warnings"] = warnings
     if video is not None:
         names = ("video", "video_one_sample")
         result["definitions"] |= {score.name: score.title for score in SCORES}

@@ -10,7 +10,7 @@ from pathlib import Path
 from cltaa.errors import DataError, InputMissing
 from cltaa.exr_layout import Layout
 from cltaa.inputs.declared import Declared, declared_frames
-from cltaa.inputs.parts import read_any_header
+from cltaa.inputs.parts import FileHeader, read_any_header
 from cltaa.inputs.profile import Profile, load_profile, profile_names
 from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import Roles, assign, describe, equal_matches, file_sets, shown_name
@@ -85,6 +85,7 @@ def open_intake(
     around = [number for number in there if numbers[0] - late <= number <= numbers[-1] + late]
     headers = {number: read_any_header(main[number]) for number in around}
     layouts = {number: headers[number].layout for number in numbers}
+    _refuse_whole_numbers(first, roles)
     for number, layout in layouts.items() if on_resize is OnBreak.ERROR else ():
         check_size(layout, layouts[numbers[0]], number)
     given = {number: header.attributes for number, header in headers.items()}
@@ -105,6 +106,17 @@ def _refuse_gaps(main: Mapping[int, Path], read: Many[Mapping[int, Path]], frame
         for files in read:
             if number not in files:
                 raise frame_missing(renumbered(next(iter(files.values())), number), number)
+
+
+def _refuse_whole_numbers(headers: Mapping[str, FileHeader], roles: Roles) -> None:
+    """Raise DataError where a channel that is to be read as light, depth or motion holds whole numbers."""
+    for place in (place for places in roles.values() for place in places):
+        layout = headers[place.files].layout
+        if layout.channels[place.channel] == "uint":
+            raise DataError(
+                "wrong channel type", path=layout.path, channel=place.channel, expected="half or float", found="uint",
+                cure="write it as 32-bit float",
+            )  # fmt: skip
 
 
 def _side_of(path: Path, numbers: Many[int]) -> dict[int, Side]:
@@ -143,7 +155,10 @@ def _no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]]
     there = [name for names in channels.values() for name in names]
     found = " ".join(there)
     grey = LUMINANCE if LUMINANCE in there else there[0] if len(there) == 1 else None
-    example = " ".join([grey] * 3) if grey else "R G B"  # of a picture in greys one channel is all three
+    reds = sorted((name for name in there if name.endswith(".R")), key=len)
+    example = " ".join(f"{reds[0][:-1]}{c}" for c in "RGB") if reds else "R G B"
+    if grey:  # of a picture in greys one channel is all three
+        example = " ".join([grey] * 3)
     cure = f"name them: --input colour.channels='{example}'"
     expected = " or ".join(profile.colour.channels)
     return DataError("no colour channels", path=folder, expected=expected, found=found, cure=cure)

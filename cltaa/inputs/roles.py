@@ -7,6 +7,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import NamedTuple
 
+from cltaa.below import captures_below, only_below
 from cltaa.errors import DataError, InputMissing
 from cltaa.inputs.profile import Profile
 from cltaa.manifest import NAME as MANIFEST
@@ -29,10 +30,13 @@ def file_sets(folder: Path) -> dict[str, dict[int, Path]]:
     """The numbered files of a folder and its subfolders by name: ``beauty.0001.exr`` or ``beauty/x.0001.exr``.
 
     Subfolders with truth are left out, and those that a resolve wrote: what came of a sequence is no part of it.
-    Raises InputMissing where there is none.
+    Raises InputMissing where there is none, or none but captures in folders of their own.
     """
     if not folder.is_dir():
         raise InputMissing("the folder is missing", path=folder, cure="check the name")
+    captures = captures_below(folder)
+    if captures and not any(folder.glob("*.exr")):
+        raise only_below(folder, captures)
     sets: dict[str, dict[int, Path]] = {}
     files = sorted([*folder.glob("*.exr"), *(path for path in folder.glob("*/*.exr") if _is_input(path.parent))])
     for path in files:

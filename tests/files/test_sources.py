@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cltaa.cli import main
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.exr import read_image, write_frame, write_image
 from cltaa.frames import Effect
+from cltaa.inputs.opening import open_input
 from cltaa.manifest import Entry, Manifest, file_sha256
 from cltaa.sources import open_images, open_sequence
 from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_images, write_sequence
@@ -111,6 +113,20 @@ def test_missing_empty_and_wrong_folders(tmp_path: Path, monkeypatch: pytest.Mon
 
     monkeypatch.setattr(Path, "iterdir", refuse)
     assert "cannot be read: Permission denied" in refusal(tmp_path, InputMissing)
+
+
+def test_a_folder_above_sequences_names_them(tmp_path: Path) -> None:
+    """Also where a single one lies there: its channels are none of the folder's above."""
+    write_sequence(tmp_path / "shots" / "b", 2, reference=True)
+    for command in (["inspect"], ["check"], ["compare"], ["resolve", "-o", str(tmp_path / "out"), "--device", "numpy"]):
+        assert main([*command, str(tmp_path / "shots")]) == 66
+    write_sequence(tmp_path / "shots" / "a", 2, reference=True)
+    (tmp_path / "shots" / "more" / "c").mkdir(parents=True)
+    (tmp_path / "shots" / "more" / "c" / "sequence.json").write_text("{}")
+    said = refusal(tmp_path / "shots", InputMissing)
+    assert f"sequences below it (found a, b, more/c); name one of them, such as {tmp_path}/shots/a" in said
+    with pytest.raises(InputMissing, match=r"below it \(found a, b\)"):
+        open_input(tmp_path / "shots")
 
 
 def test_sizes_that_differ(tmp_path: Path) -> None:

@@ -216,6 +216,23 @@ def test_no_colour_names_what_is_there(tmp_path: Path) -> None:
         open_intake(tmp_path)
 
 
+def test_no_colour_of_a_stereo_picture_is_told_with_its_own_names(tmp_path: Path) -> None:
+    planes: dict[str, Pixels] = {
+        f"ViewLayer.Combined.{eye}.{c}": np.ones((2, 3), np.float32) for eye in ("left", "right") for c in "RGB"
+    }
+    write_image(tmp_path / "shot.0001.exr", planes, {"Software": "Blender 4.2"})
+    names = "ViewLayer.Combined.left.R ViewLayer.Combined.left.G ViewLayer.Combined.left.B"
+    with pytest.raises(DataError, match=rf"--input colour.channels='{names}'"):
+        read(tmp_path)
+    assert len(read(tmp_path, f"colour.channels={names}")) == 1
+
+
+def test_whole_numbers_are_no_light(tmp_path: Path) -> None:
+    write_image(tmp_path / "shot.0001.exr", {c: np.full((2, 3), 200, np.uint32) for c in "RGB"})
+    with pytest.raises(DataError, match=r"channel R: wrong channel type \(expected half or float, found uint\)"):
+        read(tmp_path)
+
+
 def test_a_picture_in_greys_beside_its_depth_is_told_how_it_is_read(tmp_path: Path) -> None:
     write_image(tmp_path / "a.0001.exr", {name: np.ones((4, 4), np.float32) for name in "YZ"})
     with pytest.raises(DataError, match=r"found Y Z\); name them: --input colour.channels='Y Y Y'"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,12 @@ from PIL import Image as Pillow
 
 from cltaa.cli import main
 from cltaa.equal_quality import equal_quality_samples
+from cltaa.exr import write_frame
+from cltaa.manifest import file_sha256
 from cltaa.metrics import light_mse, mean, measure
 from cltaa.sources import open_images, open_sequence
 from cltaa.video_scores import VideoScores
-from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_images, write_sequence
+from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame, write_images, write_sequence
 
 
 @pytest.fixture
@@ -181,3 +184,35 @@ def test_nan_in_an_image_is_named(capsys: pytest.CaptureFixture[str], capture: P
     assert main(["compare", str(folder), str(capture)]) == 65
     error = capsys.readouterr().err.splitlines()[-1]
     assert "image.0001.exr frame 1: 1 values of the image are NaN or infinite" in error
+
+
+def warnings(capsys: pytest.CaptureFixture[str], *arguments: Path) -> list[str]:
+    assert main(["compare", *map(str, arguments), "--metrics", "mse", "--json"]) == 0
+    captured = capsys.readouterr()
+    said = [line for line in captured.err.splitlines() if "warning: " in line]
+    told: list[str] = json.loads(captured.out)["warnings"]
+    assert said == [f"cltaa: warning: {warning}" for warning in told]
+    return told
+
+
+def test_another_scene_is_told_by_what_files_say(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """By names, then cameras, then what a result was made from; never by pixels, and nothing where nothing is known."""
+    made = write_sequence(tmp_path / "made", 2, reference=True)
+    other_seed = write_sequence(tmp_path / "seed", 2, reference=True, seed=1)
+    for folder in (made, other_seed):
+        files = {path.name: file_sha256(path) for path in sorted(folder.glob("*.exr"))}
+        (folder / "sequence.json").write_text(json.dumps({"files": files}))
+    frames = [make_frame(index, camera=make_camera((9.0, index, 5.0))) for index in range(2)]
+    for name, scene in (("moved", "synthetic"), ("elsewhere", "spinner")):
+        (tmp_path / name).mkdir()
+        for frame in frames:
+            write_frame(tmp_path / name / f"synthetic.{frame.index:04d}.exr", replace(frame, scene=scene))
+    assert main(["resolve", str(made), "-o", str(tmp_path / "resolved"), "--device", "numpy"]) == 0
+    capsys.readouterr()
+    resolved = tmp_path / "resolved"
+    assert warnings(capsys, resolved, made) == []
+    assert warnings(capsys, made) == []
+    assert warnings(capsys, resolved, made / "reference") == []
+    assert warnings(capsys, tmp_path / "elsewhere", made) == ["A shows scene spinner and B scene synthetic"]
+    assert warnings(capsys, tmp_path / "moved", made) == ["A and B are seen by different cameras in frame 0"]
+    assert "resolved from other frames than those of B" in warnings(capsys, resolved, other_seed)[0]
