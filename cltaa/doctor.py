@@ -16,6 +16,7 @@ from pathlib import Path
 import msgspec
 
 from cltaa import kernel_cache
+from cltaa.errors import UsageError
 
 # A cold build of every kernel takes about 10 s on one core, 60 s on one that ten others want too; far beyond that a
 # probe hangs.
@@ -88,6 +89,8 @@ def probe(name: str, serves: str, cure: str, *arguments: str) -> Finding:
     if child.returncode:
         # The last line is the error; a driver that aborts says why in its own words.
         said = [line for line in child.stderr.splitlines() if line.strip()] or [f"ended with {child.returncode}"]
+        if child.returncode == UsageError.exit_code:  # of a probe: a Python package is missing, and no driver's fault
+            cure = PACKAGES_CURE
         return Finding(name, serves, ok=False, found=said[-1].removeprefix("cltaa: error: "), cure=cure)
     answer = json.loads(child.stdout.splitlines()[-1])
     if isinstance(answer, str):

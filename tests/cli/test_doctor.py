@@ -56,6 +56,15 @@ def test_a_probe_that_fails_gives_its_last_line_and_the_cure() -> None:
     assert finding == doctor.Finding("x", "resolve", ok=False, found="KeyError: 'nonsuch'", cure="do this")
 
 
+def test_the_cure_for_a_missing_package_is_to_install_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "trimesh.py").write_text("raise ModuleNotFoundError(\"No module named 'trimesh'\", name='trimesh')\n")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+    finding = doctor.probe("capture on OSMesa", "capture", doctor.OSMESA_CURE, "capture", "osmesa")
+    assert not finding.ok
+    assert "the Python package trimesh is not installed" in finding.found
+    assert finding.cure == doctor.PACKAGES_CURE
+
+
 def test_only_what_hurts_is_marked_as_such() -> None:
     egl = doctor.Finding("capture on EGL", "capture", ok=False, found="no libEGL")
     assert not doctor.Diagnosis(capture=True, resolve=False, findings=[egl]).hurts(egl)
