@@ -20,6 +20,7 @@ from cltaa.buffers import Buffers
 from cltaa.constants import PAD_X, PAD_Y
 from cltaa.errors import ResourceError, UsageError
 from cltaa.file_content import memory_limit
+from cltaa.frame_checks import check_frame
 from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame, Image
 from cltaa.launch import Buffer, DeviceLauncher, storage_dtype
@@ -29,7 +30,7 @@ from cltaa.params import HistoryOf
 from cltaa.presets import Preset
 from cltaa.resolve import Resolver, Times
 from cltaa.sources import Sequence
-from cltaa.upload import check_shapes, upload
+from cltaa.upload import upload
 
 BAND_ROWS = 512  # 400 MB of band at 16384 columns
 
@@ -120,7 +121,7 @@ class BandedResolver(Resolver):
 
     def resolve(self, frame: Frame) -> Image:
         """The resolved colour of ``frame`` as ``Resolver.resolve`` gives it, in the frame's own memory."""
-        check_shapes(frame)
+        check_frame(frame)
         started = perf_counter()
         previous, build = self._begin(frame)
         buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)

@@ -14,11 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from cltaa.errors import DataError
+from cltaa.frame_checks import check_camera, check_numbers
 from cltaa.frames import Camera, Effect, Frame, Matrix, format_effects, parse_effects
-
-INVERSE_TOLERANCE = 1e-6  # largest |M inv(M) - I|; a sound camera 10^6 m from the origin stays below 1e-9
-LARGEST_JITTER = 2.0  # pixels; beyond it the number is no sub-pixel offset but another unit
-EXPOSURE_STOPS = 32.0  # largest |log2(exposure)|; from starlight to the sun's disc is about 30 stops
 
 # World to camera of the EXR standard is left-handed with +z the viewing direction; OpenGL views along -z.
 _FLIP_Z = np.diag([1.0, 1.0, -1.0, 1.0])
@@ -31,7 +28,7 @@ def frame_attributes(frame: Frame) -> dict[str, object]:
     """Return the attributes of a frame's header; raises DataError for matrices or numbers that mean nothing."""
     view, clip = frame.camera.world_to_view, frame.camera.view_to_clip
     check_camera(frame.camera, path=frame.path, frame=frame.index)
-    _check_numbers(frame.jitter_px, frame.exposure, path=frame.path, frame=frame.index)
+    check_numbers(frame.jitter_px, frame.exposure, path=frame.path, frame=frame.index)
     standard = {"worldToCamera": _FLIP_Z @ view, "worldToNDC": _CLIP_TO_NDC @ clip @ view}
     if max(float(np.abs(matrix).max()) for matrix in standard.values()) > np.finfo(np.float32).max:
         cure = "move the scene nearer to the origin"
@@ -65,7 +62,7 @@ class FrameHeader:
         jitter = self._numbers("cltaa:jitterPx", (2,))
         self.jitter_px = (float(jitter[0]), float(jitter[1]))
         self.exposure = self._exposure()
-        _check_numbers(self.jitter_px, self.exposure, path=path, frame=self.index)
+        check_numbers(self.jitter_px, self.exposure, path=path, frame=self.index)
         self.camera = Camera(
             world_to_view=np.ascontiguousarray(self._numbers("cltaa:worldToView", (4, 4)).T),
             view_to_clip=np.ascontiguousarray(self._numbers("cltaa:viewToClip", (4, 4)).T),
@@ -125,60 +122,3 @@ def frame_number(path: Path) -> int | None:
     """Return the number in ``<name>.<frame>.exr``, or None where the name holds none."""
     match = _FRAME_NUMBER.fullmatch(path.stem)
     return int(match[1]) if match else None
-
-
-def check_camera(camera: Camera, *, path: Path | None = None, frame: int | None = None) -> None:
-    """Raise DataError unless both matrices are finite, invertible, right-handed and look along -z.
-
-    The last row of the projection must give w = distance along the view axis (perspective) or w = 1 (orthographic):
-    that is positive for every point in front, and false for a matrix that was transposed by mistake.
-    """
-    for name, matrix in (("worldToView", camera.world_to_view), ("viewToClip", camera.view_to_clip)):
-        attribute = f"matrix cltaa:{name}"
-        if matrix.shape != (4, 4):
-            raise DataError(f"{attribute} is no 4 x 4 matrix", path=path, frame=frame, found=list(matrix.shape))
-        if not np.isfinite(matrix).all():
-            raise DataError(f"{attribute} holds NaN or infinity", path=path, frame=frame, cure="write the frame again")
-        error = _inverse_error(matrix)
-        if not error < INVERSE_TOLERANCE:
-            expected, found = f"|M inv(M) - I| < {INVERSE_TOLERANCE:g}", f"{error:.3g}"
-            raise DataError(f"{attribute} cannot be inverted", path=path, frame=frame, expected=expected, found=found)
-    view, clip = camera.world_to_view, camera.view_to_clip
-    _check_row("worldToView", view[3], ([0, 0, 0, 1],), path, frame)
-    _check_row("viewToClip", clip[3], ([0, 0, -1, 0], [0, 0, 0, 1]), path, frame)
-    if np.linalg.det(view[:3, :3]) < 0:
-        raise DataError(
-            "matrix cltaa:worldToView mirrors the world", path=path, frame=frame,
-            expected="right-handed view space, -z forward", cure="flip its z row",
-        )  # fmt: skip
-
-
-def _check_row(name: str, row: Matrix, allowed: tuple[list[int], ...], path: Path | None, frame: int | None) -> None:
-    if not any(np.abs(row - expected).max() < INVERSE_TOLERANCE for expected in allowed):
-        expected = " or ".join(" ".join(map(str, numbers)) for numbers in allowed)
-        raise DataError(
-            f"matrix cltaa:{name} has a wrong last row", path=path, frame=frame, expected=expected,
-            found=" ".join(f"{number:g}" for number in row), cure="check whether it is transposed",
-        )  # fmt: skip
-
-
-def _inverse_error(matrix: Matrix) -> float:
-    try:
-        return float(np.abs(matrix @ np.linalg.inv(matrix) - np.eye(4)).max())
-    except np.linalg.LinAlgError:
-        return float("inf")
-
-
-def _check_numbers(
-    jitter_px: tuple[float, float], exposure: float, *, path: Path | None = None, frame: int | None = None
-) -> None:
-    if not all(abs(component) <= LARGEST_JITTER for component in jitter_px):  # also false for NaN
-        raise DataError(
-            "attribute cltaa:jitterPx is no jitter", path=path, frame=frame,
-            expected=f"two numbers of at most {LARGEST_JITTER:g} pixels", found=jitter_px,
-        )  # fmt: skip
-    if not 2.0**-EXPOSURE_STOPS <= exposure <= 2.0**EXPOSURE_STOPS:
-        raise DataError(
-            "attribute cltaa:exposure is no exposure", path=path, frame=frame,
-            expected=f"a positive factor within {EXPOSURE_STOPS:g} stops of 1", found=exposure,
-        )  # fmt: skip

@@ -7,14 +7,14 @@ from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import TYPE_CHECKING, Any, Protocol
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.build import Build, Storage, span_planes
 from cltaa.constants import SPANS
-from cltaa.filters import HistoryFilter
 from cltaa.layout import Layout
-from cltaa.params import HistoryOf, LightChange, Rectify, Reject
+from cltaa.params import HistoryFilter, HistoryOf, LightChange, Rectify, Reject
 
 if TYPE_CHECKING:
     from cltaa.program import Kernel
@@ -74,8 +74,6 @@ class DeviceLauncher:
 
     def build(self, plan_build: Build) -> Build:
         """The build as this device's shape has it, unless it states lanes or rows of its own."""
-        import msgspec
-
         shape = self.device.shape
         lanes, rows = plan_build.lanes or shape.lanes, plan_build.rows or shape.rows
         fits = {"registers": _registers(shape, plan_build), "columns_ahead": shape.columns_ahead}
@@ -91,7 +89,6 @@ class DeviceLauncher:
 
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
         """Enqueue a kernel; it runs in the order of the queue. Raises DeviceLost."""
-
         from cltaa.device import device_errors
         from cltaa.program import source_hash
 
@@ -112,8 +109,6 @@ class DeviceLauncher:
 
         Rows that were not asked for are then those that fill the device evenly.
         """
-        import msgspec
-
         shape, rows = self.device.shape, build.rows
         if kernel != "resolve" or not shape.one_size:
             return build
@@ -237,7 +232,9 @@ def run_spans(
     launcher.run("weigh_spans", build, layout, {**named, **given})
 
 
-def launcher_for(wish: str | None) -> Launcher:
-    """The launcher for ``--device`` or CLTAA_DEVICE: ``numpy``, or a wish that ``device.choose_device`` understands."""
-    wish = wish or os.environ.get(WISH)
+def launcher_for(device: str | int | Launcher | None) -> Launcher:
+    """A launcher as it is, or that of ``--device`` or CLTAA_DEVICE: ``numpy``, or a wish for ``choose_device``."""
+    if device is not None and not isinstance(device, str | int):
+        return device
+    wish = str(device) if isinstance(device, int) else device or os.environ.get(WISH)
     return NumpyLauncher() if wish == "numpy" else DeviceLauncher(wish)

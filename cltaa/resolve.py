@@ -10,8 +10,8 @@ import msgspec
 
 from cltaa.buffers import Buffers, LastRun
 from cltaa.build import HALVES, Build, Real, Record, Steps, Storage, Terms, edge_builds, settings_record, shared
-from cltaa.frame_record import Past as Past
-from cltaa.frame_record import frame_record as frame_record
+from cltaa.frame_checks import check_frame
+from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame, Image
 from cltaa.kept_frames import KeptFrames
 from cltaa.kernel_files import code_sha256
@@ -20,7 +20,7 @@ from cltaa.layout import Layout
 from cltaa.params import HistoryOf, LightChange
 from cltaa.planning import Plan, plan_frame, recursive
 from cltaa.presets import Preset, load_preset
-from cltaa.upload import check_shapes, upload
+from cltaa.upload import upload
 
 
 class Times(NamedTuple):
@@ -34,17 +34,18 @@ class Times(NamedTuple):
 class Resolver:
     """Accumulates a sequence frame by frame.
 
-    ``preset`` is a name or a Preset; ``device`` is None (first OpenCL device), a part of a device's name, its index, or
-    ``numpy``; ``strict`` builds kernels that match the NumPy oracle bit for bit; ``real`` and ``storage`` are the
-    numbers that they compute with and keep the history in; ``relaxed`` lets the compiler leave guards out, only to time
-    what that would gain; ``every_step`` runs also the steps that no frame calls for.
+    ``preset`` is a name or a Preset; ``device`` is None (first OpenCL device), a part of a device's name, its index,
+    ``numpy``, or a launcher to share; ``strict`` builds kernels that match the NumPy oracle bit for bit; ``real`` and
+    ``storage`` are the numbers that they compute with and keep the history in; ``lanes`` and ``rows`` are the pixels
+    side by side and one below the other that a work-item resolves (0: what suits the device); ``relaxed`` lets the
+    compiler leave guards out, only to time what that would gain; ``every_step`` runs steps too that no frame calls for.
     A cut, a gap in the frame numbers or a change of size starts a new history.
     """
 
     def __init__(
         self,
         preset: str | Preset = "default",
-        device: str | Launcher | None = None,
+        device: str | int | Launcher | None = None,
         *,
         strict: bool = False,
         relaxed: bool = False,
@@ -57,7 +58,7 @@ class Resolver:
         self.every_step = every_step
         self.preset = load_preset(preset) if isinstance(preset, str) else preset
         self._device = device
-        self.launcher = launcher_for(device) if device is None or isinstance(device, str) else device
+        self.launcher = launcher_for(device)
         self._shape = Build(strict=strict, relaxed=relaxed, storage=storage, real=real, lanes=lanes, rows=rows)
         self._buffers: Buffers | None = None
         self._kept: KeptFrames | None = None
@@ -87,8 +88,7 @@ class Resolver:
     def reopen(self) -> None:
         """Open the device again after it was lost, without a history; raises what opening it raises."""
         self._buffers, self._kept, self._previous = None, None, None
-        if self._device is None or isinstance(self._device, str):
-            self.launcher = launcher_for(self._device)
+        self.launcher = launcher_for(self._device)
 
     def recurrent(self) -> tuple[Past, dict[str, Buffer]]:
         """What the next frame depends on: facts about the last one, and the memory that holds its result.
@@ -128,9 +128,9 @@ class Resolver:
     def resolve(self, frame: Frame) -> Image:
         """The resolved colour of ``frame``, [H, W, 3] float32, or [H, W, 4] where the frame has alpha.
 
-        Raises DataError where colour, depth or another channel differ in size.
+        Raises DataError where ``cltaa.frame_checks`` finds a frame wrong: channels, camera, jitter, exposure, effects.
         """
-        check_shapes(frame)
+        check_frame(frame)
         started = perf_counter()
         previous, build = self._begin(frame)
         buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)

@@ -62,7 +62,7 @@ class SequencePlan(msgspec.Struct, kw_only=True):
 def plan(
     sequence: Sequence,
     preset: str | Preset = "default",
-    device: str | Launcher | None = None,
+    device: str | int | Launcher | None = None,
     *,
     effects: Effects = "auto",
     rounds: int = ROUNDS,

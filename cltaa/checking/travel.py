@@ -13,7 +13,7 @@ from cltaa.checking.gains import regress
 from cltaa.checking.shots import Pair, Shot
 from cltaa.checking.signal import Vector
 from cltaa.errors import DataError
-from cltaa.exr_attributes import check_camera
+from cltaa.frame_checks import check_camera
 from cltaa.frames import Camera, Frame
 
 MOST_PAIRS, MOST_POINTS = 6, 8000  # looked at for each of a dozen meanings; more only cost time

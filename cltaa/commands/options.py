@@ -11,7 +11,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from cltaa.errors import UsageError, known
-from cltaa.exr_attributes import EXPOSURE_STOPS
+from cltaa.frame_checks import EXPOSURE_STOPS
 from cltaa.frames import Effect, parse_effects
 
 Command = Callable[..., Any]

@@ -13,8 +13,8 @@ import msgspec
 import numpy as np
 
 from cltaa.errors import DataError
-from cltaa.exr_attributes import check_camera
 from cltaa.exr_channels import Pixels
+from cltaa.frame_checks import check_camera
 from cltaa.frames import Camera, Effect, Frame, Image
 from cltaa.inputs.convert import linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.intake import Intake, intake_lines

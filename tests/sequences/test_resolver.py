@@ -138,6 +138,36 @@ def test_what_is_no_picture_is_told_before_it_is_resolved(name: str, spoilt: Cal
         Resolver(device="numpy").resolve(replace(frame, **{name: spoilt(getattr(frame, name))}))
 
 
+@pytest.mark.parametrize(
+    ("changes", "found"),
+    [
+        (
+            {"camera": Camera(np.eye(4), make_camera().view_to_clip.T)},
+            "frame 1: matrix cltaa:viewToClip has a wrong",
+        ),
+        ({"camera": Camera(np.full((4, 4), np.nan), make_camera().view_to_clip)}, "cltaa:worldToView holds NaN"),
+        ({"camera": Camera(np.eye(3), make_camera().view_to_clip)}, r"is no 4 x 4 matrix \(found \[3, 3\]\)"),
+        ({"camera": Camera([[1.0]], make_camera().view_to_clip)}, r"is no 4 x 4 matrix \(found list\)"),  # type: ignore[arg-type]
+        ({"jitter_px": (40.0, 0.0)}, r"no jitter \(expected two numbers of at most 2 pixels, found \(40.0, 0.0\)\)"),
+        ({"jitter_px": (0.1, 0.2, 0.3)}, "no jitter"),
+        ({"exposure": 0.0}, "cltaa:exposure is no exposure"),
+        ({"effects": ["camera"]}, "effects are no set .*found list"),
+        ({"effects": {"moton"}}, "unknown effect moton; did you mean motion?"),
+    ],
+)
+def test_what_a_program_says_of_a_frame_is_checked_as_what_a_file_says(changes: dict[str, Any], found: str) -> None:
+    resolver = Resolver(device="numpy")
+    resolver.resolve(still_frame(0))
+    with pytest.raises(DataError, match=found):
+        resolver.resolve(still_frame(1, **changes))
+
+
+def test_a_device_may_be_named_by_its_number_and_a_launcher_shared() -> None:
+    first = Resolver(device=0)
+    assert Resolver(device="0").launcher.description == first.launcher.description
+    assert Resolver(device=first.launcher).launcher is first.launcher
+
+
 def test_frames_and_sequences_are_told_in_a_line(tmp_path: Path) -> None:
     assert repr(make_frame(3, motion=True, cut=True)) == "Frame(3: 37 x 23, colour depth motion, cut)"
     sequence = open_sequence(write_sequence(tmp_path / "a", 2))

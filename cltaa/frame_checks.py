@@ -1,0 +1,148 @@
+"""What must hold of a frame before anything is worked out from it, whether a file's reader made it or a program."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from cltaa.constants import PAD_X, PAD_Y
+from cltaa.errors import DataError, known
+from cltaa.frames import Camera, Effect, Frame, Matrix
+from cltaa.layout import Layout
+
+# Kernels count the texels of a plane in 32 bits, and steps from one to another in 31.
+MOST_TEXELS = 2**31 - 1
+OPTIONAL = ("motion", "alpha", "reactive")  # channels that a frame need not have
+INVERSE_TOLERANCE = 1e-6  # largest |M inv(M) - I|; a sound camera 10^6 m from the origin stays below 1e-9
+LARGEST_JITTER = 2.0  # pixels; beyond it the number is no sub-pixel offset but another unit
+EXPOSURE_STOPS = 32.0  # largest |log2(exposure)|; from starlight to the sun's disc is about 30 stops
+_EFFECTS = frozenset(Effect)
+
+
+def check_frame(frame: Frame) -> None:
+    """Raise DataError for a frame that cannot be resolved: channels, camera, jitter, exposure, names of effects."""
+    check_channels(frame)
+    check_camera(frame.camera, path=frame.path, frame=frame.index)
+    check_numbers(frame.jitter_px, frame.exposure, path=frame.path, frame=frame.index)
+    _check_effects(frame)
+
+
+def check_channels(frame: Frame) -> None:
+    """Raise DataError where a channel holds no floats, channels differ in size, or a plane is too large to count."""
+    _check_floats(frame)
+    size = (*frame.colour.shape[:2], 1, 1)[:2]  # of fewer axes too, to say that the shape is wrong
+    if Layout(size[1], size[0]).plane > MOST_TEXELS:
+        raise DataError(
+            "the image is too large",
+            path=frame.path,
+            frame=frame.index,
+            expected=f"at most {MOST_TEXELS} texels, the halo of {PAD_X} columns and {PAD_Y} rows a side included",
+            found=f"{size[1]} x {size[0]}",
+            cure="resolve it in parts",
+        )
+    expected = {"colour": (*size, 3), "depth": size, "motion": (*size, 2), "alpha": size, "reactive": size}
+    for name, shape in expected.items():
+        array = getattr(frame, name)
+        if array is not None and (array.shape != shape or 0 in shape):
+            raise DataError(
+                f"{name} has the wrong shape",
+                path=frame.path,
+                frame=frame.index,
+                expected=shape if 0 not in shape else "at least one pixel",
+                found=array.shape,
+                cure="all channels of a frame share one size",
+            )
+
+
+def _check_floats(frame: Frame) -> None:
+    for name in ("colour", "depth", *OPTIONAL):
+        array: object = getattr(frame, name)
+        if array is None and name in OPTIONAL:
+            continue
+        if not isinstance(array, np.ndarray) or array.dtype.kind != "f":
+            raise DataError(
+                f"{name} is no array of floats",
+                path=frame.path,
+                frame=frame.index,
+                expected="float32",
+                found=array.dtype if isinstance(array, np.ndarray) else type(array).__name__,
+                cure="bytes of a picture are no linear light: decode them first" if name == "colour" else None,
+            )
+
+
+def _check_effects(frame: Frame) -> None:
+    if frame.effects is None:
+        return
+    if not isinstance(frame.effects, set | frozenset):
+        raise DataError(
+            "effects are no set", path=frame.path, frame=frame.index, expected="frozenset of cltaa.Effect, or None",
+            found=type(frame.effects).__name__,
+        )  # fmt: skip
+    for name in frame.effects - _EFFECTS:
+        cure = known(str(name), Effect, "effects")
+        raise DataError(f"unknown effect {name}", path=frame.path, frame=frame.index, cure=cure)
+
+
+def check_camera(camera: Camera, *, path: Path | None = None, frame: int | None = None) -> None:
+    """Raise DataError unless both matrices are finite, invertible, right-handed and look along -z.
+
+    The last row of the projection must give w = distance along the view axis (perspective) or w = 1 (orthographic):
+    that is positive for every point in front, and false for a matrix that was transposed by mistake.
+    """
+    for name, matrix in (("worldToView", camera.world_to_view), ("viewToClip", camera.view_to_clip)):
+        attribute = f"matrix cltaa:{name}"
+        if not isinstance(matrix, np.ndarray) or matrix.shape != (4, 4):
+            raise DataError(f"{attribute} is no 4 x 4 matrix", path=path, frame=frame, found=_kind(matrix))
+        if not np.isfinite(matrix).all():
+            raise DataError(f"{attribute} holds NaN or infinity", path=path, frame=frame, cure="write the frame again")
+        error = _inverse_error(matrix)
+        if not error < INVERSE_TOLERANCE:
+            expected, found = f"|M inv(M) - I| < {INVERSE_TOLERANCE:g}", f"{error:.3g}"
+            raise DataError(f"{attribute} cannot be inverted", path=path, frame=frame, expected=expected, found=found)
+    view, clip = camera.world_to_view, camera.view_to_clip
+    _check_row("worldToView", view[3], ([0, 0, 0, 1],), path, frame)
+    _check_row("viewToClip", clip[3], ([0, 0, -1, 0], [0, 0, 0, 1]), path, frame)
+    if np.linalg.det(view[:3, :3]) < 0:
+        raise DataError(
+            "matrix cltaa:worldToView mirrors the world", path=path, frame=frame,
+            expected="right-handed view space, -z forward", cure="flip its z row",
+        )  # fmt: skip
+
+
+def _check_row(name: str, row: Matrix, allowed: tuple[list[int], ...], path: Path | None, frame: int | None) -> None:
+    if not any(np.abs(row - expected).max() < INVERSE_TOLERANCE for expected in allowed):
+        expected = " or ".join(" ".join(map(str, numbers)) for numbers in allowed)
+        raise DataError(
+            f"matrix cltaa:{name} has a wrong last row", path=path, frame=frame, expected=expected,
+            found=" ".join(f"{number:g}" for number in row), cure="check whether it is transposed",
+        )  # fmt: skip
+
+
+def _inverse_error(matrix: Matrix) -> float:
+    try:
+        return float(np.abs(matrix @ np.linalg.inv(matrix) - np.eye(4)).max())
+    except np.linalg.LinAlgError:
+        return float("inf")
+
+
+def check_numbers(
+    jitter_px: tuple[float, float], exposure: float, *, path: Path | None = None, frame: int | None = None
+) -> None:
+    """Raise DataError unless the jitter is two numbers of a pixel or so and the exposure one that light can have."""
+    sound = np.shape(jitter_px) == (2,) and all(abs(component) <= LARGEST_JITTER for component in jitter_px)
+    if not sound:  # NaN too
+        raise DataError(
+            "attribute cltaa:jitterPx is no jitter", path=path, frame=frame,
+            expected=f"two numbers of at most {LARGEST_JITTER:g} pixels", found=jitter_px,
+        )  # fmt: skip
+    if not 2.0**-EXPOSURE_STOPS <= exposure <= 2.0**EXPOSURE_STOPS:
+        raise DataError(
+            "attribute cltaa:exposure is no exposure", path=path, frame=frame,
+            expected=f"a positive factor within {EXPOSURE_STOPS:g} stops of 1", found=exposure,
+        )  # fmt: skip
+
+
+def _kind(value: object) -> object:
+    """The shape of an array, and of anything else its type."""
+    return list(value.shape) if isinstance(value, np.ndarray) else type(value).__name__
