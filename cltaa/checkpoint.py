@@ -17,7 +17,8 @@ import msgspec
 import numpy as np
 
 from cltaa.atomic import atomic_path
-from cltaa.resolve import Past, Resolver
+from cltaa.frame_record import Past
+from cltaa.resolve import Resolver
 
 CHECKPOINT_EVERY = 32  # frames; what an interruption without a warning can cost
 SLOTS = (".checkpoint-0.npz", ".checkpoint-1.npz")

@@ -14,12 +14,13 @@ import numpy as np
 from cltaa.bench.timing import Job
 from cltaa.build import Build, Real, Storage, settings_record
 from cltaa.errors import InternalError
+from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame, Image
 from cltaa.launch import DeviceLauncher, storage_dtype
 from cltaa.layout import Layout
 from cltaa.params import Accumulate, Box, Choices, Dilation, HistoryOf, Rectify, Reject, Settings
 from cltaa.presets import Preset
-from cltaa.resolve import Past, Resolver, frame_record
+from cltaa.resolve import Resolver
 
 BASELINE = Preset(
     name="baseline",

@@ -11,9 +11,9 @@ from cltaa.bench.baseline import BASELINE
 from cltaa.build import Storage
 from cltaa.errors import DeviceMissing
 from cltaa.extras import import_extra
+from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame, Image
 from cltaa.layout import Layout
-from cltaa.resolve import Past, frame_record
 
 _FOLDER = resources.files("cltaa") / "bench"
 

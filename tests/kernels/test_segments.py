@@ -13,9 +13,8 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.build import Build, Steps, Storage
-from cltaa.filters import HistoryFilter
 from cltaa.launch import DeviceLauncher, NumpyLauncher, storage_dtype
-from cltaa.params import Choices, Reject
+from cltaa.params import Choices, HistoryFilter, Reject
 from tests.kernels.hard_planes import Planes, padded, storable
 from tests.kernels.stage_chain import Work, chain_work, differing, run_stage
 

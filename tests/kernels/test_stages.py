@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from cltaa.build import settings_record
+from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Effect
 from cltaa.launch import Buffer, DeviceLauncher
 from cltaa.presets import load_preset, override
-from cltaa.resolve import Past, Resolver, frame_record
+from cltaa.resolve import Resolver
 from tests.kernels.test_resolve import hard_frames
 from tests.sequence_factory import bits
 

@@ -11,12 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.build import Build, Steps, settings_record
+from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame
 from cltaa.launch import DeviceLauncher, Launcher
 from cltaa.layout import Layout
 from cltaa.params import Choices, HistoryFilter, Reject, Settings
 from cltaa.presets import load_preset, override
-from cltaa.resolve import Past, Resolver, frame_record
+from cltaa.resolve import Resolver
 from tests.kernels.hard_planes import padded
 from tests.kernels.stage_chain import Work, run_stage
 from tests.numerics.still_frames import CAMERA, UNIT_ROUNDOFF, grey, still_frame, unfiltered

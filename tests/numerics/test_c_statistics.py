@@ -10,10 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.build import Build, Steps, settings_record
+from cltaa.frame_record import Past, frame_record
 from cltaa.launch import DeviceLauncher, NumpyLauncher
 from cltaa.layout import Layout
 from cltaa.params import BoxSpace, Choices, Neighbourhood, Settings, Variance
-from cltaa.resolve import Past, Resolver, frame_record
+from cltaa.resolve import Resolver
 from tests.kernels.hard_planes import padded, tiles
 from tests.kernels.stage_chain import Work, run_stage
 from tests.numerics.still_frames import CAMERA, UNIT_ROUNDOFF, accumulator, grey, still_frame

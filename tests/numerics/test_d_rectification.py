@@ -9,11 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.build import Build, Steps, settings_record
+from cltaa.frame_record import Past, frame_record
 from cltaa.launch import DeviceLauncher
 from cltaa.layout import Layout
 from cltaa.params import Box, BoxSpace, Choices, Rectify, Settings
 from cltaa.presets import load_preset, override
-from cltaa.resolve import Past, Resolver, frame_record
+from cltaa.resolve import Resolver
 from tests.kernels.hard_planes import padded
 from tests.kernels.stage_chain import Work, run_stage
 from tests.numerics.still_frames import CAMERA, UNIT_ROUNDOFF, grey, still_frame

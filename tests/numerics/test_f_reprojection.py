@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from cltaa.build import Build, Steps, settings_record
 from cltaa.cameras import displacement
+from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Camera, Frame
 from cltaa.launch import DeviceLauncher, Launcher, NumpyLauncher
 from cltaa.layout import Layout
 from cltaa.params import Choices, Dilation, Settings
 from cltaa.presets import override
-from cltaa.resolve import Past, Resolver, frame_record
+from cltaa.resolve import Resolver
 from tests.kernels.hard_planes import padded
 from tests.kernels.stage_chain import Work, run_stage
 from tests.numerics.exact_cameras import displacement_of, orthographic, perspective, rotation, view_at

@@ -20,11 +20,10 @@ from cltaa.frames import Effect, Frame
 from cltaa.launch import Buffer, NumpyLauncher
 from cltaa.layout import Layout
 from cltaa.memory import device_bytes
-from cltaa.params import HistoryOf
+from cltaa.params import HistoryOf, Settings
 from cltaa.planning import plan_frame
 from cltaa.presets import Preset, load_preset, override
 from cltaa.resolve import Resolver
-from cltaa.settings import Settings
 from tests.kernels.test_resolve import differing, hard_frames
 from tests.sequence_factory import bits, make_camera, make_frame
 

@@ -11,12 +11,12 @@ from cltaa.build import Build, Steps, settings_record
 from cltaa.frame_record import frame_record
 from cltaa.frames import Camera, Effect, Frame
 from cltaa.layout import Layout
+from cltaa.params import Settings
 from cltaa.presets import Preset, load_preset, override
 from cltaa.reference.gather_sides import Layers, layers_of, side_of, sides_of, two_surfaces
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.planes import read_rows
 from cltaa.resolve import Resolver
-from cltaa.settings import Settings
 from tests.kernels.hard_planes import padded
 from tests.kernels.test_resolve import differing, hard_frames
 from tests.sequence_factory import make_camera, make_frame
