@@ -22,13 +22,19 @@ def kernel_names() -> list[str]:
     return sorted(path.stem for path in kernel_folder().glob("*.cl"))
 
 
+def deciding_files() -> list[Path]:
+    """The code that decides the bits of a result: kernels, the modules of this package, its readers and the twins."""
+    package = Path(__file__).resolve().parent
+    files = [*kernel_folder().rglob("*.cl"), *kernel_folder().rglob("*.h")]
+    for folder in (package, package / "inputs", package / "reference"):
+        files += folder.glob("*.py")
+    return files
+
+
 @cache
 def code_sha256() -> str:
-    """SHA-256 over the kernels and this package (its commands left out): other code may give other bits."""
-    package = Path(__file__).resolve().parent
-    files = [*kernel_folder().rglob("*.cl"), *kernel_folder().rglob("*.h"), *package.glob("*.py")]
-    files += (package / "reference").glob("*.py")
+    """SHA-256 over the ``deciding_files``: other code may give other bits."""
     digest = hashlib.sha256()
-    for path in sorted(files, key=lambda path: (path.parent.name, path.name)):
+    for path in sorted(deciding_files(), key=lambda path: (path.parent.name, path.name)):
         digest.update(f"{path.parent.name}/{path.name}".encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()
