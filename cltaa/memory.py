@@ -15,11 +15,11 @@ from cltaa.constants import SPANS
 from cltaa.launch import storage_dtype
 from cltaa.layout import Layout
 from cltaa.sources import Sequence
-from cltaa.streams import DEPTH, THREADS
+from cltaa.streams import AHEAD, BEHIND
 
 REAL = 4  # bytes of a float
-FRAMES = 1 + DEPTH  # in work, and those that are decoded or being decoded
-RESULTS = 1 + DEPTH  # just made, and those that wait to be written or are being written
+FRAMES = 1 + AHEAD  # in work, and those that are decoded or being decoded
+RESULTS = 1 + BEHIND  # just made, and those that wait to be written or are being written
 GROUP = 3  # planes of a group, which are decoded one by one and moved together when the packed file has gone
 # Blocks of the size of what it works on that each thread that packs or unpacks holds: packed, unpacked, between the
 # two. Seen with 2 and 16 threads of OpenEXR: 2.5 to 3.1.
@@ -66,7 +66,7 @@ class Memory(msgspec.Struct, frozen=True, kw_only=True):
     device: int
     frames: int
     results: int
-    reading: int  # for each frame that is being decoded the packed file or, after it, a group of planes
+    reading: int  # of frames that are being decoded the packed file or, after it, a group of planes: see ``of_resolve``
     packing: int  # what the threads that unpack hold of each file that is read, and those that pack
     program: int = PROGRAM
 
@@ -95,17 +95,19 @@ def of_resolve(
 ) -> Memory:
     """Memory of a resolve of frames in float ``channels``, whose packed files have ``file`` bytes.
 
-    ``chunk`` is what a chunk of such a file unpacks to. In bands one frame at a time is in memory, its result in its
-    place, and beside it the count of each pixel.
+    ``chunk`` is what a chunk of such a file unpacks to. What a frame has beside its planes while it is decoded is
+    counted for all but one of those that are read at a time: the file of the last of them comes before its planes
+    do. So a single run may take one such file more or less. In bands one frame at a time is in memory, its result in
+    its place, and beside it the count of each pixel.
     """
     pixels, planes = width * height, 3 + alpha
-    frames, results, decoded = (1, 0, 1) if banded else (FRAMES, RESULTS, THREADS)
+    frames, results, decoded = (1, 0, 1) if banded else (FRAMES, RESULTS, AHEAD)
     unpacking = decoded * OpenEXR.global_thread_count() * BLOCKS * chunk
     packing = exr_zip.THREADS * BLOCKS * planes * REAL * width * min(exr_zip.ROWS, height)
     return Memory(
         device=device, frames=frames * channels * REAL * pixels,
         results=REAL * pixels * (1 if banded else results * planes),
-        reading=decoded * (file if banded else max(file, GROUP * REAL * pixels)),
+        reading=file if banded else (AHEAD - 1) * max(file, GROUP * REAL * pixels),
         packing=unpacking + packing,
     )  # fmt: skip
 

@@ -6,6 +6,7 @@ joined when their owner is closed, collected or the program ends: one that dies 
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 import weakref
@@ -23,9 +24,12 @@ from cltaa.exr import write_image
 from cltaa.exr_channels import Pixels
 from cltaa.exr_layout import Window
 
-# Frames that are decoded ahead, and results that wait to be written: each two at a time, because a thread of ours is
-# half of the time busy with what OpenEXR's threads do not share: the file's bytes, SHA-256, planes, flushes.
-DEPTH, THREADS = 2, 2
+# Frames that are decoded ahead, and results that wait to be written, each in a thread of its own: several, because a
+# thread is half of the time busy with what those that unpack and pack do not share: the file's bytes, SHA-256, planes,
+# flushes. Where there are cores for it one more is written at a time
+# (docs/decisions/0020-two-frames-at-a-time-in-kept-memory.md).
+MANY_CORES = 8
+AHEAD, BEHIND = 2, 3 if len(os.sched_getaffinity(0)) >= MANY_CORES else 2
 
 Item = TypeVar("Item")
 Task = Callable[[], Item]
@@ -38,7 +42,7 @@ class ReadAhead(Iterator[Item]):
     the time that making each item took. Close it, or use it in a ``with`` block, to stop early.
     """
 
-    def __init__(self, tasks: Iterable[Task[Item]], depth: int = DEPTH, threads: int = THREADS) -> None:
+    def __init__(self, tasks: Iterable[Task[Item]], depth: int = AHEAD, threads: int = AHEAD) -> None:
         if depth < 1:
             raise ValueError(f"depth must be at least 1, not {depth}")
         self.seconds = array("d")
@@ -100,7 +104,7 @@ class InTurn(Iterator[Item]):
         """Nothing is to be stopped."""
 
 
-def read_ahead(source: Iterable[Item], depth: int = DEPTH) -> ReadAhead[Item]:
+def read_ahead(source: Iterable[Item], depth: int = AHEAD) -> ReadAhead[Item]:
     """Iterate ``source`` in a thread up to ``depth`` items ahead of use: ``for frame in read_ahead(sequence)``."""
     # The StopIteration of the source is the exception that ends the iteration, where the item after the last was due.
     return ReadAhead(repeat(partial(next, iter(source))), depth, 1)
@@ -122,7 +126,7 @@ class Writer:
     exception stands. ``seconds`` holds the time that each image took.
     """
 
-    def __init__(self, depth: int = DEPTH, *, compression: str = "zip", threads: int = THREADS) -> None:
+    def __init__(self, depth: int = BEHIND, *, compression: str = "zip", threads: int = BEHIND) -> None:
         if depth < 1:
             raise ValueError(f"depth must be at least 1, not {depth}")
         self.seconds = array("d")

@@ -27,6 +27,7 @@ from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
 from cltaa.sequence_plan import plan
 from cltaa.sources import open_sequence
+from cltaa.streams import BEHIND
 from tests.sequence_factory import make_frame, write_sequence
 
 
@@ -130,9 +131,9 @@ def test_the_plan_of_a_sequence_says_its_memory(tmp_path: Path) -> None:
     memory = plan(open_sequence(folder), rounds=0).memory  # without the times, for which every step is built on and off
     assert memory.device == device_bytes(50, 31, Steps(own_motion=True))
     assert memory.frames == 3 * 6 * 4 * 50 * 31
-    assert memory.results == 3 * 3 * 4 * 50 * 31
+    assert memory.results == (1 + BEHIND) * 3 * 4 * 50 * 31
     packed = max(path.stat().st_size for path in folder.glob("*.exr"))
-    assert memory.reading == 2 * max(packed, 3 * 4 * 50 * 31)
+    assert memory.reading == max(packed, 3 * 4 * 50 * 31)  # of the two that are being read the one that is ahead
     assert memory.packing == 2 * OpenEXR.global_thread_count() * 3 * 16 * 4 * 50 * 6 + 4 * 3 * 3 * 4 * 50 * 31
 
 
@@ -143,9 +144,8 @@ def test_the_peak_is_what_the_formula_says(tmp_path: Path, motion: bool) -> None
     resolve = ["resolve", str(folder), "-o", str(tmp_path / "out"), "--restart", "--device", "pthread"]
     command = [sys.executable, "-m", "cltaa.cli", *resolve]
     peak_of(command)  # which builds the kernels
-    # The plan is for both files that are read at once; in a single run they may never lie there whole together.
-    peak = max(peak_of(command) for _ in range(3))
-    assert peak == pytest.approx(plan(open_sequence(folder), rounds=0).memory.whole, rel=0.10)
+    # How far the two that are read at once overlap is chance: a file more or less, 6 to 9 % of it here, at the most.
+    assert peak_of(command) == pytest.approx(plan(open_sequence(folder), rounds=0).memory.whole, rel=0.10)
 
 
 def peak_of(command: list[str]) -> int:
