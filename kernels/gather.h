@@ -177,6 +177,14 @@ STAGE real gathered_filter_share(real of_mean, layers_t l, settings_t settings)
     return l.edge ? of_mean : fading;
 }
 
+// How much of its samples a reactive pixel gives up for the current one. Spans of the past are each judged by the
+// latest samples, so that there little of what is half to be trusted is.
+STAGE real distrust(real reactivity)
+{
+    const real square = reactivity * reactivity;
+    return LIGHT_CHANGE == LIGHT_CHANGE_SPANS ? square * square : reactivity;
+}
+
 // The pixel from its samples, the current one among them.
 STAGE resolved resolve_gathered(
     gathered g, gathered far, layers_t l, pixel_t p, motion_t m, frame_t frame, settings_t settings)
@@ -195,8 +203,8 @@ STAGE resolved resolve_gathered(
     real share = GATHER_FIT == GATHER_FIT_MEAN ? g.weight / (sample_share(current, settings) + g.weight) : one;
     real alpha_share = one;
     if (REACTIVE) {
-        share *= one - p.reactivity;
-        alpha_share = one - p.reactivity;
+        alpha_share = one - distrust(p.reactivity);
+        share *= alpha_share;
     }
     const colour mixed = { current.r + share * ((past.r - current.r) + r.change.r),
         current.g + share * ((past.g - current.g) + r.change.g),

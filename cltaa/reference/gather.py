@@ -152,6 +152,12 @@ def gathered_filter_share(of_mean: Array, layers: Layers, build: Build, settings
     return np.where(layers.edge, of_mean, fading)
 
 
+def distrust(reactivity: Array, build: Build) -> Array:
+    """How much of its samples a reactive pixel [H, W] gives up for the current one."""
+    square: Array = reactivity * reactivity
+    return square * square if build.choices.light_change is LightChange.SPANS else reactivity
+
+
 def resolve_gathered(
     g: Gathered,
     far: Gathered,
@@ -174,7 +180,7 @@ def resolve_gathered(
     share = g.weight / (sample_share(current, build, settings) + g.weight) if plain else one
     alpha_share = one
     if build.steps.reactive:
-        alpha_share = one - p.reactivity
+        alpha_share = one - distrust(p.reactivity, build)
         share = share * alpha_share
     mixed = [x + share * ((y - x) + c) for x, y, c in zip(current, past, moved, strict=True)]
     fresh = fresh_colour(current, p.near.mean, build, settings)

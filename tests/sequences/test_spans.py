@@ -61,6 +61,29 @@ def test_what_moves_along_itself_is_resolved_where_it_stands() -> None:
     assert spans[23] < 0.5 * followed[23]  # 0.022 and 0.067
 
 
+def veiled(reactivity: float, frames: int = 24) -> tuple[Array, Array]:
+    """The last frame of a texture under a mask of one ``reactivity``, drawn and resolved, as a camera sees it that all
+    but stands."""
+    resolver = Resolver(override(load_preset("t5"), {"current_filter": "none"}), "numpy")
+    for index in range(frames):
+        mask = np.full((HEIGHT, WIDTH), reactivity, np.float32)
+        seen = replace(lit(index, 1.0, 0.0), camera=make_camera((1e-7 * index, 0.0, 5.0)), effects=ALL)
+        frame = replace(seen, reactive=mask, motion=None)
+        resolved = resolver.resolve(frame)
+    return frame.colour, resolved
+
+
+def test_spans_of_what_is_half_to_be_trusted_are_still_means() -> None:
+    truth = np.random.default_rng(99).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3)).mean(0)
+    bare, half = (float(np.sqrt(np.mean((veiled(share)[1] - truth) ** 2))) for share in (0.0, 0.5))
+    assert half < 1.5 * bare  # 0.028 and 0.025; 0.046 if each span gave up as much of its samples
+
+
+def test_what_is_not_to_be_trusted_at_all_is_shown_as_it_was_drawn() -> None:
+    drawn, resolved = veiled(1.0)
+    assert resolved == pytest.approx(drawn, rel=1e-5)
+
+
 def test_a_constant_image_keeps_its_bits_whatever_moves() -> None:
     resolver = Resolver(load_preset("t5"))
     value = np.float32(0.1)
