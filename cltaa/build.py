@@ -81,8 +81,8 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def kept_planes(steps: Steps) -> int:
-    """Planes of a kept frame: r, g, b, closeness, and where steps read them own motion and alpha (KEPT_PLANES)."""
-    return 4 + 2 * steps.own_motion + steps.alpha
+    """Planes of a kept frame: r, g, b, closeness, and where steps read them own motion, alpha, reactivity."""
+    return 4 + 2 * steps.own_motion + steps.alpha + steps.reactive
 
 
 def texel_planes(alpha: bool) -> int:

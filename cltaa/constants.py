@@ -45,6 +45,10 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "NOW_HELD": Constant(2.0, "times the range of the 5x5 of now that the result may lie beside it: measured"),
     "NOW_FLOOR": Constant(0.0001, "share of the light by which each of these texels is off all the same: rounding"),
     "NOW_SHARED": Constant(0.2, "share of the variance of a texel of now that all of a 3x3 have in common: measured"),
+    "REACTIVE_FALL": Constant(
+        10.0,
+        "1 over how far beside the reactivities of the 3x3 of now that of a sample may lie: measured (decision 43)",
+    ),
     "BEGUN_ANEW": Constant(4.0, "samples of a recursive result that has begun anew; all the way one sample below"),
     "FEW_GATHERED": Constant(6.0, "samples that are few for spans of the past; all the way one below"),
     "BESIDE_MOST": Constant(0.85, "most share of a recursive result in either case: measured (decision 39)"),

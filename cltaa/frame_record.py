@@ -26,6 +26,7 @@ class Past:
     shape: tuple[int, ...]
     alpha: bool
     own_motion: bool
+    reactive: bool
     jitter_px: tuple[float, float]
     doubled: bool = False  # whether it left a history at 200 %
     marked: bool = False  # whether the counts that it left hold changes of light
@@ -34,7 +35,7 @@ class Past:
     @classmethod
     def of(cls, frame: Frame) -> Past:
         """The past that ``frame`` becomes."""
-        channels = frame.alpha is not None, frame.motion is not None
+        channels = frame.alpha is not None, frame.motion is not None, frame.reactive is not None
         return cls(frame.index, frame.camera, frame.exposure, frame.colour.shape, *channels, frame.jitter_px)
 
     def continues_in(self, frame: Frame, choices: Choices) -> bool:

@@ -88,6 +88,8 @@ class KeptFrames:
             sources.append((buffers.optional("motion", 2), 2))
         if steps.alpha:
             sources.append((buffers.optional("alpha", 1), 1))
+        if steps.reactive:
+            sources.append((buffers.optional("reactive", 1), 1))
         at = (frame.index % self._slots) * self._planes * self.layout.plane
         for source, planes in sources:
             self._launcher.copy(source, self.planes, at)

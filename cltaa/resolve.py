@@ -114,7 +114,7 @@ class Resolver:
             return {**buffers.recurrent(), "texels": buffers.texels()[0]}
         if not past.earlier:
             return buffers.recurrent()
-        steps = Steps(own_motion=past.own_motion or self.every_step, alpha=past.alpha or self.every_step)
+        steps = Steps(**{n: getattr(past, n) or self.every_step for n in ("own_motion", "alpha", "reactive")})
         self._kept = KeptFrames(self.launcher, layout, self.preset.settings.frames_kept, steps)
         self._kept.past = past.earlier
         return {**buffers.recurrent(), "kept": self._kept.planes}

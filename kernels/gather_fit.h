@@ -13,15 +13,16 @@ typedef struct
 {
     colour sum, along, down;
     real alpha, weight, count, x, y, xx, xy, yy, near, near_x, near_y;
-    // Of the latest frames alone, whichever side their samples show; only where light may change.
+    // Of the latest frames alone, whichever side their samples show; only where light may change. What does not count
+    // of them, since it was drawn with another reactivity, is unlike.
     colour recent;
-    real recent_squares, recent_count;
+    real recent_squares, recent_count, unlike;
 } gathered;
 
 STAGE gathered no_samples(void)
 {
     const real o = SPLAT(0.0);
-    gathered g = { { o, o, o }, { o, o, o }, { o, o, o }, o, o, o, o, o, o, o, o, o, o, o, { o, o, o }, o, o };
+    gathered g = { { o, o, o }, { o, o, o }, { o, o, o }, o, o, o, o, o, o, o, o, o, o, o, { o, o, o }, o, o, o };
     return g;
 }
 

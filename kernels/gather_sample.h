@@ -76,13 +76,18 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
         c = scaled(c, SPLAT(then.exposure_ratio));
     c = choose_colour(good, to_range(c), now.own);
     const colour d = { c.r - now.own.r, c.g - now.own.g, c.b - now.own.b };
-    const real counted = good ? share : zero;
+    real counted = good ? share : zero;
+    if (REACTIVE & (LIGHT_CHANGE == LIGHT_CHANGE_SPANS)) {
+        const real alike = as_reactive(usable_share(texel_at(p + KEPT_REACTIVE * plane, v.f, stride), zero), now);
+        g->unlike += v.recent ? counted * (SPLAT(1.0) - alike) : zero;
+        counted *= alike;
+    }
     add_sample(g, d, counted * sample_share(c, settings), good ? dx : zero, good ? dy : zero, far_only ? !near : near);
     g->count += counted;
     if (v.recent)
         add_recent(g, share_difference(c, now.own, settings), counted);
     if (ALPHA) {
         const real a = usable_share(texel_at(p + KEPT_ALPHA * plane, v.f, stride), SPLAT(1.0));
-        g->alpha += good ? share * (a - now.alpha) : zero;
+        g->alpha += counted * (a - now.alpha);
     }
 }

@@ -40,6 +40,8 @@ __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in
             store_span(spans, span, out, error, x, y, frame);
             from = to;
         }
+        if (REACTIVE)
+            stand_in(spans, b.near.unlike > b.near.recent_count, out, error, x, y, frame);
         repeats_t repeated;
         const resolved unmoved = resolve_unmoved(&b.near, &repeated, kept, past, standing, p, x, y, frame, settings);
         // What no latest sample could contradict says nothing.

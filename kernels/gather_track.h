@@ -9,7 +9,8 @@
 #define KEPT_CLOSENESS 3
 #define KEPT_MOTION 4
 #define KEPT_ALPHA (4 + 2 * OWN_MOTION)
-#define KEPT_PLANES (4 + 2 * OWN_MOTION + ALPHA)
+#define KEPT_REACTIVE (KEPT_ALPHA + ALPHA)
+#define KEPT_PLANES (KEPT_REACTIVE + REACTIVE)
 
 // The texel at the whole part of a footprint.
 STAGE real texel_at(plane_in p, footprint f, int stride)

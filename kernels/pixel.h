@@ -14,6 +14,7 @@ typedef struct
     colour own, filtered;
     real luminance; // four times that of `filtered`
     real alpha, reactivity;
+    real least_reactive, most_reactive; // of the 3x3, where spans of the past are weighed
     statistics near;
 } pixel_t;
 
@@ -31,6 +32,25 @@ STAGE real usable_share(real v, real otherwise)
 
 STAGE real load_share(plane_in p, real otherwise) { return usable_share(load(p), otherwise); }
 
+// The least and the greatest reactivity of the 3x3 of now.
+STAGE void reactive_range(pixel_t* p, plane_in reactive_at, frame_t frame)
+{
+    for (int k = 0; k < 9; ++k) {
+        const real r = load_share(reactive_at + (k / 3 - 1) * (ptrdiff_t)row_stride(frame) + (k % 3 - 1), SPLAT(0.0));
+        p->least_reactive = lesser(p->least_reactive, r);
+        p->most_reactive = greater(p->most_reactive, r);
+    }
+}
+
+// How much counts of a sample that was drawn with reactivity r: all of it within the range of now, nothing from
+// 1 / REACTIVE_FALL beside it on. What is seen through a pane has another light than what is not, then as now.
+STAGE real as_reactive(real r, pixel_t now)
+{
+    const real off = greater(greater(now.least_reactive - r, r - now.most_reactive), SPLAT(0.0));
+    const real far = off * SPLAT(REACTIVE_FALL);
+    return greater(SPLAT(1.0) - far * far, SPLAT(0.0));
+}
+
 STAGE pixel_t current_pixel(
     row_t above, row_t centre, row_t below, plane_in alpha, plane_in reactive, int x, int y, frame_t frame)
 {
@@ -44,6 +64,9 @@ STAGE pixel_t current_pixel(
     p.luminance = known ? centre.a.shift : luminance_4(p.filtered);
     p.alpha = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
     p.reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
+    p.least_reactive = p.most_reactive = p.reactivity;
+    if (REACTIVE & (LIGHT_CHANGE == LIGHT_CHANGE_SPANS))
+        reactive_range(&p, reactive + at, frame);
     return p;
 }
 

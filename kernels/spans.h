@@ -42,6 +42,16 @@ STAGE colour drawn_here(mask* good, plane_in kept, frames_in past, int k, pixel_
     return choose_colour(*good, to_range(c), p.own);
 }
 
+// How much counts of the sample that the k-th kept frame drew there, by its reactivity.
+STAGE real alike_here(plane_in kept, frames_in past, int k, pixel_t p, int x, int y, frame_t frame)
+{
+    const real one = SPLAT(1.0);
+    if (!REACTIVE)
+        return one;
+    plane_in q = kept + ((size_t)past[k].slot * KEPT_PLANES + KEPT_REACTIVE) * plane_size(frame);
+    return as_reactive(load_share(q + texel_offset(frame, x, y), SPLAT(0.0)), p);
+}
+
 // How far light at the pixel's own place differs from what frames drew whose samples lie nearly where those of the
 // frame that is asked lie: squares, of the latest frames together and of each on average of all. What an edge or a
 // texture within the pixel does to two samples of one place is the same, and no change.
@@ -102,15 +112,16 @@ STAGE resolved resolve_unmoved(gathered* sums, repeats_t* repeats, plane_in kept
     for (int k = 0; k < frames; ++k) {
         mask good;
         const colour c = drawn_here(&good, kept, past, k, p, x, y, frame);
-        const real w = good ? sample_share(c, standing) : zero;
+        const real counted = good ? alike_here(kept, past, k, p, x, y, frame) : zero;
+        const real w = counted * sample_share(c, standing);
         const colour d = { c.r - p.own.r, c.g - p.own.g, c.b - p.own.b };
         if (k < SHORT_SPAN)
-            add_recent(&g, share_difference(c, p.own, settings), good ? one : zero);
+            add_recent(&g, share_difference(c, p.own, settings), counted);
         g.sum.r += w * d.r;
         g.sum.g += w * d.g;
         g.sum.b += w * d.b;
         g.weight += w;
-        g.count += good ? one : zero;
+        g.count += counted;
         if (past[k].again >= 0) {
             mask good_again;
             const colour again = drawn_here(&good_again, kept, past, past[k].again, p, x, y, frame);
@@ -120,7 +131,7 @@ STAGE resolved resolve_unmoved(gathered* sums, repeats_t* repeats, plane_in kept
         after_good = good;
         if (ALPHA) {
             plane_in q = kept + ((size_t)past[k].slot * KEPT_PLANES + KEPT_ALPHA) * plane + at;
-            g.alpha += good ? load_share(q, one) - p.alpha : zero;
+            g.alpha += counted * (load_share(q, one) - p.alpha);
         }
     }
     const real whole_weight = sample_share(p.own, standing) + g.weight;
@@ -148,4 +159,22 @@ STAGE void store_span(plane_out spans, int span, resolved r, real error, int x, 
     store(p + 4 * plane, r.count);
     if (ALPHA)
         store(p + 5 * plane, r.alpha);
+}
+
+// All spans but that without motion say what that of all frames does where `unlike`: of what a veil has just come over
+// or left the latest frames tell next to nothing.
+STAGE void stand_in(plane_out spans, mask unlike, resolved all, real error, int x, int y, frame_t frame)
+{
+    const size_t plane = plane_size(frame);
+    if (!any_of(unlike))
+        return;
+    for (int span = 0; span < ALL_FRAMES; ++span) {
+        plane_out p = spans + (size_t)span * SPAN_PLANES * plane + texel_offset(frame, x, y);
+        resolved r = all;
+        r.rgb = choose_colour(unlike, all.rgb, load_colour(p, plane));
+        r.count = unlike ? all.count : load(p + 4 * plane);
+        if (ALPHA)
+            r.alpha = unlike ? all.alpha : load(p + 5 * plane);
+        store_span(spans, span, r, unlike ? error : load(p + 3 * plane), x, y, frame);
+    }
 }

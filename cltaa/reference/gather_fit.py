@@ -37,11 +37,12 @@ class Gathered:
     recent: list[Array] = field(init=False)
     recent_squares: Array = field(init=False)
     recent_count: Array = field(init=False)
+    unlike: Array = field(init=False)  # of the recent samples, what was drawn with another reactivity
 
     def __post_init__(self) -> None:
         """No samples."""
         self.sum, self.along, self.down, self.recent = ([self.zero] * 3 for _ in range(4))
-        names = "alpha weight count x y xx xy yy near near_x near_y recent_squares recent_count"
+        names = "alpha weight count x y xx xy yy near near_x near_y recent_squares recent_count unlike"
         for name in names.split():
             setattr(self, name, self.zero)
 

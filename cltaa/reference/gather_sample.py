@@ -6,16 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cltaa.build import Build, Record, kept_planes
+from cltaa.build import Build, Record
 from cltaa.layout import Layout
-from cltaa.params import GatherFit
+from cltaa.params import GatherFit, LightChange
 from cltaa.reference.blend import sample_share, share_difference
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.gather_fit import Gathered, Places, window
 from cltaa.reference.gather_sides import Layers
-from cltaa.reference.gather_track import KEPT_CLOSENESS, seen_then, texel_at
+from cltaa.reference.gather_track import KEPT_CLOSENESS, kept_alpha, kept_reactive, seen_then, texel_at
 from cltaa.reference.neighbourhood import Surface, usable_closeness
-from cltaa.reference.pixel import Pixel, usable_share
+from cltaa.reference.pixel import Pixel, as_reactive, usable_share
 from cltaa.reference.projection import Motion
 from cltaa.reference.real import Array, Mask, number
 from cltaa.reference.sampling import Footprint
@@ -87,14 +87,20 @@ def gather_sample(
     c = (np.where(good, c[0], current[0]), np.where(good, c[1], current[1]), np.where(good, c[2], current[2]))
     d = [a - b for a, b in zip(c, current, strict=True)]
     counted = np.where(good, share, zero)
+    if build.steps.reactive and build.choices.light_change is LightChange.SPANS:
+        r = usable_share(texel_at(v.planes[kept_reactive(build.steps)], f, zero.dtype), 0.0)
+        alike = as_reactive(r, now)
+        if v.recent:
+            g.unlike = g.unlike + counted * (np.ones_like(alike) - alike)
+        counted = counted * alike
     w = counted * sample_share(c, build, settings)
     g.add(d, w, np.where(good, dx, zero), np.where(good, dy, zero), ~near if far_only else near, fit)
     g.count = g.count + counted
     if v.recent:
         g.add_recent(share_difference(c, current, build, settings), counted)
     if build.steps.alpha:
-        a = usable_share(texel_at(v.planes[kept_planes(build.steps) - 1], f, zero.dtype), 1.0)
-        g.alpha = g.alpha + np.where(good, share * (a - now.alpha), zero)
+        a = usable_share(texel_at(v.planes[kept_alpha(build.steps)], f, zero.dtype), 1.0)
+        g.alpha = g.alpha + counted * (a - now.alpha)
 
 
 def _sample(planes: Array, f: Footprint, like: Array, then: Record) -> tuple[Colour, Array]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.build import Build, Record
+from cltaa.build import Build, Record, Steps
 from cltaa.params import GatherFit, Reject
 from cltaa.reference.history import same_surface
 from cltaa.reference.neighbourhood import Surface, usable_closeness
@@ -16,6 +16,16 @@ from cltaa.reference.real import Array, Mask, constant, outside_domain
 from cltaa.reference.sampling import Footprint, Quad
 
 KEPT_CLOSENESS, KEPT_MOTION = 3, 4
+
+
+def kept_alpha(steps: Steps) -> int:
+    """Which plane of a kept frame holds alpha, where one does."""
+    return KEPT_MOTION + 2 * steps.own_motion
+
+
+def kept_reactive(steps: Steps) -> int:
+    """Which plane holds reactivity, where one does."""
+    return kept_alpha(steps) + steps.alpha
 
 
 def texel_at(plane: Array, f: Footprint, real: Any) -> Array:

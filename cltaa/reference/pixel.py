@@ -24,7 +24,7 @@ from cltaa.reference.history import History
 from cltaa.reference.light import with_change_of
 from cltaa.reference.neighbourhood import Row, Statistics, current_sample, neighbourhood_statistics
 from cltaa.reference.projection import Motion
-from cltaa.reference.real import Array, greater, lesser, limit, number, outside_domain
+from cltaa.reference.real import Array, constant, greater, lesser, limit, number, outside_domain
 from cltaa.reference.rectify import Rectification
 
 
@@ -37,6 +37,8 @@ class Pixel(NamedTuple):
     alpha: Array
     reactivity: Array
     near: Statistics
+    least_reactive: Array  # of the 3x3, where spans of the past are weighed
+    most_reactive: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +81,23 @@ def current_pixel(
     near = neighbourhood_statistics(*rows, build)
     filtered = current_sample(*rows, near, build, frame)
     own = rows[1].centre if build.choices.filter_use is FilterUse.FEW else filtered
-    return Pixel(own, filtered, *load_shares(alpha, reactive, own[0], build, layout), near)
+    shares = load_shares(alpha, reactive, own[0], build, layout)
+    least = most = shares[1]
+    if build.steps.reactive and reactive is not None and build.choices.light_change is LightChange.SPANS:
+        for top in (PAD_Y - 1, PAD_Y, PAD_Y + 1):
+            for left in (PAD_X - 1, PAD_X, PAD_X + 1):
+                there = reactive[0, top : top + layout.height, left : left + layout.width].astype(least.dtype)
+                r = usable_share(there, 0.0)
+                least, most = lesser(least, r), greater(most, r)
+    return Pixel(own, filtered, *shares, near, least, most)
+
+
+def as_reactive(r: Array, now: Pixel) -> Array:
+    """How much counts of samples [H, W] that were drawn with reactivity ``r``."""
+    off = greater(greater(now.least_reactive - r, r - now.most_reactive), np.zeros_like(r))
+    far = off * constant("REACTIVE_FALL", r)
+    result: Array = greater(number(1.0, r) - far * far, np.zeros_like(r))
+    return result
 
 
 def box_gamma(m: Motion, settings: Record) -> Array:

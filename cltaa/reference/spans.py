@@ -7,15 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.build import Build, Record, kept_planes, span_planes
+from cltaa.build import Build, Record, span_planes
 from cltaa.constants import MIDDLE_SPAN, SHORT_SPAN, SPANS, value
 from cltaa.layout import Layout
 from cltaa.params import AlphaFrom
 from cltaa.reference.blend import sample_share, share_difference, storable_colour
 from cltaa.reference.colour import Colour, colour_outside_domain, from_range, to_range
 from cltaa.reference.gather_fit import Gathered
+from cltaa.reference.gather_track import kept_alpha, kept_reactive
 from cltaa.reference.gathering import Gathering
-from cltaa.reference.pixel import Pixel, Resolved, usable_share
+from cltaa.reference.pixel import Pixel, Resolved, as_reactive, usable_share
 from cltaa.reference.real import Array, greater, number, quiet
 
 
@@ -45,6 +46,14 @@ def drawn_here(planes: Array, then: Record, p: Pixel, build: Build) -> tuple[Col
         c = (c[0] * ratio, c[1] * ratio, c[2] * ratio)
     r, g, b = (np.where(good, k, own) for k, own in zip(to_range(c, build), p.own, strict=True))
     return (r, g, b), good
+
+
+def alike_here(planes: Array, p: Pixel, build: Build) -> Array:
+    """How much counts of what kept planes [KEPT_PLANES, H, W] drew there, by its reactivity."""
+    if not build.steps.reactive:
+        return np.ones_like(p.reactivity)
+    r = planes[kept_reactive(build.steps)].astype(p.reactivity.dtype)
+    return as_reactive(usable_share(r, 0.0), p)
 
 
 @dataclass(slots=True)
@@ -96,20 +105,21 @@ def resolve_unmoved(
     standing["luminance_knee"] *= np.float32(value("STANDING_KNEE"))
     for place, then in enumerate(past):
         c, good = drawn(then)
-        w = np.where(good, sample_share(c, build, standing), zero)
+        planes = layout.inside(slots[int(then["slot"])])
+        counted = np.where(good, alike_here(planes, p, build), zero)
+        w = counted * sample_share(c, build, standing)
         d = [k - own for k, own in zip(c, p.own, strict=True)]
         if place < SHORT_SPAN:
-            sums.add_recent(share_difference(c, p.own, build, settings), np.where(good, one, zero))
+            sums.add_recent(share_difference(c, p.own, build, settings), counted)
         total = [t + w * k for t, k in zip(total, d, strict=True)]
-        weight, count = weight + w, count + np.where(good, one, zero)
+        weight, count = weight + w, count + counted
         if then["again"] >= 0:
             again, good_again = drawn(past[int(then["again"])])
             repeats.add(after, again, good_again & after_good, build, settings, latest=place <= SHORT_SPAN)
         after, after_good = c, good
         if build.steps.alpha:
-            plane = layout.inside(slots[int(then["slot"])])[kept_planes(build.steps) - 1]
-            a = usable_share(plane.astype(zero.dtype), 1.0)
-            alphas = alphas + np.where(good, a - p.alpha, zero)
+            a = usable_share(planes[kept_alpha(build.steps)].astype(zero.dtype), 1.0)
+            alphas = alphas + counted * (a - p.alpha)
     whole = sample_share(p.own, build, standing) + weight
     r, g, b = (own + t / whole for own, t in zip(p.own, total, strict=True))
     alpha, counted = p.alpha, count + one
@@ -136,6 +146,10 @@ def gather_spans(
         error = span_error(gathering.near, own, said, build, settings)
         _store(target[span * planes : (span + 1) * planes], said, error)
         begun = end
+    if build.steps.reactive:
+        unlike = gathering.near.unlike > gathering.near.recent_count
+        for span in range(SPANS - 2):
+            _store(target[span * planes : (span + 1) * planes], said, error, unlike)
     unmoved, sums, repeating = resolve_unmoved(
         gathering.slots, past[:standing], gathering.pixel, build, layout, settings
     )
@@ -147,7 +161,7 @@ def gather_spans(
     layout.inside(repeats)[0] = repeating.error(moves, error)
 
 
-def _store(planes: Array, said: Resolved, error: Array) -> None:
-    """Write what a span says, and alpha where there is a plane for it."""
+def _store(planes: Array, said: Resolved, error: Array, where: Array | None = None) -> None:
+    """Write what a span says, everywhere or ``where`` it is asked for, and alpha where there is a plane for it."""
     for plane, values in zip(planes, [*said.rgb, error, said.count, said.alpha], strict=False):
-        plane[...] = values
+        plane[...] = values if where is None else np.where(where, values, plane)

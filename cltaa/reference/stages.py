@@ -133,7 +133,8 @@ def blend_kernel(
     near, sample = _load_statistics(statistics_in, build, layout)
     few = build.choices.filter_use is FilterUse.FEW
     own = usable_colour(current, build, layout) if few else sample
-    p = Pixel(own, sample, *load_shares(alpha, reactive, count, build, layout), near)
+    shares = load_shares(alpha, reactive, count, build, layout)
+    p = Pixel(own, sample, *shares, near, shares[1], shares[1])
     change = Rectification((change_r, change_g, change_b), pull, unrest, calm)
     store_resolved(resolve_pixel(p, h, change, build, settings), build, layout, frame, output, output_count)
 

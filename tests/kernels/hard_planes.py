@@ -37,19 +37,22 @@ def hard_planes(layout: Layout, seed: int = 0) -> Planes:
     motion = random.choice([np.nan, np.nan, 0.0, 0.0, 1.0, -2.0, 0.5, 1e-7, 1e6, 1e30], (2, *shape))
     motion += random.choice([0.0, 1.0], shape) * random.normal(0, 3, (2, *shape))
     history = np.concatenate([near_mean(3), random.uniform(-0.2, 1.2, (1, *shape))])
+    # Reactivity with a draw of its own, so that all else stays: rough in half of the tiles, in the others even.
+    shares = np.random.default_rng((seed, 43))
+    even, rough = tiles(shares, shape, 0, 1), tiles(shares, shape, 0, 1) < 0.5
     earlier = closeness * random.choice([1.0, 1.02, 1.3], shape)
     strewn = (
         strew(colour, random, 0.01),
         strew(closeness[None], random, 0.02),
         strew(motion, random, 0.02),
         strew(random.uniform(-0.2, 1.2, (1, *shape)), random, 0.02),
-        strew(random.choice([0.0, 1.0, 0.3], (1, *shape)), random, 0.02),
+        strew(np.where(rough, random.choice([0.0, 1.0, 0.3], (1, *shape)), even), random, 0.02),
         storable(strew(history, random, 0.002)),
         random.choice([0.0, 1.0, 7.0, 24.0, 1000.0], (1, *shape)),
         strew(earlier[None], random, 0.02),
     )
     names = ("current", "closeness", "motion", "alpha", "reactive", "history", "history_count", "previous_closeness")
-    # Of each kept frame r, g, b, closeness, own motion and alpha.
+    # Of each kept frame r, g, b, closeness, own motion, alpha and reactivity.
     kept = [
         plane
         for _ in range(KEPT)
@@ -58,10 +61,11 @@ def hard_planes(layout: Layout, seed: int = 0) -> Planes:
             *strew((closeness * random.choice([1.0, 1.0, 1.02, 1.3], shape))[None], random, 0.02),
             *strew(motion + random.choice([0.0, 0.1], shape), random, 0.02),
             *strew(random.uniform(-0.2, 1.2, (1, *shape)), random, 0.02),
+            *strew((even + shares.choice([0.0, 0.05, -0.08, 0.3], shape))[None], shares, 0.02),
         )
     ]
-    shares, counts = random.uniform(-0.2, 1.2, (4, *shape)), random.choice([0.0, 0.01, 1.0, 7.0, 1000.0], (4, *shape))
-    texels = [*storable(strew(near_mean(12), random, 0.002)), *storable(shares.astype(np.float32)), *counts]
+    alphas, counts = random.uniform(-0.2, 1.2, (4, *shape)), random.choice([0.0, 0.01, 1.0, 7.0, 1000.0], (4, *shape))
+    texels = [*storable(strew(near_mean(12), random, 0.002)), *storable(alphas.astype(np.float32)), *counts]
     # Of each span r, g, b, error, count and alpha; the errors of many are alike.
     errors = mean * random.choice([1.0, 1.0, 1.001, 0.1, 1e8], shape)
     spans = [

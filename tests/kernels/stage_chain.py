@@ -200,7 +200,7 @@ def spans_of(steps: Steps, work: Work) -> NDArray[np.float32]:
 
 def kept_of(steps: Steps, work: Work) -> NDArray[np.float32]:
     """The planes of the kept frames that a build with ``steps`` reads, one frame after another."""
-    read = [True] * 4 + [steps.own_motion] * 2 + [steps.alpha]
+    read = [True] * 4 + [steps.own_motion] * 2 + [steps.alpha, steps.reactive]
     frames = work.planes["kept"].reshape(len(work.past), len(read), work.layout.rows, work.layout.stride)
     return frames[:, read].reshape(-1, *frames.shape[2:])
 

@@ -84,6 +84,19 @@ def test_what_is_not_to_be_trusted_at_all_is_shown_as_it_was_drawn() -> None:
     assert resolved == pytest.approx(drawn, rel=1e-5)
 
 
+def test_what_a_pane_has_left_has_its_samples_of_before() -> None:
+    resolver = Resolver(override(load_preset("t5"), {"current_filter": "none"}), "numpy")
+    truth = np.random.default_rng(99).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3)).mean(0)
+    errors = []
+    for index in range(30):
+        covered = 20 <= index < 28
+        mask = np.full((HEIGHT, WIDTH), 0.4 * covered, np.float32)
+        frame = lit(index, 0.6 if covered else 1.0, 0.0)
+        resolved = resolver.resolve(replace(frame, reactive=mask, effects=ALL, motion=None))
+        errors.append(float(np.sqrt(np.mean((resolved - truth) ** 2))))
+    assert errors[28] < 1.2 * errors[19]  # 0.0194 and 0.0187, and 0.12 where the samples under the pane count
+
+
 def test_a_constant_image_keeps_its_bits_whatever_moves() -> None:
     resolver = Resolver(load_preset("t5"))
     value = np.float32(0.1)
