@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -16,7 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from cltaa.commands.options import FILE_PATH
+from cltaa.commands.options import FILE_PATH, FROM_2, SIZE, json_option
 from cltaa.errors import UsageError
 from cltaa.printable import counted, json_of, printable
 from cltaa_capture.jitter import USUAL
@@ -27,22 +26,6 @@ if TYPE_CHECKING:
     from cltaa_capture.sequence import Captured, Request
 
 PLAIN_EVERY = 10.0  # seconds between lines of progress where there is no terminal
-
-
-def read_size(_context: click.Context, _parameter: click.Parameter, text: str) -> tuple[int, int]:
-    """Read ``640x360`` as (640, 360)."""
-    match = re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", text)
-    if not match:
-        raise click.BadParameter(f"{text!r} is not WIDTHxHEIGHT, such as 640x360")
-    return int(match[1]), int(match[2])
-
-
-def read_counts(_context: click.Context, _parameter: click.Parameter, text: str) -> tuple[int, ...]:
-    """Read ``2,4,8`` as (2, 4, 8)."""
-    counts = [part.strip() for part in text.split(",") if part.strip()]
-    if not all(part.isdecimal() and int(part) > 1 for part in counts):
-        raise click.BadParameter(f"{text!r} is not a list of numbers above 1, such as 2,4,8")
-    return tuple(sorted({int(part) for part in counts}))
 
 
 def complete_scene(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[str]:
@@ -86,9 +69,7 @@ def progress_display(label: str) -> Iterator[Callable[[int, int], None]]:
 @click.argument("scene", shell_complete=complete_scene)
 @click.option("-o", "--output", type=FILE_PATH, help="Folder of the sequence; made if need be.")
 @click.option("--frames", type=click.IntRange(1), default=48, show_default=True, help="Number of frames.")
-@click.option(
-    "--size", callback=read_size, default="640x360", metavar="WxH", show_default=True, help="Size of a frame in pixels."
-)
+@click.option("--size", type=SIZE, default="640x360", show_default=True, help="Size of a frame in pixels.")
 @click.option(
     "--jitter",
     default=USUAL,
@@ -106,9 +87,8 @@ def progress_display(label: str) -> Iterator[Callable[[int, int], None]]:
 )
 @click.option(
     "--yardstick",
-    callback=read_counts,
+    type=FROM_2,
     default="",
-    metavar="N,N...",
     help="Also draw the frames with N samples a pixel into reference-N/ and note the time, for bench accuracy.",
 )
 @click.option(
@@ -125,7 +105,7 @@ def progress_display(label: str) -> Iterator[Callable[[int, int], None]]:
 @click.option("--backend", type=click.Choice(BACKENDS), default="auto", show_default=True, help="Off-screen OpenGL.")
 @click.option("--restart", is_flag=True, help="Begin anew in a folder begun with other settings.")
 @click.option("--explain", "explained", is_flag=True, help="Say what is drawn for each effect; without -o, only that.")
-@click.option("--json", "as_json", is_flag=True, help="Print a summary as JSON on stdout.")
+@json_option
 def capture(
     scene: str, output: Path | None, size: tuple[int, int], explained: bool, as_json: bool, **options: Any
 ) -> None:  # fmt: skip

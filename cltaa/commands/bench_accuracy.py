@@ -27,7 +27,7 @@ from cltaa.bench.overview import table
 from cltaa.bench.plots import write_plots
 from cltaa.bench.results import Accuracy, Measured
 from cltaa.bench.timing import Clock
-from cltaa.commands.options import FILE_PATH, PRESET, device_option, json_option
+from cltaa.commands.options import FILE_PATH, NAMES, PRESET, device_option, json_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError, known
 from cltaa.launch import DeviceLauncher
@@ -42,7 +42,13 @@ from cltaa.progress import track
 @click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder of the report.")
 @device_option
 @click.option("--preset", type=PRESET, default="default", show_default=True, help="Preset that the steps depart from.")
-@click.option("--only", metavar="GROUPS", help="Only these groups of variants, comma-separated, beside the default.")
+@click.option(
+    "--only",
+    type=NAMES,
+    default="",
+    metavar="GROUPS",
+    help="Only these groups of variants, comma-separated, beside the default.",
+)
 @click.option("--variant", "named", multiple=True, metavar="NAME", help="Only these variants, beside those of --only.")
 @click.option("--full", is_flag=True, help="Also every combination of the choices that cost time, for the front.")
 @click.option("--metrics", default="mse,flip", show_default=True, help="Errors against the truth; see cltaa compare.")
@@ -71,7 +77,7 @@ def accuracy(
     output: Path,
     device: str | None,
     preset: str,
-    only: str | None,
+    only: tuple[str, ...],
     named: tuple[str, ...],
     full: bool,
     metrics: str,
@@ -141,13 +147,12 @@ def write_report(result: Accuracy, tasks: list[Task], output: Path, pictured: in
         pass
 
 
-def chosen_variants(preset: str, only: str | None, named: Sequence[str] = (), *, full: bool) -> list[Variant]:
+def chosen_variants(preset: str, groups: Sequence[str], named: Sequence[str] = (), *, full: bool) -> list[Variant]:
     """The ladder from that preset, or the named groups and variants of it; raises UsageError for one that is not."""
     every = ladder(load_preset(preset), [load_preset(name) for name in preset_names()], full=full)
-    if only is None and not named:
+    if not groups and not named:
         return every
     kinds, names = {variant.group for variant in every}, {variant.name for variant in every}
-    groups = [name.strip() for name in only.split(",")] if only is not None else []
     for option, kind, chosen, there in (
         ("--variant", "variant", named, names),
         ("--only", "group", groups, kinds),

@@ -11,7 +11,7 @@ from rich.console import Console
 from cltaa.bench.effects import EffectRow, cells, judge_effects, line, markdown
 from cltaa.bench.quality_cases import known_scenes
 from cltaa.child_command import run_cltaa
-from cltaa.commands.options import FILE_PATH, PRESET, device_option, json_option
+from cltaa.commands.options import FILE_PATH, PRESET, SIZE, device_option, json_option
 from cltaa.errors import DataError
 from cltaa.frames import Frame
 from cltaa.launch import launcher_for
@@ -23,7 +23,7 @@ from cltaa.sources import open_sequence
 @click.command("effects")
 @click.argument("scenes", nargs=-1)
 @click.option("--work", type=FILE_PATH, default=Path("effects"), show_default=True, help="Folder of captures.")
-@click.option("--size", default="320x180", show_default=True, metavar="WxH", help="Pixels of a capture.")
+@click.option("--size", type=SIZE, default="320x180", show_default=True, help="Pixels of a capture.")
 @click.option("--frames", default=16, show_default=True, type=click.IntRange(min=2), help="Frames of a capture.")
 @click.option("--preset", type=PRESET, default="default", show_default=True, help="Whose steps.")
 @device_option
@@ -34,7 +34,7 @@ def effects(
     ctx: click.Context,
     scenes: tuple[str, ...],
     work: Path,
-    size: str,
+    size: tuple[int, int],
     frames: int,
     preset: str,
     device: str | None,
@@ -47,13 +47,14 @@ def effects(
     is 65 where a step that was left out would have changed a bit.
     """
     rows: list[EffectRow] = []
+    pixels = f"{size[0]}x{size[1]}"
     launcher = launcher_for(device)
     if not as_json:
         click.echo(markdown([]), nl=False)
     for number, scene in enumerate(scenes or sorted(known_scenes()), start=1):
         Console(stderr=True).print(f"{number}: {scene}", highlight=False)
-        folder = work / f"{scene}-{size}x{frames}"
-        run_cltaa(["capture", scene, "-o", str(folder), "--frames", str(frames), "--size", size])
+        folder = work / f"{scene}-{pixels}x{frames}"
+        run_cltaa(["capture", scene, "-o", str(folder), "--frames", str(frames), "--size", pixels])
         rows.append(judge_effects(open_sequence(folder), preset, launcher, rounds=rounds, progress=_tracked))
         if not as_json:
             click.echo(line(cells(rows[-1])), nl=False)  # as soon as it is known: all scenes take a while

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from cltaa.bench.files import CODECS, FilesBench, bench_files
 from cltaa.bench.timing import Interval
-from cltaa.commands.options import FILE_PATH, PRESET, device_option, json_option
+from cltaa.commands.options import FILE_PATH, FROM_1, NAMES, PRESET, device_option, json_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
 from cltaa.exr_layout import LOSSLESS
@@ -24,15 +24,15 @@ from cltaa.sources import open_capture
 @click.argument("sequence", type=FILE_PATH)
 @click.option("--preset", type=PRESET, default="default", show_default=True, help="That resolves.")
 @device_option
-@click.option("--compressions", default=",".join(CODECS), show_default=True, metavar="LIST", help="Of EXR, lossless.")
-@click.option("--threads", default="", metavar="LIST", help="Threads of OpenEXR.  [default: a thread a core]")
-@click.option("--commands", "commands", default="zip", show_default=True, metavar="LIST",
+@click.option("--compressions", type=NAMES, default=",".join(CODECS), show_default=True, help="Of EXR, lossless.")
+@click.option("--threads", type=FROM_1, default="", help="Threads of OpenEXR.  [default: a thread a core]")
+@click.option("--commands", "commands", type=NAMES, default="zip", show_default=True,
               help="Compressions to run the whole command with; with :half behind it, writing halves.")  # fmt: skip
 @click.option("--rounds", default=5, show_default=True, type=click.IntRange(min=3), help="Rounds.")
 @json_option
 def files(
-    sequence: Path, preset: str, device: str | None, compressions: str, threads: str, commands: str, rounds: int,
-    as_json: bool,
+    sequence: Path, preset: str, device: str | None, compressions: tuple[str, ...], threads: tuple[int, ...],
+    commands: tuple[str, ...], rounds: int,    as_json: bool,
 ) -> None:  # fmt: skip
     """Time writing and reading a resolved frame of SEQUENCE, and the whole resolve against its stages.
 
@@ -43,8 +43,8 @@ def files(
     """
     found = bench_files(
         open_capture(sequence), load_preset(preset), device,
-        codecs=[_codec(name) for name in compressions.split(",")], threads=_numbers(threads),
-        commands=[_command(text) for text in commands.split(",") if text], rounds=rounds,
+        codecs=[_codec(name) for name in compressions], threads=threads,
+        commands=[_command(text) for text in commands], rounds=rounds,
         progress=lambda numbers, total: track(numbers, total, "timing", unit="rounds"),
     )  # fmt: skip
     if as_json:
@@ -64,13 +64,6 @@ def _command(text: str) -> tuple[str, bool]:
     if colon and kind != "half":
         raise UsageError("--commands: no compression", expected="as zip or zip:half", found=text)
     return _codec(name), bool(colon)
-
-
-def _numbers(text: str) -> list[int]:
-    counts = [count.strip() for count in text.split(",") if count.strip()]
-    if not all(count.isdecimal() for count in counts):
-        raise UsageError("--threads: no list of numbers", expected="as 1,2", found=text)
-    return [int(count) for count in counts]
 
 
 def _print(found: FilesBench) -> None:

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from cltaa.bands import BAND_ROWS
 from cltaa.bench.growth import FLAT, REFERENCE, SIZES, GrowthBench, bench_growth
-from cltaa.commands.options import PRESET, device_option, json_option
+from cltaa.commands.options import FROM_1, PRESET, device_option, json_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
 from cltaa.presets import load_preset
@@ -18,7 +18,7 @@ from cltaa.progress import track
 
 @click.command("growth")
 @click.option("--preset", type=PRESET, default="default", show_default=True, help="Whose choices.")
-@click.option("--sizes", default=",".join(map(str, SIZES)), show_default=True, metavar="LIST",
+@click.option("--sizes", type=FROM_1, default=",".join(map(str, SIZES)), show_default=True,
               help="Sides of the square images.")  # fmt: skip
 @click.option("--banded-from", default=16384, show_default=True, type=click.IntRange(min=1), metavar="SIDE",
               help=f"From this size on in bands of {BAND_ROWS} rows.")  # fmt: skip
@@ -26,28 +26,24 @@ from cltaa.progress import track
 @click.option("--rounds", default=9, show_default=True, type=click.IntRange(min=3),
               help="Rounds a size; fewer beyond 4096 x 4096.")  # fmt: skip
 @json_option
-def growth(preset: str, sizes: str, banded_from: int, device: str | None, rounds: int, as_json: bool) -> None:
+def growth(
+    preset: str, sizes: tuple[int, ...], banded_from: int, device: str | None, rounds: int, as_json: bool
+) -> None:
     """Time a pixel of square images of growing size, and count the memory on the device.
 
     Each size runs in turn with one of 2048 x 2048; "x 2048" is the ratio of the kernels' times a pixel, with its 95 %
     interval. "formula" is what cltaa inspect --plan says that the planes take. --sizes 16384 takes 11 GB.
     """
+    if not sizes:
+        raise UsageError("--sizes: none is named", expected="as 256,1024")
     bench = bench_growth(
-        load_preset(preset), device, parse_sizes(sizes), rounds=rounds, banded_from=banded_from,
+        load_preset(preset), device, sizes, rounds=rounds, banded_from=banded_from,
         progress=lambda numbers, total: track(numbers, total, "timing", unit="rounds"),
     )  # fmt: skip
     if as_json:
         click.echo(json_of(bench))
     else:
         print_growth(bench)
-
-
-def parse_sizes(text: str) -> list[int]:
-    """The sides of a list; raises UsageError for anything but whole numbers."""
-    sides = [side.strip() for side in text.split(",")]
-    if not all(side.isdecimal() and int(side) for side in sides):
-        raise UsageError("--sizes: no list of sizes", expected="as 256,1024", found=text)
-    return [int(side) for side in sides]
 
 
 def print_growth(bench: GrowthBench) -> None:

@@ -10,9 +10,8 @@ from cltaa.bench.frames import Motion
 from cltaa.bench.kernels import KernelBench, Row, Timing, bench_kernels
 from cltaa.bench.timing import Interval
 from cltaa.build import STORAGES, Storage
-from cltaa.commands.options import PRESET, device_option, json_option
+from cltaa.commands.options import PRESET, SIZE, device_option, json_option
 from cltaa.commands.tables import print_table
-from cltaa.errors import UsageError
 from cltaa.presets import load_preset
 from cltaa.printable import json_of
 from cltaa.progress import track
@@ -28,7 +27,7 @@ from cltaa.progress import track
     show_default=True,
     help="To time; repeatable.",
 )
-@click.option("--size", default="1920x1080", show_default=True, metavar="WxH", help="Pixels.")
+@click.option("--size", type=SIZE, default="1920x1080", show_default=True, help="Pixels.")
 @device_option
 @click.option("--motion", "motions", multiple=True, type=click.Choice([kind.value for kind in Motion]),
               help="Camera motion: uniform, or turn (rotation with zoom, another displacement at each pixel); "
@@ -40,7 +39,7 @@ from cltaa.progress import track
 @json_option
 def kernels(
     presets: tuple[str, ...],
-    size: str,
+    size: tuple[int, int],
     device: str | None,
     motions: tuple[str, ...],
     storage: str,
@@ -56,12 +55,11 @@ def kernels(
     host's (ns/px). "floor" is the share of the copy bandwidth that is reached. "core again" is a copy of the core:
     where its ratio is not 1, or its interval wide, the machine is too noisy to rank anything.
     """
-    width, height = parse_size(size)
     bench = bench_kernels(
         [load_preset(name) for name in presets],
         device,
-        width=width,
-        height=height,
+        width=size[0],
+        height=size[1],
         motions=[Motion(name) for name in motions] or list(Motion),
         rounds=rounds,
         storage=Storage(storage),
@@ -72,14 +70,6 @@ def kernels(
         click.echo(json_of(bench))
     else:
         print_bench(bench)
-
-
-def parse_size(text: str) -> tuple[int, int]:
-    """Width and height of ``WxH``; raises UsageError for anything else."""
-    width, _, height = text.lower().partition("x")
-    if not (width.isdecimal() and height.isdecimal() and int(width) and int(height)):
-        raise UsageError("--size: no size", expected="WxH, as 1920x1080", found=text)
-    return int(width), int(height)
 
 
 def print_bench(bench: KernelBench) -> None:

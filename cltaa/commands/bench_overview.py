@@ -12,7 +12,7 @@ from cltaa.bench.accuracy_csv import csv_text
 from cltaa.bench.merge import NAME, merged, read_report
 from cltaa.bench.overview import table
 from cltaa.bench.plots import write_plots
-from cltaa.commands.options import FILE_PATH
+from cltaa.commands.options import FILE_PATH, json_option
 from cltaa.errors import UsageError
 from cltaa.metrics import METRICS
 from cltaa.printable import json_of
@@ -23,7 +23,7 @@ from cltaa.printable import json_of
 @click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder to write into.")
 @click.option("--pictured", default=4, show_default=True, type=click.IntRange(min=0),
               help="Sequences, the first ones, that have plots of their own.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print all numbers as JSON and nothing else.")
+@json_option
 def overview(reports: tuple[Path, ...], output: Path, pictured: int, as_json: bool) -> None:
     """Put the reports of cltaa bench accuracy together: their sequences in one figure, one table, one JSON and CSV.
 

@@ -17,8 +17,7 @@ from cltaa.bench.quality_cells import Cells
 from cltaa.bench.quality_page import check_page, markdown, write_page
 from cltaa.bench.quality_pictures import write_pictures
 from cltaa.bench.quality_summary import Table, ordered, summarise
-from cltaa.commands.bench_kernels import parse_size
-from cltaa.commands.options import ALL_SCENES, FILE_PATH, PRESET, SCENES, json_option
+from cltaa.commands.options import ALL_SCENES, FILE_PATH, FROM_0, PRESET, SCENES, SIZE, device_option, json_option
 from cltaa.errors import UsageError, known
 from cltaa.launch import Launcher, launcher_for
 from cltaa.presets import Preset, load_preset, preset_names
@@ -46,8 +45,8 @@ NARROWEST = 160  # columns of the terminal, so that no number is cut off
     help="A captured sequence with its truth, beside the scenes or in their place; repeatable.",
 )
 @click.option("--preset", "presets", type=PRESET, multiple=True, metavar="NAME", help="Repeatable.  [default: all]")
-@click.option("--device", help="As for cltaa resolve.")
-@click.option("--size", default="320x180", show_default=True, metavar="WxH", help="Pixels of a capture.")
+@device_option
+@click.option("--size", type=SIZE, default="320x180", show_default=True, help="Pixels of a capture.")
 @click.option("--frames", default=64, show_default=True, type=click.IntRange(min=2), help="Frames of a capture.")
 @click.option("--samples", default=256, show_default=True, type=click.IntRange(min=1), help="Samples of the truth.")
 @click.option(
@@ -58,8 +57,8 @@ NARROWEST = 160  # columns of the terminal, so that no number is cut off
     help="Samples of the truth where nothing moves.",
 )
 @click.option("--jitter", default="lattice:64", show_default=True, help="Sample positions, as for cltaa capture.")
-@click.option("--train", default="0", show_default=True, metavar="LIST", help="Seeds that presets were tuned on.")
-@click.option("--held-out", default="1", show_default=True, metavar="LIST", help="Other seeds; may be empty.")
+@click.option("--train", type=FROM_0, default="0", show_default=True, help="Seeds that presets were tuned on.")
+@click.option("--held-out", type=FROM_0, default="1", show_default=True, help="Other seeds; may be empty.")
 @click.option("--settled", default=8, show_default=True, type=click.IntRange(min=0), help="First frame that is judged.")
 @click.option(
     "--flip-every",
@@ -89,13 +88,13 @@ def quality(
     folders: tuple[Path, ...],
     presets: tuple[str, ...],
     device: str | None,
-    size: str,
+    size: tuple[int, int],
     frames: int,
     samples: int,
     still_samples: int,
     jitter: str,
-    train: str,
-    held_out: str,
+    train: tuple[int, ...],
+    held_out: tuple[int, ...],
     settled: int,
     flip_every: int,
     work: Path,
@@ -103,7 +102,7 @@ def quality(
     page: Path | None,
     pictures: Path | None,
     as_json: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Judge presets on sequences with a truth: PSNR, SSIM, FLIP, equal-quality samples and the faults in time.
 
     Missing captures are drawn by cltaa capture. All presets resolve the same frames. Cells that are finished are kept
@@ -113,8 +112,8 @@ def quality(
     if page is not None:
         check_page(page)  # before what may take hours
     chosen = [load_preset(name) for name in presets or preset_names()]
-    shape = Shape(*parse_size(size), frames, samples, still_samples, jitter)
-    seeds = dict.fromkeys(_numbers(train), TRAIN) | dict.fromkeys(_numbers(held_out), HELD_OUT)
+    shape = Shape(*size, frames, samples, still_samples, jitter)
+    seeds = dict.fromkeys(train, TRAIN) | dict.fromkeys(held_out, HELD_OUT)
     cases = [(Case(folder.name, TRAIN, folder), 0) for folder in folders]
     if scenes or not folders:
         cases += _planned(scenes, seeds, shape, work)
@@ -138,13 +137,6 @@ def quality(
         click.echo(json_of(table))
     else:
         _print(table)
-
-
-def _numbers(text: str) -> list[int]:
-    parts = [part.strip() for part in text.split(",") if part.strip()]
-    if not all(part.isdecimal() for part in parts):
-        raise UsageError("wrong list of seeds", expected="whole numbers, as 0,1", found=text)
-    return [int(part) for part in parts]
 
 
 def _planned(scenes: tuple[str, ...], seeds: dict[int, str], shape: Shape, work: Path) -> list[tuple[Case, int]]:

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.child_command import call_cltaa
-from cltaa.commands.options import FILE_PATH, SCENE
+from cltaa.commands.options import FILE_PATH, SCENE, SIZE, device_option, json_option
 from cltaa.equal_quality import equal_quality_samples
 from cltaa.errors import UsageError
 from cltaa.frames import Image
@@ -52,10 +52,10 @@ class Gain:
 @click.option(
     "--frames", type=click.IntRange(min=SETTLED + 1), default=40, show_default=True, help="Frames to capture."
 )
-@click.option("--size", default="640x360", metavar="WxH", show_default=True, help="Size of a frame in pixels.")
-@click.option("--device", help="As for cltaa resolve.")
-@click.option("--json", "as_json", is_flag=True, help="Print what was gained as JSON.")
-def demo(output: Path, scene: str, frames: int, size: str, device: str | None, as_json: bool) -> None:
+@click.option("--size", type=SIZE, default="640x360", show_default=True, help="Size of a frame in pixels.")
+@device_option
+@json_option
+def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: str | None, as_json: bool) -> None:
     """Capture a scene with its truth, resolve it, and leave pictures, a film and a table of what was gained.
 
     A second run keeps the captured frames and only resolves them again.
@@ -75,10 +75,10 @@ def demo(output: Path, scene: str, frames: int, size: str, device: str | None, a
         _print(gain, outcome, output)
 
 
-def _capture(scene: str, folder: Path, frames: int, size: str) -> None:
+def _capture(scene: str, folder: Path, frames: int, size: tuple[int, int]) -> None:
     """Run ``cltaa capture`` in a process of its own, so that OpenGL and OpenCL never meet in one."""
     arguments = [
-        "capture", scene, "-o", str(folder), "--frames", str(frames), "--size", size,
+        "capture", scene, "-o", str(folder), "--frames", str(frames), "--size", f"{size[0]}x{size[1]}",
         "--reference", str(TRUTH_SAMPLES),
     ]  # fmt: skip
     begun = folder.exists()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from cltaa.build import Build, Steps
-from cltaa.commands.options import KERNEL, PRESET
+from cltaa.commands.options import KERNEL, PRESET, json_option
 from cltaa.kernel_files import kernel_names
 from cltaa.presets import load_preset
 from cltaa.printable import json_of
@@ -22,7 +22,7 @@ from cltaa.printable import json_of
     "--lanes", type=click.Choice(["1", "4", "8", "16"]), default="8", show_default=True, help="Pixels a work-item."
 )
 @click.option("--strict", is_flag=True, help="The strict build.")
-@click.option("--json", "as_json", is_flag=True, help="Print names, flags and hashes as JSON.")
+@json_option
 def kernels(show: str | None, preset: str, lanes: str, strict: bool, as_json: bool) -> None:
     """List the OpenCL kernels with the hash of their text, or print one as the compiler sees it."""
     from cltaa.program import source, source_hash

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
@@ -50,6 +51,61 @@ class _Name(click.ParamType[str]):
         return found or [CompletionItem(incomplete, type="file")] * self._or_file
 
 
+class _Tuple(click.ParamType[tuple[Any, ...]]):
+    """Several values in one text; ``name`` is how that is written, which help shows as it is."""
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        return self.name
+
+
+class _Size(_Tuple):
+    """Width and height in pixels, written as 640x360."""
+
+    name = "WxH"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        match = re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", value, re.IGNORECASE)
+        if match is None:
+            self.fail(f"{value!r} is not WIDTHxHEIGHT, such as 640x360", param, ctx)
+        return int(match[1]), int(match[2])
+
+
+class _FrameRange(_Tuple):
+    """The first and the last of some frames, both included, or one frame alone."""
+
+    name = "A-B"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        match = re.fullmatch(r"(\d+)(?:-(\d+))?", value)
+        if match is None:
+            self.fail(f"{value!r} is no range of frames, such as 8-47 or 12", param, ctx)
+        return int(match[1]), int(match[2] or match[1])
+
+
+class _Names(_Tuple):
+    """A comma-separated list; spaces around its names and empty ones count as nothing."""
+
+    name = "LIST"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
+        return tuple(name for part in value.split(",") if (name := part.strip()))
+
+
+class _WholeNumbers(_Tuple):
+    """A comma-separated list of whole numbers from ``least`` on."""
+
+    name = "LIST"
+
+    def __init__(self, least: int) -> None:
+        self._least = least
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, ...]:
+        numbers = NAMES.convert(value, param, ctx)
+        if not all(number.isdecimal() and int(number) >= self._least for number in numbers):
+            self.fail(f"{value!r} is no list of whole numbers from {self._least} on, such as 2,4,8", param, ctx)
+        return tuple(map(int, numbers))
+
+
 # What lists the names is imported when a shell asks: no command needs it before it runs.
 def _presets() -> list[str]:
     from cltaa.presets import preset_names
@@ -79,6 +135,8 @@ PRESET, PROFILE = _Name(_presets), _Name(_profiles, or_file=True)
 KERNEL, SCENE = _Name(_kernels), _Name(_scenes)
 SCENES = _Name(lambda: [ALL_SCENES, *_scenes()])  # or all of them
 FILE_PATH = _FilePath(path_type=Path)
+SIZE, FRAME_RANGE, NAMES = _Size(), _FrameRange(), _Names()
+FROM_0, FROM_1, FROM_2 = (_WholeNumbers(least) for least in range(3))  # lists of whole numbers
 STOPS = _Stops(-EXPOSURE_STOPS, EXPOSURE_STOPS)
 
 verify_option = click.option(

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
 
-from cltaa.commands.options import PRESET
+from cltaa.commands.options import PRESET, json_option
 from cltaa.errors import UsageError
 from cltaa.params import Choices, Settings
 from cltaa.presets import Preset, allowed, load_preset, preset_names
@@ -23,7 +23,7 @@ from cltaa.printable import json_of
 @click.argument("name", required=False, type=PRESET)
 @click.option("--against", type=PRESET, help="Print only what NAME sets otherwise than this preset does.")
 @click.option("--parameters", is_flag=True, help="List every parameter with its range, unit and meaning.")
-@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+@json_option
 def presets(name: str | None, against: str | None, parameters: bool, as_json: bool) -> None:
     """List the presets; with NAME, print that one as TOML for cltaa resolve --config."""
     if against is not None:

@@ -6,7 +6,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from cltaa.commands.options import PROFILE
+from cltaa.commands.options import PROFILE, json_option
 from cltaa.inputs.profile import load_profile, profile_names
 from cltaa.inputs.profile_text import toml_text
 from cltaa.printable import json_of
@@ -14,7 +14,7 @@ from cltaa.printable import json_of
 
 @click.command()
 @click.argument("name", required=False, type=PROFILE)
-@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+@json_option
 def profiles(name: str | None, as_json: bool) -> None:
     """List the reader profiles, or print every key of NAME as TOML to start one's own from."""
     if name is not None:

@@ -11,7 +11,16 @@ from cltaa.bands import resolver_for
 from cltaa.build import STORAGES, Storage
 from cltaa.carried_over import carried_compression
 from cltaa.checkpoint import CHECKPOINT_EVERY
-from cltaa.commands.options import FILE_PATH, PRESET, chosen_effects, input_options, verify_option
+from cltaa.commands.options import (
+    FILE_PATH,
+    FRAME_RANGE,
+    NAMES,
+    PRESET,
+    chosen_effects,
+    input_options,
+    json_option,
+    verify_option,
+)
 from cltaa.errors import UsageError
 from cltaa.inputs.opening import open_input
 from cltaa.launch import launcher_for
@@ -35,12 +44,13 @@ from cltaa.views import View, parse_views
 @click.option(
     "--effects", default="auto", show_default=True, help="auto (as declared), all, or a comma-separated list."
 )
-@click.option("--frames", metavar="A-B", help="Only the frames A to B, both included.")
+@click.option("--frames", type=FRAME_RANGE, help="Only the frames A to B, both included.")
 @click.option("--preview", type=FILE_PATH, help="Also write the result as an MP4, as fast as it was captured.")
 @click.option("--half", is_flag=True, help="Write half-precision EXRs (values saturate at 65504).")
 @click.option("--compression", help="EXR compression that loses nothing.  [default: the input's, else zip]")
-@click.option("--layers", metavar="NAMES", help="Channels of the input to keep beside the resolved ones: all, none, or "
-              "names separated by commas, * for anything.  [default: all of other tools' files]")  # fmt: skip
+@click.option("--layers", type=NAMES,
+              help="Channels of the input to keep beside the resolved ones: all, none, or names separated by commas, "
+              "* for anything.  [default: all of other tools' files]")  # fmt: skip
 @click.option("--storage", type=click.Choice([kind.value for kind in STORAGES]), default=Storage.FLOAT.value,
               show_default=True, help="Number that the history is kept in.")  # fmt: skip
 @click.option("--budget-ms", type=click.FloatRange(min=0.0, min_open=True), metavar="MS",
@@ -59,7 +69,7 @@ from cltaa.views import View, parse_views
               metavar="N", help="Save the state every N frames, for a run that goes on after a kill.")  # fmt: skip
 @click.option("--debug", "views", default="", metavar="LIST",
               help=f"Also show what was decided at each pixel, as EXR layers and PNGs: {', '.join(View)}.")  # fmt: skip
-@click.option("--json", "as_json", is_flag=True, help="Print the outcome as JSON.")
+@json_option
 def resolve(
     sequence: Path,
     output: Path,
@@ -68,11 +78,11 @@ def resolve(
     assignments: tuple[str, ...],
     device: str | None,
     effects: str,
-    frames: str | None,
+    frames: tuple[int, int] | None,
     preview: Path | None,
     half: bool,
     compression: str | None,
-    layers: str | None,
+    layers: tuple[str, ...] | None,
     storage: str,
     budget_ms: float | None,
     strict: bool,
@@ -96,7 +106,7 @@ def resolve(
     source = open_input(
         sequence, profile=profile, assignments=inputs, side_file=camera,
         verify=verify, gaps=OnBreak(gaps), on_resize=OnBreak(on_resize),
-        frames=None if frames is None else _frame_range(frames),
+        frames=frames,
     )  # fmt: skip
     if source.notes:
         click.echo("\n".join(map(printable, source.notes)), err=True)
@@ -162,20 +172,10 @@ def _values(assignments: tuple[str, ...]) -> dict[str, str]:
     return values
 
 
-def _chosen_layers(text: str | None, source: Sequence) -> tuple[str, ...]:
-    if text is None:
-        text = "all" if source.notes else "none"
-    if text in ("all", "none"):
-        return ("*",) if text == "all" else ()
-    return tuple(name.strip() for name in text.split(",") if name.strip())
-
-
-def _frame_range(text: str) -> tuple[int, int]:
-    first, dash, last = text.partition("-")
-    try:
-        return int(first), int(last if dash else first)
-    except ValueError:
-        raise UsageError("--frames: no range", expected="A-B or A", found=text) from None
+def _chosen_layers(names: tuple[str, ...] | None, source: Sequence) -> tuple[str, ...]:
+    if names is None:
+        names = ("all",) if source.notes else ("none",)
+    return () if names == ("none",) else ("*",) if names == ("all",) else names
 
 
 def _print_outcome(outcome: Outcome, preview: Path | None) -> None:

@@ -6,13 +6,14 @@ import click
 from rich.console import Console
 from rich.table import Table
 
+from cltaa.commands.options import json_option
 from cltaa.frames import format_effects
 from cltaa.printable import json_of
 from cltaa_datasets.models import FORMATS, MOTIONS
 
 
 @click.command()
-@click.option("--json", "as_json", is_flag=True, help="Print the list as JSON on stdout.")
+@json_option
 def scenes(as_json: bool) -> None:
     """List the scenes that cltaa capture knows, and the effects that each calls for."""
     from cltaa_datasets.scenes import registered  # here: scenes load trimesh, and help must not

@@ -14,7 +14,7 @@ from cltaa.bench.frames import SHIFT_PX, Motion, camera_at, make_frames
 from cltaa.bench.kernels import AGAIN, CORE, Contenders
 from cltaa.build import STORAGES, Storage
 from cltaa.cameras import displacement
-from cltaa.errors import InternalError, UsageError
+from cltaa.errors import InternalError
 from cltaa.frames import Frame, Image
 from cltaa.launch import DeviceLauncher
 from cltaa.presets import load_preset, override
@@ -62,7 +62,7 @@ def test_a_machine_without_the_shader_is_told_so() -> None:
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (("--size", "12"), 64, "expected WxH"),
+        (("--size", "12"), 2, "not WIDTHxHEIGHT"),
         (("--size", "40x16"), 64, "at least 17x17, found 40x16"),
         (("--device", "numpy"), 64, "OpenCL"),
         (("--rounds", "1"), 2, "x>=3"),
@@ -155,11 +155,3 @@ def test_least_bytes(storage: Storage, expected: int) -> None:
     for frame in make_frames(16, 9, Motion.TURN):
         resolver.resolve(frame)
     assert least_bytes(resolver, storage) == expected
-
-
-def test_no_such_size_is_a_usage_error() -> None:
-    from cltaa.commands.bench_kernels import parse_size
-
-    assert parse_size("640X360") == (640, 360)
-    with pytest.raises(UsageError):
-        parse_size("0x4")

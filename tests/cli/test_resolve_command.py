@@ -82,7 +82,7 @@ def test_half_output_saturates(tmp_path: Path) -> None:
         (["--config", "/nonexistent.toml"], 66, "/nonexistent.toml: the file is missing"),
         (["--device", "nonsense"], 64, "no OpenCL device matches nonsense"),
         (["--effects", "nonsense"], 64, "--effects: unknown effect nonsense; known effects: auto, all, "),
-        (["--frames", "x"], 64, "--frames: no range"),
+        (["--frames", "x"], 2, "'x' is no range of frames"),
         (["--frames", "7-9"], 64, "7"),
         (["--compression", "dwaa"], 64, "compression"),
     ],

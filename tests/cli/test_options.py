@@ -1,0 +1,35 @@
+"""Values of options that are several in one text."""
+
+from __future__ import annotations
+
+import click
+import pytest
+
+from cltaa.commands.options import FRAME_RANGE, FROM_0, FROM_2, NAMES, SIZE
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "value"),
+    [
+        (SIZE, "640x360", (640, 360)),
+        (SIZE, "640X360", (640, 360)),
+        (FRAME_RANGE, "8-47", (8, 47)),
+        (FRAME_RANGE, "12", (12, 12)),
+        (NAMES, " zip, piz,", ("zip", "piz")),
+        (NAMES, "", ()),
+        (FROM_0, "0, 7", (0, 7)),
+        (FROM_0, "", ()),
+        (FROM_2, "2,4", (2, 4)),
+    ],
+)
+def test_what_is_understood(kind: click.ParamType[tuple[object, ...]], text: str, value: tuple[object, ...]) -> None:
+    assert kind.convert(text, None, None) == value
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [(SIZE, "0x4"), (SIZE, "640"), (FRAME_RANGE, "-"), (FRAME_RANGE, "2..3"), (FROM_0, "-1"), (FROM_2, "2,1")],
+)
+def test_what_is_refused(kind: click.ParamType[tuple[object, ...]], text: str) -> None:
+    with pytest.raises(click.BadParameter, match=text):
+        kind.convert(text, None, None)
