@@ -4,38 +4,55 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import TypeVar
 
 Item = TypeVar("Item")
+Advance = Callable[[int, int], None]  # called with how many are done, and of how many
 
 SECONDS_BETWEEN_LINES = 10.0  # in a log
 
 
-def track(frames: Iterable[Item], total: int, action: str, unit: str = "frames") -> Iterator[Item]:
-    """Iterate ``frames`` and show how many of ``total`` are through, frames a second and the time left.
+def track(items: Iterable[Item], total: int, action: str, unit: str = "frames") -> Iterator[Item]:
+    """Iterate ``items`` and show how many of ``total`` are through, items a second and the time left.
 
-    On a terminal that is a bar which vanishes at the end; elsewhere a line every ten seconds and one at the end.
     ``action`` is what is being done, in the present: "resolving"; ``unit`` is what is counted.
     """
+    with shown_progress(action, unit) as advance:
+        advance(0, total)
+        for done, item in enumerate(items, start=1):
+            yield item
+            advance(done, total)
+
+
+@contextmanager
+def shown_progress(action: str, unit: str = "frames") -> Iterator[Advance]:
+    """Yield what is to be called before the first item and after each.
+
+    On a terminal it moves a bar that vanishes at the end; elsewhere it prints a line every ten seconds and at the end.
+    """
     if not sys.stderr.isatty():
-        yield from _lines(frames, total, action, unit)
+        yield _lines(action, unit)
         return
     from cltaa.progress_bar import progress_bar  # here: importing rich takes as long as several frames
 
-    with progress_bar(action, unit) as progress:
-        task = progress.add_task(action, total=total)
-        for frame in frames:
-            yield frame
-            progress.advance(task)
+    with progress_bar(action, unit) as bar:
+        task = bar.add_task(action, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def _lines(frames: Iterable[Item], total: int, action: str, unit: str) -> Iterator[Item]:
+def _lines(action: str, unit: str) -> Advance:
     begin = last = time.monotonic()
-    for done, frame in enumerate(frames, start=1):
-        yield frame
+
+    def advance(done: int, total: int) -> None:
+        nonlocal last
+        if not done:
+            return
         now = time.monotonic()
         if now - last >= SECONDS_BETWEEN_LINES or done == total:
             last = now
             rate = done / max(now - begin, 1e-9)
             print(f"{action}: {done} of {total} {unit}, {rate:.1f} {unit}/s", file=sys.stderr)
+
+    return advance

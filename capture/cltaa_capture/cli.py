@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from cltaa.commands.options import FILE_PATH, FROM_2, SIZE, json_option
 from cltaa.errors import UsageError
 from cltaa.printable import counted, json_of, printable
+from cltaa.progress import shown_progress
 from cltaa_capture.jitter import USUAL
 from cltaa_capture.osmesa import BACKENDS
 from cltaa_datasets.models import MOTIONS
@@ -25,44 +23,12 @@ from cltaa_datasets.models import MOTIONS
 if TYPE_CHECKING:
     from cltaa_capture.sequence import Captured, Request
 
-PLAIN_EVERY = 10.0  # seconds between lines of progress where there is no terminal
-
 
 def complete_scene(_context: click.Context, _parameter: click.Parameter, incomplete: str) -> list[str]:
     """Scenes whose names begin as what is typed does."""
     from cltaa_datasets.scenes import registered
 
     return [entry.name for entry in registered() if entry.name.startswith(incomplete)]
-
-
-@contextmanager
-def progress_display(label: str) -> Iterator[Callable[[int, int], None]]:
-    """Show done, total and frames/s on stderr: a bar on a terminal, else a line now and then."""
-    console, begin = Console(stderr=True), time.perf_counter()
-
-    def rate(done: int) -> str:
-        return f"{done / max(time.perf_counter() - begin, 1e-9):.1f} frames/s"
-
-    if console.is_terminal:
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[rate]}"),
-        )
-        with Progress(*columns, TimeRemainingColumn(), console=console) as bar:
-            task = bar.add_task(label, total=None, rate="")
-            yield lambda done, total: bar.update(task, completed=done, total=total, rate=rate(done))
-        return
-    said = begin
-
-    def say(done: int, total: int) -> None:
-        nonlocal said
-        if done == total or time.perf_counter() - said >= PLAIN_EVERY:
-            said = time.perf_counter()
-            click.echo(f"{label}: frame {done} of {total}, {rate(done)}", err=True)
-
-    yield say
 
 
 @click.command(short_help="Draw a scene into a jittered EXR sequence.")
@@ -124,7 +90,7 @@ def capture(
 
     request = Request(scene=scene, output=output, width=size[0], height=size[1], **options)
     begin = time.perf_counter()
-    with progress_display(scene.rpartition("/")[2]) as progress:
+    with shown_progress(scene.rpartition("/")[2]) as progress:
         captured = capture_sequence(request, progress)
     _print_summary(request, captured, time.perf_counter() - begin, as_json)
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import click
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
 from cltaa.commands.options import FILE_PATH, PRESET, chosen_effects, input_options, json_option
@@ -17,6 +18,7 @@ from cltaa.inputs.opening import is_own, open_input
 from cltaa.inspection import Inspection, inspect_folder
 from cltaa.pixel_statistics import ChannelStatistics
 from cltaa.printable import counted, json_of, printable, shown
+from cltaa.progress import shown_progress
 from cltaa.sources import Sequence
 
 
@@ -58,14 +60,8 @@ def inspect(
         _plan(open_input(folder, **reading), preset, device, effects, as_json)
         return
     named = bool(inputs) or camera is not None or profile not in ("auto", "cltaa")
-    console = Console(stderr=True)
     found: Inspection | Description
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("inspecting")
-
-        def advance(done: int, total: int) -> None:
-            progress.update(task, completed=done, total=total)
-
+    with shown_progress("inspecting") if sys.stderr.isatty() else nullcontext() as advance:
         if named or (profile == "auto" and not is_own(folder)):
             found = describe_input(folder, pixels=pixels, advance=advance, **reading)
         else:

@@ -40,7 +40,7 @@ def test_nothing_but_what_was_asked_for_on_stdout(tmp_path: Path, capsys: pytest
     assert main(["capture", "conveyor", "-o", str(tmp_path), *TINY]) == 0
     out, err = capsys.readouterr()
     assert out == ""
-    assert "frame 2 of 2" in err
+    assert "conveyor: 2 of 2 frames" in err
     assert "frames/s" in err
 
 
