@@ -89,24 +89,29 @@ def truth_samples(reference: ImageSequence) -> int | None:
     raise DataError(what, path=path, expected="a positive int", found=repr(count), cure="capture the reference again")
 
 
+def yardsticks(folder: Path) -> dict[int, Path]:
+    """Folders ``reference-<n>/`` of a capture, the same frames drawn with n samples a pixel, by n."""
+    found = {path.name.removeprefix("reference-"): path for path in folder.glob("reference-*")}
+    return {int(count): path for count, path in found.items() if count.isdecimal()}
+
+
 def supersampling_curve(
     capture: Sequence, numbers: tuple[int, ...], one_sample_mse: float, stops: float = 0.0
 ) -> list[tuple[int, float]]:
     """Measured mean squared error against samples a pixel, from the folders ``reference-<n>/`` of a capture.
 
-    Such a folder holds the same frames drawn with n samples. Empty where there is none; else it begins with the
-    single samples. Raises InputMissing and DataError where such a folder does not fit the capture.
+    Empty where there is none; else it begins with the single samples. Raises InputMissing and DataError where such a
+    folder does not fit the capture.
     """
     truth = capture.reference
+    if truth is None:
+        return []
     curve = [(1, one_sample_mse)]
-    for folder in sorted(capture.folder.glob("reference-*")):
-        count = folder.name.removeprefix("reference-")
-        if truth is None or not count.isdecimal():
-            continue
+    for count, folder in sorted(yardsticks(capture.folder).items()):
         images = open_images(folder, verify=capture.verify)
         check_same_size(capture, images)
         errors = [light_mse(images.image(number), truth.image(number), stops) for number in numbers]
-        curve.append((int(count), sum(errors) / len(errors)))
+        curve.append((count, sum(errors) / len(errors)))
     return curve if len(curve) > 1 else []
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,9 +20,8 @@ from cltaa.frames import Image
 
 SSIM_SIGMA = 1.5  # pixels; Wang et al. 2004, with the 11 x 11 Gaussian window that goes with it
 SSIM_SMALLEST_SIDE = 11
-FLIP_DARKEST = (
-    1e-6  # luminance; FLIP's range of exposures is upside down where the brightest is below float32's epsilon
-)
+# Luminance; FLIP's range of exposures is upside down where the brightest is below float32's epsilon.
+FLIP_DARKEST = 1e-6
 FLIP_PIXELS_PER_DEGREE = 67.0  # FLIP's own default: 0.7 m from a 3840 pixel, 0.7 m wide screen
 
 
@@ -54,6 +53,11 @@ def light_mse(test: Image, reference: Image, stops: float = 0.0) -> float:
 def psnr(mean_squared_error: float) -> float:
     """Peak signal-to-noise ratio in dB for a peak of 1; infinite where the error is 0."""
     return math.inf if mean_squared_error == 0 else -10 * math.log10(mean_squared_error)
+
+
+def mean_psnr(values: Sequence[float]) -> float:
+    """The PSNR of the mean of the squared errors that ``values`` say: finite unless all of them are infinite."""
+    return psnr(math.fsum(10 ** (-value / 10) for value in values) / len(values))
 
 
 def ssim(test: Image, reference: Image, stops: float = 0.0) -> float:
@@ -176,7 +180,7 @@ def mean(frames: Iterable[Mapping[str, float]]) -> dict[str, float]:
     for name in rows[0] if rows else ():
         values = [row[name] for row in rows]
         if name.startswith("psnr"):
-            result[name] = psnr(math.fsum(10 ** (-value / 10) for value in values) / len(values))
+            result[name] = mean_psnr(values)
         else:
             result[name] = math.fsum(values) / len(values)
     return result

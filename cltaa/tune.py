@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ import numpy as np
 from cltaa.bench.baseline import resolve_job
 from cltaa.bench.errors_of import truth_of
 from cltaa.bench.times_of import pair_of
-from cltaa.bench.timing import Clock, measure
+from cltaa.bench.timing import Clock, Progress, measure
 from cltaa.errors import UsageError
 from cltaa.extras import import_extra
 from cltaa.launch import Launcher
@@ -110,9 +110,6 @@ class Bench:
             samples = measure([job], ROUNDS, warm_up=1)
             spent.append(float(samples.seconds(job.name, Clock.DEVICE).min()) * 1e3)
         return float(np.mean(spent))
-
-
-Progress = Callable[[Iterable[int], int], Iterable[int]]
 
 
 def tune(

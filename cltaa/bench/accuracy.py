@@ -11,8 +11,7 @@ import msgspec
 
 from cltaa.atomic import atomic_path, make_folder
 from cltaa.bench.distribution import build_all, path_of, run_all
-from cltaa.bench.environment import environment, pin_threads, processors
-from cltaa.bench.environment import load as load_average
+from cltaa.bench.environment import environment, load_average, pin_threads, processors
 from cltaa.bench.errors_of import Task
 from cltaa.bench.ladder import Variant
 from cltaa.bench.measured import Progress, Timing, measure_sequence

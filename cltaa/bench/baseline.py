@@ -36,6 +36,13 @@ BASELINE = Preset(
 )
 PLAIN_GROUP = {True: (64, 1), False: (16, 16)}  # work-items a group of the plain port: on a CPU, on a GPU
 COPY_BYTES = 16  # a work-item of copy.cl
+# In float: two orders of the same operations, one with the cancelling variance; 999 of 1000 pixels are within 8e-6 at
+# 1920 x 1080. In half: OpenGL may cut off what does not fit, 2^-10 a frame, where OpenCL rounds; 999 are within 9e-4.
+TOLERANCE = {True: 2.0**-14, False: 4 * 2.0**-10}
+# Past the border the nearest surface is a tie, which either may break; the history filter carries that 2 px a frame.
+BORDER = 8
+# Where a pixel is just outside its box, or the image: decisions that rounding takes.
+ODD_PIXELS = 1e-3
 
 
 def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int | None = None) -> tuple[Job, Image]:
@@ -150,12 +157,3 @@ def check_same(name: str, image: Image, expected: Image, storage: Storage) -> fl
             cure="its time would say nothing; see docs/performance.md",
         )
     return float(apart.max())
-
-
-# In float: two orders of the same operations, one with the cancelling variance; 999 of 1000 pixels are within 8e-6 at
-# 1920 x 1080. In half: OpenGL may cut off what does not fit, 2^-10 a frame, where OpenCL rounds; 999 are within 9e-4.
-TOLERANCE = {True: 2.0**-14, False: 4 * 2.0**-10}
-# Past the border the nearest surface is a tie, which either may break; the history filter carries that 2 px a frame.
-BORDER = 8
-# Where a pixel is just outside its box, or the image: decisions that rounding takes.
-ODD_PIXELS = 1e-3

@@ -49,14 +49,14 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
         )
 
 
-def load() -> float:
-    """Runnable processes, mean of the last minute; 0 where the system does not say."""
-    return os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
+def load_average() -> float:
+    """Runnable processes, mean of the last minute."""
+    return os.getloadavg()[0]
 
 
 def processors() -> int:
     """Processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return len(os.sched_getaffinity(0))
 
 
 def pin_threads() -> None:
@@ -88,7 +88,7 @@ def environment(
         cores=processors(),
         cpu_flags=[flag for flag in TELLING_FLAGS if flag in flags],
         load_before=round(load_before, 2),
-        load_after=round(load(), 2),
+        load_after=round(load_average(), 2),
         device=device,
         libraries={"cltaa": __version__} | {name: version(name) for name in LIBRARIES},
         kernels_sha256=kernels_sha256(folder),

@@ -21,6 +21,7 @@ from PIL import Image as Pillow
 
 from cltaa.bench.ladder import Variant
 from cltaa.build import Build, Real, Storage
+from cltaa.comparison import yardsticks
 from cltaa.display import Picture, to_picture
 from cltaa.errors import InputMissing
 from cltaa.frames import Frame, Image
@@ -32,7 +33,7 @@ from cltaa.pictures import heat
 from cltaa.resolve import Resolver
 from cltaa.sources import ImageSequence, Sequence, open_images, open_sequence
 
-BIT_PATTERN = 16  # hexadecimal digits of a key
+KEY_DIGITS = 16  # hexadecimal
 COUNT_WHITE = 32  # samples in the history that the picture of them shows white
 
 
@@ -53,7 +54,7 @@ class Task(msgspec.Struct, frozen=True, kw_only=True):
         for name in ("sequence.json", "resolve.json"):
             path = Path(self.sequence) / name
             digest.update(path.read_bytes() if path.is_file() else b"")
-        return digest.hexdigest()[:BIT_PATTERN]
+        return digest.hexdigest()[:KEY_DIGITS]
 
 
 class Rounding(msgspec.Struct, frozen=True, kw_only=True):
@@ -123,12 +124,7 @@ def run_task(task: Task) -> Errors:
 def yardstick_errors(sequence: Sequence, metrics: tuple[str, ...]) -> Iterator[tuple[int, dict[str, list[float]]]]:
     """Samples a pixel and errors a frame of each supersampled sequence there is; one sample is the capture itself."""
     truth = truth_of(sequence)
-    folders = {1: sequence.folder}
-    for folder in sequence.folder.glob("reference-*"):
-        count = folder.name.removeprefix("reference-")
-        if count.isdecimal():
-            folders[int(count)] = folder
-    for samples, folder in sorted(folders.items()):
+    for samples, folder in sorted(({1: sequence.folder} | yardsticks(sequence.folder)).items()):
         images = open_images(folder)
         frames: dict[str, list[float]] = {name: [] for name in metrics}
         for number in sequence.numbers:

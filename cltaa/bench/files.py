@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -18,8 +17,8 @@ import OpenEXR
 
 from cltaa.allocator import kept_memory
 from cltaa.atomic import make_folder
-from cltaa.bench.environment import Environment, environment, load
-from cltaa.bench.timing import Interval, Job, interval, measure
+from cltaa.bench.environment import Environment, environment, load_average, processors
+from cltaa.bench.timing import Interval, Job, Progress, interval, measure
 from cltaa.build import Build
 from cltaa.exr import read_image, write_image
 from cltaa.exr_channels import Pixels
@@ -34,18 +33,11 @@ from cltaa.resolve import Resolver
 from cltaa.sources import Sequence as Captured
 from cltaa.streams import ReadAhead, Writer
 
-CODECS = (
-    "none",
-    "rle",
-    "zips",
-    "zip",
-    "piz",
-    "zstd",
-)  # those that lose nothing and that most programs read; zstd is new
+# Those that lose nothing and that most programs read; zstd is new.
+CODECS = ("none", "rle", "zips", "zip", "piz", "zstd")
 HELD = 3  # frames in memory while a stage is timed alone
 NO_HASH = "0" * 64
 ALONE, WHOLE = "alone", "whole"  # folders of what is written
-Progress = Callable[[Iterable[int], int], Iterable[int]]
 
 
 class Packing(msgspec.Struct, frozen=True, kw_only=True):
@@ -104,7 +96,7 @@ def bench_files(
 
     ``threads`` are OpenEXR's, none: as many as it has now. ``commands`` are codecs with whether to write halves.
     """
-    before, resolver = load(), Resolver(preset, device)
+    before, resolver = load_average(), Resolver(preset, device)
     channels = image_channels(resolver.resolve(sequence.frame(sequence.first)))
     resolver.reset()
     counts = threads or (OpenEXR.global_thread_count(),)
@@ -156,18 +148,14 @@ def _packings(
             for codec in codecs:
                 yield Packing(
                     codec=codec, half=half, threads=count,
-                    write=_milliseconds(samples.interval(f"write {codec}")),
-                    read=_milliseconds(samples.interval(f"read {codec}")),
+                    write=samples.interval(f"write {codec}").times(1e3),
+                    read=samples.interval(f"read {codec}").times(1e3),
                     megabytes=(folder / f"{codec}.exr").stat().st_size * 1e-6,
                 )  # fmt: skip
 
 
 def _read(path: Path) -> None:
     read_image(path)
-
-
-def _milliseconds(seconds: Interval) -> Interval:
-    return Interval(median=seconds.median * 1e3, low=seconds.low * 1e3, high=seconds.high * 1e3)
 
 
 def _stages(folder: Path, sequence: Captured, resolver: Resolver, codec: str, half: bool, rounds: int) -> Stages:
@@ -197,8 +185,7 @@ def _stages(folder: Path, sequence: Captured, resolver: Resolver, codec: str, ha
                 processor.append((time.process_time() - busy) / count)
     slowest = [max(times[name][number] for name in ("read", "resolve", "write")) for number in range(rounds)]
     ratios = [whole / alone for whole, alone in zip(times["whole"], slowest, strict=True)]
-    cores = len(os.sched_getaffinity(0))
-    best = [max(1.0, busy / cores / alone) for busy, alone in zip(processor, slowest, strict=True)]
+    best = [max(1.0, busy / processors() / alone) for busy, alone in zip(processor, slowest, strict=True)]
     return Stages(
         codec=codec, half=half, processor=_interval(processor), over_slowest=_interval(ratios), at_best=_interval(best),
         **{name: _interval(seconds) for name, seconds in times.items()},

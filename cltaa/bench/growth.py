@@ -6,7 +6,7 @@ not fit into a buffer or into memory are resolved in bands.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,9 +15,9 @@ import numpy as np
 
 from cltaa.bands import BAND_ROWS, BandedResolver
 from cltaa.bench.baseline import busy
-from cltaa.bench.environment import Environment, environment, load
+from cltaa.bench.environment import Environment, environment, load_average
 from cltaa.bench.frames import EFFECTS, Motion, camera_at
-from cltaa.bench.timing import Clock, Interval, Job, measure
+from cltaa.bench.timing import Clock, Interval, Job, Progress, measure
 from cltaa.build import Build, Steps, Storage
 from cltaa.frames import Frame
 from cltaa.kernel_files import kernel_folder
@@ -33,7 +33,6 @@ MANY_ROUNDS_TO = 4096
 FEWEST_ROUNDS = 3
 FLAT = 0.15
 TILE = 256  # of random pixels that an image is filled with
-Progress = Callable[[Iterable[int], int], Iterable[int]]
 
 
 class Growth(msgspec.Struct, frozen=True, kw_only=True):
@@ -120,7 +119,7 @@ def bench_growth(
 
     Raises ResourceError where the device has too little memory for one of them.
     """
-    before, reference = load(), _Sized(preset, device, REFERENCE, 0)
+    before, reference = load_average(), _Sized(preset, device, REFERENCE, 0)
     rows = []
     for side in sizes:
         bands, count = band_rows if side >= banded_from else 0, rounds_of(side, rounds)
@@ -134,9 +133,9 @@ def bench_growth(
                 side=side,
                 band_rows=bands,
                 rounds=count,
-                ns_a_pixel=_scaled(seconds, scale),
+                ns_a_pixel=seconds.times(scale),
                 least_ns=float(samples.seconds("size", Clock.DEVICE).min()) * scale,
-                ratio=_scaled(ratio, reference.pixels / sized.pixels),
+                ratio=ratio.times(reference.pixels / sized.pixels),
                 allocated=sized.launcher.allocated,
                 formula=device_bytes(side, side, sized.steps, Storage.FLOAT, band_rows=bands),
             )
@@ -149,7 +148,3 @@ def bench_growth(
 def rounds_of(side: int, rounds: int) -> int:
     """Rounds for a size: fewer, as the pixels grow, beyond ``MANY_ROUNDS_TO``; never below ``FEWEST_ROUNDS``."""
     return max(min(rounds, rounds * MANY_ROUNDS_TO**2 // side**2), FEWEST_ROUNDS)
-
-
-def _scaled(value: Interval, by: float) -> Interval:
-    return Interval(median=value.median * by, low=value.low * by, high=value.high * by)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 
 import msgspec
 
 from cltaa.bench.baseline import BASELINE, BORDER, PlainPort, check_same, copy_job, least_bytes, resolve_job
-from cltaa.bench.environment import Environment, environment, load
+from cltaa.bench.environment import Environment, environment, load_average
 from cltaa.bench.frames import Motion, make_frames
 from cltaa.bench.shader import Shader
-from cltaa.bench.timing import Clock, Interval, Job, Samples, measure, too_noisy
+from cltaa.bench.timing import Clock, Interval, Job, Progress, Samples, measure, too_noisy
 from cltaa.build import Build, Storage
 from cltaa.errors import CltaaError, InternalError, UsageError
 from cltaa.frames import Frame, Image
@@ -63,9 +63,6 @@ class KernelBench(msgspec.Struct, frozen=True, kw_only=True):
     rounds: int
     environment: Environment
     timings: list[Timing]
-
-
-Progress = Callable[[Iterable[int], int], Iterable[int]]
 
 
 class Contenders:
@@ -162,7 +159,7 @@ def bench_kernels(
         raise UsageError("too small to compare images in", expected=expected, found=f"{width}x{height}")
     if device == "numpy":
         raise UsageError("bench kernels times OpenCL kernels", cure="name an OpenCL device; the oracle is timed anyway")
-    launcher, before = DeviceLauncher(device), load()
+    launcher, before = DeviceLauncher(device), load_average()
     timings = []
     for motion in motions:
         contenders = Contenders(launcher, storage, make_frames(width, height, motion))
@@ -214,22 +211,17 @@ def _timing(
 
 
 def _row(name: str, samples: Samples, pixels: int, moved: int, bandwidth: float, contenders: Contenders) -> Row:
-    by_device = samples.has(name, Clock.DEVICE)
+    by_device, a_pixel = samples.has(name, Clock.DEVICE), 1e9 / pixels  # nanoseconds
     seconds = samples.interval(name, Clock.DEVICE).median
     return Row(
         name=name,
         rounds=len(samples.by_job[name]),
-        wall_ns=_a_pixel(samples.interval(name), pixels),
-        device_ns=_a_pixel(samples.interval(name, Clock.DEVICE), pixels) if by_device else None,
-        least_wall_ns=float(samples.seconds(name).min()) / pixels * 1e9,
+        wall_ns=samples.interval(name).times(a_pixel),
+        device_ns=samples.interval(name, Clock.DEVICE).times(a_pixel) if by_device else None,
+        least_wall_ns=float(samples.seconds(name).min()) * a_pixel,
         ratio=samples.ratio(name, CORE),
         device_ratio=samples.ratio(name, CORE, Clock.DEVICE) if by_device else None,
         gigabytes_a_second=moved * pixels / seconds * 1e-9,
         of_floor=moved * pixels / bandwidth / seconds,
         difference=contenders.difference.get(name),
     )
-
-
-def _a_pixel(seconds: Interval, pixels: int) -> Interval:
-    scale = 1e9 / pixels
-    return Interval(median=seconds.median * scale, low=seconds.low * scale, high=seconds.high * scale)

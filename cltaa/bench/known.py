@@ -17,8 +17,6 @@ from cltaa.errors import DataError, UsageError
 from cltaa.metrics import METRICS
 from cltaa.printable import counted
 
-FOLDER = "XDG_DATA_HOME", ".local/share"  # the variable, and what stands for it in the home folder
-
 
 class Candidate(msgspec.Struct, frozen=True, kw_only=True):
     """A variant with what it cost and what it brought, over all sequences of the measurement."""
@@ -49,8 +47,7 @@ class Choice(msgspec.Struct, frozen=True, kw_only=True):
 
 def known_path(device: str) -> Path:
     """The file about a device, in the user's data folder."""
-    variable, otherwise = FOLDER
-    base = Path(os.environ.get(variable) or Path.home() / otherwise)
+    base = Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share")
     return base / "cltaa" / "bench" / f"{hashlib.sha256(device.encode()).hexdigest()[:16]}.json"
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -16,7 +15,7 @@ from cltaa.bench.errors_of import Task, truth_of, yardstick_errors
 from cltaa.bench.front import dominated_by
 from cltaa.bench.results import Cell, Measured, Yardstick, exponential_noise, spread
 from cltaa.bench.times_of import TURN, Ranking, jobs_of, ranking
-from cltaa.bench.timing import Clock, Interval, Samples, measure
+from cltaa.bench.timing import Clock, Samples, measure
 from cltaa.comparison import truth_samples
 from cltaa.equal_quality import STRATIFIED_EXPONENT
 from cltaa.frames import format_effects
@@ -91,14 +90,14 @@ def _cell(task: Task, output: Path, samples: Samples, default: str, clock: Clock
     found, name = load(task, output), task.variant.name
     assert found is not None
     times = {
-        str(each): _scaled(samples.interval(name, each), megapixels) if samples.has(name, each) else None
+        str(each): samples.interval(name, each).times(1e3 / megapixels) if samples.has(name, each) else None
         for each in (Clock.DEVICE, Clock.PROCESSOR)
     }
     return Cell(
         variant=name,
         errors={metric: spread(values) for metric, values in found.frames.items()},
         rounding=found.rounding,
-        wall=_scaled(samples.interval(name), megapixels),
+        wall=samples.interval(name).times(1e3 / megapixels),
         **times,
         least=float(samples.seconds(name).min()) * 1e3 / megapixels,
         ratio=samples.ratio(name, default, clock),
@@ -131,8 +130,7 @@ def cost(metric: str, value: float) -> float:
 
 
 def _yardstick(captured: Captured, metrics: tuple[str, ...], megapixels: float) -> list[Yardstick]:
-    record = json.loads((captured.folder / "sequence.json").read_text()) if _recorded(captured) else {}
-    seconds: dict[str, float] = record.get("seconds_a_frame", {})
+    seconds: dict[str, float] = captured.sequence_json.get("seconds_a_frame", {})
     one = seconds.get("1")
     rows = []
     for samples, frames in yardstick_errors(captured, metrics):
@@ -153,12 +151,3 @@ def _truth_noise(captured: Captured, yardstick: Sequence[Yardstick]) -> float | 
     samples = truth_samples(truth_of(captured))
     one = _one_sample(yardstick)
     return None if samples is None or one is None else float(one * samples**-STRATIFIED_EXPONENT)
-
-
-def _recorded(captured: Captured) -> bool:
-    return (captured.folder / "sequence.json").is_file()
-
-
-def _scaled(seconds: Interval, megapixels: float) -> Interval:
-    scale = 1e3 / megapixels
-    return Interval(median=seconds.median * scale, low=seconds.low * scale, high=seconds.high * scale)

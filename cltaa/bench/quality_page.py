@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cltaa.atomic import atomic_path
 from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Column
-from cltaa.bench.quality_summary import DEFAULT, Row, Table, best_classic, highest_tier, ordered, published
+from cltaa.bench.quality_summary import DEFAULT, Row, Table, best_engine, highest_tier, ordered, published
 from cltaa.errors import DataError, InputMissing
 
 BEGIN, END = "<!-- cltaa bench quality: begin -->", "<!-- cltaa bench quality: end -->"
@@ -110,9 +110,9 @@ def _duels(table: Table) -> Iterable[str]:
     yield "Better: lower FLIP and higher PSNR, both."
     yield "\n".join(lines)
     for split, means in table.means.items():
-        classic = best_classic(means)
-        if classic is not None and DEFAULT in means:
-            yield f"Best of the engines' by mean FLIP ({split}): {classic}."
+        engine = best_engine(means)
+        if engine is not None and DEFAULT in means:
+            yield f"Best of the engines' by mean FLIP ({split}): {engine}."
 
 
 def _scene_table(rows: list[Row]) -> str:

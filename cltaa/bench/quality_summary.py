@@ -10,11 +10,11 @@ import msgspec
 
 from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged
 from cltaa.bench.quality_cases import Case
-from cltaa.metrics import psnr
+from cltaa.metrics import mean_psnr
 
 DEFAULT = "default"
-SEEDS = re.compile(r"(vireo|babylon|simvx)\b")
-CLASSICS = re.compile(r"(karis|playdead|godot|filament|bevy|intel|fsr3)\b")
+ARTICLES = re.compile(r"(vireo|babylon|simvx)\b")
+ENGINES = re.compile(r"(karis|playdead|godot|filament|bevy|intel|fsr3)\b")
 LADDER = re.compile(r"t\d(-200)?")  # in the order of their names: t3, t3-200, t4
 DECIDING = ("flip", "psnr")  # the two that a preset is called better by
 HIGHER = {column.name: column.higher_is_better for column in COLUMNS}
@@ -67,7 +67,7 @@ def summarise(judged: Iterable[tuple[Case, Mapping[str, Judged]]]) -> Table:
 
 def published(name: str) -> bool:
     """Whether a preset is the resolve of an article or of an engine."""
-    return bool(SEEDS.match(name) or CLASSICS.match(name))
+    return bool(ARTICLES.match(name) or ENGINES.match(name))
 
 
 def highest_tier(names: Iterable[str]) -> str | None:
@@ -75,9 +75,9 @@ def highest_tier(names: Iterable[str]) -> str | None:
     return max(filter(LADDER.fullmatch, names), default=None)
 
 
-def best_classic(means: Mapping[str, Mapping[str, float | None]]) -> str | None:
-    """The classic preset of the least mean FLIP, or None where none was judged."""
-    found = {name: value for name, scores in means.items() if CLASSICS.match(name) and (value := scores["flip"])}
+def best_engine(means: Mapping[str, Mapping[str, float | None]]) -> str | None:
+    """The engine's preset of the least mean FLIP, or None where none was judged."""
+    found = {name: value for name, scores in means.items() if ENGINES.match(name) and (value := scores["flip"])}
     return min(found, key=lambda name: found[name], default=None)
 
 
@@ -89,7 +89,7 @@ def _mean_scores(cells: list[Judged]) -> dict[str, float | None]:
         if not values:
             result[column.name] = None
         elif column.name == "psnr":
-            result[column.name] = psnr(math.fsum(10 ** (-value / 10) for value in values) / len(values))
+            result[column.name] = mean_psnr(values)
         elif column.name in ("samples", "last", "uncovered"):
             result[column.name] = math.exp(math.fsum(map(math.log, values)) / len(values))
         else:
@@ -121,10 +121,16 @@ def _better(one: Judged, other: Judged) -> bool:
 
 
 def ordered(names: Iterable[str]) -> list[str]:
-    """Presets as the tables list them: one sample, seeds, classics, the ladder, then all others."""
+    """Presets as the tables list them: one sample, articles, engines, the ladder, then all others."""
 
     def rank(name: str) -> tuple[int, str]:
-        groups = (name == ONE_SAMPLE, SEEDS.match(name), CLASSICS.match(name), LADDER.fullmatch(name), name == DEFAULT)
+        groups = (
+            name == ONE_SAMPLE,
+            ARTICLES.match(name),
+            ENGINES.match(name),
+            LADDER.fullmatch(name),
+            name == DEFAULT,
+        )
         return next((place for place, found in enumerate(groups) if found), len(groups)), name
 
     return sorted(names, key=rank)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import NamedTuple
@@ -20,11 +20,12 @@ from numpy.typing import NDArray
 RESAMPLES = 4000
 CONFIDENCE = 0.95
 WIDEST = 0.02  # half width of the A/A interval beyond which nothing is ranked
-
-
 MOST_RUNS = 5  # of a job in one turn, however short they are
 FEWEST_RUNS = 2  # where turns are asked for: of one run alone nothing says whether it was held up
 LONG = 4  # turns that a run takes of which one is enough
+
+# Passes the numbers of the rounds on, and is told how many there are.
+Progress = Callable[[Iterable[int], int], Iterable[int]]
 
 
 class Clock(StrEnum):
@@ -64,6 +65,10 @@ class Interval(msgspec.Struct, frozen=True, kw_only=True):
     median: float
     low: float
     high: float
+
+    def times(self, factor: float) -> Interval:
+        """The same in another unit."""
+        return Interval(median=self.median * factor, low=self.low * factor, high=self.high * factor)
 
     @property
     def half_width(self) -> float:
@@ -162,7 +167,7 @@ def measure(
     turn: float = 0.0,
     enough: Callable[[Samples], bool] | None = None,
     patience: float = 0.0,
-    progress: Callable[[Iterable[int], int], Iterable[int]] | None = None,
+    progress: Progress | None = None,
 ) -> Samples:
     """Time ``jobs`` in ``rounds`` rounds after ``warm_up`` untimed runs of each (one, where a job takes few rounds).
 
@@ -210,8 +215,3 @@ def _turn(job: Job, runs: int) -> Sample:
         devices += [] if device is None else [device]
     processor = (time.process_time() - begun) / runs
     return Sample(min(walls), min(devices, default=None), processor if processor > 0.0 else None)
-
-
-def medians(samples: Samples, jobs: Iterable[str]) -> Mapping[str, float]:
-    """Median wall seconds of each job."""
-    return {job: float(np.median(samples.seconds(job))) for job in jobs}

@@ -17,7 +17,7 @@ from cltaa.bench.quality_cases import HELD_OUT, TRAIN, Case, Shape, planned
 from cltaa.bench.quality_cells import Cells
 from cltaa.bench.quality_page import BEGIN, END, markdown, write_page
 from cltaa.bench.quality_pictures import write_pictures
-from cltaa.bench.quality_summary import best_classic, ordered, summarise
+from cltaa.bench.quality_summary import best_engine, ordered, summarise
 from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
 from cltaa.exr import read_frame
@@ -187,7 +187,7 @@ def test_presets_stand_in_their_families() -> None:
     assert ordered(names) == [
         ONE_SAMPLE, "babylon-reproject", "simvx", "fsr3-native", "karis", "t1", "t1-200", "t2", "default", "zebra",
     ]  # fmt: skip
-    assert best_classic({"karis": {"flip": 0.2}, "bevy": {"flip": 0.1}, "default": {"flip": 0.01}}) == "bevy"
+    assert best_engine({"karis": {"flip": 0.2}, "bevy": {"flip": 0.1}, "default": {"flip": 0.01}}) == "bevy"
 
 
 def test_the_page_needs_its_marks(tmp_path: Path) -> None:
