@@ -16,6 +16,7 @@ from cltaa.checking.shots import Shot
 from cltaa.checking.signal import Vector
 from cltaa.checking.travel import CLEARLY_BETTER, camera_residual, moving_pairs
 from cltaa.frames import Frame
+from cltaa.inputs.convert import ray_length
 
 Plane = NDArray[np.float64]
 
@@ -101,7 +102,7 @@ def _readings(frame: Frame, raw: Plane) -> dict[str, Plane]:
     near = 1.0 / raw
     if frame.camera.orthographic:
         return {"planar": raw, "ray": raw, "reciprocal": near}
-    return {"planar": near, "ray": near * _ray_length(frame), "reciprocal": raw}
+    return {"planar": near, "ray": near * ray_length(raw.shape, frame.camera, frame.jitter_px), "reciprocal": raw}
 
 
 def _is_known(lines: Plane) -> NDArray[np.bool_]:
@@ -113,17 +114,6 @@ def _is_flat(lines: Plane) -> NDArray[np.bool_]:
     left, middle, right = lines[:, :-2], lines[:, 1:-1], lines[:, 2:]
     with np.errstate(invalid="ignore"):
         return np.asarray(np.abs(left - 2 * middle + right) <= ROUNDING * np.abs(middle))
-
-
-def _ray_length(frame: Frame) -> Plane:
-    """Length of the ray to each sample for a planar distance of 1, [H, W]."""
-    y, x = np.mgrid[: frame.height, : frame.width].astype(np.float64)
-    n_x = (x + 0.5 + frame.jitter_px[0]) / frame.width * 2 - 1
-    n_y = 1 - (y + 0.5 + frame.jitter_px[1]) / frame.height * 2
-    clip = frame.camera.view_to_clip
-    across = np.linalg.inv(clip[:2, :2])
-    ray = np.tensordot(across, np.stack([n_x + clip[0, 2], n_y + clip[1, 2]]), 1)
-    return np.asarray(np.sqrt(1.0 + ray[0] ** 2 + ray[1] ** 2))
 
 
 def _reciprocal(frames: Sequence[Frame], finite: Vector, evidence: str, confidence: float) -> Finding:

@@ -121,7 +121,7 @@ def _best_delay(shot: Shot, known: Sequence[int], measured: Vector, weights: Vec
 
 
 def _frames(delay: int) -> str:
-    return f"{abs(delay)} frame{'s' * (abs(delay) > 1)} {'later' if delay > 0 else 'earlier'}"
+    return f"{counted(abs(delay), 'frame')} {'later' if delay > 0 else 'earlier'}"
 
 
 def _finding(name: str, what: str, evidence: str, left: float, declared: float, fix: dict[str, object]) -> Finding:

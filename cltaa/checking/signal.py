@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from cltaa.display import LUMA
 from cltaa.frames import Image
 
 Vector = NDArray[np.float64]
@@ -18,7 +19,7 @@ MOST_POINTS = 60_000  # points looked at in a frame; more only cost time
 def register_signal(colour: Image) -> NDArray[np.float32]:
     """The band of ``colour`` [H, W, 3] that carries position: [H, W] float32, zero mean locally."""
     finite = np.nan_to_num(colour.astype(np.float32), nan=0.0, posinf=65504.0, neginf=0.0)
-    light: NDArray[np.float32] = np.maximum(finite @ np.array([0.2126, 0.7152, 0.0722], np.float32), np.float32(0))
+    light: NDArray[np.float32] = np.maximum(finite @ LUMA, np.float32(0))
     # Compressed by its own middle: bright spots do not outweigh the rest, and exposure cancels.
     middle = float(np.median(light[light > 0])) if (light > 0).any() else 1.0
     squeezed: NDArray[np.float32] = light / (light + np.float32(middle))

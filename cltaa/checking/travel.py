@@ -15,12 +15,11 @@ from cltaa.checking.signal import Vector
 from cltaa.errors import DataError
 from cltaa.frame_checks import check_camera
 from cltaa.frames import Camera, Frame
+from cltaa.inputs.convert import FLIP_Y, FLIP_Z
 
 MOST_PAIRS, MOST_POINTS = 6, 8000  # looked at for each of a dozen meanings; more only cost time
 CLEARLY_BETTER = 0.85  # residual of the winner over that of the declaration
 Change = Callable[[Camera], Camera]
-
-FLIP_Y, FLIP_Z = np.diag([1.0, -1.0, 1.0, 1.0]), np.diag([1.0, 1.0, -1.0, 1.0])
 
 # What a writer may have meant by its two matrices: name -> (what it is called, keys of the profile, the mended camera).
 _MEANINGS: dict[str, tuple[str, dict[str, object], Change]] = {

@@ -5,14 +5,14 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table
 
-from cltaa.printable import shown
+from cltaa.printable import counted, shown
 from cltaa.sequence_plan import SequencePlan, Span
 
 
 def print_plan(plan: SequencePlan) -> None:
     """Print a table for each run of frames that share a plan; one that was shown before is only named."""
     console = Console()
-    builds = f"{plan.kernels} build" + ("" if plan.kernels == 1 else "s")
+    builds = counted(plan.kernels, "build")
     console.print(f"preset {shown(plan.preset)}, {builds} of the resolve, on {shown(plan.device)}", highlight=False)
     parts = {
         "on the device": plan.memory.device, "of frames": plan.memory.frames, "of results": plan.memory.results,

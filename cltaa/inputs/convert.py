@@ -10,7 +10,7 @@ from cltaa.inputs.profile import Cameras, Depth, DepthKind, Encoding, Jitter, Mo
 
 Offset = tuple[float, float]
 
-_FLIP_Y, _FLIP_Z = np.diag([1.0, -1.0, 1.0, 1.0]), np.diag([1.0, 1.0, -1.0, 1.0])
+FLIP_Y, FLIP_Z = np.diag([1.0, -1.0, 1.0, 1.0]), np.diag([1.0, 1.0, -1.0, 1.0])
 
 
 def linear_colour(colour: Image, encoding: Encoding) -> Image:
@@ -49,7 +49,7 @@ def planar_depth(stored: Image, rule: Depth, camera: Camera, jitter: Offset) -> 
         elif rule.kind in (DepthKind.DEVICE, DepthKind.DEVICE_REVERSED):
             planar = 1.0 / _device_closeness(wide, rule, camera)
         else:
-            planar = wide / _ray_length(wide.shape, camera, jitter) if rule.kind is DepthKind.RAY else wide
+            planar = wide / ray_length(wide.shape, camera, jitter) if rule.kind is DepthKind.RAY else wide
         planar = np.asarray(planar * rule.scale, np.float64)
     # Zero and less stay so: the resolve takes them for sky, and the detector has to see them.
     sky = np.isnan(planar)
@@ -66,11 +66,11 @@ def mended_camera(view: Matrix, projection: Matrix, rule: Cameras, jitter: Offse
     if rule.sense == "camera-to-world":
         view = np.asarray(np.linalg.inv(view), np.float64)
     if rule.flip_z:
-        view = _FLIP_Z @ view
+        view = FLIP_Z @ view
     if rule.flip_projection_z:
-        projection = projection @ _FLIP_Z
+        projection = projection @ FLIP_Z
     if rule.flip_y:
-        projection = _FLIP_Y @ projection
+        projection = FLIP_Y @ projection
     if rule.jittered:
         back = np.eye(4)
         back[0, 3], back[1, 3] = 2 * jitter[0] / width, -2 * jitter[1] / height
@@ -86,7 +86,7 @@ def standard_camera(world_to_camera: Matrix, world_to_ndc: Matrix, near: float) 
     """
     view = world_to_camera
     # The standard's camera is left-handed; a right-handed one looks along -z already.
-    view = view if np.linalg.det(view[:3, :3]) > 0 else _FLIP_Z @ view
+    view = view if np.linalg.det(view[:3, :3]) > 0 else FLIP_Z @ view
     clip = world_to_ndc @ np.linalg.inv(view)
     orthographic = abs(clip[3, 2]) < 1e-6 * abs(clip[3, 3])
     column = 3 if orthographic else 2
@@ -115,7 +115,7 @@ def _device_closeness(device: NDArray[np.float64], rule: Depth, camera: Camera) 
     return np.asarray(far + at_near * (1.0 / near - far))
 
 
-def _ray_length(shape: tuple[int, ...], camera: Camera, jitter: Offset) -> NDArray[np.float64]:
+def ray_length(shape: tuple[int, ...], camera: Camera, jitter: Offset) -> NDArray[np.float64]:
     """Length of the ray through each sample for a planar distance of 1, [H, W]; 1 for an orthographic camera."""
     height, width = shape[0], shape[1]
     if camera.orthographic:

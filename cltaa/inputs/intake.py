@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cltaa.errors import DataError, InputMissing
+from cltaa.exr import ImageHeader
 from cltaa.exr_layout import Layout
 from cltaa.inputs.declared import Declared, declared_frames
-from cltaa.inputs.parts import FileHeader, read_any_header
+from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.profile import Profile, load_profile, profile_names
 from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import Roles, assign, describe, equal_matches, file_sets, shown_name
@@ -108,7 +109,7 @@ def _refuse_gaps(main: Mapping[int, Path], read: Many[Mapping[int, Path]], frame
                 raise frame_missing(renumbered(next(iter(files.values())), number), number)
 
 
-def _refuse_whole_numbers(headers: Mapping[str, FileHeader], roles: Roles) -> None:
+def _refuse_whole_numbers(headers: Mapping[str, ImageHeader], roles: Roles) -> None:
     """Raise DataError where a channel that is to be read as light, depth or motion holds whole numbers."""
     for place in (place for places in roles.values() for place in places):
         layout = headers[place.files].layout

@@ -3,33 +3,24 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 from pathlib import Path
 
 import OpenEXR
 
 from cltaa.errors import DataError
-from cltaa.exr import open_content, read_header, read_image
+from cltaa.exr import ImageHeader, open_content, read_header, read_image
 from cltaa.exr_channels import Pixels
 from cltaa.exr_header import MULTI_PART
 from cltaa.exr_layout import Layout, parse_parts
 from cltaa.file_content import check_memory, file_size, open_regular, read_all
 
 
-@dataclass(frozen=True, slots=True)
-class FileHeader:
-    """What a file says before its pixels are read: layout over all parts, and the attributes of the first part."""
+def read_any_header(path: Path) -> ImageHeader:
+    """Read the header of an EXR of one part, or of many: layout over all of them, attributes of the first.
 
-    layout: Layout
-    attributes: dict[str, object]
-
-
-def read_any_header(path: Path) -> FileHeader:
-    """Read the header of a single-part or multi-part EXR; raises InputMissing or DataError."""
-    if not _is_multi_part(path):
-        header = read_header(path)
-        return FileHeader(header.layout, header.attributes)
-    return _many_header(path)
+    Raises InputMissing or DataError.
+    """
+    return _many_header(path) if _is_multi_part(path) else read_header(path)
 
 
 def read_planes(path: Path, *, sha256: str | None = None) -> tuple[dict[str, Pixels], dict[str, object]]:
@@ -46,14 +37,14 @@ def _is_multi_part(path: Path) -> bool:
     return len(start) == 8 and bool(struct.unpack("<I", start[4:])[0] & MULTI_PART)
 
 
-def _many_header(path: Path) -> FileHeader:
+def _many_header(path: Path) -> ImageHeader:
     with open_regular(path) as file:
         layouts = parse_parts(path, file)
         file.seek(0)
         return _described(layouts, open_content(path, file, header_only=True))
 
 
-def _many_planes(path: Path, sha256: str | None) -> tuple[FileHeader, dict[str, Pixels]]:
+def _many_planes(path: Path, sha256: str | None) -> tuple[ImageHeader, dict[str, Pixels]]:
     with open_regular(path) as file:
         layouts = parse_parts(path, file)
         check_memory(path, file_size(file) + 2 * sum(layout.decoded_bytes for layout in layouts))
@@ -71,7 +62,7 @@ def _many_planes(path: Path, sha256: str | None) -> tuple[FileHeader, dict[str, 
     return header, planes
 
 
-def _described(layouts: tuple[Layout, ...], file: OpenEXR.File) -> FileHeader:
+def _described(layouts: tuple[Layout, ...], file: OpenEXR.File) -> ImageHeader:
     """Layout over all parts, and the attributes of the first."""
     first = layouts[0]
     if len(file.parts) != len(layouts):
@@ -81,7 +72,7 @@ def _described(layouts: tuple[Layout, ...], file: OpenEXR.File) -> FileHeader:
         full_name(layout.part or "", name): kind for layout in layouts for name, kind in layout.channels.items()
     }
     window = first.display_window
-    return FileHeader(Layout(first.path, channels, window, window, first.compression), dict(file.parts[0].header))
+    return ImageHeader(Layout(first.path, channels, window, window, first.compression), dict(file.parts[0].header))
 
 
 def full_name(part: str, channel: str) -> str:
