@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.atomic import make_folder
-from cltaa.commands.options import FILE_PATH, STOPS, json_option, verify_option
+from cltaa.commands.options import FILE_PATH, FRAME_RANGE, STOPS, json_option, verify_option
 from cltaa.commands.tables import print_table
 from cltaa.comparison import Comparison, equal_quality, pair_up
 from cltaa.errors import UsageError
@@ -38,7 +37,7 @@ Values = dict[str, float]
     metavar="LIST",
     help=f"Comma-separated, or all: {', '.join(METRICS)}.",
 )
-@click.option("--frames", metavar="FIRST-LAST", help="Only these frame numbers, both included.")
+@click.option("--frames", type=FRAME_RANGE, help="Only these frames, both included.")
 @click.option(
     "--stops", type=STOPS, default=0.0, show_default=True, help="Exposure before the display transform, in stops."
 )
@@ -55,7 +54,7 @@ def compare(
     test: Path,
     reference: Path | None,
     metric_names: str,
-    frames: str | None,
+    frames: tuple[int, int] | None,
     stops: float,
     heatmap: Path | None,
     in_time: bool,
@@ -80,7 +79,7 @@ def compare(
     """
     shown = parse_metrics(metric_names)
     metrics = tuple(dict.fromkeys((*shown, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
-    comparison = pair_up(test, reference, None if frames is None else _parse_range(frames), verify=verify)
+    comparison = pair_up(test, reference, frames, verify=verify)
     warnings = doubts(comparison)
     for warning in warnings:
         click.echo(f"cltaa: warning: {warning}", err=True)
@@ -109,13 +108,6 @@ def _video_scores(comparison: Comparison, stops: float) -> VideoScores:
     if comparison.capture is None:
         raise UsageError("--video needs the capture", cure="give the captured sequence as B, or alone as A")
     return VideoScores(1 if comparison.of_itself else 2, stops)
-
-
-def _parse_range(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"(\d+)(?:-(\d+))?", text)
-    if match is None:
-        raise UsageError("wrong range of frames", expected="FIRST-LAST, such as 8-47, or one number", found=text)
-    return int(match[1]), int(match[2] or match[1])
 
 
 def _measure_all(

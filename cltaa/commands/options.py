@@ -73,7 +73,7 @@ class _Size(_Tuple):
 class _FrameRange(_Tuple):
     """The first and the last of some frames, both included, or one frame alone."""
 
-    name = "A-B"
+    name = "FIRST-LAST"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
         match = re.fullmatch(r"(\d+)(?:-(\d+))?", value)

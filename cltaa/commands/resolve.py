@@ -44,7 +44,7 @@ from cltaa.views import View, parse_views
 @click.option(
     "--effects", default="auto", show_default=True, help="auto (as declared), all, or a comma-separated list."
 )
-@click.option("--frames", type=FRAME_RANGE, help="Only the frames A to B, both included.")
+@click.option("--frames", type=FRAME_RANGE, help="Only these frames, both included.")
 @click.option("--preview", type=FILE_PATH, help="Also write the result as an MP4, as fast as it was captured.")
 @click.option("--half", is_flag=True, help="Write half-precision EXRs (values saturate at 65504).")
 @click.option("--compression", help="EXR compression that loses nothing.  [default: the input's, else zip]")

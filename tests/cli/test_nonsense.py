@@ -87,7 +87,7 @@ CASES: list[tuple[str, int, str]] = [
     ("compare seq --metrics pnsr", WRONG, "unknown metric pnsr; did you mean psnr?"),
     ("compare seq --metrics lpips", WRONG, "unknown metric lpips; known metrics: "),
     ("compare seq --metrics ''", WRONG, "no metric is named"),
-    ("compare seq --frames x", WRONG, "wrong range of frames"),
+    ("compare seq --frames x", USAGE, "is no range of frames, such as 8-47"),
     ("compare seq --frames 0-99999999999999999999", WRONG, "no such frame"),
     ("compare seq --stops nan", USAGE, "no number"),
     ("compare seq --stops 1e9", USAGE, "not in the range"),

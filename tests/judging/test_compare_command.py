@@ -159,7 +159,7 @@ def test_video_scores_are_those_of_the_functions(
 def test_bad_input(capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, tmp_path: Path) -> None:
     assert "no folder reference/" in refusal(capsys, 64, resolved)
     assert "unknown metric lpips; known metrics: mse," in refusal(capsys, 64, resolved, capture, "--metrics", "lpips")
-    assert "wrong range of frames" in refusal(capsys, 64, resolved, capture, "--frames", "2..3")
+    assert "'2..3' is no range of frames" in refusal(capsys, 2, resolved, capture, "--frames", "2..3")
     assert "no such frame" in refusal(capsys, 64, resolved, capture, "--frames", "2-9")
     assert "file is missing" in refusal(capsys, 66, tmp_path / "nowhere", capture)
     truth = capture / "reference"
