@@ -22,13 +22,19 @@ CROWDED = 1e3  # from this ratio of an axis's ends on only powers of ten are wri
 FRONT, BEATEN, SAMPLES, LIMIT = "#0b62c4", "#a3a6ad", "#16784a", "#b4500a"
 
 
+def import_pyplot() -> Any:
+    """Import what draws, into files alone; raises UsageError that says what to install."""
+    pyplot: Any = import_extra("matplotlib.pyplot", package="matplotlib", extra="bench", purpose="drawing plots")
+    pyplot.switch_backend("agg")
+    return pyplot
+
+
 def write_plots(result: Accuracy, output: Path, pictured: int | None = None) -> Iterator[Path]:
     """Write ``front-<sequence>`` and ``steps-<sequence>``, and ``overview`` of several sequences; yield the paths.
 
     ``pictured`` sequences, the first ones, have plots of their own; None: all. Raises UsageError without matplotlib.
     """
-    pyplot: Any = import_extra("matplotlib.pyplot", package="matplotlib", extra="bench", purpose="drawing plots")
-    pyplot.switch_backend("agg")
+    pyplot = import_pyplot()
     for name, figure in _figures(pyplot, result, result.metrics[0], pictured):
         for suffix in FORMATS:
             path = output / f"{name}.{suffix}"

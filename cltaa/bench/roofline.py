@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from cltaa.atomic import atomic_path
 from cltaa.bench.kernels import COPY, KernelBench
-from cltaa.extras import import_extra
+from cltaa.bench.plots import import_pyplot
 
 # Additions, multiplications (a fused one: two), divisions, roots and comparisons that keep the greater or lesser, a
 # pixel: counted in the machine code of t2 that runs under uniform motion (PoCL 3.0, 16 lanes, 2026-11-21).
@@ -23,8 +22,7 @@ def draw(bench: KernelBench, path: Path) -> None:
     All contenders are taken to do the core's ``OPERATIONS``, so that height is speed. Raises UsageError without
     matplotlib.
     """
-    pyplot: Any = import_extra("matplotlib.pyplot", package="matplotlib", extra="bench", purpose="drawing plots")
-    pyplot.switch_backend("agg")
+    pyplot = import_pyplot()
     timing = bench.timings[0]
     figure, axes = pyplot.subplots(figsize=(7, 4.5))
     intensities = [0.5, 64.0]

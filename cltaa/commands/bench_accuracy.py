@@ -24,7 +24,7 @@ from cltaa.bench.known import remember
 from cltaa.bench.ladder import Variant, ladder
 from cltaa.bench.measured import cost
 from cltaa.bench.overview import table
-from cltaa.bench.plots import write_plots
+from cltaa.bench.plots import import_pyplot, write_plots
 from cltaa.bench.results import Accuracy, Measured
 from cltaa.bench.timing import Clock
 from cltaa.commands.options import FILE_PATH, NAMES, PRESET, device_option, json_option
@@ -116,6 +116,7 @@ def accuracy(
     if number is not None:
         _run_one(tasks, number, output)
         return
+    import_pyplot()  # told before the work, not after it
     result = bench_accuracy(
         tasks, output, rounds=rounds, patience=patience, pixels=pixels, jobs=jobs, dask=dask, time_limit=time_limit,
         progress=_progress,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
+import sys
 from pathlib import Path
 
 import msgspec
@@ -162,6 +163,15 @@ def test_a_render_farm_gets_one_line_a_task(
     assert main([*arguments, "--task", "2"]) == 64
     assert main([*arguments[:-4], "--only", "colour"]) == 64
     assert main([*arguments[:-4], "--variant", "colour"]) == 64
+
+
+def test_what_draws_the_report_is_missed_before_the_work(
+    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
+    assert main(["bench", "accuracy", str(sequence), "-o", str(tmp_path), "--only", "reject"]) == 64
+    assert "pip install 'cltaa[bench]'" in capsys.readouterr().err
+    assert not (tmp_path / "tasks").exists()
 
 
 def test_a_limit_of_time_leaves_whole_sequences_out(
