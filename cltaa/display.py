@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.frames import Image
+from cltaa.srgb import encoded
 
 Picture = NDArray[np.uint8]  # [H, W, 3], sRGB-encoded
 
-# IEC 61966-2-1: straight below the knee, a power above it.
-_KNEE, _SLOPE, _SCALE, _OFFSET, _POWER = 0.0031308, 12.92, 1.055, 0.055, 1 / 2.4
 LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709, for encoded R'G'B'
 
 
@@ -28,10 +27,7 @@ def shown_light(linear: Image, stops: float = 0.0) -> Image:
 
 def to_display(linear: Image, stops: float = 0.0) -> Image:
     """Encode linear colour [..., 3] as sRGB in [0, 1], float32, after ``stops`` of exposure; NaN shows as black."""
-    clipped = shown_light(linear, stops)
-    curve = np.float32(_SCALE) * clipped ** np.float32(_POWER) - np.float32(_OFFSET)
-    encoded: Image = np.where(clipped <= _KNEE, np.float32(_SLOPE) * clipped, np.clip(curve, 0.0, 1.0))
-    return encoded
+    return np.clip(encoded(shown_light(linear, stops)), 0.0, 1.0)  # rounding may leave 1
 
 
 def to_picture(linear: Image, stops: float = 0.0) -> Picture:

@@ -9,6 +9,7 @@ import numpy as np
 from cltaa.checking.finding import Finding
 from cltaa.checking.signal import Vector
 from cltaa.frames import Frame
+from cltaa.srgb import encoded
 
 # In linear light a scene that is lit from outside reaches down to its dark paints in shade, some hundredths of its
 # white; the sRGB curve lifts these above a tenth (0.01 to 0.1, 0.05 to 0.25), and squeezes everything below 1.
@@ -33,7 +34,7 @@ def check_colour(frames: Sequence[Frame]) -> list[Finding]:
     if _share_on_levels(lit) > ON_LEVELS:
         what = "colour consists of 8-bit steps, so it is encoded for a display"
         return [_encoded(what, f"{_share_on_levels(lit):.0%} of all values are k/{LEVELS}; {numbers}", 0.95)]
-    if _share_on_levels(_encode(lit)) > ON_LEVELS:
+    if _share_on_levels(encoded(np.clip(lit, 0.0, 1.0))) > ON_LEVELS:
         what = "colour was made linear from 8 bits: its dark steps are coarse and nothing is brighter than white"
         return [Finding(name="colour-8-bit", mistake=False, confidence=0.95, what=what, evidence=numbers)]
     if bright <= 1.0 and dark > DARKEST_ENCODED and middle > MIDDLE_ENCODED:
@@ -86,8 +87,3 @@ def _encoded(what: str, evidence: str, confidence: float) -> Finding:
 def _share_on_levels(values: Vector) -> float:
     steps = values[(values > 0) & (values < 1)] * LEVELS
     return float((np.abs(steps - np.round(steps)) < HALF_STEPS).mean()) if len(steps) else 0.0
-
-
-def _encode(linear: Vector) -> Vector:
-    clipped = np.clip(linear, 0.0, 1.0)
-    return np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1 / 2.4) - 0.055)

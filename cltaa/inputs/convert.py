@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from cltaa.frames import Camera, Image, Matrix
 from cltaa.inputs.profile import Cameras, Depth, DepthKind, Encoding, Jitter, Motion, Units
+from cltaa.srgb import decoded
 
 Offset = tuple[float, float]
 
@@ -14,12 +15,10 @@ FLIP_Y, FLIP_Z = np.diag([1.0, -1.0, 1.0, 1.0]), np.diag([1.0, 1.0, -1.0, 1.0])
 
 
 def linear_colour(colour: Image, encoding: Encoding) -> Image:
-    """Colour [H, W, 3] in linear light; sRGB by IEC 61966-2-1, continued above 1."""
+    """Colour [H, W, 3] in linear light; sRGB is continued above 1."""
     if encoding is Encoding.LINEAR:
         return colour
-    wide = np.maximum(colour.astype(np.float64), 0.0)
-    linear = np.where(wide <= 0.04045, wide / 12.92, ((wide + 0.055) / 1.055) ** 2.4)
-    return np.asarray(linear, np.float32)
+    return decoded(np.maximum(colour.astype(np.float64), 0.0)).astype(np.float32)
 
 
 def jitter_px(declared: Offset, rule: Jitter) -> Offset:
