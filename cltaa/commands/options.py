@@ -17,6 +17,7 @@ from cltaa.frames import Effect, parse_effects
 
 Command = Callable[..., Any]
 ALL_SCENES = "all"  # every scene of cltaa scenes
+DIGITS = "[0-9]{1,20}"  # of a whole number: Python refuses to read one of thousands
 
 
 class _FilePath(click.Path):
@@ -64,8 +65,8 @@ class _Size(_Tuple):
     name = "WxH"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        match = re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", value, re.IGNORECASE)
-        if match is None:
+        match = re.fullmatch(rf"({DIGITS})x({DIGITS})", value, re.IGNORECASE)
+        if match is None or not int(match[1]) * int(match[2]):
             self.fail(f"{value!r} is not WIDTHxHEIGHT, such as 640x360", param, ctx)
         return int(match[1]), int(match[2])
 
@@ -76,7 +77,7 @@ class _FrameRange(_Tuple):
     name = "FIRST-LAST"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        match = re.fullmatch(r"(\d+)(?:-(\d+))?", value)
+        match = re.fullmatch(rf"({DIGITS})(?:-({DIGITS}))?", value)
         if match is None:
             self.fail(f"{value!r} is no range of frames, such as 8-47 or 12", param, ctx)
         return int(match[1]), int(match[2] or match[1])
@@ -101,7 +102,7 @@ class _WholeNumbers(_Tuple):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, ...]:
         numbers = NAMES.convert(value, param, ctx)
-        if not all(number.isdecimal() and int(number) >= self._least for number in numbers):
+        if not all(re.fullmatch(DIGITS, number) and int(number) >= self._least for number in numbers):
             self.fail(f"{value!r} is no list of whole numbers from {self._least} on, such as 2,4,8", param, ctx)
         return tuple(map(int, numbers))
 

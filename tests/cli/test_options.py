@@ -28,7 +28,18 @@ def test_what_is_understood(kind: click.ParamType[tuple[object, ...]], text: str
 
 @pytest.mark.parametrize(
     ("kind", "text"),
-    [(SIZE, "0x4"), (SIZE, "640"), (FRAME_RANGE, "-"), (FRAME_RANGE, "2..3"), (FROM_0, "-1"), (FROM_2, "2,1")],
+    [
+        (SIZE, "0x4"),
+        (SIZE, "640"),
+        (SIZE, "1" * 5000 + "x1"),
+        (FRAME_RANGE, "-"),
+        (FRAME_RANGE, "2..3"),
+        (FRAME_RANGE, "1" * 5000),
+        (FROM_0, "-1"),
+        (FROM_0, "1" * 5000),
+        (FROM_2, "2,1"),
+    ],
+    ids=lambda value: value[:8] if isinstance(value, str) else value.name,
 )
 def test_what_is_refused(kind: click.ParamType[tuple[object, ...]], text: str) -> None:
     with pytest.raises(click.BadParameter, match=text):
