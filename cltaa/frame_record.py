@@ -40,7 +40,7 @@ class Past:
 
     def continues_in(self, frame: Frame, choices: Choices) -> bool:
         """Tell whether the history goes on in ``frame``: no cut, no gap, planes and lens of the same kind."""
-        if frame.cut or frame.index != self.index + 1:
+        if frame.cut or frame.index != self.index + frame.step:
             return False
         same_planes = (frame.colour.shape, frame.alpha is not None) == (self.shape, self.alpha)
         same_kind = frame.camera.orthographic == self.camera.orthographic

@@ -72,6 +72,7 @@ class Frame:
                  None where nothing but the camera moves
     ``alpha``, ``reactive``, ``object_id``  [H, W] or None
     ``effects``  the declared effects, or None where the sequence declares nothing
+    ``step``     how far the number of the frame before it lies below ``index``
     """
 
     index: int
@@ -88,6 +89,7 @@ class Frame:
     exposure: float = 1.0
     scene: str = ""
     effects: frozenset[Effect] | None = None
+    step: int = 1
     path: Path | None = field(default=None, compare=False)
 
     @property

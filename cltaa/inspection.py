@@ -14,9 +14,10 @@ from cltaa.exr import ImageHeader, read_header, read_image
 from cltaa.exr_attributes import FrameHeader
 from cltaa.exr_channels import COLOUR, check_float_channels, frame_channels
 from cltaa.exr_layout import LOSSLESS, Layout
+from cltaa.frame_numbers import even_step, one_range, ranges
 from cltaa.frames import Effect, Matrix
 from cltaa.manifest import recorded_hashes
-from cltaa.numbered import numbered_files, one_range, ranges
+from cltaa.numbered import numbered_files
 from cltaa.pixel_statistics import ChannelStatistics, needless_channels, pixel_problems
 from cltaa.promises import Witness
 from cltaa.sources import RESOLVED, open_images
@@ -69,7 +70,7 @@ class Inspection(msgspec.Struct, kw_only=True):
 
 
 def inspect_folder(
-    folder: Path, *, pixels: bool = False, advance: Callable[[int, int], None] | None = None
+    folder: Path, *, pixels: bool = False, step: int = 1, advance: Callable[[int, int], None] | None = None
 ) -> Inspection:
     """Look at every file of a sequence. What is wrong is listed, not raised.
 
@@ -80,9 +81,7 @@ def inspect_folder(
     """
     _, name, paths = numbered_files(folder)
     result = Inspection(folder=str(folder), name=name, first=min(paths), last=max(paths), frames=len(paths))
-    gaps = [one_range(one + 1, other - 1) for one, other in pairwise(sorted(paths)) if other > one + 1]
-    if gaps:
-        result.problems.append(f"frames missing: {', '.join(gaps)}")
+    result.problems += _missing(sorted(paths), step)
     recorded = _recorded(folder, result.problems) if pixels else {}
     layouts: dict[int, Layout] = {}
     headers: dict[int, FrameHeader] = {}
@@ -116,6 +115,15 @@ def inspect_folder(
         result.problems += witness.broken(declared)
         result.idle = witness.idle(declared)
     return result
+
+
+def _missing(numbers: list[int], step: int) -> list[str]:
+    """The problem of frames that are not there, if any."""
+    gaps = [one_range(one + 1, other - 1) for one, other in pairwise(numbers) if other != one + step]
+    if not gaps:
+        return []
+    apart, what = even_step(numbers), f"frames missing: {', '.join(gaps)}"
+    return [what if apart == 1 else f"{what}; those there are {apart} apart: --step {apart}"]
 
 
 def _recorded(folder: Path, problems: list[str]) -> dict[str, str]:

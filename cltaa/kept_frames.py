@@ -62,7 +62,7 @@ class KeptFrames:
             for place, past in enumerate(self.past[: self._count]):
                 record = frame_record(frame, past, self.layout, plan)
                 record["jitter_x"], record["jitter_y"] = past.jitter_px
-                record["slot"] = past.index % self._slots
+                record["slot"] = past.index // frame.step % self._slots
                 records[place] = record
             self._tell_repeats(frame, records)
         return min(len(self.past), self._count)
@@ -90,7 +90,7 @@ class KeptFrames:
             sources.append((buffers.optional("alpha", 1), 1))
         if steps.reactive:
             sources.append((buffers.optional("reactive", 1), 1))
-        at = (frame.index % self._slots) * self._planes * self.layout.plane
+        at = (frame.index // frame.step % self._slots) * self._planes * self.layout.plane
         for source, planes in sources:
             self._launcher.copy(source, self.planes, at)
             at += planes * self.layout.plane

@@ -6,34 +6,20 @@ Blender writes ``0001.exr`` unless it is told otherwise. The number is the last 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
-from collections.abc import Sequence as Many
-from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
 from typing import Self
 
 from cltaa.below import only_below, sequences_below
-from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.errors import DataError, InputMissing
 from cltaa.exr_layout import Layout, read_layout
+from cltaa.frame_numbers import NUMBERED, FrameRange, OnBreak, check_steps, chosen_numbers, no_such_frame, one_range
 from cltaa.manifest import recorded_hashes
 from cltaa.printable import counted
 
-# Nine digits fit cltaa:frame, an int. A number below 0, ``x.-001.exr``, is none: its frames would come in wrong order.
-NUMBERED = re.compile(r"(?P<name>.*?)[._-]?(?<![0-9])(?<![._]-)(?<!^-)(?P<number>[0-9]{1,9})\.exr", re.DOTALL)
-
 # What a folder without frames may hold in their place.
 PICTURES = frozenset({".bmp", ".dpx", ".exr", ".hdr", ".jpeg", ".jpg", ".png", ".tga", ".tif", ".tiff"})
-
-FrameRange = tuple[int, int]  # numbers of the first and the last frame, both included
-
-
-class OnBreak(StrEnum):
-    """What to do where a sequence breaks off: a frame is missing, or the size is another."""
-
-    ERROR = "error"  # refuse the sequence
-    RESET = "reset"  # begin a new history behind it
 
 
 class NumberedFiles:
@@ -41,7 +27,8 @@ class NumberedFiles:
 
     Each file that is read must have the SHA-256 that is recorded for it, if one is; ``verify`` False leaves that out.
     ``gaps`` and ``on_resize`` say whether a number may be missing and whether sizes may differ. Where ``frames`` are
-    given, the first and the last number, no file outside them counts, whatever is wrong with it.
+    given, the first and the last number, no file outside them counts, whatever is wrong with it. ``step`` is how far
+    numbers lie apart.
     """
 
     def __init__(
@@ -54,13 +41,13 @@ class NumberedFiles:
         gaps: OnBreak = OnBreak.ERROR,
         on_resize: OnBreak = OnBreak.ERROR,
         frames: FrameRange | None = None,
+        step: int = 1,
     ) -> None:
         """Read every layout; raises InputMissing for a gap and DataError for damaged files or sizes that differ."""
         self.folder, self.name, self.verify, self.gaps, self.on_resize = folder, name, verify, gaps, on_resize
+        self.step = step
         numbers = chosen_numbers(sorted(paths), frames, folder)
-        for number in range(numbers[0], numbers[-1] + 1) if gaps is OnBreak.ERROR else ():
-            if number not in paths:
-                raise frame_missing(renumbered(paths[numbers[0]], number), number)
+        check_steps(paths, (numbers[0], numbers[-1]), step, gaps)
         self._paths = {number: paths[number] for number in numbers}
         self.layouts: dict[int, Layout] = {}
         for number, path in self._paths.items():
@@ -125,26 +112,8 @@ class NumberedFiles:
         """Return the frames ``first`` to ``last``, both included; raises UsageError unless these two are there."""
         return type(self)(
             self.folder, self.name, self._paths, verify=self.verify, gaps=self.gaps, on_resize=self.on_resize,
-            frames=(first, last),
+            frames=(first, last), step=self.step,
         )  # fmt: skip
-
-
-def chosen_numbers(numbers: Many[int], frames: FrameRange | None, folder: Path) -> list[int]:
-    """Those of the sorted frame ``numbers`` that are asked for; raises UsageError unless both ends are there."""
-    if frames is None:
-        return list(numbers)
-    first, last = frames
-    for end in frames:
-        if end not in numbers:
-            raise no_such_frame(folder, end, numbers)
-    if first > last:
-        raise UsageError("the range of frames is empty", path=folder, found=f"{first}-{last}")
-    return [number for number in numbers if first <= number <= last]
-
-
-def no_such_frame(folder: Path, number: int, numbers: Many[int]) -> UsageError:
-    """The error for a frame that was asked for and is none of the sorted ``numbers``."""
-    return UsageError("no such frame", path=folder, frame=number, expected=ranges(numbers))
 
 
 def check_size(layout: Layout, first: Layout, number: int) -> None:
@@ -201,40 +170,3 @@ def no_frames(folder: Path, files: Iterable[Path]) -> InputMissing:
         found = f"no EXR, but {others[0]}" if others else "nothing"
         cure = "convert the frames to OpenEXR, with .exr in small letters" if others else None
     return InputMissing("no frames in the folder", path=folder, expected="<name>.<frame>.exr", found=found, cure=cure)
-
-
-def renumbered(path: Path, number: int) -> Path:
-    """The file of frame ``number`` in the sequence that ``path`` belongs to; as it is where it has no number."""
-    match = NUMBERED.fullmatch(path.name)
-    if match is None:
-        return path
-    start, end = match.span("number")
-    return path.with_name(f"{path.name[:start]}{number:0{end - start}d}{path.name[end:]}")
-
-
-def name_of(path: Path) -> str:
-    """The name of the sequence that ``path`` belongs to; that of the file where it has no number."""
-    match = NUMBERED.fullmatch(path.name)
-    return match["name"] if match else path.stem
-
-
-def frame_missing(path: Path, number: int) -> InputMissing:
-    """The error for a frame that should be there."""
-    cure = "capture or render it again; resolve --gaps reset begins anew behind each gap"
-    return InputMissing("the frame is missing", path=path, frame=number, cure=cure)
-
-
-def ranges(numbers: Iterable[int]) -> str:
-    """Frame numbers for a reader: write 1, 2, 3, 7 as "1-3, 7"."""
-    runs: list[list[int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][1] + 1:
-            runs[-1][1] = number
-        else:
-            runs.append([number, number])
-    return ", ".join(one_range(first, last) for first, last in runs)
-
-
-def one_range(first: int, last: int) -> str:
-    """Write ``first`` to ``last`` for a reader."""
-    return str(first) if first == last else f"{first}-{last}"

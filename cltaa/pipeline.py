@@ -22,6 +22,7 @@ from cltaa.errors import DeviceLost, UsageError
 from cltaa.exr_attributes import frame_attributes
 from cltaa.exr_channels import Pixels
 from cltaa.exr_layout import check_lossless
+from cltaa.frame_numbers import OnBreak
 from cltaa.frames import Effect, Frame
 from cltaa.halves import image_channels, saturated_pixels
 from cltaa.interrupt import Stop, stop_signals
@@ -125,7 +126,7 @@ def resolve_sequence(
         _write_record(output, outcome, resolver.preset)
         checkpoints.clear()
     if preview is not None:
-        write_video(preview, open_images(output, gaps=sequence.gaps).select(sequence.first, sequence.last), rate=rate)
+        write_video(preview, open_images(output, gaps=OnBreak.RESET).select(sequence.first, sequence.last), rate=rate)
     return outcome
 
 

@@ -128,8 +128,8 @@ def _plans(sequence: Sequence, preset: Preset, effects: Effects) -> Iterator[tup
 
 def _time(span: Span, planned: Plan, sequence: Sequence, resolver: Resolver, effects: Effects, rounds: int) -> None:
     """Time the span's last frame after the one before it, as planned, with each step toggled, and with every step."""
-    number = max(span.last, sequence.first + 1)
-    before, frame = (with_effects(sequence.frame(n), effects) for n in (number - 1, number))
+    place = max(sequence.numbers.index(span.last), 1)
+    before, frame = (with_effects(sequence.frame(n), effects) for n in sequence.numbers[place - 1 : place + 1])
     resolver.reset()
     resolver.resolve(replace(before, cut=True))
     resolver.resolve(replace(frame, cut=False))

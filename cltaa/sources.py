@@ -7,6 +7,7 @@ the first frame is worked on. Only one frame is in memory at a time, unless the 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -17,18 +18,10 @@ from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.exr import ImageHeader, read_colour, read_frame, read_header
 from cltaa.exr_attributes import FrameHeader
 from cltaa.exr_channels import check_float_channels
+from cltaa.frame_numbers import NUMBERED, FrameRange, OnBreak, even_step, frame_missing, name_of
 from cltaa.frames import Effect, Frame, Image
 from cltaa.manifest import read_capture_record, recorded_hashes
-from cltaa.numbered import (
-    NUMBERED,
-    FrameRange,
-    NumberedFiles,
-    OnBreak,
-    check_same_size,
-    frame_missing,
-    name_of,
-    numbered_files,
-)
+from cltaa.numbered import NumberedFiles, check_same_size, numbered_files
 
 NO_PIXELS = np.empty((0, 0), np.float32)
 # The channel that shows that a frame has this part.
@@ -58,8 +51,8 @@ class Sequence(NumberedFiles):
 
     @property
     def reading(self) -> dict[str, Any]:
-        """How files are read, where that decides the bits of frames and is not in the files; own ones: nothing."""
-        return {}
+        """How files are read, where that decides the bits of frames and is not in the files; own ones: the step."""
+        return {} if self.step == 1 else {"step": self.step}
 
     @property
     def undeclared(self) -> frozenset[str]:
@@ -130,7 +123,8 @@ class Sequence(NumberedFiles):
         empty: dict[str, Any] = {part: NO_PIXELS if name in channels else None for part, name in CHANNEL_OF.items()}
         return Frame(
             index=number, colour=NO_PIXELS, depth=NO_PIXELS, camera=header.camera, jitter_px=header.jitter_px,
-            cut=header.cut, exposure=header.exposure, scene=header.scene, effects=header.effects, **empty,
+            cut=header.cut, exposure=header.exposure, scene=header.scene, effects=header.effects, step=self.step,
+            **empty,
         )  # fmt: skip
 
     def frame(self, number: int) -> Frame:
@@ -145,7 +139,7 @@ class Sequence(NumberedFiles):
             expected, found = _names(self.effects), _names(frame.effects)
             what = "declares other effects than the first frame"
             raise DataError(what, path=frame.path, frame=number, expected=expected, found=found)
-        return frame
+        return frame if self.step == 1 else replace(frame, step=self.step)
 
     def __iter__(self) -> Iterator[Frame]:
         """Read the frames one after another."""
@@ -159,6 +153,7 @@ def open_sequence(
     gaps: OnBreak = OnBreak.ERROR,
     on_resize: OnBreak = OnBreak.ERROR,
     frames: FrameRange | None = None,
+    step: int = 1,
 ) -> Sequence:
     """Open a folder of ``<name>.<frame:04d>.exr`` files, reading layouts but no pixels.
 
@@ -166,9 +161,12 @@ def open_sequence(
     Raises InputMissing where the folder, its frames, a frame in the middle or one that ``sequence.json`` lists is
     missing (unless ``gaps`` allows it), DataError where files are damaged, differ in size (unless ``on_resize`` allows
     it) or belong to several sequences. ``frames`` are the numbers of the first and the last frame to take, both
-    included, and no other counts; raises UsageError unless both are there.
+    included, and no other counts; raises UsageError unless both are there. ``step`` is how far numbers lie apart; each
+    frame then counts as the one after the last.
     """
-    sequence = Sequence(*numbered_files(Path(folder)), verify=verify, gaps=gaps, on_resize=on_resize, frames=frames)
+    sequence = Sequence(
+        *numbered_files(Path(folder)), verify=verify, gaps=gaps, on_resize=on_resize, frames=frames, step=step
+    )
     if verify and gaps is OnBreak.ERROR and frames is None:
         # A frame that is missing before the first or behind the last is no gap, but the capture says that it was there.
         for name in recorded_hashes(sequence.folder):
@@ -191,12 +189,14 @@ def open_images(
 ) -> ImageSequence:
     """Open resolved or reference images: a folder as ``open_sequence`` takes it, or one EXR file.
 
-    A single file without a number is frame 0. ``verify``, ``gaps``, ``frames`` and errors are those of
-    ``open_sequence``, and DataError is raised where R, G or B is missing.
+    A single file without a number is frame 0, and numbers may lie evenly apart. ``verify``, ``gaps``, ``frames`` and
+    errors are those of ``open_sequence``, and DataError is raised where R, G or B is missing.
     """
     path = Path(path)
     if path.is_dir():
-        images = ImageSequence(*numbered_files(path), verify=verify, gaps=gaps, frames=frames)
+        files = numbered_files(path)
+        step = even_step(sorted(files[2]))  # no image needs the one before it
+        images = ImageSequence(*files, verify=verify, gaps=gaps, frames=frames, step=step)
     else:
         match = NUMBERED.fullmatch(path.name)
         number = int(match["number"]) if match else 0

@@ -108,10 +108,11 @@ def _best_delay(shot: Shot, known: Sequence[int], measured: Vector, weights: Vec
     for delay in DELAYS:
         rows, targets = [], []
         for row, place in enumerate(known):
-            index = shot.pairs[place].frame.index + delay
-            if index in by_index and index - 1 in by_index:
+            frame = shot.pairs[place].frame
+            index = frame.index + delay * frame.step
+            if index in by_index and index - frame.step in by_index:
                 rows.append(row)
-                targets.append(by_index[index] - by_index[index - 1])
+                targets.append(by_index[index] - by_index[index - frame.step])
         if len(rows) < LEAST_PAIRS:
             continue
         left = left_over(measured[rows], np.array(targets), np.eye(2), weights[rows])

@@ -44,12 +44,13 @@ def check_folder(
     assignments: Sequence[str] = (),
     side_file: Path | None = None,
     frames: int = FRAMES,
+    step: int = 1,
 ) -> tuple[Report, Profile]:
     """Check the first ``frames`` frames of ``folder``, read as ``profile`` says; also return the profile that mends it.
 
     Raises what opening and reading raise.
     """
-    intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file)
+    intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file, step=step)
     numbers = sorted(intake.declared)[:frames]
     sequence = ForeignSequence(folder, intake, numbers, strict=False)
     if "depth" not in intake.roles:
@@ -70,6 +71,8 @@ def check_folder(
     options = option_text(changes)
     if side_file is not None:
         options = f"--camera {shlex.quote(str(side_file))} {options}".strip()
+    if step != 1:
+        options = f"--step {step} {options}".strip()
     report = Report(
         folder=str(folder), frames=len(read), reading=[*intake_lines(intake)], findings=findings,
         options=f"--profile {profile if profile != 'auto' else intake.profile.name} {options}".strip(),

@@ -77,7 +77,7 @@ class Shot:
         signals = [Picture.of(register_signal(frame.colour)) for frame in self.frames]
         for place in range(1, len(self.frames)):
             frame, previous = self.frames[place], self.frames[place - 1]
-            if frame.cut or frame.index != previous.index + 1:
+            if frame.cut or frame.index != previous.index + frame.step:
                 continue
             self.pairs.append(_pair(frame, previous, signals[place], signals[place - 1]))
 

@@ -136,7 +136,8 @@ def _late(shot: Shot, pairs: Sequence[Pair]) -> Iterator[tuple[str, tuple[str, d
     for delay, name in ((-1, "early"), (1, "late")):
         scores = []
         for pair in pairs:
-            now, before = cameras.get(pair.frame.index + delay), cameras.get(pair.previous.index + delay)
+            later = delay * pair.frame.step
+            now, before = cameras.get(pair.frame.index + later), cameras.get(pair.previous.index + later)
             # At the end of the sequence there is no such matrix: neither better nor worse than declared.
             scores.append(
                 camera_residual(pair, pair.camera_motion(now, before) if now and before else pair.camera_motion())

@@ -31,6 +31,7 @@ def check(
     profile: str,
     inputs: tuple[str, ...],
     camera: Path | None,
+    step: int,
     frames: int,
     fix: Path | None,
     as_json: bool,
@@ -42,7 +43,9 @@ def check(
     """
     if fix is not None:
         check_creatable(fix)  # told before the work, not after it
-    report, mended = check_folder(sequence, profile=profile, assignments=inputs, side_file=camera, frames=frames)
+    report, mended = check_folder(
+        sequence, profile=profile, assignments=inputs, side_file=camera, frames=frames, step=step
+    )
     if fix is not None:
         with atomic_path(fix) as temporary:
             temporary.write_text(toml_text(mended), encoding="utf-8")

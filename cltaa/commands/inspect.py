@@ -47,6 +47,7 @@ def inspect(
     profile: str,
     inputs: tuple[str, ...],
     camera: Path | None,
+    step: int,
     as_json: bool,
 ) -> None:
     """Say what is in a captured sequence: size, channels, effects, jitter, camera, cuts, truth, and every problem.
@@ -55,7 +56,7 @@ def inspect(
     exit code is 0 when nothing is wrong, else 65. --plan prints the plan of a resolve instead. Of the files of another
     tool it says how they would be read, and with --pixels what a resolve then takes.
     """
-    reading: dict[str, Any] = {"profile": profile, "assignments": inputs, "side_file": camera}
+    reading: dict[str, Any] = {"profile": profile, "assignments": inputs, "side_file": camera, "step": step}
     if planned:
         _plan(open_input(folder, **reading), preset, device, effects, as_json)
         return
@@ -65,7 +66,7 @@ def inspect(
         if named or (profile == "auto" and not is_own(folder)):
             found = describe_input(folder, pixels=pixels, advance=advance, **reading)
         else:
-            found = inspect_folder(folder, pixels=pixels, advance=advance)
+            found = inspect_folder(folder, pixels=pixels, step=step, advance=advance)
     if as_json:
         click.echo(json_of(found))
     elif isinstance(found, Description):

@@ -155,8 +155,10 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print the re
 
 
 def input_options(command: Command) -> Command:
-    """Add ``--profile``, ``--input`` and ``--camera``: how the files of a sequence are read."""
+    """Add ``--profile``, ``--input``, ``--camera`` and ``--step``: how the files of a sequence are read."""
     for option in (
+        click.option("--step", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
+                     help="Frame numbers are N apart, and motion vectors span N (docs/inputs.md)."),
         click.option("--camera", type=FILE_PATH, metavar="FILE",
                      help="Matrices and jitter of each frame: .json, .csv or text (docs/inputs.md)."),
         click.option("--input", "inputs", multiple=True, metavar="SECTION.KEY=VALUE",

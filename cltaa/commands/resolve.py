@@ -22,9 +22,9 @@ from cltaa.commands.options import (
     verify_option,
 )
 from cltaa.errors import UsageError
+from cltaa.frame_numbers import OnBreak
 from cltaa.inputs.opening import open_input
 from cltaa.launch import launcher_for
-from cltaa.numbered import OnBreak
 from cltaa.pipeline import Outcome, resolve_sequence, stage_rows
 from cltaa.presets import Preset, load_config, load_preset, override
 from cltaa.printable import counted, json_of, printable, shown
@@ -89,6 +89,7 @@ def resolve(
     profile: str,
     inputs: tuple[str, ...],
     camera: Path | None,
+    step: int,
     verify: bool,
     band_rows: int | None,
     gaps: str,
@@ -106,7 +107,7 @@ def resolve(
     source = open_input(
         sequence, profile=profile, assignments=inputs, side_file=camera,
         verify=verify, gaps=OnBreak(gaps), on_resize=OnBreak(on_resize),
-        frames=frames,
+        frames=frames, step=step,
     )  # fmt: skip
     if source.notes:
         click.echo("\n".join(map(printable, source.notes)), err=True)

@@ -27,8 +27,9 @@ def declared_frames(
     attributes: Mapping[int, Attributes],
     side: Mapping[int, Side],
     sizes: Mapping[int, tuple[int, int]],
+    step: int = 1,
 ) -> dict[int, Declared]:
-    """Jitter and camera of every frame number; ``sizes`` are width and height."""
+    """Jitter and camera of every frame number; ``sizes`` are width and height, numbers are ``step`` apart."""
     jitters = {number: _jitter(profile, given, side.get(number)) for number, given in attributes.items()}
     if not any(jitter is not None for jitter in jitters.values()) or profile.jitter.source == "none":
         jitters = dict.fromkeys(attributes)
@@ -36,9 +37,9 @@ def declared_frames(
     frames = {}
     for number in attributes:
         # At the ends of the sequence there may be no frame of that delay: the frame's own number is the best guess.
-        raw = jitters.get(number + profile.jitter.delay, jitters[number])
+        raw = jitters.get(number + profile.jitter.delay * step, jitters[number])
         jitter = None if raw is None else jitter_px(raw, profile.jitter)
-        pair = matrices.get(number + profile.camera.delay, matrices[number])
+        pair = matrices.get(number + profile.camera.delay * step, matrices[number])
         camera = None
         if pair is not None and profile.camera.source != "none":
             camera = mended_camera(*pair, profile.camera, jitter or (0.0, 0.0), *sizes[number])

@@ -40,6 +40,7 @@ def describe_input(
     profile: str,
     assignments: Sequence[str] = (),
     side_file: Path | None = None,
+    step: int = 1,
     pixels: bool = False,
     advance: Callable[[int, int], None] | None = None,
 ) -> Description:
@@ -48,7 +49,7 @@ def describe_input(
     With ``pixels`` every frame is read and converted as for a resolve, and what is wrong with it is listed, not raised.
     ``advance(done, total)`` is called after every frame.
     """
-    intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file)
+    intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file, step=step)
     numbers = sorted(intake.declared)
     size = intake.layouts[numbers[0]]
     used = {place for places in intake.roles.values() for place in places}

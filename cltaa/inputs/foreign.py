@@ -15,12 +15,12 @@ import numpy as np
 from cltaa.errors import DataError
 from cltaa.exr_channels import Pixels
 from cltaa.frame_checks import check_camera
+from cltaa.frame_numbers import name_of
 from cltaa.frames import Camera, Effect, Frame, Image
 from cltaa.inputs.convert import linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.intake import Intake, intake_lines
 from cltaa.inputs.parts import read_planes
 from cltaa.manifest import recorded_hashes
-from cltaa.numbered import name_of
 from cltaa.sources import CHANNEL_OF, NO_PIXELS, Sequence
 
 MATRICES = ("worldToCamera", "worldToNDC", "cltaa:worldToView", "cltaa:viewToClip")
@@ -37,7 +37,7 @@ class ForeignSequence(Sequence):
         self._hashes: dict[Path, dict[str, str]] = {}
         main = intake.sets[intake.roles["colour"][0].files]
         self.folder, self.name = folder, name_of(main[numbers[0]])
-        self.verify, self.gaps, self.on_resize = verify, intake.gaps, intake.on_resize
+        self.verify, self.gaps, self.on_resize, self.step = verify, intake.gaps, intake.on_resize, intake.step
         self._paths = {number: main[number] for number in numbers}
         self.layouts = {number: intake.layouts[number] for number in numbers}
 
@@ -54,7 +54,7 @@ class ForeignSequence(Sequence):
             for number, declared in self.intake.declared.items()
         }
         digest = hashlib.sha256(msgspec.json.encode(known)).hexdigest()
-        return {"profile": msgspec.to_builtins(self.intake.profile), "declared_sha256": digest}
+        return super().reading | {"profile": msgspec.to_builtins(self.intake.profile), "declared_sha256": digest}
 
     @property
     def attributes(self) -> Mapping[str, object]:
@@ -92,7 +92,9 @@ class ForeignSequence(Sequence):
             depth = planar_depth(planes["depth"][..., 0], profile.depth, outline.camera, outline.jitter_px)
         motion = None
         if "motion" in planes:
-            motion = motion_px(planes["motion"], profile.motion, outline.jitter_px, self._jitter(number - 1, number))
+            motion = motion_px(
+                planes["motion"], profile.motion, outline.jitter_px, self._jitter(number - self.step, number)
+            )
         alpha, reactive = _only(planes.get("alpha")), _only(planes.get("reactive"))
         return replace(outline, colour=colour, depth=depth, motion=motion, alpha=alpha, reactive=reactive)
 
@@ -107,7 +109,7 @@ class ForeignSequence(Sequence):
         return Frame(
             index=number, colour=NO_PIXELS, depth=NO_PIXELS, camera=camera, jitter_px=self._jitter(number, number),
             cut=attributes.get("cltaa:cut") == 1, exposure=_number(attributes.get("cltaa:exposure"), 1.0),
-            path=self.path(number), **empty,
+            path=self.path(number), step=self.step, **empty,
         )  # fmt: skip
 
     def _jitter(self, number: int, otherwise: int) -> tuple[float, float]:

@@ -10,13 +10,14 @@ from pathlib import Path
 from cltaa.errors import DataError, InputMissing
 from cltaa.exr import ImageHeader
 from cltaa.exr_layout import Layout
+from cltaa.frame_numbers import FrameRange, OnBreak, check_steps, chosen_numbers, ranges
 from cltaa.inputs.declared import Declared, declared_frames
 from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.profile import Profile, load_profile, profile_names
 from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import Roles, assign, describe, equal_matches, file_sets, shown_name
 from cltaa.inputs.side_file import Side, read_side_file
-from cltaa.numbered import FrameRange, OnBreak, check_size, chosen_numbers, frame_missing, ranges, renumbered
+from cltaa.numbered import check_size
 
 LUMINANCE = "Y"  # of a picture in greys, as OpenEXR calls it
 
@@ -34,6 +35,7 @@ class Intake:
     declared: dict[int, Declared]
     gaps: OnBreak = OnBreak.ERROR
     on_resize: OnBreak = OnBreak.ERROR
+    step: int = 1  # how far frame numbers lie apart
     notes: list[str] = field(default_factory=list)  # what is missing, and what is done without it
 
     @property
@@ -56,11 +58,13 @@ def open_intake(
     gaps: OnBreak = OnBreak.ERROR,
     on_resize: OnBreak = OnBreak.ERROR,
     frames: FrameRange | None = None,
+    step: int = 1,
 ) -> Intake:
     """Decide how ``folder`` is read, from its headers; raises InputMissing, DataError or UsageError.
 
     ``gaps`` and ``on_resize`` say whether a frame may be missing (in any of the files that are read) and whether sizes
     may differ; ``frames`` are the numbers of the first and the last one to take, both included, and no other counts.
+    ``step`` is how far numbers lie apart.
     """
     sets = file_sets(folder)
     first = {label: read_any_header(files[min(files)]) for label, files in sets.items()}
@@ -79,10 +83,10 @@ def open_intake(
     if not there:
         raise InputMissing("no frame has all of its files", path=next(iter(main.values())), cure="render them again")
     numbers = chosen_numbers(there, frames, folder)
-    if gaps is OnBreak.ERROR:
-        _refuse_gaps(main, read, frames)
+    for files in read:
+        check_steps(files, frames or (min(main), max(main)), step, gaps)
     # What a profile says is late stands in files beside those that are asked for.
-    late = max(abs(chosen.jitter.delay), abs(chosen.camera.delay))
+    late = step * max(abs(chosen.jitter.delay), abs(chosen.camera.delay))
     around = [number for number in there if numbers[0] - late <= number <= numbers[-1] + late]
     headers = {number: read_any_header(main[number]) for number in around}
     layouts = {number: headers[number].layout for number in numbers}
@@ -92,21 +96,12 @@ def open_intake(
     given = {number: header.attributes for number, header in headers.items()}
     side = {} if side_file is None else _side_of(side_file, numbers)
     sizes = {number: (header.layout.width, header.layout.height) for number, header in headers.items()}
-    known = declared_frames(chosen, given, side, sizes)
+    known = declared_frames(chosen, given, side, sizes, step)
     declared = {number: known[number] for number in numbers}
     _check_complete(folder, declared)
-    intake = Intake(chosen, reason, roles, sets, given, layouts, declared, gaps, on_resize)
+    intake = Intake(chosen, reason, roles, sets, given, layouts, declared, gaps, on_resize, step)
     intake.notes += _notes(intake)
     return intake
-
-
-def _refuse_gaps(main: Mapping[int, Path], read: Many[Mapping[int, Path]], frames: FrameRange | None) -> None:
-    """Raise InputMissing where one of the files that are read is missing between two that are asked for."""
-    first, last = frames or (min(main), max(main))
-    for number in range(first, last + 1):
-        for files in read:
-            if number not in files:
-                raise frame_missing(renumbered(next(iter(files.values())), number), number)
 
 
 def _refuse_whole_numbers(headers: Mapping[str, ImageHeader], roles: Roles) -> None:
@@ -196,6 +191,11 @@ def _notes(intake: Intake) -> list[str]:
             "the camera's motion comes from depth and matrices" if intake.has_camera and "depth" in intake.roles else ""
         )
         notes.append(f"no motion vectors: {rest or 'whatever moves is rectified only'}")
+    elif intake.step > 1:
+        notes.append(
+            f"frames are {intake.step} apart, and vectors are taken to lead as far back; where they lead one back, "
+            "--input motion.channels='none none' leaves them out"
+        )
     if not intake.has_jitter:
         notes.append("no jitter: taken as none; if the pixels are jittered, cltaa check shows by how much")
     return notes

@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 from cltaa.below import captures_below, only_below
 from cltaa.errors import DataError, InputMissing
+from cltaa.frame_numbers import NUMBERED
 from cltaa.inputs.profile import Profile
 from cltaa.manifest import NAME as MANIFEST
-from cltaa.numbered import NUMBERED, no_frames
+from cltaa.numbered import no_frames
 
 REFERENCE = "reference"  # folders of this name, or that begin with it, hold truth and no input
 

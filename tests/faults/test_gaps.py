@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +77,37 @@ def test_what_is_wrong_outside_the_frames_asked_for_does_not_count(
     assert "synthetic.0001.exr frame 1: the frame is missing" in capsys.readouterr().err
     assert main(arguments(folder, tmp_path / "refused", "--frames", "1-5")) == 64
     assert "frame 1: no such frame (expected 0, 2-7)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("first", "step"), [(1, 7), (0, 2)])
+@pytest.mark.parametrize("preset", ["default", "t4"])
+def test_numbers_that_lie_apart_are_one_history(
+    tmp_path: Path, first: int, step: int, preset: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """To the bit that of the same frames under numbers without a gap, and under their own names."""
+    count, apart = 5, tmp_path / "apart"
+    whole = write_sequence(tmp_path / "whole", count, width=9, height=7, motion=True)
+    apart.mkdir()
+    for number in range(count):
+        frame = replace(make_frame(number, width=9, height=7, motion=True), index=first + step * number)
+        write_frame(frame_path(apart, frame.index), frame)
+    assert main(arguments(apart, tmp_path / "refused", "--preset", preset)) == 66
+    told = f"frame {first + 1}: the frame is missing; the frames are {step} apart: --step {step} takes each as the one"
+    assert told in capsys.readouterr().err
+    assert main(arguments(apart, tmp_path / "out", "--preset", preset, "--step", str(step))) == 0
+    assert main(arguments(whole, tmp_path / "one", "--preset", preset)) == 0
+    for number in range(count):
+        ours, theirs = (
+            read_image(frame_path(tmp_path / name, at))[0]["G"]
+            for name, at in (("out", first + step * number), ("one", number))
+        )
+        assert np.array_equal(bits(ours), bits(theirs))
+    assert main(["compare", str(tmp_path / "out"), str(tmp_path / "out"), "--metrics", "mse"]) == 0
+    frame_path(apart, first + 2 * step).unlink()
+    assert main(arguments(apart, tmp_path / "gap", "--preset", preset, "--step", str(step))) == 66
+    assert f"frame {first + 2 * step}: the frame is missing; capture" in capsys.readouterr().err
+    assert main(arguments(whole, tmp_path / "gap", "--preset", preset, "--step", "3")) == 65
+    assert "frame 1: the frame lies between two steps (expected every 3. frame from 0 on)" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("number", [0, 3])

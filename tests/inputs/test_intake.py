@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -281,6 +282,35 @@ def test_what_is_wrong_outside_the_frames_asked_for_does_not_count(
     capsys.readouterr()
     assert resolved(tmp_path / "in", "--frames", "3-6") == 66
     assert "frame 5: the frame is missing" in capsys.readouterr().err
+
+
+def test_a_step_of_blender_is_one_history(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The picture before is that of the step before; the jitter of vectors that hold it is taken from there too."""
+    made = frames(4)
+    write_blender(tmp_path / "one", made)
+    stepped = [replace(frame, index=1 + 7 * frame.index) for frame in made]
+    write_blender(tmp_path / "apart", stepped)
+    for command in (["check"], ["inspect", "--plan"], ["resolve", "-o", str(tmp_path / "refused")]):
+        assert main([*command, str(tmp_path / "apart")]) == 66
+        assert "the frames are 7 apart: --step 7" in capsys.readouterr().err
+    assert main(["inspect", str(tmp_path / "apart"), "--step", "7"]) == 0
+    assert "frames are 7 apart, and vectors are taken to lead as far back" in " ".join(capsys.readouterr().out.split())
+    without = open_intake(tmp_path / "apart", step=7, assignments=["motion.channels='none none'"])
+    assert "motion" not in without.roles
+    film = ["--step", "7", "--frames", "1-8", "--preview", str(tmp_path / "two.mp4")]
+    assert resolved(tmp_path / "apart", *film, "--restart") == 0
+    assert (tmp_path / "two.mp4").exists()
+    shutil.rmtree(tmp_path / "apart-out")
+    for name, made_so in (("one", made), ("apart", stepped)):
+        (tmp_path / f"{name}.txt").write_text(side_text(made_so))
+        more = ["--camera", str(tmp_path / f"{name}.txt"), "--input", "motion.jittered=1"]
+        assert resolved(tmp_path / name, *more, *(["--step", "7"] if name == "apart" else [])) == 0
+    for number in range(4):
+        ours, theirs = (
+            read_image(tmp_path / f"{name}-out" / f"shot.{at:04d}.exr")[0]["G"]
+            for name, at in (("one", number), ("apart", 1 + 7 * number))
+        )
+        np.testing.assert_array_equal(ours, theirs)
 
 
 def test_a_depth_that_is_missing_is_a_gap(tmp_path: Path) -> None:

@@ -1,0 +1,101 @@
+"""Frame numbers: where they stand in a file's name, which are asked for, which are missing, and how they are told."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from collections.abc import Sequence as Many
+from enum import StrEnum
+from itertools import pairwise
+from pathlib import Path
+
+from cltaa.errors import DataError, InputMissing, UsageError
+
+# Nine digits fit cltaa:frame, an int. A number below 0, ``x.-001.exr``, is none: its frames would come in wrong order.
+NUMBERED = re.compile(r"(?P<name>.*?)[._-]?(?<![0-9])(?<![._]-)(?<!^-)(?P<number>[0-9]{1,9})\.exr", re.DOTALL)
+FrameRange = tuple[int, int]  # numbers of the first and the last frame, both included
+
+
+class OnBreak(StrEnum):
+    """What to do where a sequence breaks off: a frame is missing, or the size is another."""
+
+    ERROR = "error"  # refuse the sequence
+    RESET = "reset"  # begin a new history behind it
+
+
+def renumbered(path: Path, number: int) -> Path:
+    """The file of frame ``number`` in the sequence that ``path`` belongs to; as it is where it has no number."""
+    match = NUMBERED.fullmatch(path.name)
+    if match is None:
+        return path
+    start, end = match.span("number")
+    return path.with_name(f"{path.name[:start]}{number:0{end - start}d}{path.name[end:]}")
+
+
+def name_of(path: Path) -> str:
+    """The name of the sequence that ``path`` belongs to; that of the file where it has no number."""
+    match = NUMBERED.fullmatch(path.name)
+    return match["name"] if match else path.stem
+
+
+def chosen_numbers(numbers: Many[int], frames: FrameRange | None, folder: Path) -> list[int]:
+    """Those of the sorted frame ``numbers`` that are asked for; raises UsageError unless both ends are there."""
+    if frames is None:
+        return list(numbers)
+    first, last = frames
+    for end in frames:
+        if end not in numbers:
+            raise no_such_frame(folder, end, numbers)
+    if first > last:
+        raise UsageError("the range of frames is empty", path=folder, found=f"{first}-{last}")
+    return [number for number in numbers if first <= number <= last]
+
+
+def check_steps(paths: Mapping[int, Path], frames: FrameRange, step: int, gaps: OnBreak) -> None:
+    """Raise DataError for a number between two steps, InputMissing for one that is not there unless it may be."""
+    first, last = frames
+    numbers = [number for number in sorted(paths) if first <= number <= last]
+    for number in numbers:
+        if (number - first) % step:
+            expected, cure = f"every {step}. frame from {first} on", "leave --step out, or move the others elsewhere"
+            raise DataError(
+                "the frame lies between two steps", path=paths[number], frame=number, expected=expected, cure=cure
+            )
+    for number in range(first, last + 1, step) if gaps is OnBreak.ERROR else ():
+        if number not in paths:
+            raise frame_missing(renumbered(next(iter(paths.values())), number), number, even_step(numbers))
+
+
+def even_step(numbers: Many[int]) -> int:
+    """How far sorted numbers lie apart where three or more do so evenly, else 1."""
+    apart = {after - before for before, after in pairwise(numbers)}
+    return apart.pop() if len(apart) == 1 and len(numbers) > 2 else 1
+
+
+def no_such_frame(folder: Path, number: int, numbers: Many[int]) -> UsageError:
+    """The error for a frame that was asked for and is none of the sorted ``numbers``."""
+    return UsageError("no such frame", path=folder, frame=number, expected=ranges(numbers))
+
+
+def frame_missing(path: Path, number: int, apart: int = 1) -> InputMissing:
+    """The error for a frame that should be there, where those that are there lie ``apart``."""
+    cure = "capture or render it again; resolve --gaps reset begins anew behind each gap"
+    if apart > 1:
+        cure = f"the frames are {apart} apart: --step {apart} takes each as the one after the last"
+    return InputMissing("the frame is missing", path=path, frame=number, cure=cure)
+
+
+def ranges(numbers: Iterable[int]) -> str:
+    """Frame numbers for a reader: write 1, 2, 3, 7 as "1-3, 7"."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][1] + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    return ", ".join(one_range(first, last) for first, last in runs)
+
+
+def one_range(first: int, last: int) -> str:
+    """Write ``first`` to ``last`` for a reader."""
+    return str(first) if first == last else f"{first}-{last}"
