@@ -95,6 +95,44 @@ def test_no_name_covers_another(window: Browser, width: int) -> None:
         assert one[1] <= other[0] or other[1] <= one[0] or one[3] <= other[2] + 2 or other[3] <= one[2] + 2
 
 
+@pytest.mark.parametrize("width", [1280, 400])
+def test_no_name_covers_the_axis(window: Browser, width: int) -> None:
+    window.size(width, 900)
+    window.until(
+        "const f = document.getElementById('front');return f.firstChild.viewBox.baseVal.width === f.clientWidth"
+    )
+    window.run("report.sequences[0].cells.forEach((c) => { c.variant += ' x'.repeat(100); }); drawFront()")
+    left = window.run(
+        "return [...document.querySelectorAll('#front .point text')].map(t => t.getBoundingClientRect().left)"
+    )
+    axis = window.run("return document.querySelector('#front .grid[y1]').getBoundingClientRect().left")
+    window.open(Path(window.run("return decodeURI(location.pathname)")))
+    window.until("return document.getElementById('under').width === 37")
+    assert all(at >= axis - 1 for at in left)
+
+
+def test_numbers_of_a_table_are_plain_and_frames_lie_evenly(window: Browser) -> None:
+    assert window.run("return [0, 1, 0.000857, 0.00195, 7.734, 157.2, 1753.1, 12345.6, 4.21e-7].map(number)") == [
+        "0", "1", "0.000857", "0.00195", "7.73", "157", "1753", "12346", "4.21e-7",
+    ]  # fmt: skip
+    assert window.run("return [5e-4, 1e4, 2e-5].map(tick)") == ["0.0005", "10000", "2e-5"]
+    assert window.run("return [wholeTicks(0, 7), wholeTicks(4, 4), wholeTicks(0, 63)]") == [
+        [0, 2, 4, 6], [4], [0, 20, 40, 60],
+    ]  # fmt: skip
+
+
+def test_what_there_is_nothing_of_is_not_shown(window: Browser) -> None:
+    """No steps where the default alone was measured, and no switch for a supersampling that has no time."""
+    shown = "return ['steps', 'yard'].map((id) => !document.getElementById(id).parentElement.hidden)"
+    assert window.run(shown) == [True, False]
+    window.run(
+        "report.sequences[0].cells.splice(1); report.sequences[0].yardstick[0].added = 1; drawSteps(); drawFront()"
+    )
+    assert window.run(shown) == [False, True]
+    window.open(Path(window.run("return decodeURI(location.pathname)")))
+    window.until("return document.getElementById('under').width === 37")
+
+
 def test_slider_moves_the_picture(window: Browser, tmp_path: Path) -> None:
     choose(window, "a", "truth")
     choose(window, "b", "one sample")

@@ -5,8 +5,9 @@ const $ = (id) => document.getElementById(id);
 const state = { sequence: 0, metric: report.metrics[0], a: null, b: null, x: 0, y: 0 };
 const groups = Object.fromEntries(report.variants.map((v) => [v.name, v.group]));
 const current = () => report.sequences[state.sequence];
-const number = (v) => (Number.isInteger(v) && Math.abs(v) < 1e4 ? String(v) : Math.abs(v) >= 1e4 || Math.abs(v) < 1e-3 ? v.toExponential(2) : v.toPrecision(3));
-const tick = (v) => (v >= 1e4 || (v < 1e-3 && v > 0) ? v.toExponential(0).replace("+", "") : String(Number(v.toPrecision(3))));
+// Three digits, as plain decimals where those of one table can be compared at a glance.
+const number = (v) => (v === 0 ? "0" : Math.abs(v) >= 1e6 || Math.abs(v) < 1e-5 ? v.toExponential(2).replace("+", "") : Math.abs(v) >= 100 ? String(Math.round(v)) : Number.isInteger(v) ? String(v) : v.toPrecision(3));
+const tick = (v) => (v >= 1e6 || (v < 1e-4 && v > 0) ? v.toExponential(0).replace("+", "") : String(Number(v.toPrecision(3))));
 const timeOf = (cell) => cell[current().clock] || cell.device || cell.wall;
 const higher = new Set(data.higher_is_better);
 
@@ -55,6 +56,11 @@ function linearScale(low, high, from, to) {
   scale.ticks = [0, 0.25, 0.5, 0.75, 1].map((t) => low + t * size);
   return scale;
 }
+// At most six whole numbers at even distances: frames.
+function wholeTicks(first, last) {
+  const step = Math.max(1, [1, 2, 5, 10, 20, 50, 100, 200, 500].find((s) => (last - first) / s < 6) || Math.ceil((last - first) / 5));
+  return Array.from({ length: Math.floor((last - first) / step) + 1 }, (_, i) => first + i * step);
+}
 
 function axes(svg, x, y, box, labels) {
   let last = -1e9;
@@ -86,7 +92,9 @@ function drawFront() {
   const box = { left: 58, right: width - 12, top: 24, bottom: height - 38 };
   const logarithmic = state.metric === "rounding" || !higher.has(state.metric);
   const cells = measured.cells.filter((c) => { const e = errorOf(c); return e && (!logarithmic || e.mean > 0); });
-  const yards = state.metric === "rounding" || !$("yard").checked ? [] : measured.yardstick.filter((s) => s.added > 0 && (!logarithmic || s.errors[state.metric].mean > 0));
+  const drawn = state.metric === "rounding" ? [] : measured.yardstick.filter((s) => s.added > 0 && (!logarithmic || s.errors[state.metric].mean > 0));
+  $("yard").parentElement.hidden = !drawn.length;
+  const yards = $("yard").checked ? drawn : [];
   const own = state.metric === "mse" && measured.mean_noise ? [measured.mean_noise] : [];
   const errors = cells.flatMap((c) => [errorOf(c).mean, errorOf(c).p5, errorOf(c).p95]).concat(yards.map((s) => s.errors[state.metric].mean), own);
   const times = cells.flatMap((c) => [timeOf(c).low, timeOf(c).high]).concat(yards.map((s) => s.added), [measured.floor]);
@@ -115,10 +123,10 @@ function drawFront() {
   }
   if (yards.length) svg.append(element("path", { class: "yard", d: "M" + yards.map((s) => `${x(s.added)} ${y(s.errors[state.metric].mean)}`).join("L") }));
   const LETTER = 7, LINE = 14, BESIDE = 9, GAP = 24;  // pixels: a letter and a line of a name, from its point to it, to the next
-  const labelled = [];  // names that would cover one that is there are left out
+  const labelled = [];  // names that would cover one that is there, or the axis, are left out
   const named = (px, py, name, shape) => {  // the text beside a point, or nothing where it would cover another
     const wide = LETTER * name.length, right = px + BESIDE + wide < box.right, left = right ? px + BESIDE : px - BESIDE - wide;
-    if (labelled.some(([from, to, ly]) => left < to && from < left + wide && Math.abs(ly - py) < LINE)) return [];
+    if (left < box.left || labelled.some(([from, to, ly]) => left < to && from < left + wide && Math.abs(ly - py) < LINE)) return [];
     labelled.push([left, left + wide + GAP, py]);
     return [element("text", { ...shape, x: right ? left : px - BESIDE, y: py - 6, "text-anchor": right ? "start" : "end" }, name)];
   };
@@ -232,12 +240,13 @@ function barOf(ratio, span, uncertain) {
   const share = Math.min(1, Math.abs(Math.log2(ratio)) / span) * ($("steps").clientWidth < 560 ? 18 : 38), more = ratio > 1;
   const bar = element("i", { class: uncertain ? "" : more ? "more" : "less" });
   bar.style.left = more ? "50%" : `${50 - share}%`; bar.style.width = `${share}%`;
-  const sign = ratio >= 100 ? ratio.toExponential(1) : ratio.toFixed(ratio < 2 ? 3 : 2);
+  const sign = ratio >= 100 ? number(ratio) : ratio.toFixed(ratio < 2 ? 3 : 2);
   return element("span", { class: "bar-box" }, bar, element("b", {}, `×${sign}`));
 }
 function drawSteps() {
   const measured = current(), base = measured.cells[0], host = $("steps"), rows = [];
   const cells = measured.cells.slice(1).filter((c) => groups[c.variant] !== "combination" && errorOf(c) && errorOf(base));
+  host.parentElement.hidden = !cells.length;
   const ratios = cells.map((c) => [errorOf(c).mean / errorOf(base).mean, c.ratio.median]);
   const span = [0, 1].map((i) => Math.max(0.1, ...ratios.map((r) => Math.abs(Math.log2(r[i]))).filter(Number.isFinite)));
   rows.push(element("div", { class: "step head" }, element("span", {}, ""), element("span", {}, "error"), element("span", {}, measured.noisy ? "time (too noisy to rank)" : "time")));
@@ -262,9 +271,10 @@ function drawFrames() {
   host.replaceChildren(svg);
   if (!lines.length) return;
   const all = lines.flatMap((l) => l.values), positive = all.every((v) => v > 0) && !higher.has(state.metric);
-  const x = linearScale(measured.frames[0], measured.frames[0] + Math.max(...lines.map((l) => l.values.length)) - 1, box.left, box.right);
+  const first = measured.frames[0], end = first + Math.max(...lines.map((l) => l.values.length)) - 1;
+  const x = linearScale(first, end, box.left, box.right);
   const y = positive ? logScale(all, box.bottom, box.top) : linearScale(Math.min(...all), Math.max(...all), box.bottom, box.top);
-  x.ticks = [...new Set(x.ticks.map(Math.round))];
+  x.ticks = wholeTicks(first, end);
   axes(svg, x, y, box, ["frame", state.metric]);
   for (const l of lines) svg.append(element("path", { d: "M" + l.values.map((v, i) => `${x(measured.frames[0] + i)} ${y(v)}`).join("L"), fill: "none", stroke: l.colour, "stroke-width": 2 }));
   $("frames-legend").replaceChildren(...lines.flatMap((l) => { const s = element("span", { class: "swatch" }); s.style.background = l.colour; return [s, l.name]; }));
