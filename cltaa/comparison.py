@@ -8,11 +8,13 @@ from pathlib import Path
 
 from cltaa.equal_quality import equal_quality_samples, samples_on_curve
 from cltaa.errors import DataError, InputMissing, UsageError
-from cltaa.exr import read_header
 from cltaa.frames import Image
+from cltaa.inputs.opening import open_input
+from cltaa.inputs.parts import read_any_header
+from cltaa.inputs.pictures import open_pictures
 from cltaa.metrics import light_mse
 from cltaa.numbered import check_same_size
-from cltaa.sources import ImageSequence, Sequence, open_images, open_sequence
+from cltaa.sources import ImageSequence, Sequence
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,27 +64,27 @@ def pair_up(
     Raises UsageError, InputMissing and DataError where the two do not belong together.
     """
     capture = _capture(test if reference is None else reference, verify)
-    images = open_images(test, verify=verify, frames=frames)
+    images = open_pictures(test, verify=verify, frames=frames)
     if capture is not None and capture.reference is not None:
         truth = capture.reference
     elif reference is None:
         cure = "name the reference: cltaa compare TEST REFERENCE"
         raise UsageError("nothing to compare with: no folder reference/ in it", path=test, cure=cure)
     else:
-        truth = open_images(reference, verify=verify)
+        truth = open_pictures(reference, verify=verify)
     comparison = Comparison(images, truth, capture)
     comparison.check()
     return comparison
 
 
 def _capture(path: Path, verify: bool) -> Sequence | None:
-    return open_sequence(path, verify=verify) if (path / "reference").is_dir() else None
+    return open_input(path, verify=verify) if (path / "reference").is_dir() else None
 
 
 def truth_samples(reference: ImageSequence) -> int | None:
     """Samples a pixel of a truth, as attribute ``cltaa:samples`` of its first frame tells, or None."""
     path = reference.path(reference.first)
-    count = read_header(path).attributes.get("cltaa:samples")
+    count = read_any_header(path).attributes.get("cltaa:samples")
     if count is None or (isinstance(count, int) and count > 0):
         return count
     what = "attribute cltaa:samples is wrong"
@@ -108,7 +110,7 @@ def supersampling_curve(
         return []
     curve = [(1, one_sample_mse)]
     for count, folder in sorted(yardsticks(capture.folder).items()):
-        images = open_images(folder, verify=capture.verify)
+        images = open_pictures(folder, verify=capture.verify)
         check_same_size(capture, images)
         errors = [light_mse(images.image(number), truth.image(number), stops) for number in numbers]
         curve.append((count, sum(errors) / len(errors)))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from cltaa.comparison import Comparison
-from cltaa.exr import read_header
+from cltaa.inputs.parts import read_any_header
 from cltaa.manifest import Manifest
 from cltaa.numbered import NumberedFiles
 from cltaa.printable import printable
@@ -28,7 +28,7 @@ def doubts(comparison: Comparison) -> list[str]:
     test = comparison.test
     other: NumberedFiles = comparison.reference if comparison.capture is None else comparison.capture
     number = test.first if test.first in other.numbers else other.first
-    ours, theirs = (read_header(path).attributes for path in (test.path(test.first), other.path(number)))
+    ours, theirs = (read_any_header(path).attributes for path in (test.path(test.first), other.path(number)))
     scenes = [str(attributes.get("cltaa:scene", "")) for attributes in (ours, theirs)]
     if all(scenes) and scenes[0] != scenes[1]:
         return [f"A shows scene {printable(scenes[0])} and B scene {printable(scenes[1])}"]

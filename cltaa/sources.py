@@ -33,6 +33,11 @@ RESOLVED = "cltaa:preset"  # the attribute of images that a resolve wrote
 class ImageSequence(NumberedFiles):
     """Colour only: a reference, or resolved frames. Iteration yields ``[H, W, 3]`` linear float32 in frame order."""
 
+    @property
+    def notes(self) -> list[str]:
+        """What was decided about the files of another tool, line by line; own ones: nothing."""
+        return []
+
     def image(self, number: int) -> Image:
         """Read the colour of one frame number, [H, W, 3] linear float32."""
         return read_colour(self.path(number), sha256=self.sha256(number))
@@ -99,13 +104,16 @@ class Sequence(NumberedFiles):
         folder = self.folder / "reference"
         if not folder.exists():
             return None
-        reference = open_images(folder, verify=self.verify)
+        reference = self._open_reference(folder)
         for number in self.numbers:
             if number not in reference.layouts:
                 missing = folder / self.path(number).name
                 raise InputMissing("the reference of this frame is missing", path=missing, frame=number)
         check_same_size(self, reference)
         return reference.select(self.first, self.last)
+
+    def _open_reference(self, folder: Path) -> ImageSequence:
+        return open_images(folder, verify=self.verify)
 
     @cached_property
     def sequence_json(self) -> dict[str, Any]:

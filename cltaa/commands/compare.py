@@ -17,7 +17,7 @@ from cltaa.comparison import Comparison, equal_quality, pair_up
 from cltaa.errors import UsageError
 from cltaa.frames import Image
 from cltaa.metrics import DEFAULT_METRICS, METRICS, Metric, flip_map, mean, measure, parse_metrics
-from cltaa.printable import json_of, shown
+from cltaa.printable import json_of, printable, shown
 from cltaa.progress import track
 from cltaa.same_scene import doubts
 from cltaa.streams import read_ahead
@@ -63,10 +63,10 @@ def compare(
 ) -> None:
     """Judge A against B, frame by frame and in the mean.
 
-    A and B are folders of numbered EXR frames or single EXR files. Where B is a captured sequence, A is judged against
-    the truth in its folder reference/, beside the single samples that were captured, and the equal-quality samples are
-    stated: how many samples a pixel a supersampler needs for the same error. Where B is left out, A is a captured
-    sequence and its single samples are judged against its own truth.
+    A and B are folders of numbered EXR frames, of cltaa or of another tool, or single EXR files. Where B is a captured
+    sequence, A is judged against the truth in its folder reference/, beside the single samples that were captured, and
+    the equal-quality samples are stated: how many samples a pixel a supersampler needs for the same error. Where B is
+    left out, A is a captured sequence and its single samples are judged against its own truth.
 
     --video needs the capture, for the motion in it, and tells apart what an error of single images cannot: ghosting
     (the past shows at uncovered pixels), flicker (changes that are not in the truth), blur (fine detail lost) and
@@ -80,6 +80,9 @@ def compare(
     shown = parse_metrics(metric_names)
     metrics = tuple(dict.fromkeys((*shown, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
     comparison = pair_up(test, reference, frames, verify=verify)
+    for name, images in (("A", comparison.test), ("B", comparison.reference)):
+        if images.notes:
+            click.echo(printable(f"{name}: {'; '.join(images.notes)}"), err=True)
     warnings = doubts(comparison)
     for warning in warnings:
         click.echo(f"cltaa: warning: {warning}", err=True)

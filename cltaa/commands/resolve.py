@@ -133,7 +133,7 @@ def resolve(
     if as_json:
         click.echo(json_of(outcome))
     else:
-        _print_outcome(outcome, preview)
+        _print_outcome(outcome, preview, views)
 
 
 def chosen_preset(name: str, config: Path | None, assignments: tuple[str, ...]) -> Preset:
@@ -179,7 +179,7 @@ def _chosen_layers(names: tuple[str, ...] | None, source: Sequence) -> tuple[str
     return () if names == ("none",) else ("*",) if names == ("all",) else names
 
 
-def _print_outcome(outcome: Outcome, preview: Path | None) -> None:
+def _print_outcome(outcome: Outcome, preview: Path | None, views: str) -> None:
     from rich.console import Console  # here and below: when the frames are written, and not before the first is read
     from rich.table import Table
 
@@ -201,5 +201,7 @@ def _print_outcome(outcome: Outcome, preview: Path | None) -> None:
         console.print(f"{counted(outcome.saturated, 'pixel')} saturated at 65504, the largest half", highlight=False)
     console.print(f"on {shown(outcome.device)}", highlight=False, soft_wrap=True)
     console.print(f"written to {shown(outcome.output)}", highlight=False, soft_wrap=True)
+    if views:
+        console.print(f"debug views in {shown(outcome.output)}/debug", highlight=False, soft_wrap=True)
     if preview is not None:
         console.print(f"film {shown(str(preview))}", highlight=False, soft_wrap=True)

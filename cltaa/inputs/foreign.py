@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +21,7 @@ from cltaa.inputs.convert import linear_colour, motion_px, planar_depth, still_c
 from cltaa.inputs.intake import Intake, intake_lines
 from cltaa.inputs.parts import read_planes
 from cltaa.manifest import recorded_hashes
-from cltaa.sources import CHANNEL_OF, NO_PIXELS, Sequence
+from cltaa.sources import CHANNEL_OF, NO_PIXELS, ImageSequence, Sequence
 
 MATRICES = ("worldToCamera", "worldToNDC", "cltaa:worldToView", "cltaa:viewToClip")
 
@@ -83,9 +83,18 @@ class ForeignSequence(Sequence):
         numbers = [number for number in self.numbers if first <= number <= last]
         return type(self)(self.folder, self.intake, numbers, strict=self._strict, verify=self.verify)
 
+    def _open_reference(self, folder: Path) -> ImageSequence:
+        from cltaa.inputs.pictures import open_pictures  # here: those are made of such sequences
+
+        return open_pictures(folder, verify=self.verify)
+
+    def colour(self, number: int) -> Image:
+        """Read and convert the colour of one frame, [H, W, 3] linear float32."""
+        return linear_colour(self._planes(number, ["colour"])["colour"], self.intake.profile.colour.encoding)
+
     def frame(self, number: int) -> Frame:
         """Read and convert one frame."""
-        profile, planes, outline = self.intake.profile, self._planes(number), self.outline(number)
+        profile, planes, outline = self.intake.profile, self._planes(number, self.intake.roles), self.outline(number)
         colour = linear_colour(planes["colour"], profile.colour.encoding)
         depth = np.full(colour.shape[:2], np.inf, np.float32)
         if "depth" in planes:
@@ -129,13 +138,13 @@ class ForeignSequence(Sequence):
             self._hashes[path.parent] = recorded_hashes(path.parent)
         return self._hashes[path.parent].get(path.name)
 
-    def _planes(self, number: int) -> dict[str, Image]:
-        """The channels of each role as float32 [H, W, C]."""
+    def _planes(self, number: int, roles: Iterable[str]) -> dict[str, Image]:
+        """The channels of each of these roles as float32 [H, W, C]."""
         files: dict[str, dict[str, Pixels]] = {}
         stacked: dict[str, Image] = {}
-        for role, places in self.intake.roles.items():
+        for role in roles:
             planes = []
-            for place in places:
+            for place in self.intake.roles[role]:
                 path = self.intake.sets[place.files][number]
                 if place.files not in files:
                     files[place.files] = read_planes(path, sha256=self._hash_of(path))[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,8 @@ from cltaa.manifest import file_sha256
 from cltaa.metrics import light_mse, mean, measure
 from cltaa.sources import open_images, open_sequence
 from cltaa.video_scores import VideoScores
+from tests.inputs.foreign import frames as foreign_frames
+from tests.inputs.foreign import write_blender
 from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame, write_images, write_sequence
 
 
@@ -184,6 +187,34 @@ def test_nan_in_an_image_is_named(capsys: pytest.CaptureFixture[str], capture: P
     assert main(["compare", str(folder), str(capture)]) == 65
     error = capsys.readouterr().err.splitlines()[-1]
     assert "image.0001.exr frame 1: 1 values of the image are NaN or infinite" in error
+
+
+def test_other_tools_files_are_judged_and_judge(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """As truth, as what is judged, and as a sequence with its truth beside it, in a part a pass and as one image."""
+    made, shot, truth = foreign_frames(3), tmp_path / "shot", tmp_path / "truth"
+    write_blender(shot, made)
+    write_blender(truth, [replace(frame, colour=frame.colour * np.float32(0.9)) for frame in made])
+    plain = write_images(tmp_path / "plain", [frame.colour for frame in made], name="shot")
+    assert run_json(capsys, plain, shot, "--metrics", "mse")["mean"]["mse"] == 0
+    assert main(["compare", str(plain), str(truth), "--metrics", "mse"]) == 0
+    said = capsys.readouterr().err
+    told = "profile blender: header attribute Software is Blender 5.0.1; colour ViewLayer.Combined.R"
+    assert f"B: {told} ViewLayer.Combined.G ViewLayer.Combined.B\n" in said
+    judged = run_json(capsys, plain, truth, "--metrics", "mse", "--frames", "1-2")
+    assert [row["frame"] for row in judged["frames"]] == [1, 2]
+    assert judged["mean"]["mse"] > 0
+    shutil.copytree(truth, shot / "reference")
+    with_capture = run_json(capsys, plain, shot, "--metrics", "mse", "--video")
+    assert with_capture["mean"] == with_capture["mean_one_sample"]
+    assert [row["metrics"] for row in with_capture["frames"]][1:] == [row["metrics"] for row in judged["frames"]]
+    assert run_json(capsys, shot, "--metrics", "mse")["mean"] == with_capture["mean"]
+    (truth / "shot.0001.exr").unlink()
+    assert "frame 1: no reference for this frame" in refusal_behind_notes(capsys, plain, truth)
+
+
+def refusal_behind_notes(capsys: pytest.CaptureFixture[str], *arguments: Path) -> str:
+    assert main(["compare", *map(str, arguments)]) == 66
+    return capsys.readouterr().err
 
 
 def warnings(capsys: pytest.CaptureFixture[str], *arguments: Path) -> list[str]:
