@@ -21,11 +21,14 @@ _EFFECTS = frozenset(Effect)
 
 
 def check_frame(frame: Frame) -> None:
-    """Raise DataError for a frame that cannot be resolved: channels, camera, jitter, exposure, names of effects."""
+    """Raise DataError for a frame that cannot be resolved: channels, camera, jitter, exposure, effects, step."""
     check_channels(frame)
     check_camera(frame.camera, path=frame.path, frame=frame.index)
     check_numbers(frame.jitter_px, frame.exposure, path=frame.path, frame=frame.index)
     _check_effects(frame)
+    if not isinstance(frame.step, int) or frame.step < 1:
+        expected = "a whole number from 1 on"
+        raise DataError("step is wrong", path=frame.path, frame=frame.index, expected=expected, found=frame.step)
 
 
 def check_channels(frame: Frame) -> None:

@@ -52,8 +52,13 @@ def chosen_numbers(numbers: Many[int], frames: FrameRange | None, folder: Path) 
 
 
 def check_steps(paths: Mapping[int, Path], frames: FrameRange, step: int, gaps: OnBreak) -> None:
-    """Raise DataError for a number between two steps, InputMissing for one that is not there unless it may be."""
+    """Raise DataError for a number between two steps, InputMissing for one that is not there unless it may be.
+
+    A step below 1 is a UsageError.
+    """
     first, last = frames
+    if step < 1:
+        raise UsageError("the step between frames is wrong", expected="a whole number from 1 on", found=step)
     numbers = [number for number in sorted(paths) if first <= number <= last]
     for number in numbers:
         if (number - first) % step:

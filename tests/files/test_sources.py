@@ -115,6 +115,12 @@ def test_missing_empty_and_wrong_folders(tmp_path: Path, monkeypatch: pytest.Mon
     assert "cannot be read: Permission denied" in refusal(tmp_path, InputMissing)
 
 
+def test_a_step_of_nothing_is_no_step(tmp_path: Path) -> None:
+    write_sequence(tmp_path, 2)
+    with pytest.raises(UsageError, match="the step between frames is wrong"):
+        open_sequence(tmp_path, step=0)
+
+
 def test_a_folder_above_sequences_names_them(tmp_path: Path) -> None:
     """Also where a single one lies there: its channels are none of the folder's above."""
     write_sequence(tmp_path / "shots" / "b", 2, reference=True)

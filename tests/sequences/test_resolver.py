@@ -153,6 +153,7 @@ def test_what_is_no_picture_is_told_before_it_is_resolved(name: str, spoilt: Cal
         ({"exposure": 0.0}, "cltaa:exposure is no exposure"),
         ({"effects": ["camera"]}, "effects are no set .*found list"),
         ({"effects": {"moton"}}, "unknown effect moton; did you mean motion?"),
+        ({"step": 0}, r"frame 1: step is wrong \(expected a whole number from 1 on, found 0\)"),
     ],
 )
 def test_what_a_program_says_of_a_frame_is_checked_as_what_a_file_says(changes: dict[str, Any], found: str) -> None:
