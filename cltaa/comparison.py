@@ -8,6 +8,7 @@ from pathlib import Path
 
 from cltaa.equal_quality import equal_quality_samples, samples_on_curve
 from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.frame_numbers import OnBreak, ranges
 from cltaa.frames import Image
 from cltaa.inputs.opening import open_input
 from cltaa.inputs.parts import read_any_header
@@ -42,15 +43,15 @@ class Comparison:
             yield number, self.test.image(number), self.reference.image(other)
 
     def check(self) -> None:
-        """Raise DataError for sizes that differ and InputMissing for a frame without its truth."""
+        """Raise DataError for sizes that differ and InputMissing for a frame without truth or single samples."""
         check_same_size(self.test, self.reference)
-        for number in self.test.numbers:
-            if not self._two_images and number not in self.reference.layouts:
-                found = f"{self.reference.first} to {self.reference.last}"
-                raise InputMissing(
-                    "no reference for this frame", path=self.reference.folder, frame=number, found=found,
-                    cure="choose frames that both have with --frames",
-                )  # fmt: skip
+        for number in () if self._two_images else self.test.numbers:
+            for what, other in (("single samples", self.capture), ("reference", self.reference)):
+                if other is not None and number not in other.numbers:
+                    raise InputMissing(
+                        f"no {what} for this frame", path=other.folder, frame=number, found=ranges(other.numbers),
+                        cure="choose frames that both have with --frames",
+                    )  # fmt: skip
 
 
 def pair_up(
@@ -78,7 +79,8 @@ def pair_up(
 
 
 def _capture(path: Path, verify: bool) -> Sequence | None:
-    return open_input(path, verify=verify) if (path / "reference").is_dir() else None
+    # A frame that is not there is an error where it is asked for.
+    return open_input(path, verify=verify, gaps=OnBreak.RESET) if (path / "reference").is_dir() else None
 
 
 def truth_samples(reference: ImageSequence) -> int | None:

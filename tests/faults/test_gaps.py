@@ -92,7 +92,7 @@ def test_numbers_that_lie_apart_are_one_history(
         frame = replace(make_frame(number, width=9, height=7, motion=True), index=first + step * number)
         write_frame(frame_path(apart, frame.index), frame)
     assert main(arguments(apart, tmp_path / "refused", "--preset", preset)) == 66
-    told = f"frame {first + 1}: the frame is missing; the frames are {step} apart: --step {step} takes each as the one"
+    told = f"frame {first + 1}: the frame is missing; the frames are {step} apart: resolve --step {step} takes each as"
     assert told in capsys.readouterr().err
     assert main(arguments(apart, tmp_path / "out", "--preset", preset, "--step", str(step))) == 0
     assert main(arguments(whole, tmp_path / "one", "--preset", preset)) == 0
@@ -103,6 +103,13 @@ def test_numbers_that_lie_apart_are_one_history(
         )
         assert np.array_equal(bits(ours), bits(theirs))
     assert main(["compare", str(tmp_path / "out"), str(tmp_path / "out"), "--metrics", "mse"]) == 0
+    shutil.copytree(tmp_path / "out", apart / "reference")
+    assert main(["compare", str(tmp_path / "out"), str(apart), "--metrics", "mse"]) == 0
+    capsys.readouterr()
+    main(["inspect", str(apart)])
+    assert f"those there are {step} apart: --step {step}" in " ".join(capsys.readouterr().out.split())
+    main(["inspect", str(apart), "--step", str(step)])
+    assert "missing" not in capsys.readouterr().out
     frame_path(apart, first + 2 * step).unlink()
     assert main(arguments(apart, tmp_path / "gap", "--preset", preset, "--step", str(step))) == 66
     assert f"frame {first + 2 * step}: the frame is missing; capture" in capsys.readouterr().err

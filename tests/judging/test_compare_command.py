@@ -209,7 +209,9 @@ def test_other_tools_files_are_judged_and_judge(capsys: pytest.CaptureFixture[st
     assert [row["metrics"] for row in with_capture["frames"]][1:] == [row["metrics"] for row in judged["frames"]]
     assert run_json(capsys, shot, "--metrics", "mse")["mean"] == with_capture["mean"]
     (truth / "shot.0001.exr").unlink()
-    assert "frame 1: no reference for this frame" in refusal_behind_notes(capsys, plain, truth)
+    assert "frame 1: no reference for this frame (found 0, 2)" in refusal_behind_notes(capsys, plain, truth)
+    (shot / "shot.0002.exr").unlink()
+    assert "frame 2: no single samples for this frame (found 0-1)" in refusal_behind_notes(capsys, plain, shot)
 
 
 def refusal_behind_notes(capsys: pytest.CaptureFixture[str], *arguments: Path) -> str:
