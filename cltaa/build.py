@@ -9,19 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.constants import (
-    CONSTANTS,
-    MIDDLE_SPAN,
-    PAD_X,
-    PAD_Y,
-    SHORT_SPAN,
-    SPAN_REACH,
-    SPANS,
-    THIN_COLUMNS,
-    THIN_FARTHER,
-    THIN_ROWS,
-    THIN_STEP,
-)
+from cltaa.constants import CONSTANTS, WANDER_FRAMES, WHOLE_NUMBERS
 from cltaa.params import HOST_CHOICES, Choices, GatherFit, HistoryOf, ThinSearch
 from cltaa.settings import KERNEL_SETTINGS, Settings
 
@@ -68,6 +56,7 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True):
     pull_cost: bool = True
     gamma_by_motion: bool = True
     fresh_blur: bool = True
+    wander: bool = True
 
     @classmethod
     def of(cls, settings: Settings) -> Terms:
@@ -77,6 +66,7 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True):
             pull_cost=settings.pull_cost != 0.0,
             gamma_by_motion=settings.gamma_still != settings.gamma_moving,
             fresh_blur=settings.fresh_blur != 0.0,
+            wander=settings.frames_kept > WANDER_FRAMES,
         )
 
 
@@ -123,11 +113,12 @@ class Build(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def shared(build: Build) -> Build:
-    """``build`` without choices that its kernels make nothing of: what does not gather is the default's program."""
+    """``build`` without what its kernels make nothing of: what does not gather is the default's program."""
     if build.choices.history_of is HistoryOf.SAMPLES:
         return build
     choices = msgspec.structs.replace(build.choices, gather_fit=GatherFit.MEAN, thin_search=ThinSearch.OWN_WAY)
-    return msgspec.structs.replace(build, choices=choices)
+    terms = msgspec.structs.replace(build.terms, wander=True)
+    return msgspec.structs.replace(build, choices=choices, terms=terms)
 
 
 def edge_builds(build: Build) -> tuple[Build, Build]:
@@ -226,16 +217,7 @@ def prelude(build: Build) -> str:
         "STORAGE_STOCHASTIC": int(build.storage is Storage.HALF_STOCHASTIC),
         "STRICT": int(build.strict),
         "RELAXED": int(build.relaxed),
-        "PAD_X": PAD_X,
-        "PAD_Y": PAD_Y,
-        "SPANS": SPANS,
-        "SHORT_SPAN": SHORT_SPAN,
-        "MIDDLE_SPAN": MIDDLE_SPAN,
-        "SPAN_REACH": SPAN_REACH,
-        "THIN_COLUMNS": THIN_COLUMNS,
-        "THIN_STEP": THIN_STEP,
-        "THIN_ROWS": THIN_ROWS,
-        "THIN_FARTHER": THIN_FARTHER,
+        **WHOLE_NUMBERS,
         **{_macro(name): int(getattr(build.steps, name)) for name in Steps.__struct_fields__},
         **{_macro(name): int(getattr(build.terms, name)) for name in Terms.__struct_fields__},
     }

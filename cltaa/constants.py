@@ -22,6 +22,10 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "THIN_ROOM": Constant(
         1.0625, "pixels off the centre within which hits beside another thing count: samples a pixel apart lie in it"
     ),
+    "WANDER_SAMPLES": Constant(2.0, "latest samples, and earlier ones, that tell whether an edge wandered: measured"),
+    "WANDER_SLACK": Constant(
+        0.2, "difference of shares that chance makes where a surface does not move on its own: measured"
+    ),
     "HALF_LIMIT": Constant(65504.0, "largest half; larger magnitudes are stored as it"),
     "HALF_NORMAL": Constant(2.0**-14, "least normal half; below it halves have one distance"),
     "HALF_STEP": Constant(2.0**-10, "distance of halves over the power of two below them"),
@@ -86,6 +90,21 @@ THIN_COLUMNS: Final = 12
 THIN_STEP: Final = 3
 THIN_ROWS: Final = 4
 THIN_FARTHER: Final = 2
+WANDER_FRAMES: Final = 8  # latest kept frames that are held against those before, to tell an edge that wandered
+# Those of them that kernels know, by these names.
+WHOLE_NUMBERS: Final = {
+    "PAD_X": PAD_X,
+    "PAD_Y": PAD_Y,
+    "SPANS": SPANS,
+    "SHORT_SPAN": SHORT_SPAN,
+    "MIDDLE_SPAN": MIDDLE_SPAN,
+    "SPAN_REACH": SPAN_REACH,
+    "THIN_COLUMNS": THIN_COLUMNS,
+    "THIN_STEP": THIN_STEP,
+    "THIN_ROWS": THIN_ROWS,
+    "THIN_FARTHER": THIN_FARTHER,
+    "WANDER_FRAMES": WANDER_FRAMES,
+}
 # Rows begin on a multiple of this many floats, the widest vector of any device.
 ROW_ALIGNMENT: Final = 16
 

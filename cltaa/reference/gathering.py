@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from cltaa.build import Build, Record, kept_planes
+from cltaa.constants import WANDER_FRAMES
 from cltaa.layout import Layout
 from cltaa.params import GatherFit
 from cltaa.reference.blend import sample_share
@@ -105,7 +106,9 @@ class Gathering:
         far = self.sides[FARTHEST][2] if len(self.sides) > 1 else self.none
         for _, layers, sums, _ in self.sides[FARTHEST + 1 :]:
             far = in_front(sums, far, layers, build, settings)
-        return resolve_gathered(self.near, far, self.layers, self.pixel, self.motion, build, layout, settings)
+        return resolve_gathered(
+            self.near, far, self.layers, self.sides[0][3], self.pixel, self.motion, build, layout, settings
+        )
 
     @property
     def moves(self) -> Array:
@@ -128,5 +131,5 @@ def gather(
 ) -> None:  # fmt: skip
     """Resolve one frame from padded planes and ``frames`` kept ones into ``output`` and ``output_count``."""
     gathering = Gathering.begin(build, layout, locals(), parted=True)
-    gathering.add(past[:frames], build, layout, frame, settings)
+    gathering.add(past[:frames], build, layout, frame, settings, recent=WANDER_FRAMES)
     store_resolved(gathering.resolved(build, layout, settings), build, layout, frame, output, output_count)
