@@ -53,6 +53,10 @@ CONSTANTS: Final[dict[str, Constant]] = {
         10.0,
         "1 over how far beside the reactivities of the 3x3 of now that of a sample may lie: measured (decision 43)",
     ),
+    "SEEN_LATELY": Constant(
+        1.25, "samples of the latest frames that are enough to say that they saw a surface: measured"
+    ),
+    "HARDLY_SEEN": Constant(1.5, "samples of the shortest span that leave nothing to a recursive result: measured"),
     "BEGUN_ANEW": Constant(4.0, "samples of a recursive result that has begun anew; all the way one sample below"),
     "FEW_GATHERED": Constant(6.0, "samples that are few for spans of the past; all the way one below"),
     "BESIDE_MOST": Constant(0.85, "most share of a recursive result in either case: measured (decision 39)"),

@@ -42,16 +42,19 @@ __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in
         }
         if (REACTIVE)
             stand_in(spans, b.near.unlike > b.near.recent_count, out, error, x, y, frame);
+        const mask lately = b.l.edge | (b.near.recent_count > SPLAT(SEEN_LATELY))
+            | stood_here(kept, past, standing, front.s, x, y, frame, settings);
         repeats_t repeated;
         const resolved unmoved = resolve_unmoved(&b.near, &repeated, kept, past, standing, p, x, y, frame, settings);
-        // What no latest sample could contradict says nothing.
-        const mask told = b.near.recent_count >= SPLAT(SHORT_SPAN);
+        // What no latest sample could contradict says nothing, nor does what stood here before the surface came into
+        // view: an edge has two surfaces, either of which may have stood.
+        const mask told = lately & (b.near.recent_count >= SPLAT(SHORT_SPAN));
         out.rgb = choose_colour(told, unmoved.rgb, out.rgb);
         out.alpha = told ? unmoved.alpha : out.alpha;
         out.count = told ? unmoved.count : out.count;
         error = told ? span_error(b.near, p.own, unmoved, settings) : error;
         store_span(spans, UNMOVED, out, error, x, y, frame);
-        store(repeats + texel_offset(frame, x, y), repeat_error(repeated, moves, error));
+        store(repeats + texel_offset(frame, x, y), repeat_error(repeated, lately, moves, error));
         above = centre;
         centre = below;
     }

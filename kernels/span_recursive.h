@@ -6,7 +6,9 @@
 // just now follows light that the spans still lag behind, and costs little where they have few samples themselves. One
 // that has lasted counts by its samples, but where the spans have few: there it may lag. Between the two they know
 // better.
-STAGE real recursive_share(real recursive, real count)
+// `latest` are the samples of the shortest span: where the latest frames did not show the surface, a history that the
+// recursive result has all the same is of what stood before it.
+STAGE real recursive_share(real recursive, real count, real latest)
 {
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
     const real begun
@@ -16,15 +18,16 @@ STAGE real recursive_share(real recursive, real count)
     const real lasted = limit((recursive - SPLAT(LASTED)) * K(LASTED_STEP), zero, one)
         * limit((count - SPLAT(GATHERED)) * K(GATHERED_STEP), zero, one);
     const real part = quotient(recursive, recursive + count);
-    return begun * most + lasted * (part * part);
+    const real seen = limit(latest - SPLAT(HARDLY_SEEN), zero, one);
+    return seen * (begun * most + lasted * (part * part));
 }
 
 // What the spans came to, drawn towards the recursive result at a texel, planes as of a history, that counts `count`.
-STAGE resolved beside_recursive(resolved spans, history_in recursive, real count, frame_t frame)
+STAGE resolved beside_recursive(resolved spans, history_in recursive, real count, real latest, frame_t frame)
 {
     const size_t plane = plane_size(frame);
     const colour c = load_history_colour(recursive, plane);
-    const real share = recursive_share(absolute(count), spans.count);
+    const real share = recursive_share(absolute(count), spans.count, latest);
     resolved out = spans;
     out.rgb = drawn_towards(spans.rgb, c, share);
     if (ALPHA)

@@ -52,6 +52,21 @@ STAGE real alike_here(plane_in kept, frames_in past, int k, pixel_t p, int x, in
     return as_reactive(load_share(q + texel_offset(frame, x, y), SPLAT(0.0)), p);
 }
 
+// Whether something as close as the surface stood at the pixel's own place before the latest frames, which were drawn
+// by the camera of now.
+STAGE mask stood_here(
+    plane_in kept, frames_in past, int frames, surface s, int x, int y, frame_t frame, settings_t settings)
+{
+    const real zero = SPLAT(0.0);
+    if (frames < SHORT_SPAN)
+        return zero != zero;
+    const size_t plane = plane_size(frame);
+    const frame_t then = past[SHORT_SPAN - 1];
+    const motion_t still = { zero, zero, SPLAT(1.0), zero, zero == zero };
+    plane_in q = kept + ((size_t)then.slot * KEPT_PLANES + KEPT_CLOSENESS) * plane + texel_offset(frame, x, y);
+    return seen_then(usable_closeness(load(q), then), s, still, settings);
+}
+
 // How far light at the pixel's own place differs from what frames drew whose samples lie nearly where those of the
 // frame that is asked lie: squares, of the latest frames together and of each on average of all. What an edge or a
 // texture within the pixel does to two samples of one place is the same, and no change.
@@ -81,14 +96,15 @@ STAGE void add_repeat(repeats_t* r, colour sample, colour again, mask good, int 
     r->pairs += good ? SPLAT(1.0) : SPLAT(0.0);
 }
 
-// What repeated samples say of the span without motion, or `otherwise` where there are none. What moves along itself is
-// asked of the latest samples alone: before them other things may have been there. What stands has to have had the same
-// light all the time, since now may look like then and not like what was between: of that the variance of so many
-// samples counts, half of the squares of their differences.
-STAGE real repeat_error(repeats_t r, mask moves, real otherwise)
+// What repeated samples say of the span without motion, or `otherwise` where there are none or where the latest frames
+// did not see the surface (`lately` false): they were drawn of another. What moves along itself is asked of the latest
+// samples alone: before them other things may have been there. What stands has to have had the same light all the time,
+// since now may look like then and not like what was between: of that the variance of so many samples counts, half of
+// the squares of their differences.
+STAGE real repeat_error(repeats_t r, mask lately, mask moves, real otherwise)
 {
     const real all = K(0.5 * (SHORT_SPAN + 1)) * quotient(r.all, greater(r.pairs, SPLAT(1.0)));
-    const mask some = r.told & (r.pairs > SPLAT(0.0));
+    const mask some = lately & r.told & (r.pairs > SPLAT(0.0));
     return some ? (moves ? r.latest : greater(r.latest, all)) : otherwise;
 }
 

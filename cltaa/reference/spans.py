@@ -14,10 +14,12 @@ from cltaa.params import AlphaFrom
 from cltaa.reference.blend import sample_share, share_difference, storable_colour
 from cltaa.reference.colour import Colour, colour_outside_domain, from_range, to_range
 from cltaa.reference.gather_fit import Gathered
-from cltaa.reference.gather_track import kept_alpha, kept_reactive
+from cltaa.reference.gather_track import KEPT_CLOSENESS, kept_alpha, kept_reactive, seen_then
 from cltaa.reference.gathering import Gathering
+from cltaa.reference.neighbourhood import Surface, usable_closeness
 from cltaa.reference.pixel import Pixel, Resolved, as_reactive, usable_share
-from cltaa.reference.real import Array, greater, number, quiet
+from cltaa.reference.projection import Motion
+from cltaa.reference.real import Array, constant, greater, number, quiet
 
 
 def span_ends(frames: int) -> list[int]:
@@ -56,6 +58,16 @@ def alike_here(planes: Array, p: Pixel, build: Build) -> Array:
     return as_reactive(usable_share(r, 0.0), p)
 
 
+def stood_here(slots: Array, past: Any, s: Surface, build: Build, layout: Layout, settings: Record) -> Array:
+    """Whether something as close as each pixel's surface stood at its own place before the latest frames, [H, W]."""
+    zero, one = np.zeros_like(s.closeness), np.ones_like(s.closeness)
+    if len(past) < SHORT_SPAN:
+        return np.zeros(zero.shape, bool)
+    then, still = past[SHORT_SPAN - 1], Motion(zero, zero, one, zero, zero == zero)
+    drawn = layout.inside(slots[int(then["slot"])])[KEPT_CLOSENESS].astype(zero.dtype)
+    return seen_then(usable_closeness(drawn, then), s, still, build, settings)
+
+
 @dataclass(slots=True)
 class Repeats:
     """Squared differences [H, W] of samples at each pixel's own place from those of frames whose samples lay nearly
@@ -80,13 +92,14 @@ class Repeats:
             self.latest, self.told = self.latest + squares, self.told & good
         self.everything, self.pairs = self.everything + squares, self.pairs + np.where(good, np.ones_like(zero), zero)
 
-    def error(self, moves: Array, otherwise: Array) -> Array:
-        """What they say of the span without motion, ``otherwise`` where there are none: of what moves along itself the
-        latest samples alone, of what stands the variance of all of them too."""
+    def error(self, lately: Array, moves: Array, otherwise: Array) -> Array:
+        """What they say of the span without motion, ``otherwise`` where there are none or the latest frames did not see
+        the surface (not ``lately``): of what moves along itself the latest samples alone, of what stands the variance
+        of all of them too."""
         one = np.ones_like(otherwise)
         everything = number(0.5 * (SHORT_SPAN + 1), one) * (self.everything / greater(self.pairs, one))
         error = np.where(moves, self.latest, greater(self.latest, everything))
-        result: Array = np.where(self.told & (self.pairs > np.zeros_like(one)), error, otherwise)
+        result: Array = np.where(lately & self.told & (self.pairs > np.zeros_like(one)), error, otherwise)
         return result
 
 
@@ -150,15 +163,17 @@ def gather_spans(
         unlike = gathering.near.unlike > gathering.near.recent_count
         for span in range(SPANS - 2):
             _store(target[span * planes : (span + 1) * planes], said, error, unlike)
+    lately = gathering.layers.edge | (gathering.near.recent_count > constant("SEEN_LATELY", error))
+    lately = lately | stood_here(gathering.slots, past[:standing], gathering.sides[0][0], build, layout, settings)
     unmoved, sums, repeating = resolve_unmoved(
         gathering.slots, past[:standing], gathering.pixel, build, layout, settings
     )
-    told = sums.recent_count >= number(SHORT_SPAN, error)
+    told = lately & (sums.recent_count >= number(SHORT_SPAN, error))
     r, g, b = (np.where(told, k, v) for k, v in zip(unmoved.rgb, said.rgb, strict=True))
     alphas, counts = np.where(told, unmoved.alpha, said.alpha), np.where(told, unmoved.count, said.count)
     error = np.where(told, span_error(sums, own, unmoved, build, settings), error)
     _store(target[-planes:], Resolved((r, g, b), alphas, counts), error)
-    layout.inside(repeats)[0] = repeating.error(moves, error)
+    layout.inside(repeats)[0] = repeating.error(lately, moves, error)
 
 
 def _store(planes: Array, said: Resolved, error: Array, where: Array | None = None) -> None:

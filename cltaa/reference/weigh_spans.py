@@ -43,7 +43,7 @@ def weigh_spans(
     parts = spans.astype(real).reshape(SPANS, planes, layout.rows, layout.stride)
     errors, least, repeated = errors_of(parts, repeats[0].astype(real), layout)
     floor, enough = constant("DRIFT_FLOOR", least), constant("DRIFT_T", least)
-    zero, lag = np.zeros_like(least), constant("LAG", least)
+    zero, one, lag = np.zeros_like(least), np.ones_like(least), constant("LAG", least)
     short, middle = parts[0][:3], parts[1][:3]
     alike = drifts_of(middle, short, short, zero, build, layout, settings)
     sharp = constant("SURE_FLOOR", least)
@@ -52,8 +52,7 @@ def weigh_spans(
     short_trust, middle_trust = trust(errors[0], better), trust(errors[1], better)
     share = middle_trust / (short_trust + middle_trust)
     first = layout.inside(parts[0])
-    alpha = first[5] if build.steps.alpha else np.ones_like(least)
-    weight, darkest = trust(errors[0], least), list(first[:3])
+    alpha, weight, darkest = first[5] if build.steps.alpha else one, trust(errors[0], least), list(first[:3])
     sums, alphas, counts, ahead = [zero, zero, zero], zero, zero, weight * lag
     of_spans: list[Array] = []
     for span, (part, error) in enumerate(zip(parts[1:], errors[1:], strict=True), start=1):
@@ -61,7 +60,7 @@ def weigh_spans(
         drifts = alike
         if span > 1:
             drifts = drifts_of(part[:3], short, middle, share, build, layout, settings)
-        moves = unsettled(repeated, better) if span == SPANS - 1 else np.ones_like(least)
+        moves = unsettled(repeated, better) if span == SPANS - 1 else one
         ahead = ahead + w * (moves * (lag if span == 1 else lag + share))
         moved = [v + moves * step for v, step in zip(own, believed(drifts, zero, floor, enough), strict=False)]
         sums = [total + w * (v - k) for total, v, k in zip(sums, moved, first, strict=False)]
@@ -71,10 +70,11 @@ def weigh_spans(
             alphas = alphas + w * (own[5] - alpha)
         weight, of_spans = weight + w, [*of_spans, w]
     r, g, b = (k + (total + ahead * v) / weight for k, total, v in zip(first, sums, rate, strict=False))
-    shares, now = [w / weight for w in of_spans], current.astype(real)
-    r, g, b = moved_to_now((r, g, b), [part[:3] for part in parts], shares, now, build, layout, frame, settings)
+    shares, now, colours = [w / weight for w in of_spans], current.astype(real), [part[:3] for part in parts]
+    r, g, b = moved_to_now((r, g, b), colours, shares, now, build, layout, frame, settings)
     r, g, b = held_by_now((r, g, b), now, layout)
     rgb = storable_colour((r, g, b), (darkest[0], darkest[1], darkest[2]), build)
     resolved = Resolved(rgb, alpha + alphas / weight, first[4] + counts / weight)
-    resolved = beside_recursive(resolved, recursive, recursive_count[0].astype(real), build, layout)
+    latest = constant("HARDLY_SEEN", zero) + one if build.steps.reactive else first[4]
+    resolved = beside_recursive(resolved, recursive, recursive_count[0].astype(real), latest, build, layout)
     store_resolved(resolved, build, layout, frame, output, output_count)

@@ -64,5 +64,6 @@ def test_what_recurs_beside_the_spans_is_all_that_goes_on() -> None:
 def test_a_recursive_result_counts_where_it_has_begun_anew_or_lasted(
     recursive: float, spans: float, share: float
 ) -> None:
-    found = recursive_share(np.array([[recursive]], np.float32), np.array([[spans]], np.float32))
+    planes = (np.array([[samples]], np.float32) for samples in (recursive, spans, 4.0))
+    found = recursive_share(*planes)
     assert found[0, 0] == pytest.approx(share, rel=1e-6, abs=1e-7)
