@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from cltaa.equal_quality import equal_quality_samples, samples_on_curve
 from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.frame_numbers import OnBreak, ranges
 from cltaa.frames import Image
-from cltaa.inputs.opening import open_input
+from cltaa.inputs.opening import is_own, open_input
 from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.pictures import open_pictures
 from cltaa.metrics import light_mse
@@ -55,32 +56,35 @@ class Comparison:
 
 
 def pair_up(
-    test: Path, reference: Path | None, frames: tuple[int, int] | None = None, *, verify: bool = True
+    test: Path, reference: Path | None, frames: tuple[int, int] | None = None, *, verify: bool = True, **reading: Any
 ) -> Comparison:
     """Open a test (folder or file) and its reference (folder or file, or a capture that holds one).
 
     Without a reference the test must be a capture, and its single samples are judged against its own truth.
     ``frames`` are the first and the last frame number to take, both included; all unless given.
-    ``verify`` is that of ``open_sequence``.
+    ``verify`` is that of ``open_sequence``; ``reading`` are ``profile`` and ``assignments`` of ``open_input``, for what
+    another tool wrote.
     Raises UsageError, InputMissing and DataError where the two do not belong together.
     """
-    capture = _capture(test if reference is None else reference, verify)
-    images = open_pictures(test, verify=verify, frames=frames)
+    capture = _capture(test if reference is None else reference, verify, reading)
+    images = open_pictures(test, verify=verify, frames=frames, **reading)
     if capture is not None and capture.reference is not None:
         truth = capture.reference
     elif reference is None:
         cure = "name the reference: cltaa compare TEST REFERENCE"
         raise UsageError("nothing to compare with: no folder reference/ in it", path=test, cure=cure)
     else:
-        truth = open_pictures(reference, verify=verify)
+        truth = open_pictures(reference, verify=verify, **reading)
     comparison = Comparison(images, truth, capture)
     comparison.check()
     return comparison
 
 
-def _capture(path: Path, verify: bool) -> Sequence | None:
+def _capture(path: Path, verify: bool, reading: Mapping[str, Any]) -> Sequence | None:
+    if not (path / "reference").is_dir():
+        return None
     # A frame that is not there is an error where it is asked for.
-    return open_input(path, verify=verify, gaps=OnBreak.RESET) if (path / "reference").is_dir() else None
+    return open_input(path, verify=verify, gaps=OnBreak.RESET, **({} if is_own(path) else reading))
 
 
 def truth_samples(reference: ImageSequence) -> int | None:

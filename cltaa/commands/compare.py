@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.atomic import make_folder
-from cltaa.commands.options import FILE_PATH, FRAME_RANGE, STOPS, json_option, verify_option
+from cltaa.commands.options import FILE_PATH, FRAME_RANGE, PROFILE, STOPS, json_option, verify_option
 from cltaa.commands.tables import print_table
 from cltaa.comparison import Comparison, equal_quality, pair_up
 from cltaa.errors import UsageError
@@ -48,6 +48,9 @@ Values = dict[str, float]
     is_flag=True,
     help=f"Also judge A as moving pictures: {', '.join(score.name for score in SCORES)}.",
 )
+@click.option("--profile", type=PROFILE, metavar="NAME", default="auto", show_default=True,
+              help="Who wrote the folders of other tools, as for cltaa resolve.")  # fmt: skip
+@click.option("--input", "inputs", multiple=True, metavar="SECTION.KEY=VALUE", help="One key of that profile.")
 @verify_option
 @json_option
 def compare(
@@ -58,6 +61,8 @@ def compare(
     stops: float,
     heatmap: Path | None,
     in_time: bool,
+    profile: str,
+    inputs: tuple[str, ...],
     verify: bool,
     as_json: bool,
 ) -> None:
@@ -79,7 +84,7 @@ def compare(
     """
     shown = parse_metrics(metric_names)
     metrics = tuple(dict.fromkeys((*shown, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
-    comparison = pair_up(test, reference, frames, verify=verify)
+    comparison = pair_up(test, reference, frames, verify=verify, profile=profile, assignments=inputs)
     for name, images in (("A", comparison.test), ("B", comparison.reference)):
         if images.notes:
             click.echo(printable(f"{name}: {'; '.join(images.notes)}"), err=True)

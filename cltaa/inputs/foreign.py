@@ -86,7 +86,8 @@ class ForeignSequence(Sequence):
     def _open_reference(self, folder: Path) -> ImageSequence:
         from cltaa.inputs.pictures import open_pictures  # here: those are made of such sequences
 
-        return open_pictures(folder, verify=self.verify)
+        profile, assignments = self.intake.asked
+        return open_pictures(folder, verify=self.verify, profile=profile, assignments=assignments)
 
     def colour(self, number: int) -> Image:
         """Read and convert the colour of one frame, [H, W, 3] linear float32."""

@@ -36,6 +36,7 @@ class Intake:
     gaps: OnBreak = OnBreak.ERROR
     on_resize: OnBreak = OnBreak.ERROR
     step: int = 1  # how far frame numbers lie apart
+    asked: tuple[str, Many[str]] = ("auto", ())  # profile and assignments, for a truth beside the frames
     notes: list[str] = field(default_factory=list)  # what is missing, and what is done without it
 
     @property
@@ -99,7 +100,9 @@ def open_intake(
     known = declared_frames(chosen, given, side, sizes, step)
     declared = {number: known[number] for number in numbers}
     _check_complete(folder, declared)
-    intake = Intake(chosen, reason, roles, sets, given, layouts, declared, gaps, on_resize, step)
+    intake = Intake(
+        chosen, reason, roles, sets, given, layouts, declared, gaps, on_resize, step, (profile, assignments)
+    )
     intake.notes += _notes(intake)
     return intake
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence as Many
 from pathlib import Path
 from typing import Self
 
@@ -41,15 +42,22 @@ class ForeignImages(ImageSequence):
         return type(self)(self.sequence.select(first, last))
 
 
-def open_pictures(path: Path, *, verify: bool = True, frames: FrameRange | None = None) -> ImageSequence:
-    """Open images as ``open_images`` does, with its options, and a folder of another tool's files by its profile.
+def open_pictures(
+    path: Path,
+    *,
+    verify: bool = True,
+    frames: FrameRange | None = None,
+    profile: str = "auto",
+    assignments: Many[str] = (),
+) -> ImageSequence:
+    """Open images as ``open_images`` does, with its options, and a folder of another tool's files by a profile.
 
     Of the latter a missing frame is no error before it is asked for. Raises what ``open_images`` and ``open_intake``
     raise.
     """
     if not _of_another(path):
         return open_images(path, verify=verify, frames=frames)
-    intake = open_intake(path, gaps=OnBreak.RESET, frames=frames)
+    intake = open_intake(path, profile=profile, assignments=assignments, gaps=OnBreak.RESET, frames=frames)
     return ForeignImages(ForeignSequence(path, intake, sorted(intake.declared), strict=False, verify=verify))
 
 

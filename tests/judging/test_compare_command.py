@@ -14,7 +14,7 @@ from PIL import Image as Pillow
 
 from cltaa.cli import main
 from cltaa.equal_quality import equal_quality_samples
-from cltaa.exr import write_frame
+from cltaa.exr import write_frame, write_image
 from cltaa.manifest import file_sha256
 from cltaa.metrics import light_mse, mean, measure
 from cltaa.sources import open_images, open_sequence
@@ -212,6 +212,18 @@ def test_other_tools_files_are_judged_and_judge(capsys: pytest.CaptureFixture[st
     assert "frame 1: no reference for this frame (found 0, 2)" in refusal_behind_notes(capsys, plain, truth)
     (shot / "shot.0002.exr").unlink()
     assert "frame 2: no single samples for this frame (found 0-1)" in refusal_behind_notes(capsys, plain, shot)
+
+
+def test_pictures_whose_channels_must_be_named(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    grey = np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4)
+    for folder in ("grey", "shot", "shot/reference"):
+        (tmp_path / folder).mkdir()
+        write_image(tmp_path / folder / "a.0001.exr", {"Y": grey})
+    plain = write_images(tmp_path / "plain", [np.stack([grey] * 3, -1)], first=1)
+    assert "--input colour.channels='Y Y Y'" in refusal(capsys, 65, plain, tmp_path / "grey")
+    named = ("--metrics", "mse", "--input", "colour.channels=Y Y Y")
+    assert run_json(capsys, plain, tmp_path / "grey", *named)["mean"]["mse"] == 0
+    assert run_json(capsys, plain, tmp_path / "shot", *named)["mean_one_sample"]["mse"] == 0
 
 
 def refusal_behind_notes(capsys: pytest.CaptureFixture[str], *arguments: Path) -> str:
