@@ -34,7 +34,7 @@ import cltaa.reference
 import cltaa_capture.cli
 from cltaa import cli
 from cltaa.checkpoint import SLOTS
-from cltaa.interrupt import SIGNALS
+from cltaa.interrupt import SIGNALS, ends_at_once
 from tests.faults.runs import RECORDS, WORK, Work, check_after_fault, check_finished, digests
 
 PRELOADED = (cltaa.commands.resolve, cltaa.reference, cltaa_capture.cli)
@@ -119,6 +119,8 @@ class Ended:
             finally:
                 signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
 
+        # As of a process of its own: threads that pack stay, and none of them is closed to a signal when all is said.
+        ends_at_once(INTERRUPTED)
         with patch.object(cli.root, "main", open_to_signals):
             return cli.main(self.work.command(self.top, output))
 
