@@ -118,7 +118,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "tonemap",
         "weighting",
     ),
-    "weigh_spans": ("alpha", "storage"),
+    "weigh_spans": ("alpha", "reactive", "storage"),
 }
 BACK = 0.2  # the nearest points of the planes lie at 0.1: the previous camera was in front of them
 UNWRITTEN = np.float32(-77.0)  # what no stage writes into a plane by itself

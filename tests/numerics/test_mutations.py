@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 
 from tests.numerics.memory import EDITS, PLANTED
@@ -18,3 +21,12 @@ def test_a_fault_still_has_its_place(mutation: Mutation) -> None:
 
 def test_faults_are_told_apart() -> None:
     assert len({mutation.fault for mutation in MUTATIONS}) == len(MUTATIONS) >= 20
+
+
+def test_the_page_lists_every_fault() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "numerics.md").read_text(encoding="utf-8")
+    listed = re.search("<!-- mutations -->(.*)<!-- end of mutations -->", page, re.DOTALL)
+    assert listed
+    rows = re.findall(r"^\| (.+?) \| ((?:kernels|cltaa)/\S+) \|", listed[1], re.MULTILINE)
+    assert sorted(rows) == sorted((mutation.fault, mutation.file) for mutation in MUTATIONS)
+    assert f"The table holds {len(rows)} faults." in listed[1]
