@@ -185,10 +185,11 @@ STAGE real wander_of(gathered g)
     return told ? absolute(late - early) : zero;
 }
 
-// Share of the filtered sample beside the n of a pixel, from their share 1 / n: as 1 / n^2, since a fit leaves little
-// for it to do, where light may change only beyond filter_samples. At a depth edge, where samples miss their surface
-// and are worth fewer than they are, 1 / n; or as much as the edge wandered, less a slack where it does not move on its
-// own, since thin things that samples hit by chance look so.
+// Share of the filtered sample beside the n of a pixel, from their share 1 / n: as 1 / (n^2 - 1), at most 1, since a
+// fit leaves little for it to do but between two samples or three; where light may change as 1 / n, beyond
+// filter_samples as 1 / n^2. At a depth edge, where samples miss their surface and are worth fewer than they are,
+// 1 / n; or as much as the edge wandered, less a slack where it does not move on its own, since thin things that
+// samples hit by chance look so.
 STAGE real gathered_filter_share(real of_mean, gathered g, layers_t l, track_t t, settings_t settings)
 {
     if (LIGHT_CHANGE == LIGHT_CHANGE_SPANS)
@@ -196,7 +197,8 @@ STAGE real gathered_filter_share(real of_mean, gathered g, layers_t l, track_t t
     real at_edge = of_mean;
     if (WANDER & (GATHER_FIT == GATHER_FIT_LAYERS))
         at_edge = greater(at_edge, wander_of(g) - (t.own ? SPLAT(0.0) : SPLAT(WANDER_SLACK)));
-    return l.edge ? at_edge : of_mean * of_mean;
+    const real one = SPLAT(1.0), n = g.count + one;
+    return l.edge ? at_edge : quotient(one, greater(n * n - one, one));
 }
 
 // How much of its samples a reactive pixel gives up for the current one. Spans of the past are each judged by the

@@ -168,7 +168,9 @@ def gathered_filter_share(
     if build.terms.wander and build.choices.gather_fit is GatherFit.LAYERS:
         slack = np.where(track.own, np.zeros_like(of_mean), constant("WANDER_SLACK", of_mean))
         at_edge = greater(at_edge, wander_of(g) - slack)
-    return np.where(layers.edge, at_edge, of_mean * of_mean)
+    one = np.ones_like(of_mean)
+    n = g.count + one
+    return np.where(layers.edge, at_edge, one / greater(n * n - one, one))
 
 
 def distrust(reactivity: Array, build: Build) -> Array:
