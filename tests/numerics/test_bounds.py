@@ -31,9 +31,10 @@ from tests.numerics.units import OUTPUTS
 # A bound that nothing comes within a hundredth of says nothing.
 TOO_LOOSE = 0.01
 DEFAULT = Build(steps=ALL_STEPS)
-# Most values that may be left out because either side of a choice can be reached. Worst seen at 1024 x 1024: 1.6 % for
-# the clips that rounding in one channel can turn (clip-current, clip-unguarded), 1.0 % in the fused kernel.
-MOST_OPEN = 0.02
+# Most values that may be left out because either side of a choice can be reached. Worst seen: 1.6 % for the clips that
+# rounding in one channel can turn (clip-current, clip-unguarded, 1024 x 1024), 2.4 % in the fused kernel with the
+# default's choices (256 x 256; 2.01 % at 96 x 96).
+MOST_OPEN = 0.03
 
 
 @cache
