@@ -47,7 +47,7 @@ def test_the_filter_has_the_share_of_one_sample(history_of: str) -> None:
         # The recurrent image keeps what the filter took of each sample after the first: 1/n of the n-th. Kept samples
         # are filtered anew in each frame, by 1/n^2.
         kept = sum(1 / n for n in range(2, number + 1)) / number
-        taken = 1 / number**2 if history_of == "samples" else kept
+        taken = 1 / max(number**2 - 1, 1) if history_of == "samples" else kept
         assert abs(value - (1 - (1 - middle) * taken)) < 1e-6
 
 
@@ -62,7 +62,7 @@ def test_what_the_filter_leaves_in_a_history_fades_sooner(history_of: str, beyon
         value = resolver.resolve(dotted(number - 1))[10, 12, 0]
         kept += min(1 / number, beyond / number**2) if number > 1 else 0.0
         # Kept samples are filtered anew in each frame: nothing adds up, and the setting is not asked.
-        taken = 1 / number**2 if history_of == "samples" else kept / number
+        taken = 1 / max(number**2 - 1, 1) if history_of == "samples" else kept / number
         assert number == 1 or abs(value - (1 - (1 - middle) * taken)) < 1e-6
 
 
