@@ -45,7 +45,7 @@ def test_the_filter_has_the_share_of_one_sample(history_of: str) -> None:
     for number in (2, 3, 4):
         value = resolver.resolve(dotted(number - 1))[10, 12, 0]
         # The recurrent image keeps what the filter took of each sample after the first: 1/n of the n-th. Kept samples
-        # are filtered anew in each frame, by 1/n^2.
+        # are filtered anew in each frame, by 1/(n^2 - 1).
         kept = sum(1 / n for n in range(2, number + 1)) / number
         taken = 1 / max(number**2 - 1, 1) if history_of == "samples" else kept
         assert abs(value - (1 - (1 - middle) * taken)) < 1e-6
