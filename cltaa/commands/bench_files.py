@@ -32,7 +32,7 @@ from cltaa.sources import open_capture
 @json_option
 def files(
     sequence: Path, preset: str, device: str | None, compressions: tuple[str, ...], threads: tuple[int, ...],
-    commands: tuple[str, ...], rounds: int,    as_json: bool,
+    commands: tuple[str, ...], rounds: int, as_json: bool,
 ) -> None:  # fmt: skip
     """Time writing and reading a resolved frame of SEQUENCE, and the whole resolve against its stages.
 

@@ -104,3 +104,12 @@ def browser(profile: Path) -> Iterator[Browser]:
     finally:
         driver.terminate()
         driver.wait(PATIENCE)
+
+
+def choose(window: Browser, name: str, value: str) -> None:
+    """Set a control of the page to a value, as somebody would who picks it."""
+    window.run(
+        "const e = document.getElementById(arguments[0]); e.value = arguments[1]; e.dispatchEvent(new Event('change'))",
+        name,
+        value,
+    )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.bench.browser import Browser, browser
 from tests.bench.tiny_report import write_report
 
 
@@ -22,3 +23,13 @@ def data_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a tiny report; its frames lie in ``seq`` beside it."""
     return write_report(tmp_path_factory.mktemp("page"))
+
+
+@pytest.fixture(scope="module")
+def window(report: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """A browser that shows the report; one for each file of tests."""
+    with browser(tmp_path_factory.mktemp("profile")) as found:
+        found.size(1280, 900)
+        found.open(report / "index.html")
+        found.until("return document.getElementById('under').width === 37")
+        yield found

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
-from itertools import combinations
 from pathlib import Path
 
 import msgspec
@@ -12,20 +10,11 @@ import pytest
 from PIL import Image as Pillow
 
 from cltaa.bench.results import Accuracy
-from tests.bench.browser import Browser, browser, missing
+from tests.bench.browser import Browser, choose, missing
 from tests.bench.tiny_report import PRESET
 
 pytestmark = pytest.mark.skipif(missing() is not None, reason=missing() or "")
 ENTER, RIGHT, DOWN = "\ue007", "\ue014", "\ue015"
-
-
-@pytest.fixture(scope="module")
-def window(report: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    with browser(tmp_path_factory.mktemp("profile")) as found:
-        found.size(1280, 900)
-        found.open(report / "index.html")
-        found.until("return document.getElementById('under').width === 37")
-        yield found
 
 
 def stage(window: Browser, folder: Path) -> str:
@@ -39,76 +28,8 @@ def stage(window: Browser, folder: Path) -> str:
     return hashlib.sha256(shown.tobytes()).hexdigest()
 
 
-def choose(window: Browser, name: str, value: str) -> None:
-    window.run(
-        "const e = document.getElementById(arguments[0]); e.value = arguments[1]; e.dispatchEvent(new Event('change'))",
-        name,
-        value,
-    )
-
-
 def test_console_stays_clean(window: Browser) -> None:
     assert window.log() == []
-
-
-@pytest.mark.parametrize("width", [1280, 400])
-def test_nothing_is_wider_than_the_page(window: Browser, width: int) -> None:
-    window.size(width, 900)
-    window.until(
-        "const f = document.getElementById('front');return f.firstChild.viewBox.baseVal.width === f.clientWidth"
-    )
-    assert window.run("return document.documentElement.scrollWidth") == width
-    smallest = window.run(
-        "return Math.min(...[...document.querySelectorAll('#front text')].map(t => t.getBoundingClientRect().height))"
-    )
-    assert smallest >= 11  # pixels: letters are not scaled down with the plot
-    window.size(1280, 900)
-
-
-def test_a_control_that_is_hidden_leaves_no_row_on_a_narrow_page(window: Browser) -> None:
-    window.size(400, 900)
-    lowest = """const rows = [...document.querySelectorAll("#choices label")].filter(
-        (label) => getComputedStyle(label).display !== "none").map((label) => label.getBoundingClientRect().bottom);
-        return [Math.max(...rows), rows.length]"""
-    with_gain = {}
-    for mode in ("slider", "difference"):
-        choose(window, "mode", mode)
-        with_gain[mode] = window.run(lowest)
-    assert with_gain["slider"][0] < with_gain["difference"][0] - 30
-    assert [rows for _, rows in with_gain.values()] == [4, 5]
-    choose(window, "mode", "slider")
-    window.size(1280, 900)
-
-
-@pytest.mark.parametrize("width", [1280, 400])
-def test_no_name_covers_another(window: Browser, width: int) -> None:
-    window.size(width, 900)
-    window.until(
-        "const f = document.getElementById('front');return f.firstChild.viewBox.baseVal.width === f.clientWidth"
-    )
-    boxes = window.run(
-        "return [...document.querySelectorAll('#front .point text')].map(t => t.getBoundingClientRect())"
-        ".map(b => [b.left, b.right, b.top, b.bottom])"
-    )
-    assert boxes
-    for one, other in combinations(boxes, 2):
-        assert one[1] <= other[0] or other[1] <= one[0] or one[3] <= other[2] + 2 or other[3] <= one[2] + 2
-
-
-@pytest.mark.parametrize("width", [1280, 400])
-def test_no_name_covers_the_axis(window: Browser, width: int) -> None:
-    window.size(width, 900)
-    window.until(
-        "const f = document.getElementById('front');return f.firstChild.viewBox.baseVal.width === f.clientWidth"
-    )
-    window.run("report.sequences[0].cells.forEach((c) => { c.variant += ' x'.repeat(100); }); drawFront()")
-    left = window.run(
-        "return [...document.querySelectorAll('#front .point text')].map(t => t.getBoundingClientRect().left)"
-    )
-    axis = window.run("return document.querySelector('#front .grid[y1]').getBoundingClientRect().left")
-    window.open(Path(window.run("return decodeURI(location.pathname)")))
-    window.until("return document.getElementById('under').width === 37")
-    assert all(at >= axis - 1 for at in left)
 
 
 def test_numbers_of_a_table_are_plain_and_frames_lie_evenly(window: Browser) -> None:
@@ -296,15 +217,6 @@ def test_a_sequence_without_frames_says_so(window: Browser) -> None:
     assert window.run("return document.querySelectorAll('#frames path').length") >= 2  # errors are there all the same
     window.run("pictures[current().name] = kept; drawAll()")
     assert window.run(f"return {shown}") == [True, True, True, False]
-
-
-def test_light_and_dark(window: Browser) -> None:
-    script = "return getComputedStyle(document.body).backgroundColor"
-    first = window.run(script)
-    window.run("document.getElementById('theme').click()")
-    assert window.run(script) != first
-    window.run("document.getElementById('theme').click()")
-    assert window.run(script) == first
 
 
 def test_still_no_errors_after_all_that(window: Browser) -> None:

@@ -86,3 +86,12 @@ def side_text(frames: Sequence[Frame]) -> str:
         ):  # fmt: skip
             lines.append(f"{name} {' '.join(repr(float(number)) for number in numbers)}")
     return "\n".join(lines) + "\n"
+
+
+def write_colour(folder: Path, made: list[Frame], name: str = "picture", rows: int | None = None) -> Path:
+    """Files of R G B alone, of the first ``rows`` rows; the folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for frame in made:
+        channels = {channel: np.ascontiguousarray(frame.colour[:rows, :, i]) for i, channel in enumerate("RGB")}
+        write_image(folder / f"{name}.{frame.index:04d}.exr", channels)
+    return folder

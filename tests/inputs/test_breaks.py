@@ -1,0 +1,104 @@
+"""Sequences of other writers that break off: gaps, steps between frames, depths that are missing, another size."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cltaa.cli import main
+from cltaa.exr import read_image, write_image
+from cltaa.inputs.intake import open_intake
+from tests.inputs.foreign import frames, side_text, write_blender, write_colour
+
+
+def resolved(folder: Path, *more: str) -> int:
+    return main(["resolve", str(folder), "-o", f"{folder}-out", "--device", "numpy", *more])
+
+
+def test_a_gap_is_an_error_or_a_new_history(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = frames(5)
+    write_blender(tmp_path / "gap", [made[0], made[1], made[3], made[4]])
+    assert resolved(tmp_path / "gap") == 66
+    assert "frame 2: the frame is missing" in capsys.readouterr().err
+    assert resolved(tmp_path / "gap", "--gaps", "reset") == 0
+    write_blender(tmp_path / "behind", made[3:])
+    assert resolved(tmp_path / "behind") == 0
+    for number in (3, 4):
+        name = f"shot.{number:04d}.exr"
+        ours, theirs = (read_image(tmp_path / folder / name)[0] for folder in ("gap-out", "behind-out"))
+        for channel in "RGB":
+            np.testing.assert_array_equal(ours[channel], theirs[channel])
+
+
+def test_what_is_wrong_outside_the_frames_asked_for_does_not_count(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = frames(7)
+    write_blender(tmp_path / "in", [made[0], made[2], made[3], made[4], made[6]])
+    assert resolved(tmp_path / "in", "--frames", "2-4") == 0
+    write_blender(tmp_path / "alone", made[2:5])
+    assert resolved(tmp_path / "alone") == 0
+    for number in (2, 3, 4):
+        name = f"shot.{number:04d}.exr"
+        ours, theirs = (read_image(tmp_path / folder / name)[0] for folder in ("in-out", "alone-out"))
+        np.testing.assert_array_equal(ours["G"], theirs["G"])
+    capsys.readouterr()
+    assert resolved(tmp_path / "in", "--frames", "3-6") == 66
+    assert "frame 5: the frame is missing" in capsys.readouterr().err
+
+
+def test_a_step_of_blender_is_one_history(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The picture before is that of the step before; the jitter of vectors that hold it is taken from there too."""
+    made = frames(4)
+    write_blender(tmp_path / "one", made)
+    stepped = [replace(frame, index=1 + 7 * frame.index) for frame in made]
+    write_blender(tmp_path / "apart", stepped)
+    for command in (["check"], ["inspect", "--plan"], ["resolve", "-o", str(tmp_path / "refused")]):
+        assert main([*command, str(tmp_path / "apart")]) == 66
+        assert "the frames are 7 apart: resolve --step 7" in capsys.readouterr().err
+    assert main(["inspect", str(tmp_path / "apart"), "--step", "7"]) == 0
+    assert "frames are 7 apart, and vectors are taken to lead as far back" in " ".join(capsys.readouterr().out.split())
+    without = open_intake(tmp_path / "apart", step=7, assignments=["motion.channels='none none'"])
+    assert "motion" not in without.roles
+    film = ["--step", "7", "--frames", "1-8", "--preview", str(tmp_path / "two.mp4")]
+    assert resolved(tmp_path / "apart", *film, "--restart") == 0
+    assert (tmp_path / "two.mp4").exists()
+    shutil.rmtree(tmp_path / "apart-out")
+    for name, made_so in (("one", made), ("apart", stepped)):
+        (tmp_path / f"{name}.txt").write_text(side_text(made_so))
+        more = ["--camera", str(tmp_path / f"{name}.txt"), "--input", "motion.jittered=1"]
+        assert resolved(tmp_path / name, *more, *(["--step", "7"] if name == "apart" else [])) == 0
+    for number in range(4):
+        ours, theirs = (
+            read_image(tmp_path / f"{name}-out" / f"shot.{at:04d}.exr")[0]["G"]
+            for name, at in (("one", number), ("apart", 1 + 7 * number))
+        )
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_a_depth_that_is_missing_is_a_gap(tmp_path: Path) -> None:
+    made = frames(4)
+    write_colour(tmp_path / "shot", made, "beauty")
+    for frame in [made[0], made[2], made[3]]:
+        write_image(tmp_path / "shot" / f"depth.{frame.index:04d}.exr", {"Z": frame.depth})
+    assert resolved(tmp_path / "shot") == 66
+    assert resolved(tmp_path / "shot", "--gaps", "reset") == 0
+    assert len(list(Path(f"{tmp_path}/shot-out").glob("*.exr"))) == 3
+
+
+def test_another_size_is_an_error_or_a_new_history(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = frames(4)
+    write_colour(tmp_path / "shot", made[:2])
+    write_colour(tmp_path / "shot", made[2:], rows=12)
+    for command in ("resolve", "check", "inspect"):
+        more = ["-o", str(tmp_path / "out")] if command == "resolve" else []
+        assert main([command, str(tmp_path / "shot"), *more]) == 65
+        assert "frame 2: size differs (expected 37 x 23, found 37 x 12)" in capsys.readouterr().err
+    assert resolved(tmp_path / "shot", "--on-resize", "reset") == 0
+    np.testing.assert_array_equal(
+        read_image(tmp_path / "shot-out" / "picture.0002.exr")[0]["R"], made[2].colour[:12, :, 0]
+    )
