@@ -216,12 +216,10 @@ class NumpyLauncher:
 
 def run_spans(
     launcher: Launcher, build: Build, layout: Layout, arguments: Mapping[str, Any], spans: Mapping[str, Any],
-    recursive: Mapping[str, Any], masked: bool,
+    recursive: Mapping[str, Any],
 ) -> None:  # fmt: skip
     """Gather each span with the ``arguments`` of ``gather`` and what ``KeptFrames.spans`` gives, and weigh them beside
-    the ``recursive`` resolve of the frame; ``masked``: that frame has a reactive mask, not only a step for one."""
-    from msgspec.structs import replace
-
+    the ``recursive`` resolve of the frame."""
     results, structs = ("output", "output_count"), ("frame", "settings")
     gathered = {name: value for name, value in arguments.items() if name not in results}
     launcher.run("gather_spans", build, layout, {**gathered, **spans})
@@ -231,8 +229,7 @@ def run_spans(
         launcher.run("extend_edges", plain, layout, whole)
     named = {name: arguments[name] for name in ("current", *results, *structs)}
     given = {"spans": spans["spans"], "repeats": spans["repeats"], **recursive}
-    steps = replace(build.steps, reactive=build.steps.reactive and masked)
-    launcher.run("weigh_spans", replace(build, steps=steps), layout, {**named, **given})
+    launcher.run("weigh_spans", build, layout, {**named, **given})
 
 
 def launcher_for(device: str | int | Launcher | None) -> Launcher:

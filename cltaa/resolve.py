@@ -235,7 +235,7 @@ class Resolver:
         self.launcher.run("resolve", self._build(plan), layout, given | buffers.recurrent())
         written = {"recursive": buffers.output, "recursive_count": buffers.output_count}
         self.last = LastRun(build, layout, arguments | buffers.shown())
-        run_spans(self.launcher, *self.last, kept.spans(frame, build.steps), written, frame.reactive is not None)
+        run_spans(self.launcher, *self.last, kept.spans(frame, build.steps), written)
 
     def _resolve(self, record: Record, build: Build, buffers: Buffers) -> None:
         """Start the kernel that resolves what ``buffers`` hold of a frame."""

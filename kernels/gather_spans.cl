@@ -37,11 +37,13 @@ __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in
                     kept, past, from, to, 0, &far_t, b.far, p, back.s, back.l, 1, x, y, frame, settings);
             out = resolve_gathered(b.near, b.far, b.l, t, p, b.m, frame, settings);
             error = span_error(b.near, p.own, out, settings);
+            if (REACTIVE & (span == 0))
+                out.count += b.near.unlike;
             store_span(spans, span, out, error, x, y, frame);
             from = to;
         }
         if (REACTIVE)
-            stand_in(spans, b.near.unlike > b.near.recent_count, out, error, x, y, frame);
+            stand_in(spans, b.near, out, error, x, y, frame);
         const mask lately = b.l.edge | (b.near.recent_count > SPLAT(SEEN_LATELY))
             | stood_here(kept, past, standing, front.s, x, y, frame, settings);
         repeats_t repeated;

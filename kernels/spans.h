@@ -4,7 +4,8 @@
 #include "gather.h"
 
 // Planes of a span: r, g, b, error, count, alpha. The spans stand one behind the other: the latest frames, a few more,
-// all, and without motion all since the camera came to stand.
+// all, and without motion all since the camera came to stand. The count of the first says how many of the latest
+// samples showed the surface, those too that do not count since they are unlike.
 #define SPAN_PLANES (5 + ALPHA)
 #define ALL_FRAMES (SPANS - 2)
 #define UNMOVED (SPANS - 1)
@@ -177,18 +178,19 @@ STAGE void store_span(plane_out spans, int span, resolved r, real error, int x, 
         store(p + 5 * plane, r.alpha);
 }
 
-// All spans but that without motion say what that of all frames does where `unlike`: of what a veil has just come over
-// or left the latest frames tell next to nothing.
-STAGE void stand_in(plane_out spans, mask unlike, resolved all, real error, int x, int y, frame_t frame)
+// All spans but that without motion say what that of all frames does where most of the latest samples are unlike: of
+// what a veil has just come over or left they tell next to nothing.
+STAGE void stand_in(plane_out spans, gathered latest, resolved all, real error, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame);
+    const mask unlike = latest.unlike > latest.recent_count;
     if (!any_of(unlike))
         return;
     for (int span = 0; span < ALL_FRAMES; ++span) {
         plane_out p = spans + (size_t)span * SPAN_PLANES * plane + texel_offset(frame, x, y);
         resolved r = all;
         r.rgb = choose_colour(unlike, all.rgb, load_colour(p, plane));
-        r.count = unlike ? all.count : load(p + 4 * plane);
+        r.count = unlike ? (span ? all.count : all.count + latest.unlike) : load(p + 4 * plane);
         if (ALPHA)
             r.alpha = unlike ? all.alpha : load(p + 5 * plane);
         store_span(spans, span, r, unlike ? error : load(p + 3 * plane), x, y, frame);

@@ -69,9 +69,6 @@ __kernel void weigh_spans_kernel(plane_in current, plane_in spans, plane_in repe
     out.alpha = alpha + quotient(alpha_sum, weight);
     out.count = count + quotient(count_sum, weight);
     const size_t at = texel_offset(frame, x, y);
-    // Beside a reactive mask the samples of the latest frames count for less where it changes, though they saw the
-    // surface.
-    const real seen = REACTIVE ? SPLAT(HARDLY_SEEN) + one : count;
-    out = beside_recursive(out, recursive + at, load(recursive_count + at), seen, frame);
+    out = beside_recursive(out, recursive + at, load(recursive_count + at), count, frame);
     store_resolved(output, output_count, out, x, y, frame);
 }

@@ -163,6 +163,8 @@ def gather_spans(
         unlike = gathering.near.unlike > gathering.near.recent_count
         for span in range(SPANS - 2):
             _store(target[span * planes : (span + 1) * planes], said, error, unlike)
+        # The count of the shortest: all of the latest samples that showed the surface.
+        target[4][...] = target[4] + gathering.near.unlike
     lately = gathering.layers.edge | (gathering.near.recent_count > constant("SEEN_LATELY", error))
     lately = lately | stood_here(gathering.slots, past[:standing], gathering.sides[0][0], build, layout, settings)
     unmoved, sums, repeating = resolve_unmoved(

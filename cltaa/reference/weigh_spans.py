@@ -75,6 +75,5 @@ def weigh_spans(
     r, g, b = held_by_now((r, g, b), now, layout)
     rgb = storable_colour((r, g, b), (darkest[0], darkest[1], darkest[2]), build)
     resolved = Resolved(rgb, alpha + alphas / weight, first[4] + counts / weight)
-    latest = constant("HARDLY_SEEN", zero) + one if build.steps.reactive else first[4]
-    resolved = beside_recursive(resolved, recursive, recursive_count[0].astype(real), latest, build, layout)
+    resolved = beside_recursive(resolved, recursive, recursive_count[0].astype(real), first[4], build, layout)
     store_resolved(resolved, build, layout, frame, output, output_count)

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import pytest
 
+from cltaa.build import Build
 from cltaa.constants import CONSTANTS
 from cltaa.frames import Effect, Frame
+from cltaa.launch import NumpyLauncher
+from cltaa.layout import Layout
 from cltaa.presets import load_preset, override
+from cltaa.reference.real import Array
 from cltaa.reference.span_recursive import recursive_share
 from cltaa.resolve import Resolver
 from tests.sequence_factory import bits, make_camera, make_frame
@@ -53,6 +60,40 @@ def test_what_stood_at_a_place_is_not_counted_for_what_has_come_there() -> None:
     with twin.last.arguments["output_count"].mapped(write=False) as count:
         # One sample there is, and ten lie nearer to it than the mean of those around it.
         assert np.allclose(twin.last.layout.inside(count), 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("device", ["numpy", None])
+def test_a_mask_of_nothing_leaves_the_bits_of_no_mask_where_a_thing_draws_back(device: str | None) -> None:
+    preset, empty = override(load_preset("t5"), {"frames_kept": 9}), np.zeros((HEIGHT, WIDTH), np.float32)
+    bare, masked = (Resolver(preset, device, strict=True) for _ in range(2))
+    for index in range(12):
+        frame = replace(before_a_wall(index, WIDTH - 4 - 2 * index), effects=DECLARED | {Effect.REACTIVE})
+        assert (bits(masked.resolve(replace(frame, reactive=empty))) == bits(bare.resolve(frame))).all()
+
+
+class Counting(NumpyLauncher):
+    """Notes for each frame how many samples the shortest of its spans says that it has."""
+
+    def __init__(self) -> None:
+        self.counts: list[Array] = []
+
+    def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
+        super().run(kernel, build, layout, arguments)
+        if kernel == "gather_spans":
+            self.counts.append(layout.inside(arguments["spans"].array)[4].copy())
+
+
+def test_what_a_veil_comes_over_was_seen_by_the_latest_frames_all_the_same() -> None:
+    bare, veiled, preset = Counting(), Counting(), override(load_preset("t5"), {"frames_kept": 9})
+    resolvers = {share: Resolver(preset, on) for share, on in ((0.0, bare), (0.7, veiled))}
+    for index in range(8):
+        for share, resolver in resolvers.items():
+            mask = np.full((HEIGHT, WIDTH), share * (index == 7), np.float32)
+            frame = replace(before_a_wall(index, 20), effects=DECLARED | {Effect.REACTIVE}, reactive=mask)
+            resolver.resolve(frame)
+    assert bare.counts[-1].max() > 3.9  # the latest three and the current one
+    # A sample counts for less or for nothing, and has been seen nonetheless.
+    assert np.allclose(veiled.counts[-1], bare.counts[-1], rtol=1e-6)
 
 
 def test_a_recursive_result_of_what_the_latest_frames_did_not_show_is_left_out() -> None:
