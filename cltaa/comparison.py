@@ -87,6 +87,15 @@ def _capture(path: Path, verify: bool, reading: Mapping[str, Any]) -> Sequence |
     return open_input(path, verify=verify, gaps=OnBreak.RESET, **({} if is_own(path) else reading))
 
 
+def truth_of(sequence: Sequence) -> ImageSequence:
+    """The truth of a sequence; raises InputMissing where it has none, UsageError for the results of a resolve."""
+    if sequence.reference is None:
+        sequence.refuse_result()
+        cure = "capture it with --reference 256, best also --yardstick 2,4,8,16,32,64"
+        raise InputMissing("no truth to measure against", path=sequence.folder / "reference", cure=cure)
+    return sequence.reference
+
+
 def truth_samples(reference: ImageSequence) -> int | None:
     """Samples a pixel of a truth, as attribute ``cltaa:samples`` of its first frame tells, or None."""
     path = reference.path(reference.first)

@@ -10,7 +10,6 @@ import msgspec
 import numpy as np
 
 from cltaa.bands import band_rows_for
-from cltaa.bench.timing import Job, Samples, measure
 from cltaa.build import Steps
 from cltaa.frame_record import Past
 from cltaa.frames import Effect
@@ -21,6 +20,7 @@ from cltaa.planning import Plan, plan_frame, toggled, with_effects
 from cltaa.presets import Preset
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence
+from cltaa.timing import Job, Samples, measure
 
 ROUNDS = 9  # of timing, each of which runs every variant once
 PLANNED, EVERY = "as planned", "every step"

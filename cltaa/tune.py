@@ -12,10 +12,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from cltaa.bench.baseline import resolve_job
-from cltaa.bench.errors_of import truth_of
-from cltaa.bench.times_of import pair_of
-from cltaa.bench.timing import Clock, Progress, measure
+from cltaa.comparison import truth_of
 from cltaa.errors import UsageError
 from cltaa.extras import import_extra
 from cltaa.launch import Launcher
@@ -25,6 +22,8 @@ from cltaa.presets import Preset, load_preset, override, preset_names
 from cltaa.printable import counted
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence as Captured
+from cltaa.timed_resolve import resolve_job, timed_frames
+from cltaa.timing import Clock, Progress, measure
 from cltaa.tune_record import Record, Trial, key_of
 
 # What is searched. The other choices are there to follow published resolves, not to be good.
@@ -88,7 +87,7 @@ class Bench:
         self._metric, self._launcher = METRICS[metric], launcher
         self._frames = [list(sequence) for sequence in sequences]
         self._truths = [[truth_of(sequence).image(n) for n in sequence.numbers] for sequence in sequences]
-        self._pairs = [pair_of(sequence) for sequence in sequences]
+        self._pairs = [timed_frames(sequence) for sequence in sequences]
 
     def error(self, preset: Preset) -> float:
         """Mean of the metric over all frames of all sequences, each sequence counting alike."""

@@ -64,6 +64,13 @@ def test_imports_go_one_way(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=name_of)
+def test_only_commands_use_what_benchmarks_are_made_of(path: Path) -> None:
+    # What both a benchmark and the rest need, as timing, lies beside both; only the command line knows of all.
+    if not any(path.is_relative_to(PACKAGES["cltaa"] / name) for name in ("bench", "commands")):
+        assert [name for name in imported(ast.parse(path.read_text())) if offences(name, {"cltaa.bench"})] == []
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=name_of)
 def test_no_vague_names(path: Path) -> None:
     tree = ast.parse(path.read_text())
     defined = [n.name for n in ast.walk(tree) if isinstance(n, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)]

@@ -14,9 +14,10 @@ import numpy as np
 from PIL import Image as Pillow
 
 from cltaa.bench.distribution import load
-from cltaa.bench.errors_of import COUNT_WHITE, Task, png, truth_of
+from cltaa.bench.errors_of import COUNT_WHITE, Task, png
 from cltaa.bench.results import Accuracy
 from cltaa.cameras import closeness
+from cltaa.comparison import truth_of
 from cltaa.display import to_picture
 from cltaa.frames import Frame, Image
 from cltaa.metrics import METRICS

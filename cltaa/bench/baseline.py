@@ -6,21 +6,21 @@ blend, a counter) without what cltaa adds in its settings; the choices, which de
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from cltaa.bench.timing import Job
 from cltaa.build import Build, Real, Storage, settings_record
 from cltaa.errors import InternalError
 from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame, Image
 from cltaa.launch import DeviceLauncher, storage_dtype
 from cltaa.layout import Layout
-from cltaa.params import Accumulate, Box, Choices, Dilation, HistoryOf, Rectify, Reject, Settings
+from cltaa.params import Accumulate, Box, Choices, Dilation, Rectify, Reject, Settings
 from cltaa.presets import Preset
 from cltaa.resolve import Resolver
+from cltaa.timed_resolve import device_seconds
+from cltaa.timing import Job
 
 BASELINE = Preset(
     name="baseline",
@@ -43,38 +43,6 @@ TOLERANCE = {True: 2.0**-14, False: 4 * 2.0**-10}
 BORDER = 8
 # Where a pixel is just outside its box, or the image: decisions that rounding takes.
 ODD_PIXELS = 1e-3
-
-
-def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int | None = None) -> tuple[Job, Image]:
-    """A job that runs the kernels of the last of ``frames`` again, and the image that they give."""
-    if resolver.preset.choices.history_of is HistoryOf.SAMPLES:
-        _keep_before(resolver, frames[0])
-    image = [resolver.resolve(frame) for frame in frames][-1]
-    launcher = resolver.launcher
-
-    def run() -> float | None:
-        events: list[tuple[str, Any]] | None = [] if isinstance(launcher, DeviceLauncher) else None
-        if isinstance(launcher, DeviceLauncher):
-            launcher.events = events
-        resolver.run_again(frames[-1], frames[-2])
-        return None if events is None else busy(events)
-
-    return Job(name, run, rounds), image
-
-
-def _keep_before(resolver: Resolver, frame: Frame) -> None:
-    """Keep ``frame`` as often as the preset keeps frames, as if each had been resolved, if its plan gathers at all."""
-    before = replace(frame, index=frame.index - 1)
-    resolver.resolve(before)
-    resolver.keep_again(before, resolver.preset.settings.frames_kept)
-
-
-def busy(events: list[tuple[str, Any]]) -> float:
-    """Seconds that the device worked on these finished kernels of one queue; the gaps between them left out.
-
-    A gap is the host's: it is in the wall time, and vanishes where the host runs ahead of the device.
-    """
-    return float(sum(event.profile.end - event.profile.start for _, event in events)) * 1e-9
 
 
 class PlainPort:
@@ -114,7 +82,7 @@ class PlainPort:
         columns, rows = (-(-extent // items) * items for extent, items in zip(self._size, group, strict=True))
         event = self._kernel.enqueue(self._launcher.device.queue, (columns, rows), group, given)
         self._launcher.finish()
-        return busy([(self._kernel.name, event)])
+        return device_seconds([(self._kernel.name, event)])
 
 
 def copy_job(launcher: DeviceLauncher, moved: int) -> Job:
@@ -127,7 +95,7 @@ def copy_job(launcher: DeviceLauncher, moved: int) -> Job:
     def run() -> float:
         event = kernel.enqueue(launcher.device.queue, (items,), None, given)
         launcher.finish()
-        return busy([(kernel.name, event)])
+        return device_seconds([(kernel.name, event)])
 
     return Job("copy", run)
 

@@ -21,9 +21,8 @@ from PIL import Image as Pillow
 
 from cltaa.bench.ladder import Variant
 from cltaa.build import Build, Real, Storage
-from cltaa.comparison import yardsticks
+from cltaa.comparison import truth_of, yardsticks
 from cltaa.display import Picture, to_picture
-from cltaa.errors import InputMissing
 from cltaa.frames import Frame, Image
 from cltaa.kernel_files import code_sha256
 from cltaa.launch import WISH, Buffer, Launcher, NumpyLauncher, launcher_for
@@ -31,7 +30,7 @@ from cltaa.layout import Layout
 from cltaa.metrics import METRICS, flip_map, measure
 from cltaa.pictures import heat
 from cltaa.resolve import Resolver
-from cltaa.sources import ImageSequence, Sequence, open_images, open_sequence
+from cltaa.sources import Sequence, open_images, open_sequence
 
 KEY_DIGITS = 16  # hexadecimal
 COUNT_WHITE = 32  # samples in the history that the picture of them shows white
@@ -132,15 +131,6 @@ def yardstick_errors(sequence: Sequence, metrics: tuple[str, ...]) -> Iterator[t
             for name, value in measure(*pair, [METRICS[name] for name in metrics], frame=number).items():
                 frames[name].append(value)
         yield samples, frames
-
-
-def truth_of(sequence: Sequence) -> ImageSequence:
-    """The truth of a sequence; raises InputMissing where it has none, UsageError for the results of a resolve."""
-    if sequence.reference is None:
-        sequence.refuse_result()
-        cure = "capture it with --reference 256, best also --yardstick 2,4,8,16,32,64"
-        raise InputMissing("no truth to measure against", path=sequence.folder / "reference", cure=cure)
-    return sequence.reference
 
 
 def png(picture: Picture) -> bytes:

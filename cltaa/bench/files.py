@@ -18,7 +18,6 @@ import OpenEXR
 from cltaa.allocator import kept_memory
 from cltaa.atomic import make_folder
 from cltaa.bench.environment import Environment, environment, load_average, processors
-from cltaa.bench.timing import Interval, Job, Progress, interval, measure
 from cltaa.build import Build
 from cltaa.exr import read_image, write_image
 from cltaa.exr_channels import Pixels
@@ -32,6 +31,7 @@ from cltaa.reading import reads
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence as Captured
 from cltaa.streams import ReadAhead, Writer
+from cltaa.timing import Interval, Job, Progress, interval, measure
 
 # Those that lose nothing and that most programs read; zstd is new.
 CODECS = ("none", "rle", "zips", "zip", "piz", "zstd")

@@ -14,10 +14,8 @@ import msgspec
 import numpy as np
 
 from cltaa.bands import BAND_ROWS, BandedResolver
-from cltaa.bench.baseline import busy
 from cltaa.bench.environment import Environment, environment, load_average
 from cltaa.bench.frames import EFFECTS, Motion, camera_at
-from cltaa.bench.timing import Clock, Interval, Job, Progress, measure
 from cltaa.build import Build, Steps, Storage
 from cltaa.frames import Frame
 from cltaa.kernel_files import kernel_folder
@@ -25,6 +23,8 @@ from cltaa.launch import Buffer, DeviceLauncher
 from cltaa.memory import device_bytes
 from cltaa.presets import Preset
 from cltaa.resolve import Resolver
+from cltaa.timed_resolve import device_seconds
+from cltaa.timing import Clock, Interval, Job, Progress, measure
 
 SIZES = (256, 512, 1024, 2048, 4096, 8192)
 REFERENCE = 2048
@@ -85,7 +85,7 @@ class _Sized:
         self._resolver.resolve(self._frame)
         side, number = len(self._frame.depth), self._frame.index + 1
         self._frame = replace(self._frame, index=number, camera=camera_at(number, Motion.UNIFORM, side, side))
-        return busy([(name, event) for name, event in events if name == "resolve"])
+        return device_seconds([(name, event) for name, event in events if name == "resolve"])
 
     @property
     def steps(self) -> Steps:

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 
 import msgspec
 
-from cltaa.bench.baseline import BASELINE, BORDER, PlainPort, check_same, copy_job, least_bytes, resolve_job
+from cltaa.bench.baseline import BASELINE, BORDER, PlainPort, check_same, copy_job, least_bytes
 from cltaa.bench.environment import Environment, environment, load_average
 from cltaa.bench.frames import Motion, make_frames
 from cltaa.bench.shader import Shader
-from cltaa.bench.timing import Clock, Interval, Job, Progress, Samples, measure, too_noisy
 from cltaa.build import Build, Storage
 from cltaa.errors import CltaaError, InternalError, UsageError
 from cltaa.frames import Frame, Image
@@ -18,6 +17,8 @@ from cltaa.kernel_files import kernel_folder
 from cltaa.launch import DeviceLauncher
 from cltaa.presets import Preset
 from cltaa.resolve import Resolver
+from cltaa.timed_resolve import resolve_job
+from cltaa.timing import Clock, Interval, Job, Progress, Samples, measure, too_noisy
 
 CORE, COPY, ORACLE = "core", "copy", "oracle"
 AGAIN = "core again"

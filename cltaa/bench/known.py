@@ -12,10 +12,10 @@ import msgspec
 from cltaa.atomic import atomic_path, make_folder
 from cltaa.bench.ladder import Variant
 from cltaa.bench.results import Accuracy, Cell
-from cltaa.bench.timing import Clock
 from cltaa.errors import DataError, UsageError
 from cltaa.metrics import METRICS
 from cltaa.printable import counted
+from cltaa.timing import Clock
 
 
 class Candidate(msgspec.Struct, frozen=True, kw_only=True):

@@ -11,17 +11,17 @@ import msgspec
 
 from cltaa.bench.baseline import copy_job
 from cltaa.bench.distribution import load
-from cltaa.bench.errors_of import Task, truth_of, yardstick_errors
+from cltaa.bench.errors_of import Task, yardstick_errors
 from cltaa.bench.front import dominated_by
 from cltaa.bench.results import Cell, Measured, Yardstick, exponential_noise, spread
 from cltaa.bench.times_of import TURN, Ranking, jobs_of, ranking
-from cltaa.bench.timing import Clock, Samples, measure
-from cltaa.comparison import truth_samples
+from cltaa.comparison import truth_of, truth_samples
 from cltaa.equal_quality import STRATIFIED_EXPONENT
 from cltaa.frames import format_effects
 from cltaa.launch import DeviceLauncher
 from cltaa.metrics import METRICS
 from cltaa.sources import Sequence as Captured
+from cltaa.timing import Clock, Samples, measure
 
 Progress = Callable[[Iterable[Any], int, str, str], Iterable[Any]]
 

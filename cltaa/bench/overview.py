@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 from cltaa.bench.results import Accuracy, Cell, Measured
-from cltaa.bench.timing import Interval
+from cltaa.timing import Interval
 
 MOST = 2.0  # times the default's error at which the colours end, both ways
 

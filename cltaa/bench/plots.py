@@ -11,9 +11,9 @@ from cltaa.atomic import atomic_path
 from cltaa.bench.ladder import COMBINATIONS, DEFAULT, PRESETS
 from cltaa.bench.overview import overview_figure
 from cltaa.bench.results import Accuracy, Cell, Measured
-from cltaa.bench.timing import Clock
 from cltaa.extras import import_extra
 from cltaa.metrics import METRICS
+from cltaa.timing import Clock
 
 FORMATS = ("svg", "png")
 DOTS_AN_INCH = 150

@@ -10,7 +10,7 @@ import numpy as np
 from cltaa.bench.environment import Environment
 from cltaa.bench.errors_of import Rounding
 from cltaa.bench.ladder import Variant
-from cltaa.bench.timing import Clock, Interval
+from cltaa.timing import Clock, Interval
 
 
 class Spread(msgspec.Struct, frozen=True, kw_only=True):

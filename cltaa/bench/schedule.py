@@ -14,9 +14,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from cltaa.bench.baseline import resolve_job
 from cltaa.bench.errors_of import Task
-from cltaa.bench.times_of import enlargement, numbers_of_pair
+from cltaa.bench.times_of import enlargement
 from cltaa.build import Build
 from cltaa.frames import Frame
 from cltaa.launch import DeviceLauncher, NumpyLauncher
@@ -24,6 +23,7 @@ from cltaa.layout import Layout
 from cltaa.program import source
 from cltaa.sources import Sequence as Captured
 from cltaa.sources import open_sequence
+from cltaa.timed_resolve import resolve_job, timed_numbers
 
 
 class Program(msgspec.Struct, frozen=True, kw_only=True):
@@ -56,7 +56,7 @@ def programs_of(tasks: Sequence[Task], launcher: DeviceLauncher, pixels: int | N
     """
     captured = open_sequence(Path(tasks[0].sequence))
     frames = {number: _pixel_of(captured, number) for number in captured.numbers}
-    pair = [frames[number] for number in numbers_of_pair(captured)]
+    pair = [frames[number] for number in timed_numbers(captured)]
     factor = enlargement(captured, launcher, pixels)
     found: set[Program] = set()
     for task in tasks:

@@ -9,13 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.bench.baseline import busy, least_bytes, resolve_job
+from cltaa.bench.baseline import least_bytes
 from cltaa.bench.errors_of import Task
 from cltaa.bench.ladder import Variant
-from cltaa.bench.timing import Clock, Interval, Job, Samples, too_noisy_among
 from cltaa.frames import Frame, Image
 from cltaa.launch import DeviceLauncher
 from cltaa.sources import Sequence as Captured
+from cltaa.timed_resolve import device_seconds, resolve_job, timed_frames
+from cltaa.timing import Clock, Interval, Job, Samples, too_noisy_among
 
 AGAIN = "(A/A)"
 # What fills each compute unit of a CPU and of a GPU, in pixels, and the limits of a frame: with less it is launches
@@ -46,7 +47,7 @@ def jobs_of(
 ) -> tuple[list[Job], int, int, dict[str, float]]:
     """A job for each variant and a copy of the default's; pixels and least bytes of a frame; the default's steps."""
     factor = enlargement(captured, launcher, least_pixels)
-    frames = [enlarged(frame, factor) for frame in pair_of(captured)]
+    frames = [enlarged(frame, factor) for frame in timed_frames(captured)]
     pixels = frames[0].width * frames[0].height
     jobs: list[Job] = []
     moved, stages = 0, dict[str, float]()
@@ -94,18 +95,6 @@ def enlarged(frame: Frame, factor: int) -> Frame:
     )
 
 
-def numbers_of_pair(captured: Captured) -> list[int]:
-    """The numbers of the last two frames that belong together."""
-    numbers = list(captured.numbers)
-    last = next((n for n in reversed(numbers[1:]) if not captured.frame_header(n).cut), numbers[-1])
-    return [number for number in numbers if last - 1 <= number <= last]
-
-
-def pair_of(captured: Captured) -> list[Frame]:
-    """The frames of ``numbers_of_pair``."""
-    return [captured.frame(number) for number in numbers_of_pair(captured)]
-
-
 def stage_seconds(
     variant: Variant, launcher: DeviceLauncher, frames: Sequence[Frame], repeats: int = 5
 ) -> dict[str, float]:
@@ -121,6 +110,6 @@ def stage_seconds(
         seen.setdefault("upload", []).append(resolver.times.upload)
         for kernel in dict.fromkeys(name for name, _ in events):
             own = [(name, event) for name, event in events if name == kernel]
-            seen.setdefault(kernel, []).append(busy(own))
+            seen.setdefault(kernel, []).append(device_seconds(own))
         seen.setdefault("read back", []).append(resolver.times.read_back)
     return {name: float(np.median(values)) for name, values in seen.items()}

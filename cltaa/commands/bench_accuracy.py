@@ -26,7 +26,6 @@ from cltaa.bench.measured import cost
 from cltaa.bench.overview import table
 from cltaa.bench.plots import import_pyplot, write_plots
 from cltaa.bench.results import Accuracy, Measured
-from cltaa.bench.timing import Clock
 from cltaa.commands.options import FILE_PATH, NAMES, PRESET, device_option, json_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError, known
@@ -35,6 +34,7 @@ from cltaa.metrics import METRICS, parse_metrics
 from cltaa.presets import load_preset, preset_names
 from cltaa.printable import counted, json_of, printable, shown
 from cltaa.progress import track
+from cltaa.timing import Clock
 
 
 @click.command("accuracy")

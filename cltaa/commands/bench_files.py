@@ -9,7 +9,6 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.bench.files import CODECS, FilesBench, bench_files
-from cltaa.bench.timing import Interval
 from cltaa.commands.options import FILE_PATH, FROM_1, NAMES, PRESET, device_option, json_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
@@ -18,6 +17,7 @@ from cltaa.presets import load_preset
 from cltaa.printable import counted, json_of
 from cltaa.progress import track
 from cltaa.sources import open_capture
+from cltaa.timing import Interval
 
 
 @click.command("files")

@@ -12,12 +12,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from cltaa.bench.baseline import resolve_job
 from cltaa.bench.distribution import load, path_of, run_all, save
 from cltaa.bench.errors_of import Errors, Rounding, Task, run_task
 from cltaa.bench.ladder import ladder
 from cltaa.bench.schedule import Program, dearest_first, programs_needed, programs_of
-from cltaa.bench.times_of import enlarged, pair_of
+from cltaa.bench.times_of import enlarged
 from cltaa.build import Real, Storage
 from cltaa.cli import main
 from cltaa.device import Device
@@ -28,6 +27,7 @@ from cltaa.presets import load_preset, override, preset_names
 from cltaa.resolve import Resolver
 from cltaa.shape import Shape
 from cltaa.sources import open_sequence
+from cltaa.timed_resolve import resolve_job, timed_frames
 from tests.kernels.test_resolve import hard_frames
 from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame, write_images, write_sequence
 
@@ -226,7 +226,7 @@ def test_what_is_built_first_is_all_that_is_run(
         launcher = DeviceLauncher(None)
         monkeypatch.setattr("cltaa.bench.errors_of.opened", lambda _, own=launcher: own)
         run_task(each)
-        frames = [enlarged(frame, 2) for frame in pair_of(open_sequence(folder))]
+        frames = [enlarged(frame, 2) for frame in timed_frames(open_sequence(folder))]
         resolve_job("timed", each.variant.resolver(launcher), frames)
         run |= built(launcher)
     assert planned == run

@@ -12,12 +12,12 @@ from cltaa.bench.environment import environment
 from cltaa.bench.known import Candidate, Known, choose, known_path, remember
 from cltaa.bench.ladder import Variant, ladder
 from cltaa.bench.results import Accuracy, Cell, Measured, spread
-from cltaa.bench.timing import Interval
 from cltaa.build import Storage
 from cltaa.cli import main
 from cltaa.errors import DataError, UsageError
 from cltaa.launch import launcher_for
 from cltaa.presets import load_preset
+from cltaa.timing import Interval
 from tests.sequence_factory import write_sequence
 
 DEVICE = "a device of this test"

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from cltaa.bench.front import dominated_by
 from cltaa.bench.ladder import COMBINATIONS, DEFAULT, PRESETS, ladder
 from cltaa.bench.results import exponential_noise
-from cltaa.bench.timing import Sample, Samples
 from cltaa.build import Real, Storage
 from cltaa.params import Box, Choices
 from cltaa.presets import Preset, load_preset
+from cltaa.timing import Sample, Samples
 
 
 def test_every_choice_and_storage_is_a_rung() -> None:

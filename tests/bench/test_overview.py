@@ -15,9 +15,9 @@ from cltaa.bench.merge import read_report
 from cltaa.bench.overview import overall, table
 from cltaa.bench.plots import front_figure, write_plots
 from cltaa.bench.results import Accuracy, Cell, Measured, spread
-from cltaa.bench.timing import Interval
 from cltaa.cli import main
 from cltaa.presets import load_preset
+from cltaa.timing import Interval
 
 VARIANTS = ladder(load_preset())[:3]
 

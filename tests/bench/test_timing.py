@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cltaa.bench.times_of import AGAIN, ranking
-from cltaa.bench.timing import (
+from cltaa.timing import (
     FEWEST_RUNS,
     MOST_RUNS,
     WIDEST,
@@ -103,7 +103,7 @@ def test_a_turn_is_as_many_runs_as_fill_its_time(monkeypatch: pytest.MonkeyPatch
     ran: list[str] = []
     now = [0.0]  # a clock that nothing else on the machine moves
     clock = SimpleNamespace(perf_counter=lambda: now[0], monotonic=lambda: now[0], process_time=lambda: 0.0)
-    monkeypatch.setattr("cltaa.bench.timing.time", clock)
+    monkeypatch.setattr("cltaa.timing.time", clock)
 
     def lasting(name: str, seconds: float) -> Job:
         def run() -> None:
