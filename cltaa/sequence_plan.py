@@ -37,7 +37,7 @@ class Step(msgspec.Struct, kw_only=True):
     milliseconds: float | None = None
 
 
-class Span(msgspec.Struct, kw_only=True):
+class Section(msgspec.Struct, kw_only=True):
     """Frames in a row that share a plan; ``starts`` where nothing of the past is used. Times are a frame's kernels."""
 
     first: int
@@ -55,7 +55,7 @@ class SequencePlan(msgspec.Struct, kw_only=True):
     preset: str
     device: str
     kernels: int  # different builds of the resolve that the sequence needs
-    spans: list[Span]
+    sections: list[Section]
     memory: Memory
 
 
@@ -73,28 +73,28 @@ def plan(
     pixels. Raises what opening the device and reading raise.
     """
     resolver = Resolver(preset, device, every_step=True)
-    spans: list[Span] = []
+    sections: list[Section] = []
     plans: list[Plan] = []
     for number, starts, planned in _plans(sequence, resolver.preset, effects):
         if plans and planned.reasons == plans[-1].reasons and not starts:
-            spans[-1].last = number
+            sections[-1].last = number
             continue
         steps = [Step(name=reason.step, on=reason.on, why=reason.why) for reason in planned.reasons]
-        spans.append(Span(first=number, last=number, starts=starts, steps=steps))
+        sections.append(Section(first=number, last=number, starts=starts, steps=steps))
         plans.append(planned)
     if rounds:
-        timed: dict[tuple[object, ...], Span] = {}
-        for span, planned in zip(spans, plans, strict=True):
-            key = tuple((step.name, step.on) for step in span.steps)
-            if key not in timed and span.last > sequence.first:
-                _time(span, planned, sequence, resolver, effects, rounds)
-                timed[key] = span
+        timed: dict[tuple[object, ...], Section] = {}
+        for section, planned in zip(sections, plans, strict=True):
+            key = tuple((step.name, step.on) for step in section.steps)
+            if key not in timed and section.last > sequence.first:
+                _time(section, planned, sequence, resolver, effects, rounds)
+                timed[key] = section
             elif key in timed:
-                _copy_times(timed[key], span)
+                _copy_times(timed[key], section)
     kernels = len({(planned.choices, planned.steps) for planned in plans})
     return SequencePlan(
         folder=str(sequence.folder), preset=resolver.preset.name, device=resolver.launcher.description,
-        kernels=kernels, spans=spans, memory=memory(sequence, resolver.preset, plans),
+        kernels=kernels, sections=sections, memory=memory(sequence, resolver.preset, plans),
     )  # fmt: skip
 
 
@@ -126,9 +126,11 @@ def _plans(sequence: Sequence, preset: Preset, effects: Effects) -> Iterator[tup
         past = Past.of(frame)
 
 
-def _time(span: Span, planned: Plan, sequence: Sequence, resolver: Resolver, effects: Effects, rounds: int) -> None:
-    """Time the span's last frame after the one before it, as planned, with each step toggled, and with every step."""
-    place = max(sequence.numbers.index(span.last), 1)
+def _time(
+    section: Section, planned: Plan, sequence: Sequence, resolver: Resolver, effects: Effects, rounds: int
+) -> None:
+    """Time the last frame of ``section`` after the one before it: as planned, each step toggled, with every step."""
+    place = max(sequence.numbers.index(section.last), 1)
     before, frame = (with_effects(sequence.frame(n), effects) for n in sequence.numbers[place - 1 : place + 1])
     resolver.reset()
     resolver.resolve(replace(before, cut=True))
@@ -136,7 +138,7 @@ def _time(span: Span, planned: Plan, sequence: Sequence, resolver: Resolver, eff
     every = resolver.plan
     assert every is not None
     variants = {PLANNED: planned, EVERY: every}
-    variants |= {step.name: toggled(planned, resolver.preset, step.name) for step in span.steps}
+    variants |= {step.name: toggled(planned, resolver.preset, step.name) for step in section.steps}
 
     def run(variant: Plan) -> Callable[[], None]:
         def once() -> None:
@@ -147,9 +149,9 @@ def _time(span: Span, planned: Plan, sequence: Sequence, resolver: Resolver, eff
 
     jobs = [Job(name, run(variant)) for name, variant in variants.items()]
     samples = measure(jobs, rounds, warm_up=2)
-    span.milliseconds = _milliseconds(samples, PLANNED)
-    span.every_milliseconds = _milliseconds(samples, EVERY)
-    for step in span.steps:
+    section.milliseconds = _milliseconds(samples, PLANNED)
+    section.every_milliseconds = _milliseconds(samples, EVERY)
+    for step in section.steps:
         # The median of the paired differences, so that a load that comes and goes cancels.
         pairs = samples.seconds(step.name) - samples.seconds(PLANNED)
         step.milliseconds = float(np.median(-pairs if step.on else pairs)) * 1e3
@@ -159,7 +161,7 @@ def _milliseconds(samples: Samples, job: str) -> float:
     return float(np.median(samples.seconds(job))) * 1e3
 
 
-def _copy_times(source: Span, target: Span) -> None:
+def _copy_times(source: Section, target: Section) -> None:
     target.milliseconds, target.every_milliseconds = source.milliseconds, source.every_milliseconds
     for step, other in zip(target.steps, source.steps, strict=True):
         step.milliseconds = other.milliseconds

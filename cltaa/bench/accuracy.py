@@ -10,13 +10,13 @@ from pathlib import Path
 import msgspec
 
 from cltaa.atomic import atomic_path, make_folder
+from cltaa.bench.accuracy_results import Accuracy, Measured
+from cltaa.bench.accuracy_sequence import Progress, Timing, measure_sequence
 from cltaa.bench.distribution import build_all, path_of, run_all
 from cltaa.bench.environment import environment, load_average, pin_threads, processors
-from cltaa.bench.errors_of import Task
 from cltaa.bench.ladder import Variant
-from cltaa.bench.measured import Progress, Timing, measure_sequence
-from cltaa.bench.results import Accuracy, Measured
-from cltaa.bench.schedule import Program, dearest_first, programs_needed
+from cltaa.bench.programs import Program, dearest_first, programs_needed
+from cltaa.bench.variant_errors import Task
 from cltaa.build import Build
 from cltaa.errors import DataError, ResourceError
 from cltaa.kernel_files import kernel_folder

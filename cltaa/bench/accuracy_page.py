@@ -13,9 +13,9 @@ import msgspec
 import numpy as np
 from PIL import Image as Pillow
 
+from cltaa.bench.accuracy_results import Accuracy
 from cltaa.bench.distribution import load
-from cltaa.bench.errors_of import COUNT_WHITE, Task, png
-from cltaa.bench.results import Accuracy
+from cltaa.bench.variant_errors import COUNT_WHITE, Task, png
 from cltaa.cameras import closeness
 from cltaa.comparison import truth_of
 from cltaa.display import to_picture

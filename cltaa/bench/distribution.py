@@ -21,8 +21,8 @@ import msgspec
 
 from cltaa.atomic import atomic_path, make_folder
 from cltaa.bench.environment import processors
-from cltaa.bench.errors_of import Errors, Task, opened, run_task
-from cltaa.bench.schedule import Program
+from cltaa.bench.programs import Program
+from cltaa.bench.variant_errors import Errors, Task, opened, run_task
 from cltaa.errors import DataError, ResourceError, UsageError
 from cltaa.extras import import_extra
 from cltaa.launch import WISH

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from cltaa.bench.results import Accuracy
+from cltaa.bench.accuracy_results import Accuracy
 from cltaa.errors import DataError, InputMissing
 
 NAME = "accuracy.json"

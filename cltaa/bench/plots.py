@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from cltaa.atomic import atomic_path
+from cltaa.bench.accuracy_results import Accuracy, Cell, Measured
 from cltaa.bench.ladder import COMBINATIONS, DEFAULT, PRESETS
 from cltaa.bench.overview import overview_figure
-from cltaa.bench.results import Accuracy, Cell, Measured
 from cltaa.extras import import_extra
 from cltaa.metrics import METRICS
 from cltaa.timing import Clock

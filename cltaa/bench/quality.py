@@ -10,7 +10,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from cltaa.bench.again import again_of
+from cltaa.bench.redrawn import redrawn_of
 from cltaa.comparison import truth_samples
 from cltaa.correspondence import Mask
 from cltaa.display import shown_light, to_display
@@ -173,7 +173,7 @@ def judge_sequence(
             "the sequence is over before it is judged", path=sequence.folder,
             expected=f"more than {settled} frames", found=len(sequence),
         )  # fmt: skip
-    again, again_square = again_of(sequence), 0.0
+    again, again_square = redrawn_of(sequence), 0.0
     resolvers = {preset.name: Resolver(preset, launcher) for preset in presets}
     tallies = {name: _Tally() for name in (ONE_SAMPLE, *resolvers)}
     video = VideoScores(len(tallies))

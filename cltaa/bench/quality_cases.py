@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 from typing import NamedTuple
 
-from cltaa.bench.again import AGAIN, again_of
+from cltaa.bench.redrawn import REDRAWN, redrawn_of
 from cltaa.child_command import run_cltaa
 from cltaa.errors import CltaaError, InputMissing
 from cltaa.frames import Effect
@@ -17,7 +17,7 @@ from cltaa.sources import Sequence, open_sequence
 
 TRAIN, HELD_OUT = "train", "held-out"
 MODEL = "file:"  # begins the name of a scene that is a model's path
-OTHER_JITTERS = ("halton:64", "r2:64")  # of the capture AGAIN: the second where the sequence itself has the first
+OTHER_JITTERS = ("halton:64", "r2:64")  # of the capture REDRAWN: the second where the sequence itself has the first
 # Without any of these nothing changes from frame to frame, and the truth has to be better than any resolve can get.
 _CHANGES = {*Effect} - {Effect.SKY, Effect.HDR, Effect.THIN, Effect.ALPHA}
 
@@ -73,10 +73,10 @@ def _stem(scene: str) -> str:
 
 
 def open_case(case: Case) -> Sequence | None:
-    """The captured sequence with its truth and AGAIN, or None where one is not there or not finished."""
+    """The captured sequence with its truth and REDRAWN, or None where one is not there or not finished."""
     try:
         sequence = open_sequence(case.folder)
-        again = again_of(sequence)
+        again = redrawn_of(sequence)
         finished = sequence.reference is not None and len(sequence) == sequence.sequence_json.get("frames")
         finished = finished and again is not None and len(again) == len(sequence)
     except CltaaError:
@@ -88,7 +88,7 @@ def capture(case: Case, seed: int, shape: Shape) -> Sequence:
     """Draw a case, or what is missing of it; raises InternalError where the capture fails, with its own words above."""
     truth = case.folder.name.rpartition("-")[2]
     other = OTHER_JITTERS[shape.jitter == OTHER_JITTERS[0]]
-    for folder, samples, jitter in ((case.folder, truth, shape.jitter), (case.folder / AGAIN, "0", other)):
+    for folder, samples, jitter in ((case.folder, truth, shape.jitter), (case.folder / REDRAWN, "0", other)):
         run_cltaa([
             "capture", case.scene, "-o", str(folder), "--frames", str(shape.frames),
             "--size", f"{shape.width}x{shape.height}", "--reference", samples, "--seed", str(seed),

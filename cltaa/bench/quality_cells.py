@@ -9,8 +9,8 @@ from pathlib import Path
 import msgspec
 
 from cltaa.atomic import atomic_path, make_folder
-from cltaa.bench.again import AGAIN, again_of
 from cltaa.bench.quality import Judged
+from cltaa.bench.redrawn import REDRAWN, redrawn_of
 from cltaa.kernel_files import code_sha256
 from cltaa.manifest import file_sha256, recorded_hashes
 from cltaa.presets import Preset
@@ -22,7 +22,7 @@ FORMAT = 2  # of the file and of the way to judge
 class Cell(msgspec.Struct, kw_only=True):
     """One cell: what was judged, by which code, and the outcome."""
 
-    inputs: str  # SHA-256 over sequence, truth, AGAIN, preset, judged frames and FORMAT
+    inputs: str  # SHA-256 over sequence, truth, REDRAWN, preset, judged frames and FORMAT
     code: str  # of the kernels and the package
     judged: Judged
 
@@ -60,14 +60,14 @@ class Cells:
 
 
 def sequence_sha256(sequence: Sequence) -> str:
-    """One SHA-256 over the frames, the truth and AGAIN, from what their capture recorded, else from the files."""
+    """One SHA-256 over the frames, the truth and REDRAWN, from what their capture recorded, else from the files."""
     recorded = recorded_hashes(sequence.folder)
     paths: Iterable[Path] = sequence.paths
     if sequence.reference is not None:
         paths = (*paths, *sequence.reference.paths)
-    again = again_of(sequence)
+    again = redrawn_of(sequence)
     if again is not None:
-        recorded |= {f"{AGAIN}/{name}": found for name, found in recorded_hashes(again.folder).items()}
+        recorded |= {f"{REDRAWN}/{name}": found for name, found in recorded_hashes(again.folder).items()}
         paths = (*paths, *again.paths)
     digest = hashlib.sha256()
     for path in paths:

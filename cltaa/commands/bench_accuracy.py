@@ -18,14 +18,14 @@ from cltaa.atomic import atomic_path, make_folder
 from cltaa.bench.accuracy import bench_accuracy, build_programs, tasks_of
 from cltaa.bench.accuracy_csv import csv_text
 from cltaa.bench.accuracy_page import page
+from cltaa.bench.accuracy_results import Accuracy, Measured
+from cltaa.bench.accuracy_sequence import cost
+from cltaa.bench.budget import remember
 from cltaa.bench.distribution import run_all
-from cltaa.bench.errors_of import Task
-from cltaa.bench.known import remember
 from cltaa.bench.ladder import Variant, ladder
-from cltaa.bench.measured import cost
 from cltaa.bench.overview import table
 from cltaa.bench.plots import import_pyplot, write_plots
-from cltaa.bench.results import Accuracy, Measured
+from cltaa.bench.variant_errors import Task
 from cltaa.commands.options import FILE_PATH, NAMES, PRESET, device_option, json_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError, known

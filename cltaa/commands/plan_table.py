@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.printable import counted, shown
-from cltaa.sequence_plan import SequencePlan, Span
+from cltaa.sequence_plan import Section, SequencePlan
 
 
 def print_plan(plan: SequencePlan) -> None:
@@ -21,26 +21,27 @@ def print_plan(plan: SequencePlan) -> None:
     told = " + ".join(f"{size / 1e6:.0f} {what}" for what, size in parts.items())
     console.print(f"memory at the peak: {plan.memory.whole / 1e6:.0f} MB = {told}", highlight=False, soft_wrap=True)
     before: dict[tuple[tuple[str, bool, str], ...], str] = {}
-    for span in plan.spans:
-        frames = f"frame {span.first}" if span.first == span.last else f"frames {span.first} to {span.last}"
-        title = frames + (", history begins" if span.starts else "")
-        key = tuple((step.name, step.on, step.why) for step in span.steps)
+    for section in plan.sections:
+        first, last = section.first, section.last
+        frames = f"frame {first}" if first == last else f"frames {first} to {last}"
+        title = frames + (", history begins" if section.starts else "")
+        key = tuple((step.name, step.on, step.why) for step in section.steps)
         if key in before:
             console.print(f"{title}: as {before[key]}", highlight=False)
             continue
         before[key] = frames
-        console.print(_table(span, title))
+        console.print(_table(section, title))
 
 
-def _table(span: Span, title: str) -> Table:
-    if span.milliseconds is not None and span.every_milliseconds is not None:
-        saved = span.every_milliseconds / span.milliseconds
-        title += f": {span.milliseconds:.2f} ms a frame, {span.every_milliseconds:.2f} with every step ({saved:.2f} x)"
+def _table(section: Section, title: str) -> Table:
+    planned, every = section.milliseconds, section.every_milliseconds
+    if planned is not None and every is not None:
+        title += f": {planned:.2f} ms a frame, {every:.2f} with every step ({every / planned:.2f} x)"
     table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
     for heading in ("step", "runs", "why"):
         table.add_column(heading)
     table.add_column("ms a frame", justify="right")
-    for step in span.steps:
+    for step in section.steps:
         cost = "" if step.milliseconds is None else f"{step.milliseconds:+.2f}"
         # What runs is paid for; what does not is shown in brackets as what it would cost.
         table.add_row(step.name, "yes" if step.on else "no", step.why, cost if step.on or not cost else f"({cost})")

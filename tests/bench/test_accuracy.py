@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from cltaa.bench.distribution import load, path_of, run_all, save
-from cltaa.bench.errors_of import Errors, Rounding, Task, run_task
 from cltaa.bench.ladder import ladder
-from cltaa.bench.schedule import Program, dearest_first, programs_needed, programs_of
-from cltaa.bench.times_of import enlarged
+from cltaa.bench.programs import Program, dearest_first, programs_needed, programs_of
+from cltaa.bench.variant_errors import Errors, Rounding, Task, run_task
+from cltaa.bench.variant_times import enlarged
 from cltaa.build import Real, Storage
 from cltaa.cli import main
 from cltaa.device import Device
@@ -224,7 +224,7 @@ def test_what_is_built_first_is_all_that_is_run(
     run = set[Program]()
     for each in every:
         launcher = DeviceLauncher(None)
-        monkeypatch.setattr("cltaa.bench.errors_of.opened", lambda _, own=launcher: own)
+        monkeypatch.setattr("cltaa.bench.variant_errors.opened", lambda _, own=launcher: own)
         run_task(each)
         frames = [enlarged(frame, 2) for frame in timed_frames(open_sequence(folder))]
         resolve_job("timed", each.variant.resolver(launcher), frames)

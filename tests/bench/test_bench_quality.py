@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from cltaa.bench.again import AGAIN
 from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged, judge_sequence
 from cltaa.bench.quality_cases import HELD_OUT, TRAIN, Case, Shape, planned
 from cltaa.bench.quality_cells import Cells
 from cltaa.bench.quality_page import BEGIN, END, markdown, write_page
 from cltaa.bench.quality_pictures import write_pictures
 from cltaa.bench.quality_summary import best_engine, ordered, summarise
+from cltaa.bench.redrawn import REDRAWN
 from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
 from cltaa.exr import read_frame
@@ -119,7 +119,7 @@ def test_what_appears_is_told_by_single_samples_drawn_elsewhere(
     write_images(folder / "reference", truth, name="synthetic")
     elsewhere = [np.clip(image[:, ::-1], 0.0, 1.0) for image in truth]
     if again:
-        write_images(folder / AGAIN, elsewhere, name="synthetic")
+        write_images(folder / REDRAWN, elsewhere, name="synthetic")
 
     class AllAppears(VideoScores):
         def add_shown(self, frame: Frame, *given: Any, **named: Any) -> list[Sums]:

@@ -8,10 +8,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from cltaa.bench.accuracy_results import Accuracy, Cell, Measured, spread
+from cltaa.bench.budget import Candidate, Remembered, choose, path_for, remember
 from cltaa.bench.environment import environment
-from cltaa.bench.known import Candidate, Known, choose, known_path, remember
 from cltaa.bench.ladder import Variant, ladder
-from cltaa.bench.results import Accuracy, Cell, Measured, spread
 from cltaa.build import Storage
 from cltaa.cli import main
 from cltaa.errors import DataError, UsageError
@@ -23,19 +23,21 @@ from tests.sequence_factory import write_sequence
 DEVICE = "a device of this test"
 
 
-def write_known(device: str, rows: list[tuple[int, float, float]], *, noisy: bool = False) -> list[Variant]:
+def write_remembered(device: str, rows: list[tuple[int, float, float]], *, noisy: bool = False) -> list[Variant]:
     """Remember variants of the ladder as (place, ms a megapixel, error over the default's)."""
     every = ladder(load_preset())
     candidates = [Candidate(variant=every[place], ms_per_megapixel=ms, error=error) for place, ms, error in rows]
-    known = Known(device=device, date="now", metric="mse", sequences=["here"], noisy=noisy, candidates=candidates)
-    path = known_path(device)
+    remembered = Remembered(
+        device=device, date="now", metric="mse", sequences=["here"], noisy=noisy, candidates=candidates
+    )
+    path = path_for(device)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(msgspec.json.encode(known))
+    path.write_bytes(msgspec.json.encode(remembered))
     return [every[place] for place, _, _ in rows]
 
 
 def test_the_least_error_that_fits() -> None:
-    slow, middle, fast = write_known(DEVICE, [(0, 10.0, 1.0), (1, 5.0, 1.5), (2, 1.0, 3.0)])
+    slow, middle, fast = write_remembered(DEVICE, [(0, 10.0, 1.0), (1, 5.0, 1.5), (2, 1.0, 3.0)])
     assert choose(DEVICE, 20.0, 1920, 1080).variant == middle  # 2.07 megapixels: 20.7, 10.4 and 2.1 ms
     assert choose(DEVICE, 20.8, 1920, 1080).variant == slow
     assert choose(DEVICE, 3.0, 1920, 1080).variant == fast
@@ -47,17 +49,17 @@ def test_the_least_error_that_fits() -> None:
 
 
 def test_noise_is_said() -> None:
-    write_known(DEVICE, [(0, 1.0, 1.0)], noisy=True)
+    write_remembered(DEVICE, [(0, 1.0, 1.0)], noisy=True)
     assert "noisy" in choose(DEVICE, 5.0, 100, 100).why
 
 
 def test_nothing_known_nothing_fast_enough_nothing_readable() -> None:
     with pytest.raises(UsageError, match="measure first: cltaa bench accuracy"):
         choose("another device", 5.0, 100, 100)
-    write_known(DEVICE, [(0, 10.0, 1.0)])
+    write_remembered(DEVICE, [(0, 10.0, 1.0)])
     with pytest.raises(UsageError, match=r"expected 20\.7 ms or more, found 20 ms"):
         choose(DEVICE, 20.0, 1920, 1080)
-    known_path(DEVICE).write_text("{")
+    path_for(DEVICE).write_text("{")
     with pytest.raises(DataError, match="not a measurement"):
         choose(DEVICE, 20.0, 1920, 1080)
 
@@ -66,27 +68,27 @@ def test_resolve_takes_it_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixt
     sequence = write_sequence(tmp_path / "seq", 2)
     own = launcher_for(None).description
     places = {variant.name: place for place, variant in enumerate(ladder(load_preset()))}
-    (half,) = write_known(own, [(places["storage: half"], 1.0, 1.1)])
+    (half,) = write_remembered(own, [(places["storage: half"], 1.0, 1.1)])
     assert half.storage is Storage.HALF
     assert main(["resolve", str(sequence), "-o", str(tmp_path / "out"), "--budget-ms", "4", "--json"]) == 0
     captured = capsys.readouterr()
     assert json.loads(captured.out)["preset"] == "storage: half"
     assert "storage: half: 0.000851 of 4 ms a frame" in captured.err
     assert main(["resolve", str(sequence), "-o", str(tmp_path / "o"), "--budget-ms", "4", "--config", "x.toml"]) != 0
-    known_path(own).unlink()
+    path_for(own).unlink()
 
 
 def test_a_measurement_is_remembered(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    known_path(launcher_for(None).description).unlink(missing_ok=True)  # of another test, and perhaps larger
+    path_for(launcher_for(None).description).unlink(missing_ok=True)  # of another test, and perhaps larger
     sequence = write_sequence(tmp_path / "seq", 3, reference=True)
     arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path / "report"), "--only", "build,dilation"]
     arguments += ["--preset", "t1"]  # whose kernels are built soonest
     assert main([*arguments, "--rounds", "3", "--patience", "0", "--rounding-frames", "0", "--metrics", "mse"]) == 0
     capsys.readouterr()
-    known = msgspec.json.decode(known_path(launcher_for(None).description).read_bytes(), type=Known)
-    assert [row.variant.name for row in known.candidates] == ["t1", "dilation: closest", "dilation: edge"]
-    assert known.candidates[0].error == 1.0
-    assert known.sequences == ["seq"]
+    remembered = msgspec.json.decode(path_for(launcher_for(None).description).read_bytes(), type=Remembered)
+    assert [row.variant.name for row in remembered.candidates] == ["t1", "dilation: closest", "dilation: edge"]
+    assert remembered.candidates[0].error == 1.0
+    assert remembered.sequences == ["seq"]
 
 
 def measured(sequences: int, size: int, variants: int, date: str) -> Accuracy:
@@ -108,11 +110,11 @@ def measured(sequences: int, size: int, variants: int, date: str) -> Accuracy:
 
 
 def test_a_smaller_measurement_does_not_take_the_place_of_a_larger_one() -> None:
-    path = known_path(f"{DEVICE} too")
+    path = path_for(f"{DEVICE} too")
     path.unlink(missing_ok=True)
 
     def kept() -> str:
-        return msgspec.json.decode(path.read_bytes(), type=Known).date
+        return msgspec.json.decode(path.read_bytes(), type=Remembered).date
 
     assert remember(measured(3, 32, 3, "first")) is None
     for less, told in (
@@ -145,7 +147,7 @@ def test_a_measurement_by_a_score_alone_is_told_and_not_kept(
         "--preset",
         "t1",
     ]
-    kept = known_path(launcher_for(None).description)
+    kept = path_for(launcher_for(None).description)
     before = kept.read_bytes() if kept.exists() else b""
     assert main([*arguments, "--rounds", "3", "--patience", "0", "--rounding-frames", "0", "--metrics", "psnr"]) == 0
     said = capsys.readouterr()

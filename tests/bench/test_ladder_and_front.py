@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cltaa.bench.front import dominated_by
+from cltaa.bench.accuracy_results import exponential_noise
 from cltaa.bench.ladder import COMBINATIONS, DEFAULT, PRESETS, ladder
-from cltaa.bench.results import exponential_noise
+from cltaa.bench.pareto import dominated_by
 from cltaa.build import Real, Storage
 from cltaa.params import Box, Choices
 from cltaa.presets import Preset, load_preset

@@ -9,7 +9,7 @@ import msgspec
 
 from cltaa.bench.accuracy import tasks_of
 from cltaa.bench.accuracy_page import page
-from cltaa.bench.results import Accuracy
+from cltaa.bench.accuracy_results import Accuracy
 from cltaa.commands.bench_accuracy import chosen_variants
 from tests.bench.tiny_report import PRESET
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cltaa.bench.times_of import AGAIN, ranking
+from cltaa.bench.variant_times import CONTROL, ranking
 from cltaa.timing import (
     FEWEST_RUNS,
     MOST_RUNS,
@@ -152,7 +152,7 @@ def test_processor_time_ranks_where_the_device_cannot(
 ) -> None:
     random, samples = np.random.default_rng(0), Samples()
     for number in range(21):
-        for name in ("default", f"default {AGAIN}"):
+        for name in ("default", f"default {CONTROL}"):
             one, other = 1 + random.standard_normal(2) * [device, processor]
             samples.add(name, number, Sample(1.0, device=abs(one), processor=abs(other)))
     found = ranking(samples, "default", 33, is_cpu=is_cpu)

@@ -1,4 +1,4 @@
-"""The plan of a sequence: spans of frames with one plan, from headers alone, and what the steps cost."""
+"""The plan of a sequence: sections of frames with one plan, from headers alone, and what the steps cost."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def running(plan: SequencePlan) -> list[tuple[int, int, bool, set[str]]]:
-    return [(s.first, s.last, s.starts, {step.name for step in s.steps if step.on}) for s in plan.spans]
+    return [(s.first, s.last, s.starts, {step.name for step in s.steps if step.on}) for s in plan.sections]
 
 
 def test_a_camera_that_stops_and_a_cut_make_spans(walk: Path) -> None:
@@ -42,8 +42,8 @@ def test_a_camera_that_stops_and_a_cut_make_spans(walk: Path) -> None:
     moving = {"reprojection", "reactive", "change of light", "rectification"}
     assert running(plan) == [(0, 2, True, moving), (3, 4, False, moving - {"reprojection"}), (5, 6, True, moving)]
     assert plan.kernels == 2
-    assert all([step.name for step in span.steps] == STEPS for span in plan.spans)
-    assert all(step.why and step.milliseconds is None for span in plan.spans for step in span.steps)
+    assert all([step.name for step in section.steps] == STEPS for section in plan.sections)
+    assert all(step.why and step.milliseconds is None for section in plan.sections for step in section.steps)
 
 
 @pytest.mark.parametrize(
@@ -58,14 +58,14 @@ def test_a_camera_that_stops_and_a_cut_make_spans(walk: Path) -> None:
 )
 def test_rectification_runs_where_the_kernel_has_it(walk: Path, preset: str, on: bool, why: str) -> None:
     found = cltaa.plan(cltaa.open_sequence(walk), preset, device="numpy", rounds=0)
-    told = [(step.on, step.why) for step in found.spans[0].steps if step.name == "rectification"]
+    told = [(step.on, step.why) for step in found.sections[0].steps if step.name == "rectification"]
     assert told == [(on, why)]
 
 
 def test_all_and_named_effects(walk: Path) -> None:
     sequence = cltaa.open_sequence(walk)
-    (first, second) = cltaa.plan(sequence, device="numpy", rounds=0, effects="all").spans
-    assert all(step.on != (step.name == "change of light") for span in (first, second) for step in span.steps)
+    (first, second) = cltaa.plan(sequence, device="numpy", rounds=0, effects="all").sections
+    assert all(step.on != (step.name == "change of light") for section in (first, second) for step in section.steps)
     assert (first.first, first.last, second.first, second.last) == (0, 4, 5, 6)
     named = cltaa.plan(sequence, device="numpy", rounds=0, effects=frozenset({Effect.CAMERA}))
     assert running(named)[0] == (0, 2, True, {"reprojection", "rectification"})
@@ -73,13 +73,15 @@ def test_all_and_named_effects(walk: Path) -> None:
 
 def test_every_step_is_timed_on_and_off(walk: Path) -> None:
     plan = cltaa.plan(cltaa.open_sequence(walk), device="numpy", rounds=3)
-    for span in plan.spans:
-        assert span.milliseconds is not None
-        assert span.every_milliseconds is not None
-        assert min(span.milliseconds, span.every_milliseconds) > 0.0
-        assert all(step.milliseconds is not None for step in span.steps)
+    for section in plan.sections:
+        assert section.milliseconds is not None
+        assert section.every_milliseconds is not None
+        assert min(section.milliseconds, section.every_milliseconds) > 0.0
+        assert all(step.milliseconds is not None for step in section.steps)
     # Frames with one plan share their times: it is measured once.
-    first, second, third = ([span.milliseconds, *(step.milliseconds for step in span.steps)] for span in plan.spans)
+    first, second, third = (
+        [section.milliseconds, *(step.milliseconds for step in section.steps)] for section in plan.sections
+    )
     assert first == third
     assert first != second
 
@@ -87,7 +89,7 @@ def test_every_step_is_timed_on_and_off(walk: Path) -> None:
 def test_the_command_line(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["inspect", str(walk), "--plan", "--device", "numpy", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert [(span["first"], span["last"]) for span in found["spans"]] == [(0, 2), (3, 4), (5, 6)]
+    assert [(section["first"], section["last"]) for section in found["sections"]] == [(0, 2), (3, 4), (5, 6)]
     assert main(["inspect", str(walk), "--plan", "--device", "numpy"]) == 0
     out = capsys.readouterr().out
     assert "frames 3 to 4" in out

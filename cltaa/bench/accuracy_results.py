@@ -8,8 +8,8 @@ import msgspec
 import numpy as np
 
 from cltaa.bench.environment import Environment
-from cltaa.bench.errors_of import Rounding
 from cltaa.bench.ladder import Variant
+from cltaa.bench.variant_errors import Rounding
 from cltaa.timing import Clock, Interval
 
 

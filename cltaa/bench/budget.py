@@ -10,8 +10,8 @@ from pathlib import Path
 import msgspec
 
 from cltaa.atomic import atomic_path, make_folder
+from cltaa.bench.accuracy_results import Accuracy, Cell
 from cltaa.bench.ladder import Variant
-from cltaa.bench.results import Accuracy, Cell
 from cltaa.errors import DataError, UsageError
 from cltaa.metrics import METRICS
 from cltaa.printable import counted
@@ -26,7 +26,7 @@ class Candidate(msgspec.Struct, frozen=True, kw_only=True):
     error: float  # over the default's, geometric mean over the sequences: less than 1 is better
 
 
-class Known(msgspec.Struct, frozen=True, kw_only=True):
+class Remembered(msgspec.Struct, frozen=True, kw_only=True):
     """The last measurement on one device that was no smaller than the one before it."""
 
     device: str
@@ -45,7 +45,7 @@ class Choice(msgspec.Struct, frozen=True, kw_only=True):
     why: str
 
 
-def known_path(device: str) -> Path:
+def path_for(device: str) -> Path:
     """The file about a device, in the user's data folder."""
     base = Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share")
     return base / "cltaa" / "bench" / f"{hashlib.sha256(device.encode()).hexdigest()[:16]}.json"
@@ -69,7 +69,7 @@ def remember(result: Accuracy) -> str | None:
         for place, variant in enumerate(result.variants)
         if not variant.laboratory
     ]
-    known = Known(
+    remembered = Remembered(
         device=result.environment.device,
         date=result.environment.date,
         metric=metric,
@@ -78,23 +78,23 @@ def remember(result: Accuracy) -> str | None:
         candidates=rows,
         pixels=min(measured.width * measured.height for measured in result.sequences),
     )
-    path = known_path(known.device)
-    if (before := _kept(path)) is not None and (less := _less(known, before)):
+    path = path_for(remembered.device)
+    if (before := _kept(path)) is not None and (less := _less(remembered, before)):
         return f"{less}, measured {before.date}; delete {path} to keep this one"
     make_folder(path.parent)
     with atomic_path(path) as temporary:
-        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(known)))
+        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(remembered)))
     return None
 
 
-def _kept(path: Path) -> Known | None:
+def _kept(path: Path) -> Remembered | None:
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Known)
+        return msgspec.json.decode(path.read_bytes(), type=Remembered)
     except (OSError, msgspec.DecodeError):
         return None
 
 
-def _less(new: Known, kept: Known) -> str:
+def _less(new: Remembered, kept: Remembered) -> str:
     """What of a measurement is less than of the one that is kept; empty where nothing is."""
     sizes = (
         ("sequence", len(new.sequences), len(kept.sequences)),
@@ -109,28 +109,28 @@ def choose(device: str, budget_ms: float, width: int, height: int) -> Choice:
 
     Raises UsageError where nothing was measured on the device, or nothing is fast enough.
     """
-    path = known_path(device)
+    path = path_for(device)
     if not path.is_file():
         cure = "measure first: cltaa bench accuracy SEQUENCE -o report"
         raise UsageError(f"nothing was measured on {device} yet", path=path, cure=cure)
     try:
-        known = msgspec.json.decode(path.read_bytes(), type=Known)
+        remembered = msgspec.json.decode(path.read_bytes(), type=Remembered)
     except msgspec.DecodeError as error:
         raise DataError(f"not a measurement: {error}", path=path, cure="measure again: cltaa bench accuracy") from None
     megapixels = width * height * 1e-6
-    fitting = [row for row in known.candidates if row.ms_per_megapixel * megapixels <= budget_ms]
+    fitting = [row for row in remembered.candidates if row.ms_per_megapixel * megapixels <= budget_ms]
     if not fitting:
-        least = min(row.ms_per_megapixel for row in known.candidates) * megapixels
+        least = min(row.ms_per_megapixel for row in remembered.candidates) * megapixels
         expected, found = f"{least:.3g} ms or more", f"{budget_ms:.3g} ms"
         raise UsageError(
             "no known variant is fast enough", expected=expected, found=found, cure="allow more, or less size"
         )
     best = min(fitting, key=lambda row: (row.error, row.ms_per_megapixel))
-    noise = "; that machine was noisy, so times are rough" if known.noisy else ""
+    noise = "; that machine was noisy, so times are rough" if remembered.noisy else ""
     why = (
         f"{best.variant.name}: {best.ms_per_megapixel * megapixels:.3g} of {budget_ms:.3g} ms a frame, "
-        f"{best.error:.3f} times the default's {known.metric}; the best of {len(fitting)} that fit of "
-        f"{len(known.candidates)}, measured {known.date} on {', '.join(known.sequences)}{noise}"
+        f"{best.error:.3f} times the default's {remembered.metric}; the best of {len(fitting)} that fit of "
+        f"{len(remembered.candidates)}, measured {remembered.date} on {', '.join(remembered.sequences)}{noise}"
     )
     return Choice(variant=best.variant, why=why)
 

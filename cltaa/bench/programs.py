@@ -14,8 +14,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from cltaa.bench.errors_of import Task
-from cltaa.bench.times_of import enlargement
+from cltaa.bench.variant_errors import Task
+from cltaa.bench.variant_times import enlargement
 from cltaa.build import Build
 from cltaa.frames import Frame
 from cltaa.launch import DeviceLauncher, NumpyLauncher

@@ -5,15 +5,15 @@ from __future__ import annotations
 from cltaa.numbered import check_same_size
 from cltaa.sources import ImageSequence, Sequence, open_images
 
-AGAIN = "again"  # folder of such a capture, inside the sequence's
+REDRAWN = "again"  # folder of such a capture, inside the sequence's
 
 
-def again_of(sequence: Sequence) -> ImageSequence | None:
+def redrawn_of(sequence: Sequence) -> ImageSequence | None:
     """The frames of ``sequence`` drawn again, or None where there is no such folder.
 
     Raises InputMissing and DataError where it is there but does not fit.
     """
-    folder = sequence.folder / AGAIN
+    folder = sequence.folder / REDRAWN
     if not folder.is_dir():
         return None
     again = open_images(folder, verify=sequence.verify)

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from cltaa.bench.accuracy_results import Cell, Measured, Yardstick, exponential_noise, spread
 from cltaa.bench.baseline import copy_job
 from cltaa.bench.distribution import load
-from cltaa.bench.errors_of import Task, yardstick_errors
-from cltaa.bench.front import dominated_by
-from cltaa.bench.results import Cell, Measured, Yardstick, exponential_noise, spread
-from cltaa.bench.times_of import TURN, Ranking, jobs_of, ranking
+from cltaa.bench.pareto import dominated_by
+from cltaa.bench.variant_errors import Task, yardstick_errors
+from cltaa.bench.variant_times import TURN, Ranking, jobs_of, ranking
 from cltaa.comparison import truth_of, truth_samples
 from cltaa.equal_quality import STRATIFIED_EXPONENT
 from cltaa.frames import format_effects

@@ -10,15 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.bench.baseline import least_bytes
-from cltaa.bench.errors_of import Task
 from cltaa.bench.ladder import Variant
+from cltaa.bench.variant_errors import Task
 from cltaa.frames import Frame, Image
 from cltaa.launch import DeviceLauncher
 from cltaa.sources import Sequence as Captured
 from cltaa.timed_resolve import device_seconds, resolve_job, timed_frames
 from cltaa.timing import Clock, Interval, Job, Samples, too_noisy_among
 
-AGAIN = "(A/A)"
+CONTROL = "(A/A)"
 # What fills each compute unit of a CPU and of a GPU, in pixels, and the limits of a frame: with less it is launches
 # that are timed, and the wait for the last of many threads.
 FILLING_A_UNIT = {True: 40_000, False: 15_000}
@@ -58,7 +58,7 @@ def jobs_of(
         if place == 0:
             moved = least_bytes(resolver, task.variant.storage) * pixels
             stages = stage_seconds(task.variant, launcher, frames)
-            jobs.append(Job(f"{task.variant.name} {AGAIN}", job.run))
+            jobs.append(Job(f"{task.variant.name} {CONTROL}", job.run))
     return jobs, pixels, moved, stages
 
 
@@ -70,7 +70,7 @@ def ranking(samples: Samples, default: str, controls: int, *, is_cpu: bool) -> R
     found = []
     clocks = [clock for clock in (Clock.DEVICE, Clock.PROCESSOR)[: 1 + is_cpu] if samples.has(default, clock)]
     for clock in clocks or [Clock.WALL]:
-        pair = f"{default} {AGAIN}", default, clock
+        pair = f"{default} {CONTROL}", default, clock
         noisy = too_noisy_among(samples.ratios(*pair), controls * max(len(clocks), 1))
         found.append(Ranking(clock, samples.ratio(*pair), noisy))
     return next((each for each in found if not each.noisy), found[0])
