@@ -10,27 +10,25 @@ from pathlib import Path
 from typing import Any
 
 import click
-import msgspec
 from rich.console import Console
 from rich.table import Table
 
-from cltaa.atomic import atomic_path, make_folder
+from cltaa.atomic import make_folder
 from cltaa.bench.accuracy import bench_accuracy, build_programs, tasks_of
-from cltaa.bench.accuracy_csv import csv_text
 from cltaa.bench.accuracy_page import page
+from cltaa.bench.accuracy_report import write_report
 from cltaa.bench.accuracy_results import Accuracy, Measured
 from cltaa.bench.accuracy_sequence import cost
 from cltaa.bench.budget import remember
 from cltaa.bench.distribution import run_all
 from cltaa.bench.ladder import Variant, ladder
-from cltaa.bench.overview import table
-from cltaa.bench.plots import import_pyplot, write_plots
+from cltaa.bench.plots import import_pyplot
 from cltaa.bench.variant_errors import Task
 from cltaa.commands.options import FILE_PATH, NAMES, PRESET, device_option, json_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError, known
 from cltaa.launch import DeviceLauncher
-from cltaa.metrics import METRICS, parse_metrics
+from cltaa.metrics import parse_metrics
 from cltaa.presets import load_preset, preset_names
 from cltaa.printable import counted, json_of, printable, shown
 from cltaa.progress import track
@@ -121,7 +119,7 @@ def accuracy(
         tasks, output, rounds=rounds, patience=patience, pixels=pixels, jobs=jobs, dask=dask, time_limit=time_limit,
         progress=_progress,
     )  # fmt: skip
-    write_report(result, tasks, output, pictured)
+    write_report(result, output, pictured, {"index.html": page(result, tasks, output, pictured)})
     if why := remember(result):
         click.echo(f"not kept for resolve --budget-ms: {printable(why)}", err=True)
     if as_json:
@@ -129,23 +127,6 @@ def accuracy(
     else:
         print_accuracy(result)
         click.echo(f"look at {printable(output / 'index.html')}")
-
-
-def write_report(result: Accuracy, tasks: list[Task], output: Path, pictured: int | None = None) -> None:
-    """Write the page, the numbers as JSON and CSV, the plots, and of several sequences a table over all of them."""
-    texts = {
-        "accuracy.json": msgspec.json.encode(result).decode(),
-        "accuracy.csv": csv_text(result),
-        "index.html": page(result, tasks, output, pictured),
-    }
-    falling = [name for name in result.metrics if not METRICS[name].higher_is_better]
-    if len(result.sequences) > 1 and falling:
-        texts["overview.md"] = table(result, falling)
-    for name, text in texts.items():
-        with atomic_path(output / name) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-    for _ in write_plots(result, output, pictured):
-        pass
 
 
 def chosen_variants(preset: str, groups: Sequence[str], named: Sequence[str] = (), *, full: bool) -> list[Variant]:

@@ -5,16 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-import msgspec
 
-from cltaa.atomic import atomic_path, make_folder
-from cltaa.bench.accuracy_csv import csv_text
-from cltaa.bench.merge import NAME, merged, read_report
+from cltaa.atomic import make_folder
+from cltaa.bench.accuracy_report import falling_metrics, merged, read_report, write_report
 from cltaa.bench.overview import table
-from cltaa.bench.plots import write_plots
 from cltaa.commands.options import FILE_PATH, json_option
 from cltaa.errors import UsageError
-from cltaa.metrics import METRICS
 from cltaa.printable import json_of
 
 
@@ -31,15 +27,10 @@ def overview(reports: tuple[Path, ...], output: Path, pictured: int, as_json: bo
     each on a card of its own, measured some of the sequences.
     """
     result = merged([(folder, read_report(folder)) for folder in reports])
-    falling = [name for name in result.metrics if not METRICS[name].higher_is_better]
+    falling = falling_metrics(result)
     if not falling:
         raise UsageError("no error to compare by: no metric that falls with it", found=", ".join(result.metrics))
     make_folder(output)
     text = table(result, falling)
-    numbers = msgspec.json.encode(result).decode()
-    for name, content in {NAME: numbers, "accuracy.csv": csv_text(result), "overview.md": text}.items():
-        with atomic_path(output / name) as temporary:
-            temporary.write_text(content, encoding="utf-8")
-    for _ in write_plots(result, output, pictured):
-        pass
+    write_report(result, output, pictured, {"overview.md": text})
     click.echo(json_of(result) if as_json else text, nl=as_json)

@@ -8,10 +8,10 @@ import msgspec
 import pytest
 from matplotlib import pyplot
 
+from cltaa.bench.accuracy_report import read_report
 from cltaa.bench.accuracy_results import Accuracy, Cell, Measured, spread
 from cltaa.bench.environment import Environment
 from cltaa.bench.ladder import ladder
-from cltaa.bench.merge import read_report
 from cltaa.bench.overview import overall, table
 from cltaa.bench.plots import front_figure, write_plots
 from cltaa.bench.variant_errors import Rounding

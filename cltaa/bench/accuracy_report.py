@@ -1,16 +1,45 @@
-"""Reports put together: what was measured of other sequences by other processes, each on a card of its own."""
+"""The folder of an accuracy report: written, read, and several put together that other processes measured."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import msgspec
 
+from cltaa.atomic import atomic_path
+from cltaa.bench.accuracy_csv import csv_text
 from cltaa.bench.accuracy_results import Accuracy
+from cltaa.bench.overview import table
+from cltaa.bench.plots import write_plots
 from cltaa.errors import DataError, InputMissing
+from cltaa.metrics import METRICS
 
 NAME = "accuracy.json"
+
+
+def falling_metrics(result: Accuracy) -> list[str]:
+    """Those of its metrics that fall as the image gets better: the errors by which variants can be compared."""
+    return [name for name in result.metrics if not METRICS[name].higher_is_better]
+
+
+def write_report(
+    result: Accuracy, output: Path, pictured: int | None = None, pages: Mapping[str, str] | None = None
+) -> None:
+    """Write the numbers as JSON and CSV, the plots, of several sequences a table over all of them, and ``pages``, texts
+    by file name, into the folder ``output``. ``pictured`` sequences, the first ones, have plots of their own.
+
+    Raises OutputError, StorageError, and UsageError without matplotlib.
+    """
+    texts = {NAME: msgspec.json.encode(result).decode(), "accuracy.csv": csv_text(result), **(pages or {})}
+    falling = falling_metrics(result)
+    if len(result.sequences) > 1 and falling:
+        texts["overview.md"] = table(result, falling)
+    for name, text in texts.items():
+        with atomic_path(output / name) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    for _ in write_plots(result, output, pictured):
+        pass
 
 
 def read_report(folder: Path) -> Accuracy:
