@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
+from enum import StrEnum
 from importlib import resources
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -18,13 +19,21 @@ LARGEST_CONFIG = 1 << 16  # bytes; every parameter with a comment takes a few th
 _FOLDER = resources.files("cltaa") / "presets"
 
 
+class Published(StrEnum):
+    """Where a resolve was published that a preset reproduces."""
+
+    NO = ""
+    ARTICLE = "article"
+    ENGINE = "engine"
+
+
 class Preset(msgspec.Struct, frozen=True, kw_only=True):
     """A named set of choices and settings."""
 
     name: str
     description: str
     jitter: str = ""  # the sample positions that it was published with, as ``cltaa capture --jitter`` takes them
-    published: bool = False  # somebody else's resolve: the plan leaves nothing out of it
+    published: Published = Published.NO  # the plan leaves nothing out of somebody else's resolve
     choices: Choices = Choices()
     settings: Settings = Settings()
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping
+from functools import cache
 
 import msgspec
 
 from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged
 from cltaa.bench.quality_cases import Case
 from cltaa.metrics import mean_psnr
+from cltaa.presets import Published, load_preset, preset_names
 
 DEFAULT = "default"
-ARTICLES = re.compile(r"(vireo|babylon|simvx)\b")
-ENGINES = re.compile(r"(karis|playdead|godot|filament|bevy|intel|fsr3)\b")
 LADDER = re.compile(r"t\d(-200)?")  # in the order of their names: t3, t3-200, t4
 DECIDING = ("flip", "psnr")  # the two that a preset is called better by
 HIGHER = {column.name: column.higher_is_better for column in COLUMNS}
@@ -65,9 +65,10 @@ def summarise(judged: Iterable[tuple[Case, Mapping[str, Judged]]]) -> Table:
     return Table(rows=rows, means=means, duels=duels)
 
 
-def published(name: str) -> bool:
-    """Whether a preset is the resolve of an article or of an engine."""
-    return bool(ARTICLES.match(name) or ENGINES.match(name))
+@cache
+def published(name: str) -> Published:
+    """Whether a preset that comes with cltaa is the resolve of an article or of an engine; no other name is."""
+    return load_preset(name).published if name in preset_names() else Published.NO
 
 
 def highest_tier(names: Iterable[str]) -> str | None:
@@ -77,7 +78,11 @@ def highest_tier(names: Iterable[str]) -> str | None:
 
 def best_engine(means: Mapping[str, Mapping[str, float | None]]) -> str | None:
     """The engine's preset of the least mean FLIP, or None where none was judged."""
-    found = {name: value for name, scores in means.items() if ENGINES.match(name) and (value := scores["flip"])}
+    found = {
+        name: value
+        for name, scores in means.items()
+        if published(name) is Published.ENGINE and (value := scores["flip"])
+    }
     return min(found, key=lambda name: found[name], default=None)
 
 
@@ -126,9 +131,9 @@ def ordered(names: Iterable[str]) -> list[str]:
     def rank(name: str) -> tuple[int, str]:
         groups = (
             name == ONE_SAMPLE,
-            ARTICLES.match(name),
-            ENGINES.match(name),
-            LADDER.fullmatch(name),
+            published(name) is Published.ARTICLE,
+            published(name) is Published.ENGINE,
+            LADDER.fullmatch(name) is not None,
             name == DEFAULT,
         )
         return next((place for place, found in enumerate(groups) if found), len(groups)), name

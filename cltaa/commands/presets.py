@@ -38,7 +38,7 @@ def presets(name: str | None, against: str | None, parameters: bool, as_json: bo
         preset = load_preset(name)
         click.echo(json_of(preset) if as_json else _toml(preset), nl=as_json)
     else:
-        listed = sorted(map(load_preset, preset_names()), key=lambda preset: preset.published)  # our own first
+        listed = sorted(map(load_preset, preset_names()), key=lambda preset: bool(preset.published))  # our own first
         rows = [{"preset": preset.name, "description": preset.description} for preset in listed]
         click.echo(json_of(rows)) if as_json else _print_presets(listed)
 
@@ -69,7 +69,7 @@ def parameter_rows() -> list[dict[str, str]]:
 def _toml(preset: Preset) -> str:
     lines = [f"# {preset.name}: {preset.description}"]
     if preset.published:
-        lines += [f'jitter = "{preset.jitter}"', "published = true"]
+        lines += [f'jitter = "{preset.jitter}"', f'published = "{preset.published}"']
     for part in (preset.choices, preset.settings):
         for key, value in msgspec.to_builtins(part).items():
             lines.append(f"{key} = {json.dumps(value)}")
