@@ -20,11 +20,10 @@ from typing import Any
 
 from cltaa import __version__
 from cltaa.atomic import atomic_path, make_folder, remove_stale_temporaries
-from cltaa.errors import DataError, StorageError, UsageError, room_cure
+from cltaa.errors import DataError, UsageError
 from cltaa.file_content import read_text
-from cltaa.manifest import LARGEST_RECORD, file_sha256
+from cltaa.manifest import CAPTURE, LARGEST_RECORD, RESTART_CURE, file_sha256
 
-NAME = "sequence.json"
 REFERENCE = "reference"
 FORMAT = 1
 LIBRARIES = ("numpy", "OpenEXR", "pyrender", "PyOpenGL", "trimesh", "scipy", "Pillow")
@@ -103,14 +102,14 @@ class Manifest:
         self._files: dict[str, str] = {}
         self._seconds: dict[str, float] = {}  # by samples a pixel
         self._saved = float("-inf")
-        found = folder / NAME
+        found = folder / CAPTURE
         if restart and found.exists():
             self._clear()
         elif found.exists():
             self._resume(found)
         elif any(folder.glob("*.exr")):
             raise UsageError(
-                "holds EXR files of another origin", path=folder, expected=NAME, cure="choose an empty folder"
+                "holds EXR files of another origin", path=folder, expected=CAPTURE, cure="choose an empty folder"
             )
         for inside in self._folders():
             remove_stale_temporaries(inside, owned=True)
@@ -135,16 +134,17 @@ class Manifest:
         for key in sorted(settings.keys() | self._settings.keys()):
             asked, begun = self._settings.get(key), settings.get(key)
             if asked != begun:
-                cure = "use --restart to begin anew, or another folder"
                 if key == "code_sha256":  # 64 digits tell nobody anything
                     what = "was begun by another version of capture or scenes, which may draw other pixels"
-                    raise UsageError(what, path=path, cure=cure)
-                raise UsageError(f"was begun with another {key}", path=path, expected=begun, found=asked, cure=cure)
+                    raise UsageError(what, path=path, cure=RESTART_CURE)
+                raise UsageError(
+                    f"was begun with another {key}", path=path, expected=begun, found=asked, cure=RESTART_CURE
+                )
         self._files = files_
         self._seconds = dict(content.get("seconds_a_frame", {}))
 
     def _clear(self) -> None:
-        (self._folder / NAME).unlink()
+        (self._folder / CAPTURE).unlink()
         for folder in self._folders():
             for path in folder.glob("*.[0-9][0-9][0-9][0-9]*.exr"):
                 path.unlink()
@@ -177,13 +177,8 @@ class Manifest:
             "settings": self._settings,
             "files": dict(sorted(self._files.items())),
         }
-        path = self._folder / NAME
-        with atomic_path(path) as temporary:
-            try:
-                temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-            except OSError as error:
-                what = f"writing failed: {error.strerror}"
-                raise StorageError(what, path=path, cure=room_cure(error)) from error
+        with atomic_path(self._folder / CAPTURE) as temporary:
+            temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
         self._saved = time.monotonic()
 
     def _key(self, path: Path) -> str:

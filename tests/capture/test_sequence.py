@@ -197,7 +197,7 @@ def test_files_of_another_origin_are_left_alone(tmp_path: Path, restart: bool) -
 
 @pytest.mark.parametrize("content", ["{", "[]", '{"format": 99, "settings": {}, "files": {}}', '{"format": 1}'])
 def test_a_damaged_manifest_is_refused(tmp_path: Path, content: str) -> None:
-    (tmp_path / manifest.NAME).write_text(content)
+    (tmp_path / "sequence.json").write_text(content)
     with pytest.raises(DataError, match=r"sequence\.json: cannot be resumed from .*--restart"):
         capture_sequence(request(tmp_path))
 
