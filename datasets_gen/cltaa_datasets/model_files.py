@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -37,13 +37,39 @@ def model_scene(path: str, motion: str, seed: int) -> Scene:
         raise UsageError(f"no such motion: {motion}", cure=f"use one of {', '.join(MOTIONS)}")
     rng = np.random.default_rng(seed)
     model, poses, height = load_model(Path(path))
-    tiles = textures.blocks(rng, (0.50, 0.48, 0.45), (0.20, 0.19, 0.18), 4, 4, 0.02, bonded=False)
-    parts = (*model, Part("floor", meshes.floor(80.0, 1.2, 48), Material(base_texture=tiles, specular=0.0)))
-    effects = ALWAYS | {Effect.MOTION if motion == "turntable" else Effect.CAMERA}
-    if any(part.material.alpha_mode is AlphaMode.BLEND for part in model):
-        effects |= {Effect.REACTIVE}
-    start = float(rng.uniform(-START, START))
+    parts = (*model, tiled_floor(rng))
+    effects = effects_of(model, Effect.MOTION if motion == "turntable" else Effect.CAMERA)
+    start = start_angle(rng)
     return Scene(name=scene_name(path), effects=effects, parts=parts, at=_presentation(poses, height, motion, start))
+
+
+def tiled_floor(rng: np.random.Generator) -> Part:
+    """The floor that every model stands on, at height 0."""
+    tiles = textures.blocks(rng, (0.50, 0.48, 0.45), (0.20, 0.19, 0.18), 4, 4, 0.02, bonded=False)
+    return Part("floor", meshes.floor(80.0, 1.2, 48), Material(base_texture=tiles, specular=0.0))
+
+
+def start_angle(rng: np.random.Generator) -> float:
+    """The angle in radians at which a model is shown first."""
+    return float(rng.uniform(-START, START))
+
+
+def effects_of(model: Iterable[Part], moves: Effect) -> frozenset[Effect]:
+    """What a model may call for beside what ``moves``: all that its materials do not exclude."""
+    blended = any(part.material.alpha_mode is AlphaMode.BLEND for part in model)
+    return ALWAYS | {moves} | ({Effect.REACTIVE} if blended else set())
+
+
+def standing(low: NDArray[np.float64], high: NDArray[np.float64], path: Path) -> tuple[Matrix, float]:
+    """The pose that puts a model with bounds ``low`` and ``high`` [3] on the ground with a radius of 1, and its height
+    there; raises DataError where the bounds are not finite or nothing."""
+    radius = float(np.linalg.norm(high - low)) / 2.0
+    if not np.isfinite(radius) or radius == 0.0:
+        found = [low.tolist(), high.tolist()]
+        raise DataError("the model has no size", path=path, expected="finite bounds", found=found)
+    centre = (low + high) / 2.0
+    stand = animation.scaling(1.0 / radius) @ animation.translation((-centre[0], -low[1], -centre[2]))
+    return stand, float(high[1] - low[1]) / radius
 
 
 def scene_name(path: str) -> str:
@@ -84,12 +110,8 @@ def load_model(path: Path) -> tuple[tuple[Part, ...], list[Matrix], float]:
     if not parts:
         raise DataError("no triangles in it", path=path, cure="export the model as a mesh")
     low, high = np.asarray(loaded.bounds, np.float64)
-    radius = float(np.linalg.norm(high - low)) / 2.0
-    if not np.isfinite(radius) or radius == 0.0:
-        raise DataError("the model has no size", path=path, expected="finite bounds", found=loaded.bounds.tolist())
-    centre = (low + high) / 2.0
-    stand = animation.scaling(1.0 / radius) @ animation.translation((-centre[0], -low[1], -centre[2]))
-    return tuple(parts), [stand @ pose for pose in poses], float(high[1] - low[1]) / radius
+    stand, height = standing(low, high, path)
+    return tuple(parts), [stand @ pose for pose in poses], height
 
 
 def _read(path: Path) -> trimesh.Scene:
