@@ -97,6 +97,16 @@ def test_what_a_pane_has_left_has_its_samples_of_before() -> None:
     assert errors[28] < 1.2 * errors[19]  # 0.0194 and 0.0187, and 0.12 where the samples under the pane count
 
 
+def test_what_a_veil_comes_over_and_leaves_has_the_bits_of_the_twin() -> None:
+    """More frames are kept than the latest: all of them stand in for those where the mask makes these unlike."""
+    preset, shares = override(load_preset("t5"), {"frames_kept": 9}), np.linspace(0.0, 1.0, WIDTH, dtype=np.float32)
+    device, twin = Resolver(preset, strict=True), Resolver(preset, "numpy")
+    for index in range(16):
+        mask = np.tile(shares, (HEIGHT, 1)) * (8 <= index < 13)
+        frame = replace(lit(index, 1.0 - 0.3 * (8 <= index < 13), 1.5), reactive=mask, effects=ALL)
+        assert (bits(device.resolve(frame)) == bits(twin.resolve(frame))).all(), index
+
+
 def test_a_constant_image_keeps_its_bits_whatever_moves() -> None:
     resolver = Resolver(load_preset("t5"))
     value = np.float32(0.1)
