@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from cltaa.buffers import Buffers, LastRun
-from cltaa.build import HALVES, Build, Real, Record, Steps, Storage, Terms, edge_builds, settings_record, shared
+from cltaa.build import HALVES, Build, Record, Steps, Storage, Terms, edge_builds, settings_record, shared
 from cltaa.frame_checks import check_frame
 from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame, Image
@@ -35,10 +35,9 @@ class Resolver:
     """Accumulates a sequence frame by frame.
 
     ``preset`` is a name or a Preset; ``device`` is None (first OpenCL device), a part of a device's name, its index,
-    ``numpy``, or a launcher to share; ``strict`` builds kernels that match the NumPy oracle bit for bit; ``real`` and
-    ``storage`` are the numbers that they compute with and keep the history in; ``lanes`` and ``rows`` are the pixels
-    side by side and one below the other that a work-item resolves (0: what suits the device); ``relaxed`` lets the
-    compiler leave guards out, only to time what that would gain; ``every_step`` runs steps too that no frame calls for.
+    ``numpy``, or a launcher to share; ``strict`` builds kernels that match the NumPy oracle bit for bit; ``storage`` is
+    the numbers that the history is kept in; ``every_step`` runs steps too that no frame calls for. A measurement gives
+    a whole ``build`` in place of ``strict`` and ``storage``; of it the plan decides choices, steps and terms.
     A cut, a gap in the frame numbers or a change of size starts a new history.
     """
 
@@ -48,18 +47,15 @@ class Resolver:
         device: str | int | Launcher | None = None,
         *,
         strict: bool = False,
-        relaxed: bool = False,
         storage: Storage = Storage.FLOAT,
-        real: Real = Real.FLOAT,
-        lanes: int = 0,
-        rows: int = 0,
         every_step: bool = False,
+        build: Build | None = None,
     ) -> None:
         self.every_step = every_step
         self.preset = load_preset(preset) if isinstance(preset, str) else preset
         self._device = device
         self.launcher = launcher_for(device)
-        self._shape = Build(strict=strict, relaxed=relaxed, storage=storage, real=real, lanes=lanes, rows=rows)
+        self._shape = build or Build(strict=strict, storage=storage)
         self._buffers: Buffers | None = None
         self._kept: KeptFrames | None = None
         self._previous: Past | None = None

@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from cltaa.build import STORAGES, Real, Storage
+from cltaa.build import STORAGES, Build, Real, Storage
 from cltaa.launch import Launcher
 from cltaa.params import Accumulate, Box, Choices, Dilation, HistoryFilter, Neighbourhood, Rectify, Reject, Settings
 from cltaa.presets import Preset
@@ -51,8 +51,8 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
 
     def resolver(self, device: str | Launcher | None) -> Resolver:
         """A new resolver of this variant."""
-        shape: dict[str, Any] = {"storage": self.storage, "real": self.real}
-        return Resolver(self.preset, device, strict=self.strict, relaxed=self.relaxed, **shape)
+        build = Build(real=self.real, storage=self.storage, strict=self.strict, relaxed=self.relaxed)
+        return Resolver(self.preset, device, build=build)
 
     @property
     def laboratory(self) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, get_type_hints
+from typing import get_type_hints
 
 import numpy as np
 import pytest
@@ -52,7 +52,7 @@ def hard_frames(width: int = 70, height: int = 41, count: int = 3) -> Iterator[F
 def differing(changes: dict[str, object], frames: list[Frame], lanes: int, rows: int) -> int:
     """Values that differ between the strict kernel and its twin, over all frames."""
     preset = override(load_preset(), changes)
-    device, twin = Resolver(preset, strict=True, lanes=lanes, rows=rows), Resolver(preset, "numpy")
+    device, twin = Resolver(preset, build=Build(strict=True, lanes=lanes, rows=rows)), Resolver(preset, "numpy")
     different = 0
     for frame in frames:
         resolved = device.resolve(frame)
@@ -88,8 +88,8 @@ def test_same_bits_for_every_storage(storage: Storage) -> None:
 @pytest.mark.parametrize("real", list(Real))
 def test_same_numbers_with_a_history_of_doubles(real: Real) -> None:
     # A device may contract or reorder nothing in a strict build, whatever the numbers are.
-    shape: dict[str, Any] = {"storage": Storage.DOUBLE, "real": real, "strict": True}
-    device, twin = Resolver(**shape), Resolver(device="numpy", **shape)
+    build = Build(storage=Storage.DOUBLE, real=real, strict=True)
+    device, twin = Resolver(build=build), Resolver(device="numpy", build=build)
     for frame in hard_frames():
         assert np.array_equal(bits(device.resolve(frame)), bits(twin.resolve(frame)))
         kept = []

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.build import settings_record
+from cltaa.build import Build, settings_record
 from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Effect
 from cltaa.launch import Buffer, DeviceLauncher
@@ -69,7 +69,7 @@ OTHERWISE = {
 @pytest.mark.parametrize("changes", [{}, OTHERWISE])
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_chain_of_stages_is_the_fused_kernel(changes: dict[str, object], lanes: int) -> None:
-    resolver = Kept(override(load_preset(), changes), strict=True, lanes=lanes, rows=5)
+    resolver = Kept(override(load_preset(), changes), build=Build(strict=True, lanes=lanes, rows=5))
     previous = None
     for wild in hard_frames():
         frame = dataclasses.replace(wild, effects=frozenset(Effect))

@@ -94,7 +94,7 @@ def test_rows_that_were_not_asked_for_fill_the_device(monkeypatch: pytest.Monkey
     shape = Shape(lanes=1, rows=ROWS, group=(32, 1), one_size=True, most_rows=9)
     monkeypatch.setattr(Device, "shape", property(lambda _: shape))
     launcher = DeviceLauncher()
-    resolver = Resolver("t1", launcher, rows=asked)
+    resolver = Resolver("t1", launcher, build=Build(rows=asked))
     for index in range(2):
         resolver.resolve(make_frame(index, width=WIDTH, height=HEIGHT))
     assert {build.rows for name, build in launcher._kernels if name == "resolve"} == {taken}

@@ -114,7 +114,7 @@ def run_everything() -> int:
     gathering = override(load_preset(), {"history_of": "samples", "frames_kept": 2})
     for preset, storage in [*((load_preset(), storage) for storage in Storage), (gathering, Storage.FLOAT)]:
         for lanes in LANES:
-            ours = Resolver(preset, launcher, strict=True, storage=storage, lanes=lanes, rows=3)
+            ours = Resolver(preset, launcher, build=Build(strict=True, storage=storage, lanes=lanes, rows=3))
             theirs = Resolver(preset, "numpy", storage=storage)
             for frame in hard_frames(9, 7, 4):
                 assert (bits(ours.resolve(frame)) == bits(theirs.resolve(frame))).all(), (preset, storage, lanes)

@@ -95,7 +95,9 @@ def test_a1_any_bits_of_input_give_finite_output(
 ) -> None:
     random = np.random.default_rng(seed)
     # The fast build, as it is used: a CPU's and a GPU's.
-    resolver = Resolver(override(load_preset(), {"history_of": "samples", **history}), launcher, lanes=lanes)
+    resolver = Resolver(
+        override(load_preset(), {"history_of": "samples", **history}), launcher, build=Build(lanes=lanes)
+    )
 
     def any_bits(like: Image) -> Image:
         wild = random.integers(0, 2**32, like.shape, np.uint32).view(np.float32)
@@ -189,7 +191,7 @@ def test_a3_finite_math_is_refused_or_outlived() -> None:
 
 def test_a3_the_relaxed_build_is_asked_for_by_name() -> None:
     # It is timed by cltaa bench accuracy; its picture differs by rounding, on frames that hold what numbers are.
-    relaxed, plain = Resolver(relaxed=True), Resolver()
+    relaxed, plain = Resolver(build=Build(relaxed=True)), Resolver()
     for index in range(3):
         frame = moving(index)
         a, b = relaxed.resolve(frame), plain.resolve(frame)

@@ -250,7 +250,7 @@ def test_an_edge_that_wandered_is_drawn_towards_the_filter(monkeypatch: pytest.M
         return [resolver.resolve(frame) for frame in frames][-1]
 
     followed = last(Resolver(preset, "numpy"))
-    assert (last(Resolver(preset, strict=True, lanes=8, rows=7)) == followed).all()
+    assert (last(Resolver(preset, build=Build(strict=True, lanes=8, rows=7))) == followed).all()
     monkeypatch.setattr(gather, "wander_of", lambda g: np.zeros_like(g.count))
     followed, kept = (image[3:-3, 10] for image in (followed, last(Resolver(preset, "numpy"))))
     # Of fifteen samples there six show the bar, none of them among the latest nine.

@@ -125,7 +125,7 @@ def declared(count: int) -> Iterator[Frame]:
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_strict_kernels_are_their_twins(lanes: int) -> None:
     preset = override(load_preset("t5"), {"frames_kept": 9})
-    device, twin = Resolver(preset, strict=True, lanes=lanes, rows=7), Resolver(preset, "numpy")
+    device, twin = Resolver(preset, build=Build(strict=True, lanes=lanes, rows=7)), Resolver(preset, "numpy")
     for frame in declared(10):
         resolved = device.resolve(frame)
         assert np.isfinite(resolved).all()
