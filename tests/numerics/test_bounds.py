@@ -28,8 +28,9 @@ from tests.numerics.tolerances import (
 )
 from tests.numerics.units import OUTPUTS
 
-# A bound that nothing comes within a hundredth of says nothing.
-TOO_LOOSE = 0.01
+# A bound that none of many values comes within a hundredth of says nothing. Few may all be right: 2 counts of a span of
+# a million sum up fractions (1024 x 1024).
+TOO_LOOSE, MANY = 0.01, 100
 DEFAULT = Build(steps=ALL_STEPS)
 # Most values that may be left out because either side of a choice can be reached. Worst seen: 1.6 % for the clips that
 # rounding in one channel can turn (clip-current, clip-unguarded, 1024 x 1024), 2.4 % in the fused kernel with the
@@ -50,7 +51,7 @@ def rows_of(kernel: str, build: Build, side: int = 96) -> list[Row]:
 
 def check(rows: list[Row]) -> None:
     assert [row for row in rows if row.outside or row.open > MOST_OPEN] == []
-    assert [row for row in rows if row.bound > 0 and row.ratio < TOO_LOOSE] == []
+    assert [row for row in rows if row.rounded > MANY and row.ratio < TOO_LOOSE] == []
 
 
 def test_parts_of_numbers_carry_what_rounding_may_turn() -> None:

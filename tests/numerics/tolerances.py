@@ -39,6 +39,7 @@ class Row(NamedTuple):
     outside: int  # values beyond their bound
     open: float  # share of values that rounding may turn either way, not compared
     lost: float  # share of values that are no number in float64 either: history poisoned on purpose
+    rounded: int  # values that are compared and that the bound allows to be off
 
 
 class Difference(NamedTuple):
@@ -70,9 +71,12 @@ def row_of(output: Output, work: Work, written: Planes, bounds: dict[str, tuple[
         ratio = np.where(error > 0, error / bound, 0.0)
         scale = np.broadcast_to(U * np.maximum(output.scale(work), LEAST_SCALE), value.shape)
         scaled = [float(np.where(compared & (scale > 0), part / scale, 0.0).max()) for part in (bound, error)]
+        rounded = int((compared & (bound > 0)).sum())
         outside = int((compared & ~(np.abs(found - value) <= bound)).sum())
     shares = float(is_open.mean()), float(lost.mean())
-    return Row(output.label, output.unit, value.size, scaled[0], scaled[1], float(ratio.max()), outside, *shares)
+    return Row(
+        output.label, output.unit, value.size, scaled[0], scaled[1], float(ratio.max()), outside, *shares, rounded
+    )
 
 
 def compare_strict(kernel: str, build: Build, work: Work, launcher: Launcher) -> Difference:
