@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cltaa.errors import UsageError
+from cltaa.exr_attributes import MATRICES
 from cltaa.exr_channels import Pixels
-from cltaa.exr_layout import LOSSLESS, Window
+from cltaa.exr_layout import LOSSLESS, Windows
 from cltaa.inputs.parts import read_any_header, read_planes
 from cltaa.sources import Sequence
 
@@ -18,11 +19,11 @@ _OF_THE_FILE = frozenset({"name", "type", "chunkCount", "version", "multiView", 
 
 
 class CarriedOver(NamedTuple):
-    """Channels by name, attributes and the display window of an input."""
+    """Channels by name, attributes and the windows of an input."""
 
     channels: dict[str, Pixels]
     attributes: dict[str, object]
-    window: Window
+    windows: Windows
 
 
 def carried_over(path: Path, layers: tuple[str, ...]) -> CarriedOver:
@@ -36,11 +37,16 @@ def carried_over(path: Path, layers: tuple[str, ...]) -> CarriedOver:
     if layers:
         planes, _ = read_planes(path)
         channels = {name: plane for name, plane in planes.items() if any(fnmatchcase(name, p) for p in layers)}
-    return CarriedOver(channels, attributes, header.layout.display_window)
+    return CarriedOver(channels, attributes, (header.layout.data_window, header.layout.display_window))
 
 
 def merged(carried: CarriedOver, attributes: Mapping[str, object], undeclared: frozenset[str]) -> dict[str, object]:
-    """The attributes of a result over what is carried over; those that the input did not declare are not made up."""
+    """The attributes of a result over what is carried over; those that the input did not declare are not made up.
+
+    Matrices of a file speak of its display window, and those of a frame of its picture: of a region the file's stay.
+    """
+    if carried.windows[0] != carried.windows[1]:
+        undeclared = undeclared | MATRICES
     return carried.attributes | {name: value for name, value in attributes.items() if name not in undeclared}
 
 

@@ -56,17 +56,24 @@ class Comparison:
 
 
 def pair_up(
-    test: Path, reference: Path | None, frames: tuple[int, int] | None = None, *, verify: bool = True, **reading: Any
+    test: Path,
+    reference: Path | None,
+    frames: tuple[int, int] | None = None,
+    *,
+    side_file: Path | None = None,
+    step: int = 1,
+    verify: bool = True,
+    **reading: Any,
 ) -> Comparison:
     """Open a test (folder or file) and its reference (folder or file, or a capture that holds one).
 
     Without a reference the test must be a capture, and its single samples are judged against its own truth.
     ``frames`` are the first and the last frame number to take, both included; all unless given.
     ``verify`` is that of ``open_sequence``; ``reading`` are ``profile`` and ``assignments`` of ``open_input``, for what
-    another tool wrote.
+    another tool wrote; ``side_file`` and ``step`` are those of the capture.
     Raises UsageError, InputMissing and DataError where the two do not belong together.
     """
-    capture = _capture(test if reference is None else reference, verify, reading)
+    capture = _capture(test if reference is None else reference, verify, step, reading | {"side_file": side_file})
     images = open_pictures(test, verify=verify, frames=frames, **reading)
     if capture is not None and capture.reference is not None:
         truth = capture.reference
@@ -80,11 +87,11 @@ def pair_up(
     return comparison
 
 
-def _capture(path: Path, verify: bool, reading: Mapping[str, Any]) -> Sequence | None:
+def _capture(path: Path, verify: bool, step: int, reading: Mapping[str, Any]) -> Sequence | None:
     if not (path / "reference").is_dir():
         return None
     # A frame that is not there is an error where it is asked for.
-    return open_input(path, verify=verify, gaps=OnBreak.RESET, **({} if is_own(path) else reading))
+    return open_input(path, verify=verify, gaps=OnBreak.RESET, step=step, **({} if is_own(path) else reading))
 
 
 def truth_of(sequence: Sequence) -> ImageSequence:

@@ -26,7 +26,7 @@ from cltaa.exr_layout import (
     COMPRESSION_NUMBERS,
     LARGEST_SIDE,
     Layout,
-    Window,
+    Windows,
     check_lossless,
     parse_layout,
     read_layout,
@@ -74,7 +74,7 @@ def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
     with _loaded(path, sha256) as (layout, content):
         names = frame_channels(layout)
         pixels, attributes = _decode(layout, content)
-    header = FrameHeader(path, attributes)
+    header = FrameHeader(path, attributes, layout)
 
     # Each group in a block of its own, and a single plane as it was decoded: what is freed fits what is needed next.
     def stack(wanted: Sequence[str]) -> Image | None:
@@ -114,11 +114,11 @@ def write_image(
     attributes: Mapping[str, object] | None = None,
     *,
     compression: str = "zip",
-    window: Window | None = None,
+    windows: Windows | None = None,
 ) -> None:
     """Write channels ``[H, W]`` (float16, float32 or uint32, as given) and attributes as one EXR, atomically.
 
-    ``compression`` is one that loses nothing; ``window`` is the display and data window, else it begins at (0, 0).
+    ``compression`` is one that loses nothing; ``windows`` are those of data and display, else both begin at (0, 0).
     Python floats become doubles; arrays keep their precision.
     Raises UsageError for arguments that mean nothing, OutputError and StorageError for disks.
     """
@@ -131,9 +131,9 @@ def write_image(
     header = {name: _attribute(name, value) for name, value in (attributes or {}).items() if name not in _STRUCTURAL}
     header["compression"] = OpenEXR.Compression(COMPRESSION_NUMBERS[compression])
     header["type"] = OpenEXR.scanlineimage
-    if window is not None:
+    for name, window in zip(("dataWindow", "displayWindow"), windows or (), strict=False):
         corners = np.array(window, np.int32).reshape(2, 2)
-        header["dataWindow"] = header["displayWindow"] = (corners[0], corners[1])
+        header[name] = (corners[0], corners[1])
     # OpenEXR writes wrong pixels, silently, from an array that is not contiguous.
     contiguous = {name: np.ascontiguousarray(pixels) for name, pixels in channels.items()}
     with atomic_path(path) as temporary:
@@ -184,8 +184,7 @@ def _loaded(path: Path, sha256: str | None) -> Iterator[tuple[Layout, BinaryIO]]
     with open_regular(path) as file:
         layout = parse_layout(path, file)
         # Beside the pixels stands the packed file first, and then the one channel that is being moved into the frame.
-        columns, rows = layout.data_size
-        check_memory(path, layout.decoded_bytes + max(file_size(file), 4 * columns * rows))
+        check_memory(path, layout.decoded_bytes + max(file_size(file), 4 * layout.width * layout.height))
         content = read_all(path, file, sha256)
     with content:
         yield layout, content
@@ -194,10 +193,10 @@ def _loaded(path: Path, sha256: str | None) -> Iterator[tuple[Layout, BinaryIO]]
 def _decode(layout: Layout, content: BinaryIO) -> tuple[dict[str, Pixels], dict[str, object]]:
     file, attributes = _open(layout, content, header_only=False)
     channels = {name: channel.pixels for name, channel in file.channels().items()}
-    columns, rows = layout.data_size
-    if set(channels) != set(layout.channels) or any(plane.shape != (rows, columns) for plane in channels.values()):
+    shape = (layout.height, layout.width)
+    if set(channels) != set(layout.channels) or any(plane.shape != shape for plane in channels.values()):
         raise DataError("the file changed while it was read", path=layout.path, cure="run again")
-    return {name: plane[layout.crop] for name, plane in channels.items()}, attributes
+    return channels, attributes
 
 
 def _open(layout: Layout, content: BinaryIO, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:

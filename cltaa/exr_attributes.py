@@ -13,7 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from cltaa.cameras import of_region
 from cltaa.errors import DataError
+from cltaa.exr_layout import Layout
 from cltaa.frame_checks import check_camera, check_numbers
 from cltaa.frames import Camera, Effect, Frame, Matrix, format_effects, parse_effects
 
@@ -21,6 +23,8 @@ from cltaa.frames import Camera, Effect, Frame, Matrix, format_effects, parse_ef
 _FLIP_Z = np.diag([1.0, 1.0, -1.0, 1.0])
 # Clip space (x right, y up, -1..1) to the standard's NDC: (0, 0) upper left, (1, 1) lower right, depth 0..1.
 _CLIP_TO_NDC = np.array([[0.5, 0, 0, 0.5], [0, -0.5, 0, 0.5], [0, 0, 0.5, 0.5], [0, 0, 0, 1.0]])
+# The attributes that hold matrices, all of them of the whole display window.
+MATRICES = frozenset({"worldToCamera", "worldToNDC", "cltaa:worldToView", "cltaa:viewToClip"})
 _FRAME_NUMBER = re.compile(r"(?:.*\.)?([0-9]{1,9})", re.DOTALL)
 
 
@@ -49,9 +53,12 @@ def frame_attributes(frame: Frame) -> dict[str, object]:
 
 
 class FrameHeader:
-    """The attributes of one frame's header, read one by one; every problem is a DataError that names the attribute."""
+    """The attributes of one frame's header, read one by one; every problem is a DataError that names the attribute.
 
-    def __init__(self, path: Path, attributes: Mapping[str, object]) -> None:
+    ``camera`` is that of the picture, which may be a region of the display window.
+    """
+
+    def __init__(self, path: Path, attributes: Mapping[str, object], layout: Layout) -> None:
         """Keep ``attributes`` as the OpenEXR module gives them."""
         self._path, self._attributes = path, attributes
         self.index = self._integer("cltaa:frame", default=frame_number(path) or 0)
@@ -63,11 +70,12 @@ class FrameHeader:
         self.jitter_px = (float(jitter[0]), float(jitter[1]))
         self.exposure = self._exposure()
         check_numbers(self.jitter_px, self.exposure, path=path, frame=self.index)
-        self.camera = Camera(
+        whole = Camera(
             world_to_view=np.ascontiguousarray(self._numbers("cltaa:worldToView", (4, 4)).T),
             view_to_clip=np.ascontiguousarray(self._numbers("cltaa:viewToClip", (4, 4)).T),
         )
-        check_camera(self.camera, path=path, frame=self.index)
+        check_camera(whole, path=path, frame=self.index)
+        self.camera = of_region(whole, layout)
         self.scene = self._text("cltaa:scene") or ""
         self.effects = self._effects()
 

@@ -9,6 +9,7 @@ What it lets pass, OpenEXR understands in the same way: nothing stands twice, an
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -34,12 +35,16 @@ LOSSLESS = frozenset({"none", "rle", "zips", "zip", "piz", "htj2k256", "htj2k32"
 LARGEST_RATIO = {"none": 1, "rle": 64, "zips": 1032, "zip": 1032}
 
 Window = tuple[int, int, int, int]  # x and y of the first pixel, x and y of the last
+Windows = tuple[Window, Window]  # of the data, and of the display
 Counts = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Shape of an EXR image or a part of one: channel name -> "uint", "half" or "float", windows, compression."""
+    """Shape of an EXR image or a part of one: channel name -> "uint", "half" or "float", windows, compression.
+
+    The picture is the data window, all that was drawn: a region of the display window, or more than it (overscan).
+    """
 
     path: Path
     channels: dict[str, str]
@@ -50,18 +55,23 @@ class Layout:
 
     @property
     def width(self) -> int:
-        """Columns of the picture, which is the display window."""
-        return self.display_window[2] - self.display_window[0] + 1
+        """Columns of the picture, which is the data window."""
+        return self.data_window[2] - self.data_window[0] + 1
 
     @property
     def height(self) -> int:
-        """Rows of the picture, which is the display window."""
-        return self.display_window[3] - self.display_window[1] + 1
+        """Rows of the picture, which is the data window."""
+        return self.data_window[3] - self.data_window[1] + 1
 
     @property
-    def data_size(self) -> tuple[int, int]:
-        """Columns and rows of the data window."""
-        return self.data_window[2] - self.data_window[0] + 1, self.data_window[3] - self.data_window[1] + 1
+    def display_size(self) -> tuple[int, int]:
+        """Columns and rows of the display window, of which camera matrices and fractions of a picture speak."""
+        return self.display_window[2] - self.display_window[0] + 1, self.display_window[3] - self.display_window[1] + 1
+
+    @property
+    def offset(self) -> tuple[int, int]:
+        """Columns and rows from the first pixel of the display window to that of the picture."""
+        return self.data_window[0] - self.display_window[0], self.data_window[1] - self.display_window[1]
 
     @property
     def bytes_a_pixel(self) -> int:
@@ -71,19 +81,22 @@ class Layout:
     @property
     def decoded_bytes(self) -> int:
         """Bytes of all its pixels, as decoded."""
-        columns, rows = self.data_size
-        return columns * rows * self.bytes_a_pixel
+        return self.width * self.height * self.bytes_a_pixel
 
     @property
     def chunk_bytes(self) -> int:
         """Bytes of a chunk of scan lines, as decoded."""
-        return dict(COMPRESSIONS)[self.compression] * self.data_size[0] * self.bytes_a_pixel
+        return dict(COMPRESSIONS)[self.compression] * self.width * self.bytes_a_pixel
 
-    @property
-    def crop(self) -> tuple[slice, slice]:
-        """Rows and columns of the data window that make up the picture (a renderer may draw more, never less)."""
-        row, column = self.display_window[1] - self.data_window[1], self.display_window[0] - self.data_window[0]
-        return slice(row, row + self.height), slice(column, column + self.width)
+    def part_of(self, window: Window) -> tuple[slice, slice]:
+        """Rows and columns of the picture that lie in ``window``; raises DataError unless it covers all of that."""
+        left, top, right, bottom = self.data_window
+        if not (left <= window[0] <= window[2] <= right and top <= window[1] <= window[3] <= bottom):
+            raise DataError(
+                "the data window does not cover the picture", path=self.path, expected=f"at least {window}",
+                found=self.data_window, cure="write all channels with one data window",
+            )  # fmt: skip
+        return slice(window[1] - top, window[3] - top + 1), slice(window[0] - left, window[2] - left + 1)
 
 
 def read_layout(path: Path) -> Layout:
@@ -123,6 +136,9 @@ def parse_parts(path: Path, file: BinaryIO) -> tuple[Layout, ...]:
             raise ValueError("parts of one name, or of a name that could harm a terminal")
         if len({part.display_window for part in parts}) > 1:
             raise DataError("the parts do not make one picture", path=path, cure="write them with one display window")
+        picture = common_window(parts)
+        for part in parts:
+            part.part_of(picture)
         tiled = [header["type"] == b"tiledimage" if many else bool(version & TILED) for header in headers]
         chunks = [_chunk_sizes(*its) for its in zip(parts, headers, tiled, strict=True)]
         behind = place + 8 * sum(len(sizes) for sizes in chunks)
@@ -134,6 +150,12 @@ def parse_parts(path: Path, file: BinaryIO) -> tuple[Layout, ...]:
     except (struct.error, IndexError, KeyError, ValueError) as error:
         raise DataError("the EXR header is damaged or cut off", path=path, cure="write the file again") from error
     return parts
+
+
+def common_window(parts: Sequence[Layout]) -> Window:
+    """The picture that all parts of a file have: their data window if it is one, else the display window."""
+    windows = {part.data_window for part in parts}
+    return windows.pop() if len(windows) == 1 else parts[0].display_window
 
 
 def _layout(path: Path, header: Header, many: bool) -> Layout:
@@ -170,19 +192,17 @@ def _check_windows(layout: Layout) -> None:
             expected = f"1 to {LARGEST_SIDE} pixels a side"
             raise DataError(f"impossible {name}", path=layout.path, expected=expected, found=f"{width} x {height}")
     data, display = layout.data_window, layout.display_window
-    if data[0] > display[0] or data[1] > display[1] or data[2] < display[2] or data[3] < display[3]:
+    if data[0] > display[2] or data[1] > display[3] or data[2] < display[0] or data[3] < display[1]:
         raise DataError(
-            "the data window does not cover the display window",
-            path=layout.path, expected=f"at least {display}", found=data,
-            cure="write the whole picture: no crop or render region, in Nuke no autocrop",
+            "the data window lies outside of the display window", path=layout.path, expected=f"some of {display}",
+            found=data, cure="render a region of the picture, or the whole",
         )  # fmt: skip
 
 
 def _row_sizes(layout: Layout, rows_per_chunk: int) -> Counts:
     """Pixels of each chunk of scan lines."""
-    columns, rows = layout.data_size
-    starts = np.arange(0, rows, rows_per_chunk)
-    return np.minimum(rows_per_chunk, rows - starts) * columns
+    starts = np.arange(0, layout.height, rows_per_chunk)
+    return np.minimum(rows_per_chunk, layout.height - starts) * layout.width
 
 
 def _tile_sizes(layout: Layout, value: bytes) -> Counts:
@@ -192,7 +212,7 @@ def _tile_sizes(layout: Layout, value: bytes) -> Counts:
         raise DataError("mip-mapped images are not read", path=layout.path, cure="write scan lines")
     if not (0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE):
         raise ValueError("tiles of no size, or larger than any image")
-    columns, rows = layout.data_size
+    columns, rows = layout.width, layout.height
     smallest = ((columns - 1) % width + 1) * ((rows - 1) % height + 1)
     return np.full(-(-columns // width) * -(-rows // height), smallest)
 

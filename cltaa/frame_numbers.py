@@ -86,7 +86,7 @@ def frame_missing(path: Path, number: int, apart: int = 1) -> InputMissing:
     """The error for a frame that should be there, where those that are there lie ``apart``."""
     cure = "capture or render it again; resolve --gaps reset begins anew behind each gap"
     if apart > 1:
-        cure = f"the frames are {apart} apart: resolve --step {apart} takes each as the one after the last"
+        cure = f"the frames are {apart} apart: --step {apart} takes each as the one after the last"
     return InputMissing("the frame is missing", path=path, frame=number, cure=cure)
 
 

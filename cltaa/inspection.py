@@ -92,7 +92,7 @@ def inspect_folder(
             layouts[number] = header.layout
             result.resolved_by = str(header.attributes.get(RESOLVED, ""))
             _check_channels(header)
-            headers[number] = FrameHeader(path, header.attributes)
+            headers[number] = FrameHeader(path, header.attributes, header.layout)
             if pixels:
                 channels = read_image(path, sha256=recorded.get(path.name))[0]
                 for channel, plane in channels.items():

@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,13 +28,17 @@ FLIP_PIXELS_PER_DEGREE = 67.0  # FLIP's own default: 0.7 m from a 3840 pixel, 0.
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """A named error measure: ``function(test, reference, stops)``, what it says, and which direction is better."""
+    """A named error measure: ``function(test, reference, stops)``, what it says, and which direction is better.
+
+    ``needs`` imports the library that it is worked out by; raises UsageError that says what to install.
+    """
 
     name: str
     function: Callable[[Image, Image, float], float]
     title: str
     higher_is_better: bool
     form: str  # format of a value in a table
+    needs: Callable[[], object] = lambda: None
 
 
 def mse(test: Image, reference: Image) -> float:
@@ -74,12 +79,21 @@ def display_ssim(test: Image, reference: Image) -> float:
         expected = f"at least {SSIM_SMALLEST_SIDE} pixels a side"
         found, cure = f"{test.shape[1]} x {test.shape[0]}", "leave it out: --metrics mse,psnr,flip"
         raise DataError("image too small for SSIM", expected=expected, found=found, cure=cure)
-    module = import_extra("skimage.metrics", package="scikit-image", extra="metrics", purpose="metric ssim")
-    value = module.structural_similarity(
+    value = _import_skimage().structural_similarity(
         luma(test), luma(reference),
         gaussian_weights=True, sigma=SSIM_SIGMA, use_sample_covariance=False, data_range=1.0,
     )  # fmt: skip
     return float(value)
+
+
+def _import_skimage() -> Any:
+    return import_extra("skimage.metrics", package="scikit-image", extra="metrics", purpose="metric ssim")
+
+
+def _import_flip() -> Any:
+    # The module brings an OpenMP of its own, whose threads spin while they wait: nine times as long on a busy machine.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    return import_extra("flip_evaluator", package="flip-evaluator", extra="metrics", purpose="metric flip")
 
 
 def flip_map(test: Image, reference: Image, stops: float = 0.0, *, hdr: bool = False) -> Image:
@@ -101,11 +115,8 @@ def display_flip(test: Image, reference: Image) -> Image:
 
 
 def _flip(test: Image, reference: Image, scale: str) -> Image:
-    # The module brings an OpenMP of its own, whose threads spin while they wait: nine times as long on a busy machine.
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-    module = import_extra("flip_evaluator", package="flip-evaluator", extra="metrics", purpose="metric flip")
     reference_image, test_image = (np.ascontiguousarray(image, dtype=np.float32) for image in (reference, test))
-    error, _, _ = module.evaluate(
+    error, _, _ = _import_flip().evaluate(
         reference_image, test_image, scale,
         applyMagma=False, computeMeanError=False, parameters={"ppd": FLIP_PIXELS_PER_DEGREE},
     )  # fmt: skip
@@ -126,25 +137,49 @@ METRICS = {
         Metric(
             "psnr-linear", lambda a, b, _: psnr(mse(a, b)), "PSNR of all linear light for a peak of 1, dB", True, ".2f"
         ),
-        Metric("ssim", ssim, "SSIM of display luma", True, ".4f"),
+        Metric("ssim", ssim, "SSIM of display luma", True, ".4f", _import_skimage),
         Metric(
-            "flip", lambda a, b, s: float(flip_map(a, b, s).mean()), "mean FLIP of the display images", False, ".4f"
+            "flip",
+            lambda a, b, s: float(flip_map(a, b, s).mean()),
+            "mean FLIP of the display images",
+            False,
+            ".4f",
+            _import_flip,
         ),
-        Metric("flip-hdr", lambda a, b, s: float(flip_map(a, b, s, hdr=True).mean()), "mean HDR-FLIP", False, ".4f"),
+        Metric(
+            "flip-hdr",
+            lambda a, b, s: float(flip_map(a, b, s, hdr=True).mean()),
+            "mean HDR-FLIP",
+            False,
+            ".4f",
+            _import_flip,
+        ),
     )
 }
 DEFAULT_METRICS = ("mse", "psnr", "ssim", "flip")
 
 
 def parse_metrics(text: str) -> tuple[Metric, ...]:
-    """Metrics named in a comma-separated list, or all of them for ``all``; raises UsageError for an unknown name."""
+    """Metrics named in a comma-separated list, or all of them for ``all``; raises what ``named_metrics`` does."""
     names = list(METRICS) if text == "all" else [name.strip() for name in text.split(",") if name.strip()]
-    for name in names:
-        if name not in METRICS:
-            raise UsageError(f"unknown metric {name}", cure=known(name, METRICS, "metrics"))
     if not names:
         raise UsageError("no metric is named", expected=", ".join(METRICS))
-    return tuple(METRICS[name] for name in dict.fromkeys(names))
+    return named_metrics(names)
+
+
+def named_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
+    """Metrics by their names, each once, ready to be worked out.
+
+    Raises UsageError for an unknown name, and where the library of one is not there: before the work, and not in it.
+    """
+    metrics = []
+    for name in dict.fromkeys(names):
+        if name not in METRICS:
+            raise UsageError(f"unknown metric {name}", cure=known(name, METRICS, "metrics"))
+        metrics.append(METRICS[name])
+    for metric in metrics:
+        metric.needs()
+    return tuple(metrics)
 
 
 def measure(

@@ -50,10 +50,11 @@ class NumberedFiles:
         check_steps(paths, (numbers[0], numbers[-1]), step, gaps)
         self._paths = {number: paths[number] for number in numbers}
         self.layouts: dict[int, Layout] = {}
+        before: Layout | None = None
         for number, path in self._paths.items():
             self.layouts[number] = layout = read_layout(path)
-            if on_resize is OnBreak.ERROR:
-                check_size(layout, self.layouts[self.first], number)
+            check_size(layout, before or layout, number, on_resize)
+            before = layout
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -116,20 +117,40 @@ class NumberedFiles:
         )  # fmt: skip
 
 
-def check_size(layout: Layout, first: Layout, number: int) -> None:
-    """Raise DataError unless frame ``number`` has the size of the first."""
-    if (layout.width, layout.height) != (first.width, first.height):
-        expected, found = f"{first.width} x {first.height}", f"{layout.width} x {layout.height}"
+def check_size(layout: Layout, before: Layout, number: int, on_resize: OnBreak) -> None:
+    """Raise DataError unless frame ``number`` has the size of the one before, or may have another, and its region."""
+    if (layout.width, layout.height) != (before.width, before.height):
+        if on_resize is OnBreak.RESET:
+            return
+        expected, found = f"{before.width} x {before.height}", f"{layout.width} x {layout.height}"
         cure = "all frames of a sequence have one size; resolve --on-resize reset begins anew at each change"
         raise DataError("size differs", path=layout.path, frame=number, expected=expected, found=found, cure=cure)
+    check_region(layout, before, f"the frame before, {before.path.name}", number)
+
+
+def check_region(layout: Layout, other: Layout, named: str, number: int | None = None) -> None:
+    """Raise DataError where two pictures of one size are other regions of their display windows."""
+    if layout.offset != other.offset or layout.display_size != other.display_size:
+        expected, found = _region(other), _region(layout)
+        cure = "render one region in all frames, or the whole picture: no autocrop"
+        what = f"shows another region than {named}"
+        raise DataError(what, path=layout.path, frame=number, expected=expected, found=found, cure=cure)
+
+
+def _region(layout: Layout) -> str:
+    (columns, rows), (left, top) = layout.display_size, layout.offset
+    return f"{layout.width} x {layout.height} at ({left}, {top}) of {columns} x {rows}"
 
 
 def check_same_size(one: NumberedFiles, other: NumberedFiles) -> None:
-    """Raise DataError unless both have the same width and height."""
+    """Raise DataError unless both have the same width and height, and show one region of one display window."""
+    first, second = one.layouts[one.first], other.layouts[other.first]
     if (one.width, one.height) != (other.width, other.height):
         expected, found = f"{one.width} x {one.height}", f"{other.width} x {other.height}"
         path = other.path(other.first)
         raise DataError(f"size differs from {one.folder}", path=path, expected=expected, found=found)
+    if first.display_size == second.display_size:  # else one of the two was written without its place
+        check_region(second, first, str(one.folder))
 
 
 def numbered_files(folder: Path) -> tuple[Path, str, dict[int, Path]]:

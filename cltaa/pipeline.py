@@ -89,7 +89,7 @@ def resolve_sequence(
     result. A run that was cut short goes on where it stopped, to the same bits; SIGINT and SIGTERM finish the frame in
     work, save the state and raise KeyboardInterrupt. A device that is lost is opened once more. Views to
     ``debug`` become layers of the EXRs, and PNGs in a folder of that name. Channels of the input that match one of
-    ``layers`` are kept beside the resolved ones, and its attributes and window always.
+    ``layers`` are kept beside the resolved ones, and its attributes and windows always.
 
     Raises UsageError where ``output`` is the sequence's own folder or was begun with other settings (unless
     ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
@@ -204,8 +204,8 @@ class _Run:
         told = resolved_attributes(read.frame, self._resolver)
         attributes = merged(read.carried, told, self._sequence.undeclared)
         finish = partial(self._folder.finish, path, read.source)
-        kept, window = read.carried.channels, read.carried.window
-        writer.write(path, lambda: kept | resolved() | dict(views), attributes, then=finish, window=window)
+        kept, windows = read.carried.channels, read.carried.windows
+        writer.write(path, lambda: kept | resolved() | dict(views), attributes, then=finish, windows=windows)
         self._written.add(read.frame.index)
 
     def _note(self, times: Times) -> None:

@@ -123,7 +123,8 @@ class Sequence(NumberedFiles):
     def frame_header(self, number: int) -> FrameHeader:
         """Camera, jitter, cut and exposure of one frame number, checked, read without its pixels."""
         path = self.path(number)
-        return FrameHeader(path, read_header(path).attributes)
+        header = read_header(path)
+        return FrameHeader(path, header.attributes, header.layout)
 
     def outline(self, number: int) -> Frame:
         """A frame of which only the header was read: its channels are there, and empty."""

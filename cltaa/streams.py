@@ -22,7 +22,7 @@ from typing import Self, TypeVar
 
 from cltaa.exr import write_image
 from cltaa.exr_channels import Pixels
-from cltaa.exr_layout import Window
+from cltaa.exr_layout import Windows
 
 # Frames that are decoded ahead, and results that wait to be written, each in a thread of its own: several, because a
 # thread is half of the time busy with what those that unpack and pack do not share: the file's bytes, SHA-256, planes,
@@ -141,7 +141,7 @@ class Writer:
         channels: Mapping[str, Pixels] | Callable[[], Mapping[str, Pixels]],
         attributes: Mapping[str, object] | None = None,
         then: Callable[[], None] | None = None,
-        window: Window | None = None,
+        windows: Windows | None = None,
     ) -> None:
         """Queue one image for ``cltaa.exr.write_image``, and what is to be done ``then``; raises an earlier failure.
 
@@ -155,7 +155,7 @@ class Writer:
 
         def write() -> None:
             planes = channels() if callable(channels) else channels
-            write_image(path, planes, attributes, compression=compression, window=window)
+            write_image(path, planes, attributes, compression=compression, windows=windows)
 
         self._images.append(self._pool.submit(_write, write, then, self._failed, self.seconds))
 

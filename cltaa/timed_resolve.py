@@ -17,7 +17,7 @@ def timed_numbers(sequence: Sequence) -> list[int]:
     """The numbers of the last two frames of which the later goes on from the earlier: what is timed of a sequence."""
     numbers = list(sequence.numbers)
     last = next((n for n in reversed(numbers[1:]) if not sequence.frame_header(n).cut), numbers[-1])
-    return [number for number in numbers if last - 1 <= number <= last]
+    return [number for number in numbers if last - sequence.step <= number <= last]
 
 
 def timed_frames(sequence: Sequence) -> list[Frame]:
@@ -44,7 +44,7 @@ def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int 
 
 def _keep_before(resolver: Resolver, frame: Frame) -> None:
     """Keep ``frame`` as often as the preset keeps frames, as if each had been resolved, if its plan gathers at all."""
-    before = replace(frame, index=frame.index - 1)
+    before = replace(frame, index=frame.index - frame.step)
     resolver.resolve(before)
     resolver.keep_again(before, resolver.preset.settings.frames_kept)
 

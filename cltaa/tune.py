@@ -16,7 +16,7 @@ from cltaa.comparison import truth_of
 from cltaa.errors import UsageError
 from cltaa.extras import import_extra
 from cltaa.launch import Launcher
-from cltaa.metrics import METRICS
+from cltaa.metrics import METRICS, named_metrics
 from cltaa.params import Choices
 from cltaa.presets import Preset, load_preset, override, preset_names
 from cltaa.printable import counted
@@ -231,4 +231,5 @@ def parse_goal(budget: str | None, target: str | None, metric: str) -> Goal:
     if name not in METRICS or METRICS[name].higher_is_better:
         falling = [metric.name for metric in METRICS.values() if not metric.higher_is_better]
         raise UsageError("no metric to minimise", expected=", ".join(falling), found=name)
+    named_metrics([name])  # missed now, and not after sequences were read and kernels built
     return Goal(metric=name, **({"target": value} if target is not None else {"budget_ms": value}))

@@ -7,7 +7,7 @@ up by its place. A record of another search, or what a kill left of a line, coun
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
 
@@ -29,13 +29,14 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
     milliseconds: float  # a frame, least of ROUNDS, the mean over the sequences
 
 
-def key_of(*decided: object, sequences: Iterable[Sequence]) -> str:
+def key_of(*decided: object, sequences: Collection[Sequence]) -> str:
     """A hash of everything that decides what a trial finds: what was asked for, the code and the files."""
     files = [
         [(str(path.resolve()), path.stat().st_size, path.stat().st_mtime_ns) for path in sequence.paths]
         for sequence in sequences
     ]
-    return hashlib.sha256(msgspec.json.encode([*decided, code_sha256(), files])).hexdigest()
+    steps = [sequence.step for sequence in sequences]
+    return hashlib.sha256(msgspec.json.encode([*decided, code_sha256(), files, steps])).hexdigest()
 
 
 class Record:

@@ -95,6 +95,7 @@ class VideoScores:
     """
 
     def __init__(self, tests: int = 1, stops: float = 0.0) -> None:
+        import_ndimage()  # missed now, and not after the first frame
         self.totals = [Sums() for _ in range(tests)]
         self._stops = stops
         self._past: _Past | None = None
@@ -113,7 +114,7 @@ class VideoScores:
         different = {id(test): test.astype(np.float64) for test in tests}
         errors = {key: test - shown for key, test in different.items()}
         past = self._past
-        if past is not None and (frame.cut or frame.index != past.frame.index + 1):
+        if past is not None and (frame.cut or frame.index != past.frame.index + frame.step):
             past = None
         found = None if past is None else correspondence(frame, past.frame)
         stale, age = _follow_stale(shown, past, found)

@@ -21,18 +21,22 @@ from cltaa.build import Build
 from cltaa.errors import DataError, ResourceError
 from cltaa.kernel_files import kernel_folder
 from cltaa.launch import DeviceLauncher
-from cltaa.sources import open_sequence
 
 TIMES = "times"  # folder of what is finished of each sequence
 ERRORS_SHARE = 0.6  # of a limit of time, after which no error is begun and what is complete is timed
 
 
 def tasks_of(
-    folders: Sequence[Path], variants: Sequence[Variant], device: str | None, metrics: tuple[str, ...], rounding: int
+    folders: Sequence[Path],
+    variants: Sequence[Variant],
+    device: str | None,
+    metrics: tuple[str, ...],
+    rounding: int,
+    step: int = 1,
 ) -> list[Task]:
     """Every variant over every sequence, in a fixed order: what ``--list`` prints and ``--task`` counts."""
     return [
-        Task(sequence=str(folder), variant=variant, device=device, metrics=metrics, rounding_frames=rounding)
+        Task(sequence=str(folder), variant=variant, device=device, metrics=metrics, rounding_frames=rounding, step=step)
         for folder in folders
         for variant in variants
     ]
@@ -73,7 +77,7 @@ def bench_accuracy(
     for folder in folders:
         mine, started = [task for task in tasks if task.sequence == folder], time.monotonic()
         if not paths[folder].is_file() and started + slowest < begun + time_limit and _complete(mine, output):
-            captured = open_sequence(Path(folder))
+            captured = mine[0].open()
             _save(measure_sequence(captured, mine, output, launcher, timing, progress), paths[folder])
             slowest = max(slowest, time.monotonic() - started)
         sequences += _load(paths[folder])

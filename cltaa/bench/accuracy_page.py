@@ -22,7 +22,6 @@ from cltaa.display import to_picture
 from cltaa.frames import Frame, Image
 from cltaa.metrics import METRICS
 from cltaa.pictures import heat
-from cltaa.sources import open_sequence
 
 _FOLDER = resources.files("cltaa") / "bench" / "page"
 
@@ -55,7 +54,7 @@ def _read(name: str) -> str:
 
 def _pictures(tasks: Sequence[Task], output: Path) -> dict[str, Any]:
     """Data addresses of what can be looked at of one sequence, all of its last frame."""
-    sequence = open_sequence(Path(tasks[0].sequence))
+    sequence = tasks[0].open()
     (frame,) = sequence.select(sequence.last, sequence.last)
     truth = to_picture(truth_of(sequence).image(sequence.last))
     variants = {}

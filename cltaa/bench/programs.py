@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -22,7 +21,6 @@ from cltaa.launch import DeviceLauncher, NumpyLauncher
 from cltaa.layout import Layout
 from cltaa.program import source
 from cltaa.sources import Sequence as Captured
-from cltaa.sources import open_sequence
 from cltaa.timed_resolve import resolve_job, timed_numbers
 
 
@@ -54,7 +52,7 @@ def programs_of(tasks: Sequence[Task], launcher: DeviceLauncher, pixels: int | N
 
     ``pixels`` are those of a frame that is timed, at least; None: what fills the device.
     """
-    captured = open_sequence(Path(tasks[0].sequence))
+    captured = tasks[0].open()
     frames = {number: _pixel_of(captured, number) for number in captured.numbers}
     pair = [frames[number] for number in timed_numbers(captured)]
     factor = enlargement(captured, launcher, pixels)

@@ -13,12 +13,13 @@ import numpy as np
 from cltaa.bench.redrawn import redrawn_of
 from cltaa.comparison import truth_samples
 from cltaa.correspondence import Mask
+from cltaa.detail import import_ndimage
 from cltaa.display import shown_light, to_display
 from cltaa.equal_quality import equal_quality_samples
 from cltaa.errors import DataError, InputMissing
 from cltaa.frames import Image
 from cltaa.launch import Launcher
-from cltaa.metrics import display_flip, display_ssim, mean, mse, psnr
+from cltaa.metrics import display_flip, display_ssim, mean, mse, named_metrics, psnr
 from cltaa.presets import Preset
 from cltaa.progress import track
 from cltaa.resolve import Resolver
@@ -153,6 +154,12 @@ class _Tally:
             **self.video.scores(),
         }
         return {name: value if math.isfinite(value) else None for name, value in values.items()}
+
+
+def import_judges() -> None:
+    """Import the libraries that judge; raises UsageError where one is missing."""
+    named_metrics(("ssim", "flip"))
+    import_ndimage()
 
 
 def judge_sequence(

@@ -34,7 +34,9 @@ class Cells:
         self, folder: Path, sequence: Sequence, settled: int, flip_every: int, *, any_code: bool = False
     ) -> None:
         self._folder, self._any_code = make_folder(folder), any_code
-        self._base = f"{FORMAT} {settled} {flip_every} {sequence_sha256(sequence)}"
+        # A step of 1 goes unsaid, so that cells of before it was known still count.
+        step = "" if sequence.step == 1 else f" step {sequence.step}"
+        self._base = f"{FORMAT} {settled} {flip_every} {sequence_sha256(sequence)}{step}"
 
     def get(self, name: str, preset: Preset | None) -> Judged | None:
         """The cell of a preset (None: of the single samples), or None where it must be measured."""

@@ -17,11 +17,10 @@ from cltaa.display import Picture, to_picture
 from cltaa.frames import Image
 from cltaa.launch import Launcher
 from cltaa.pictures import GAP, error_map, label, write_png
-from cltaa.presets import Preset, load_preset
+from cltaa.presets import Preset, load_preset, preset_names
 from cltaa.progress import track
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence as Captured
-from cltaa.sources import open_sequence
 
 SHARE = 4  # the crop's side is this part of the image's height
 ZOOM = 5
@@ -39,15 +38,18 @@ class Crop(NamedTuple):
 
 def write_pictures(
     table: Table,
-    folders: Mapping[str, Path],
+    sequences: Mapping[str, Captured],
     presets: Sequence[Preset],
     output: Path,
     page: Path | None,
     launcher: Launcher,
 ) -> dict[str, str]:
-    """Write one PNG a preset into ``output``; returns the Markdown that shows each, by preset."""
+    """Write one PNG a preset into ``output``, and delete those that stand for none of them any more.
+
+    Returns the Markdown that shows each, by preset.
+    """
     make_folder(output)
-    texts = {}
+    texts, stale = {}, {*preset_names(), *(preset.name for preset in presets)}
     for preset in track(presets, len(presets), "showing failures", unit="presets"):
         if preset.name != DEFAULT and all(row.presets[preset.name] == row.presets.get(DEFAULT) for row in table.rows):
             texts[preset.name] = f"The same as {DEFAULT} on every sequence."
@@ -58,11 +60,14 @@ def write_pictures(
         row = worst_row(table.rows, preset.name)
         others = [] if preset.name == DEFAULT else [load_preset(DEFAULT)]
         resolvers = {each.name: Resolver(each, launcher) for each in (preset, *others)}
-        crop = worst_crop(open_sequence(folders[row.key]), resolvers, preset.name)
+        crop = worst_crop(sequences[row.key], resolvers, preset.name)
         path = output / f"{preset.name}.png"
         write_png(path, _magnified(crop))
+        stale.remove(preset.name)
         link = os.path.relpath(path, path.parent if page is None else page.parent)
         texts[preset.name] = f"{caption(row, preset.name, crop.frame)}\n\n![{preset.name}]({Path(link).as_posix()})"
+    for name in stale:
+        (output / f"{name}.png").unlink(missing_ok=True)
     return texts
 
 

@@ -44,6 +44,11 @@ class Task(msgspec.Struct, frozen=True, kw_only=True):
     device: str | None
     metrics: tuple[str, ...]
     rounding_frames: int  # of the first frames; 0 leaves that axis out
+    step: int = 1  # how far frame numbers lie apart
+
+    def open(self) -> Sequence:
+        """The sequence."""
+        return open_sequence(Path(self.sequence), step=self.step)
 
     def key(self) -> str:
         """What the result depends on, as a name for its file: another sequence or other code has another key."""
@@ -99,7 +104,7 @@ def opened(device: str | None) -> Launcher:
 
 def run_task(task: Task) -> Errors:
     """Resolve the whole sequence and measure; raises InputMissing where the sequence has no truth."""
-    sequence = open_sequence(Path(task.sequence))
+    sequence = task.open()
     truth = truth_of(sequence)
     resolver = task.variant.resolver(opened(task.device or os.environ.get(WISH)))
     twin = Resolver(task.variant.preset, DoubleTwin()) if task.rounding_frames else None

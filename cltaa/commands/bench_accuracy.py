@@ -24,7 +24,7 @@ from cltaa.bench.distribution import run_all
 from cltaa.bench.ladder import Variant, ladder
 from cltaa.bench.plots import import_pyplot
 from cltaa.bench.variant_errors import Task
-from cltaa.commands.options import FILE_PATH, NAMES, PRESET, device_option, json_option
+from cltaa.commands.options import FILE_PATH, NAMES, PRESET, device_option, json_option, step_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError, known
 from cltaa.launch import DeviceLauncher
@@ -69,6 +69,7 @@ from cltaa.timing import Clock
               help="Sequences, the first ones, whose frames the page shows and that are plotted.")  # fmt: skip
 @click.option("--list", "listed", is_flag=True, help="Print one command line a task, for a render farm, and stop.")
 @click.option("--task", "number", type=click.IntRange(min=0), metavar="K", help="Do task K of that list, and stop.")
+@step_option
 @json_option
 def accuracy(
     sequences: tuple[Path, ...],
@@ -90,6 +91,7 @@ def accuracy(
     pictured: int,
     listed: bool,
     number: int | None,
+    step: int,
     as_json: bool,
 ) -> None:
     """Measure error and time of every variant of the resolve over each SEQUENCE, and write a report.
@@ -101,7 +103,7 @@ def accuracy(
     both need are built first by those processes, each once.
     """
     names = tuple(metric.name for metric in parse_metrics(metrics))
-    tasks = tasks_of(sequences, chosen_variants(preset, only, named, full=full), device, names, rounding_frames)
+    tasks = tasks_of(sequences, chosen_variants(preset, only, named, full=full), device, names, rounding_frames, step)
     if build_only:
         launcher = DeviceLauncher(device)
         count = build_programs(tasks, launcher, pixels=pixels, jobs=jobs, until=math.inf, progress=_progress)

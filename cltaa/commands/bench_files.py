@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.bench.files import CODECS, FilesBench, bench_files
-from cltaa.commands.options import FILE_PATH, FROM_1, NAMES, PRESET, device_option, json_option
+from cltaa.commands.options import FILE_PATH, FROM_1, NAMES, PRESET, device_option, json_option, step_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
 from cltaa.exr_layout import LOSSLESS
@@ -29,10 +29,11 @@ from cltaa.timing import Interval
 @click.option("--commands", "commands", type=NAMES, default="zip", show_default=True,
               help="Compressions to run the whole command with; with :half behind it, writing halves.")  # fmt: skip
 @click.option("--rounds", default=5, show_default=True, type=click.IntRange(min=3), help="Rounds.")
+@step_option
 @json_option
 def files(
     sequence: Path, preset: str, device: str | None, compressions: tuple[str, ...], threads: tuple[int, ...],
-    commands: tuple[str, ...], rounds: int, as_json: bool,
+    commands: tuple[str, ...], rounds: int, step: int, as_json: bool,
 ) -> None:  # fmt: skip
     """Time writing and reading a resolved frame of SEQUENCE, and the whole resolve against its stages.
 
@@ -42,7 +43,7 @@ def files(
     time of all of them together.
     """
     found = bench_files(
-        open_capture(sequence), load_preset(preset), device,
+        open_capture(sequence, step=step), load_preset(preset), device,
         codecs=[_codec(name) for name in compressions], threads=threads,
         commands=[_command(text) for text in commands], rounds=rounds,
         progress=lambda numbers, total: track(numbers, total, "timing", unit="rounds"),

@@ -11,13 +11,23 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table as Grid
 
-from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged, judge_sequence
+from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged, import_judges, judge_sequence
 from cltaa.bench.quality_cases import HELD_OUT, MODEL, TRAIN, Case, Shape, capture, known_scenes, open_case, planned
 from cltaa.bench.quality_cells import Cells
 from cltaa.bench.quality_page import check_page, markdown, write_page
 from cltaa.bench.quality_pictures import write_pictures
 from cltaa.bench.quality_summary import Table, ordered, summarise
-from cltaa.commands.options import ALL_SCENES, FILE_PATH, FROM_0, PRESET, SCENES, SIZE, device_option, json_option
+from cltaa.commands.options import (
+    ALL_SCENES,
+    FILE_PATH,
+    FROM_0,
+    PRESET,
+    SCENES,
+    SIZE,
+    device_option,
+    json_option,
+    step_option,
+)
 from cltaa.errors import UsageError, known
 from cltaa.launch import Launcher, launcher_for
 from cltaa.presets import Preset, load_preset, preset_names
@@ -82,6 +92,7 @@ NARROWEST = 160  # columns of the terminal, so that no number is cut off
     metavar="DIR",
     help="Write a picture of each preset's worst place beside the truth.",
 )
+@step_option
 @json_option
 def quality(
     scenes: tuple[str, ...],
@@ -101,6 +112,7 @@ def quality(
     any_code: bool,
     page: Path | None,
     pictures: Path | None,
+    step: int,
     as_json: bool,
 ) -> None:
     """Judge presets on sequences with a truth: PSNR, SSIM, FLIP, equal-quality samples and the faults in time.
@@ -109,8 +121,9 @@ def quality(
     and measured again only where sequence, preset or code changed, so that a run can be cut short and go on. Runs of
     other scenes may share --work at the same time.
     """
+    import_judges()  # this and the next before what may take hours
     if page is not None:
-        check_page(page)  # before what may take hours
+        check_page(page)
     chosen = [load_preset(name) for name in presets or preset_names()]
     shape = Shape(*size, frames, samples, still_samples, jitter)
     seeds = dict.fromkeys(train, TRAIN) | dict.fromkeys(held_out, HELD_OUT)
@@ -119,18 +132,21 @@ def quality(
         cases += _planned(scenes, seeds, shape, work)
     launcher = launcher_for(device)  # one for all sequences, so that each kernel is built once
     judged: list[tuple[Case, dict[str, Judged]]] = []
+    sequences: dict[str, Sequence] = {}
     for number, (case, seed) in enumerate(cases, start=1):
         Console(stderr=True).print(f"{number} of {len(cases)}: {case.key}", highlight=False)
         sequence = (
-            open_capture(case.folder) if case.folder in folders else open_case(case) or capture(case, seed, shape)
+            open_capture(case.folder, step=step)
+            if case.folder in folders
+            else open_case(case) or capture(case, seed, shape)
         )
+        sequences[case.key] = sequence
         cells = Cells(work / "cells" / case.key, sequence, settled, flip_every, any_code=any_code)
         judged.append((case, _judge(sequence, chosen, cells, launcher, settled, flip_every)))
     table = summarise(judged)
     texts: dict[str, str] = {}
     if pictures is not None:
-        places = {case.key: case.folder for case, _ in judged}
-        texts = write_pictures(table, places, chosen, pictures, page, launcher)
+        texts = write_pictures(table, sequences, chosen, pictures, page, launcher)
     if page is not None:
         write_page(page, markdown(table, _about(table, shape, settled), texts))
     if as_json:

@@ -11,10 +11,11 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.atomic import make_folder
-from cltaa.commands.options import FILE_PATH, FRAME_RANGE, PROFILE, STOPS, json_option, verify_option
+from cltaa.commands.options import FILE_PATH, FRAME_RANGE, STOPS, input_options, json_option, verify_option
 from cltaa.commands.tables import print_table
 from cltaa.comparison import Comparison, equal_quality, pair_up
 from cltaa.errors import UsageError
+from cltaa.frame_numbers import even_step
 from cltaa.frames import Image
 from cltaa.metrics import DEFAULT_METRICS, METRICS, Metric, flip_map, mean, measure, parse_metrics
 from cltaa.printable import json_of, printable, shown
@@ -48,9 +49,7 @@ Values = dict[str, float]
     is_flag=True,
     help=f"Also judge A as moving pictures: {', '.join(score.name for score in SCORES)}.",
 )
-@click.option("--profile", type=PROFILE, metavar="NAME", default="auto", show_default=True,
-              help="Who wrote the folders of other tools, as for cltaa resolve.")  # fmt: skip
-@click.option("--input", "inputs", multiple=True, metavar="SECTION.KEY=VALUE", help="One key of that profile.")
+@input_options
 @verify_option
 @json_option
 def compare(
@@ -63,6 +62,8 @@ def compare(
     in_time: bool,
     profile: str,
     inputs: tuple[str, ...],
+    camera: Path | None,
+    step: int,
     verify: bool,
     as_json: bool,
 ) -> None:
@@ -84,7 +85,9 @@ def compare(
     """
     shown = parse_metrics(metric_names)
     metrics = tuple(dict.fromkeys((*shown, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
-    comparison = pair_up(test, reference, frames, verify=verify, profile=profile, assignments=inputs)
+    comparison = pair_up(
+        test, reference, frames, side_file=camera, step=step, verify=verify, profile=profile, assignments=inputs
+    )
     for name, images in (("A", comparison.test), ("B", comparison.reference)):
         if images.notes:
             click.echo(printable(f"{name}: {'; '.join(images.notes)}"), err=True)
@@ -115,6 +118,12 @@ def compare(
 def _video_scores(comparison: Comparison, stops: float) -> VideoScores:
     if comparison.capture is None:
         raise UsageError("--video needs the capture", cure="give the captured sequence as B, or alone as A")
+    apart = even_step(comparison.test.numbers)
+    if apart > 1 and comparison.capture.step == 1:
+        raise UsageError(
+            "--video follows each frame to the next, but no number lies beside another", path=comparison.test.folder,
+            expected="frames 1 apart", found=f"{apart} apart", cure=f"say --step {apart} if each continues the last",
+        )  # fmt: skip
     return VideoScores(1 if comparison.of_itself else 2, stops)
 
 

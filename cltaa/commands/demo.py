@@ -16,13 +16,13 @@ from cltaa.commands.options import FILE_PATH, SCENE, SIZE, device_option, json_o
 from cltaa.equal_quality import equal_quality_samples
 from cltaa.errors import UsageError
 from cltaa.frames import Image
-from cltaa.metrics import METRICS, mean, measure
+from cltaa.metrics import METRICS, mean, measure, named_metrics
 from cltaa.pictures import side_by_side, write_image_png, write_png
 from cltaa.pipeline import Outcome, resolve_sequence
 from cltaa.printable import counted, json_of, shown
 from cltaa.resolve import Resolver
 from cltaa.sources import ImageSequence, open_images, open_sequence
-from cltaa.video import write_side_by_side
+from cltaa.video import import_av, write_side_by_side
 
 SETTLED = 8  # frames after which the history is full enough to be judged
 FLIP_EVERY = 8  # FLIP takes longer than the resolve, so only every so many-th frame is judged by it
@@ -61,6 +61,8 @@ def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: s
     A second run keeps the captured frames and only resolves them again.
     """
     folder, resolved = output / "sequence", output / "resolved"
+    named_metrics(("mse", "psnr", "flip"))
+    import_av()
     resolver = Resolver(device=device)  # a device that is not there is told before the work, not after it
     _capture(scene, folder, frames, size)
     sequence = open_sequence(folder).select(0, frames - 1)

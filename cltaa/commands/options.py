@@ -151,14 +151,17 @@ verify_option = click.option(
 device_option = click.option(
     "--device", metavar="NAME", help="OpenCL device: its index or a part of its name; see cltaa doctor."
 )
+step_option = click.option(
+    "--step", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
+    help="Frame numbers are N apart, and motion vectors span N (docs/inputs.md).",
+)  # fmt: skip
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
 
 
 def input_options(command: Command) -> Command:
     """Add ``--profile``, ``--input``, ``--camera`` and ``--step``: how the files of a sequence are read."""
     for option in (
-        click.option("--step", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
-                     help="Frame numbers are N apart, and motion vectors span N (docs/inputs.md)."),
+        step_option,
         click.option("--camera", type=FILE_PATH, metavar="FILE",
                      help="Matrices and jitter of each frame: .json, .csv or text (docs/inputs.md)."),
         click.option("--input", "inputs", multiple=True, metavar="SECTION.KEY=VALUE",

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from cltaa.atomic import atomic_path, check_creatable
-from cltaa.commands.options import FILE_PATH, PRESET, json_option
+from cltaa.commands.options import FILE_PATH, PRESET, json_option, step_option
 from cltaa.errors import UsageError
 from cltaa.launch import launcher_for
 from cltaa.presets import load_preset
@@ -34,6 +34,7 @@ from cltaa.tune import Tuned, parse_goal, preset_text, tune
 @click.option(
     "-o", "--output", required=True, type=FILE_PATH, help="TOML file to write; use it with cltaa resolve --config."
 )
+@step_option
 @json_option
 def command(
     sequences: tuple[Path, ...],
@@ -46,6 +47,7 @@ def command(
     seed: int,
     device: str | None,
     output: Path,
+    step: int,
     as_json: bool,
 ) -> None:
     """Search for the settings with the least error within a time, or the least time for an error.
@@ -61,8 +63,8 @@ def command(
         raise UsageError("a sequence is both searched and checked on", cure="name another one with --check")
     check_creatable(output)
     tuned, found = tune(
-        [open_capture(path) for path in sequences],
-        [open_capture(path) for path in checked],
+        [open_capture(path, step=step) for path in sequences],
+        [open_capture(path, step=step) for path in checked],
         goal,
         launcher_for(device),
         base=load_preset(preset),

@@ -29,9 +29,12 @@ def jitter_px(declared: Offset, rule: Jitter) -> Offset:
     return x * rule.scale[0] + rule.offset[0], y * rule.scale[1] + rule.offset[1]
 
 
-def motion_px(stored: Image, rule: Motion, now: Offset, before: Offset) -> Image:
-    """Motion [H, W, 2] to the previous frame in pixels, y down, without the jitter of the two frames."""
-    height, width = stored.shape[:2]
+def motion_px(stored: Image, rule: Motion, now: Offset, before: Offset, size: tuple[int, int]) -> Image:
+    """Motion [H, W, 2] to the previous frame in pixels, y down, without the jitter of the two frames.
+
+    ``size`` is the width and height of the display window, whose fractions vectors may be.
+    """
+    width, height = size
     unit = {Units.PIXELS: (1.0, 1.0), Units.UV: (width, height), Units.NDC: (width / 2, -height / 2)}[rule.units]
     vectors = stored.astype(np.float64) - rule.offset
     vectors = (vectors[..., ::-1] if rule.swap else vectors) * rule.scale * unit

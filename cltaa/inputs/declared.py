@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cltaa.cameras import of_region
+from cltaa.exr_layout import Layout
 from cltaa.frames import Camera, Matrix
 from cltaa.inputs.convert import Offset, jitter_px, mended_camera, standard_camera
 from cltaa.inputs.profile import Cameras, Profile
@@ -26,10 +28,10 @@ def declared_frames(
     profile: Profile,
     attributes: Mapping[int, Attributes],
     side: Mapping[int, Side],
-    sizes: Mapping[int, tuple[int, int]],
+    layouts: Mapping[int, Layout],
     step: int = 1,
 ) -> dict[int, Declared]:
-    """Jitter and camera of every frame number; ``sizes`` are width and height, numbers are ``step`` apart."""
+    """Jitter and camera of every frame number; numbers are ``step`` apart, ``layouts`` are of the files."""
     jitters = {number: _jitter(profile, given, side.get(number)) for number, given in attributes.items()}
     if not any(jitter is not None for jitter in jitters.values()) or profile.jitter.source == "none":
         jitters = dict.fromkeys(attributes)
@@ -42,7 +44,9 @@ def declared_frames(
         pair = matrices.get(number + profile.camera.delay * step, matrices[number])
         camera = None
         if pair is not None and profile.camera.source != "none":
-            camera = mended_camera(*pair, profile.camera, jitter or (0.0, 0.0), *sizes[number])
+            layout = layouts[number]
+            whole = mended_camera(*pair, profile.camera, jitter or (0.0, 0.0), *layout.display_size)
+            camera = of_region(whole, layout)
         frames[number] = Declared(camera, jitter)
     return frames
 

@@ -12,18 +12,18 @@ from typing import Any, Self
 import msgspec
 import numpy as np
 
+from cltaa.cameras import of_region
 from cltaa.errors import DataError
+from cltaa.exr_attributes import MATRICES
 from cltaa.exr_channels import Pixels
 from cltaa.frame_checks import check_camera
 from cltaa.frame_numbers import name_of
 from cltaa.frames import Camera, Effect, Frame, Image
 from cltaa.inputs.convert import linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.intake import Intake, intake_lines
-from cltaa.inputs.parts import read_planes
+from cltaa.inputs.parts import read_any_header, read_planes
 from cltaa.manifest import recorded_hashes
 from cltaa.sources import CHANNEL_OF, NO_PIXELS, ImageSequence, Sequence
-
-MATRICES = ("worldToCamera", "worldToNDC", "cltaa:worldToView", "cltaa:viewToClip")
 
 
 class ForeignSequence(Sequence):
@@ -64,8 +64,8 @@ class ForeignSequence(Sequence):
     @property
     def undeclared(self) -> frozenset[str]:
         """Matrices and jitter where nothing tells them."""
-        names = set() if self.intake.has_camera else {*MATRICES}
-        return frozenset(names if self.intake.has_jitter else names | {"cltaa:jitterPx"})
+        names: frozenset[str] = frozenset() if self.intake.has_camera else MATRICES
+        return names if self.intake.has_jitter else names | {"cltaa:jitterPx"}
 
     @property
     def notes(self) -> list[str]:
@@ -103,7 +103,11 @@ class ForeignSequence(Sequence):
         motion = None
         if "motion" in planes:
             motion = motion_px(
-                planes["motion"], profile.motion, outline.jitter_px, self._jitter(number - self.step, number)
+                planes["motion"],
+                profile.motion,
+                outline.jitter_px,
+                self._jitter(number - self.step, number),
+                self.layouts[number].display_size,
             )
         alpha, reactive = _only(planes.get("alpha")), _only(planes.get("reactive"))
         return replace(outline, colour=colour, depth=depth, motion=motion, alpha=alpha, reactive=reactive)
@@ -111,7 +115,7 @@ class ForeignSequence(Sequence):
     def outline(self, number: int) -> Frame:
         """A frame of which only the header was read: the channels that it has are there, and empty."""
         layout = self.layouts[number]
-        camera = self.intake.declared[number].camera or still_camera(layout.width, layout.height)
+        camera = self.intake.declared[number].camera or of_region(still_camera(*layout.display_size), layout)
         if self._strict:
             check_camera(camera, path=self.path(number), frame=number)
         attributes = self.intake.attributes[number]
@@ -148,13 +152,21 @@ class ForeignSequence(Sequence):
             for place in self.intake.roles[role]:
                 path = self.intake.sets[place.files][number]
                 if place.files not in files:
-                    files[place.files] = read_planes(path, sha256=self._hash_of(path))[0]
+                    files[place.files] = self._read(path, number)
                 if place.channel not in files[place.files]:
                     found = " ".join(sorted(files[place.files]))
                     raise DataError("channel is missing", path=path, channel=place.channel, found=found)
                 planes.append(files[place.files][place.channel].astype(np.float32))
             stacked[role] = np.moveaxis(np.stack(planes), 0, -1)
         return stacked
+
+    def _read(self, path: Path, number: int) -> dict[str, Pixels]:
+        """The channels of a file, of which that of the colour says what the picture is."""
+        planes = read_planes(path, sha256=self._hash_of(path))[0]
+        if path == self.path(number):
+            return planes
+        part = read_any_header(path).layout.part_of(self.layouts[number].data_window)
+        return {name: plane[part] for name, plane in planes.items()}
 
 
 def _numbers(camera: Camera | None) -> list[float]:

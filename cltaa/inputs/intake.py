@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 from cltaa.errors import DataError, InputMissing
@@ -90,14 +91,14 @@ def open_intake(
     late = step * max(abs(chosen.jitter.delay), abs(chosen.camera.delay))
     around = [number for number in there if numbers[0] - late <= number <= numbers[-1] + late]
     headers = {number: read_any_header(main[number]) for number in around}
-    layouts = {number: headers[number].layout for number in numbers}
+    pictures = {number: header.layout for number, header in headers.items()}
+    layouts = {number: pictures[number] for number in numbers}
     _refuse_whole_numbers(first, roles)
-    for number, layout in layouts.items() if on_resize is OnBreak.ERROR else ():
-        check_size(layout, layouts[numbers[0]], number)
+    for before, number in pairwise(numbers):
+        check_size(layouts[number], layouts[before], number, on_resize)
     given = {number: header.attributes for number, header in headers.items()}
     side = {} if side_file is None else _side_of(side_file, numbers)
-    sizes = {number: (header.layout.width, header.layout.height) for number, header in headers.items()}
-    known = declared_frames(chosen, given, side, sizes, step)
+    known = declared_frames(chosen, given, side, pictures, step)
     declared = {number: known[number] for number in numbers}
     _check_complete(folder, declared)
     intake = Intake(

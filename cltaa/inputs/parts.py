@@ -11,7 +11,7 @@ from cltaa.errors import DataError
 from cltaa.exr import ImageHeader, open_content, read_header, read_image
 from cltaa.exr_channels import Pixels
 from cltaa.exr_header import MULTI_PART
-from cltaa.exr_layout import Layout, parse_parts
+from cltaa.exr_layout import Layout, common_window, parse_parts
 from cltaa.file_content import check_memory, file_size, open_regular, read_all
 
 
@@ -24,7 +24,7 @@ def read_any_header(path: Path) -> ImageHeader:
 
 
 def read_planes(path: Path, *, sha256: str | None = None) -> tuple[dict[str, Pixels], dict[str, object]]:
-    """Read every channel [H, W] of all parts, cropped to the display window, and the attributes of the first part."""
+    """Read every channel [H, W] of all parts, cropped to the picture, and the attributes of the first part."""
     if not _is_multi_part(path):
         return read_image(path, sha256=sha256)
     header, planes = _many_planes(path, sha256)
@@ -53,12 +53,12 @@ def _many_planes(path: Path, sha256: str | None) -> tuple[ImageHeader, dict[str,
         decoded = open_content(path, content, header_only=False)
     header, planes = _described(layouts, decoded), dict[str, Pixels]()
     for layout, part in zip(layouts, decoded.parts, strict=True):
-        columns, rows = layout.data_size
+        part_of_picture = layout.part_of(header.layout.data_window)
         for channel in layout.channels:
             pixels = part.channels[channel].pixels
-            if pixels.shape != (rows, columns):
+            if pixels.shape != (layout.height, layout.width):
                 raise DataError("the part does not cover the picture", path=path, channel=channel, found=pixels.shape)
-            planes[full_name(part.name(), channel)] = pixels[layout.crop]
+            planes[full_name(part.name(), channel)] = pixels[part_of_picture]
     return header, planes
 
 
@@ -71,8 +71,8 @@ def _described(layouts: tuple[Layout, ...], file: OpenEXR.File) -> ImageHeader:
     channels = {
         full_name(layout.part or "", name): kind for layout in layouts for name, kind in layout.channels.items()
     }
-    window = first.display_window
-    return ImageHeader(Layout(first.path, channels, window, window, first.compression), dict(file.parts[0].header))
+    layout = Layout(first.path, channels, common_window(layouts), first.display_window, first.compression)
+    return ImageHeader(layout, dict(file.parts[0].header))
 
 
 def full_name(part: str, channel: str) -> str:

@@ -199,9 +199,14 @@ def test_the_page_needs_its_marks(tmp_path: Path) -> None:
 
 
 def test_a_preset_that_is_the_default_gets_no_picture(tmp_path: Path) -> None:
+    """And what earlier runs drew of it, or of a preset that is not asked for, goes; what they did not draw stays."""
     table = summarise([(case("a"), {"default": scores(psnr=30.0), "t3": scores(psnr=30.0)})])
+    (tmp_path / "pictures").mkdir()
+    for name in ("t3", "karis", "mine"):
+        (tmp_path / "pictures" / f"{name}.png").write_bytes(b"of before")
     texts = write_pictures(table, {}, [load_preset("t3")], tmp_path / "pictures", None, NUMPY)
     assert texts == {"t3": "The same as default on every sequence."}
+    assert [path.name for path in (tmp_path / "pictures").iterdir()] == ["mine.png"]
 
 
 def test_a_model_goes_by_its_file() -> None:

@@ -116,8 +116,11 @@ CASES: dict[str, tuple[Change, int, str]] = {
     "inverted in y": (sized(0, HEIGHT, WIDTH - 1, 0), 65, SIZE),
     "of no pixel": (sized(0, 0, -1, -1), 65, SIZE),
     "display window inverted": (sized(5, 5, 0, 0, only=b"displayWindow"), 65, "impossible display window"),
-    "display window larger": (sized(0, 0, WIDTH, HEIGHT, only=b"displayWindow"), 65, "does not cover"),
-    "data window beside it": (sized(9, 0, WIDTH + 8, HEIGHT - 1, only=b"dataWindow"), 65, "does not cover"),
+    "display window larger": (sized(0, 0, WIDTH, HEIGHT, only=b"displayWindow"), 0, ""),
+    "data window that reaches over it": (sized(9, 0, WIDTH + 8, HEIGHT - 1, only=b"dataWindow"), 0, ""),
+    "data window beside it": (
+        sized(WIDTH, 0, 2 * WIDTH - 1, HEIGHT - 1, only=b"dataWindow"), 65, "outside of the display window",
+    ),
     "far from the origin": (sized(LARGE - 9, LARGE - 9, LARGE, LARGE), 65, ""),
     "largest, table missing": (sized(0, 0, 16383, 16383), 65, "the file is truncated"),
     "largest, none": (largest_picture("none"), 65, "too small for its pixels"),

@@ -125,7 +125,7 @@ def huge(parts: list[Anatomy]) -> None:
         (change(b"dataWindow", window(1, 0, WIDTH, HEIGHT - 1)), DataError, "does not cover"),
         (resized(b"dataWindow", WIDTH - 1, HEIGHT), DataError, "does not cover"),
         (resized(b"dataWindow", WIDTH, HEIGHT + 1), DataError, "a part is damaged (expected 2 parts, found 1 "),
-        (resized(b"displayWindow", WIDTH + 1, HEIGHT), DataError, "does not cover"),
+        (resized(b"displayWindow", WIDTH + 1, HEIGHT), DataError, "do not make one picture"),
         (resized(b"displayWindow", 1, 1), DataError, "do not make one picture"),
         (change(b"compression", b"\xff"), DataError, "unknown compression"),
         (change(b"channels", channel(b"G", 2, 2, 2) + b"\0"), DataError, "sub-sampled"),

@@ -101,7 +101,7 @@ def write_raw(path: Path, header: dict[str, Any], channels: dict[str, Any]) -> N
     OpenEXR.File(attributes() | header, channels).write(str(path))
 
 
-def test_overscan_is_cropped_to_the_display_window(tmp_path: Path) -> None:
+def test_overscan_is_kept(tmp_path: Path) -> None:
     columns = np.arange(WIDTH, dtype=np.float32)[None, :] + 100 * np.arange(HEIGHT, dtype=np.float32)[:, None]
     windows = {
         "dataWindow": window(-2, -3, WIDTH - 3, HEIGHT - 4),
@@ -109,13 +109,15 @@ def test_overscan_is_cropped_to_the_display_window(tmp_path: Path) -> None:
     }
     write_raw(tmp_path / "a.exr", windows, dict.fromkeys("RGBZ", columns))
     frame = read_frame(tmp_path / "a.exr")
-    np.testing.assert_array_equal(frame.colour[..., 1], columns[3 : 3 + HEIGHT - 5, 2 : 2 + WIDTH - 5])
+    np.testing.assert_array_equal(frame.colour[..., 1], columns)
 
 
-def test_data_window_that_leaves_a_hole_is_refused(tmp_path: Path) -> None:
-    windows = {"dataWindow": window(1, 0, WIDTH, HEIGHT - 1), "displayWindow": window(0, 0, WIDTH - 1, HEIGHT - 1)}
-    write_raw(tmp_path / "a.exr", windows, planes())
-    assert "does not cover" in refusal(tmp_path / "a.exr")
+def test_region_is_read_and_one_outside_of_the_display_window_is_refused(tmp_path: Path) -> None:
+    display = {"displayWindow": window(0, 0, WIDTH - 1, HEIGHT - 1)}
+    write_raw(tmp_path / "a.exr", display | {"dataWindow": window(1, -2, WIDTH, HEIGHT - 3)}, planes())
+    assert read_frame(tmp_path / "a.exr").colour.shape == (HEIGHT, WIDTH, 3)
+    write_raw(tmp_path / "a.exr", display | {"dataWindow": window(WIDTH, 0, 2 * WIDTH - 1, HEIGHT - 1)}, planes())
+    assert "outside of the display window" in refusal(tmp_path / "a.exr")
 
 
 def test_tiles_are_read_right(tmp_path: Path) -> None:

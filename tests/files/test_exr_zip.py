@@ -54,11 +54,13 @@ def test_only_how_chunks_are_deflated_differs(
 ) -> None:
     channels = planes(height, width)
     attributes: dict[str, object] = {"comments": "dataWindow\0box2i\0", "double": 0.1, "owner": "ä"}
-    window = (-7, 5, width - 8, height + 4)
+    windows = ((-7, 5, width - 8, height + 4), (-9, -2, width + 8, height + 40))
     header, path = written(
-        tmp_path / "a.exr", channels, deflate, attributes=attributes, compression=compression, window=window
+        tmp_path / "a.exr", channels, deflate, attributes=attributes, compression=compression, windows=windows
     )
-    same, _ = written(tmp_path / "b.exr", channels, None, attributes=attributes, compression=compression, window=window)
+    same, _ = written(
+        tmp_path / "b.exr", channels, None, attributes=attributes, compression=compression, windows=windows
+    )
     assert header == same
     found, told = read_image(path)
     assert found.keys() == channels.keys()

@@ -7,15 +7,18 @@ import math
 import os
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from cltaa.cli import main
 from cltaa.display import to_display
 from cltaa.errors import DataError, UsageError
 from cltaa.frames import Image
 from cltaa.metrics import METRICS, flip_map, light_mse, mean, measure, mse, parse_metrics, psnr, ssim
+from tests.sequence_factory import write_sequence
 
 HIGHER = [metric for metric in METRICS.values() if metric.higher_is_better]
 
@@ -178,3 +181,31 @@ def test_flips_threads_do_not_spin() -> None:
     for given, expected in ((plain, "passive"), ({**plain, "OMP_WAIT_POLICY": "active"}, "active")):
         child = subprocess.run([sys.executable, "-c", code], env=given, capture_output=True, text=True, check=True)
         assert child.stdout.split() == [expected]
+
+
+@pytest.mark.parametrize(
+    ("module", "arguments"),
+    [
+        ("flip_evaluator", ["compare", "SEQ"]),
+        ("skimage.metrics", ["compare", "SEQ"]),
+        ("scipy.ndimage", ["compare", "SEQ", "--metrics", "mse", "--video"]),
+        ("flip_evaluator", ["bench", "accuracy", "SEQ", "-o", "OUT"]),
+        ("flip_evaluator", ["bench", "quality", "--sequence", "SEQ", "--work", "OUT"]),
+        ("scipy.ndimage", ["bench", "quality", "--sequence", "SEQ", "--work", "OUT"]),
+        ("flip_evaluator", ["tune", "SEQ", "--target", "flip=0.02", "-o", "OUT"]),
+        ("flip_evaluator", ["demo", "-o", "OUT"]),
+        ("av", ["demo", "-o", "OUT"]),
+    ],
+)
+def test_what_is_missing_is_told_before_the_work(
+    module: str, arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    write_sequence(tmp_path / "SEQ", reference=True)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, module, None)
+    assert main(arguments) == 64
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert "pip install 'cltaa[" in message
+    assert not (tmp_path / "OUT").exists()
