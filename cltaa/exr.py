@@ -22,9 +22,9 @@ from cltaa.atomic import atomic_path
 from cltaa.errors import DataError, StorageError, UsageError
 from cltaa.exr_attributes import FrameHeader, frame_attributes
 from cltaa.exr_channels import COLOUR, MOTION, NORMAL, Pixels, check_float_channels, frame_channels, frame_planes
+from cltaa.exr_header import LARGEST_SIDE
 from cltaa.exr_layout import (
     COMPRESSION_NUMBERS,
-    LARGEST_SIDE,
     Layout,
     Windows,
     check_lossless,

@@ -14,6 +14,7 @@ from cltaa.errors import DataError
 
 MAGIC = 20000630
 TILED, DEEP, MULTI_PART = 1 << 9, 1 << 11, 1 << 12  # version flags
+LARGEST_SIDE = 16384  # pixels; the largest image that the resolve promises
 LARGEST_HEADER = 1 << 24  # bytes; object names and preview pictures in a header take a few million at most
 FIRST_READ = 1 << 15  # bytes; holds nearly every header
 MOST_PARTS, MOST_ATTRIBUTES, MOST_CHANNELS = 256, 4096, 1024  # renderers write some dozens of each

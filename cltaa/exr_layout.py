@@ -15,13 +15,12 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cltaa.errors import DataError, UsageError
-from cltaa.exr_header import MULTI_PART, TILED, Header, read_at, read_channels, read_headers
+from cltaa.exr_header import LARGEST_SIDE, MULTI_PART, TILED, Header, read_at, read_channels, read_headers
+from cltaa.exr_tiles import Counts, tile_sizes
 from cltaa.file_content import file_size, open_regular
 
-LARGEST_SIDE = 16384  # pixels; the largest image that the resolve promises
 PIXEL_BYTES = {"uint": 4, "half": 2, "float": 4}
 # Name and scan lines a chunk, in the order of their numbers in the file.
 COMPRESSIONS = (
@@ -36,7 +35,6 @@ LARGEST_RATIO = {"none": 1, "rle": 64, "zips": 1032, "zip": 1032}
 
 Window = tuple[int, int, int, int]  # x and y of the first pixel, x and y of the last
 Windows = tuple[Window, Window]  # of the data, and of the display
-Counts = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +101,7 @@ def read_layout(path: Path) -> Layout:
     """Read the layout of ``path`` and check that every chunk lies inside the file, in well under a millisecond.
 
     Raises InputMissing where there is no readable file, and DataError for what is no EXR file, is damaged or
-    truncated, or is of a kind that is not read: deep, multi-part, sub-sampled, mip-mapped, larger than 16384.
+    truncated, or is of a kind that is not read: deep, multi-part, sub-sampled, larger than 16384.
     """
     with open_regular(path) as file:
         return parse_layout(path, file)
@@ -136,7 +134,7 @@ def parse_parts(path: Path, file: BinaryIO) -> tuple[Layout, ...]:
             raise ValueError("parts of one name, or of a name that could harm a terminal")
         if len({part.display_window for part in parts}) > 1:
             raise DataError("the parts do not make one picture", path=path, cure="write them with one display window")
-        picture = common_window(parts)
+        picture = shared_window(parts)
         for part in parts:
             part.part_of(picture)
         tiled = [header["type"] == b"tiledimage" if many else bool(version & TILED) for header in headers]
@@ -152,7 +150,7 @@ def parse_parts(path: Path, file: BinaryIO) -> tuple[Layout, ...]:
     return parts
 
 
-def common_window(parts: Sequence[Layout]) -> Window:
+def shared_window(parts: Sequence[Layout]) -> Window:
     """The picture that all parts of a file have: their data window if it is one, else the display window."""
     windows = {part.data_window for part in parts}
     return windows.pop() if len(windows) == 1 else parts[0].display_window
@@ -179,7 +177,7 @@ def _layout(path: Path, header: Header, many: bool) -> Layout:
 def _chunk_sizes(layout: Layout, header: Header, tiled: bool) -> Counts:
     """Pixels of each chunk of a part."""
     rows = COMPRESSIONS[header["compression"][0]][1]
-    sizes = _tile_sizes(layout, header["tiles"]) if tiled else _row_sizes(layout, rows)
+    sizes = tile_sizes(layout.width, layout.height, header["tiles"]) if tiled else _row_sizes(layout, rows)
     if layout.part is not None and struct.unpack("<i", header["chunkCount"]) != (len(sizes),):
         raise ValueError("not as many chunks as the windows ask for")
     return sizes
@@ -203,18 +201,6 @@ def _row_sizes(layout: Layout, rows_per_chunk: int) -> Counts:
     """Pixels of each chunk of scan lines."""
     starts = np.arange(0, layout.height, rows_per_chunk)
     return np.minimum(rows_per_chunk, layout.height - starts) * layout.width
-
-
-def _tile_sizes(layout: Layout, value: bytes) -> Counts:
-    """Pixels of each tile; the table of chunks may hold them in any order, so that the smallest stands for all."""
-    width, height, mode = struct.unpack("<IIB", value)
-    if mode & 0xF:
-        raise DataError("mip-mapped images are not read", path=layout.path, cure="write scan lines")
-    if not (0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE):
-        raise ValueError("tiles of no size, or larger than any image")
-    columns, rows = layout.width, layout.height
-    smallest = ((columns - 1) % width + 1) * ((rows - 1) % height + 1)
-    return np.full(-(-columns // width) * -(-rows // height), smallest)
 
 
 def _check_chunks(layout: Layout, file: BinaryIO, table: int, pixels: Counts, leader: int, behind: int) -> None:

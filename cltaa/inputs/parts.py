@@ -11,7 +11,7 @@ from cltaa.errors import DataError
 from cltaa.exr import ImageHeader, open_content, read_header, read_image
 from cltaa.exr_channels import Pixels
 from cltaa.exr_header import MULTI_PART
-from cltaa.exr_layout import Layout, common_window, parse_parts
+from cltaa.exr_layout import Layout, parse_parts, shared_window
 from cltaa.file_content import check_memory, file_size, open_regular, read_all
 
 
@@ -71,7 +71,7 @@ def _described(layouts: tuple[Layout, ...], file: OpenEXR.File) -> ImageHeader:
     channels = {
         full_name(layout.part or "", name): kind for layout in layouts for name, kind in layout.channels.items()
     }
-    layout = Layout(first.path, channels, common_window(layouts), first.display_window, first.compression)
+    layout = Layout(first.path, channels, shared_window(layouts), first.display_window, first.compression)
     return ImageHeader(layout, dict(file.parts[0].header))
 
 
