@@ -72,6 +72,14 @@ class Layout:
         return self.data_window[0] - self.display_window[0], self.data_window[1] - self.display_window[1]
 
     @property
+    def size(self) -> str:
+        """Columns and rows for a reader, and of a region or overscan which of the display window it is."""
+        size = f"{self.width} x {self.height}"
+        if self.data_window == self.display_window:
+            return size
+        return f"{size} at ({self.offset[0]}, {self.offset[1]}) of {self.display_size[0]} x {self.display_size[1]}"
+
+    @property
     def bytes_a_pixel(self) -> int:
         """Bytes of all channels of a pixel, as decoded."""
         return sum(PIXEL_BYTES[kind] for kind in self.channels.values())

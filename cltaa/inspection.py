@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
+from operator import attrgetter
 from pathlib import Path
 
 import msgspec
@@ -52,6 +53,7 @@ class Inspection(msgspec.Struct, kw_only=True):
     first: int = 0
     last: int = 0
     frames: int = 0
+    size: str = "unknown"  # and of a region of the display window, which
     width: int = 0
     height: int = 0
     compression: str = ""
@@ -156,11 +158,11 @@ def _describe_layouts(result: Inspection, layouts: Mapping[int, Layout]) -> None
     if not layouts:
         return
     number, first = next(iter(layouts.items()))
-    result.width, result.height = first.width, first.height
+    result.width, result.height, result.size = first.width, first.height, first.size
     result.channels, result.compression = dict(sorted(first.channels.items())), first.compression
     for name, value in (
-        ("size", lambda layout: (layout.width, layout.height)),
-        ("channels", lambda layout: layout.channels),
+        ("size", attrgetter("size")),
+        ("channels", attrgetter("channels")),
     ):
         others = [other for other, layout in layouts.items() if value(layout) != value(first)]
         if others:
@@ -225,7 +227,7 @@ def _describe_reference(result: Inspection, folder: Path, paths: Mapping[int, Pa
     if without:
         result.problems.append(f"reference missing for frames {ranges(without)}")
     if (truth.width, truth.height) != (result.width, result.height):
-        result.problems.append(f"reference is {truth.width} x {truth.height}, frames {result.width} x {result.height}")
+        result.problems.append(f"reference is {truth.layouts[truth.first].size}, frames {result.size}")
 
 
 def _jitter(offsets: list[tuple[float, float]]) -> Jitter:

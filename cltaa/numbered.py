@@ -20,6 +20,7 @@ from cltaa.printable import counted
 
 # What a folder without frames may hold in their place.
 PICTURES = frozenset({".bmp", ".dpx", ".exr", ".hdr", ".jpeg", ".jpg", ".png", ".tga", ".tif", ".tiff"})
+ONE_REGION = "render one region in all frames, or the whole picture: no autocrop"
 
 
 class NumberedFiles:
@@ -122,33 +123,30 @@ def check_size(layout: Layout, before: Layout, number: int, on_resize: OnBreak) 
     if (layout.width, layout.height) != (before.width, before.height):
         if on_resize is OnBreak.RESET:
             return
-        expected, found = f"{before.width} x {before.height}", f"{layout.width} x {layout.height}"
         cure = "all frames of a sequence have one size; resolve --on-resize reset begins anew at each change"
-        raise DataError("size differs", path=layout.path, frame=number, expected=expected, found=found, cure=cure)
+        if layout.display_size == before.display_size:
+            cure = ONE_REGION
+        raise DataError(
+            "size differs", path=layout.path, frame=number, expected=before.size, found=layout.size, cure=cure
+        )
     check_region(layout, before, f"the frame before, {before.path.name}", number)
 
 
 def check_region(layout: Layout, other: Layout, named: str, number: int | None = None) -> None:
     """Raise DataError where two pictures of one size are other regions of their display windows."""
     if layout.offset != other.offset or layout.display_size != other.display_size:
-        expected, found = _region(other), _region(layout)
-        cure = "render one region in all frames, or the whole picture: no autocrop"
-        what = f"shows another region than {named}"
-        raise DataError(what, path=layout.path, frame=number, expected=expected, found=found, cure=cure)
-
-
-def _region(layout: Layout) -> str:
-    (columns, rows), (left, top) = layout.display_size, layout.offset
-    return f"{layout.width} x {layout.height} at ({left}, {top}) of {columns} x {rows}"
+        raise DataError(
+            f"shows another region than {named}", path=layout.path, frame=number, expected=other.size,
+            found=layout.size, cure=ONE_REGION,
+        )  # fmt: skip
 
 
 def check_same_size(one: NumberedFiles, other: NumberedFiles) -> None:
     """Raise DataError unless both have the same width and height, and show one region of one display window."""
     first, second = one.layouts[one.first], other.layouts[other.first]
     if (one.width, one.height) != (other.width, other.height):
-        expected, found = f"{one.width} x {one.height}", f"{other.width} x {other.height}"
         path = other.path(other.first)
-        raise DataError(f"size differs from {one.folder}", path=path, expected=expected, found=found)
+        raise DataError(f"size differs from {one.folder}", path=path, expected=first.size, found=second.size)
     if first.display_size == second.display_size:  # else one of the two was written without its place
         check_region(second, first, str(one.folder))
 

@@ -91,6 +91,16 @@ def _undeclared(shot: Shot, measured: Vector, present: float) -> list[Finding]:
         what = "no jitter is declared and none is seen: there is nothing to accumulate but noise"
         return [Finding(name="jitter-none", mistake=False, confidence=0.8, what=what, evidence=note)]
     if not shot.has_jitter or not any(np.any(frame.jitter_px) for frame in shot.frames):
+        drift = -measured.mean(0)  # of the picture; what is measured is where the earlier one lies
+        apart = float(np.sqrt(((measured + drift) ** 2).sum(1).mean()))
+        if apart < LEAST_SHIFT_PX:  # jitter goes to and fro
+            return [
+                Finding(
+                    name="motion-missing", mistake=True, confidence=float(min(0.99, present / (present + apart))),
+                    what="the picture moves on and nothing says so: give motion vectors, or matrices and depth",
+                    evidence=f"by ({drift[0]:.2f}, {drift[1]:.2f}) px from frame to frame, within {apart:.2f} px",
+                )
+            ]  # fmt: skip
         evidence = f"still regions move by {present:.2f} px rms between frames, first by "
         evidence += ", ".join(f"({x:.2f}, {y:.2f})" for x, y in measured[:4])
         what = "the pixels are jittered and no jitter is declared: give jitter_px of each frame with --camera FILE"

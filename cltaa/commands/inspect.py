@@ -96,7 +96,7 @@ def _print_reading(found: Description) -> None:
     table.add_column(style="dim")
     table.add_column()
     table.add_row("profile", shown(f"{found.profile}: {found.reason}"))
-    table.add_row("frames", f"{found.frames}: {found.first} to {found.last}, {found.width} x {found.height}")
+    table.add_row("frames", f"{found.frames}: {found.first} to {found.last}, {found.size}")
     for role, channels in found.channels.items():
         table.add_row(role, shown(" ".join(channels)))
     table.add_row("also there", shown(" ".join(found.unused)) or "nothing")
@@ -139,7 +139,7 @@ def _facts(found: Inspection) -> list[tuple[str, str]]:
         ("scene", found.scene or "not named"),
         *([("resolved by", found.resolved_by)] if found.resolved_by else []),
         ("frames", f"{found.frames}: {found.first} to {found.last}"),
-        ("size", f"{found.width} x {found.height}" if found.width else "unknown"),
+        ("size", found.size),
         ("channels", ", ".join(by_kind) or "unknown"),
         ("effects", "not declared" if found.effects is None else ", ".join(found.effects) or "none"),
         ("jitter", _jitter(found)),

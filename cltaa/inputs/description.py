@@ -27,6 +27,7 @@ class Description(msgspec.Struct, kw_only=True):
     frames: int
     width: int
     height: int
+    size: str  # and of a region of the display window, which
     channels: dict[str, list[str]]
     unused: list[str]
     notes: list[str]
@@ -61,7 +62,7 @@ def describe_input(
     ]
     found = Description(
         folder=str(folder), profile=intake.profile.name, reason=intake.reason, first=numbers[0], last=numbers[-1],
-        frames=len(numbers), width=size.width, height=size.height,
+        frames=len(numbers), width=size.width, height=size.height, size=size.size,
         channels={role: [shown_name(place, several) for place in places] for role, places in intake.roles.items()},
         unused=[shown_name(place, several) for place in there if place not in used], notes=intake.notes,
     )  # fmt: skip

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from cltaa.checking.detector import check_frames
@@ -11,6 +13,7 @@ from cltaa.checking.finding import Finding
 from cltaa_datasets.scenes import registered
 from tests.checking.conftest import Scene
 from tests.checking.mistakes import MISTAKES, full_motion
+from tests.sequence_factory import make_frame
 
 SCENES = [*(entry.name for entry in registered()), "orbit", "turntable"]
 FIRST = [(name, mistake.scenes[0]) for name, mistake in MISTAKES.items()]
@@ -64,3 +67,20 @@ def test_without_matrices_jitter_and_motion_are_still_checked(scene: Scene) -> N
 
 def test_one_frame_is_no_error(scene: Scene) -> None:
     assert mistakes(check_frames(scene("still")[:1])) == []
+
+
+@pytest.mark.parametrize("step", [(0.6, 0.0), (-0.3, 0.4)])
+def test_a_picture_that_moves_on_is_not_taken_for_jitter(step: tuple[float, float]) -> None:
+    y, x = np.mgrid[:72, :128].astype(np.float64)
+    frames = []
+    for index in range(8):
+        right, down = x - index * step[0], y - index * step[1]
+        colour = np.stack([np.sin(right / 5), np.cos(down / 4), np.sin((right + down) / 7)], -1) * 0.4 + 0.5
+        frame = make_frame(index, width=128, height=72, jitter_px=(0.0, 0.0))
+        depth = np.full(frame.depth.shape, np.inf, np.float32)
+        frames.append(replace(frame, colour=colour.astype(np.float32), depth=depth))
+    found = check_frames(frames, has_camera=False, has_depth=False, has_jitter=False)
+    assert mistakes(found) == ["motion-missing"]
+    (finding,) = [finding for finding in found if finding.mistake]
+    numbers = [float(number) for number in re.findall(r"-?\d\.\d\d", finding.evidence)[:2]]
+    np.testing.assert_allclose(numbers, step, atol=0.1)

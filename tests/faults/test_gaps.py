@@ -92,7 +92,7 @@ def test_numbers_that_lie_apart_are_one_history(
         frame = replace(make_frame(number, width=9, height=7, motion=True), index=first + step * number)
         write_frame(frame_path(apart, frame.index), frame)
     assert main(arguments(apart, tmp_path / "refused", "--preset", preset)) == 66
-    told = f"frame {first + 1}: the frame is missing; the frames are {step} apart: resolve --step {step} takes each as"
+    told = f"frame {first + 1}: the frame is missing; the frames are {step} apart: --step {step} takes each as"
     assert told in capsys.readouterr().err
     assert main(arguments(apart, tmp_path / "out", "--preset", preset, "--step", str(step))) == 0
     assert main(arguments(whole, tmp_path / "one", "--preset", preset)) == 0

@@ -37,7 +37,8 @@ def moving(index: int) -> Frame:
     turn[:2, :2] = [[np.cos(0.005 * index), -np.sin(0.005 * index)], [np.sin(0.005 * index), np.cos(0.005 * index)]]
     camera = replace(camera, world_to_view=turn @ camera.world_to_view)
     camera.view_to_clip[:2] *= 1.0 + 0.004 * index
-    frame = make_frame(index, width=WIDTH, height=HEIGHT, camera=camera, jitter_px=(0.2, -0.3), effects=None)
+    jitter_px = (0.2, -0.3) if index % 2 else (-0.2, 0.3)
+    frame = make_frame(index, width=WIDTH, height=HEIGHT, camera=camera, jitter_px=jitter_px, effects=None)
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     colour = np.stack([np.sin(x / 5.0 + index / 8), np.cos(y / 4.0), np.sin((x + y) / 7.0)], -1) * 0.4 + 0.5
     depth = 5.0 + x / 40.0
@@ -147,6 +148,25 @@ def test_region_that_wanders_is_refused(on_resize: OnBreak, tmp_path: Path) -> N
     shift_last(folder)
     with pytest.raises(DataError, match=r"a.0003.exr frame 3: shows another region.*at \(9, 5\).*at \(10, 5\)"):
         open_input(folder, on_resize=on_resize)
+
+
+def test_autocrop_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_region(tmp_path / "in", REGION)
+    planes, attributes = read_image(folder / "a.0002.exr")
+    smaller = {name: plane[1:] for name, plane in planes.items()}
+    data = REGION[0], REGION[1] + 1, REGION[2], REGION[3]
+    write_image(folder / "a.0002.exr", smaller, attributes, windows=(data, WHOLE))
+    assert main(["resolve", str(folder), "-o", str(tmp_path / "out")]) == 65
+    message = capsys.readouterr().err
+    assert "size differs (expected 30 x 24 at (9, 5) of 48 x 36, found 30 x 23 at (9, 6) of 48 x 36)" in message
+    assert "no autocrop" in message
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_inspect_says_which_region(own: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_region(tmp_path / "in", REGION)
+    assert main(["inspect", str(folder), *([] if own else ["--input", "colour.channels=R G B"])]) == 0
+    assert "30 x 24 at (9, 5) of 48 x 36" in " ".join(capsys.readouterr().out.split())
 
 
 def test_truth_of_another_region_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
