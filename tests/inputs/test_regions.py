@@ -73,7 +73,7 @@ def test_region_resolves_to_the_region_of_the_whole(tmp_path: Path) -> None:
     assert part.shape == (ROWS, COLUMNS, 3)
     inner = slice(MARGIN, ROWS - MARGIN), slice(MARGIN, COLUMNS - MARGIN)
     there = whole[TOP : TOP + ROWS, LEFT : LEFT + COLUMNS]
-    # Positions are rounded to float32 from another centre. Seen: 3.4e-6, and 1.2e-7 from 5 pixels inside on.
+    # Positions are rounded to float32 from another centre. Seen: 5.4e-6, and 1.2e-7 from 5 pixels inside on.
     np.testing.assert_allclose(part[inner], there[inner], atol=2e-5)
     frame = moving(3)
     assert np.abs(there - frame.colour[TOP : TOP + ROWS, LEFT : LEFT + COLUMNS]).max() > 0.01  # it did something
