@@ -79,7 +79,8 @@ def closest(name: str, names: Iterable[str]) -> str | None:
     """The one of ``names`` that was meant by a misspelt name, None where none is close."""
     import difflib  # here: most commands end without
 
-    return next(iter(difflib.get_close_matches(name, list(names), 1, ALIKE)), None)
+    lower = {other.lower(): other for other in names}
+    return next((lower[found] for found in difflib.get_close_matches(name.lower(), lower, 1, ALIKE)), None)
 
 
 def known(name: str, names: Iterable[str], kind: str) -> str:

@@ -128,6 +128,8 @@ def tune(
     ``checked`` are sequences that the search never sees; what it found is measured on them at the end. Trials are kept
     beside ``output`` till then: a search that was interrupted goes on with the same arguments, and maybe more trials.
     """
+    for sequence in checked:
+        truth_of(sequence)  # missed now, and not when the search is over
     optuna: Any = import_extra("optuna", package="optuna", extra="tune", purpose="cltaa tune")
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))

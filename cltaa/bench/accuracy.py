@@ -18,6 +18,7 @@ from cltaa.bench.ladder import Variant
 from cltaa.bench.programs import Program, dearest_first, programs_needed
 from cltaa.bench.variant_errors import Task
 from cltaa.build import Build
+from cltaa.comparison import truth_of
 from cltaa.errors import DataError, ResourceError
 from cltaa.kernel_files import kernel_folder
 from cltaa.launch import DeviceLauncher
@@ -60,6 +61,8 @@ def bench_accuracy(
     not finished are ``missing``; raises ResourceError where that is all of them.
     """
     before, begun = load_average(), time.monotonic()
+    for task in {task.sequence: task for task in tasks}.values():
+        truth_of(task.open())  # missed now, and not after the sequences before it
     pin_threads()
     launcher = DeviceLauncher(tasks[0].device)
     folders = list(dict.fromkeys(task.sequence for task in tasks))

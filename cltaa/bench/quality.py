@@ -23,6 +23,7 @@ from cltaa.metrics import display_flip, display_ssim, mean, mse, named_metrics, 
 from cltaa.presets import Preset
 from cltaa.progress import track
 from cltaa.resolve import Resolver
+from cltaa.sources import ImageSequence
 from cltaa.sources import Sequence as Captured
 from cltaa.streams import read_ahead
 from cltaa.video_scores import Sums, VideoScores
@@ -162,6 +163,18 @@ def import_judges() -> None:
     import_ndimage()
 
 
+def check_judged(sequence: Captured, settled: int) -> ImageSequence:
+    """The truth of a sequence that can be judged; raises InputMissing without one, DataError for too few frames."""
+    if sequence.reference is None:
+        raise InputMissing("no truth to judge by", path=sequence.folder / "reference", cure="capture with --reference")
+    if len(sequence) <= settled:
+        raise DataError(
+            "the sequence is over before it is judged", path=sequence.folder,
+            expected=f"more than {settled} frames", found=len(sequence),
+        )  # fmt: skip
+    return sequence.reference
+
+
 def judge_sequence(
     sequence: Captured, presets: Sequence[Preset], launcher: Launcher, *, settled: int = 8, flip_every: int = 4
 ) -> dict[str, Judged]:
@@ -172,14 +185,7 @@ def judge_sequence(
     history of every preset is in memory at once. Raises InputMissing for a sequence without its truth and DataError
     for one that is over before it settles.
     """
-    reference = sequence.reference
-    if reference is None:
-        raise InputMissing("no truth to judge by", path=sequence.folder / "reference", cure="capture with --reference")
-    if len(sequence) <= settled:
-        raise DataError(
-            "the sequence is over before it is judged", path=sequence.folder,
-            expected=f"more than {settled} frames", found=len(sequence),
-        )  # fmt: skip
+    reference = check_judged(sequence, settled)
     again, again_square = redrawn_of(sequence), 0.0
     resolvers = {preset.name: Resolver(preset, launcher) for preset in presets}
     tallies = {name: _Tally() for name in (ONE_SAMPLE, *resolvers)}

@@ -6,12 +6,13 @@ The two packages know each other by their command lines alone (docs/decisions/00
 from __future__ import annotations
 
 import json
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
 from cltaa.bench.redrawn import REDRAWN, redrawn_of
 from cltaa.child_command import run_cltaa
-from cltaa.errors import CltaaError, InputMissing
+from cltaa.errors import CltaaError, InputMissing, UsageError, known
 from cltaa.frames import Effect
 from cltaa.sources import Sequence, open_sequence
 
@@ -55,6 +56,14 @@ def known_scenes() -> dict[str, frozenset[str]]:
     """Every scene that ``cltaa scenes`` lists, with its effects."""
     listed = json.loads(run_cltaa(["scenes", "--json"]))
     return {scene["name"]: frozenset(scene["effects"]) for scene in listed["scenes"]}
+
+
+def check_scenes(names: Iterable[str], also: Collection[str] = ()) -> None:
+    """Raise UsageError for a name that is no scene, no model's path and none of ``also``."""
+    there = {*known_scenes(), *also}
+    for name in names:
+        if name not in there and not name.startswith(MODEL):
+            raise UsageError(f"unknown scene {name}", cure=known(name, [*sorted(there), f"{MODEL}PATH"], "scenes"))
 
 
 def planned(scenes: dict[str, frozenset[str]], seeds: dict[int, str], shape: Shape, work: Path) -> list[Case]:

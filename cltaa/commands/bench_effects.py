@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 
 from cltaa.bench.effects import EffectRow, cells, judge_effects, line, markdown
-from cltaa.bench.quality_cases import known_scenes
+from cltaa.bench.quality_cases import check_scenes, known_scenes
 from cltaa.child_command import run_cltaa
 from cltaa.commands.options import FILE_PATH, PRESET, SIZE, device_option, json_option
 from cltaa.errors import DataError
@@ -47,6 +47,7 @@ def effects(
     is 65 where a step that was left out would have changed a bit.
     """
     rows: list[EffectRow] = []
+    check_scenes(scenes)
     pixels = f"{size[0]}x{size[1]}"
     launcher = launcher_for(device)
     if not as_json:

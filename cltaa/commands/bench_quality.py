@@ -11,8 +11,18 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table as Grid
 
-from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged, import_judges, judge_sequence
-from cltaa.bench.quality_cases import HELD_OUT, MODEL, TRAIN, Case, Shape, capture, known_scenes, open_case, planned
+from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged, check_judged, import_judges, judge_sequence
+from cltaa.bench.quality_cases import (
+    HELD_OUT,
+    TRAIN,
+    Case,
+    Shape,
+    capture,
+    check_scenes,
+    known_scenes,
+    open_case,
+    planned,
+)
 from cltaa.bench.quality_cells import Cells
 from cltaa.bench.quality_page import check_page, markdown, write_page
 from cltaa.bench.quality_pictures import write_pictures
@@ -28,7 +38,7 @@ from cltaa.commands.options import (
     json_option,
     step_option,
 )
-from cltaa.errors import UsageError, known
+from cltaa.errors import UsageError
 from cltaa.launch import Launcher, launcher_for
 from cltaa.presets import Preset, load_preset, preset_names
 from cltaa.printable import json_of
@@ -130,16 +140,12 @@ def quality(
     cases = [(Case(folder.name, TRAIN, folder), 0) for folder in folders]
     if scenes or not folders:
         cases += _planned(scenes, seeds, shape, work)
+    sequences = _opened(folders, settled, step)
     launcher = launcher_for(device)  # one for all sequences, so that each kernel is built once
     judged: list[tuple[Case, dict[str, Judged]]] = []
-    sequences: dict[str, Sequence] = {}
     for number, (case, seed) in enumerate(cases, start=1):
         Console(stderr=True).print(f"{number} of {len(cases)}: {case.key}", highlight=False)
-        sequence = (
-            open_capture(case.folder, step=step)
-            if case.folder in folders
-            else open_case(case) or capture(case, seed, shape)
-        )
+        sequence = sequences.get(case.key) or open_case(case) or capture(case, seed, shape)
         sequences[case.key] = sequence
         cells = Cells(work / "cells" / case.key, sequence, settled, flip_every, any_code=any_code)
         judged.append((case, _judge(sequence, chosen, cells, launcher, settled, flip_every)))
@@ -155,12 +161,21 @@ def quality(
         _print(table)
 
 
+def _opened(folders: tuple[Path, ...], settled: int, step: int) -> dict[str, Sequence]:
+    """The sequences that are there, by the names of their folders; what cannot be judged is told before the work."""
+    opened: dict[str, Sequence] = {}
+    for folder in folders:
+        if folder.name in opened:
+            what, cure = "two sequences of one name, which cells and rows go by", "rename one of the folders"
+            raise UsageError(what, path=folder, found=opened[folder.name].folder, cure=cure)
+        opened[folder.name] = open_capture(folder, step=step)
+        check_judged(opened[folder.name], settled)
+    return opened
+
+
 def _planned(scenes: tuple[str, ...], seeds: dict[int, str], shape: Shape, work: Path) -> list[tuple[Case, int]]:
     registered = known_scenes()
-    for scene in scenes:
-        if scene not in {*registered, ALL_SCENES} and not scene.startswith(MODEL):
-            cure = known(scene, [*registered, ALL_SCENES, f"{MODEL}PATH"], "scenes")
-            raise UsageError(f"unknown scene {scene}", cure=cure)
+    check_scenes(scenes, (ALL_SCENES,))
     names = [name for scene in scenes or [ALL_SCENES] for name in (registered if scene == ALL_SCENES else [scene])]
     effects = {name: registered.get(name, frozenset({"motion"})) for name in names}
     cases = planned(effects, seeds, shape, work / "sequences")

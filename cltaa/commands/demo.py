@@ -61,6 +61,9 @@ def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: s
     A second run keeps the captured frames and only resolves them again.
     """
     folder, resolved = output / "sequence", output / "resolved"
+    if min(size) < ZOOM:
+        expected, found = f"at least {ZOOM} pixels a side, of which the crop shows some", f"{size[0]} x {size[1]}"
+        raise UsageError("--size: too small", expected=expected, found=found)
     named_metrics(("mse", "psnr", "flip"))
     import_av()
     resolver = Resolver(device=device)  # a device that is not there is told before the work, not after it

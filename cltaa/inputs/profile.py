@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping
 from enum import StrEnum
 from importlib import resources
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import msgspec
+import numpy as np
 
 from cltaa.errors import DataError, UsageError, known
 from cltaa.file_content import read_text
@@ -19,6 +22,19 @@ LARGEST = 1 << 16  # bytes; every key with a comment takes a few thousand
 _FOLDER = resources.files("cltaa") / "profiles"
 
 Pair = tuple[float, float]
+Source = Literal["declared", "none"]
+MatrixLayout = Literal["row", "column"]
+
+
+KINDS: dict[Any, str] = {
+    float: "a number", float | None: "a number", int: "a whole number", bool: "true or false", Pair: "two numbers",
+    str: "a name",
+}  # fmt: skip
+
+FINITE = (
+    "depth.scale", "depth.near", "depth.far", "motion.scale", "motion.offset", "jitter.scale", "jitter.offset",
+    "camera.near",
+)  # fmt: skip
 
 
 class DepthKind(StrEnum):
@@ -89,7 +105,7 @@ class Jitter(msgspec.Struct, frozen=True, kw_only=True):
     The jitter of a frame is what was declared for the frame ``delay`` later.
     """
 
-    source: str = "declared"  # or none
+    source: Source = "declared"
     attribute: str = "cltaa:jitterPx"
     scale: Pair = (1.0, 1.0)
     offset: Pair = (0.0, 0.0)
@@ -100,14 +116,14 @@ class Jitter(msgspec.Struct, frozen=True, kw_only=True):
 class Cameras(msgspec.Struct, frozen=True, kw_only=True):
     """Matrices, from attributes or the side file; the other keys say how they differ from docs/conventions.md."""
 
-    source: str = "declared"  # or none
+    source: Source = "declared"
     view: str = "cltaa:worldToView"
     projection: str = "cltaa:viewToClip"
     standard: bool = False  # the attributes are the EXR standard's worldToCamera and worldToNDC
-    layout: str = "row"  # column: transposed against what the file's format says
-    view_layout: str = "row"
-    projection_layout: str = "row"
-    sense: str = "world-to-camera"  # or camera-to-world
+    layout: MatrixLayout = "row"  # column: transposed against what the file's format says
+    view_layout: MatrixLayout = "row"
+    projection_layout: MatrixLayout = "row"
+    sense: Literal["world-to-camera", "camera-to-world"] = "world-to-camera"
     flip_y: bool = False  # of clip space
     flip_z: bool = False  # of view space
     flip_projection_z: bool = False
@@ -194,7 +210,10 @@ def convert_profile(values: dict[str, Any], origin: str) -> Profile:
     try:
         profile = msgspec.convert(values, Profile)
     except msgspec.ValidationError as error:
-        raise DataError(f"profile: {error}", path=origin) from None
+        raise _no_such_value(str(error).rpartition("$.")[2].strip("`"), values, origin) from None
+    for path in FINITE:
+        if not np.isfinite(attrgetter(path)(profile)).all():
+            raise _no_such_value(path, values, origin)
     for key, candidates, count in (
         ("colour.channels", profile.colour.channels, 3), ("colour.alpha", profile.colour.alpha, 1),
         ("colour.reactive", profile.colour.reactive, 1), ("depth.channels", profile.depth.channels, 1),
@@ -208,3 +227,20 @@ def convert_profile(values: dict[str, Any], origin: str) -> Profile:
                     cure=cure if len(names.split()) <= 1 < count else None,
                 )  # fmt: skip
     return profile
+
+
+def _no_such_value(path: str, values: dict[str, Any], origin: str) -> DataError:
+    """The error for a value that the key at ``path``, such as depth.scale, cannot have."""
+    section, _, key = re.sub(r"\[.*", "", path).partition(".")
+    if not key:
+        return DataError(f"profile: {section} has no such value", path=origin)
+    kind = get_type_hints(type(getattr(Profile(), section))).get(key)
+    if get_origin(kind) is Literal:
+        expected = ", ".join(get_args(kind))
+    elif isinstance(kind, type) and issubclass(kind, StrEnum):
+        expected = ", ".join(kind)
+    else:
+        expected = KINDS.get(kind, "names")
+    found = values[section][key]
+    found = ",".join(map(str, found)) if isinstance(found, list | tuple) else found
+    return DataError(f"profile: {section}.{key} has no such value", path=origin, expected=expected, found=found)

@@ -85,6 +85,7 @@ CASES: list[tuple[str, int, str]] = [
     ("compare small", WRONG, "nothing to compare with"),
     ("compare seq --metrics nonsense", WRONG, "unknown metric"),
     ("compare seq --metrics pnsr", WRONG, "unknown metric pnsr; did you mean psnr?"),
+    ("compare seq --metrics Flip", WRONG, "unknown metric Flip; did you mean flip?"),
     ("compare seq --metrics lpips", WRONG, "unknown metric lpips; known metrics: "),
     ("compare seq --metrics ''", WRONG, "no metric is named"),
     ("compare seq --frames x", USAGE, "is no range of frames, such as 8-47"),
@@ -102,6 +103,12 @@ CASES: list[tuple[str, int, str]] = [
     ("doctor nonsense", USAGE, "unexpected extra argument"),
     ("bench nonsense", USAGE, "No such command"),
     ("bench quality --scene spiner --work out", WRONG, "unknown scene spiner; did you mean spinner?"),
+    ("bench effects spiner", WRONG, "unknown scene spiner; did you mean spinner?"),
+    ("bench quality --sequence seq --sequence small --work out --settled 1", MISSING, "small/reference: no truth"),
+    ("bench quality --sequence seq --work out", DATA, "the sequence is over before it is judged"),
+    ("bench quality --sequence seq --sequence twin/seq --work out --settled 1", WRONG, "two sequences of one name"),
+    ("bench accuracy seq small -o out --only preset", MISSING, "small/reference: no truth"),
+    ("tune seq small --budget 5ms -o out.toml", MISSING, "small/reference: no truth"),
     ("bench kernels --size x", USAGE, "not WIDTHxHEIGHT"),
     ("bench quality --held-out 1,x", USAGE, "'1,x' is no list of whole numbers from 0 on"),
     ("bench growth --sizes 0", USAGE, "from 1 on"),
@@ -128,6 +135,7 @@ CASES: list[tuple[str, int, str]] = [
     ("capture file:/dev/zero -o out", WRONG, "no reader"),
     ("demo -o file.txt", OUTPUT, "the folder cannot be created"),
     ("demo -o out --scene nonsense", WRONG, "no such scene: nonsense"),
+    ("demo -o out --size 3x90", WRONG, "--size: too small (expected at least 4 pixels a side"),
     ("demo -o out --device nonsense", WRONG, "no OpenCL device matches nonsense"),
 ]
 
@@ -138,6 +146,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_sequence(folder / "seq", 3, reference=True)
     write_sequence(folder / "small", 3, width=20, height=10)
     assert main(["resolve", str(folder / "seq"), "-o", str(folder / "done"), "--device", "numpy"]) == 0
+    write_sequence(folder / "twin" / "seq", 3, reference=True)
     for name in ("empty", "noexr", "pngs"):
         (folder / name).mkdir()
     (folder / "noexr" / "readme").touch()

@@ -56,3 +56,24 @@ def test_wrong_profiles(tmp_path: Path) -> None:
         (tmp_path / "a.toml").write_text(text)
         with pytest.raises(DataError, match=told):
             load_profile(str(tmp_path / "a.toml"))
+
+
+@pytest.mark.parametrize(
+    ("assignment", "message"),
+    [
+        ("motion.units=metres", "motion.units has no such value (expected pixels, uv, ndc, found metres)"),
+        ("camera.layout=diagonal", "camera.layout has no such value (expected row, column, found diagonal)"),
+        ("camera.sense=x", "camera.sense has no such value (expected world-to-camera, camera-to-world, found x)"),
+        ("jitter.source=maybe", "jitter.source has no such value (expected declared, none, found maybe)"),
+        ("motion.swap=maybe", "motion.swap has no such value (expected true or false, found maybe)"),
+        ("motion.scale=1", "motion.scale has no such value (expected two numbers, found 1)"),
+        ("motion.scale=1,nan", "motion.scale has no such value (expected two numbers, found 1,nan)"),
+        ("depth.scale=inf", "depth.scale has no such value (expected a number, found inf)"),
+        ("depth.sky=high", "depth.sky has no such value (expected a number, found high)"),
+        ("jitter.delay=0.5", "jitter.delay has no such value (expected a whole number, found 0.5)"),
+    ],
+)
+def test_value_that_means_nothing_is_told_with_what_would(assignment: str, message: str) -> None:
+    with pytest.raises(DataError) as caught:
+        override(load_profile("cltaa"), [assignment])
+    assert message in str(caught.value)
