@@ -17,18 +17,39 @@ OPTIONAL = ("motion", "alpha", "reactive")  # channels that a frame need not hav
 INVERSE_TOLERANCE = 1e-6  # largest |M inv(M) - I|; a sound camera 10^6 m from the origin stays below 1e-9
 LARGEST_JITTER = 2.0  # pixels; beyond it the number is no sub-pixel offset but another unit
 EXPOSURE_STOPS = 32.0  # largest |log2(exposure)|; from starlight to the sun's disc is about 30 stops
+WHOLE = "a whole number from 1 on"
 _EFFECTS = frozenset(Effect)
 
 
 def check_frame(frame: Frame) -> None:
-    """Raise DataError for a frame that cannot be resolved: channels, camera, jitter, exposure, effects, step."""
+    """Raise DataError for a frame that cannot be resolved: channels, camera, jitter, exposure, effects, numbers."""
     check_channels(frame)
+    _check_types(frame)
     check_camera(frame.camera, path=frame.path, frame=frame.index)
     check_numbers(frame.jitter_px, frame.exposure, path=frame.path, frame=frame.index)
     _check_effects(frame)
-    if not isinstance(frame.step, int) or frame.step < 1:
-        expected = "a whole number from 1 on"
-        raise DataError("step is wrong", path=frame.path, frame=frame.index, expected=expected, found=frame.step)
+    if frame.step < 1:
+        raise _wrong(frame, "step", WHOLE)
+
+
+def _check_types(frame: Frame) -> None:
+    """Raise DataError where something else stands for the camera, a number or a yes or no."""
+    for name, kinds, expected in (
+        ("index", (int, np.integer), "a whole number"),
+        ("step", (int, np.integer), WHOLE),
+        ("camera", Camera, "a cltaa.Camera"),
+        ("exposure", (int, float, np.integer, np.floating), "a number"),
+        ("cut", (bool, np.bool_, int), "True or False"),
+    ):
+        if not isinstance(getattr(frame, name), kinds):
+            raise _wrong(frame, name, expected)
+
+
+def _wrong(frame: Frame, name: str, expected: str) -> DataError:
+    number = frame.index if isinstance(frame.index, int | np.integer) else None
+    found = getattr(frame, name)
+    shown = type(found).__name__ if found is None or isinstance(found, np.ndarray) else repr(found)
+    return DataError(f"{name} is wrong", path=frame.path, frame=number, expected=expected, found=shown)
 
 
 def check_channels(frame: Frame) -> None:

@@ -23,6 +23,13 @@ class OnBreak(StrEnum):
     RESET = "reset"  # begin a new history behind it
 
 
+def on_break(mode: OnBreak | str) -> OnBreak:
+    """The mode of that name; raises UsageError for a word that is none."""
+    if mode not in [*OnBreak]:
+        raise UsageError("no such way to go on behind a break", expected=", ".join(OnBreak), found=mode)
+    return OnBreak(mode)
+
+
 def renumbered(path: Path, number: int) -> Path:
     """The file of frame ``number`` in the sequence that ``path`` belongs to; as it is where it has no number."""
     match = NUMBERED.fullmatch(path.name)

@@ -14,7 +14,16 @@ from typing import Self
 from cltaa.below import only_below, sequences_below
 from cltaa.errors import DataError, InputMissing
 from cltaa.exr_layout import Layout, read_layout
-from cltaa.frame_numbers import NUMBERED, FrameRange, OnBreak, check_steps, chosen_numbers, no_such_frame, one_range
+from cltaa.frame_numbers import (
+    NUMBERED,
+    FrameRange,
+    OnBreak,
+    check_steps,
+    chosen_numbers,
+    no_such_frame,
+    on_break,
+    one_range,
+)
 from cltaa.manifest import recorded_hashes
 from cltaa.printable import counted
 
@@ -45,16 +54,17 @@ class NumberedFiles:
         step: int = 1,
     ) -> None:
         """Read every layout; raises InputMissing for a gap and DataError for damaged files or sizes that differ."""
-        self.folder, self.name, self.verify, self.gaps, self.on_resize = folder, name, verify, gaps, on_resize
+        self.folder, self.name, self.verify = folder, name, verify
+        self.gaps, self.on_resize = on_break(gaps), on_break(on_resize)
         self.step = step
         numbers = chosen_numbers(sorted(paths), frames, folder)
-        check_steps(paths, (numbers[0], numbers[-1]), step, gaps)
+        check_steps(paths, (numbers[0], numbers[-1]), step, self.gaps)
         self._paths = {number: paths[number] for number in numbers}
         self.layouts: dict[int, Layout] = {}
         before: Layout | None = None
         for number, path in self._paths.items():
             self.layouts[number] = layout = read_layout(path)
-            check_size(layout, before or layout, number, on_resize)
+            check_size(layout, before or layout, number, self.on_resize)
             before = layout
 
     @property

@@ -176,7 +176,7 @@ def open_sequence(
     sequence = Sequence(
         *numbered_files(Path(folder)), verify=verify, gaps=gaps, on_resize=on_resize, frames=frames, step=step
     )
-    if verify and gaps is OnBreak.ERROR and frames is None:
+    if verify and sequence.gaps is OnBreak.ERROR and frames is None:
         # A frame that is missing before the first or behind the last is no gap, but the capture says that it was there.
         for name in recorded_hashes(sequence.folder):
             match = NUMBERED.fullmatch(name)

@@ -11,7 +11,7 @@ from pathlib import Path
 from cltaa.errors import DataError, InputMissing
 from cltaa.exr import ImageHeader
 from cltaa.exr_layout import Layout
-from cltaa.frame_numbers import FrameRange, OnBreak, check_steps, chosen_numbers, ranges
+from cltaa.frame_numbers import FrameRange, OnBreak, check_steps, chosen_numbers, on_break, ranges
 from cltaa.inputs.declared import Declared, declared_frames
 from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.profile import Profile, load_profile, profile_names
@@ -68,7 +68,7 @@ def open_intake(
     may differ; ``frames`` are the numbers of the first and the last one to take, both included, and no other counts.
     ``step`` is how far numbers lie apart.
     """
-    sets = file_sets(folder)
+    gaps, on_resize, sets = on_break(gaps), on_break(on_resize), file_sets(folder)
     first = {label: read_any_header(files[min(files)]) for label, files in sets.items()}
     channels = {label: tuple(header.layout.channels) for label, header in first.items()}
     attributes: dict[str, object] = {}

@@ -272,3 +272,15 @@ def test_damaged_record_is_an_error_and_not_a_pass(tmp_path: Path, content: str)
     (tmp_path / "sequence.json").write_text(content)
     with pytest.raises(DataError, match=r"sequence\.json"):
         sequence.frame(0)
+
+
+def test_what_to_do_at_a_break_may_be_said_by_name(tmp_path: Path) -> None:
+    """A word is no member of the enumeration, and was taken for a reset."""
+    folder = write_sequence(tmp_path / "a", 4)
+    (folder / "synthetic.0002.exr").unlink()
+    assert open_sequence(folder, gaps="reset").numbers == (0, 1, 3)  # type: ignore[arg-type]
+    with pytest.raises(InputMissing, match="the frame is missing"):
+        open_sequence(folder, gaps="error")  # type: ignore[arg-type]
+    for option in ("gaps", "on_resize"):
+        with pytest.raises(UsageError, match=r"no such way to go on .*expected error, reset, found skip"):
+            open_sequence(folder, **{option: "skip"})  # type: ignore[arg-type]

@@ -151,6 +151,12 @@ def test_what_is_no_picture_is_told_before_it_is_resolved(name: str, spoilt: Cal
         ({"jitter_px": (40.0, 0.0)}, r"no jitter \(expected two numbers of at most 2 pixels, found \(40.0, 0.0\)\)"),
         ({"jitter_px": (0.1, 0.2, 0.3)}, "no jitter"),
         ({"exposure": 0.0}, "cltaa:exposure is no exposure"),
+        ({"exposure": None}, r"frame 1: exposure is wrong \(expected a number, found NoneType\)"),
+        ({"exposure": "1"}, "exposure is wrong .*found '1'"),
+        ({"camera": None}, "camera is wrong .*expected a cltaa.Camera"),
+        ({"index": "1"}, r"index is wrong \(expected a whole number, found '1'\)"),
+        ({"index": 1.5}, "index is wrong"),
+        ({"cut": "no"}, r"cut is wrong \(expected True or False, found 'no'\)"),
         ({"effects": ["camera"]}, "effects are no set .*found list"),
         ({"effects": {"moton"}}, "unknown effect moton; did you mean motion?"),
         ({"step": 0}, r"frame 1: step is wrong \(expected a whole number from 1 on, found 0\)"),
@@ -160,7 +166,7 @@ def test_what_a_program_says_of_a_frame_is_checked_as_what_a_file_says(changes: 
     resolver = Resolver(device="numpy")
     resolver.resolve(still_frame(0))
     with pytest.raises(DataError, match=found):
-        resolver.resolve(still_frame(1, **changes))
+        resolver.resolve(replace(still_frame(1), **changes))
 
 
 def test_a_device_may_be_named_by_its_number_and_a_launcher_shared() -> None:
