@@ -41,12 +41,12 @@ def test_the_plan_of_another_tools_files_is_that_of_their_resolve() -> None:
     done = CliRunner().invoke(root, arguments)
     assert done.exit_code == 0, done.stderr
     assert "no matrices" in done.stderr  # as a resolve says it
-    steps = {step["name"]: step["on"] for step in json.loads(done.stdout)["spans"][-1]["steps"]}
+    steps = {step["name"]: step["on"] for step in json.loads(done.stdout)["sections"][-1]["steps"]}
     assert (steps["own motion"], steps["reprojection"], steps["alpha"]) == (True, False, False)
     # What --camera tells is part of the plan.
     done = CliRunner().invoke(root, [*arguments, "--camera", str(BLENDER / "camera.json")])
     assert "no matrices" not in done.stderr
-    steps = {step["name"]: step["on"] for step in json.loads(done.stdout)["spans"][-1]["steps"]}
+    steps = {step["name"]: step["on"] for step in json.loads(done.stdout)["sections"][-1]["steps"]}
     assert steps["reprojection"]
 
 
