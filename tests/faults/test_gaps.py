@@ -84,18 +84,19 @@ def test_what_is_wrong_outside_the_frames_asked_for_does_not_count(
 def test_numbers_that_lie_apart_are_one_history(
     tmp_path: Path, first: int, step: int, preset: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """To the bit that of the same frames under numbers without a gap, and under their own names."""
-    count, apart = 5, tmp_path / "apart"
+    """To the bit that of the same frames under numbers without a gap, and under their own names. So few frames are
+    kept that two would share a place, were it theirs by number."""
+    count, apart, chosen = 5, tmp_path / "apart", ("--preset", preset, "--set", "frames_kept=3")
     whole = write_sequence(tmp_path / "whole", count, width=9, height=7, motion=True)
     apart.mkdir()
     for number in range(count):
         frame = replace(make_frame(number, width=9, height=7, motion=True), index=first + step * number)
         write_frame(frame_path(apart, frame.index), frame)
-    assert main(arguments(apart, tmp_path / "refused", "--preset", preset)) == 66
+    assert main(arguments(apart, tmp_path / "refused", *chosen)) == 66
     told = f"frame {first + 1}: the frame is missing; the frames are {step} apart: --step {step} takes each as"
     assert told in capsys.readouterr().err
-    assert main(arguments(apart, tmp_path / "out", "--preset", preset, "--step", str(step))) == 0
-    assert main(arguments(whole, tmp_path / "one", "--preset", preset)) == 0
+    assert main(arguments(apart, tmp_path / "out", *chosen, "--step", str(step))) == 0
+    assert main(arguments(whole, tmp_path / "one", *chosen)) == 0
     for number in range(count):
         ours, theirs = (
             read_image(frame_path(tmp_path / name, at))[0]["G"]
@@ -111,9 +112,9 @@ def test_numbers_that_lie_apart_are_one_history(
     main(["inspect", str(apart), "--step", str(step)])
     assert "missing" not in capsys.readouterr().out
     frame_path(apart, first + 2 * step).unlink()
-    assert main(arguments(apart, tmp_path / "gap", "--preset", preset, "--step", str(step))) == 66
+    assert main(arguments(apart, tmp_path / "gap", *chosen, "--step", str(step))) == 66
     assert f"frame {first + 2 * step}: the frame is missing; capture" in capsys.readouterr().err
-    assert main(arguments(whole, tmp_path / "gap", "--preset", preset, "--step", "3")) == 65
+    assert main(arguments(whole, tmp_path / "gap", *chosen, "--step", "3")) == 65
     assert "frame 1: the frame lies between two steps (expected every 3. frame from 0 on)" in capsys.readouterr().err
 
 
