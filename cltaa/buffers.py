@@ -95,11 +95,13 @@ class Buffers:
             }
         return self._shown
 
-    def written(self, doubled: bool) -> list[tuple[Buffer, int]]:
-        """What a resolve writes for the next frame in the numbers of the history, with the planes of each."""
-        images = [(self.output, self._history_planes)]
+    def written(self, doubled: bool) -> list[dict[str, Any]]:
+        """What a resolve writes for the next frame, as ``extend_edges`` is given it."""
+        counted = {"planes": self._history_planes, "more": 1}
+        images: list[dict[str, Any]] = [{"image": self.output, "floats": self.output_count, **counted}]
         if doubled:
-            images.append((self.texels()[1], texel_planes(self._history_planes == 4)))
+            planes = texel_planes(self._history_planes == 4)
+            images.append({"image": self.texels()[1], "floats": None, "planes": planes, "more": 0})
         return images
 
     def read(self, image: Buffer, alpha: bool) -> Image:

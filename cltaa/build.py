@@ -121,10 +121,9 @@ def shared(build: Build) -> Build:
     return msgspec.structs.replace(build, choices=choices, terms=terms)
 
 
-def edge_builds(build: Build) -> tuple[Build, Build]:
-    """Builds of ``extend_edges`` for the history and for its counts: alike, whatever else decides the resolve."""
-    counts = Build(lanes=build.lanes, rows=build.rows)
-    return msgspec.structs.replace(counts, storage=build.storage), counts
+def edge_build(build: Build) -> Build:
+    """That of ``extend_edges`` for the history and its counts: alike, whatever else decides the resolve."""
+    return Build(lanes=build.lanes, rows=build.rows, storage=build.storage)
 
 
 # The per-frame struct: name -> (C type, meaning). All members have 4 bytes, so that every compiler lays it out alike.

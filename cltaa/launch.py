@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.build import Build, Storage, span_planes
-from cltaa.constants import SPANS
+from cltaa.constants import PAD_X, SPANS
 from cltaa.layout import Layout
 from cltaa.params import HistoryFilter, HistoryOf, LightChange, Rectify, Reject
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from cltaa.shape import Shape
 
 SLIDING = frozenset({"resolve", "resolve_doubled", "gather", "gather_spans"})  # kernels whose work-items walk down rows
+EDGE_GROUP = 256  # work-items of a group of extend_edges on a GPU
 WISH = "CLTAA_DEVICE"  # the variable that names a device where nothing else does
 
 
@@ -131,12 +132,14 @@ class DeviceLauncher:
 
     def _range(
         self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]
-    ) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
+    ) -> tuple[tuple[int, ...], tuple[int, ...]]:
         if kernel == "extend_edges":
-            halo = layout.stride * layout.rows - layout.width * layout.height
-            planes = int(arguments["planes"])
             # Left to itself PoCL makes a group of all rows of a plane, which one core runs, and builds for its size.
-            return ((halo, planes), None) if build.lanes == 1 else ((layout.rows, planes), (1, 1))
+            planes = int(arguments["planes"]) + int(arguments["more"])
+            if build.lanes > 1:
+                return (layout.rows, planes), (1, 1)
+            items = 2 * layout.stride + 2 * PAD_X * layout.height
+            return (-(-items // EDGE_GROUP) * EDGE_GROUP, planes), (EDGE_GROUP, 1)
         rows = build.rows if kernel in SLIDING else 1
         columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
         group = self.device.shape.group
@@ -224,9 +227,9 @@ def run_spans(
     gathered = {name: value for name, value in arguments.items() if name not in results}
     launcher.run("gather_spans", build, layout, {**gathered, **spans})
     plain = Build(lanes=build.lanes, rows=build.rows)
-    for name, planes in (("spans", SPANS * span_planes(build.steps)), ("repeats", 1)):
-        whole = {"image": spans[name], "frame": arguments["frame"], "planes": planes}
-        launcher.run("extend_edges", plain, layout, whole)
+    counted = {"planes": SPANS * span_planes(build.steps), "more": 1}
+    written = {"image": spans["spans"], "floats": spans["repeats"], **counted}
+    launcher.run("extend_edges", plain, layout, {**written, "frame": arguments["frame"]})
     named = {name: arguments[name] for name in ("current", *results, *structs)}
     given = {"spans": spans["spans"], "repeats": spans["repeats"], **recursive}
     launcher.run("weigh_spans", build, layout, {**named, **given})

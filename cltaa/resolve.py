@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from cltaa.buffers import Buffers, LastRun
-from cltaa.build import HALVES, Build, Record, Steps, Storage, Terms, edge_builds, settings_record, shared
+from cltaa.build import HALVES, Build, Record, Steps, Storage, Terms, edge_build, settings_record, shared
 from cltaa.frame_checks import check_frame
 from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame, Image
@@ -118,8 +118,7 @@ class Resolver:
     def reserve(self, width: int, height: int, *, alpha: bool) -> None:
         """Do what every frame of a size needs, with or without alpha, while the first of them is still being read."""
         self._fitting(Layout(width, height), alpha or self.every_step)
-        for build in edge_builds(self.launcher.build(self._shape)):
-            self.launcher.prepare("extend_edges", build)
+        self.launcher.prepare("extend_edges", edge_build(self.launcher.build(self._shape)))
 
     def resolve(self, frame: Frame) -> Image:
         """The resolved colour of ``frame``, [H, W, 3] float32, or [H, W, 4] where the frame has alpha.
@@ -215,11 +214,9 @@ class Resolver:
         else:
             buffers.ready_counts(self.plan.choices, read=previous is not None)
             self._resolve(record, build, buffers)
-        colours, counts = edge_builds(build)
         buffers.doubled = self.plan.choices.history_of is HistoryOf.DOUBLED
-        written = [(colours, *image) for image in buffers.written(buffers.doubled)]
-        for shaped, image, planes in (*written, (counts, buffers.output_count, 1)):
-            self.launcher.run("extend_edges", shaped, layout, {"image": image, "frame": record, "planes": planes})
+        for written in buffers.written(buffers.doubled):
+            self.launcher.run("extend_edges", edge_build(build), layout, {"frame": record, **written})
 
     def _run_spans(self, frame: Frame, previous: Past | None, kept: KeptFrames, buffers: Buffers) -> None:
         """Gather spans of the past beside a recursive resolve of the frame, which is all that the next frame reads."""

@@ -1,6 +1,7 @@
-// Repeats the edge of PLANES planes into their halo, so that filters may read past the image. On a CPU one work-item a
-// row and plane. On a GPU one a halo texel and plane: first the PAD_Y rows above and below, over the whole stride, then
-// the columns left and right of each row inside.
+// Repeats the edge of planes into their halo, so that filters may read past the image: of `planes` planes of the
+// history's numbers and of `more` planes of floats, at once, since to start a kernel costs a GPU more than this work.
+// On a CPU one work-item a row and plane. On a GPU for each plane first one a column of the rows above, and one of
+// those below; then ROW_ITEMS a row, between which its texels left and right of the image are dealt out.
 #include "image.h"
 
 // Texels are copied as they are; halves as bits, since a device may lack arithmetic on them.
@@ -12,44 +13,53 @@ typedef __global double* texels;
 typedef __global float* texels;
 #endif
 
+#define ROW_ITEMS (2 * PAD_X)
+
 STAGE int limit_index(int v, int last) { return v < 0 ? 0 : (v > last ? last : v); }
 
-#if LANES > 1
-__kernel void extend_edges_kernel(history_out image, const frame_t frame, const int planes)
+// Copies the texel at `from` of a plane, counted over both kinds of planes, to `to`.
+STAGE void copy_texel(history_out image, plane_out floats, int plane, int planes, uint from, uint to, frame_t frame)
 {
-    const int y = (int)get_global_id(0) - PAD_Y, plane = (int)get_global_id(1);
-    if (y >= frame.height + PAD_Y || plane >= planes)
-        return;
-    texels p = (texels)image + (size_t)plane * plane_size(frame);
-    texels from = p + texel_offset(frame, 0, limit_index(y, frame.height - 1)), to = p + texel_offset(frame, 0, y);
-    if (from != to)
-        for (int x = 0; x < frame.width; ++x)
-            to[x] = from[x];
-    for (int x = -PAD_X; x < 0; ++x)
-        to[x] = from[0];
-    for (int x = frame.width; x < row_stride(frame) - PAD_X; ++x)
-        to[x] = from[frame.width - 1];
+    if (plane < planes) {
+        texels p = (texels)image + (size_t)plane * plane_size(frame);
+        p[to] = p[from];
+    } else {
+        plane_out p = floats + (size_t)(plane - planes) * plane_size(frame);
+        p[to] = p[from];
+    }
 }
-#else
-__kernel void extend_edges_kernel(history_out image, const frame_t frame, const int planes)
+
+__kernel void extend_edges_kernel(
+    history_out image, plane_out floats, const frame_t frame, const int planes, const int more)
 {
     const int i = (int)get_global_id(0), plane = (int)get_global_id(1);
-    const int whole_rows = 2 * PAD_Y * frame.stride, columns = frame.stride - frame.width;
-    const int rest = i - whole_rows;
-    if (rest >= frame.height * columns || plane >= planes)
+    if (plane >= planes + more)
         return;
-    int x, y;
+    const int stride = row_stride(frame), last = frame.height - 1, right = frame.width - 1;
+#if LANES > 1
+    const int y = i - PAD_Y;
+    if (y >= frame.height + PAD_Y)
+        return;
+    const uint from = texel_offset(frame, 0, limit_index(y, last)), to = texel_offset(frame, 0, y);
+    if (from != to)
+        for (int x = 0; x <= right; ++x)
+            copy_texel(image, floats, plane, planes, from + (uint)x, to + (uint)x, frame);
+    for (int x = 1; x <= PAD_X; ++x)
+        copy_texel(image, floats, plane, planes, from, to - (uint)x, frame);
+    for (int x = right + 1; x < stride - PAD_X; ++x)
+        copy_texel(image, floats, plane, planes, from + (uint)right, to + (uint)x, frame);
+#else
+    const int rest = i - 2 * stride, y = rest / ROW_ITEMS;
     if (rest < 0) {
-        const int row = i / frame.stride;
-        x = i - row * frame.stride - PAD_X;
-        y = row < PAD_Y ? row - PAD_Y : frame.height + (row - PAD_Y);
-    } else {
-        y = rest / columns;
-        const int column = rest - y * columns;
-        x = column < PAD_X ? column - PAD_X : frame.width + (column - PAD_X);
-    }
-    texels p = (texels)image + (size_t)plane * plane_size(frame);
-    const uint from = texel_offset(frame, limit_index(x, frame.width - 1), limit_index(y, frame.height - 1));
-    p[texel_offset(frame, x, y)] = p[from];
-}
+        const int below = i >= stride, x = i - (below ? stride : 0) - PAD_X;
+        const uint from = texel_offset(frame, limit_index(x, right), below ? last : 0);
+        for (int row = 1; row <= PAD_Y; ++row)
+            copy_texel(image, floats, plane, planes, from, texel_offset(frame, x, below ? last + row : -row), frame);
+    } else if (y <= last)
+        for (int k = rest % ROW_ITEMS; k < stride - frame.width; k += ROW_ITEMS) {
+            const int x = k < PAD_X ? k - PAD_X : frame.width + (k - PAD_X);
+            copy_texel(image, floats, plane, planes, texel_offset(frame, limit_index(x, right), y),
+                texel_offset(frame, x, y), frame);
+        }
 #endif
+}

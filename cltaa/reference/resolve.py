@@ -45,6 +45,17 @@ def resolve(
     store_resolved(resolve_pixel(p, h, r, build, settings), build, layout, frame, output, output_count)
 
 
-def extend_edges(build: Build, layout: Layout, *, image: Array, frame: Record, planes: int) -> None:  # noqa: ARG001
-    """Repeat the edge of the first ``planes`` planes into the halo."""
+def extend_edges(
+    build: Build,  # noqa: ARG001
+    layout: Layout,
+    *,
+    image: Array,
+    floats: Array | None,
+    frame: Record,  # noqa: ARG001
+    planes: int,
+    more: int,
+) -> None:
+    """Repeat the edge of the first ``planes`` planes of ``image``, and of ``more`` of ``floats``, into the halo."""
     layout.extend_edges(image[:planes])
+    if floats is not None:
+        layout.extend_edges(floats[:more])

@@ -141,23 +141,28 @@ def test_a_kernel_writes_its_pixels_and_at_most_the_rest_of_a_segment(kernel: st
         assert set(columns) <= set(range(first, first + -work.layout.width % lanes)), name
 
 
-@pytest.mark.parametrize("lanes", [1, 8])  # a texel a work-item, a row a work-item
+@pytest.mark.parametrize("lanes", [1, 8])  # columns and texels of the halo, a row of it a work-item
 @pytest.mark.parametrize("storage", list(Storage))
-def test_edges_are_extended_as_the_twin_extends_them(storage: Storage, lanes: int) -> None:
-    work, build = chain_work(33, 9), replace(strict(lanes), storage=storage)
+@pytest.mark.parametrize("size", [(33, 9), (64, 3), (1, 1)])
+def test_edges_are_extended_as_the_twin_extends_them(size: tuple[int, int], storage: Storage, lanes: int) -> None:
+    work, build = chain_work(*size), replace(strict(lanes), storage=storage)
     with np.errstate(over="ignore"):
-        source = work.planes["history"].astype(storage_dtype(build))
-    image = device().allocate(source.shape, source.dtype)
-    with image.mapped(write=True) as planes:
-        planes[:] = UNWRITTEN
-        work.layout.inside(planes)[:] = work.layout.inside(source)
-    arguments = {"image": image, "frame": work.frame, "planes": 3}
-    DeviceLauncher.run(device(), "extend_edges", build, work.layout, arguments)
+        history = work.planes["history"].astype(storage_dtype(build))
+    planes = {"image": history, "floats": work.planes["history_at"]}
+    buffers = {name: device().allocate(source.shape, source.dtype) for name, source in planes.items()}
+    for name, source in planes.items():
+        with buffers[name].mapped(write=True) as target:
+            target[:] = UNWRITTEN
+            work.layout.inside(target)[:] = work.layout.inside(source)
+    counted = {"planes": 3, "more": 2}
+    DeviceLauncher.run(device(), "extend_edges", build, work.layout, {**buffers, "frame": work.frame, **counted})
     device().finish()
-    work.layout.extend_edges(source)
-    with image.mapped(write=False) as planes:
-        assert np.array_equal(bits(planes[:3]), bits(source[:3]))
-        assert (planes[3, 0] == UNWRITTEN).all()  # the fourth plane was not asked for
+    for (name, source), count in zip(planes.items(), counted.values(), strict=True):
+        expected = source.copy()
+        work.layout.extend_edges(expected)
+        with buffers[name].mapped(write=False) as written:
+            assert np.array_equal(bits(written[:count]), bits(expected[:count])), name
+            assert (written[count:, 0] == UNWRITTEN).all(), name  # planes that were not asked for
 
 
 def test_every_choice_and_step_is_looked_at_by_a_stage() -> None:
