@@ -166,7 +166,7 @@ def numbered_files(folder: Path) -> tuple[Path, str, dict[int, Path]]:
     try:
         files = sorted(entry for entry in folder.iterdir() if entry.suffix == ".exr" and entry.name[0] != ".")
     except FileNotFoundError as error:
-        raise InputMissing("the folder is missing", path=folder, cure="check the name") from error
+        raise folder_missing(folder) from error
     except OSError as error:
         cure = "name the folder that its frames are in" if folder.suffix == ".exr" else None
         raise InputMissing(f"the folder cannot be read: {error.strerror}", path=folder, cure=cure) from error
@@ -184,6 +184,13 @@ def numbered_files(folder: Path) -> tuple[Path, str, dict[int, Path]]:
             raise DataError("two files have one frame number", path=path, frame=number, found=paths[number].name)
         paths[number] = path
     return folder, names[0], paths
+
+
+def folder_missing(folder: Path) -> InputMissing:
+    """The error for a folder that is not there, or for a pattern of files where a folder is meant."""
+    pattern = folder.suffix == ".exr" and folder.parent.is_dir()
+    cure = f"name the folder that its frames are in: {folder.parent}" if pattern else "check the name"
+    return InputMissing("the folder is missing", path=folder, cure=cure)
 
 
 def no_frames(folder: Path, files: Iterable[Path]) -> InputMissing:

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cltaa.below import captures_below, only_below
-from cltaa.errors import DataError, InputMissing
+from cltaa.errors import DataError
 from cltaa.frame_numbers import NUMBERED
 from cltaa.inputs.profile import Profile
 from cltaa.manifest import NAME as MANIFEST
-from cltaa.numbered import no_frames
+from cltaa.numbered import folder_missing, no_frames
 
 REFERENCE = "reference"  # folders of this name, or that begin with it, hold truth and no input
 
@@ -34,7 +34,7 @@ def file_sets(folder: Path) -> dict[str, dict[int, Path]]:
     Raises InputMissing where there is none, or none but captures in folders of their own.
     """
     if not folder.is_dir():
-        raise InputMissing("the folder is missing", path=folder, cure="check the name")
+        raise folder_missing(folder)
     captures = captures_below(folder)
     if captures and not any(folder.glob("*.exr")):
         raise only_below(folder, captures)

@@ -27,6 +27,8 @@ CASES: list[tuple[str, int, str]] = [
     ("inspect file.txt", MISSING, "file.txt: the folder cannot be read: Not a directory"),
     ("inspect /dev/null", MISSING, "/dev/null: the folder cannot be read"),
     ("inspect seq/synthetic.0000.exr", MISSING, "Not a directory; name the folder that its frames are in"),
+    ("resolve seq/synthetic.####.exr -o out", MISSING, "missing; name the folder that its frames are in: seq"),
+    ("check seq/synthetic.%04d.exr", MISSING, "name the folder that its frames are in: seq"),
     ("resolve nowhere -o out", MISSING, "nowhere: the folder is missing"),
     ("resolve empty -o out", MISSING, "no frames"),
     ("resolve '' -o out", USAGE, "the name is empty"),
