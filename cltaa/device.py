@@ -27,7 +27,7 @@ from cltaa.shape import CPU_8, CPU_16, GPU, INTEL_16, NVIDIA, Shape
 from cltaa.unknown_cpu import name_unknown_cpu
 
 POCL = "Portable Computing Language"  # the platform's name
-INTEL = 0x8086  # as a device names its vendor: the number that the PCI SIG gave it
+INTEL = "Intel"  # in what a device calls its vendor; the vendor's number is PoCL's own since version 4
 FILL_BYTES = 2**30
 
 
@@ -162,7 +162,7 @@ class Device:
     def shape(self) -> Shape:
         """How kernels are cut up for this device."""
         if self.is_cpu and self.cl_device.native_vector_width_float >= 16:
-            return INTEL_16 if self.cl_device.vendor_id == INTEL else CPU_16
+            return INTEL_16 if INTEL in self.cl_device.vendor else CPU_16
         if self.is_cpu:
             return CPU_8
         return NVIDIA if self.cl_device.platform.name == "NVIDIA CUDA" else GPU

@@ -15,6 +15,7 @@ from cltaa.build import Build, Storage, span_planes
 from cltaa.constants import PAD_X, SPANS
 from cltaa.layout import Layout
 from cltaa.params import HistoryFilter, HistoryOf, LightChange, Rectify, Reject
+from cltaa.shape import shared_out
 
 if TYPE_CHECKING:
     from cltaa.program import Kernel
@@ -111,7 +112,11 @@ class DeviceLauncher:
         Rows that were not asked for are then those that fill the device evenly.
         """
         shape, rows = self.device.shape, build.rows
-        if kernel != "resolve" or not shape.one_size:
+        if kernel != "resolve":
+            return build
+        if not build.columns and build.lanes == shape.lanes:
+            build = msgspec.structs.replace(build, columns=shape.columns)
+        if not shape.one_size:
             return build
         if arguments["frame"]["band_rows"]:
             return msgspec.structs.replace(build, stride=layout.stride)
@@ -142,6 +147,8 @@ class DeviceLauncher:
             return (-(-items // EDGE_GROUP) * EDGE_GROUP, planes), (EDGE_GROUP, 1)
         rows = build.rows if kernel in SLIDING else 1
         columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
+        if build.columns > 1:
+            return (shared_out(columns, build.columns, steps, self.device.cl_device.max_compute_units), steps), (1, 1)
         group = self.device.shape.group
         return (-(-columns // group[0]) * group[0], -(-steps // group[1]) * group[1]), group
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 LEAST_ROWS = 8  # of a work-item where rows are chosen by the image; fewer have not been measured
 UNIT_REGISTERS = 65536  # of a compute unit of NVIDIA's, since compute capability 3.0 (CUDA C++ Programming Guide)
+ITEMS_A_UNIT = 4  # work-items that a compute unit of a CPU has at least, so that none waits long for the last of them
 START_ROWS = 3  # what a column costs at its start, in rows: two of the frame and three of the history are read anew
 
 
@@ -22,6 +23,7 @@ class Shape(NamedTuple):
     registers_in_place: int = 0  # the same where history is neither moved nor rectified, which takes few
     registers_for_few: int = 0  # the same where history is read from four texels at most
     columns_ahead: int = 0  # work-items right of one whose texels it fetches into the second cache; 0: next, first
+    columns: int = 1  # side by side, that a work-item of the resolve walks row by row; 1: down a single one
     most_rows: int = 0  # up to which a resolve of whole images takes as many rows as fill the device; 0: ``rows``
 
     def even_rows(self, width: int, height: int, registers: int, units: int) -> int:
@@ -40,8 +42,15 @@ class Shape(NamedTuple):
         return min(range(LEAST_ROWS, self.most_rows + 1), key=cost)
 
 
+def shared_out(segments: int, columns: int, steps: int, units: int) -> int:
+    """Work-items across an image of ``segments`` segments a row and ``steps`` work-items down, each of which walks at
+    most ``columns`` of them; of a small image each walks fewer, so that all ``units`` compute units are busy."""
+    wanted = -(-ITEMS_A_UNIT * units // steps)
+    return min(max(-(-segments // columns), wanted), segments)
+
+
 CPU_8, CPU_16 = Shape(lanes=8, rows=32, group=(1, 1)), Shape(lanes=16, rows=64, group=(1, 1))
-INTEL_16 = CPU_16._replace(columns_ahead=3)
+INTEL_16 = CPU_16._replace(columns_ahead=3, columns=16)
 GPU = Shape(lanes=1, rows=8, group=(64, 2))
 NVIDIA = Shape(
     lanes=1, rows=16, group=(128, 1), one_size=True,

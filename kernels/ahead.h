@@ -10,11 +10,13 @@
 // there into the first.
 #include "image.h"
 
-#if !defined(COLUMNS_AHEAD)
-#error "ahead.h needs COLUMNS_AHEAD from the prelude"
+// COLUMNS > 1: along rows a CPU foresees what comes, so that a work-item fetches its own texels alone, into the second
+// cache.
+#if !defined(COLUMNS_AHEAD) || !defined(COLUMNS)
+#error "ahead.h needs COLUMNS_AHEAD and COLUMNS from the prelude"
 #endif
 
-#define ROWS_AHEAD (LANES > 1 ? 4 : 2)
+#define ROWS_AHEAD (COLUMNS > 1 ? 3 : (LANES > 1 ? 4 : 2))
 #define ROWS_NEAR 2 // of ROWS_AHEAD left out for what comes from the second cache
 
 // The texel of plane p that lies `rows` rows below the one at `at`. Where a row's length is a constant the step is part
@@ -22,6 +24,8 @@
 #if NVIDIA && STRIDE > 0
 #define FETCH_BELOW(p, at, rows, stride)                                                                               \
     __asm volatile("prefetch.global.L1 [%0+%1];" ::"l"((p) + (at)), "n"((rows) * STRIDE * (int)sizeof(*(p))))
+#elif COLUMNS > 1
+#define FETCH_BELOW(p, at, rows, stride) FETCH_FAR(ROW_BELOW(p, at, rows, stride))
 #elif COLUMNS_AHEAD
 #define FETCH_BELOW(p, at, rows, stride)                                                                               \
     FETCH_TWICE(ROW_BELOW(p, at, rows, stride) + COLUMNS_AHEAD * LANES, ROW_BELOW(p, at, rows - ROWS_NEAR, stride))

@@ -90,9 +90,8 @@ typedef __global float* restrict history_out;
 #if __has_builtin(__builtin_prefetch)
 #define FETCH_NEXT(p) __builtin_prefetch((const void*)(size_t)((p) + LANES))
 // The LANES from `far` on into the second cache; those from `near` on, and the ones after them, into the first.
-#define FETCH_TWICE(far, near)                                                                                         \
-    (__builtin_prefetch((const void*)(size_t)(far), 0, 2), __builtin_prefetch((const void*)(size_t)(near), 0, 3),      \
-        FETCH_NEXT(near))
+#define FETCH_FAR(far) __builtin_prefetch((const void*)(size_t)(far), 0, 2)
+#define FETCH_TWICE(far, near) (FETCH_FAR(far), __builtin_prefetch((const void*)(size_t)(near), 0, 3), FETCH_NEXT(near))
 #endif
 #endif
 // On a GPU the work-items beside this one read those at the same time, so p itself is fetched.
@@ -101,6 +100,9 @@ typedef __global float* restrict history_out;
 #endif
 #ifndef FETCH_NEXT
 #define FETCH_NEXT(p) (void)(p)
+#endif
+#ifndef FETCH_FAR
+#define FETCH_FAR(far) (void)(far)
 #endif
 #ifndef FETCH_TWICE
 #define FETCH_TWICE(far, near) (void)(far)

@@ -1,18 +1,77 @@
 // The temporal resolve, fused. One work-item slides a segment of LANES pixels down ROWS rows, so that each row of the
-// neighbourhood is read and converted once.
+// neighbourhood is read and converted once; or COLUMNS of them, row by row, so that memory is read along rows.
 #include "pixel.h"
 #include "ahead.h"
+#include "columns.h"
+
+// Resolves the segment at (x, y), whose row is `centre`; returns the row below.
+STAGE row_t resolve_segment(row_t above, row_t centre, plane_in current, plane_in closeness, plane_in motion,
+    plane_in alpha, plane_in reactive, history_in history, plane_in history_count, plane_in previous_closeness,
+    history_out output, plane_out output_count, int x, int y, frame_t frame, settings_t settings, kept_rows* kept)
+{
+    fetch_frame(current, closeness, motion, x, y, frame);
+#if !COLUMNS_AHEAD
+    if (LANES > 1)
+        fetch_history(history, history_count, previous_closeness, history_offset(frame, x, y), frame);
+#endif
+    const row_t below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
+    const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
+    const surface s = nearest_surface(above, centre, below, settings);
+    const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
+#if COLUMNS_AHEAD
+    // Not beside the frame's: more would be asked for at a time than can be under way.
+    fetch_history(history, history_count, previous_closeness, history_offset(frame, x, y), frame);
+#endif
+    history_t h = sample_history(
+        current, below.texels, history, history_count, previous_closeness, m, s, x, y, frame, settings, kept);
+    const rectification r = rectify(h.rgb, p.filtered, p.near, m, box_gamma(m, settings), frame, settings);
+    if (ALPHA)
+        h.alpha = past_alpha(alpha + texel_offset(frame, x, y), h.alpha, frame);
+    const resolved out = resolve_pixel(p, h, r, settings);
+    store_resolved(output, output_count, out, x, y, frame);
+    return below;
+}
 
 __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha, plane_in reactive,
     history_in history, plane_in history_count, plane_in previous_closeness, history_out output, plane_out output_count,
     const frame_t frame, const settings_t settings)
 {
-    const int x = (int)get_global_id(0) * LANES, first = frame.first_row + (int)get_global_id(1) * ROWS;
+    const int first = frame.first_row + (int)get_global_id(1) * ROWS;
     const int below_band = frame.first_row + band_rows(frame);
     const int end = below_band < frame.height ? below_band : frame.height;
+    const int last = first + ROWS < end ? first + ROWS : end;
+#if COLUMNS > 1
+    // As many segments as fall to a work-item, COLUMNS at most.
+    const int segments = (frame.width + LANES - 1) / LANES, item = (int)get_global_id(0),
+              items = (int)get_global_size(0);
+    const int begin = segments * item / items, count = segments * (item + 1) / items - begin;
+    ROW_MEMBERS(COLUMN_ARRAYS)
+    kept_rows kept[COLUMNS];
+    ROLLED
+    for (int i = 0; i < count; ++i) {
+        const int x = (begin + i) * LANES, to = i;
+        const row_t none = { 0 };
+        const row_t centre = read_next_row(none, current, closeness, motion, x, first - 1, frame);
+        const row_t below = read_next_row(centre, current, closeness, motion, x, first, frame);
+        ROW_MEMBERS(KEEP_COLUMN)
+        kept[i] = nothing_kept();
+    }
+    for (int y = first; y < last; ++y) {
+        ROLLED
+        for (int i = 0; i < count; ++i) {
+            row_t above = { 0 }, centre = { 0 };
+            ROW_MEMBERS(TAKE_COLUMN)
+            const row_t below
+                = resolve_segment(above, centre, current, closeness, motion, alpha, reactive, history, history_count,
+                    previous_closeness, output, output_count, (begin + i) * LANES, y, frame, settings, &kept[i]);
+            const int to = another_index(i);
+            ROW_MEMBERS(KEEP_COLUMN)
+        }
+    }
+#else
+    const int x = (int)get_global_id(0) * LANES;
     if (x >= frame.width || first >= end)
         return;
-    const int last = first + ROWS < end ? first + ROWS : end;
     if ((LANES == 1) & (CAMERA_MOTION | OWN_MOTION))
         fetch_first(current, closeness, motion, history, history_count, previous_closeness, x, first, frame);
     row_t above = { 0 }, centre = { 0 };
@@ -23,27 +82,10 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
     }
     kept_rows kept = nothing_kept();
     for (int y = first; y < last; ++y) {
-        fetch_frame(current, closeness, motion, x, y, frame);
-#if !COLUMNS_AHEAD
-        if (LANES > 1)
-            fetch_history(history, history_count, previous_closeness, history_offset(frame, x, y), frame);
-#endif
-        const row_t below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
-        const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
-        const surface s = nearest_surface(above, centre, below, settings);
-        const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
-#if COLUMNS_AHEAD
-        // Not beside the frame's: more would be asked for at a time than can be under way.
-        fetch_history(history, history_count, previous_closeness, history_offset(frame, x, y), frame);
-#endif
-        history_t h = sample_history(
-            current, below.texels, history, history_count, previous_closeness, m, s, x, y, frame, settings, &kept);
-        const rectification r = rectify(h.rgb, p.filtered, p.near, m, box_gamma(m, settings), frame, settings);
-        if (ALPHA)
-            h.alpha = past_alpha(alpha + texel_offset(frame, x, y), h.alpha, frame);
-        const resolved out = resolve_pixel(p, h, r, settings);
-        store_resolved(output, output_count, out, x, y, frame);
+        const row_t below = resolve_segment(above, centre, current, closeness, motion, alpha, reactive, history,
+            history_count, previous_closeness, output, output_count, x, y, frame, settings, &kept);
         above = centre;
         centre = below;
     }
+#endif
 }

@@ -1,4 +1,4 @@
-"""Which shape a device's kernels get, and that what they fetch ahead changes no bit."""
+"""Which shape a device's kernels get, and that neither what they fetch ahead nor their way changes a bit."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ import pytest
 
 from cltaa.bench.frames import Motion, make_frames
 from cltaa.build import Storage
-from cltaa.device import INTEL, Device
+from cltaa.device import Device
 from cltaa.frames import Image
 from cltaa.launch import DeviceLauncher
 from cltaa.resolve import Resolver
-from cltaa.shape import CPU_8, CPU_16, INTEL_16, Shape
+from cltaa.shape import CPU_8, CPU_16, INTEL_16, ITEMS_A_UNIT, Shape, shared_out
 
-AMD = 0x1022
+INTEL, AMD = "GenuineIntel", "AuthenticAMD"  # as every version of PoCL has it from the CPU itself
 
 
 @pytest.mark.parametrize(
     ("vendor", "width", "shape"),
     [(INTEL, 16, INTEL_16), (AMD, 16, CPU_16), (INTEL, 8, CPU_8), (AMD, 8, CPU_8)],
 )
-def test_a_cpu_gets_the_shape_of_its_vectors_and_its_maker(vendor: int, width: int, shape: Shape) -> None:
+def test_a_cpu_gets_the_shape_of_its_vectors_and_its_maker(vendor: str, width: int, shape: Shape) -> None:
     device = Device.__new__(Device)
     device.is_cpu = True
-    device.cl_device = cast(Any, SimpleNamespace(vendor_id=vendor, native_vector_width_float=width))
+    device.cl_device = cast(Any, SimpleNamespace(vendor=vendor, native_vector_width_float=width))
     assert device.shape == shape
 
 
@@ -42,6 +42,21 @@ def resolved(shape: Shape, storage: Storage, monkeypatch: pytest.MonkeyPatch) ->
 def test_columns_fetched_ahead_change_no_bit(storage: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever CPU the tests run on: one of the two is not what its own shape builds."""
     near, next_one = resolved(CPU_16, storage, monkeypatch)
-    far, third = resolved(INTEL_16, storage, monkeypatch)
+    far, third = resolved(INTEL_16._replace(columns=1), storage, monkeypatch)
     assert (near, far) == (0, INTEL_16.columns_ahead)
     assert np.array_equal(next_one.view(np.uint32), third.view(np.uint32))
+
+
+@pytest.mark.parametrize("storage", [Storage.FLOAT, Storage.HALF])
+def test_a_walk_along_rows_changes_no_bit(storage: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cltaa.shape.ITEMS_A_UNIT", 0)  # as few work-items as can be, on any number of cores
+    _, down = resolved(CPU_16, storage, monkeypatch)
+    _, along = resolved(INTEL_16, storage, monkeypatch)
+    assert np.array_equal(down.view(np.uint32), along.view(np.uint32))
+
+
+def test_rows_are_shared_out_evenly_and_keep_every_core_busy() -> None:
+    assert shared_out(120, 16, 17, 2) == 8
+    assert shared_out(16, 16, 4, 16) == 4 * ITEMS_A_UNIT == 16  # 256 x 256 on 16 cores: a column each
+    assert shared_out(3, 16, 1, 16) == 3  # never more than there are segments
+    assert all(-(-segments // shared_out(segments, 16, 100, 2)) <= 16 for segments in range(1, 1100))

@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from cltaa.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Real, Storage, prelude
+from cltaa.device import Device
 from cltaa.frames import Camera, Frame
 from cltaa.params import Choices
 from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
+from cltaa.shape import INTEL_16
 from tests.sequence_factory import bits, make_frame, special_values
 
 # Every choice that shapes a kernel, with the kind of its values.
@@ -69,6 +71,21 @@ def test_same_bits_whatever_the_shape_of_the_work(lanes: int, rows: int) -> None
 @pytest.mark.parametrize(("name", "choice"), [(n, c) for n, kind in CHOICES.items() for c in kind])
 def test_same_bits_for_every_choice(name: str, choice: str) -> None:
     assert differing({name: choice, "fresh_blur": 0.5}, list(hard_frames()), 8, 7) == 0
+
+
+# What decides which members of a row the next rows need, and how history is read while rows change.
+OF_ROWS = (
+    "box", "box_space", "current_filter", "dilation", "filter_use", "history_filter", "light_change", "neighbourhood",
+    "rectify", "reject", "variance",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "choice"), [(name, choice) for name in OF_ROWS for choice in CHOICES[name]])
+def test_same_bits_along_rows(name: str, choice: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work-items that walk along rows of three columns, as they do of sixteen on Intel's CPUs; 70 pixels are nine."""
+    monkeypatch.setattr(Device, "shape", INTEL_16._replace(lanes=8, columns=3))
+    monkeypatch.setattr("cltaa.shape.ITEMS_A_UNIT", 0)
+    assert differing({name: choice, "fresh_blur": 0.5}, list(hard_frames(count=2)), 8, 7) == 0
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 17), (17, 1), (2, 2), (3, 3), (17, 13), (33, 9)])
