@@ -54,7 +54,7 @@ def of_region(camera: Camera, layout: Layout) -> Camera:
     """The camera of a file's picture from that of its display window: the same view, clip space moved and scaled."""
     if layout.data_window == layout.display_window:
         return camera
-    (columns, rows), (left, top) = layout.display_size, layout.offset
+    (columns, rows), (left, top, *_) = layout.display_size, layout.region
     region = np.eye(4)
     region[0, 0], region[0, 3] = columns / layout.width, (columns - 2 * left) / layout.width - 1.0
     region[1, 1], region[1, 3] = rows / layout.height, 1.0 - (rows - 2 * top) / layout.height

@@ -7,15 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cltaa.equal_quality import equal_quality_samples, samples_on_curve
 from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.exr_layout import Part, Window
 from cltaa.frame_numbers import OnBreak, ranges
 from cltaa.frames import Image
 from cltaa.inputs.opening import is_own, open_input
 from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.pictures import open_pictures
 from cltaa.metrics import light_mse
-from cltaa.numbered import check_same_size
+from cltaa.numbered import check_same_size, shared_region
 from cltaa.sources import ImageSequence, Sequence
 
 
@@ -33,6 +36,18 @@ class Comparison:
         return self.capture is not None and self.test.folder.samefile(self.capture.folder)
 
     @property
+    def region(self) -> Window | None:
+        """What is judged where the two show different regions of one display window; else None, for all."""
+        return shared_region(self.test, self.reference)
+
+    @property
+    def _parts(self) -> tuple[Part, Part]:
+        """Rows and columns of a test and of its reference that are judged."""
+        if self.region is None:
+            return np.s_[:, :], np.s_[:, :]
+        return self.test.shows(self.region), self.reference.shows(self.region)
+
+    @property
     def _two_images(self) -> bool:
         """True for two single images, whose numbers need not agree."""
         return self.capture is None and len(self.test) == len(self.reference) == 1
@@ -41,11 +56,13 @@ class Comparison:
         """Yield frame number, test and reference, a frame at a time."""
         for number in self.test.numbers:
             other = self.reference.first if self._two_images else number
-            yield number, self.test.image(number), self.reference.image(other)
+            mine, truth = self._parts
+            yield number, self.test.image(number)[mine], self.reference.image(other)[truth]
 
     def check(self) -> None:
         """Raise DataError for sizes that differ and InputMissing for a frame without truth or single samples."""
-        check_same_size(self.test, self.reference)
+        if self.capture is not None or self.region is None:
+            check_same_size(self.test, self.reference)
         for number in () if self._two_images else self.test.numbers:
             for what, other in (("single samples", self.capture), ("reference", self.reference)):
                 if other is not None and number not in other.numbers:

@@ -34,6 +34,7 @@ LOSSLESS = frozenset({"none", "rle", "zips", "zip", "piz", "htj2k256", "htj2k32"
 LARGEST_RATIO = {"none": 1, "rle": 64, "zips": 1032, "zip": 1032}
 
 Window = tuple[int, int, int, int]  # x and y of the first pixel, x and y of the last
+Part = tuple[slice, slice]  # rows and columns
 Windows = tuple[Window, Window]  # of the data, and of the display
 
 
@@ -67,9 +68,15 @@ class Layout:
         return self.display_window[2] - self.display_window[0] + 1, self.display_window[3] - self.display_window[1] + 1
 
     @property
-    def offset(self) -> tuple[int, int]:
-        """Columns and rows from the first pixel of the display window to that of the picture."""
-        return self.data_window[0] - self.display_window[0], self.data_window[1] - self.display_window[1]
+    def region(self) -> Window:
+        """The picture as the display window has it: from whose first pixel on x and y are counted."""
+        left, top, *_ = self.display_window
+        return (
+            self.data_window[0] - left,
+            self.data_window[1] - top,
+            self.data_window[2] - left,
+            self.data_window[3] - top,
+        )
 
     @property
     def size(self) -> str:
@@ -77,7 +84,7 @@ class Layout:
         size = f"{self.width} x {self.height}"
         if self.data_window == self.display_window:
             return size
-        return f"{size} at ({self.offset[0]}, {self.offset[1]}) of {self.display_size[0]} x {self.display_size[1]}"
+        return f"{size} at ({self.region[0]}, {self.region[1]}) of {self.display_size[0]} x {self.display_size[1]}"
 
     @property
     def bytes_a_pixel(self) -> int:
@@ -94,7 +101,7 @@ class Layout:
         """Bytes of a chunk of scan lines, as decoded."""
         return dict(COMPRESSIONS)[self.compression] * self.width * self.bytes_a_pixel
 
-    def part_of(self, window: Window) -> tuple[slice, slice]:
+    def part_of(self, window: Window) -> Part:
         """Rows and columns of the picture that lie in ``window``; raises DataError unless it covers all of that."""
         left, top, right, bottom = self.data_window
         if not (left <= window[0] <= window[2] <= right and top <= window[1] <= window[3] <= bottom):

@@ -13,7 +13,7 @@ from typing import Self
 
 from cltaa.below import only_below, sequences_below
 from cltaa.errors import DataError, InputMissing
-from cltaa.exr_layout import Layout, read_layout
+from cltaa.exr_layout import Layout, Part, Window, read_layout
 from cltaa.frame_numbers import (
     NUMBERED,
     FrameRange,
@@ -112,6 +112,11 @@ class NumberedFiles:
             raise no_such_frame(self.folder, number, self.numbers)
         return self._paths[number]
 
+    def shows(self, region: Window) -> Part:
+        """Rows and columns of an image that lie in a region, which begins at the first pixel of the display window."""
+        left, top, *_ = self.layouts[self.first].region
+        return slice(region[1] - top, region[3] - top + 1), slice(region[0] - left, region[2] - left + 1)
+
     def sha256(self, number: int) -> str | None:
         """Return the SHA-256 that a frame's file must have, or None where none is recorded or is to be verified."""
         return self._recorded.get(self.path(number).name) if self.verify else None
@@ -144,11 +149,29 @@ def check_size(layout: Layout, before: Layout, number: int, on_resize: OnBreak) 
 
 def check_region(layout: Layout, other: Layout, named: str, number: int | None = None) -> None:
     """Raise DataError where two pictures of one size are other regions of their display windows."""
-    if layout.offset != other.offset or layout.display_size != other.display_size:
+    if layout.region != other.region or layout.display_size != other.display_size:
         raise DataError(
             f"shows another region than {named}", path=layout.path, frame=number, expected=other.size,
             found=layout.size, cure=ONE_REGION,
         )  # fmt: skip
+
+
+def shared_region(one: NumberedFiles, other: NumberedFiles) -> Window | None:
+    """What both show, from the first pixel of their display window on; None where they show one picture.
+
+    Raises DataError where their sizes differ without one display window, or where they show nothing in common.
+    """
+    first, second = one.layouts[one.first], other.layouts[other.first]
+    if first.display_size != second.display_size:
+        check_same_size(one, other)
+        return None
+    if first.region == second.region:
+        return None
+    left, top = (max(first.region[end], second.region[end]) for end in (0, 1))
+    right, bottom = (min(first.region[end], second.region[end]) for end in (2, 3))
+    if left > right or top > bottom:
+        check_region(second, first, str(one.folder))
+    return left, top, right, bottom
 
 
 def check_same_size(one: NumberedFiles, other: NumberedFiles) -> None:

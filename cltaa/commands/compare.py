@@ -91,6 +91,10 @@ def compare(
     for name, images in (("A", comparison.test), ("B", comparison.reference)):
         if images.notes:
             click.echo(printable(f"{name}: {'; '.join(images.notes)}"), err=True)
+    if comparison.region is not None:
+        left, top, right, bottom = comparison.region
+        size = f"{right - left + 1} x {bottom - top + 1} at ({left}, {top})"
+        click.echo(f"judged where both show something: {size} of the display window", err=True)
     warnings = doubts(comparison)
     for warning in warnings:
         click.echo(f"cltaa: warning: {warning}", err=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,11 +17,12 @@ from cltaa.exr_attributes import frame_attributes
 from cltaa.exr_channels import frame_planes
 from cltaa.frame_numbers import OnBreak
 from cltaa.frames import Frame
+from cltaa.inputs.convert import ray_length
 from cltaa.inputs.opening import open_input
 from cltaa.pipeline import resolve_sequence
 from cltaa.presets import load_preset
 from cltaa.resolve import Resolver
-from tests.inputs.foreign import write_parts
+from tests.inputs.foreign import side_text, write_parts
 from tests.sequence_factory import make_camera, make_frame, write_images
 
 WIDTH, HEIGHT = 48, 36
@@ -174,8 +176,59 @@ def test_truth_of_another_region_is_refused(tmp_path: Path, capsys: pytest.Captu
     truth = write_images(tmp_path / "truth", [np.zeros((ROWS, COLUMNS, 3), np.float32)] * 4, name="a")
     resolved(folder, tmp_path / "out")
     assert main(["compare", str(tmp_path / "out"), str(truth)]) == 0  # which does not say where it lies
-    other = tmp_path / "other"
-    write_region(other, (LEFT + 2, TOP, LEFT + COLUMNS + 1, TOP + ROWS - 1))
     capsys.readouterr()
-    assert main(["compare", str(tmp_path / "out"), str(other)]) == 65
+    beside = write_region(tmp_path / "beside", (LEFT + COLUMNS, TOP, WIDTH - 1, TOP + ROWS - 1))
+    assert main(["compare", str(tmp_path / "out"), str(beside)]) == 65
     assert "shows another region" in capsys.readouterr().err
+
+
+def test_what_both_show_is_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A region against a truth of the whole, and against another region."""
+    part = write_region(tmp_path / "part", REGION)
+    whole = write_region(tmp_path / "whole", WHOLE)
+    other = write_region(tmp_path / "other", (LEFT + 7, TOP - 2, WIDTH - 1, TOP + ROWS - 3))
+    brighter = write_images(tmp_path / "brighter", [moving(index).colour + np.float32(0.125) for index in range(4)])
+    for one, two, size, expected in (
+        (part, whole, "30 x 24 at (9, 5)", 0.0),
+        (whole, part, "30 x 24 at (9, 5)", 0.0),
+        (other, part, "23 x 22 at (16, 5)", 0.0),
+        (part, brighter, "30 x 24 at (9, 5)", 0.125**2),
+    ):
+        assert main(["compare", str(one), str(two), "--metrics", "mse-linear", "--json"]) == 0
+        said = capsys.readouterr()
+        assert json.loads(said.out)["mean"]["mse-linear"] == pytest.approx(expected, rel=1e-5)
+        assert f"judged where both show something: {size} of the display window" in said.err
+
+
+def test_camera_of_another_tools_region_is_that_of_our_own(tmp_path: Path) -> None:
+    folder = write_region(tmp_path / "in", REGION)
+    own, read = open_input(folder), open_input(folder, assignments=["colour.channels=R G B"])
+    for number in own.numbers:
+        for name in ("world_to_view", "view_to_clip"):
+            expected, found = (getattr(sequence.outline(number).camera, name) for sequence in (own, read))
+            np.testing.assert_array_equal(found, expected)
+    side = tmp_path / "camera.txt"
+    side.write_text(side_text([moving(index) for index in range(4)]))
+    told = open_input(folder, side_file=side).outline(3).camera
+    np.testing.assert_array_equal(told.view_to_clip, own.outline(3).camera.view_to_clip)
+
+
+def test_rays_of_a_region_are_those_of_the_whole(tmp_path: Path) -> None:
+    camera = read_frame(write_region(tmp_path / "in", REGION) / "a.0003.exr").camera
+    whole = ray_length((HEIGHT, WIDTH), moving(3).camera, (0.2, -0.3))
+    found = ray_length((ROWS, COLUMNS), camera, (0.2, -0.3))
+    np.testing.assert_allclose(found, whole[TOP : TOP + ROWS, LEFT : LEFT + COLUMNS], rtol=1e-12)
+
+
+def test_a_set_of_files_may_hold_more_than_the_picture_and_not_less(tmp_path: Path) -> None:
+    frame, depth = moving(0), tmp_path / "in" / "depth" / "a.0000.exr"
+    part = slice(TOP, TOP + ROWS), slice(LEFT, LEFT + COLUMNS)
+    colour = {name: frame.colour[..., place][part] for place, name in enumerate("RGB")}
+    for path in (depth, tmp_path / "in" / "beauty" / "a.0000.exr"):
+        path.parent.mkdir(parents=True)
+    write_image(path, colour, windows=(REGION, WHOLE))
+    write_image(depth, {"Z": frame.depth}, windows=(WHOLE, WHOLE))
+    np.testing.assert_array_equal(open_input(tmp_path / "in").frame(0).depth, frame.depth[part])
+    write_image(depth, {"Z": frame.depth[:, 20:]}, windows=((20, 0, *WHOLE[2:]), WHOLE))
+    with pytest.raises(DataError, match=r"does not cover the picture .*9, 5, 38, 28.*one data window"):
+        open_input(tmp_path / "in").frame(0)
