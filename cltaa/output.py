@@ -13,6 +13,9 @@ from cltaa.errors import DataError, UsageError
 from cltaa.manifest import NAME, RESTART_CURE, Entry, Manifest, file_sha256
 from cltaa.progress import track
 from cltaa.sources import Sequence
+from cltaa.views import View
+
+DEBUG = "debug"  # folder of the pictures of debug views
 
 
 def sequence_settings(sequence: Sequence) -> dict[str, Any]:
@@ -87,13 +90,16 @@ class OutputFolder:
 
 
 def _clear(folder: Path) -> None:
-    """Delete what a manifest lists, and then the manifest; one that is damaged is deleted alone."""
+    """Delete what a manifest lists, the pictures of debug views, and then the manifest; a damaged one lists nothing."""
     try:
         names = list(Manifest(folder).entries)
     except DataError:
         names = []
     for name in names:
         (folder / name).unlink(missing_ok=True)
+    for view in View:
+        for path in (folder / DEBUG).glob(f"{view}.*.png"):
+            path.unlink()
     (folder / NAME).unlink(missing_ok=True)
 
 

@@ -26,7 +26,7 @@ from cltaa.frame_numbers import OnBreak
 from cltaa.frames import Effect, Frame
 from cltaa.halves import image_channels, saturated_pixels
 from cltaa.interrupt import Stop, stop_signals
-from cltaa.output import OutputFolder, sequence_settings
+from cltaa.output import DEBUG, OutputFolder, sequence_settings
 from cltaa.planning import with_effects
 from cltaa.presets import Preset
 from cltaa.progress import track
@@ -172,7 +172,7 @@ class _Run:
                 frame = read.frame
                 image = self._resolver.resolve(with_effects(frame, self._effects))
                 if frame.index in wanted:
-                    views = self._debug.write(self._folder.folder / "debug", frame.index)
+                    views = self._debug.write(self._folder.folder / DEBUG, frame.index)
                     self._write(writer, read, partial(image_channels, image, half=half), views)
                     self._repaired += read.unusable
                     if half or self._resolver.keeps_halves:

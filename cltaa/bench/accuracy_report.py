@@ -29,7 +29,8 @@ def write_report(
     """Write the numbers as JSON and CSV, the plots, of several sequences a table over all of them, and ``pages``, texts
     by file name, into the folder ``output``. ``pictured`` sequences, the first ones, have plots of their own.
 
-    Raises OutputError, StorageError, and UsageError without matplotlib.
+    Plots and tables that an earlier report left there and this one has not are deleted. Raises OutputError,
+    StorageError, and UsageError without matplotlib.
     """
     texts = {NAME: msgspec.json.encode(result).decode(), "accuracy.csv": csv_text(result), **(pages or {})}
     falling = falling_metrics(result)
@@ -38,8 +39,10 @@ def write_report(
     for name, text in texts.items():
         with atomic_path(output / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
-    for _ in write_plots(result, output, pictured):
-        pass
+    written = {output / name for name in texts} | set(write_plots(result, output, pictured))
+    for pattern in ("front-*", "steps-*", "overview.*"):  # of sequences that an earlier report here had
+        for path in {*output.glob(pattern)} - written:
+            path.unlink()
 
 
 def read_report(folder: Path) -> Accuracy:

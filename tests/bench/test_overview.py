@@ -8,7 +8,7 @@ import msgspec
 import pytest
 from matplotlib import pyplot
 
-from cltaa.bench.accuracy_report import read_report
+from cltaa.bench.accuracy_report import read_report, write_report
 from cltaa.bench.accuracy_results import Accuracy, Cell, Measured, spread
 from cltaa.bench.environment import Environment
 from cltaa.bench.ladder import ladder
@@ -82,6 +82,16 @@ def test_the_figure_is_drawn_for_several_sequences_alone(tmp_path: Path) -> None
     assert "overview.png" not in {path.name for path in write_plots(accuracy(one), tmp_path)}
     assert {"overview.png", "overview.svg"} <= {path.name for path in write_plots(accuracy(one, two), tmp_path)}
     assert (tmp_path / "overview.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_report_keeps_nothing_of_the_one_before(tmp_path: Path) -> None:
+    one, two = sequence("one", (1.0, 4.0, 0.5)), sequence("two", (0.0, 2.0, 1.0))
+    write_report(accuracy(one, two), tmp_path)
+    assert (tmp_path / "overview.md").is_file()
+    (tmp_path / "notes.md").touch()
+    write_report(accuracy(two), tmp_path)
+    names = {f"{kind}-two.{suffix}" for kind in ("front", "steps") for suffix in ("png", "svg")}
+    assert {path.name for path in tmp_path.iterdir()} == names | {"accuracy.json", "accuracy.csv", "notes.md"}
 
 
 def test_reports_of_one_device_become_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

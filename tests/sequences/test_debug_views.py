@@ -223,3 +223,13 @@ def test_a_history_at_200_percent_shows_what_was_decided_for_its_pixels() -> Non
     # Two samples of some mass against one of the same.
     assert layers["debug.count"][:, :-shift].min() > layers["debug.count"][:, -shift:].max() > 0
     assert (layers["debug.clip"][:, -shift:] == 0).all()
+
+
+def test_a_restart_leaves_no_picture_of_before(tmp_path: Path) -> None:
+    write_sequence(tmp_path / "in", 3)
+    arguments = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy"]
+    assert main([*arguments, "--debug", "count,reject"]) == 0
+    (tmp_path / "out" / "debug" / "mine.png").touch()
+    assert main([*arguments, "--debug", "count", "--frames", "0-1", "--restart"]) == 0
+    left = sorted(path.name for path in (tmp_path / "out" / "debug").iterdir())
+    assert left == ["count.0000.png", "count.0001.png", "mine.png"]
