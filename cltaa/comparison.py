@@ -53,7 +53,7 @@ class Comparison:
         return self.capture is None and len(self.test) == len(self.reference) == 1
 
     def pairs(self) -> Iterator[tuple[int, Image, Image]]:
-        """Yield frame number, test and reference, a frame at a time."""
+        """Yield frame number, test and reference [H, W, 3], linear; raises DataError for a file that is wrong."""
         for number in self.test.numbers:
             other = self.reference.first if self._two_images else number
             mine, truth = self._parts

@@ -74,7 +74,7 @@ def ssim(test: Image, reference: Image, stops: float = 0.0) -> float:
 
 
 def display_ssim(test: Image, reference: Image) -> float:
-    """``ssim`` of two display images."""
+    """``ssim`` of two display images [H, W, 3] in [0, 1]; raises as ``ssim`` does."""
     if min(test.shape[:2]) < SSIM_SMALLEST_SIDE:
         expected = f"at least {SSIM_SMALLEST_SIDE} pixels a side"
         found, cure = f"{test.shape[1]} x {test.shape[0]}", "leave it out: --metrics mse,psnr,flip"
@@ -110,7 +110,7 @@ def flip_map(test: Image, reference: Image, stops: float = 0.0, *, hdr: bool = F
 
 
 def display_flip(test: Image, reference: Image) -> Image:
-    """``flip_map`` of two display images."""
+    """``flip_map`` [H, W] of two display images [H, W, 3] in [0, 1]; raises as ``flip_map`` does."""
     return _flip(test, reference, "LDR")
 
 

@@ -26,7 +26,10 @@ def timed_frames(sequence: Sequence) -> list[Frame]:
 
 
 def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int | None = None) -> tuple[Job, Image]:
-    """A job that runs the kernels of the last of ``frames`` again, and the image that they give."""
+    """A job that runs the kernels of the last of two or more ``frames`` again, and the image [H, W, 3 or 4] they give.
+
+    Its clock is the device's, in seconds, and there is none on NumPy. Raises what ``Resolver.resolve`` raises.
+    """
     if resolver.preset.choices.history_of is HistoryOf.SAMPLES:
         _keep_before(resolver, frames[0])
     image = [resolver.resolve(frame) for frame in frames][-1]

@@ -106,7 +106,7 @@ class VideoScores:
         return self.add_shown(frame, to_display(truth, self._stops), [to_display(test, self._stops) for test in tests])
 
     def add_shown(self, frame: Frame, truth: Image, tests: list[Image], *, judged: bool = True) -> list[Sums]:
-        """Judge one frame of which truth and tests are display images already; an image given twice is judged once.
+        """Judge one frame of which truth and tests are display images [H, W, 3]; one given twice is judged once.
 
         A frame that is not to be ``judged`` is only remembered for the next one, and gives no sums.
         """

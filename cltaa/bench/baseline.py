@@ -59,7 +59,7 @@ class PlainPort:
         self._record: np.ndarray[Any, Any] | None = None
 
     def resolve(self, frame: Frame, previous: Frame | None) -> Image:
-        """The resolved image of ``frame``, whose history is the output of the call before."""
+        """The resolved image [H, W, 3] float32 of ``frame``, whose history is the output of the call before."""
         with self._current.mapped(write=True) as pixels:
             pixels[..., :3], pixels[..., 3] = frame.colour, 1.0
         with self._closeness.mapped(write=True) as plane:

@@ -54,7 +54,7 @@ class Shader:
         self._targets = {texture: gl.framebuffer([texture]) for texture in (self._history, self._output)}
 
     def resolve(self, frame: Frame, previous: Frame | None) -> Image:
-        """The resolved image of ``frame``, whose history is the output of the call before."""
+        """The resolved image [H, W, 3] float32 of ``frame``, whose history is the output of the call before."""
         pixels = np.ones((frame.height, frame.width, 4), np.float32)
         pixels[..., :3] = frame.colour
         self._current.write(pixels.tobytes())
