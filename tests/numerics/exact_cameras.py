@@ -72,16 +72,20 @@ def displacement_of(
     ``px``, ``py``: pixels from the image's centre, x right, y down; ``closeness``: 1/Z, or -Z where orthographic.
     """
     kind = np.longdouble
+
+    def off(column: Exact) -> Exact:
+        return column[:, None, None]
+
     n = np.array([px.astype(kind) * 2 / width, -py.astype(kind) * 2 / height])
     clip, then = camera.view_to_clip.astype(kind), previous.view_to_clip.astype(kind)
     turn, before = camera.world_to_view.astype(kind), previous.world_to_view.astype(kind)
     q = closeness.astype(kind)
     across = np.linalg.inv(camera.view_to_clip[:2, :2]).astype(kind)
     if camera.orthographic:
-        position = np.array([*np.tensordot(across, n - clip[:2, 3][:, None, None], 1), q])
+        position = np.array([*np.tensordot(across, n - off(clip[:2, 3]) - off(clip[:2, 2]) * q, 1), q])
         weight: Any = kind(1)
     else:  # the position over its distance, so that the sky (closeness 0) is a direction
-        position = np.array([*np.tensordot(across, n + clip[:2, 2][:, None, None], 1), -np.ones_like(q)])
+        position = np.array([*np.tensordot(across, n + off(clip[:2, 2]) - off(clip[:2, 3]) * q, 1), -np.ones_like(q)])
         weight = q
     world = np.tensordot(inverse(turn[:3, :3]), position - turn[:3, 3][:, None, None] * weight, 1)
     earlier = np.tensordot(before[:3, :3], world, 1) + before[:3, 3][:, None, None] * weight

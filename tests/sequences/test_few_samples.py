@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 
 from cltaa.build import Build, settings_record
+from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Effect, Frame
 from cltaa.layout import Layout
 from cltaa.params import BoxSpace, Choices, Settings
+from cltaa.planning import plan_frame
 from cltaa.presets import Preset, load_preset, override
 from cltaa.reference.neighbourhood import Statistics
 from cltaa.reference.projection import Motion
 from cltaa.reference.rectify import rectify
 from cltaa.resolve import Resolver
-from tests.sequence_factory import bits, make_camera, make_frame
+from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame
 
 CAMERA = frozenset({Effect.CAMERA, Effect.SKY})
 
@@ -49,6 +51,16 @@ def test_the_filter_has_the_share_of_one_sample(history_of: str) -> None:
         kept = sum(1 / n for n in range(2, number + 1)) / number
         taken = 1 / max(number**2 - 1, 1) if history_of == "samples" else kept
         assert abs(value - (1 - (1 - middle) * taken)) < 1e-6
+
+
+def test_jitter_weighs_the_texels_and_corners_that_it_leads_to() -> None:
+    """Left and up: what is drawn to the right of a sample and below it lies nearer to its pixel's centre."""
+    frame, preset = dotted(1, jitter_px=(-0.25, -0.1)), few("result", filter_use="always")
+    record = frame_record(frame, Past.of(dotted(0)), Layout(WIDTH, HEIGHT), plan_frame(preset, frame, frame.camera))
+    across, down = record["right_weight"] / record["left_weight"], record["below_weight"] / record["above_weight"]
+    assert across > 1.1 * down > 1.1
+    across, down = record["left_mass"] / record["right_mass"], record["upper_mass"] / record["lower_mass"]
+    assert across > 1.1 * down > 1.1
 
 
 @pytest.mark.parametrize("history_of", ["result", "samples"])

@@ -35,9 +35,10 @@ def panned(camera: Camera, pixels: int, width: int) -> Camera:
     return Camera(camera.world_to_view, clip)
 
 
-def test_first_frame_is_the_current_one() -> None:
-    frame = still_frame(0)
-    assert np.array_equal(bits(Resolver().resolve(frame)), bits(frame.colour))
+@pytest.mark.parametrize("blur", [0.0, 1.0])  # of what appears amid pixels with a past
+def test_first_frame_is_the_current_one(blur: float) -> None:
+    frame, preset = still_frame(0), override(load_preset(), {"fresh_blur": blur})
+    assert np.array_equal(bits(Resolver(preset).resolve(frame)), bits(frame.colour))
 
 
 def test_still_sequence_is_the_mean_of_its_samples() -> None:
@@ -105,6 +106,30 @@ def test_strict_device_matches_numpy_bit_for_bit() -> None:
     for index in range(4):
         frame = make_frame(index, motion=True, alpha=True, reactive=True, effects=None)
         assert np.array_equal(bits(device.resolve(frame)), bits(oracle.resolve(frame)))
+
+
+def test_history_is_brought_to_the_exposure_of_now() -> None:
+    plain = {
+        "rectify": "none",
+        "weighting": "none",
+        "reject": "none",
+        "light_change": "ignore",
+        "current_filter": "none",
+    }
+    one, other = (Resolver(override(load_preset(), plain), "numpy") for _ in range(2))
+    for index, exposure in enumerate((1.0, 2.0, 0.5, 4.0)):
+        frame = still_frame(index, effects=None)
+        steady, colour = one.resolve(frame), np.float32(exposure) * frame.colour
+        resolved = other.resolve(replace(frame, colour=colour, exposure=exposure))
+        assert np.array_equal(bits(resolved), bits(np.float32(exposure) * steady))
+
+
+def test_a_mask_that_the_preset_ignores_changes_nothing() -> None:
+    bare, masked = (Resolver(override(load_preset(), {"reactive_mask": "ignore"})) for _ in range(2))
+    for index in range(3):
+        frame = still_frame(index, effects=None)
+        mask = np.full(frame.depth.shape, 0.8, np.float32)
+        assert np.array_equal(bits(masked.resolve(replace(frame, reactive=mask))), bits(bare.resolve(frame)))
 
 
 def test_alpha_is_resolved_with_colour() -> None:
