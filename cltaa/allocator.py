@@ -3,38 +3,115 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator
-from contextlib import contextmanager
+import mmap
+import threading
+from collections import deque
+from collections.abc import Hashable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 # glibc's mallopt, malloc.h: which parameter, and the value for frames that come and go in several threads.
 M_TRIM_THRESHOLD, KEPT = -1, 2**31 - 1  # bytes: free memory at the end of the heap that is not given back
 M_MMAP_THRESHOLD = -3  # bytes: blocks from this size on are mapped on their own
 SMALLEST, LARGEST = 4 * 2**20, 32 * 2**20  # bytes, of that threshold: NumPy's for large pages; glibc takes no more
 M_ARENA_MAX, ARENAS = -8, 1  # one heap for all threads: frames are made in one thread and freed in another
+LARGE_PAGE = 2 * 2**20  # bytes; the system begins a mapping of a multiple of it at one
 
 
 @contextmanager
-def kept_memory(plane_bytes: int) -> Iterator[None]:
+def kept_memory(plane_bytes: int, *, images: bool = True) -> Iterator[None]:
     """Keep freed blocks of up to half a plane for what is allocated next; all goes back at the end.
 
     By itself glibc maps and unmaps every block from 256 kB on, OpenEXR's of each chunk too: thousands of page faults a
     frame of 1920 x 1080, and each unmapping halts all threads of the process. Planes are mapped, in large pages,
-    because in the heap, among what is small, they would leave gaps that nothing fits. Does nothing with other C
-    libraries than glibc.
+    because in the heap, among what is small, they would leave gaps that nothing fits; those of ``empty_image``
+    are kept, unless ``images`` says no. Does nothing of the heap with other C libraries than glibc.
     """
     library = ctypes.CDLL(None)
-    if not hasattr(library, "mallopt"):
-        yield
-        return
-    threshold = mapped_from(plane_bytes)
-    for parameter, value in ((M_TRIM_THRESHOLD, KEPT), (M_MMAP_THRESHOLD, threshold), (M_ARENA_MAX, ARENAS)):
-        library.mallopt(parameter, value)
+    settings = ((M_TRIM_THRESHOLD, KEPT), (M_MMAP_THRESHOLD, mapped_from(plane_bytes)), (M_ARENA_MAX, ARENAS))
+    if hasattr(library, "mallopt"):
+        for parameter, value in settings:
+            library.mallopt(parameter, value)
     try:
-        yield
+        with KEPT_BLOCKS if images else nullcontext():
+            yield
     finally:
-        library.malloc_trim(0)
+        if hasattr(library, "malloc_trim"):
+            library.malloc_trim(0)
 
 
 def mapped_from(plane_bytes: int) -> int:
     """Bytes from which on blocks are mapped on their own, in a run over images with planes of that size."""
     return min(max(plane_bytes // 2, SMALLEST), LARGEST)
+
+
+class KeptBlocks:
+    """What frames have left, by its kind, while somebody is inside of ``kept_memory``."""
+
+    def __init__(self) -> None:
+        self._lock, self._users, self._left = threading.Lock(), 0, dict[Hashable, deque[Any]]()
+
+    def __enter__(self) -> None:
+        """Begin to keep."""
+        with self._lock:
+            self._users += 1
+
+    def __exit__(self, *_: object) -> None:
+        """Give everything back, where nobody else is inside."""
+        with self._lock:
+            self._users -= 1
+            if not self._users:
+                self._left.clear()
+
+    def take(self, kind: Hashable) -> Any | None:
+        """What was left of that kind last, or None."""
+        with suppress(KeyError, IndexError):
+            return self._left[kind].pop()
+        return None
+
+    def leave(self, kind: Hashable, block: object) -> None:
+        """Keep what is not needed any more; takes no lock, since it may be called wherever an array ends."""
+        if self._users:
+            self._left.setdefault(kind, deque()).append(block)
+
+
+KEPT_BLOCKS = KeptBlocks()
+
+
+def empty_image(shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Planes like those of ``np.empty``, inside ``kept_memory`` in what earlier ones of the same size have left."""
+    size = 4 * int(np.prod(shape))
+    if size < SMALLEST:
+        return np.empty(shape, np.float32)
+    pages = -(-size // LARGE_PAGE) * LARGE_PAGE
+    return np.asarray(_Block(KEPT_BLOCKS.take(pages) or _mapped(pages)))[: size // 4].reshape(shape)
+
+
+def _mapped(size: int) -> mmap.mmap:
+    try:
+        memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    except OSError as error:
+        raise MemoryError(f"no {size} bytes") from error
+    if hasattr(mmap, "MADV_HUGEPAGE"):
+        memory.madvise(mmap.MADV_HUGEPAGE)
+    return memory
+
+
+class _Block:
+    """What arrays over a piece of memory refer to; with the last of them the memory is free."""
+
+    def __init__(self, memory: mmap.mmap) -> None:
+        self._memory = memory
+        address = np.frombuffer(memory, np.uint8).ctypes.data
+        self.__array_interface__ = {
+            "data": (address, False),
+            "shape": (len(memory) // 4,),
+            "typestr": "<f4",
+            "version": 3,
+        }
+
+    def __del__(self) -> None:
+        KEPT_BLOCKS.leave(len(self._memory), self._memory)

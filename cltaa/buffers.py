@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cltaa.allocator import empty_image
 from cltaa.build import Build, Record, Steps, texel_planes
 from cltaa.constants import value
 from cltaa.errors import ResourceError
@@ -107,7 +108,9 @@ class Buffers:
     def read(self, image: Buffer, alpha: bool) -> Image:
         """The output, or what is ``shown`` in its place, as [H, W, 3 or 4] float32, planar in memory."""
         with image.mapped(write=False) as planes:
-            inside: NDArray[np.float32] = self.layout.inside(planes)[: 4 if alpha else 3].astype(np.float32)
+            stored = self.layout.inside(planes)[: 4 if alpha else 3]
+            inside: NDArray[np.float32] = empty_image(stored.shape)
+            inside[...] = stored
         return np.moveaxis(inside, 0, -1)
 
     def swap(self) -> None:

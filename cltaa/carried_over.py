@@ -31,7 +31,7 @@ def carried_over(path: Path, layers: tuple[str, ...]) -> CarriedOver:
 
     Raises what reading raises.
     """
-    header = read_any_header(path)
+    header = read_any_header(path, chunks=False)  # the frame is read beside it
     attributes = {name: value for name, value in header.attributes.items() if name not in _OF_THE_FILE}
     channels: dict[str, Pixels] = {}
     if layers:

@@ -18,6 +18,7 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
+from cltaa.allocator import empty_image
 from cltaa.atomic import atomic_path
 from cltaa.errors import DataError, StorageError, UsageError
 from cltaa.exr_attributes import FrameHeader, frame_attributes
@@ -30,9 +31,10 @@ from cltaa.exr_layout import (
     check_lossless,
     parse_layout,
     read_layout,
+    read_outline,
 )
 from cltaa.exr_zip import ROWS_A_CHUNK, fast_deflate, write_zip
-from cltaa.file_content import check_memory, file_size, open_regular, read_all
+from cltaa.file_content import Copy, check_memory, file_size, open_regular, read_all
 from cltaa.frames import Frame, Image
 from cltaa.quiet import muted_output
 from cltaa.zip_level import FASTEST, set_zip_level
@@ -42,8 +44,10 @@ _STRUCTURAL = frozenset({"channels", "compression", "dataWindow", "displayWindow
 # Attributes that the standard defines as float; every other Python float is written as a double, so none is rounded.
 _STANDARD_FLOATS = frozenset({"pixelAspectRatio", "screenWindowWidth", "whiteLuminance", "xDensity", "expTime"})
 
-# OpenEXR starts with no worker threads and no limit; a second core halves the time of ZIP.
-OpenEXR.set_global_thread_count(len(os.sched_getaffinity(0)))
+# OpenEXR starts with no worker threads and no limit; a second core halves the time of ZIP. Of many cores half are left
+# to what runs beside it: with all of them each frame is decoded sooner, and the others wait for it.
+CORES, MANY_CORES = len(os.sched_getaffinity(0)), 8
+OpenEXR.set_global_thread_count(min(CORES, max(MANY_CORES, CORES // 2)))
 OpenEXR.setMaxImageSize(LARGEST_SIDE, LARGEST_SIDE)
 set_zip_level(FASTEST)
 
@@ -80,7 +84,7 @@ def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
     def stack(wanted: Sequence[str]) -> Image | None:
         if wanted[0] not in names:
             return None
-        planar: NDArray[np.float32] = np.empty((len(wanted), layout.height, layout.width), np.float32)
+        planar: NDArray[np.float32] = empty_image((len(wanted), layout.height, layout.width))
         for plane, name in zip(planar, wanted, strict=True):
             plane[...] = pixels.pop(name)
         return np.moveaxis(planar, 0, -1)
@@ -144,8 +148,8 @@ def write_image(
             else:
                 # As bytes: a str that came from a name in another encoding than UTF-8 cannot be handed over.
                 OpenEXR.File(header, contiguous).write(os.fsencode(temporary))
-            # A write that fails when OpenEXR closes the file goes unsaid; then the table of chunks is not whole.
-            read_layout(temporary)
+                # A write that fails when OpenEXR closes the file goes unsaid; then the table of chunks is not whole.
+                read_layout(temporary)
         except (RuntimeError, ValueError, TypeError, DataError) as error:
             raise StorageError(
                 f"OpenEXR could not write it: {error}", path=path, cure="check the free space"
@@ -159,10 +163,13 @@ def read_image(path: Path, *, sha256: str | None = None) -> tuple[dict[str, Pixe
     return pixels, {name: value for name, value in attributes.items() if name not in _STRUCTURAL}
 
 
-def read_header(path: Path) -> ImageHeader:
-    """Read a file's layout and attributes without decoding pixels; every chunk is known to be inside the file."""
+def read_header(path: Path, *, chunks: bool = True) -> ImageHeader:
+    """Read a file's layout and attributes without decoding pixels.
+
+    Every chunk is known to be inside the file, unless ``chunks`` says that they are nobody's concern.
+    """
     with open_regular(path) as file:
-        layout = parse_layout(path, file)
+        layout = parse_layout(path, file) if chunks else read_outline(path, file).layout
         file.seek(0)
         return ImageHeader(layout, _open(layout, file, header_only=True)[1])
 
@@ -176,21 +183,24 @@ def read_colour(path: Path, *, sha256: str | None = None) -> Image:
 
 
 @contextmanager
-def _loaded(path: Path, sha256: str | None) -> Iterator[tuple[Layout, BinaryIO]]:
-    """Check the layout, and only then read the whole file, so that what was checked is what is decoded.
+def _loaded(path: Path, sha256: str | None) -> Iterator[tuple[Layout, Copy]]:
+    """Check the headers, read the whole file, and check in memory what is decoded from there.
 
     Its content goes at the end of the block: of a large picture little fits into memory twice.
     """
     with open_regular(path) as file:
-        layout = parse_layout(path, file)
-        # Beside the pixels stands the packed file first, and then the one channel that is being moved into the frame.
-        check_memory(path, layout.decoded_bytes + max(file_size(file), 4 * layout.width * layout.height))
-        content = read_all(path, file, sha256)
+        outline = read_outline(path, file)
+        layout = outline.layout
+        size = file_size(file)
+        check_memory(path, size)
+        content = read_all(path, file, sha256, outline.check_chunks)
     with content:
+        # Beside the pixels stands the packed file first, and then the one channel that is being moved into the frame.
+        check_memory(path, layout.decoded_bytes + max(size, 4 * layout.width * layout.height))
         yield layout, content
 
 
-def _decode(layout: Layout, content: BinaryIO) -> tuple[dict[str, Pixels], dict[str, object]]:
+def _decode(layout: Layout, content: BinaryIO | Copy) -> tuple[dict[str, Pixels], dict[str, object]]:
     file, attributes = _open(layout, content, header_only=False)
     channels = {name: channel.pixels for name, channel in file.channels().items()}
     shape = (layout.height, layout.width)
@@ -199,12 +209,12 @@ def _decode(layout: Layout, content: BinaryIO) -> tuple[dict[str, Pixels], dict[
     return channels, attributes
 
 
-def _open(layout: Layout, content: BinaryIO, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:
+def _open(layout: Layout, content: BinaryIO | Copy, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:
     file = open_content(layout.path, content, header_only=header_only)
     return file, {name: _scalar(value) for name, value in file.header().items()}
 
 
-def open_content(path: Path, content: BinaryIO, *, header_only: bool) -> OpenEXR.File:
+def open_content(path: Path, content: BinaryIO | Copy, *, header_only: bool) -> OpenEXR.File:
     """Let OpenEXR decode an open file whose layout was checked; ``path`` is its name in messages. Raises DataError."""
     # By the name of the descriptor: the file's own need not be UTF-8, and what OpenEXR itself prints would hold it raw.
     # Not as a stream: OpenEXR's threads would take hundreds of turns a frame with the interpreter to read from one.

@@ -7,6 +7,8 @@ OpenEXR understands in the same way: nothing stands twice, and no number is beyo
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
@@ -72,6 +74,15 @@ def place_of(content: bytes, attribute: str) -> int:
             return place + 4
         place += 4 + struct.unpack_from("<i", content, place)[0]
     raise IndexError(f"no attribute {attribute}")
+
+
+@contextmanager
+def damaged(path: Path) -> Iterator[None]:
+    """Raise DataError for what parsing bytes raises that are damaged or cut off."""
+    try:
+        yield
+    except (struct.error, IndexError, KeyError, ValueError) as error:
+        raise DataError("the EXR header is damaged or cut off", path=path, cure="write the file again") from error
 
 
 def read_at(file: BinaryIO, place: int, size: int) -> bytes:

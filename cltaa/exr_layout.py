@@ -11,15 +11,17 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
 from cltaa.errors import DataError, UsageError
-from cltaa.exr_header import LARGEST_SIDE, MULTI_PART, TILED, Header, read_at, read_channels, read_headers
+from cltaa.exr_chunks import Table, check_chunks
+from cltaa.exr_header import LARGEST_SIDE, MULTI_PART, TILED, Header, damaged, read_at, read_channels, read_headers
 from cltaa.exr_tiles import Counts, tile_sizes
-from cltaa.file_content import file_size, open_regular
+from cltaa.file_content import Look, file_size, open_regular
 
 PIXEL_BYTES = {"uint": 4, "half": 2, "float": 4}
 # Name and scan lines a chunk, in the order of their numbers in the file.
@@ -29,9 +31,6 @@ COMPRESSIONS = (
 )  # fmt: skip
 COMPRESSION_NUMBERS = {name: number for number, (name, _) in enumerate(COMPRESSIONS)}
 LOSSLESS = frozenset({"none", "rle", "zips", "zip", "piz", "htj2k256", "htj2k32", "zstd"})
-# How many times larger than its chunk in the file a block of pixels can be, where the method has such a limit:
-# deflate copies at most 258 bytes for 2 bits, and run lengths repeat a byte 128 times in 2 bytes.
-LARGEST_RATIO = {"none": 1, "rle": 64, "zips": 1032, "zip": 1032}
 
 Window = tuple[int, int, int, int]  # x and y of the first pixel, x and y of the last
 Part = tuple[slice, slice]  # rows and columns
@@ -131,15 +130,46 @@ def check_lossless(compression: str, path: Path | None = None) -> None:
 
 def parse_layout(path: Path, file: BinaryIO) -> Layout:
     """Do what ``read_layout`` does, for a file that is open; ``path`` is its name in messages."""
-    parts = parse_parts(path, file)
-    if parts[0].part is not None:
-        raise DataError("multi-part images are not read", path=path, cure="write a flat single-part EXR")
-    return parts[0]
+    outline = read_outline(path, file)
+    layout = outline.layout
+    outline.check_chunks(partial(read_at, file), file_size(file))
+    return layout
 
 
 def parse_parts(path: Path, file: BinaryIO) -> tuple[Layout, ...]:
     """Layouts of all parts of an open file, checked as ``read_layout`` does, and against each other."""
-    try:
+    outline = read_outline(path, file)
+    outline.check_chunks(partial(read_at, file), file_size(file))
+    return outline.parts
+
+
+class Outline(NamedTuple):
+    """What the headers of a file say of its parts, and where the tables of their chunks must be."""
+
+    path: Path
+    parts: tuple[Layout, ...]
+    tables: list[Table]
+
+    @property
+    def layout(self) -> Layout:
+        """That of the only part; raises DataError for a file of many."""
+        if self.parts[0].part is not None:
+            raise DataError("multi-part images are not read", path=self.path, cure="write a flat single-part EXR")
+        return self.parts[0]
+
+    def check_chunks(self, look: Look, length: int) -> None:
+        """Check that every chunk lies inside the file of ``length`` bytes and can hold its pixels; raises DataError.
+
+        Each chunk is looked at, which in a file is a turn with the interpreter for each.
+        """
+        with damaged(self.path):
+            for table in self.tables:
+                check_chunks(table, look, length)
+
+
+def read_outline(path: Path, file: BinaryIO) -> Outline:
+    """Parse the headers of an open file without a look at its chunks; raises DataError."""
+    with damaged(path):
         version, headers, place = read_headers(path, file)
         many = bool(version & MULTI_PART)
         parts = tuple(_layout(path, header, many) for header in headers)
@@ -154,15 +184,13 @@ def parse_parts(path: Path, file: BinaryIO) -> tuple[Layout, ...]:
             part.part_of(picture)
         tiled = [header["type"] == b"tiledimage" if many else bool(version & TILED) for header in headers]
         chunks = [_chunk_sizes(*its) for its in zip(parts, headers, tiled, strict=True)]
-        behind = place + 8 * sum(len(sizes) for sizes in chunks)
+        behind, tables = place + 8 * sum(len(sizes) for sizes in chunks), list[Table]()
         for part, in_tiles, sizes in zip(parts, tiled, chunks, strict=True):
             # A chunk begins with its part (if there are many), its place (y, or four numbers) and its size.
             leader = 4 * many + (20 if in_tiles else 8)
-            _check_chunks(part, file, place, sizes, leader, behind)
+            tables.append(Table(path, place, sizes, part.bytes_a_pixel, part.compression, leader, behind))
             place += 8 * len(sizes)
-    except (struct.error, IndexError, KeyError, ValueError) as error:
-        raise DataError("the EXR header is damaged or cut off", path=path, cure="write the file again") from error
-    return parts
+    return Outline(path, parts, tables)
 
 
 def shared_window(parts: Sequence[Layout]) -> Window:
@@ -216,23 +244,3 @@ def _row_sizes(layout: Layout, rows_per_chunk: int) -> Counts:
     """Pixels of each chunk of scan lines."""
     starts = np.arange(0, layout.height, rows_per_chunk)
     return np.minimum(rows_per_chunk, layout.height - starts) * layout.width
-
-
-def _check_chunks(layout: Layout, file: BinaryIO, table: int, pixels: Counts, leader: int, behind: int) -> None:
-    """Check that every chunk begins behind all tables, ends inside the file and can hold its pixels.
-
-    The size of a chunk ends its ``leader`` bytes. One that is smaller than its compression allows cannot be decoded.
-    """
-    length = file_size(file)
-    if behind > length:
-        raise DataError("the file is truncated inside its table of chunks", path=layout.path, cure="write it again")
-    offsets = np.frombuffer(read_at(file, table, 8 * len(pixels)), dtype="<u8")
-    fits = bool((offsets >= behind).all() and (offsets <= length - leader).all())
-    if fits:
-        sizes = np.array([struct.unpack_from("<i", read_at(file, int(place) + leader - 4, 4))[0] for place in offsets])
-        fits = bool((sizes >= 0).all() and (offsets + sizes.astype("<u8") <= length - leader).all())
-    if not fits:
-        raise DataError("the file is truncated or was never finished", path=layout.path, cure="write it again")
-    ratio = LARGEST_RATIO.get(layout.compression)
-    if ratio is not None and (sizes * ratio < pixels * layout.bytes_a_pixel).any():
-        raise DataError("a chunk is too small for its pixels", path=layout.path, cure="write it again")

@@ -1,7 +1,7 @@
 """The bytes of an input file: opened without surprises, read once, checked against the SHA-256 that was recorded.
 
 A name in a folder may be anything: a folder, a pipe that never answers, a device without an end. Only regular files are
-read. They are read, not mapped: a mapped file that somebody cuts short kills the process that looks at it.
+read. They are copied, not mapped: a mapped file that somebody cuts short kills the process that looks at it.
 """
 
 from __future__ import annotations
@@ -10,15 +10,17 @@ import errno
 import hashlib
 import os
 import stat
-from collections.abc import Iterator
-from contextlib import contextmanager
-from io import BufferedReader
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from mmap import mmap
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import BinaryIO, Self
 
+from cltaa.allocator import KEPT_BLOCKS
 from cltaa.errors import DataError, InputMissing, ResourceError, StorageError, room_cure
 
-PIECE = 1 << 20  # bytes that are read at a time: few calls of Python a file, and hashed while a core's cache has them
+Look = Callable[[int, int], bytes]  # the bytes from a place on, as many as are asked for or fewer where the file ends
+
 _CGROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")
 
 
@@ -67,39 +69,68 @@ def read_text(path: Path, expected: str, largest: int) -> str:
         raise DataError(f"not UTF-8: {error}", path=path, expected=expected) from None
 
 
-def read_all(path: Path, file: BinaryIO, sha256: str | None) -> BinaryIO:
-    """Copy the whole file into memory, which is a file of no folder, so that nobody can change it; close it to free it.
+class Copy:
+    """A file's bytes in memory, which is a file of no folder, so that nobody can change them; a descriptor of it."""
 
-    Raises DataError where its SHA-256, in hexadecimal, is not the given one, or where the file changes meanwhile.
+    def __init__(self) -> None:
+        self._descriptor = os.memfd_create("content")
+        self._memory: mmap | None = None
+        self.size = 0
+
+    def fill(self, path: Path, file: BinaryIO) -> None:
+        """Copy a file of the size that it has now, by as few calls as it takes; raises DataError where it changes."""
+        size = file_size(file)
+        os.ftruncate(self._descriptor, size)  # the pages of an earlier file are used again, up to there
+        if size and (self._memory is None or len(self._memory) < size):
+            self._memory = mmap(self._descriptor, size)
+        self.size, place = size, 0
+        with self.bytes() as content:
+            while place < size:
+                length = os.preadv(file.fileno(), [content[place:]], place)
+                if not length:
+                    raise DataError("the file changed while it was read", path=path, cure="run again")
+                place += length
+
+    def bytes(self) -> memoryview:
+        """What was copied last; release it before the next file."""
+        return memoryview(self._memory or b"")[: self.size]
+
+    def fileno(self) -> int:
+        """The descriptor, by whose name other libraries open the memory."""
+        return self._descriptor
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave the memory to the next file, in a run that keeps it."""
+        KEPT_BLOCKS.leave(Copy, self)
+
+    def __del__(self) -> None:
+        """Give the memory back."""
+        with suppress(AttributeError):  # where there was no descriptor to be had
+            os.close(self._descriptor)
+
+
+def read_all(path: Path, file: BinaryIO, sha256: str | None, check: Callable[[Look, int], None]) -> Copy:
+    """Copy the whole file into memory; use the copy in a ``with`` block.
+
+    ``check`` is given what reads bytes of it, and its size. Raises DataError where its SHA-256, in hexadecimal, is not
+    the given one, or where the file changes meanwhile, and what ``check`` raises.
     """
-    content = os.fdopen(os.memfd_create("content"), "w+b")
-    try:
-        found = _copy(path, file, content, hashed=sha256 is not None)
-        if sha256 is not None and found != sha256:
-            raise DataError(
-                "the content is not what was recorded when it was written", path=path,
-                expected=f"SHA-256 {sha256[:12]}...", found=f"{found[:12]}...", cure="capture or copy the file again",
-            )  # fmt: skip
-    except BaseException:
-        content.close()
-        raise
-    return content
-
-
-def _copy(path: Path, file: BinaryIO, content: BinaryIO, *, hashed: bool) -> str:
-    """Copy a file of the size that it has now; returns the SHA-256 of what was copied, where that is wanted."""
-    digest, piece, left = hashlib.sha256(), memoryview(bytearray(PIECE)), file_size(file)
-    file.seek(0)
-    while left:
-        length = cast(BufferedReader, file).readinto(piece[:left])
-        if not length:
-            raise DataError("the file changed while it was read", path=path, cure="run again")
-        if hashed:
-            digest.update(piece[:length])
-        content.write(piece[:length])
-        left -= length
-    content.flush()
-    return digest.hexdigest()
+    copy = KEPT_BLOCKS.take(Copy) or Copy()
+    copy.fill(path, file)
+    with copy.bytes() as content:
+        check(lambda place, size: bytes(content[place : place + size]), copy.size)
+        # By one call: where threads are many, each turn with the interpreter is waited for.
+        found = "" if sha256 is None else hashlib.sha256(content).hexdigest()
+    if sha256 is not None and found != sha256:
+        raise DataError(
+            "the content is not what was recorded when it was written", path=path,
+            expected=f"SHA-256 {sha256[:12]}...", found=f"{found[:12]}...", cure="capture or copy the file again",
+        )  # fmt: skip
+    return copy
 
 
 def file_size(file: BinaryIO) -> int:

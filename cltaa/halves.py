@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cltaa.allocator import empty_image
 from cltaa.constants import value
 from cltaa.exr_channels import Pixels
 from cltaa.frames import Image
@@ -14,8 +15,8 @@ def image_channels(image: Image, *, half: bool = False) -> dict[str, Pixels]:
     planes: dict[str, Pixels] = {name: image[..., channel] for channel, name in enumerate("RGBA"[: image.shape[-1]])}
     if not half:
         return planes
-    largest = value("HALF_LIMIT")
-    return {name: np.clip(plane, -largest, largest).astype(np.float16) for name, plane in planes.items()}
+    largest, limited = value("HALF_LIMIT"), empty_image(image.shape[:2])
+    return {name: np.clip(plane, -largest, largest, out=limited).astype(np.float16) for name, plane in planes.items()}
 
 
 def saturated_pixels(image: Image) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from pathlib import Path
 
 import msgspec
@@ -12,15 +13,19 @@ import OpenEXR
 from cltaa import exr_zip
 from cltaa.build import Build, Steps, Storage, kept_planes, span_planes, texel_planes
 from cltaa.constants import SPANS
+from cltaa.exr_channels import COLOUR, MOTION, NORMAL
 from cltaa.launch import storage_dtype
 from cltaa.layout import Layout
+from cltaa.manifest import PIECE
 from cltaa.sources import Sequence
 from cltaa.streams import AHEAD, BEHIND
 
 REAL = 4  # bytes of a float
 FRAMES = 1 + AHEAD  # in work, and those that are decoded or being decoded
 RESULTS = 1 + BEHIND  # just made, and those that wait to be written or are being written
-GROUP = 3  # planes of a group, which are decoded one by one and moved together when the packed file has gone
+GROUPED = frozenset(
+    (*COLOUR, *MOTION, *NORMAL)
+)  # channels that are decoded one by one and moved into planes kept for them
 # Blocks of the size of what it works on that each thread that packs or unpacks holds: packed, unpacked, between the
 # two. Seen with 2 and 16 threads of OpenEXR: 2.5 to 3.1.
 BLOCKS = 3
@@ -66,8 +71,8 @@ class Memory(msgspec.Struct, frozen=True, kw_only=True):
     device: int
     frames: int
     results: int
-    reading: int  # of frames that are being decoded the packed file or, after it, a group of planes: see ``of_resolve``
-    packing: int  # what the threads that unpack hold of each file that is read, and those that pack
+    reading: int  # packed files, and planes that stand beside those of their frames while they are decoded
+    packing: int  # what the threads that unpack hold of each file that is read, those that pack, and those that hash
     program: int = PROGRAM
 
     @property
@@ -91,24 +96,26 @@ def program_bytes() -> int:
 
 
 def of_resolve(
-    width: int, height: int, channels: int, file: int, chunk: int, device: int, *, alpha: bool, banded: bool = False
-) -> Memory:
+    width: int, height: int, channels: Collection[str], file: int, chunk: int, device: int, *, alpha: bool,
+    banded: bool = False,
+) -> Memory:  # fmt: skip
     """Memory of a resolve of frames in float ``channels``, whose packed files have ``file`` bytes.
 
-    ``chunk`` is what a chunk of such a file unpacks to. What a frame has beside its planes while it is decoded is
-    counted for all but one of those that are read at a time: the file of the last of them comes before its planes
-    do. So a single run may take one such file more or less. In bands one frame at a time is in memory, its result in
-    its place, and beside it the count of each pixel.
+    ``chunk`` is what a chunk of such a file unpacks to. Memory of packed files, of groups of planes and of results is
+    kept from frame to frame. What is decoded before it is moved into a group is counted for one of those that are read
+    at a time, since they seldom are in one step. In bands one frame at a time is in memory, its result in its place,
+    and beside it the count of each pixel; nothing is kept.
     """
     pixels, planes = width * height, 3 + alpha
+    moved = REAL * pixels * len(GROUPED.intersection(channels))
     frames, results, decoded = (1, 0, 1) if banded else (FRAMES, RESULTS, AHEAD)
     unpacking = decoded * OpenEXR.global_thread_count() * BLOCKS * chunk
     packing = exr_zip.THREADS * BLOCKS * planes * REAL * width * min(exr_zip.ROWS, height)
     return Memory(
-        device=device, frames=frames * channels * REAL * pixels,
+        device=device, frames=frames * len(channels) * REAL * pixels,
         results=REAL * pixels * (1 if banded else results * planes),
-        reading=file if banded else (AHEAD - 1) * max(file, GROUP * REAL * pixels),
-        packing=unpacking + packing,
+        reading=file if banded else AHEAD * file + moved,
+        packing=unpacking + packing + (1 if banded else BEHIND) * PIECE,
     )  # fmt: skip
 
 
@@ -124,7 +131,7 @@ def of_sequence(
     """Memory of a resolve of ``sequence`` with ``steps``: whole images, or bands of ``band_rows`` rows."""
     width, height = sequence.width, sequence.height
     return of_resolve(
-        width, height, max(len(layout.channels) for layout in sequence.layouts.values()),
+        width, height, max((layout.channels for layout in sequence.layouts.values()), key=len),
         max(sequence.path(number).stat().st_size for number in sequence.numbers),
         max(layout.chunk_bytes for layout in sequence.layouts.values()),
         device_bytes(

@@ -108,7 +108,8 @@ def resolve_sequence(
         options["layers"] = list(layers)
     resolver.every_step = resolver.every_step or effects == "all"
     settings = {**resolver.settings(), **options, "compression": compression, **sequence_settings(sequence)}
-    with kept_memory(4 * sequence.width * sequence.height), owned(output), stop_signals() as stop:
+    keeping = kept_memory(4 * sequence.width * sequence.height, images=not isinstance(resolver, BandedResolver))
+    with keeping, owned(output), stop_signals() as stop:
         if preview is not None:
             rate = rate_of(sequence.attributes, sequence.sequence_json)
             check_film(preview, sequence)  # now that the output is there, which may be the film's folder too
@@ -230,11 +231,8 @@ class _Run:
 
 def resolved_attributes(frame: Frame, resolver: Resolver) -> Mapping[str, object]:
     """Attributes of a resolved image: those of its frame, and what resolved it."""
-    return {
-        **frame_attributes(frame),
-        "cltaa:preset": resolver.preset.name,
-        "cltaa:device": resolver.launcher.description,
-    }
+    made_by = {"cltaa:preset": resolver.preset.name, "cltaa:device": resolver.launcher.description}
+    return {**frame_attributes(frame), **made_by}
 
 
 def _write_record(output: Path, outcome: Outcome, preset: Preset) -> None:

@@ -6,7 +6,6 @@ joined when their owner is closed, collected or the program ends: one that dies 
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 import weakref
@@ -20,16 +19,15 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, TypeVar
 
-from cltaa.exr import write_image
+from cltaa.exr import CORES, MANY_CORES, write_image
 from cltaa.exr_channels import Pixels
 from cltaa.exr_layout import Windows
 
 # Frames that are decoded ahead, and results that wait to be written, each in a thread of its own: several, because a
 # thread is half of the time busy with what those that unpack and pack do not share: the file's bytes, SHA-256, planes,
-# flushes. Where there are cores for it one more is written at a time
+# flushes. Where there are cores for it one more of each
 # (docs/decisions/0020-two-frames-at-a-time-in-kept-memory.md).
-MANY_CORES = 8
-AHEAD, BEHIND = 2, 3 if len(os.sched_getaffinity(0)) >= MANY_CORES else 2
+AHEAD = BEHIND = 3 if CORES >= MANY_CORES else 2
 
 Item = TypeVar("Item")
 Task = Callable[[], Item]

@@ -11,16 +11,16 @@ from cltaa.errors import DataError
 from cltaa.exr import ImageHeader, open_content, read_header, read_image
 from cltaa.exr_channels import Pixels
 from cltaa.exr_header import MULTI_PART
-from cltaa.exr_layout import Layout, parse_parts, shared_window
+from cltaa.exr_layout import Layout, parse_parts, read_outline, shared_window
 from cltaa.file_content import check_memory, file_size, open_regular, read_all
 
 
-def read_any_header(path: Path) -> ImageHeader:
+def read_any_header(path: Path, *, chunks: bool = True) -> ImageHeader:
     """Read the header of an EXR of one part, or of many: layout over all of them, attributes of the first.
 
-    Raises InputMissing or DataError.
+    ``chunks`` as ``read_header``. Raises InputMissing or DataError.
     """
-    return _many_header(path) if _is_multi_part(path) else read_header(path)
+    return _many_header(path, chunks) if _is_multi_part(path) else read_header(path, chunks=chunks)
 
 
 def read_planes(path: Path, *, sha256: str | None = None) -> tuple[dict[str, Pixels], dict[str, object]]:
@@ -37,19 +37,21 @@ def _is_multi_part(path: Path) -> bool:
     return len(start) == 8 and bool(struct.unpack("<I", start[4:])[0] & MULTI_PART)
 
 
-def _many_header(path: Path) -> ImageHeader:
+def _many_header(path: Path, chunks: bool) -> ImageHeader:
     with open_regular(path) as file:
-        layouts = parse_parts(path, file)
+        layouts = parse_parts(path, file) if chunks else read_outline(path, file).parts
         file.seek(0)
         return _described(layouts, open_content(path, file, header_only=True))
 
 
 def _many_planes(path: Path, sha256: str | None) -> tuple[ImageHeader, dict[str, Pixels]]:
     with open_regular(path) as file:
-        layouts = parse_parts(path, file)
-        check_memory(path, file_size(file) + 2 * sum(layout.decoded_bytes for layout in layouts))
-        content = read_all(path, file, sha256)
+        outline, size = read_outline(path, file), file_size(file)
+        layouts = outline.parts
+        check_memory(path, size)
+        content = read_all(path, file, sha256, outline.check_chunks)
     with content:
+        check_memory(path, size + 2 * sum(layout.decoded_bytes for layout in layouts))
         decoded = open_content(path, content, header_only=False)
     header, planes = _described(layouts, decoded), dict[str, Pixels]()
     for layout, part in zip(layouts, decoded.parts, strict=True):

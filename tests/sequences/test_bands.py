@@ -111,9 +111,9 @@ def test_only_large_images_are_banded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def whole_images(width: int, height: int) -> Memory:
     """What a run takes whose frames have motion of their own and do not pack at all."""
-    channels = 6
+    channels = ("R", "G", "B", "Z", "backward.u", "backward.v")
     return of_resolve(
-        width, height, channels, 4 * channels * width * height, 16 * 4 * channels * width,
+        width, height, channels, 4 * len(channels) * width * height, 16 * 4 * len(channels) * width,
         device_bytes(width, height, Steps()), alpha=False,
     )  # fmt: skip
 
