@@ -7,6 +7,7 @@ from typing import NamedTuple
 LEAST_ROWS = 8  # of a work-item where rows are chosen by the image; fewer have not been measured
 UNIT_REGISTERS = 65536  # of a compute unit of NVIDIA's, since compute capability 3.0 (CUDA C++ Programming Guide)
 ITEMS_A_UNIT = 4  # work-items that a compute unit of a CPU has at least, so that none waits long for the last of them
+FEW_UNITS = 4  # compute units that walk along rows whatever is resolved: two were measured to gain, 16 to lose
 START_ROWS = 3  # what a column costs at its start, in rows: two of the frame and three of the history are read anew
 
 
@@ -25,6 +26,11 @@ class Shape(NamedTuple):
     columns_ahead: int = 0  # work-items right of one whose texels it fetches into the second cache; 0: next, first
     columns: int = 1  # side by side, that a work-item of the resolve walks row by row; 1: down a single one
     most_rows: int = 0  # up to which a resolve of whole images takes as many rows as fill the device; 0: ``rows``
+
+    def columns_for(self, units: int, in_place: bool) -> int:
+        """Columns side by side of a work-item of the resolve on ``units`` compute units; ``in_place``: where history is
+        neither moved nor rectified, so that little is kept of a column."""
+        return self.columns if in_place or units <= FEW_UNITS else 1
 
     def even_rows(self, width: int, height: int, registers: int, units: int) -> int:
         """Rows a work-item for an image, so that the last groups leave few of a device's ``units`` compute units idle.

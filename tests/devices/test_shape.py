@@ -50,9 +50,16 @@ def test_columns_fetched_ahead_change_no_bit(storage: Storage, monkeypatch: pyte
 @pytest.mark.parametrize("storage", [Storage.FLOAT, Storage.HALF])
 def test_a_walk_along_rows_changes_no_bit(storage: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cltaa.shape.ITEMS_A_UNIT", 0)  # as few work-items as can be, on any number of cores
+    monkeypatch.setattr("cltaa.shape.FEW_UNITS", 10**6)
     _, down = resolved(CPU_16, storage, monkeypatch)
     _, along = resolved(INTEL_16, storage, monkeypatch)
     assert np.array_equal(down.view(np.uint32), along.view(np.uint32))
+
+
+def test_many_cores_walk_along_rows_only_where_little_is_kept() -> None:
+    assert [INTEL_16.columns_for(units, in_place=False) for units in (2, 16)] == [16, 1]
+    assert [INTEL_16.columns_for(units, in_place=True) for units in (2, 16)] == [16, 16]
+    assert CPU_16.columns_for(2, in_place=True) == 1
 
 
 def test_rows_are_shared_out_evenly_and_keep_every_core_busy() -> None:
