@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from cltaa.allocator import empty_image
 from cltaa.build import Build, Record, Steps, texel_planes
 from cltaa.constants import value
+from cltaa.cores import in_rows
 from cltaa.errors import ResourceError
 from cltaa.frames import Image
 from cltaa.launch import Buffer, Launcher
@@ -110,7 +111,11 @@ class Buffers:
         with image.mapped(write=False) as planes:
             stored = self.layout.inside(planes)[: 4 if alpha else 3]
             inside: NDArray[np.float32] = empty_image(stored.shape)
-            inside[...] = stored
+
+            def read(rows: slice) -> None:
+                inside[:, rows] = stored[:, rows]
+
+            in_rows(stored.shape[1], read)
         return np.moveaxis(inside, 0, -1)
 
     def swap(self) -> None:
@@ -167,5 +172,11 @@ class Buffers:
 def fill(buffer: Buffer, layout: Layout, planes: NDArray[np.float32]) -> None:
     """Copy planes [C, H, W] into a buffer and repeat their edge into its halo."""
     with buffer.mapped(write=True) as target:
-        layout.inside(target)[: len(planes)] = planes
+        inside = layout.inside(target)[: len(planes)]
+        given = np.broadcast_to(planes, inside.shape)
+
+        def copy(rows: slice) -> None:
+            inside[:, rows] = given[:, rows]
+
+        in_rows(inside.shape[1], copy)
         layout.extend_edges(target)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from cltaa.allocator import empty_image
 from cltaa.atomic import atomic_path
+from cltaa.cores import CORES, MANY_CORES
 from cltaa.errors import DataError, StorageError, UsageError
 from cltaa.exr_attributes import FrameHeader, frame_attributes
 from cltaa.exr_channels import COLOUR, MOTION, NORMAL, Pixels, check_float_channels, frame_channels, frame_planes
@@ -46,7 +47,6 @@ _STANDARD_FLOATS = frozenset({"pixelAspectRatio", "screenWindowWidth", "whiteLum
 
 # OpenEXR starts with no worker threads and no limit; a second core halves the time of ZIP. Of many cores half are left
 # to what runs beside it: with all of them each frame is decoded sooner, and the others wait for it.
-CORES, MANY_CORES = len(os.sched_getaffinity(0)), 8
 OpenEXR.set_global_thread_count(min(CORES, max(MANY_CORES, CORES // 2)))
 OpenEXR.setMaxImageSize(LARGEST_SIDE, LARGEST_SIDE)
 set_zip_level(FASTEST)

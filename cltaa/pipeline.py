@@ -23,7 +23,7 @@ from cltaa.exr_attributes import frame_attributes
 from cltaa.exr_channels import Pixels
 from cltaa.exr_layout import check_lossless
 from cltaa.frame_numbers import OnBreak
-from cltaa.frames import Effect, Frame
+from cltaa.frames import Effect, Frame, Image
 from cltaa.halves import image_channels, saturated_pixels
 from cltaa.interrupt import Stop, stop_signals
 from cltaa.output import DEBUG, OutputFolder, sequence_settings
@@ -150,7 +150,7 @@ class _Run:
         self._layers = layers
         self._seconds: dict[str, list[float]] = {name: [] for name in StageTimes.__struct_fields__}
         self._written: set[int] = set()
-        self._repaired = self._saturated = 0
+        self._repaired, self._saturated = 0, list[int]()  # the latter of each frame, from the threads that write
 
     def resolve(self, half: bool, compression: str, checkpoint_every: int) -> None:
         """Resolve the frames that are missing, after those that their history needs."""
@@ -174,10 +174,8 @@ class _Run:
                 image = self._resolver.resolve(with_effects(frame, self._effects))
                 if frame.index in wanted:
                     views = self._debug.write(self._folder.folder / DEBUG, frame.index)
-                    self._write(writer, read, partial(image_channels, image, half=half), views)
+                    self._write(writer, read, partial(self._channels, image, half), views)
                     self._repaired += read.unusable
-                    if half or self._resolver.keeps_halves:
-                        self._saturated += saturated_pixels(image)
                 self._note(self._resolver.times)
                 if self._stop.requested or done % checkpoint_every == 0:
                     self._checkpoints.save(self._resolver)
@@ -197,13 +195,18 @@ class _Run:
         alpha = wanted and "alpha" in part.holds
         self._resolver.reserve(part.width, part.height, alpha=alpha)
 
+    def _channels(self, image: Image, half: bool) -> dict[str, Pixels]:
+        """What is written of a result, made by the thread that writes it."""
+        if half or self._resolver.keeps_halves:
+            self._saturated.append(saturated_pixels(image))
+        return image_channels(image, half=half)
+
     def _write(
         self, writer: Writer, read: Read, resolved: Callable[[], dict[str, Pixels]], views: Mapping[str, Pixels]
     ) -> None:
         assert read.frame.path is not None
         path = self._folder.folder / read.frame.path.name
-        told = resolved_attributes(read.frame, self._resolver)
-        attributes = merged(read.carried, told, self._sequence.undeclared)
+        attributes = merged(read.carried, resolved_attributes(read.frame, self._resolver), self._sequence.undeclared)
         finish = partial(self._folder.finish, path, read.source)
         kept, windows = read.carried.channels, read.carried.windows
         writer.write(path, lambda: kept | resolved() | dict(views), attributes, then=finish, windows=windows)
@@ -220,7 +223,7 @@ class _Run:
             frames=len(self._sequence),
             resolved=len(self._written),
             repaired=self._repaired,
-            saturated=self._saturated,
+            saturated=sum(self._saturated),
             width=self._sequence.width,
             height=self._sequence.height,
             device=self._resolver.launcher.description,
@@ -244,5 +247,4 @@ def _write_record(output: Path, outcome: Outcome, preset: Preset) -> None:
 
 def stage_rows(seconds: StageTimes) -> Iterable[tuple[str, float]]:
     """Name and milliseconds a frame of each stage, for a table."""
-    for field in StageTimes.__struct_fields__:
-        yield field.replace("_", " "), getattr(seconds, field) * 1e3
+    return ((field.replace("_", " "), getattr(seconds, field) * 1e3) for field in StageTimes.__struct_fields__)

@@ -19,7 +19,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self, TypeVar
 
-from cltaa.exr import CORES, MANY_CORES, write_image
+from cltaa.cores import CORES, MANY_CORES
+from cltaa.exr import write_image
 from cltaa.exr_channels import Pixels
 from cltaa.exr_layout import Windows
 
