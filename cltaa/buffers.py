@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from cltaa.allocator import empty_image
 from cltaa.build import Build, Record, Steps, texel_planes
 from cltaa.constants import value
-from cltaa.cores import in_rows
 from cltaa.errors import ResourceError
 from cltaa.frames import Image
 from cltaa.launch import Buffer, Launcher
@@ -111,11 +110,7 @@ class Buffers:
         with image.mapped(write=False) as planes:
             stored = self.layout.inside(planes)[: 4 if alpha else 3]
             inside: NDArray[np.float32] = empty_image(stored.shape)
-
-            def read(rows: slice) -> None:
-                inside[:, rows] = stored[:, rows]
-
-            in_rows(stored.shape[1], read)
+            inside[...] = stored
         return np.moveaxis(inside, 0, -1)
 
     def swap(self) -> None:
@@ -172,11 +167,5 @@ class Buffers:
 def fill(buffer: Buffer, layout: Layout, planes: NDArray[np.float32]) -> None:
     """Copy planes [C, H, W] into a buffer and repeat their edge into its halo."""
     with buffer.mapped(write=True) as target:
-        inside = layout.inside(target)[: len(planes)]
-        given = np.broadcast_to(planes, inside.shape)
-
-        def copy(rows: slice) -> None:
-            inside[:, rows] = given[:, rows]
-
-        in_rows(inside.shape[1], copy)
+        layout.inside(target)[: len(planes)] = planes
         layout.extend_edges(target)

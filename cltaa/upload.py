@@ -7,7 +7,6 @@ import numpy as np
 from cltaa.buffers import Buffers, fill
 from cltaa.build import Steps
 from cltaa.cameras import closeness, closeness_at
-from cltaa.cores import in_rows
 from cltaa.frames import Frame
 from cltaa.params import Settings
 
@@ -21,7 +20,7 @@ def upload(frame: Frame, buffers: Buffers, steps: Steps, settings: Settings) -> 
     fill(buffers.current, layout, np.moveaxis(frame.colour, -1, 0))
     with buffers.closeness.mapped(write=True) as planes:
         inside = layout.inside(planes)[0]
-        in_rows(len(inside), lambda rows: closeness(frame.depth[rows], frame.camera, out=inside[rows]))
+        closeness(frame.depth, frame.camera, out=inside)
         if settings.sky_at > 0.0 and not frame.camera.orthographic:
             sky = inside <= closeness_at(settings.sky_below, frame.camera)
             inside[sky] = closeness_at(settings.sky_at, frame.camera)

@@ -134,10 +134,8 @@ def test_the_plan_of_a_sequence_says_its_memory(tmp_path: Path) -> None:
     assert memory.frames == (1 + AHEAD) * 6 * 4 * 50 * 31
     assert memory.results == (1 + BEHIND) * 3 * 4 * 50 * 31
     packed = max(path.stat().st_size for path in folder.glob("*.exr"))
-    assert (
-        memory.reading == 2 * packed + 5 * 4 * 50 * 31
-    )  # both files, and colour and motion of one as they are decoded
-    threads = 2 * OpenEXR.global_thread_count() * 3 * 16 * 4 * 50 * 6 + 4 * 3 * 3 * 4 * 50 * 31
+    assert memory.reading == AHEAD * packed + 5 * 4 * 50 * 31  # colour and motion of one as they are decoded
+    threads = AHEAD * OpenEXR.global_thread_count() * 3 * 16 * 4 * 50 * 6 + 4 * 3 * 3 * 4 * 50 * 31
     assert memory.packing == threads + BEHIND * PIECE
 
 
