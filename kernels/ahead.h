@@ -51,7 +51,7 @@ STAGE void fetch_frame(plane_in current, plane_in closeness, plane_in motion, in
 }
 
 // Below the texel at `at`: the pixel's own on a CPU, as if nothing moved, for what moves was fetched that many rows
-// earlier or later, still ahead of its use as a rule; on a GPU the one that the pixel came from.
+// earlier or later, still ahead of its use as a rule; on a GPU, and along rows, the one that the pixel came from.
 STAGE void fetch_history(history_in history, plane_in count, plane_in previous_closeness, uint at, frame_t frame)
 {
     const size_t plane = history_plane_size(frame);
