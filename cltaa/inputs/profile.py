@@ -25,12 +25,12 @@ Pair = tuple[float, float]
 Source = Literal["declared", "none"]
 MatrixLayout = Literal["row", "column"]
 
-
+# How an error calls what a key wants, by the key's type.
 KINDS: dict[Any, str] = {
     float: "a number", float | None: "a number", int: "a whole number", bool: "true or false", Pair: "two numbers",
     str: "a name",
 }  # fmt: skip
-
+# All numbers of a profile but depth.sky, which may be infinite.
 FINITE = (
     "depth.scale", "depth.near", "depth.far", "motion.scale", "motion.offset", "jitter.scale", "jitter.offset",
     "camera.near",
