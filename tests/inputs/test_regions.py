@@ -109,11 +109,21 @@ def test_windows_and_matrices_of_the_files_stay(display: tuple[int, int, int, in
             np.testing.assert_array_equal(after.attributes[name], before.attributes[name])
 
 
-def test_overscan_resolves_with_all_of_it(tmp_path: Path) -> None:
-    """What is seen inside is what a display window as large as the data would have given."""
-    inner = (6, 4, WIDTH - 7, HEIGHT - 5)
-    over = resolved(write_region(tmp_path / "over", WHOLE, inner), tmp_path / "over-out")
-    assert over.shape == (HEIGHT, WIDTH, 3)
+def test_overscan_resolves_as_a_display_window_of_its_size(tmp_path: Path) -> None:
+    """The same pixels, once as all of a display window, and once around a smaller one that the matrices speak of."""
+    left, top = 6, 4
+    inner, (columns, rows) = (left, top, WIDTH - 7, HEIGHT - 5), (WIDTH - 12, HEIGHT - 8)
+    smaller = np.diag([WIDTH / columns, HEIGHT / rows, 1.0, 1.0])
+    smaller[:2, 3] = (WIDTH - 2 * left) / columns - 1, 1 - (HEIGHT - 2 * top) / rows
+    whole, over = write_region(tmp_path / "whole", WHOLE), tmp_path / "over"
+    over.mkdir()
+    for index, path in enumerate(sorted(whole.iterdir())):
+        frame = moving(index)
+        camera = replace(frame.camera, view_to_clip=smaller @ frame.camera.view_to_clip)
+        attributes = frame_attributes(replace(frame, camera=camera))
+        write_image(over / path.name, frame_planes(frame, path), attributes, windows=(WHOLE, inner))
+    # Matrices are multiplied there and back in double precision, positions rounded to float32 after it.
+    np.testing.assert_allclose(resolved(over, tmp_path / "b"), resolved(whole, tmp_path / "a"), atol=2e-5)
 
 
 def test_vectors_as_fractions_are_fractions_of_the_display_window(tmp_path: Path) -> None:
