@@ -1,9 +1,10 @@
 """A name for a CPU that is newer than the compiler inside PoCL (docs/decisions/0008).
 
-PoCL asks its LLVM for the host's name. For a CPU younger than itself LLVM answers "generic", which PoCL hands on as the
-target and its compiler then refuses: "unknown target CPU 'generic'", whatever is built (PoCL's issue 1049). PoCL 3.0,
-the newest that is published as a wheel, has no setting for it, so the name is put right where PoCL keeps it: in the
-record of the device.
+PoCL asks its LLVM for the host's name and hands it on as the target. For a CPU younger than itself LLVM answers
+"generic", which PoCL's compiler then refuses: "unknown target CPU 'generic'", whatever is built (PoCL's issue 1049); or
+"znver3", if it is of the family of AMD's Zen 3, while PoCL sees AVX-512 and offers sixteen lanes: then LLVM gives up in
+the middle of a build, "Cannot select", and ends the process. PoCL 3.0, the newest that is published as a wheel, has no
+setting for it, so the name is put right where PoCL keeps it: in the record of the device.
 """
 
 from __future__ import annotations
@@ -17,19 +18,20 @@ from pathlib import Path
 RECORD_BYTES = 4096  # more than PoCL's record of a device in any release; what is not mapped is not read
 POINTER_BYTES = 8
 HIGHEST_ADDRESS = 2**47 - 1  # of a process on x86-64
-REFUSED = b"generic"
 
 # The levels of the x86-64 psABI, best first, and the flags by which Linux names what each adds. Every LLVM since 12
 # knows these names.
 V2 = ("cx16", "lahf_lm", "popcnt", "pni", "sse4_1", "sse4_2", "ssse3")
 V3 = ("avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "movbe")
 V4 = ("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl")
+AVX_512 = b"x86-64-v4"
 LEVELS: tuple[tuple[bytes, frozenset[str]], ...] = (
-    (b"x86-64-v4", frozenset(V2 + V3 + V4)),
+    (AVX_512, frozenset(V2 + V3 + V4)),
     (b"x86-64-v3", frozenset(V2 + V3)),
     (b"x86-64-v2", frozenset(V2)),
     (b"x86-64", frozenset()),
 )
+REFUSED, ZEN_3 = b"generic", b"znver3"
 _names = {name: ctypes.create_string_buffer(name) for name, _ in LEVELS}  # PoCL keeps the address: never freed
 
 
@@ -48,13 +50,16 @@ def level_of(flags: frozenset[str]) -> bytes:
 
 
 def name_unknown_cpu(record: int) -> bool:
-    """Replace the refused name in PoCL's record of a device, at address ``record``; True where there was one.
+    """Replace a name that does not fit in PoCL's record of a device, at address ``record``; True where there was one.
 
-    Only on Linux on x86-64. Nothing but a pointer to exactly the text ``generic`` is touched.
+    Only on Linux on x86-64. Nothing but a pointer to exactly the text ``generic``, or with AVX-512 ``znver3``, is
+    touched.
     """
     if platform.system() != "Linux" or platform.machine() != "x86_64":
         return False
-    text = REFUSED + b"\0"
+    level = level_of(cpu_flags())
+    wrong = {name + b"\0" for name in ((REFUSED, ZEN_3) if level == AVX_512 else (REFUSED,))}
+    longest = max(map(len, wrong))
     try:
         memory = os.open("/proc/self/mem", os.O_RDONLY)
     except OSError:
@@ -64,8 +69,9 @@ def name_unknown_cpu(record: int) -> bool:
             field = _read(memory, address, POINTER_BYTES)
             if len(field) < POINTER_BYTES:
                 return False
-            if _read(memory, int.from_bytes(field, sys.byteorder), len(text)) == text:
-                ctypes.c_uint64.from_address(address).value = ctypes.addressof(_names[level_of(cpu_flags())])
+            text = _read(memory, int.from_bytes(field, sys.byteorder), longest)
+            if any(text.startswith(name) for name in wrong):
+                ctypes.c_uint64.from_address(address).value = ctypes.addressof(_names[level])
                 return True
     finally:
         os.close(memory)

@@ -9,9 +9,11 @@ import sys
 
 import pytest
 
-from cltaa.unknown_cpu import LEVELS, cpu_flags, level_of, name_unknown_cpu
+from cltaa import unknown_cpu
+from cltaa.unknown_cpu import LEVELS, V2, V3, V4, cpu_flags, level_of, name_unknown_cpu
 
 FLAGS = dict(LEVELS)
+ZEN_3, ZEN_4 = frozenset(V2 + V3), frozenset(V2 + V3 + V4)
 needs_linux = pytest.mark.skipif(
     (platform.system(), platform.machine()) != ("Linux", "x86_64"), reason="PoCL's record is only touched there"
 )
@@ -34,6 +36,19 @@ def test_only_the_refused_name_is_replaced() -> None:
     assert ctypes.string_at(record[4]) == level_of(cpu_flags())
     assert record[5] == addresses[5]
     assert not name_unknown_cpu(ctypes.addressof(record))
+
+
+@needs_linux
+@pytest.mark.parametrize(("flags", "replaced"), [(ZEN_3, False), (ZEN_4, True)])
+def test_a_zen_4_is_not_taken_for_a_zen_3(
+    flags: frozenset[str], replaced: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """PoCL gives it sixteen lanes, for which the compiler of a CPU without AVX-512 has no instructions."""
+    monkeypatch.setattr(unknown_cpu, "cpu_flags", lambda: flags)
+    name = ctypes.create_string_buffer(b"znver3")
+    record = (ctypes.c_uint64 * 512)(ctypes.addressof(name))
+    assert name_unknown_cpu(ctypes.addressof(record)) == replaced
+    assert ctypes.string_at(record[0]) == (b"x86-64-v4" if replaced else b"znver3")
 
 
 # A thread that maps and unmaps the page at which every word of the record points, as threads that free memory do.
