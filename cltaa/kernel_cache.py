@@ -11,6 +11,7 @@ import fcntl
 import hashlib
 import os
 import shutil
+import sys
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -21,6 +22,10 @@ from cltaa.errors import DeviceMissing, ResourceError
 
 # One kernel takes well under 1 MB, all that a device ever needs about 10 MB; what else fills the disk needs room too.
 LEAST_FREE = 64 * 2**20  # bytes
+NEVER_ENDED = (
+    "cltaa: the last process that built this kernel was killed, or ended by the driver's compiler; if this one ends "
+    "as well, use --device numpy or another OpenCL driver, and see: cltaa doctor"
+)
 CURE = "free some space there, or set POCL_CACHE_DIR to a folder that can be written"
 
 _held = threading.RLock()  # a process that has the lock may take it again
@@ -57,8 +62,8 @@ def check_cache() -> int:
 def filling(kernel: str) -> Iterator[None]:
     """Look at the cache and be the one process that builds ``kernel``, which is a hash; others wait for it.
 
-    A lock for each kernel: processes that need another one, or one that is built, do not wait. Raises as
-    ``check_cache``.
+    A lock for each kernel: processes that need another one, or one that is built, do not wait. Whoever comes after a
+    process that was ended here is told, since a compiler that aborts gives no cure. Raises as ``check_cache``.
     """
     global _depth
     with _held:
@@ -68,13 +73,21 @@ def filling(kernel: str) -> Iterator[None]:
         check_cache()
         locks = cache_folder() / "locks"
         locks.mkdir(exist_ok=True)
-        with (locks / kernel).open("w") as lock:
+        with (locks / kernel).open("a+") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
+            in_doubt = os.fstat(lock.fileno()).st_size > 0
+            if in_doubt:
+                print(NEVER_ENDED, file=sys.stderr, flush=True)
+            lock.write("begun")  # stays where the process ends before the kernel does
+            lock.flush()
             _depth += 1
             try:
                 yield
+                in_doubt = False
             finally:
                 _depth -= 1
+                if not in_doubt:
+                    lock.truncate(0)
 
 
 def save_log(name: str, said: str, text: str) -> Path | None:

@@ -39,6 +39,9 @@ def test_without_a_linker_the_driver_may_abort_and_doctor_goes_on(tmp_path: Path
     assert not found["linker and C files"]["ok"]
     assert found["linker and C files"]["cure"] == doctor.LINKER_CURE
     assert not found["resolve"]["ok"]
+    assert found["resolve"]["found"].startswith('error: unable to execute command: Executable "ld"')
+    assert found["resolve"]["found"].endswith("(ended by SIGABRT)")
+    assert found["resolve"]["cure"] == doctor.ABORT_CURE
     assert found["capture on OSMesa"]["ok"] or found["capture on EGL"]["ok"]
 
 
@@ -54,6 +57,22 @@ def test_a_cache_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monk
 def test_a_probe_that_fails_gives_its_last_line_and_the_cure() -> None:
     finding = doctor.probe("x", "resolve", "do this", "nonsuch")
     assert finding == doctor.Finding("x", "resolve", ok=False, found="KeyError: 'nonsuch'", cure="do this")
+
+
+def test_of_a_driver_that_dies_the_line_that_tells_why() -> None:
+    said = "a remark\nLLVM ERROR: Cannot select: 0x7f: v8i32\n  0x7f: i64\nIn function: resolve\nstill has\n"
+    assert doctor.why_it_died(said, 6) == "LLVM ERROR: Cannot select: 0x7f: v8i32 (ended by SIGABRT)"
+    assert doctor.why_it_died("cltaa: error: gone\nstill has\n", 6) == "cltaa: error: gone (ended by SIGABRT)"
+    assert doctor.why_it_died("", 11) == "(ended by SIGSEGV)"
+
+
+def test_where_only_what_is_kept_ends_the_process_it_is_to_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    stand_in = f"import os\nif os.environ['POCL_CACHE_DIR'] == {str(tmp_path)!r}: os.abort()\n"
+    (tmp_path / "sitecustomize.py").write_text(stand_in)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+    monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path))
+    finding = doctor.look_at_resolve()
+    assert (finding.ok, finding.cure) == (False, doctor.KEPT_CURE)
 
 
 def test_the_cure_for_a_missing_package_is_to_install_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,7 @@ import json
 import os
 import random
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -125,3 +126,29 @@ def test_lock_of_the_cache_is_taken_once(tmp_path: Path, monkeypatch: pytest.Mon
         raise ResourceError("planted")
     with kernel_cache.filling("a"):
         pass
+
+
+def test_who_builds_after_an_aborted_compiler_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A compiler that aborts gives no cure itself; an error of ours is no abort, nor does it clear one."""
+    monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path))
+    with pytest.raises(ResourceError), kernel_cache.filling("a"):
+        raise ResourceError("planted")
+    with kernel_cache.filling("a"):
+        pass
+    assert capfd.readouterr().err == ""
+    aborting = "import os; from cltaa.kernel_cache import filling\nwith filling('a'): os.abort()"
+    command = [sys.executable, "-c", aborting]
+    assert subprocess.run(command, check=False, cwd=Path(__file__).parents[2]).returncode == -signal.SIGABRT
+    with kernel_cache.filling("b"):
+        pass
+    assert capfd.readouterr().err == ""
+    with pytest.raises(ResourceError), kernel_cache.filling("a"):
+        raise ResourceError("planted")
+    said = []
+    for _ in range(2):
+        with kernel_cache.filling("a"):
+            pass
+        said.append(capfd.readouterr().err.splitlines())
+    assert said == [[kernel_cache.NEVER_ENDED] * 2, []]
