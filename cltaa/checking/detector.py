@@ -24,9 +24,16 @@ LARGEST_RESIDUAL = 0.6  # above it the pictures do not match and a shift means n
 
 
 def check_frames(
-    frames: Sequence[Frame], *, has_camera: bool = True, has_depth: bool = True, has_jitter: bool = True
+    frames: Sequence[Frame],
+    window: tuple[int, int] | None = None,
+    *,
+    has_camera: bool = True,
+    has_depth: bool = True,
+    has_jitter: bool = True,
 ) -> list[Finding]:
     """Findings about frames read as their profile says; ``has_*`` is False for what the reader had to fill in.
+
+    ``window`` is the width and height of the display window where the frames show a region of it.
 
     A later check rests on an earlier one, so where the matrices or the depth are wrong the rest is looked at only as
     far as it does not need them.
@@ -41,7 +48,8 @@ def check_frames(
             frames = [replace(frame, camera=mend(frame.camera)) for frame in frames]
     if has_depth and has_camera:
         found += check_depth(frames)
-    shot = Shot(frames, has_camera=has_camera, has_depth=has_depth, has_jitter=has_jitter)
+    window = window or (frames[0].width, frames[0].height)
+    shot = Shot(frames, window, has_camera=has_camera, has_depth=has_depth, has_jitter=has_jitter)
     found = [tell_reversed(shot, finding) if finding.name == "depth-inverse" else finding for finding in found]
     wrong_depth = any(finding.name.startswith("depth-") for finding in found)
     if has_camera:

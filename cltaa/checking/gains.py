@@ -14,7 +14,7 @@ _SIGNS = {"": (1.0, 1.0), "negated": (-1.0, -1.0), "x-negated": (-1.0, 1.0), "y-
 def linear_maps(width: int, height: int) -> dict[str, Vector]:
     """True value = map @ declared value, [2, 2], for each name; the empty name is the identity.
 
-    ``uv`` and ``ndc`` mean that the declared numbers are fractions of the picture, y down and y up.
+    ``uv`` and ``ndc`` mean that the declared numbers are fractions of the display window, y down and y up.
     """
     maps: dict[str, Vector] = {}
     for sign, factors in _SIGNS.items():

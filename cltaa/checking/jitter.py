@@ -38,7 +38,7 @@ def check_jitter(shot: Shot, shifts: Sequence[Fit | None]) -> list[Finding]:
     if not declared.any():
         return found + _undeclared(shot, measured, present)
     as_declared = left_over(measured, declared, np.eye(2), weights)
-    maps = linear_maps(shot.frames[0].width, shot.frames[0].height) | {"absent": np.zeros((2, 2))}
+    maps = linear_maps(*shot.window) | {"absent": np.zeros((2, 2))}
     left = {name: left_over(measured, declared, matrix, weights) for name, matrix in maps.items()}
     best = min(left, key=lambda name: left[name])
     delay, delayed = _best_delay(shot, known, measured, weights)

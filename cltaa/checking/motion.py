@@ -30,7 +30,7 @@ def check_motion(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> li
     scenes = _scenes(shot, shifts, anchored)
     if not any(scene.own.any() for scene in scenes):
         return []
-    width, height = shot.frames[0].width, shot.frames[0].height
+    width, height = shot.window
     maps = linear_maps(width, height)
     offsets = {name: np.zeros(2) for name in maps}
     for name, unit in (("centred-on-half uv", (width, height)), ("centred-on-half ndc", (width, -height))):

@@ -58,6 +58,7 @@ def check_folder(
     read = [sequence.frame(number) for number in track(numbers, len(numbers), "reading")]
     found = check_frames(
         read,
+        sequence.layouts[numbers[0]].display_size,
         has_camera=intake.has_camera,
         has_depth="depth" in intake.roles,
         has_jitter=intake.has_jitter,

@@ -64,9 +64,13 @@ def apply_displacement(moved: Displacement, px: Vector, py: Vector, closeness: V
 
 @dataclass(slots=True)
 class Shot:
-    """Frames in order, and which of their numbers were declared and not filled in by the reader."""
+    """Frames in order, and which of their numbers were declared and not filled in by the reader.
+
+    ``window`` is the width and height of the display window, of which a frame may show a region.
+    """
 
     frames: Sequence[Frame]
+    window: tuple[int, int]
     has_camera: bool = True
     has_depth: bool = True
     has_jitter: bool = True

@@ -51,7 +51,7 @@ class Units(StrEnum):
     """What a motion vector of 1 means."""
 
     PIXELS = "pixels"
-    UV = "uv"  # fractions of the picture, y down
+    UV = "uv"  # fractions of the display window, y down
     NDC = "ndc"  # halves of the picture, y up
 
 
