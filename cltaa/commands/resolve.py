@@ -32,7 +32,11 @@ from cltaa.sources import Sequence
 from cltaa.views import View, parse_views
 
 
-@click.command("resolve", epilog="Parameters for --set and --config, with their ranges: cltaa presets --parameters")
+@click.command(
+    "resolve",
+    epilog="Parameters for --set and --config, with their ranges: cltaa presets --parameters",
+    context_settings={"allow_extra_args": True},  # _refuse_more says more of them than click does
+)
 @click.argument("sequence", type=FILE_PATH)
 @click.option("-o", "--output", type=FILE_PATH, required=True, help="Folder for the resolved EXRs.")
 @click.option(
@@ -70,7 +74,9 @@ from cltaa.views import View, parse_views
 @click.option("--debug", "views", default="", metavar="LIST",
               help=f"Also show what was decided at each pixel, as EXR layers and PNGs: {', '.join(View)}.")  # fmt: skip
 @json_option
+@click.pass_context
 def resolve(
+    ctx: click.Context,
     sequence: Path,
     output: Path,
     preset: str,
@@ -104,6 +110,7 @@ def resolve(
     Reading, the kernels and writing overlap, and only a few frames are in memory at a time. A run that was
     interrupted goes on where it stopped when the same command is given again, to the same bits.
     """
+    _refuse_more(ctx)
     source = open_input(
         sequence, profile=profile, assignments=inputs, side_file=camera,
         verify=verify, gaps=OnBreak(gaps), on_resize=OnBreak(on_resize),
@@ -134,6 +141,13 @@ def resolve(
         click.echo(json_of(outcome))
     else:
         _print_outcome(outcome, preview, views)
+
+
+def _refuse_more(ctx: click.Context) -> None:
+    """Refuse words beside SEQUENCE; behind --debug, which shows tracebacks alone, one may be meant for a view."""
+    if ctx.args:
+        views = f"; --debug takes views: {', '.join(View)}" if ctx.find_root().params.get("debug") else ""
+        ctx.fail(f"Got unexpected extra argument{'s' * (len(ctx.args) > 1)} ({' '.join(ctx.args)}){views}")
 
 
 def chosen_preset(name: str, config: Path | None, assignments: tuple[str, ...]) -> Preset:
