@@ -16,8 +16,8 @@ from cltaa.commands.tables import print_table
 from cltaa.comparison import Comparison, equal_quality, pair_up
 from cltaa.errors import UsageError
 from cltaa.frame_numbers import even_step
-from cltaa.frames import Image
-from cltaa.metrics import DEFAULT_METRICS, METRICS, Metric, flip_map, mean, measure, parse_metrics
+from cltaa.heat_maps import measure_map, stale_maps, write_map
+from cltaa.metrics import DEFAULT_METRICS, METRICS, Metric, mean, measure, parse_metrics
 from cltaa.printable import json_of, printable, shown
 from cltaa.progress import track
 from cltaa.same_scene import doubts
@@ -96,10 +96,11 @@ def compare(
         size = f"{right - left + 1} x {bottom - top + 1} at ({left}, {top})"
         click.echo(f"judged where both show something: {size} of the display window", err=True)
     warnings = doubts(comparison)
-    for warning in warnings:
-        click.echo(f"cltaa: warning: {warning}", err=True)
     if heatmap is not None:
         make_folder(heatmap)
+        warnings += stale_maps(heatmap, comparison.test)
+    for warning in warnings:
+        click.echo(f"cltaa: warning: {warning}", err=True)
     video = _video_scores(comparison, stops) if in_time else None
     rows = _measure_all(comparison, metrics, stops, heatmap, video)
     result: dict[str, Any] = {
@@ -143,7 +144,11 @@ def _measure_all(
     with read_ahead(comparison.pairs()) as pairs:
         for number, test, reference in track(pairs, len(comparison.test), "comparing"):
             path = comparison.test.path(number)
-            values, error_map = _measure(test, reference, metrics, stops, path, number, heatmap is not None)
+            if heatmap is None:
+                values = measure(test, reference, metrics, stops, path=path, frame=number)
+            else:
+                values, errors = measure_map(test, reference, metrics, stops, path=path, frame=number)
+                write_map(heatmap, path, errors)
             rows.append({"frame": number, "metrics": values})
             if capture is not None and (video is not None or not comparison.of_itself):
                 sample = capture.frame(number)
@@ -155,32 +160,7 @@ def _measure_all(
                     )
                 if video is not None:
                     rows[-1]["video"] = video.add(sample, reference, images)[0].scores()
-            if heatmap is not None and error_map is not None:
-                _write_heat(heatmap / f"{path.stem}.png", error_map)
     return rows
-
-
-def _measure(
-    test: Image, reference: Image, metrics: tuple[Metric, ...], stops: float, path: Path, frame: int, wants_map: bool
-) -> tuple[Values, Image | None]:
-    """Metrics of one frame, and its error map where one is wanted; FLIP is slow, so it is not worked out twice."""
-    if not wants_map:
-        return measure(test, reference, metrics, stops, path=path, frame=frame), None
-    from cltaa.pictures import error_map
-
-    others = [metric for metric in metrics if metric.name != "flip"]
-    values = measure(test, reference, others, stops, path=path, frame=frame)
-    if len(others) == len(metrics):
-        return values, error_map(test, reference, stops)
-    errors = flip_map(test, reference, stops)
-    values["flip"] = float(errors.mean())
-    return {metric.name: values[metric.name] for metric in metrics}, errors
-
-
-def _write_heat(path: Path, errors: Image) -> None:
-    from cltaa.pictures import heat, write_png
-
-    write_png(path, heat(errors))
 
 
 def _summary(

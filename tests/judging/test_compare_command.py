@@ -136,6 +136,22 @@ def test_heat_maps(
         assert len(np.unique(np.asarray(picture))) > 10
 
 
+def test_heat_maps_of_other_frames_are_named(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, tmp_path: Path
+) -> None:
+    heat = tmp_path / "heat"
+    command = ["compare", *map(str, (resolved, capture)), "--metrics", "mse", "--json", "--heatmap", str(heat)]
+    assert main(command) == 0
+    assert "warning" not in capsys.readouterr().err
+    for name in ("other.0003.png", "synthetic.png"):
+        (heat / name).touch()
+    assert main([*command, "--frames", "1-1"]) == 0
+    captured = capsys.readouterr()
+    stays = f"{heat}: maps of frames that are not judged now stay there: 0, 2-3"
+    assert f"cltaa: warning: {stays}\n" in captured.err
+    assert json.loads(captured.out)["warnings"] == [stays]
+
+
 def test_video_scores_are_those_of_the_functions(
     capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path
 ) -> None:
