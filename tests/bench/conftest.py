@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.bench.accuracy_tasks import write_tiny
 from tests.bench.browser import Browser, browser
 from tests.bench.tiny_report import write_report
 
@@ -23,6 +24,12 @@ def data_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a tiny report; its frames lie in ``seq`` beside it."""
     return write_report(tmp_path_factory.mktemp("page"))
+
+
+@pytest.fixture(scope="session")
+def sequence(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four small frames, a truth, and a yardstick of two samples whose time is known."""
+    return write_tiny(tmp_path_factory.mktemp("bench") / "seq")
 
 
 @pytest.fixture(scope="module")

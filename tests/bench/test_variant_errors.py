@@ -1,0 +1,62 @@
+"""``cltaa bench accuracy``: errors of the algorithm and of rounding."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cltaa.bench.ladder import ladder
+from cltaa.bench.variant_errors import Task, run_task
+from cltaa.build import Real, Storage
+from cltaa.errors import InputMissing
+from cltaa.presets import load_preset, preset_names
+from tests.bench.accuracy_tasks import FRAMES, task
+from tests.sequence_factory import write_sequence
+
+
+def test_rounding_is_that_of_the_numbers(sequence: Path) -> None:
+    single = run_task(task(sequence)).rounding
+    half = run_task(task(sequence, storage=Storage.HALF)).rounding
+    assert single is not None
+    assert half is not None
+    # Half an ulp of the storage each frame, relative to the image: 2^-25 and 2^-12, and a few of them.
+    assert 22.0 < single.bits < 26.5  # seen: 24.6
+    assert 10.0 < half.bits < 13.5  # seen: 11.9
+    assert len(single.frames) == 3
+    # Doubles throughout but for the count of samples, which stays in float: what is left is its rounding, in weights.
+    double = run_task(task(sequence, storage=Storage.DOUBLE, real=Real.DOUBLE)).rounding
+    assert double is not None
+    assert double.bits > single.bits + 2.0
+    assert single.largest >= max(single.frames)
+
+
+def test_the_double_twin_is_the_same_algorithm(sequence: Path) -> None:
+    # If the twin computed anything else, strict float would be further away than rounding can explain.
+    for place, variant in enumerate(ladder(load_preset())):
+        if variant.group in {"history_filter", "neighbourhood", "rectify"}:
+            rounding = run_task(task(sequence, place)).rounding
+            assert rounding is not None
+            assert rounding.bits > 20.0, variant.name
+
+
+def test_every_rung_has_its_twin_in_double(tmp_path: Path) -> None:
+    # Whatever is added to the choices or the presets must run on the ladder, in both axes.
+    folder = write_sequence(tmp_path / "seq", 3, reference=True)
+    for variant in ladder(load_preset(), [load_preset(name) for name in preset_names()]):
+        run = Task(sequence=str(folder), variant=variant, device="numpy", metrics=("mse",), rounding_frames=2)
+        rounding = run_task(run).rounding
+        assert rounding is not None
+        assert rounding.bits > (10.0 if variant.storage is not Storage.FLOAT else 20.0), variant.name
+
+
+def test_error_is_that_against_the_truth(sequence: Path) -> None:
+    found = run_task(task(sequence))
+    assert len(found.frames["mse"]) == FRAMES
+    assert found.frames["mse"][0] > 0.01  # random colour against grey
+    assert found.pictures["picture"].startswith(b"\x89PNG")
+
+
+def test_a_sequence_without_truth_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputMissing, match="no truth to measure against"):
+        run_task(task(write_sequence(tmp_path / "bare", 2)))
