@@ -19,6 +19,7 @@ from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import Roles, assign, describe, equal_matches, file_sets, shown_name
 from cltaa.inputs.side_file import Side, read_side_file
 from cltaa.numbered import check_size
+from cltaa.printable import counted
 
 LUMINANCE = "Y"  # of a picture in greys, as OpenEXR calls it
 
@@ -174,11 +175,7 @@ def _guess(attributes: dict[str, object], channels: dict[str, tuple[str, ...]]) 
                 return profile, f"header attribute {name} is {shown}"
     scores = {profile.name: len(assign(profile, channels)) for profile in profiles}
     best = max(profiles, key=lambda profile: (scores[profile.name], profile.name == "cltaa"))
-    return best, f"no header names the writer; its channel names fit best ({_roles(scores[best.name])})"
-
-
-def _roles(count: int) -> str:
-    return "1 role" if count == 1 else f"{count} roles"
+    return best, f"no header names the writer; its channel names fit best ({counted(scores[best.name], 'role')})"
 
 
 def _notes(intake: Intake) -> list[str]:
