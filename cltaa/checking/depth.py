@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.checking.finding import Finding
-from cltaa.checking.shots import Shot
+from cltaa.checking.shots import Pair, Shot
 from cltaa.checking.signal import Vector
 from cltaa.checking.travel import CLEARLY_BETTER, camera_residual, moving_pairs
 from cltaa.frames import Frame
@@ -25,7 +25,9 @@ CLEARLY_MORE = 0.8  # share of the pixels that tell two readings apart
 LEAST_PIXELS = 200
 MOST_FRAMES = 3  # a kind of depth is the same in all; more only cost time
 DEVICE = "depth is a device depth, 0 near to 1 far"
-SCALES = {"0.01": 0.01, "0.1": 0.1, "10": 10.0, "100": 100.0, "1000": 1000.0, "0.001": 0.001}
+SCALES = (0.001, 0.01, 0.1, 0.2, 0.5, 2.0, 5.0, 10.0, 100.0, 1000.0)  # tried first; the best is then made exact
+STEPS = (2.0**0.5, 2.0**0.25, 2.0**0.125, 2.0**0.0625)  # up and down from there, to about 4 %
+ROUND_NUMBER = 0.1  # how near to a power of ten is meant to be one
 
 
 def check_depth(frames: Sequence[Frame]) -> list[Finding]:
@@ -65,18 +67,23 @@ def check_depth_scale(shot: Shot) -> list[Finding]:
     if len(pairs) < 2 or not (shot.has_depth and shot.has_camera) or shot.frames[0].camera.orthographic:
         return []
     declared = np.array([camera_residual(pair, pair.camera_motion()) for pair in pairs])
-    scores = {
-        name: np.array([camera_residual(pair, pair.camera_motion(closeness=pair.closeness / scale)) for pair in pairs])
-        for name, scale in SCALES.items()
-    }
-    best = min(scores, key=lambda name: scores[name].mean())
-    winner = scores[best]
+    best, winner = min(((scale, _residuals(pairs, scale)) for scale in SCALES), key=lambda tried: tried[1].mean())
     if winner.mean() > CLEARLY_BETTER * declared.mean() or (winner < declared).mean() < 0.7:
         return []
+    for step in STEPS:
+        tried = [(best * by, _residuals(pairs, best * by)) for by in (1 / step, step)]
+        best, winner = min([(best, winner), *tried], key=lambda one: one[1].mean())
+    decade = 10.0 ** round(np.log10(best))
+    scale = decade if abs(best / decade - 1) < ROUND_NUMBER else float(f"{best:.2g}")
     evidence = f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, over {len(pairs)} pairs"
     confidence = float(np.clip(1.0 - (winner.mean() / declared.mean()) ** 2, 0.3, 0.99))
-    what = f"depth and matrices have different units: depth times {best} fits"
-    return [_finding("depth-scaled", what, evidence, confidence, {"scale": SCALES[best]})]
+    what = f"depth and matrices have different units: depth times {scale:g} fits"
+    return [_finding("depth-scaled", what, evidence, confidence, {"scale": scale})]
+
+
+def _residuals(pairs: Sequence[Pair], scale: float) -> Vector:
+    """How badly each pair matches where depth is ``scale`` times what it says."""
+    return np.array([camera_residual(pair, pair.camera_motion(closeness=pair.closeness / scale)) for pair in pairs])
 
 
 def _flat_shares(frames: Sequence[Frame], depth: Sequence[Plane]) -> dict[str, dict[str, float]]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from cltaa.checking.finding import Finding
 from cltaa.exr_layout import LOSSLESS
 from cltaa.inputs.intake import Intake
+from cltaa.inputs.parts import read_any_header
+from cltaa.inputs.roles import shown_name
 from cltaa.printable import counted
 
 
@@ -14,16 +16,16 @@ def check_files(intake: Intake) -> list[Finding]:
     for role in ("depth", "motion"):
         places = intake.roles.get(role, ())
         for label in {place.files for place in places}:
-            files = intake.sets[label]
-            codecs = {intake.layouts[number].compression for number in files if number in intake.layouts}
+            files = [path for number, path in intake.sets[label].items() if number in intake.layouts]
+            codecs = {read_any_header(path, chunks=False).layout.compression for path in files}
             if lossy := sorted(codecs - LOSSLESS):
                 what = f"compression {', '.join(lossy)} loses precision that {role} needs"
                 evidence = f"{role} {' '.join(place.channel for place in places)} in {counted(len(files), 'file')}"
                 found.append(Finding(name="file-lossy", mistake=True, confidence=0.99, what=what, evidence=evidence))
-        types = {intake.layouts[min(intake.layouts)].channels.get(place.channel) for place in places}
+        types = {intake.first[place.files].channels[place.channel] for place in places}
         if "half" in types:
             what = f"{role} is half precision: 11 bits, wrong by up to 1/2048 of its size"
-            evidence = " ".join(place.channel for place in places)
+            evidence = " ".join(shown_name(place, len(intake.sets) > 1) for place in places)
             found.append(
                 Finding(name=f"{role}-half", mistake=role == "depth", confidence=0.99, what=what, evidence=evidence)
             )

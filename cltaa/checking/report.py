@@ -13,12 +13,13 @@ from cltaa.checking.detector import check_frames
 from cltaa.checking.files import check_files
 from cltaa.checking.finding import Finding
 from cltaa.inputs.foreign import ForeignSequence
-from cltaa.inputs.intake import intake_lines, open_intake
+from cltaa.inputs.intake import Intake, intake_lines, open_intake
 from cltaa.inputs.profile import Profile, correct, load_profile
 from cltaa.inputs.profile_text import differences, option_text
 from cltaa.progress import track
 
 FRAMES = 12  # looked at unless asked otherwise: 11 pairs tell a gain of jitter to a few hundredths
+ROUNDS = 4  # of looking and reading again: depth, then its unit, then the jitter, then nothing
 
 
 class Report(msgspec.Struct, kw_only=True):
@@ -48,38 +49,46 @@ def check_folder(
 ) -> tuple[Report, Profile]:
     """Check the first ``frames`` frames of ``folder``, read as ``profile`` says; also return the profile that mends it.
 
-    Raises what opening and reading raise.
+    What is wrong is read again as it is right, since a wrong depth hides a wrong jitter. Raises what opening
+    and reading raise.
     """
-    intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file, step=step)
-    numbers = sorted(intake.declared)[:frames]
-    sequence = ForeignSequence(folder, intake, numbers, strict=False)
-    if "depth" not in intake.roles:
-        sequence.refuse_result()
-    read = [sequence.frame(number) for number in track(numbers, len(numbers), "reading")]
-    found = check_frames(
-        read,
-        sequence.layouts[numbers[0]].display_size,
-        has_camera=intake.has_camera,
-        has_depth="depth" in intake.roles,
-        has_jitter=intake.has_jitter,
-    )
-    findings = [_with_option(finding, intake.profile) for finding in check_files(intake) + found]
-    mended = intake.profile
-    for finding in findings:
-        mended = correct(mended, finding.fix)
-    base = load_profile(profile) if profile != "auto" else load_profile(intake.profile.name)
-    changes = differences(mended, base)
+    first = intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file, step=step)
+    name = profile if profile != "auto" else intake.profile.name
+    base, findings = load_profile(name), list[Finding]()
+    for _ in range(ROUNDS):
+        known = {finding.name for finding in findings}
+        found = [finding for finding in _look(intake, folder, frames) if finding.name not in known]
+        findings += [_with_option(finding, intake.profile) for finding in found]
+        mended = intake.profile
+        for finding in found:
+            mended = correct(mended, finding.fix)
+        changes = differences(mended, base)
+        if mended == intake.profile:
+            break
+        again = shlex.split(option_text(changes))[1::2]
+        intake = open_intake(folder, profile=name, assignments=again, side_file=side_file, step=step)
     options = option_text(changes)
     if side_file is not None:
         options = f"--camera {shlex.quote(str(side_file))} {options}".strip()
     if step != 1:
         options = f"--step {step} {options}".strip()
     report = Report(
-        folder=str(folder), frames=len(read), reading=[*intake_lines(intake)], findings=findings,
-        options=f"--profile {profile if profile != 'auto' else intake.profile.name} {options}".strip(),
+        folder=str(folder), frames=min(frames, len(first.declared)), reading=[*intake_lines(first)], findings=findings,
+        options=f"--profile {name} {options}".strip(),
         profile=msgspec.to_builtins(mended),
     )  # fmt: skip
     return report, mended
+
+
+def _look(intake: Intake, folder: Path, frames: int) -> list[Finding]:
+    """What files and pixels say under one reading."""
+    numbers = sorted(intake.declared)[:frames]
+    sequence = ForeignSequence(folder, intake, numbers, strict=False)
+    if "depth" not in intake.roles:
+        sequence.refuse_result()
+    read = [sequence.frame(number) for number in track(numbers, len(numbers), "reading")]
+    known = {"has_depth": "depth" in intake.roles, "has_camera": intake.has_camera, "has_jitter": intake.has_jitter}
+    return check_files(intake) + check_frames(read, sequence.layouts[numbers[0]].display_size, **known)
 
 
 def _with_option(finding: Finding, profile: Profile) -> Finding:

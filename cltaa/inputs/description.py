@@ -11,8 +11,7 @@ from cltaa.errors import CltaaError
 from cltaa.exr_channels import frame_planes
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import open_intake
-from cltaa.inputs.parts import read_any_header
-from cltaa.inputs.roles import Place, shown_name
+from cltaa.inputs.roles import shown_name
 from cltaa.pixel_statistics import ChannelStatistics, pixel_problems
 
 
@@ -53,18 +52,12 @@ def describe_input(
     intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file, step=step)
     numbers = sorted(intake.declared)
     size = intake.layouts[numbers[0]]
-    used = {place for places in intake.roles.values() for place in places}
     several = len(intake.sets) > 1
-    there = [
-        Place(label, channel)
-        for label, files in sorted(intake.sets.items())
-        for channel in read_any_header(files[min(files)]).layout.channels
-    ]
     found = Description(
         folder=str(folder), profile=intake.profile.name, reason=intake.reason, first=numbers[0], last=numbers[-1],
         frames=len(numbers), width=size.width, height=size.height, size=size.size,
         channels={role: [shown_name(place, several) for place in places] for role, places in intake.roles.items()},
-        unused=[shown_name(place, several) for place in there if place not in used], notes=intake.notes,
+        unused=intake.unused, notes=intake.notes,
     )  # fmt: skip
     if pixels:
         _look(found, ForeignSequence(folder, intake, numbers), advance)

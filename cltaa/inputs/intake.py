@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, field
@@ -16,11 +17,13 @@ from cltaa.inputs.declared import Declared, declared_frames
 from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.profile import Profile, load_profile, profile_names
 from cltaa.inputs.profile_text import override
-from cltaa.inputs.roles import Roles, assign, describe, equal_matches, file_sets, shown_name
+from cltaa.inputs.roles import Place, Roles, assign, describe, equal_matches, file_sets, shown_name
 from cltaa.inputs.side_file import Side, read_side_file
 from cltaa.numbered import check_size
 from cltaa.printable import counted
 
+# What tools call vectors, in the name of a channel or of its file.
+MOTION_NAME = re.compile(r"mot(ion|vec)|veloc|vector|flow|(^|[._])mvs?($|[._])", re.IGNORECASE)
 LUMINANCE = "Y"  # of a picture in greys, as OpenEXR calls it
 
 
@@ -35,6 +38,7 @@ class Intake:
     attributes: dict[int, dict[str, object]]
     layouts: dict[int, Layout]
     declared: dict[int, Declared]
+    first: dict[str, Layout]  # of each of ``sets``, that of its first file
     gaps: OnBreak = OnBreak.ERROR
     on_resize: OnBreak = OnBreak.ERROR
     step: int = 1  # how far frame numbers lie apart
@@ -45,6 +49,13 @@ class Intake:
     def has_camera(self) -> bool:
         """True when every frame declares its matrices."""
         return all(known.camera is not None for known in self.declared.values())
+
+    @property
+    def unused(self) -> list[str]:
+        """The channels that play no role, as a reader is told of them."""
+        used = {place for places in self.roles.values() for place in places}
+        there = [Place(label, channel) for label, layout in sorted(self.first.items()) for channel in layout.channels]
+        return [shown_name(place, len(self.sets) > 1) for place in there if place not in used]
 
     @property
     def has_jitter(self) -> bool:
@@ -103,8 +114,9 @@ def open_intake(
     declared = {number: known[number] for number in numbers}
     _check_complete(folder, declared)
     intake = Intake(
-        chosen, reason, roles, sets, given, layouts, declared, gaps, on_resize, step, (profile, assignments)
-    )
+        chosen, reason, roles, sets, given, layouts, declared,
+        {label: header.layout for label, header in first.items()}, gaps, on_resize, step, (profile, assignments),
+    )  # fmt: skip
     intake.notes += _notes(intake)
     return intake
 
@@ -191,7 +203,7 @@ def _notes(intake: Intake) -> list[str]:
         rest = (
             "the camera's motion comes from depth and matrices" if intake.has_camera and "depth" in intake.roles else ""
         )
-        notes.append(f"no motion vectors: {rest or 'whatever moves is rectified only'}")
+        notes.append(f"no motion vectors: {rest or 'whatever moves is rectified only'}{_may_be_motion(intake.unused)}")
     elif intake.step > 1:
         notes.append(
             f"frames are {intake.step} apart, and vectors are taken to lead as far back; where they lead one back, "
@@ -200,6 +212,17 @@ def _notes(intake: Intake) -> list[str]:
     if not intake.has_jitter:
         notes.append("no jitter: taken as none; if the pixels are jittered, cltaa check shows by how much")
     return notes
+
+
+def _may_be_motion(names: Many[str]) -> str:
+    """How to take as motion what its name says it is; what its numbers mean is left to ``cltaa check``."""
+    like = [name for name in names if MOTION_NAME.search(name)]
+    if len(like) < 2:
+        return ""
+    letters = "ruxgvy"  # red or u or x is across; a third and a fourth are something else
+    across_first = sorted(like, key=lambda name: (len(name), f"{letters}{name[-1]}".lower().index(name[-1].lower())))
+    pair = " ".join(across_first[:2])
+    return f"; to take those in {pair}: --input motion.channels='{pair}', which cltaa check judges"
 
 
 def intake_lines(intake: Intake) -> Iterator[str]:

@@ -13,6 +13,7 @@ import pytest
 from cltaa.checking.colour import check_channels, check_colour
 from cltaa.checking.finding import Finding
 from cltaa.checking.report import check_folder
+from cltaa.exr_channels import Pixels
 from cltaa.frames import Frame
 from tests.sequence_factory import make_frame
 
@@ -71,3 +72,27 @@ def test_codecs_that_lose_depth(compression: object, found: list[str], tmp_path:
         OpenEXR.File(header, planes).write(str(tmp_path / f"a.{index:04d}.exr"))
     report, _ = check_folder(tmp_path)
     assert names(report.findings) == found
+
+
+@pytest.mark.parametrize(
+    ("pixels", "compression", "found"),
+    [
+        (np.float32, OpenEXR.ZIP_COMPRESSION, []),
+        (np.float16, OpenEXR.ZIP_COMPRESSION, ["depth-half"]),
+        (np.float32, OpenEXR.DWAA_COMPRESSION, ["file-lossy"]),
+    ],
+)
+def test_depth_in_files_of_its_own_is_judged_by_these(
+    pixels: type, compression: object, found: list[str], tmp_path: Path
+) -> None:
+    """The colour beside it is in halves, in a channel of the same name, and packed without loss."""
+    rng = np.random.default_rng(0)
+    for index in range(2):
+        colour = {name: (rng.random((32, 32)) ** 4 * 3).astype(np.float16) for name in "RGB"}
+        depth: dict[str, Pixels] = {"R": np.linspace(2, 9, 1024).reshape(32, 32).astype(pixels)}
+        for name, planes, codec in (("color", colour, OpenEXR.ZIP_COMPRESSION), ("depth", depth, compression)):
+            header = {"type": OpenEXR.scanlineimage, "compression": codec}
+            OpenEXR.File(header, planes).write(str(tmp_path / f"{name}.{index:04d}.exr"))
+    report, _ = check_folder(tmp_path)
+    assert names(report.findings) == found
+    assert all("depth" in finding.evidence for finding in report.mistakes)

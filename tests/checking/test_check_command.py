@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +55,18 @@ def test_the_options_that_are_printed_are_the_ones_that_mend(scene: Scene, tmp_p
     assert [finding["option"] for finding in report["findings"] if finding["mistake"]] == ["--input jitter.scale=-1,-1"]
     assert report["options"] == "--profile cltaa --input jitter.scale=-1,-1"
     assert main(["check", str(tmp_path), *report["options"].split()]) == 0
+
+
+def test_what_a_wrong_depth_hides_is_found_too(scene: Scene, tmp_path: Path) -> None:
+    """Depth of half the size leaves so much behind that a flipped jitter is not seen; both are mended."""
+    flipped = MISTAKES["jitter-y-flipped"].plant(scene("corridor"))
+    write_own(tmp_path, [replace(frame, depth=np.asarray(frame.depth / 2, np.float32)) for frame in flipped])
+    report, mending = check_folder(tmp_path)
+    assert [finding.name for finding in report.mistakes] == ["depth-scaled", "jitter-y-flipped"]
+    assert mending.jitter.scale == (1.0, -1.0)
+    assert report.options.endswith(f"--input depth.scale={mending.depth.scale:g} --input jitter.scale=1,-1")
+    again, _ = check_folder(tmp_path, assignments=shlex.split(report.options)[3::2])
+    assert again.mistakes == []
 
 
 def test_what_is_printed(scene: Scene, tmp_path: Path) -> None:

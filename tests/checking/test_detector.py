@@ -57,6 +57,14 @@ def test_two_mistakes_are_both_named(scene: Scene) -> None:
     assert set(mistakes(check_frames(spoilt))) == {"jitter-negated", "motion-negated"}
 
 
+@pytest.mark.parametrize("factor", [0.3048, 0.5, 6.0])
+def test_any_unit_of_depth_is_measured(factor: float, scene: Scene) -> None:
+    spoilt = [replace(frame, depth=np.asarray(frame.depth * factor, np.float32)) for frame in scene("corridor")]
+    (finding,) = [finding for finding in check_frames(spoilt) if finding.mistake]
+    assert finding.name == "depth-scaled"
+    assert finding.fix["depth"]["scale"] * factor == pytest.approx(1.0, abs=0.1)  # worst seen: 0.036
+
+
 def test_without_matrices_jitter_and_motion_are_still_checked(scene: Scene) -> None:
     frames = [replace(frame, camera=scene("occluder")[0].camera) for frame in full_motion(scene("occluder"))]
     assert mistakes(check_frames(frames, has_camera=False, has_depth=False)) == []

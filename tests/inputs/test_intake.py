@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -80,6 +81,23 @@ def test_colour_alone(tmp_path: Path) -> None:
     frame = read(tmp_path)[0]
     assert np.isinf(frame.depth).all()
     assert frame.motion is None
+
+
+@pytest.mark.parametrize("names", ["velocity.R velocity.G", "mv.X mv.Y", "motionVectors.u motionVectors.v"])
+def test_channels_that_sound_like_vectors_are_pointed_out(names: str, tmp_path: Path) -> None:
+    """What their numbers mean nobody knows, so that they are named, and taken when they are asked for."""
+    across, down = names.split()
+    for frame in frames():
+        assert frame.motion is not None
+        planes = {across: frame.motion[..., 0], down: frame.motion[..., 1], f"{across[:-1]}A": frame.depth}
+        channels = {name: frame.colour[..., place] for place, name in enumerate("RGB")}
+        write_image(tmp_path / f"picture.{frame.index:04d}.exr", channels | planes)
+    (line,) = [line for line in intake_lines(open_intake(tmp_path)) if line.startswith("no motion")]
+    told = f"--input motion.channels='{names}', which cltaa check judges"
+    assert line.endswith(told)
+    motion = read(tmp_path, *shlex.split(told.replace(",", ""))[1:2])[0].motion
+    assert motion is not None
+    np.testing.assert_array_equal(motion, frames()[0].motion)
 
 
 def test_parts_of_an_unknown_writer(tmp_path: Path) -> None:
