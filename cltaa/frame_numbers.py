@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from collections.abc import Sequence as Many
 from enum import StrEnum
 from itertools import pairwise
+from math import gcd
 from pathlib import Path
 
 from cltaa.errors import DataError, InputMissing, UsageError
@@ -79,9 +80,15 @@ def check_steps(paths: Mapping[int, Path], frames: FrameRange, step: int, gaps: 
 
 
 def even_step(numbers: Many[int]) -> int:
-    """How far sorted numbers lie apart where three or more do so evenly, else 1."""
-    apart = {after - before for before, after in pairwise(numbers)}
-    return apart.pop() if len(apart) == 1 and len(numbers) > 2 else 1
+    """How far three or more sorted numbers lie apart, most of them that far and others by multiples of it, else 1."""
+    apart = [after - before for before, after in pairwise(numbers)]
+    even = gcd(*apart)
+    return even if len(apart) > 1 and 2 * apart.count(even) > len(apart) else 1
+
+
+def missing_from(numbers: Many[int], step: int) -> list[int]:
+    """Numbers between the first and the last of the sorted ``numbers``, ``step`` apart, that are none of them."""
+    return sorted(set(range(numbers[0], numbers[-1] + 1, step)) - set(numbers))
 
 
 def no_such_frame(folder: Path, number: int, numbers: Many[int]) -> UsageError:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cltaa.checking.finding import Finding
 from cltaa.exr_layout import LOSSLESS
+from cltaa.frame_numbers import ranges
 from cltaa.inputs.intake import Intake
 from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.roles import shown_name
@@ -11,8 +12,12 @@ from cltaa.printable import counted
 
 
 def check_files(intake: Intake) -> list[Finding]:
-    """Findings about compression that loses, half-precision channels and channels that are not there."""
+    """Findings about compression that loses, half-precision channels, and frames and channels that are not there."""
     found = []
+    if intake.missing:
+        what = f"frames are missing: {ranges(intake.missing)}; render them again, or resolve with --gaps reset"
+        evidence = "the files' names"
+        found.append(Finding(name="frames-missing", mistake=True, confidence=0.99, what=what, evidence=evidence))
     for role in ("depth", "motion"):
         places = intake.roles.get(role, ())
         for label in {place.files for place in places}:

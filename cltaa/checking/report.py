@@ -13,7 +13,7 @@ from cltaa.checking.detector import check_frames
 from cltaa.checking.files import check_files
 from cltaa.checking.finding import Finding
 from cltaa.inputs.foreign import ForeignSequence
-from cltaa.inputs.intake import Intake, intake_lines, open_intake
+from cltaa.inputs.intake import Intake, intake_lines, open_with_gaps
 from cltaa.inputs.profile import Profile, correct, load_profile
 from cltaa.inputs.profile_text import differences, option_text
 from cltaa.progress import track
@@ -52,7 +52,7 @@ def check_folder(
     What is wrong is read again as it is right, since a wrong depth hides a wrong jitter. Raises what opening
     and reading raise.
     """
-    first = intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file, step=step)
+    first = intake = open_with_gaps(folder, profile=profile, assignments=assignments, side_file=side_file, step=step)
     name = profile if profile != "auto" else intake.profile.name
     base, findings = load_profile(name), list[Finding]()
     for _ in range(ROUNDS):
@@ -66,7 +66,7 @@ def check_folder(
         if mended == intake.profile:
             break
         again = shlex.split(option_text(changes))[1::2]
-        intake = open_intake(folder, profile=name, assignments=again, side_file=side_file, step=step)
+        intake = open_with_gaps(folder, profile=name, assignments=again, side_file=side_file, step=step)
     options = option_text(changes)
     if side_file is not None:
         options = f"--camera {shlex.quote(str(side_file))} {options}".strip()

@@ -9,8 +9,9 @@ import msgspec
 
 from cltaa.errors import CltaaError
 from cltaa.exr_channels import frame_planes
+from cltaa.frame_numbers import ranges
 from cltaa.inputs.foreign import ForeignSequence
-from cltaa.inputs.intake import open_intake
+from cltaa.inputs.intake import open_with_gaps
 from cltaa.inputs.roles import shown_name
 from cltaa.pixel_statistics import ChannelStatistics, pixel_problems
 
@@ -44,12 +45,12 @@ def describe_input(
     pixels: bool = False,
     advance: Callable[[int, int], None] | None = None,
 ) -> Description:
-    """Decide how ``folder`` is read, and say so; raises what ``open_intake`` raises.
+    """Decide how ``folder`` is read, and say so; raises what ``open_with_gaps`` raises.
 
     With ``pixels`` every frame is read and converted as for a resolve, and what is wrong with it is listed, not raised.
     ``advance(done, total)`` is called after every frame.
     """
-    intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file, step=step)
+    intake = open_with_gaps(folder, profile=profile, assignments=assignments, side_file=side_file, step=step)
     numbers = sorted(intake.declared)
     size = intake.layouts[numbers[0]]
     several = len(intake.sets) > 1
@@ -58,6 +59,7 @@ def describe_input(
         frames=len(numbers), width=size.width, height=size.height, size=size.size,
         channels={role: [shown_name(place, several) for place in places] for role, places in intake.roles.items()},
         unused=intake.unused, notes=intake.notes,
+        problems=[f"frames missing: {ranges(intake.missing)}"] if intake.missing else [],
     )  # fmt: skip
     if pixels:
         _look(found, ForeignSequence(folder, intake, numbers), advance)

@@ -8,11 +8,23 @@ from collections.abc import Sequence as Many
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 from cltaa.errors import DataError, InputMissing
 from cltaa.exr import ImageHeader
 from cltaa.exr_layout import Layout
-from cltaa.frame_numbers import FrameRange, OnBreak, check_steps, chosen_numbers, on_break, ranges
+from cltaa.frame_numbers import (
+    FrameRange,
+    OnBreak,
+    check_steps,
+    chosen_numbers,
+    even_step,
+    frame_missing,
+    missing_from,
+    on_break,
+    ranges,
+    renumbered,
+)
 from cltaa.inputs.declared import Declared, declared_frames
 from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.profile import Profile, load_profile, profile_names
@@ -49,6 +61,11 @@ class Intake:
     def has_camera(self) -> bool:
         """True when every frame declares its matrices."""
         return all(known.camera is not None for known in self.declared.values())
+
+    @property
+    def missing(self) -> list[int]:
+        """Numbers of frames that are not there, with all of their files, between the first and the last."""
+        return missing_from(sorted(self.declared), self.step)
 
     @property
     def unused(self) -> list[str]:
@@ -118,6 +135,17 @@ def open_intake(
         {label: header.layout for label, header in first.items()}, gaps, on_resize, step, (profile, assignments),
     )  # fmt: skip
     intake.notes += _notes(intake)
+    return intake
+
+
+def open_with_gaps(folder: Path, **reading: Any) -> Intake:
+    """As ``open_intake``, to look at a sequence in which frames may be missing, unless it is for want of a step."""
+    intake = open_intake(folder, **reading, gaps=OnBreak.RESET)
+    missing = intake.missing
+    apart = even_step(sorted(intake.declared))
+    if missing and apart != intake.step:
+        path = intake.sets[intake.roles["colour"][0].files][min(intake.declared)]
+        raise frame_missing(renumbered(path, missing[0]), missing[0], apart)
     return intake
 
 
@@ -206,7 +234,7 @@ def _notes(intake: Intake) -> list[str]:
         notes.append(f"no motion vectors: {rest or 'whatever moves is rectified only'}{_may_be_motion(intake.unused)}")
     elif intake.step > 1:
         notes.append(
-            f"frames are {intake.step} apart, and vectors are taken to lead as far back; where they lead one back, "
+            f"frames {intake.step} apart: vectors are taken to lead as far back; where they lead one back, "
             "--input motion.channels='none none' leaves them out"
         )
     if not intake.has_jitter:

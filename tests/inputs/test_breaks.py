@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -34,6 +35,26 @@ def test_a_gap_is_an_error_or_a_new_history(tmp_path: Path, capsys: pytest.Captu
             np.testing.assert_array_equal(ours[channel], theirs[channel])
 
 
+@pytest.mark.parametrize("step", [1, 2])
+def test_a_gap_is_told_and_the_rest_looked_at(step: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where the frames lie apart besides, the step is asked for first."""
+    made = [replace(frame, index=step * frame.index) for frame in frames(7)]
+    write_blender(tmp_path, [*made[:4], *made[5:]])
+    for command in ("inspect", "check"):
+        if step > 1:
+            assert main([command, str(tmp_path)]) == 66
+            assert "the frames are 2 apart: --step 2" in capsys.readouterr().err
+        assert main([command, str(tmp_path), "--step", str(step), "--json"]) == 65
+        said = json.loads(capsys.readouterr().out)
+        told = f"missing: {4 * step}"
+        if command == "inspect":
+            assert said["problems"] == [f"frames {told}"]
+        else:
+            (finding,) = [finding for finding in said["findings"] if finding["name"] == "frames-missing"]
+            assert told in finding["what"]
+            assert all(" " not in finding["name"] and len(finding["name"]) < 30 for finding in said["findings"])
+
+
 def test_what_is_wrong_outside_the_frames_asked_for_does_not_count(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -61,7 +82,7 @@ def test_a_step_of_blender_is_one_history(tmp_path: Path, capsys: pytest.Capture
         assert main([*command, str(tmp_path / "apart")]) == 66
         assert "the frames are 7 apart: --step 7" in capsys.readouterr().err
     assert main(["inspect", str(tmp_path / "apart"), "--step", "7"]) == 0
-    assert "frames are 7 apart, and vectors are taken to lead as far back" in " ".join(capsys.readouterr().out.split())
+    assert "frames 7 apart: vectors are taken to lead as far back" in " ".join(capsys.readouterr().out.split())
     without = open_intake(tmp_path / "apart", step=7, assignments=["motion.channels='none none'"])
     assert "motion" not in without.roles
     film = ["--step", "7", "--frames", "1-8", "--preview", str(tmp_path / "two.mp4")]
