@@ -33,13 +33,14 @@ class Clock(StrEnum):
 
     WALL = "wall"  # the host's: the way to the device and back is in it
     DEVICE = "device"  # the profiling events of a device's kernels
-    PROCESSOR = "processor"  # what all threads of this process worked: waiting for a processor is not in it
+    PROCESSOR = "processor"  # what the threads of this process worked: waiting for a processor is not in it
 
 
 class Sample(NamedTuple):
     """Seconds of a run by each clock that there is. Of several runs in one turn: the least; of processor time the mean.
 
-    Whatever else runs can only add to the first two. Processor time it hardly touches, and it is counted in ticks.
+    Whatever else runs can only add to the first two, and adds most to what runs long. Processor time it hardly touches;
+    beside a device's clock it is that of the device's threads, without the one that asks.
     """
 
     wall: float
@@ -206,12 +207,13 @@ def _runs(job: Job, warm_up: int, turn: float) -> int:
 
 
 def _turn(job: Job, runs: int) -> Sample:
-    begun = time.process_time()
-    walls, devices = [], []
+    walls, devices = list[float](), list[float]()
+    begun, asked = time.process_time(), time.thread_time()
     for _ in range(runs):
         started = time.perf_counter()
         device = job.run()
         walls.append(time.perf_counter() - started)
         devices += [] if device is None else [device]
-    processor = (time.process_time() - begun) / runs
+    host = time.thread_time() - asked if devices else 0.0
+    processor = (time.process_time() - begun - host) / runs
     return Sample(min(walls), min(devices, default=None), processor if processor > 0.0 else None)

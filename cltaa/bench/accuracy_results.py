@@ -34,7 +34,7 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     least: float  # the least wall time
     ratio: Interval  # of time to the default's, paired, by the clock that the sequence is ranked by
     dominated_by: dict[str, str]  # metric: a variant with no more error that is faster beyond chance
-    processor: Interval | None = None  # on a CPU: of all its threads together
+    processor: Interval | None = None  # on a CPU: of all threads that run kernels together
 
     def time(self, clock: Clock) -> Interval:
         """The time by a clock, by the host's where that has none."""

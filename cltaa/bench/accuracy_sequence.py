@@ -51,7 +51,7 @@ def measure_sequence(
     megapixels = pixels * 1e-6
 
     def ranked(samples: Samples) -> Ranking:
-        return ranking(samples, default.name, timing.together, is_cpu=launcher.device.is_cpu)
+        return ranking(samples, default.name, timing.together, is_cpu=launcher.device.is_cpu, units=timing.units)
 
     samples = measure(
         [*jobs, copy_job(launcher, moved)],

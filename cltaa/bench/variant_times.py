@@ -62,13 +62,16 @@ def jobs_of(
     return jobs, pixels, moved, stages
 
 
-def ranking(samples: Samples, default: str, controls: int, *, is_cpu: bool) -> Ranking:
+def ranking(samples: Samples, default: str, controls: int, *, is_cpu: bool, units: int = 0) -> Ranking:
     """Rank by the device's clock, or, where that is too noisy on a CPU, by processor time, if that is not.
 
+    Of one thread (``units``) processor time comes first: it is the device's clock without the waits for a processor,
+    which a long kernel on a shared one never escapes, and of which the default and its copy, both short, say nothing.
     ``controls`` is the number of sequences that are ranked in one run, each of which may exclude 1 by chance.
     """
     found = []
-    clocks = [clock for clock in (Clock.DEVICE, Clock.PROCESSOR)[: 1 + is_cpu] if samples.has(default, clock)]
+    wanted = (Clock.DEVICE, Clock.PROCESSOR)[: 1 + is_cpu]
+    clocks = [clock for clock in wanted[:: -1 if units == 1 else 1] if samples.has(default, clock)]
     for clock in clocks or [Clock.WALL]:
         pair = f"{default} {CONTROL}", default, clock
         noisy = too_noisy_among(samples.ratios(*pair), controls * max(len(clocks), 1))

@@ -172,7 +172,7 @@ def print_accuracy(result: Accuracy) -> None:
         if measured.noisy:
             console.print("too noisy to rank by time: the default differs from its own copy, or by more than 2 %")
         elif measured.clock is Clock.PROCESSOR:
-            console.print("ranked by processor time: by the device's clock the machine was too noisy")
+            console.print("ranked by the processor time of the threads that run kernels: what they wait is not in it")
     if result.missing:
         console.print(f"not finished in time: {', '.join(result.missing)}; the same command again goes on from here")
     console.print(result.environment.line, markup=False, highlight=False, soft_wrap=True)

@@ -102,7 +102,8 @@ def test_every_round_runs_every_job_once_in_an_order_of_its_own() -> None:
 def test_a_turn_is_as_many_runs_as_fill_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
     ran: list[str] = []
     now = [0.0]  # a clock that nothing else on the machine moves
-    clock = SimpleNamespace(perf_counter=lambda: now[0], monotonic=lambda: now[0], process_time=lambda: 0.0)
+    moving, still = dict.fromkeys(("perf_counter", "monotonic"), lambda: now[0]), ("process_time", "thread_time")
+    clock = SimpleNamespace(**moving, **dict.fromkeys(still, lambda: 0.0))
     monkeypatch.setattr("cltaa.timing.time", clock)
 
     def lasting(name: str, seconds: float) -> Job:
@@ -130,6 +131,26 @@ def test_a_turn_keeps_its_least_and_the_mean_of_its_processor_time() -> None:
     assert sample.device == 0.001
 
 
+@pytest.mark.parametrize(("by_device", "seconds"), [(True, 0.5), (False, 2.5)])
+def test_processor_time_beside_a_device_is_its_threads_alone(
+    monkeypatch: pytest.MonkeyPatch, by_device: bool, seconds: float
+) -> None:
+    worked = {"host": 0.0, "kernels": 0.0}
+    clock = SimpleNamespace(
+        perf_counter=lambda: 0.0, monotonic=lambda: 0.0,
+        process_time=lambda: sum(worked.values()), thread_time=lambda: worked["host"],
+    )  # fmt: skip
+    monkeypatch.setattr("cltaa.timing.time", clock)
+
+    def run() -> float | None:
+        worked["host"] += 2.0
+        worked["kernels"] += 0.5
+        return 0.7 if by_device else None
+
+    (sample,) = measure([Job("a", run)], 1, warm_up=1).by_job["a"].values()
+    assert sample.processor == seconds
+
+
 def test_more_rounds_follow_until_there_are_enough() -> None:
     job = Job("a", lambda: None)
     enough = measure([job], 3, enough=lambda found: len(found.by_job["a"]) >= 7, patience=60.0)
@@ -139,23 +160,26 @@ def test_more_rounds_follow_until_there_are_enough() -> None:
 
 
 @pytest.mark.parametrize(
-    ("device", "processor", "is_cpu", "expected"),
+    ("device", "processor", "is_cpu", "units", "expected"),
     [
-        (0.005, 0.2, True, (Clock.DEVICE, False)),
-        (0.2, 0.005, True, (Clock.PROCESSOR, False)),
-        (0.2, 0.005, False, (Clock.DEVICE, True)),  # a GPU does not work by the processor's time
-        (0.2, 0.3, True, (Clock.DEVICE, True)),
+        (0.005, 0.2, True, 2, (Clock.DEVICE, False)),
+        (0.2, 0.005, True, 2, (Clock.PROCESSOR, False)),
+        (0.2, 0.005, False, 1, (Clock.DEVICE, True)),  # a GPU does not work by the processor's time
+        (0.2, 0.3, True, 2, (Clock.DEVICE, True)),
+        # of one thread, whose long kernels another process holds up and its short ones does not
+        (0.005, 0.005, True, 1, (Clock.PROCESSOR, False)),
+        (0.005, 0.2, True, 1, (Clock.DEVICE, False)),
     ],
 )
 def test_processor_time_ranks_where_the_device_cannot(
-    device: float, processor: float, is_cpu: bool, expected: tuple[Clock, bool]
+    device: float, processor: float, is_cpu: bool, units: int, expected: tuple[Clock, bool]
 ) -> None:
     random, samples = np.random.default_rng(0), Samples()
     for number in range(21):
         for name in ("default", f"default {CONTROL}"):
             one, other = 1 + random.standard_normal(2) * [device, processor]
             samples.add(name, number, Sample(1.0, device=abs(one), processor=abs(other)))
-    found = ranking(samples, "default", 33, is_cpu=is_cpu)
+    found = ranking(samples, "default", 33, is_cpu=is_cpu, units=units)
     assert (found.clock, found.noisy) == expected
 
 

@@ -332,7 +332,7 @@ function drawAll() {
     `${where.device}${where.units ? `, ${where.units} compute units` : ""}; ${where.cpu}, ${where.cores} core${where.cores === 1 ? "" : "s"}, load ${where.load_before} to ${where.load_after}; ${where.date} UTC; kernels ${where.kernels_sha256.slice(0, 12)}.` +
     (report.missing.length ? ` Not finished in time, and left out: ${report.missing.join(", ")}.` : "");
   $("noise").hidden = !measured.noisy && measured.clock !== "processor";
-  $("noise").textContent = !measured.noisy ? "Ranked by processor time, of all threads together: by the device's clock this machine was too noisy." : `Too noisy to rank by time: the default against its own copy took ${number(measured.control.median)} times as long [${number(measured.control.low)}, ${number(measured.control.high)}]. Errors are exact.`;
+  $("noise").textContent = !measured.noisy ? "Ranked by the processor time of all threads that run kernels together: what they wait for a processor is not in it." : `Too noisy to rank by time: the default against its own copy took ${number(measured.control.median)} times as long [${number(measured.control.low)}, ${number(measured.control.high)}]. Errors are exact.`;
   fillChoices(); drawFront(); drawSteps(); drawFrames(); drawStages(); drawDebug(); drawNumbers(); drawOverview(); paint();
 }
 function start() {
