@@ -78,8 +78,10 @@ class DeviceLauncher:
         """The build as this device's shape has it, unless it states lanes or rows of its own."""
         shape = self.device.shape
         lanes, rows = plan_build.lanes or shape.lanes, plan_build.rows or shape.rows
-        fits = {"registers": _registers(shape, plan_build), "columns_ahead": shape.columns_ahead}
-        return msgspec.structs.replace(plan_build, lanes=lanes, rows=rows, **fits)
+        fits = {name: getattr(shape, name) for name in ("columns_ahead", "own_place")}
+        return msgspec.structs.replace(
+            plan_build, lanes=lanes, rows=rows, registers=_registers(shape, plan_build), **fits
+        )
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
         """Zeroed device memory."""

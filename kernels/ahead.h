@@ -4,16 +4,16 @@
 // the image is harmless: nothing is read, nothing fails. On a GPU it is the next row that the work-item itself has not
 // read yet.
 //
-// COLUMNS_AHEAD: a core of Intel's has few places for lines that are under way to its first cache, one that comes from
-// memory keeps its place for long, and a load from the second cache waits for one too. There a work-item fetches what
-// lies so many work-items right of it into the second cache alone, and its own next texels and those right of them from
+// COLUMNS_AHEAD: a core has few places for lines that are under way to its first cache, one that comes from memory
+// keeps its place for long, and a load from the second cache waits for one too. So a CPU's work-item fetches what lies
+// so many work-items right of it into the second cache alone, and its own next texels and those right of them from
 // there into the first.
 #include "image.h"
 
 // COLUMNS > 1: along rows a CPU foresees what comes, so that a work-item fetches its own texels alone, into the second
 // cache.
-#if !defined(COLUMNS_AHEAD) || !defined(COLUMNS)
-#error "ahead.h needs COLUMNS_AHEAD and COLUMNS from the prelude"
+#if !defined(COLUMNS_AHEAD) || !defined(COLUMNS) || !defined(OWN_PLACE)
+#error "ahead.h needs COLUMNS_AHEAD, COLUMNS and OWN_PLACE from the prelude"
 #endif
 
 #define ROWS_AHEAD (COLUMNS > 1 ? 3 : (LANES > 1 ? 4 : 2))
@@ -50,8 +50,8 @@ STAGE void fetch_frame(plane_in current, plane_in closeness, plane_in motion, in
     }
 }
 
-// Below the texel at `at`: the pixel's own on a CPU, as if nothing moved, for what moves was fetched that many rows
-// earlier or later, still ahead of its use as a rule; on a GPU, and along rows, the one that the pixel came from.
+// Below the texel at `at`: the one that the pixel came from, or with OWN_PLACE the pixel's own, as if nothing moved,
+// for what moves was fetched that many rows earlier or later, still ahead of its use as a rule.
 STAGE void fetch_history(history_in history, plane_in count, plane_in previous_closeness, uint at, frame_t frame)
 {
     const size_t plane = history_plane_size(frame);

@@ -64,7 +64,7 @@ STAGE sampled sample_at(
     history_in history, plane_in count, plane_in previous_closeness, footprint f, int y, frame_t frame, kept_rows* kept)
 {
     const size_t plane = history_plane_size(frame);
-    if ((LANES == 1) | (COLUMNS > 1))
+    if (!OWN_PLACE | (COLUMNS > 1))
         fetch_history(history, count, previous_closeness, f.at, frame);
 #if KEEPS_ROWS && LANES == 1
     real counted;

@@ -10,15 +10,11 @@ STAGE row_t resolve_segment(row_t above, row_t centre, plane_in current, plane_i
     history_out output, plane_out output_count, int x, int y, frame_t frame, settings_t settings, kept_rows* kept)
 {
     fetch_frame(current, closeness, motion, x, y, frame);
-#if !COLUMNS_AHEAD && COLUMNS <= 1
-    if (LANES > 1)
-        fetch_history(history, history_count, previous_closeness, history_offset(frame, x, y), frame);
-#endif
     const row_t below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
     const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
     const surface s = nearest_surface(above, centre, below, settings);
     const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
-#if COLUMNS_AHEAD && COLUMNS <= 1
+#if OWN_PLACE && COLUMNS <= 1
     // Not beside the frame's: more would be asked for at a time than can be under way.
     fetch_history(history, history_count, previous_closeness, history_offset(frame, x, y), frame);
 #endif

@@ -40,11 +40,12 @@ def resolved(shape: Shape, storage: Storage, monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.parametrize("storage", [Storage.FLOAT, Storage.HALF])
 def test_columns_fetched_ahead_change_no_bit(storage: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever CPU the tests run on: one of the two is not what its own shape builds."""
-    near, next_one = resolved(CPU_16, storage, monkeypatch)
-    far, third = resolved(INTEL_16._replace(columns=1), storage, monkeypatch)
-    assert (near, far) == (0, INTEL_16.columns_ahead)
+    near, next_one = resolved(CPU_16._replace(columns_ahead=0), storage, monkeypatch)
+    far, third = resolved(CPU_16, storage, monkeypatch)
+    _, own = resolved(CPU_16._replace(own_place=True), storage, monkeypatch)
+    assert (near, far) == (0, CPU_16.columns_ahead)
     assert np.array_equal(next_one.view(np.uint32), third.view(np.uint32))
+    assert np.array_equal(own.view(np.uint32), third.view(np.uint32))
 
 
 @pytest.mark.parametrize("storage", [Storage.FLOAT, Storage.HALF])
