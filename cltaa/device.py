@@ -23,8 +23,8 @@ import pyopencl as cl
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError, UsageError
 from cltaa.kernel_cache import check_cache, filling
 from cltaa.launch import WISH
-from cltaa.shape import CPU_8, CPU_16, GPU, INTEL_16, NVIDIA, Shape
-from cltaa.unknown_cpu import name_unknown_cpu
+from cltaa.shape import CPU_4, CPU_8, CPU_16, GPU, INTEL_16, NVIDIA, Shape
+from cltaa.unknown_cpu import known_lanes, name_unknown_cpu
 
 POCL = "Portable Computing Language"  # the platform's name
 INTEL = "Intel"  # in what a device calls its vendor; the vendor's number is PoCL's own since version 4
@@ -161,10 +161,9 @@ class Device:
     @property
     def shape(self) -> Shape:
         """How kernels are cut up for this device."""
-        if self.is_cpu and self.cl_device.native_vector_width_float >= 16:
-            return INTEL_16 if INTEL in self.cl_device.vendor else CPU_16
         if self.is_cpu:
-            return CPU_8
+            width = self.cl_device.native_vector_width_float
+            return cpu_shape(min(width, known_lanes() or width), self.cl_device.vendor)
         return NVIDIA if self.cl_device.platform.name == "NVIDIA CUDA" else GPU
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Memory:
@@ -190,6 +189,13 @@ class Device:
     def first_use(self, kernel: str) -> AbstractContextManager[None]:
         """Hold this while ``kernel``, a hash, is built and runs for the first time: then PoCL fills its cache."""
         return filling(kernel) if self.cl_device.platform.name == POCL else nullcontext()
+
+
+def cpu_shape(width: int, vendor: str) -> Shape:
+    """How kernels are cut up for a CPU whose registers hold ``width`` floats."""
+    if width >= 16:
+        return INTEL_16 if INTEL in vendor else CPU_16
+    return CPU_8 if width >= 8 else CPU_4
 
 
 @contextmanager

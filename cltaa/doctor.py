@@ -151,7 +151,7 @@ def look_at_processor() -> Finding:
     told = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
     words = [told.get("model name") or platform.processor() or platform.machine()]
     words += [f"{key.removeprefix('cpu ')} {told[key]}" for key in ("cpu family", "model") if key in told]
-    words += [level_of(cpu_flags()).decode()] * (platform.machine() == "x86_64")
+    words += [level_of(cpu_flags()).name.decode()] * (platform.machine() == "x86_64")
     return Finding("processor", "both", ok=True, found=", ".join([*words, f"{os.cpu_count()} cores"]))
 
 

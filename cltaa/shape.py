@@ -57,6 +57,7 @@ def shared_out(segments: int, columns: int, steps: int, units: int) -> int:
 
 
 CPU_8 = Shape(lanes=8, rows=32, group=(1, 1), columns_ahead=3, own_place=True)
+CPU_4 = CPU_8._replace(lanes=4)  # without AVX, where LLVM gives up over eight (docs/decisions/0008)
 CPU_16 = Shape(lanes=16, rows=64, group=(1, 1), columns_ahead=3)
 INTEL_16 = CPU_16._replace(columns=16, own_place=True)
 GPU = Shape(lanes=1, rows=8, group=(64, 2))

@@ -10,24 +10,30 @@ import pytest
 
 from cltaa.bench.frames import Motion, make_frames
 from cltaa.build import Storage
-from cltaa.device import Device
+from cltaa.device import Device, cpu_shape
 from cltaa.frames import Image
 from cltaa.launch import DeviceLauncher
 from cltaa.resolve import Resolver
-from cltaa.shape import CPU_8, CPU_16, INTEL_16, ITEMS_A_UNIT, Shape, shared_out
+from cltaa.shape import CPU_4, CPU_8, CPU_16, INTEL_16, ITEMS_A_UNIT, Shape, shared_out
 
 INTEL, AMD = "GenuineIntel", "AuthenticAMD"  # as every version of PoCL has it from the CPU itself
 
 
 @pytest.mark.parametrize(
-    ("vendor", "width", "shape"),
-    [(INTEL, 16, INTEL_16), (AMD, 16, CPU_16), (INTEL, 8, CPU_8), (AMD, 8, CPU_8)],
+    ("width", "vendor", "shape"),
+    [(16, INTEL, INTEL_16), (16, AMD, CPU_16), (8, INTEL, CPU_8), (8, AMD, CPU_8), (4, INTEL, CPU_4)],
 )
-def test_a_cpu_gets_the_shape_of_its_vectors_and_its_maker(vendor: str, width: int, shape: Shape) -> None:
+def test_a_cpu_gets_the_shape_of_its_vectors_and_its_maker(width: int, vendor: str, shape: Shape) -> None:
+    assert cpu_shape(width, vendor) == shape
+
+
+@pytest.mark.parametrize("known", [16, 8, None])
+def test_no_more_lanes_than_the_compiler_s_target_has(known: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cltaa.device.known_lanes", lambda: known)
     device = Device.__new__(Device)
     device.is_cpu = True
-    device.cl_device = cast(Any, SimpleNamespace(vendor=vendor, native_vector_width_float=width))
-    assert device.shape == shape
+    device.cl_device = cast(Any, SimpleNamespace(vendor=AMD, native_vector_width_float=16))
+    assert device.shape == (CPU_8 if known == 8 else CPU_16)
 
 
 def resolved(shape: Shape, storage: Storage, monkeypatch: pytest.MonkeyPatch) -> tuple[int, Image]:
