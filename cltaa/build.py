@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -38,7 +39,7 @@ HALVES = (Storage.HALF, Storage.HALF_STOCHASTIC)
 STORAGES = (Storage.FLOAT, *HALVES)
 
 
-class Steps(msgspec.Struct, frozen=True, kw_only=True):
+class Steps(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     """Which optional steps a frame calls for; each one left out is not even compiled."""
 
     camera_motion: bool = True
@@ -49,7 +50,7 @@ class Steps(msgspec.Struct, frozen=True, kw_only=True):
     reactive: bool = False
 
 
-class Terms(msgspec.Struct, frozen=True, kw_only=True):
+class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     """Which terms the settings call for. One that they make nothing of is not compiled, and no bit changes."""
 
     resample_cost: bool = True
@@ -85,7 +86,7 @@ def span_planes(steps: Steps) -> int:
     return 5 + steps.alpha
 
 
-class Build(msgspec.Struct, frozen=True, kw_only=True):
+class Build(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     """Everything that decides a kernel's text and flags, apart from its source files."""
 
     choices: Choices = Choices()
@@ -176,14 +177,15 @@ Record = NDArray[np.void]
 
 _NUMPY_TYPES = {"int": np.int32, "float": np.float32}
 FRAME_DTYPE = np.dtype([(name, _NUMPY_TYPES[kind]) for name, (kind, _) in FRAME_FIELDS.items()])
+SETTINGS_KEPT = 16  # records of settings that are kept: frames of a sequence have one, or a few by their effects
 SETTINGS_DTYPE = np.dtype([(name, np.float32) for name in KERNEL_SETTINGS])
 
 
+@lru_cache(maxsize=SETTINGS_KEPT)
 def settings_record(settings: Settings) -> Record:
-    """The settings as the struct that a kernel receives, every value rounded to float32."""
-    record = np.zeros((), SETTINGS_DTYPE)
-    for name in KERNEL_SETTINGS:
-        record[name] = getattr(settings, name)
+    """The settings as the struct that a kernel receives, every value rounded to float32; not to be written to."""
+    record = np.array(tuple(getattr(settings, name) for name in KERNEL_SETTINGS), SETTINGS_DTYPE)
+    record.flags.writeable = False
     return record
 
 

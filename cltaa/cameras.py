@@ -14,6 +14,8 @@ from cltaa.frames import Camera, Matrix
 SKY_PERSPECTIVE = 0.0
 SKY_ORTHOGRAPHIC = -(2.0**50)
 
+_XYW = np.array([0, 1, 3])  # rows of a matrix over clip space
+
 
 class Displacement(NamedTuple):
     """Rows x, y, w of D (columns px, py, closeness, 1) and the change of closeness, float64; all zero for no motion."""
@@ -63,8 +65,10 @@ def of_region(camera: Camera, layout: Layout) -> Camera:
 
 def is_still(camera: Camera, previous: Camera) -> bool:
     """True when both matrices are the same, to the bit: then nothing moves, and D is exactly zero."""
-    return np.array_equal(camera.world_to_view, previous.world_to_view) and np.array_equal(
-        camera.view_to_clip, previous.view_to_clip
+    # As lists: a frame waits for this, and nothing of NumPy is in a cache then.
+    return bool(
+        camera.world_to_view.tolist() == previous.world_to_view.tolist()
+        and camera.view_to_clip.tolist() == previous.view_to_clip.tolist()
     )
 
 
@@ -75,38 +79,35 @@ def displacement(camera: Camera, previous: Camera, width: int, height: int) -> D
     """
     if is_still(camera, previous):
         return Displacement(np.zeros((3, 4)), np.zeros(4))
-    to_ndc = np.diag([2.0 / width, -2.0 / height, 1.0, 1.0])
-    view = _view_position(camera) @ to_ndc
+    view = _view_position(camera, 2.0 / width, -2.0 / height)
     moved = _relative_change(camera, previous) @ view
     # Each part is a difference before anything is multiplied: what does not change leaves exactly nothing behind.
     zoomed = (previous.view_to_clip - camera.view_to_clip) @ view
-    rows = (previous.view_to_clip @ moved + zoomed)[[0, 1, 3]]
+    rows = previous.view_to_clip @ moved + zoomed
     rows[0] *= width / 2.0
     rows[1] *= -height / 2.0
-    return Displacement(rows, moved[2] if camera.orthographic else np.zeros(4))
+    return Displacement(rows[_XYW], moved[2] if camera.orthographic else np.zeros(4))
 
 
-def _view_position(camera: Camera) -> Matrix:
-    """Homogeneous view-space position as a linear function of (n_x, n_y, closeness, 1), n in NDC: [4, 4].
+def _view_position(camera: Camera, ndc_x: float, ndc_y: float) -> Matrix:
+    """Homogeneous view-space position as a linear function of (px, py, closeness, 1), [4, 4]; NDC = ndc_x px, ndc_y py.
 
     Perspective: the position divided by depth, (ray, -1) with w = closeness. Orthographic: the position itself, w = 1.
     """
-    projection = camera.view_to_clip
-    across = np.linalg.inv(projection[:2, :2])
-    by_z, constant = projection[:2, 2], projection[:2, 3]
-    position = np.zeros((4, 4))
-    position[:2, :2] = across
-    if camera.orthographic:
-        position[:2, 2] = -across @ by_z
-        position[:2, 3] = -across @ constant
-        position[2, 2] = 1.0
-        position[3, 3] = 1.0
+    (xx, xy, xz, x1), (yx, yy, yz, y1), *_ = camera.view_to_clip.tolist()
+    if xy == yx == 0.0:
+        xx, yy = 1.0 / xx, 1.0 / yy
+        by_z, by_1 = (xx * xz, yy * yz), (xx * x1, yy * y1)
     else:
-        position[:2, 2] = -across @ constant
-        position[:2, 3] = across @ by_z
-        position[2, 3] = -1.0
-        position[3, 2] = 1.0
-    return position
+        across = np.linalg.inv(camera.view_to_clip[:2, :2])
+        (xx, xy), (yx, yy) = across.tolist()
+        by_z, by_1 = ((across @ camera.view_to_clip[:2, column]).tolist() for column in (2, 3))
+    x, y = (xx * ndc_x, xy * ndc_y), (yx * ndc_x, yy * ndc_y)
+    if camera.orthographic:
+        return np.array(
+            [[*x, -by_z[0], -by_1[0]], [*y, -by_z[1], -by_1[1]], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+        )
+    return np.array([[*x, -by_1[0], by_z[0]], [*y, -by_1[1], by_z[1]], [0.0, 0.0, 0.0, -1.0], [0.0, 0.0, 1.0, 0.0]])
 
 
 def _relative_change(camera: Camera, previous: Camera) -> Matrix:
@@ -114,11 +115,7 @@ def _relative_change(camera: Camera, previous: Camera) -> Matrix:
     now, then = camera.world_to_view[:3, :3], previous.world_to_view[:3, :3]
     change = np.zeros((4, 4))
     change[:3, :3] = (then - now) @ np.linalg.inv(now)
-    change[:3, 3] = then @ (_centre(camera) - _centre(previous))
+    views = np.array((camera.world_to_view, previous.world_to_view))
+    towards = np.linalg.solve(views[:, :3, :3], views[:, :3, 3:])  # the world's origin, seen from each of the two
+    change[:3, 3] = then @ (towards[1, :, 0] - towards[0, :, 0])
     return change
-
-
-def _centre(camera: Camera) -> NDArray[np.float64]:
-    """The camera's position in the world."""
-    rotation, translation = camera.world_to_view[:3, :3], camera.world_to_view[:3, 3]
-    return -np.linalg.solve(rotation, translation).astype(np.float64)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from cltaa.build import FRAME_DTYPE, Record
+from cltaa.build import FRAME_DTYPE, FRAME_FIELDS, Record
 from cltaa.cameras import Displacement, displacement, is_still, sky_closeness
 from cltaa.current_filter import axis_masses, axis_weights
 from cltaa.frames import Camera, Frame
@@ -55,29 +55,27 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan
     """
     earlier: Camera = frame.camera if previous is None else previous.camera
     moved: Displacement = displacement(frame.camera, earlier, layout.width, layout.height)
-    record = np.zeros((), FRAME_DTYPE)
-    record["width"], record["height"], record["stride"] = layout.width, layout.height, layout.stride
-    record["reset"] = int(previous is None)
-    record["number"] = frame.index % 2**31
-    record["origin_x"] = 0.5 + frame.jitter_px[0] - layout.width / 2.0
-    record["origin_y"] = 0.5 + frame.jitter_px[1] - layout.height / 2.0
-    for row, letter in enumerate("xyw"):
-        for column, by in enumerate("xyq1"):
-            record[letter + by] = moved.rows[row, column]
-    for column, by in enumerate("xyq1"):
-        record["z" + by] = moved.closeness[column]
-    record["jitter_x"], record["jitter_y"] = frame.jitter_px
-    record["sky_closeness"] = sky_closeness(frame.camera)
-    record["exposure_ratio"] = 1.0 if previous is None else frame.exposure / previous.exposure
+    by_row = zip("xywz", (*moved.rows.tolist(), moved.closeness.tolist()), strict=True)
+    origin = frame.jitter_px if plan is None or plan.choices.ray_through is not RayThrough.CENTRE else (0.0, 0.0)
+    values: dict[str, float] = {
+        "width": layout.width, "height": layout.height, "stride": layout.stride,
+        "reset": int(previous is None),
+        "number": frame.index % 2**31,
+        "origin_x": 0.5 + origin[0] - layout.width / 2.0,
+        "origin_y": 0.5 + origin[1] - layout.height / 2.0,
+        **{row + column: value for row, values in by_row for column, value in zip("xyq1", values, strict=True)},
+        "sky_closeness": sky_closeness(frame.camera),
+        "exposure_ratio": 1.0 if previous is None else frame.exposure / previous.exposure,
+        "jitter_x": frame.jitter_px[0], "jitter_y": frame.jitter_px[1],
+    }  # fmt: skip
     if plan is not None:
-        if plan.choices.ray_through is RayThrough.CENTRE:
-            record["origin_x"], record["origin_y"] = 0.5 - layout.width / 2.0, 0.5 - layout.height / 2.0
         choices = plan.choices
         if previous is None and not frame.cut and choices.filter_use is FilterUse.FEW:
             # A first frame is what was drawn, to the bit. After a cut it is one of a film, and as aliased as that.
             choices = msgspec.structs.replace(choices, current_filter=CurrentFilter.NONE)
-        axes = (axis_weights(jitter, choices, plan.settings) for jitter in frame.jitter_px)
-        (record["left_weight"], record["right_weight"]), (record["above_weight"], record["below_weight"]) = axes
-        masses = (axis_masses(jitter, plan.settings) for jitter in frame.jitter_px)
-        (record["left_mass"], record["right_mass"]), (record["upper_mass"], record["lower_mass"]) = masses
-    return record
+        weights = [w for jitter in frame.jitter_px for w in axis_weights(jitter, choices, plan.settings)]
+        values |= zip(("left_weight", "right_weight", "above_weight", "below_weight"), weights, strict=True)
+        masses = [m for jitter in frame.jitter_px for m in axis_masses(jitter, plan.settings)]
+        values |= zip(("left_mass", "right_mass", "upper_mass", "lower_mass"), masses, strict=True)
+    # One call for all of them: a frame waits for this.
+    return np.array(tuple(values.get(name, 0) for name in FRAME_FIELDS), FRAME_DTYPE)

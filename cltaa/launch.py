@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
@@ -72,7 +72,7 @@ class DeviceLauncher:
         self.description = self.device.description
         self._kernels: dict[tuple[str, Build], Kernel] = {}
         self.events: list[tuple[str, Any]] | None = None  # a list put here receives each started kernel and its event
-        self._used: set[tuple[str, Build, tuple[int, ...]]] = set()
+        self._started: dict[tuple[Any, ...], tuple[Kernel, tuple[int, ...], tuple[int, ...]]] = {}
 
     def build(self, plan_build: Build) -> Build:
         """The build as this device's shape has it, unless it states lanes or rows of its own."""
@@ -94,19 +94,33 @@ class DeviceLauncher:
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
         """Enqueue a kernel; it runs in the order of the queue. Raises DeviceLost."""
         from cltaa.device import device_errors
-        from cltaa.program import source_hash
 
         given = {name: getattr(value, "buffer", value) for name, value in arguments.items()}
-        build = self.fitted(kernel, build, layout, arguments)
-        size, group = self._range(kernel, build, layout, given)
-        first = (kernel, build, size) not in self._used
-        with self.device.first_use(source_hash(kernel, build)) if first else nullcontext(), device_errors(self.device):
-            event = self.kernel(kernel, build).enqueue(self.device.queue, size, group, given)
-            if first:
-                self.device.finish()
-                self._used.add((kernel, build, size))
+        # All that decides what is started and over how many work-items.
+        key = kernel, build, layout, _banded(kernel, given), given.get("planes"), given.get("more")
+        started = self._started.get(key)
+        if started is None:
+            event = self._start_first(key, kernel, self.fitted(kernel, build, layout, arguments), layout, given)
+        else:
+            with device_errors(self.device):
+                event = started[0].enqueue(self.device.queue, *started[1:], given)
         if self.events is not None:
             self.events.append((kernel, event))
+
+    def _start_first(
+        self, key: tuple[Any, ...], name: str, build: Build, layout: Layout, arguments: Mapping[str, Any]
+    ) -> Any:
+        """Start a kernel for the first time over an image of ``layout``, and wait for its end."""
+        from cltaa.device import device_errors
+        from cltaa.program import source_hash
+
+        size, group = self._range(name, build, layout, arguments)
+        with self.device.first_use(source_hash(name, build)), device_errors(self.device):
+            kernel = self.kernel(name, build)
+            event = kernel.enqueue(self.device.queue, size, group, arguments)
+            self.device.finish()
+        self._started[key] = kernel, size, group
+        return event
 
     def fitted(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> Build:
         """What a kernel is built from for planes of ``layout``: some devices' resolve knows their size.
@@ -121,7 +135,7 @@ class DeviceLauncher:
             build = msgspec.structs.replace(build, columns=shape.columns_for(units, _in_place(build)))
         if not shape.one_size:
             return build
-        if arguments["frame"]["band_rows"]:
+        if _banded(kernel, arguments):
             return msgspec.structs.replace(build, stride=layout.stride)
         if shape.most_rows and rows == shape.rows and not _in_place(build):
             rows = shape.even_rows(layout.width, layout.height, build.registers, units)
@@ -161,6 +175,11 @@ class DeviceLauncher:
     def finish(self) -> None:
         """Wait until the device has done everything."""
         self.device.finish()
+
+
+def _banded(kernel: str, arguments: Mapping[str, Any]) -> bool:
+    """True for a resolve of a band of an image."""
+    return kernel == "resolve" and bool(arguments["frame"]["band_rows"])
 
 
 def _in_place(build: Build) -> bool:

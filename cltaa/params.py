@@ -193,7 +193,7 @@ class AntiFlicker(StrEnum):
     CLAMP_DISTANCE = "clamp-distance"  # by the distance of the history from the ends of its box (Karis 2014)
 
 
-class Choices(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbid_unknown_fields=True):
     """Parameters that shape the code; they reach the kernels as ``#define`` lines and cost one cached build."""
 
     history_filter: HistoryFilter = HistoryFilter.CATMULL_ROM

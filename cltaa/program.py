@@ -67,6 +67,8 @@ class Kernel:
         # A kernel's function is its file's name and _kernel, so that stage functions can have the plain name.
         self._kernel = cl.Kernel(program, f"{Path(name).name}_kernel")
         count = self._kernel.num_args
+        # The way for numbers and structs that pyopencl's own calls take; ``set_arg`` first tries all that they are not.
+        self._set_bytes = getattr(self._kernel, "_set_arg_buf", self._kernel.set_arg)
         self._types: dict[str, str] = {
             str(self._kernel.get_arg_info(i, cl.kernel_arg_info.NAME)): str(
                 self._kernel.get_arg_info(i, cl.kernel_arg_info.TYPE_NAME)
@@ -87,21 +89,16 @@ class Kernel:
         arguments: Mapping[str, Any],
     ) -> cl.Event:
         """Start the kernel over ``size`` work-items in groups of ``group``; raises InternalError for a wrong name."""
-        if set(arguments) != set(self._types):
+        if arguments.keys() != self._types.keys():
             raise InternalError(
                 f"kernel {self.name}: arguments do not match",
                 expected=", ".join(self._types),
                 found=", ".join(arguments),
             )
-        for index, (name, kind) in enumerate(self._types.items()):
-            self._kernel.set_arg(index, _as_argument(arguments[name], kind))
+        for index, name in enumerate(self._types):
+            value = arguments[name]
+            if isinstance(value, int | np.integer):
+                value = np.int32(value)
+            given_by_value = isinstance(value, np.ndarray | np.generic)
+            (self._set_bytes if given_by_value else self._kernel.set_arg)(index, value)
         return cl.enqueue_nd_range_kernel(queue, self._kernel, size, group)
-
-
-def _as_argument(value: Any, kind: str) -> Any:
-    """A host value in the form that pyopencl passes by value; buffers and None pass through."""
-    if kind == "int":
-        return np.int32(value)
-    if isinstance(value, np.ndarray):
-        return value.tobytes()
-    return value

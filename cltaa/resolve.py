@@ -17,7 +17,7 @@ from cltaa.kept_frames import KeptFrames
 from cltaa.kernel_files import code_sha256
 from cltaa.launch import Buffer, Launcher, launcher_for, run_spans, storage_dtype
 from cltaa.layout import Layout
-from cltaa.params import HistoryOf, LightChange
+from cltaa.params import Choices, HistoryOf, LightChange, Settings
 from cltaa.planning import Plan, plan_frame, recursive
 from cltaa.presets import Preset, load_preset
 from cltaa.upload import upload
@@ -56,6 +56,7 @@ class Resolver:
         self._device = device
         self.launcher = launcher_for(device)
         self._shape = build or Build(strict=strict, storage=storage)
+        self._builds: dict[tuple[Choices, Settings, Steps], Build] = {}
         self._buffers: Buffers | None = None
         self._kept: KeptFrames | None = None
         self._previous: Past | None = None
@@ -84,7 +85,7 @@ class Resolver:
     def reopen(self) -> None:
         """Open the device again after it was lost, without a history; raises what opening it raises."""
         self._buffers, self._kept, self._previous = None, None, None
-        self.launcher = launcher_for(self._device)
+        self.launcher, self._builds = launcher_for(self._device), {}
 
     def recurrent(self) -> tuple[Past, dict[str, Buffer]]:
         """What the next frame depends on: facts about the last one, and the memory that holds its result.
@@ -173,8 +174,11 @@ class Resolver:
         return previous, self._build(self.plan)
 
     def _build(self, plan: Plan) -> Build:
-        decided = {"choices": plan.choices, "steps": plan.steps, "terms": Terms.of(plan.settings)}
-        return self.launcher.build(shared(msgspec.structs.replace(self._shape, **decided)))
+        decided_by = plan.choices, plan.settings, plan.steps
+        if decided_by not in self._builds:
+            decided = {"choices": plan.choices, "steps": plan.steps, "terms": Terms.of(plan.settings)}
+            self._builds[decided_by] = self.launcher.build(shared(msgspec.structs.replace(self._shape, **decided)))
+        return self._builds[decided_by]
 
     def _fitting(self, layout: Layout, alpha: bool) -> Buffers:
         if self._buffers is None or not self._buffers.fit(layout, alpha):

@@ -12,7 +12,7 @@ def _number(meaning: str, low: float, high: float, unit: str, source: str) -> Me
     return Meta(ge=low, le=high, description=meaning, extra={"unit": unit, "source": source})
 
 
-class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbid_unknown_fields=True):
     """Numbers; those that kernels look at reach them as one struct of floats by value.
 
     Changing one costs nothing, except where a term comes to nothing, or to something again: that is another build
