@@ -1,0 +1,77 @@
+"""Every ``cltaa`` command of README and the pages can be given: its options, presets and keys are there."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from itertools import pairwise
+from pathlib import Path
+
+import click
+import pytest
+
+from cltaa.cli import root
+from cltaa.errors import CltaaError
+from cltaa.presets import load_preset, override
+
+TOP = Path(__file__).parents[1]
+PAGES = sorted([TOP / "README.md", TOP / "CONTRIBUTING.md", *(TOP / "docs").glob("*.md")])
+# A line of a code block, or text between backquotes (over the end of a line too), that begins with the program's name.
+BLOCK_LINE = re.compile(r"^(?: {4}|\$ )?(cltaa [^\n#]+)", re.MULTILINE)
+INLINE = re.compile(r"`(cltaa [^`]+)`")
+FENCED = re.compile(r"^```[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def commands(text: str) -> list[str]:
+    blocks = "\n".join(FENCED.findall(text)) + "\n" + "\n".join(re.findall(r"^ {4}.*$", text, re.MULTILINE))
+    found = BLOCK_LINE.findall(blocks) + INLINE.findall(FENCED.sub("", text))
+    return [" ".join(part.split()) for line in found for part in line.split(";") if part.strip().startswith("cltaa ")]
+
+
+def check(line: str) -> None:
+    """Parse as click does, without looking at files; raises click.UsageError or CltaaError."""
+    words = [word for word in shlex.split(line)[1:] if word != "..."]
+    for option, value in pairwise(words):
+        if option in ("--preset", "--against") and not value.isupper():  # NAME stands for any
+            load_preset(value)
+        if option == "--set" and "=" in value:
+            override(load_preset("default"), dict([value.split("=")]))
+    command: click.Command = root
+    context = click.Context(root, info_name="cltaa")
+    while isinstance(command, click.Group):
+        _, words, _ = command.make_parser(context).parse_args(words)
+        if not words:
+            return
+        name, words = words[0], words[1:]
+        found = command.get_command(context, name)
+        if found is None:
+            raise click.UsageError(f"no command {name}")
+        command, context = found, click.Context(found, info_name=name, parent=context)
+    command.make_parser(context).parse_args(words)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_of_a_page_can_be_given(page: Path) -> None:
+    wrong = []
+    for line in commands(page.read_text(encoding="utf-8")):
+        try:
+            check(line)
+        except click.BadOptionUsage as error:
+            if not line.endswith(str(error.option_name)):  # an option that is only mentioned
+                wrong.append(f"{line}: {error}")
+        except (click.UsageError, CltaaError, ValueError) as error:
+            wrong.append(f"{line}: {error}")
+    assert wrong == []
+
+
+def test_wrong_commands_are_told() -> None:
+    page = (
+        "`cltaa inspect DIR --piexls`\n\n```sh\ncltaa rseolve DIR  # as ever\n```\n\n    cltaa scenes; cltaa bench x\n"
+    )
+    assert commands(page) == ["cltaa rseolve DIR", "cltaa scenes", "cltaa bench x", "cltaa inspect DIR --piexls"]
+    for line in ("cltaa rseolve DIR", "cltaa bench x", "cltaa inspect DIR --piexls"):
+        with pytest.raises(click.UsageError):
+            check(line)
+    for line in ("cltaa resolve DIR --preset t9", "cltaa resolve DIR --set histroy_filter=bilinear"):
+        with pytest.raises(CltaaError):
+            check(line)
