@@ -162,8 +162,9 @@ class Device:
     def shape(self) -> Shape:
         """How kernels are cut up for this device."""
         if self.is_cpu:
-            width = self.cl_device.native_vector_width_float
-            return cpu_shape(min(width, known_lanes() or width), self.cl_device.vendor)
+            width, known = self.cl_device.native_vector_width_float, known_lanes()
+            # Four lanes have been needed on x86-64 alone, where LLVM 14 gives up over eight without AVX.
+            return cpu_shape(max(width, 8) if known is None else min(width, known), self.cl_device.vendor)
         return NVIDIA if self.cl_device.platform.name == "NVIDIA CUDA" else GPU
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Memory:

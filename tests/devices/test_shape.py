@@ -27,13 +27,18 @@ def test_a_cpu_gets_the_shape_of_its_vectors_and_its_maker(width: int, vendor: s
     assert cpu_shape(width, vendor) == shape
 
 
-@pytest.mark.parametrize("known", [16, 8, None])
-def test_no_more_lanes_than_the_compiler_s_target_has(known: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("width", "known", "shape"),
+    [(16, 16, CPU_16), (16, 8, CPU_8), (8, 16, CPU_8), (8, 4, CPU_4), (16, None, CPU_16), (4, None, CPU_8)],
+)
+def test_no_more_lanes_than_the_compiler_s_target_has(
+    width: int, known: int | None, shape: Shape, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("cltaa.device.known_lanes", lambda: known)
     device = Device.__new__(Device)
     device.is_cpu = True
-    device.cl_device = cast(Any, SimpleNamespace(vendor=AMD, native_vector_width_float=16))
-    assert device.shape == (CPU_8 if known == 8 else CPU_16)
+    device.cl_device = cast(Any, SimpleNamespace(vendor=AMD, native_vector_width_float=width))
+    assert device.shape == shape
 
 
 def resolved(shape: Shape, storage: Storage, monkeypatch: pytest.MonkeyPatch) -> tuple[int, Image]:
