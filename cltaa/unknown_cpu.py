@@ -3,10 +3,11 @@
 PoCL asks its LLVM for the host's name and hands it on as the target. For a CPU younger than itself LLVM answers
 "generic", which PoCL's compiler then refuses: "unknown target CPU 'generic'", whatever is built (PoCL's issue 1049). Or
 it goes by the model alone. A Zen 4, of the family of AMD's Zen 3, becomes a "znver3" though PoCL sees AVX-512 and
-offers sixteen lanes: then LLVM gives up in the middle of a build, "Cannot select", and ends the process. A virtual
-machine that hides AVX-512, or a Pentium without AVX, becomes a "skylake" of some kind, and the code made for that has
-instructions which are not there. PoCL 3.0, the newest that is published as a wheel, has no setting for the name, so it
-is put right where PoCL keeps it: in the record of the device.
+offers sixteen lanes: then LLVM gives up in the middle of a build, "Cannot select", and ends the process. A Raptor Lake
+becomes a "goldmont", which has no AVX, with the same end. A virtual machine that hides AVX-512, or a Pentium without
+AVX, becomes a "skylake" of some kind, and the code made for that has instructions which are not there. PoCL 3.0, the
+newest that is published as a wheel, has no setting for the name, so it is put right where PoCL keeps it: in the record
+of the device.
 """
 
 from __future__ import annotations
@@ -49,8 +50,14 @@ LEVELS = (
         (b"haswell", b"broadwell", b"skylake", b"alderlake", b"bdver4", b"znver1", b"znver2", b"znver3"),
     ),
     Level(b"sandybridge", frozenset(V2 + AVX), 8, (b"ivybridge", b"bdver1", b"bdver2", b"bdver3", b"btver2")),
-    Level(b"x86-64-v2", frozenset(V2), 4, ()),
-    Level(b"x86-64", frozenset(), 4, ()),
+    Level(
+        b"x86-64-v2", frozenset(V2), 4,
+        (b"nehalem", b"westmere", b"silvermont", b"goldmont", b"goldmont-plus", b"tremont"),
+    ),
+    Level(
+        b"x86-64", frozenset(), 4,
+        (b"core2", b"penryn", b"bonnell", b"nocona", b"k8", b"k8-sse3", b"amdfam10", b"btver1"),
+    ),
 )  # fmt: skip
 REFUSED = b"generic"
 _names = {
