@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -109,3 +110,21 @@ def _ring(launcher: Launcher, shape: tuple[int, int, int], frames: int) -> Buffe
             f"{error.what} to keep {counted(frames, 'frame')}", expected=error.expected, found=error.found,
             cure="keep fewer with --set frames_kept=N, or none with --preset default",
         ) from error  # fmt: skip
+
+
+def run_spans(
+    launcher: Launcher, build: Build, layout: Layout, arguments: Mapping[str, Any], spans: Mapping[str, Any],
+    recursive: Mapping[str, Any],
+) -> None:  # fmt: skip
+    """Gather each span with the ``arguments`` of ``gather`` and what ``KeptFrames.spans`` gives, and weigh them beside
+    the ``recursive`` resolve of the frame."""
+    results, structs = ("output", "output_count"), ("frame", "settings")
+    gathered = {name: value for name, value in arguments.items() if name not in results}
+    launcher.run("gather_spans", build, layout, {**gathered, **spans})
+    plain = Build(lanes=build.lanes, rows=build.rows)
+    counted = {"planes": SPANS * span_planes(build.steps), "more": 1}
+    written = {"image": spans["spans"], "floats": spans["repeats"], **counted}
+    launcher.run("extend_edges", plain, layout, {**written, "frame": arguments["frame"]})
+    named = {name: arguments[name] for name in ("current", *results, *structs)}
+    given = {"spans": spans["spans"], "repeats": spans["repeats"], **recursive}
+    launcher.run("weigh_spans", build, layout, {**named, **given})

@@ -11,15 +11,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.build import Build, Storage, span_planes
-from cltaa.constants import PAD_X, SPANS
+from cltaa.build import Build, Storage
+from cltaa.constants import PAD_X
 from cltaa.layout import Layout
-from cltaa.params import HistoryFilter, HistoryOf, LightChange, Rectify, Reject
-from cltaa.shape import shared_out
+from cltaa.shape import in_place, shared_out
 
 if TYPE_CHECKING:
     from cltaa.program import Kernel
-    from cltaa.shape import Shape
 
 SLIDING = frozenset({"resolve", "resolve_doubled", "gather", "gather_spans"})  # kernels whose work-items walk down rows
 EDGE_GROUP = 256  # work-items of a group of extend_edges on a GPU
@@ -80,7 +78,7 @@ class DeviceLauncher:
         lanes, rows = plan_build.lanes or shape.lanes, plan_build.rows or shape.rows
         fits = {name: getattr(shape, name) for name in ("columns_ahead", "own_place")}
         return msgspec.structs.replace(
-            plan_build, lanes=lanes, rows=rows, registers=_registers(shape, plan_build), **fits
+            plan_build, lanes=lanes, rows=rows, registers=shape.registers_of(plan_build), **fits
         )
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
@@ -132,12 +130,12 @@ class DeviceLauncher:
             return build
         units = self.device.cl_device.max_compute_units
         if not build.columns and build.lanes == shape.lanes:
-            build = msgspec.structs.replace(build, columns=shape.columns_for(units, _in_place(build)))
+            build = msgspec.structs.replace(build, columns=shape.columns_for(units, in_place(build)))
         if not shape.one_size:
             return build
         if _banded(kernel, arguments):
             return msgspec.structs.replace(build, stride=layout.stride)
-        if shape.most_rows and rows == shape.rows and not _in_place(build):
+        if shape.most_rows and rows == shape.rows and not in_place(build):
             rows = shape.even_rows(layout.width, layout.height, build.registers, units)
         return msgspec.structs.replace(build, stride=layout.stride, plane=layout.plane, rows=rows)
 
@@ -182,25 +180,6 @@ def _banded(kernel: str, arguments: Mapping[str, Any]) -> bool:
     return kernel == "resolve" and bool(arguments["frame"]["band_rows"])
 
 
-def _in_place(build: Build) -> bool:
-    """True where history is neither moved nor rectified."""
-    moves = build.steps.camera_motion or build.steps.own_motion
-    return not moves and build.choices.rectify is Rectify.NONE
-
-
-def _registers(shape: Shape, build: Build) -> int:
-    """The most registers that a work-item may have; more of them, and fewer work-items are under way at once."""
-    choices = build.choices
-    if choices.light_change is not LightChange.IGNORE and choices.history_of is HistoryOf.RESULT:
-        return shape.registers_for_light
-    if choices.reject is not Reject.NONE:
-        return shape.registers_to_reject
-    if _in_place(build):
-        return shape.registers_in_place
-    few = choices.history_filter in (HistoryFilter.NEAREST, HistoryFilter.BILINEAR)
-    return shape.registers_for_few if few else shape.registers
-
-
 class _Array:
     """Memory of the NumPy launcher."""
 
@@ -243,24 +222,6 @@ class NumpyLauncher:
 
     def finish(self) -> None:
         """Nothing is ever pending."""
-
-
-def run_spans(
-    launcher: Launcher, build: Build, layout: Layout, arguments: Mapping[str, Any], spans: Mapping[str, Any],
-    recursive: Mapping[str, Any],
-) -> None:  # fmt: skip
-    """Gather each span with the ``arguments`` of ``gather`` and what ``KeptFrames.spans`` gives, and weigh them beside
-    the ``recursive`` resolve of the frame."""
-    results, structs = ("output", "output_count"), ("frame", "settings")
-    gathered = {name: value for name, value in arguments.items() if name not in results}
-    launcher.run("gather_spans", build, layout, {**gathered, **spans})
-    plain = Build(lanes=build.lanes, rows=build.rows)
-    counted = {"planes": SPANS * span_planes(build.steps), "more": 1}
-    written = {"image": spans["spans"], "floats": spans["repeats"], **counted}
-    launcher.run("extend_edges", plain, layout, {**written, "frame": arguments["frame"]})
-    named = {name: arguments[name] for name in ("current", *results, *structs)}
-    given = {"spans": spans["spans"], "repeats": spans["repeats"], **recursive}
-    launcher.run("weigh_spans", build, layout, {**named, **given})
 
 
 def launcher_for(device: str | int | Launcher | None) -> Launcher:

@@ -13,9 +13,9 @@ from cltaa.build import HALVES, Build, Record, Steps, Storage, Terms, edge_build
 from cltaa.frame_checks import check_frame
 from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame, Image
-from cltaa.kept_frames import KeptFrames
+from cltaa.kept_frames import KeptFrames, run_spans
 from cltaa.kernel_files import code_sha256
-from cltaa.launch import Buffer, Launcher, launcher_for, run_spans, storage_dtype
+from cltaa.launch import Buffer, Launcher, launcher_for, storage_dtype
 from cltaa.layout import Layout
 from cltaa.params import Choices, HistoryOf, LightChange, Settings
 from cltaa.planning import Plan, plan_frame, recursive

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from cltaa.build import Build
+from cltaa.params import HistoryFilter, HistoryOf, LightChange, Rectify, Reject
+
 LEAST_ROWS = 8  # of a work-item where rows are chosen by the image; fewer have not been measured
 UNIT_REGISTERS = 65536  # of a compute unit of NVIDIA's, since compute capability 3.0 (CUDA C++ Programming Guide)
 ITEMS_A_UNIT = 4  # work-items that a compute unit of a CPU has at least, so that none waits long for the last of them
@@ -28,6 +31,19 @@ class Shape(NamedTuple):
     columns: int = 1  # side by side, that a work-item of the resolve walks row by row; 1: down a single one
     most_rows: int = 0  # up to which a resolve of whole images takes as many rows as fill the device; 0: ``rows``
 
+    def registers_of(self, build: Build) -> int:
+        """The most registers that a work-item of a kernel with this build may have; with more of them fewer work-items
+        are under way at once."""
+        choices = build.choices
+        if choices.light_change is not LightChange.IGNORE and choices.history_of is HistoryOf.RESULT:
+            return self.registers_for_light
+        if choices.reject is not Reject.NONE:
+            return self.registers_to_reject
+        if in_place(build):
+            return self.registers_in_place
+        few = choices.history_filter in (HistoryFilter.NEAREST, HistoryFilter.BILINEAR)
+        return self.registers_for_few if few else self.registers
+
     def columns_for(self, units: int, in_place: bool) -> int:
         """Columns side by side of a work-item of the resolve on ``units`` compute units; ``in_place``: where history is
         neither moved nor rectified, so that little is kept of a column."""
@@ -47,6 +63,12 @@ class Shape(NamedTuple):
             return -(-groups // at_once) * (rows + START_ROWS)
 
         return min(range(LEAST_ROWS, self.most_rows + 1), key=cost)
+
+
+def in_place(build: Build) -> bool:
+    """True where history is neither moved nor rectified."""
+    moves = build.steps.camera_motion or build.steps.own_motion
+    return not moves and build.choices.rectify is Rectify.NONE
 
 
 def shared_out(segments: int, columns: int, steps: int, units: int) -> int:

@@ -26,17 +26,16 @@ from cltaa.frame_numbers import (
     renumbered,
 )
 from cltaa.inputs.declared import Declared, declared_frames
+from cltaa.inputs.guess import guessed_profile, no_colour
 from cltaa.inputs.parts import read_any_header
-from cltaa.inputs.profile import Profile, load_profile, profile_names
+from cltaa.inputs.profile import Profile, load_profile
 from cltaa.inputs.profile_text import override
-from cltaa.inputs.roles import Place, Roles, assign, describe, equal_matches, file_sets, shown_name
+from cltaa.inputs.roles import Place, Roles, assign, describe, file_sets, shown_name
 from cltaa.inputs.side_file import Side, read_side_file
 from cltaa.numbered import check_size
-from cltaa.printable import counted
 
 # What tools call vectors, in the name of a channel or of its file.
 MOTION_NAME = re.compile(r"mot(ion|vec)|veloc|vector|flow|(^|[._])mvs?($|[._])", re.IGNORECASE)
-LUMINANCE = "Y"  # of a picture in greys, as OpenEXR calls it
 
 
 @dataclass(slots=True)
@@ -103,11 +102,11 @@ def open_intake(
     attributes: dict[str, object] = {}
     for header in first.values():
         attributes = header.attributes | attributes
-    chosen, reason = (load_profile(profile), "as asked") if profile != "auto" else _guess(attributes, channels)
+    chosen, reason = (load_profile(profile), "as asked") if profile != "auto" else guessed_profile(attributes, channels)
     chosen = override(chosen, assignments)
     roles = assign(chosen, channels)
     if "colour" not in roles:
-        raise _no_colour(folder, chosen, channels)
+        raise no_colour(folder, chosen, channels)
     main = sets[roles["colour"][0].files]
     read = [sets[label] for label in {place.files for all_of in roles.values() for place in all_of}]
     there = sorted(number for number in main if all(number in files for files in read))
@@ -180,42 +179,6 @@ def _check_complete(folder: Path, declared: Mapping[int, Declared]) -> None:
         if 0 < len(without) < len(declared):
             cure = f"give it to every frame with --camera FILE, or to none with --input {section}.source=none"
             raise DataError(f"no {what} for frames {ranges(without)}", path=folder, cure=cure)
-
-
-def _no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]]) -> DataError:
-    """The error where nothing is the colour, or several sets of files could be."""
-    several = equal_matches(profile.colour.channels, channels)
-    if several:
-        names = " ".join(shown_name(place, several=True) for place in several[0])
-        return DataError(
-            "several sets of files may be the colour",
-            path=folder,
-            found=", ".join(places[0].files for places in several),
-            cure=f"name the folder of one sequence, or the channels, as --input colour.channels='{names}'",
-        )
-    there = [name for names in channels.values() for name in names]
-    found = " ".join(there)
-    grey = LUMINANCE if LUMINANCE in there else there[0] if len(there) == 1 else None
-    reds = sorted((name for name in there if name.endswith(".R")), key=len)
-    example = " ".join(f"{reds[0][:-1]}{c}" for c in "RGB") if reds else "R G B"
-    if grey:  # of a picture in greys one channel is all three
-        example = " ".join([grey] * 3)
-    cure = f"name them: --input colour.channels='{example}'"
-    expected = " or ".join(profile.colour.channels)
-    return DataError("no colour channels", path=folder, expected=expected, found=found, cure=cure)
-
-
-def _guess(attributes: dict[str, object], channels: dict[str, tuple[str, ...]]) -> tuple[Profile, str]:
-    """The profile whose header attribute is there, else the one that finds most roles; and why."""
-    profiles = [load_profile(name) for name in profile_names()]
-    for profile in profiles:
-        for name, word in profile.recognise.items():
-            if name in attributes and word in str(attributes[name]):
-                shown = str(attributes[name])[:40] if word else "there"
-                return profile, f"header attribute {name} is {shown}"
-    scores = {profile.name: len(assign(profile, channels)) for profile in profiles}
-    best = max(profiles, key=lambda profile: (scores[profile.name], profile.name == "cltaa"))
-    return best, f"no header names the writer; its channel names fit best ({counted(scores[best.name], 'role')})"
 
 
 def _notes(intake: Intake) -> list[str]:

@@ -1,0 +1,50 @@
+"""Which profile reads files where nobody named one, from their headers, and what to say where none finds a colour."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from collections.abc import Sequence as Many
+from pathlib import Path
+
+from cltaa.errors import DataError
+from cltaa.inputs.profile import Profile, load_profile, profile_names
+from cltaa.inputs.roles import assign, equal_matches, shown_name
+from cltaa.printable import counted
+
+LUMINANCE = "Y"  # of a picture in greys, as OpenEXR calls it
+
+
+def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]]) -> DataError:
+    """The error where nothing is the colour, or several sets of files could be."""
+    several = equal_matches(profile.colour.channels, channels)
+    if several:
+        names = " ".join(shown_name(place, several=True) for place in several[0])
+        return DataError(
+            "several sets of files may be the colour",
+            path=folder,
+            found=", ".join(places[0].files for places in several),
+            cure=f"name the folder of one sequence, or the channels, as --input colour.channels='{names}'",
+        )
+    there = [name for names in channels.values() for name in names]
+    found = " ".join(there)
+    grey = LUMINANCE if LUMINANCE in there else there[0] if len(there) == 1 else None
+    reds = sorted((name for name in there if name.endswith(".R")), key=len)
+    example = " ".join(f"{reds[0][:-1]}{c}" for c in "RGB") if reds else "R G B"
+    if grey:  # of a picture in greys one channel is all three
+        example = " ".join([grey] * 3)
+    cure = f"name them: --input colour.channels='{example}'"
+    expected = " or ".join(profile.colour.channels)
+    return DataError("no colour channels", path=folder, expected=expected, found=found, cure=cure)
+
+
+def guessed_profile(attributes: dict[str, object], channels: dict[str, tuple[str, ...]]) -> tuple[Profile, str]:
+    """The profile whose header attribute is there, else the one that finds most roles; and why."""
+    profiles = [load_profile(name) for name in profile_names()]
+    for profile in profiles:
+        for name, word in profile.recognise.items():
+            if name in attributes and word in str(attributes[name]):
+                shown = str(attributes[name])[:40] if word else "there"
+                return profile, f"header attribute {name} is {shown}"
+    scores = {profile.name: len(assign(profile, channels)) for profile in profiles}
+    best = max(profiles, key=lambda profile: (scores[profile.name], profile.name == "cltaa"))
+    return best, f"no header names the writer; its channel names fit best ({counted(scores[best.name], 'role')})"
