@@ -16,6 +16,7 @@ from cltaa.sources import Sequence
 from cltaa.views import View
 
 DEBUG = "debug"  # folder of the pictures of debug views
+CODE = "code_sha256"  # the key of the settings that says which code
 
 
 def sequence_settings(sequence: Sequence) -> dict[str, Any]:
@@ -105,10 +106,11 @@ def _clear(folder: Path) -> None:
 
 def _refuse_difference(begun: Mapping[str, Any], asked: Mapping[str, Any], path: Path) -> None:
     before, now = dict(_flat(begun)), dict(_flat(asked))
-    for key in sorted(before.keys() | now.keys()):
+    # What was asked for before the code, and the build last, which follows from both.
+    for key in sorted(before.keys() | now.keys(), key=lambda key: (key.startswith("build."), key == CODE, key)):
         if before.get(key) == now.get(key):
             continue
-        if key == "code_sha256":  # 64 digits tell nobody anything
+        if key == CODE:  # 64 digits tell nobody anything
             raise UsageError("was begun with another version of cltaa's code", path=path, cure=RESTART_CURE)
         raise UsageError(
             f"was begun with another {key}", path=path,

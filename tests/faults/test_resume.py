@@ -94,9 +94,12 @@ def test_another_version_of_the_code_is_refused_in_words(tmp_path: Path, capsys:
     begun = Manifest(output).settings
     assert begun is not None
     (output / "manifest.jsonl").unlink()
-    Manifest(output).begin({**begun, "code_sha256": "0" * 64})
+    earlier = {key: value for key, value in begun["build"].items() if key != "stride"}  # newer code has a key more
+    Manifest(output).begin({**begun, "code_sha256": "0" * 64, "build": earlier})
     assert main(arguments(folder, output)) == 64
     assert "was begun with another version of cltaa's code; use --restart" in capsys.readouterr().err
+    assert main([*arguments(folder, output), "--effects", "all"]) == 64
+    assert "was begun with another effects (expected auto, found all)" in capsys.readouterr().err
 
 
 def test_other_settings_device_and_inputs_are_refused_by_name(
