@@ -37,7 +37,7 @@ class Clock(StrEnum):
 
 
 class Sample(NamedTuple):
-    """Seconds of a run by each clock that there is. Of several runs in one turn: the least; of processor time the mean.
+    """Seconds of a run by each clock that there is, of several runs in one turn the least.
 
     Whatever else runs can only add to the first two, and adds most to what runs long. Processor time it hardly touches;
     beside a device's clock it is that of the device's threads, without the one that asks.
@@ -207,13 +207,13 @@ def _runs(job: Job, warm_up: int, turn: float) -> int:
 
 
 def _turn(job: Job, runs: int) -> Sample:
-    walls, devices = list[float](), list[float]()
-    begun, asked = time.process_time(), time.thread_time()
+    walls, devices, worked = list[float](), list[float](), list[float]()
     for _ in range(runs):
-        started = time.perf_counter()
+        begun, asked, started = time.process_time(), time.thread_time(), time.perf_counter()
         device = job.run()
         walls.append(time.perf_counter() - started)
+        host = 0.0 if device is None else time.thread_time() - asked
+        worked.append(time.process_time() - begun - host)
         devices += [] if device is None else [device]
-    host = time.thread_time() - asked if devices else 0.0
-    processor = (time.process_time() - begun - host) / runs
+    processor = min(worked)
     return Sample(min(walls), min(devices, default=None), processor if processor > 0.0 else None)
