@@ -83,11 +83,19 @@ KEPT_BLOCKS = KeptBlocks()
 
 def empty_image(shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Planes like those of ``np.empty``, inside ``kept_memory`` in what earlier ones of the same size have left."""
+    return np.empty(shape, np.float32) if 4 * int(np.prod(shape)) < SMALLEST else mapped_image(shape)
+
+
+def mapped_image(shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """The same of any size in a mapping of its own, which begins at a page."""
     size = 4 * int(np.prod(shape))
-    if size < SMALLEST:
-        return np.empty(shape, np.float32)
-    pages = -(-size // LARGE_PAGE) * LARGE_PAGE
-    return np.asarray(_Block(KEPT_BLOCKS.take(pages) or _mapped(pages)))[: size // 4].reshape(shape)
+    pages = in_large_pages(size)
+    return np.asarray(Block(KEPT_BLOCKS.take(pages) or _mapped(pages)))[: size // 4].reshape(shape)
+
+
+def in_large_pages(size: int) -> int:
+    """Bytes that a mapping for ``size`` of them takes."""
+    return -(-size // LARGE_PAGE) * LARGE_PAGE
 
 
 def _mapped(size: int) -> mmap.mmap:
@@ -100,7 +108,7 @@ def _mapped(size: int) -> mmap.mmap:
     return memory
 
 
-class _Block:
+class Block:
     """What arrays over a piece of memory refer to; with the last of them the memory is free."""
 
     def __init__(self, memory: mmap.mmap) -> None:
@@ -114,4 +122,5 @@ class _Block:
         }
 
     def __del__(self) -> None:
+        """Leave it to what is allocated next."""
         KEPT_BLOCKS.leave(len(self._memory), self._memory)

@@ -12,6 +12,7 @@ from cltaa.build import Build, Record, Steps, texel_planes
 from cltaa.constants import value
 from cltaa.errors import ResourceError
 from cltaa.frames import Image
+from cltaa.haloed import around
 from cltaa.launch import Buffer, Launcher
 from cltaa.layout import Layout
 from cltaa.params import Choices, HistoryOf, LightChange
@@ -46,11 +47,12 @@ class Buffers:
         """
         self.layout, self.whole, self._launcher = layout, whole or layout, launcher
         self._history_planes = 4 if alpha else 3
-        self.current, self.closeness = self._planes(3), self._planes(1)
+        self.closeness = self._planes(1)
         self.output, self.output_count = self._planes(self._history_planes, dtype), self._planes(1)
         self.history = self._planes(self._history_planes, dtype, self.whole)
         self.history_count, self.previous_closeness = self._planes(1, layout=whole), self._planes(1, layout=whole)
-        self._optional: dict[str, Buffer] = {}
+        self.channels: dict[str, Buffer] = {}  # of the frame: current, motion, alpha, reactive
+        self._copies: dict[str, Buffer] = {}  # memory for those that were copied once
         self._dtype = dtype
         self._texels: list[Buffer] = []  # at 200 %: those that are read, and those that are written
         self._shown: dict[str, Buffer] = {}
@@ -65,11 +67,20 @@ class Buffers:
         """True when these buffers serve a frame of that size, with or without alpha."""
         return layout == self.whole and (4 if alpha else 3) == self._history_planes
 
-    def optional(self, name: str, planes: int) -> Buffer:
-        """A buffer that only some sequences need, allocated when first asked for."""
-        if name not in self._optional:
-            self._optional[name] = self._planes(planes)
-        return self._optional[name]
+    def bring(self, name: str, planes: NDArray[np.float32]) -> None:
+        """Give the frame's channel of that name its planes [C, H, W], or [C, 1, 1] for all pixels.
+
+        Those that lie as the kernels read them are taken where they are, on a device that can; others are copied.
+        """
+        whole = around(planes, self.layout) if self._launcher.shares_memory else None
+        if whole is not None:
+            self.layout.extend_edges(whole)
+            self.channels[name] = self._launcher.take(whole)
+            return
+        if name not in self._copies:
+            self._copies[name] = self._planes(len(planes))
+        fill(self._copies[name], self.layout, planes)
+        self.channels[name] = self._copies[name]
 
     def texels(self) -> tuple[Buffer, Buffer]:
         """The history at 200 % that is read and the one that is written, allocated when first asked for.
@@ -139,11 +150,11 @@ class Buffers:
     def arguments(self, frame: Record, settings: Record, steps: Steps) -> dict[str, Any]:
         """What every kernel that resolves is given beside what recurs."""
         return {
-            "current": self.current,
+            "current": self.channels["current"],
             "closeness": self.closeness,
-            "motion": self.optional("motion", 2) if steps.own_motion else None,
-            "alpha": self.optional("alpha", 1) if steps.alpha else None,
-            "reactive": self.optional("reactive", 1) if steps.reactive else None,
+            "motion": self.channels["motion"] if steps.own_motion else None,
+            "alpha": self.channels["alpha"] if steps.alpha else None,
+            "reactive": self.channels["reactive"] if steps.reactive else None,
             "output": self.output,
             "output_count": self.output_count,
             "frame": frame,

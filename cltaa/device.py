@@ -88,10 +88,17 @@ class Memory:
     On devices that share the host's memory mapping copies nothing; on others a pinned copy is moved by ``mapped``.
     """
 
-    def __init__(self, device: Device, shape: tuple[int, ...], dtype: Any) -> None:
+    def __init__(self, device: Device, shape: tuple[int, ...], dtype: Any, planes: NDArray[Any] | None = None) -> None:
+        """Zeros, or on a device that shares the host's memory ``planes`` where they are, which kernels only read."""
         self._device, self.shape, self.dtype = device, shape, np.dtype(dtype)
         self.size = int(np.prod(shape)) * self.dtype.itemsize
+        self._staging: NDArray[Any] | None = None
         flags = cl.mem_flags.READ_WRITE
+        if planes is not None:
+            with _memory_errors(self.size, device):
+                given = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
+                self.buffer = cl.Buffer(device.context, given, hostbuf=planes)
+            return
         with _memory_errors(self.size, device):
             if device.shares_memory:
                 self.buffer = cl.Buffer(device.context, flags | cl.mem_flags.ALLOC_HOST_PTR, self.size)
@@ -104,7 +111,6 @@ class Memory:
             for start in range(head, self.size, FILL_BYTES):
                 length = min(FILL_BYTES, self.size - start)
                 cl.enqueue_copy(device.queue, self.buffer, self.buffer, byte_count=length, dst_offset=start).wait()
-        self._staging: NDArray[Any] | None = None
 
     @contextmanager
     def mapped(self, *, write: bool) -> Iterator[NDArray[Any]]:
@@ -170,6 +176,10 @@ class Device:
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Memory:
         """Zeroed device memory; raises ResourceError where there is not enough."""
         return Memory(self, shape, dtype)
+
+    def take(self, planes: NDArray[Any]) -> Memory:
+        """Memory that lies where ``planes`` do, for a device that shares the host's; raises ResourceError."""
+        return Memory(self, planes.shape, planes.dtype, planes)
 
     def copy(self, source: Any, target: Any, offset: int) -> None:
         """Enqueue a copy of all of ``source`` into ``target``, from its element ``offset`` on; raises DeviceLost."""

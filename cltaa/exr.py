@@ -8,22 +8,23 @@ wrong input ends in one DataError or InputMissing.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import Any, BinaryIO, cast
 
 import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
+from cltaa import exr_core
 from cltaa.allocator import empty_image
 from cltaa.atomic import atomic_path
 from cltaa.cores import CORES, MANY_CORES
 from cltaa.errors import DataError, StorageError, UsageError
 from cltaa.exr_attributes import FrameHeader, frame_attributes
-from cltaa.exr_channels import COLOUR, MOTION, NORMAL, Pixels, check_float_channels, frame_channels, frame_planes
+from cltaa.exr_channels import COLOUR, GROUPS, Pixels, check_float_channels, frame_channels, frame_planes
 from cltaa.exr_header import LARGEST_SIDE
 from cltaa.exr_layout import (
     COMPRESSION_NUMBERS,
@@ -37,6 +38,7 @@ from cltaa.exr_layout import (
 from cltaa.exr_zip import ROWS_A_CHUNK, fast_deflate, write_zip
 from cltaa.file_content import Copy, check_memory, file_size, open_regular, read_all
 from cltaa.frames import Frame, Image
+from cltaa.haloed import empty_haloed
 from cltaa.quiet import muted_output
 from cltaa.zip_level import FASTEST, set_zip_level
 
@@ -69,7 +71,7 @@ def write_frame(path: Path, frame: Frame, *, compression: str = "zip") -> None:
 
 
 def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
-    """Read one frame; ``colour`` [H, W, 3] is a view of a C-contiguous planar block [3, H, W], and so are the others.
+    """Read one frame; ``colour`` [H, W, 3] and the others are views of planes with a halo (``cltaa.haloed``).
 
     Half-precision channels are widened exactly, but half depth is refused. Channels with other names are left alone.
     ``sha256`` is what the file's content must have, in hexadecimal. Raises InputMissing, DataError, StorageError and
@@ -77,33 +79,26 @@ def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
     """
     with _loaded(path, sha256) as (layout, content):
         names = frame_channels(layout)
-        pixels, attributes = _decode(layout, content)
-    header = FrameHeader(path, attributes, layout)
-
-    # Each group in a block of its own, and a single plane as it was decoded: what is freed fits what is needed next.
-    def stack(wanted: Sequence[str]) -> Image | None:
-        if wanted[0] not in names:
-            return None
-        planar: NDArray[np.float32] = empty_image((len(wanted), layout.height, layout.width))
-        for plane, name in zip(planar, wanted, strict=True):
-            plane[...] = pixels.pop(name)
-        return np.moveaxis(planar, 0, -1)
-
-    def single(name: str) -> Image | None:
-        return np.ascontiguousarray(pixels.pop(name), np.float32) if name in names else None
-
+        size = (layout.height, layout.width)
+        # Each group in a block of its own: what is freed fits what is needed next.
+        groups = {group: empty_haloed(len(group), *size) for group in GROUPS if group[0] in names}
+        planes: dict[str, NDArray[Any]] = {"Z": empty_image(size)}  # which no device takes as it is
+        if "id" in layout.channels:  # which stay uint32: float32 would merge neighbours above 2^24
+            planes["id"] = empty_image(size).view(np.uint32)
+        planes |= {name: plane for group, stack in groups.items() for name, plane in zip(group, stack, strict=True)}
+        header = FrameHeader(path, _decode_into(layout, content, planes), layout)
+    parts = {group[0]: np.moveaxis(stack, 0, -1) for group, stack in groups.items()}
     return Frame(
         index=header.index,
-        colour=cast(Image, stack(COLOUR)),
-        depth=cast(Image, single("Z")),
+        colour=parts["R"],
+        depth=planes["Z"],
         camera=header.camera,
         jitter_px=header.jitter_px,
-        motion=stack(MOTION),
-        alpha=single("A"),
-        reactive=single("reactive"),
-        # Object numbers stay uint32: float32 would merge neighbours above 2^24.
-        object_id=cast(Image, pixels["id"]) if "id" in pixels else None,
-        normal=stack(NORMAL),
+        motion=parts.get("backward.u"),
+        alpha=parts["A"][..., 0] if "A" in parts else None,
+        reactive=parts["reactive"][..., 0] if "reactive" in parts else None,
+        object_id=cast(Image | None, planes.get("id")),
+        normal=parts.get("N.X"),
         cut=header.cut,
         exposure=header.exposure,
         scene=header.scene,
@@ -207,6 +202,16 @@ def _decode(layout: Layout, content: BinaryIO | Copy) -> tuple[dict[str, Pixels]
     if set(channels) != set(layout.channels) or any(plane.shape != shape for plane in channels.values()):
         raise DataError("the file changed while it was read", path=layout.path, cure="run again")
     return channels, attributes
+
+
+def _decode_into(layout: Layout, content: Copy, planes: Mapping[str, NDArray[Any]]) -> dict[str, object]:
+    """Decode those channels of a file into planes [H, W] of float32 or uint32; returns the attributes."""
+    if exr_core.decode(content, layout, planes):
+        return _open(layout, content, header_only=True)[1]
+    pixels, attributes = _decode(layout, content)
+    for name, plane in planes.items():
+        plane[...] = pixels.pop(name)
+    return attributes
 
 
 def _open(layout: Layout, content: BinaryIO | Copy, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:

@@ -17,6 +17,8 @@ Pixels = NDArray[np.float16] | NDArray[np.float32] | NDArray[np.uint32]
 COLOUR = ("R", "G", "B")
 MOTION = ("backward.u", "backward.v")
 NORMAL = ("N.X", "N.Y", "N.Z")
+# Those that lie beside each other in a frame.
+GROUPS = (COLOUR, MOTION, ("A",), ("reactive",), NORMAL)
 
 
 def frame_planes(frame: Frame, path: Path) -> dict[str, Pixels]:

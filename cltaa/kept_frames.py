@@ -84,13 +84,13 @@ class KeptFrames:
 
     def keep(self, frame: Frame, buffers: Buffers, steps: Steps) -> None:
         """Copy what was uploaded of ``frame`` into the ring, in the place of the oldest."""
-        sources = [(buffers.current, 3), (buffers.closeness, 1)]
+        sources = [(buffers.channels["current"], 3), (buffers.closeness, 1)]
         if steps.own_motion:
-            sources.append((buffers.optional("motion", 2), 2))
+            sources.append((buffers.channels["motion"], 2))
         if steps.alpha:
-            sources.append((buffers.optional("alpha", 1), 1))
+            sources.append((buffers.channels["alpha"], 1))
         if steps.reactive:
-            sources.append((buffers.optional("reactive", 1), 1))
+            sources.append((buffers.channels["reactive"], 1))
         at = (frame.index // frame.step % self._slots) * self._planes * self.layout.plane
         for source, planes in sources:
             self._launcher.copy(source, self.planes, at)

@@ -35,12 +35,16 @@ class Launcher(Protocol):
     """Allocates memory and runs kernels by name."""
 
     description: str
+    shares_memory: bool  # with the host, so that what is there already need not be copied
 
     def build(self, plan_build: Build) -> Build:
         """The build shaped for this launcher (lanes, rows)."""
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
         """Zeroed memory."""
+
+    def take(self, planes: NDArray[np.float32]) -> Buffer:
+        """Memory that kernels read, which are ``planes`` of the host, where this launcher shares its memory."""
 
     def prepare(self, kernel: str, build: Build) -> None:
         """Build a kernel before it is run."""
@@ -67,7 +71,7 @@ class DeviceLauncher:
         from cltaa.device import Device  # here, so that --device numpy needs no OpenCL
 
         self.device = Device(wish)
-        self.description = self.device.description
+        self.description, self.shares_memory = self.device.description, self.device.shares_memory
         self._kernels: dict[tuple[str, Build], Kernel] = {}
         self.events: list[tuple[str, Any]] | None = None  # a list put here receives each started kernel and its event
         self._started: dict[tuple[Any, ...], tuple[Kernel, tuple[int, ...], tuple[int, ...]]] = {}
@@ -84,6 +88,10 @@ class DeviceLauncher:
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
         """Zeroed device memory."""
         return self.device.allocate(shape, dtype)
+
+    def take(self, planes: NDArray[np.float32]) -> Buffer:
+        """The planes themselves."""
+        return self.device.take(planes)
 
     def prepare(self, kernel: str, build: Build) -> None:
         """Build a kernel, or take it from the driver's cache."""
@@ -183,8 +191,8 @@ def _banded(kernel: str, arguments: Mapping[str, Any]) -> bool:
 class _Array:
     """Memory of the NumPy launcher."""
 
-    def __init__(self, shape: tuple[int, ...], dtype: Any) -> None:
-        self.array = np.zeros(shape, dtype)
+    def __init__(self, array: NDArray[Any]) -> None:
+        self.array = array
 
     @contextmanager
     def mapped(self, *, write: bool) -> Iterator[NDArray[Any]]:
@@ -195,6 +203,7 @@ class NumpyLauncher:
     """Runs the NumPy twins of the kernels, float32 in the same order."""
 
     description = "NumPy (float32 oracle)"
+    shares_memory = False  # so that a twin in other numbers than those of files has its own
 
     def build(self, plan_build: Build) -> Build:
         """The build as it is: the oracle has no lanes."""
@@ -202,7 +211,11 @@ class NumpyLauncher:
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
         """Zeroed arrays."""
-        return _Array(shape, dtype)
+        return _Array(np.zeros(shape, dtype))
+
+    def take(self, planes: NDArray[np.float32]) -> Buffer:
+        """The planes themselves."""
+        return _Array(planes)
 
     def prepare(self, kernel: str, build: Build) -> None:
         """Nothing is built."""

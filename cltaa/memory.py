@@ -11,9 +11,10 @@ import numpy as np
 import OpenEXR
 
 from cltaa import exr_zip
+from cltaa.allocator import SMALLEST, in_large_pages
 from cltaa.build import Build, Steps, Storage, kept_planes, span_planes, texel_planes
 from cltaa.constants import SPANS
-from cltaa.exr_channels import COLOUR, MOTION, NORMAL
+from cltaa.exr_channels import GROUPS
 from cltaa.launch import storage_dtype
 from cltaa.layout import Layout
 from cltaa.manifest import PIECE
@@ -23,8 +24,6 @@ from cltaa.streams import AHEAD, BEHIND
 REAL = 4  # bytes of a float
 FRAMES = 1 + AHEAD  # in work, and those that are decoded or being decoded
 RESULTS = 1 + BEHIND  # just made, and those that wait to be written or are being written
-# Channels that are decoded one by one and moved into planes kept for them.
-GROUPED = frozenset((*COLOUR, *MOTION, *NORMAL))
 # Blocks of the size of what it works on that each thread that packs or unpacks holds: packed, unpacked, between the
 # two. Seen with 2 and 16 threads of OpenEXR: 2.5 to 3.1.
 BLOCKS = 3
@@ -44,6 +43,7 @@ def device_bytes(
     frames_kept: int = 0,
     doubled: bool = False,
     spans: bool = False,
+    shared: bool = False,
 ) -> int:
     """Bytes of the planes on the device, halos included.
 
@@ -51,14 +51,15 @@ def device_bytes(
     reactive; what recurs holds count and closeness; the result its count. Both hold 3 or, with alpha, 4 planes of
     ``storage``. In bands the frame and its result are ``band_rows`` high. A ring holds ``frames_kept`` frames and one;
     ``spans`` of them, where they are weighed, hold their planes too, and what is shown is then not what recurs. A
-    history at 200 % (``doubled``) holds twice four texels of colour, alpha and count in ``storage``.
+    history at 200 % (``doubled``) holds twice four texels of colour, alpha and count in ``storage``. Where the device
+    has the host's memory (``shared``) the channels of the frame are read where they are, but for closeness.
     """
     whole = Layout(width, height)
     band = Layout(width, band_rows) if band_rows else whole
     stored = int(np.dtype(storage_dtype(Build(storage=storage))).itemsize)
     colour = (3 + steps.alpha) * stored
     texels = 2 * texel_planes(steps.alpha) * stored if doubled else 0
-    frame = REAL * (4 + 2 * steps.own_motion + steps.alpha + steps.reactive)
+    frame = REAL * (1 if shared else 4 + 2 * steps.own_motion + steps.alpha + steps.reactive)
     ring = REAL * kept_planes(steps) * (frames_kept + 1) if frames_kept else 0
     ring += REAL * (SPANS * span_planes(steps) + 2) + colour if spans else 0
     return (frame + colour + REAL) * band.plane + (colour + 2 * REAL + texels + ring) * whole.plane
@@ -96,24 +97,28 @@ def program_bytes() -> int:
 
 def of_resolve(
     width: int, height: int, channels: Collection[str], file: int, chunk: int, device: int, *, alpha: bool,
-    banded: bool = False,
+    banded: bool = False, in_place: bool = False,
 ) -> Memory:  # fmt: skip
     """Memory of a resolve of frames in float ``channels``, whose packed files have ``file`` bytes.
 
     ``chunk`` is what a chunk of such a file unpacks to. Memory of packed files, of groups of planes and of results is
-    kept from frame to frame. What is decoded before it is moved into a group is counted for one of those that are read
-    at a time, since they seldom are in one step. In bands one frame at a time is in memory, its result in its place,
-    and beside it the count of each pixel; nothing is kept.
+    kept from frame to frame. Where channels are not decoded ``in_place``, what stands beside those of the frame until
+    it is moved there is counted for one of the frames that are read at a time, since they seldom are in one step. In
+    bands one frame at a time is in memory, its result in its place, and beside it the count of each pixel; nothing is
+    kept.
     """
-    pixels, planes = width * height, 3 + alpha
-    moved = REAL * pixels * len(GROUPED.intersection(channels))
+    plane, planes = REAL * width * height, 3 + alpha
+    groups = [len(group) for group in GROUPS if group[0] in channels]
+    frame = sum(in_large_pages(REAL * count * Layout(width, height).plane) for count in groups)
+    frame += (len(channels) - sum(groups)) * plane
+    image = planes * plane if planes * plane < SMALLEST else in_large_pages(planes * plane)
     frames, results, decoded = (1, 0, 1) if banded else (FRAMES, RESULTS, AHEAD)
-    unpacking = decoded * OpenEXR.global_thread_count() * BLOCKS * chunk
+    beside = 0 if banded or in_place else plane * sum(groups)
+    unpacking = (1 if in_place else decoded) * OpenEXR.global_thread_count() * BLOCKS * chunk
     packing = exr_zip.THREADS * BLOCKS * planes * REAL * width * min(exr_zip.ROWS, height)
     return Memory(
-        device=device, frames=frames * len(channels) * REAL * pixels,
-        results=REAL * pixels * (1 if banded else results * planes),
-        reading=file if banded else AHEAD * file + moved,
+        device=device, frames=frames * frame, results=plane if banded else results * image,
+        reading=file if banded else AHEAD * file + beside,
         packing=unpacking + packing + (1 if banded else BEHIND) * PIECE,
     )  # fmt: skip
 
@@ -126,6 +131,7 @@ def of_sequence(
     frames_kept: int = 0,
     doubled: bool = False,
     spans: bool = False,
+    shared: bool = False,
 ) -> Memory:
     """Memory of a resolve of ``sequence`` with ``steps``: whole images, or bands of ``band_rows`` rows."""
     width, height = sequence.width, sequence.height
@@ -134,9 +140,10 @@ def of_sequence(
         max(sequence.path(number).stat().st_size for number in sequence.numbers),
         max(layout.chunk_bytes for layout in sequence.layouts.values()),
         device_bytes(
-            width, height, steps, band_rows=band_rows, frames_kept=frames_kept, doubled=doubled, spans=spans
+            width, height, steps, band_rows=band_rows, frames_kept=frames_kept, doubled=doubled, spans=spans,
+            shared=shared and not band_rows,
         ),
-        alpha=steps.alpha, banded=bool(band_rows),
+        alpha=steps.alpha, banded=bool(band_rows), in_place=sequence.in_place,
     )  # fmt: skip
 
 

@@ -169,13 +169,13 @@ class _Run:
             if after is None:
                 self._reserve(part)
             for done, _ in enumerate(track(numbers, len(numbers), "resolving"), start=1):
-                read = next(frames)
-                frame = read.frame
+                frame = (read := next(frames)).frame
                 image = self._resolver.resolve(with_effects(frame, self._effects))
                 if frame.index in wanted:
                     views = self._debug.write(self._folder.folder / DEBUG, frame.index)
                     self._write(writer, read, partial(self._channels, image, half), views)
                     self._repaired += read.unusable
+                self._resolver.release()
                 self._note(self._resolver.times)
                 if self._stop.requested or done % checkpoint_every == 0:
                     self._checkpoints.save(self._resolver)

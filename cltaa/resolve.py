@@ -142,6 +142,11 @@ class Resolver:
         self._previous = Past.of(frame)
         return image
 
+    def release(self) -> None:
+        """Let go of the channels of the last frame, which ``last`` and ``run_again`` need: the next may lie there."""
+        self.last = None
+        (self._buffers.channels if self._buffers else {}).clear()
+
     def run_again(self, frame: Frame, previous: Frame) -> None:
         """Run the kernels of the last frame once more, to the same result, and wait for them: something to time.
 
@@ -181,9 +186,7 @@ class Resolver:
         return self._builds[decided_by]
 
     def _fitting(self, layout: Layout, alpha: bool) -> Buffers:
-        if self._buffers is None or not self._buffers.fit(layout, alpha):
-            return self._allocate(layout, alpha)
-        return self._buffers
+        return there if (there := self._buffers) and there.fit(layout, alpha) else self._allocate(layout, alpha)
 
     def _allocate(self, layout: Layout, alpha: bool) -> Buffers:
         self._buffers = None  # released before the new ones are allocated

@@ -94,12 +94,13 @@ def plan(
     kernels = len({(planned.choices, planned.steps) for planned in plans})
     return SequencePlan(
         folder=str(sequence.folder), preset=resolver.preset.name, device=resolver.launcher.description,
-        kernels=kernels, sections=sections, memory=memory(sequence, resolver.preset, plans),
+        kernels=kernels, sections=sections, memory=memory(sequence, resolver, plans),
     )  # fmt: skip
 
 
-def memory(sequence: Sequence, preset: Preset, plans: list[Plan]) -> Memory:
+def memory(sequence: Sequence, resolver: Resolver, plans: list[Plan]) -> Memory:
     """What a resolve of ``sequence`` takes at its peak, in bands where it would run in bands."""
+    preset, shared = resolver.preset, resolver.launcher.shares_memory
     used = {name: any(getattr(each.steps, name) for each in plans) for name in Steps.__struct_fields__}
     histories = {each.choices.history_of for each in plans}
     rows = band_rows_for(of_whole_images(sequence)) if preset.choices.history_of is HistoryOf.RESULT else 0
@@ -107,7 +108,9 @@ def memory(sequence: Sequence, preset: Preset, plans: list[Plan]) -> Memory:
     frames_kept = preset.settings.frames_kept if kept else 0
     spans = kept and any(each.choices.light_change is LightChange.SPANS for each in plans)
     steps = Steps(**used)
-    found = of_sequence(sequence, steps, band_rows=rows, frames_kept=frames_kept, doubled=doubled, spans=spans)
+    found = of_sequence(
+        sequence, steps, band_rows=rows, frames_kept=frames_kept, doubled=doubled, spans=spans, shared=shared
+    )
     return msgspec.structs.replace(found, program=program_bytes())
 
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from cltaa import exr_core
 from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.exr import ImageHeader, read_colour, read_frame, read_header
 from cltaa.exr_attributes import FrameHeader
@@ -68,6 +69,11 @@ class Sequence(NumberedFiles):
     def notes(self) -> list[str]:
         """What was decided about the files of another tool, line by line; own ones: nothing."""
         return []
+
+    @property
+    def in_place(self) -> bool:
+        """Whether channels are decoded to where they stay; own ones: where the library for it is there."""
+        return exr_core.core() is not None
 
     @property
     def holds(self) -> frozenset[str]:

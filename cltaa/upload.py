@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cltaa.buffers import Buffers, fill
+from cltaa.buffers import Buffers
 from cltaa.build import Steps
 from cltaa.cameras import closeness, closeness_at
 from cltaa.frames import Frame
@@ -15,9 +15,12 @@ NOTHING = {"motion": np.nan, "alpha": 1.0, "reactive": 0.0}
 
 
 def upload(frame: Frame, buffers: Buffers, steps: Steps, settings: Settings) -> None:
-    """Bring the channels that ``steps`` read onto the device; those that the frame does not have hold nothing."""
+    """Bring the channels that ``steps`` read onto the device; those that the frame does not have hold nothing.
+
+    Where the device takes them as they lie in the frame, nobody changes that until the next one is brought.
+    """
     layout = buffers.layout
-    fill(buffers.current, layout, np.moveaxis(frame.colour, -1, 0))
+    buffers.bring("current", np.moveaxis(frame.colour, -1, 0))
     with buffers.closeness.mapped(write=True) as planes:
         inside = layout.inside(planes)[0]
         closeness(frame.depth, frame.camera, out=inside)
@@ -29,7 +32,6 @@ def upload(frame: Frame, buffers: Buffers, steps: Steps, settings: Settings) -> 
     for name, wanted in (("motion", steps.own_motion), ("alpha", steps.alpha), ("reactive", steps.reactive)):
         channel = getattr(frame, name)
         if channel is not None:
-            fill(buffers.optional(name, planes_of[name]), layout, np.atleast_3d(channel).transpose(2, 0, 1))
+            buffers.bring(name, np.atleast_3d(channel).transpose(2, 0, 1))
         elif wanted:
-            nothing = np.full((planes_of[name], 1, 1), NOTHING[name], np.float32)
-            fill(buffers.optional(name, planes_of[name]), layout, nothing)
+            buffers.bring(name, np.full((planes_of[name], 1, 1), NOTHING[name], np.float32))

@@ -19,6 +19,7 @@ from cltaa.exr_channels import Pixels
 from cltaa.frame_checks import check_camera
 from cltaa.frame_numbers import name_of
 from cltaa.frames import Camera, Effect, Frame, Image
+from cltaa.haloed import haloed
 from cltaa.inputs.convert import linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.intake import Intake, intake_lines
 from cltaa.inputs.parts import read_any_header, read_planes
@@ -71,6 +72,11 @@ class ForeignSequence(Sequence):
     def notes(self) -> list[str]:
         """What was decided about its files, line by line."""
         return list(intake_lines(self.intake))
+
+    @property
+    def in_place(self) -> bool:
+        """No: they are converted on the way."""
+        return False
 
     @property
     def holds(self) -> frozenset[str]:
@@ -156,8 +162,8 @@ class ForeignSequence(Sequence):
                 if place.channel not in files[place.files]:
                     found = " ".join(sorted(files[place.files]))
                     raise DataError("channel is missing", path=path, channel=place.channel, found=found)
-                planes.append(files[place.files][place.channel].astype(np.float32))
-            stacked[role] = np.moveaxis(np.stack(planes), 0, -1)
+                planes.append(files[place.files][place.channel])
+            stacked[role] = np.moveaxis(haloed(planes), 0, -1)
         return stacked
 
     def _read(self, path: Path, number: int) -> dict[str, Pixels]:
@@ -174,7 +180,7 @@ def _numbers(camera: Camera | None) -> list[float]:
 
 
 def _only(plane: Image | None) -> Image | None:
-    return None if plane is None else np.ascontiguousarray(plane[..., 0])
+    return None if plane is None else plane[..., 0]
 
 
 def _number(value: object, default: float) -> float:

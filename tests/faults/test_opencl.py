@@ -158,8 +158,10 @@ def test_no_memory_for_the_nth_buffer(
             assert "not enough memory on" in said
             assert "bytes in one buffer, found largest buffer" in said
             of_the_ring |= f"to keep {ring} frames" in said and "keep fewer with --set frames_kept=N" in said
-            # What is copied through the host is pinned when it is copied first: the state for the first checkpoint.
-            assert digests(output) == {} or (copies and check_after_fault(output, on_device[1]) <= 2)
+            # What is copied through the host is pinned when it is copied first: the state for the first checkpoint. A
+            # channel that is read where it is takes no memory, but a buffer of its own in each frame.
+            finished = check_after_fault(output, expected) if expected else len(digests(output))
+            assert finished <= (2 if copies else 0) or (name == "Buffer" and not copies)
             assert main([*arguments(on_device[0], output), *more]) == 0
             expected = expected or digests(output)
         assert expected is not None
@@ -167,7 +169,7 @@ def test_no_memory_for_the_nth_buffer(
         assert gathers or expected == on_device[1]
     assert of_the_ring == gathers
     print(f"{at - 1} buffers")
-    assert at > 8
+    assert at > 6
 
 
 def test_memory_limit_of_the_driver() -> None:

@@ -16,6 +16,8 @@ from cltaa.exr import read_frame, read_header, read_image, write_frame, write_im
 from cltaa.exr_channels import Pixels
 from cltaa.exr_layout import COMPRESSION_NUMBERS, COMPRESSIONS, LOSSLESS, read_layout
 from cltaa.frames import Camera, Frame
+from cltaa.haloed import around
+from cltaa.layout import Layout
 from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame, special_values
 
 ARRAYS = ("colour", "depth", "motion", "alpha", "reactive", "object_id", "normal")
@@ -85,11 +87,17 @@ def test_arrays_that_are_not_contiguous_are_written_right(tmp_path: Path, layout
     assert_same_arrays(frame, round_trip(tmp_path, frame))
 
 
-def test_colour_is_a_view_of_planar_memory(tmp_path: Path) -> None:
+def test_channels_lie_in_planes_with_a_halo(tmp_path: Path) -> None:
     back = round_trip(tmp_path, full_frame())
-    planar = np.moveaxis(back.colour, -1, 0)
-    assert planar.flags.c_contiguous
-    assert not planar.flags.owndata
+    layout = Layout(back.width, back.height)
+    assert back.motion is not None
+    assert back.alpha is not None
+    for planes in (np.moveaxis(back.colour, -1, 0), np.moveaxis(back.motion, -1, 0), back.alpha[None]):
+        whole = around(planes, layout)
+        assert whole is not None
+        assert whole.shape == (len(planes), layout.rows, layout.stride)
+        assert whole.flags.c_contiguous
+        assert np.shares_memory(whole, planes)
     assert back.depth.flags.c_contiguous
 
 

@@ -33,7 +33,7 @@ class Kept(Resolver):
         record, settings = frame_record(frame, previous, layout, self.plan), settings_record(self.plan.settings)
         made: dict[str, Buffer] = {name: read._planes(count) for name, count in PLANES.items()}
         # The resolve has swapped already: what it read as history and closeness is now what it will write next.
-        current, closeness, motion = read.current, read.previous_closeness, read.optional("motion", 2)
+        current, closeness, motion = read.channels["current"], read.previous_closeness, read.channels["motion"]
         window = {"current": current, "closeness": closeness, "motion": motion}
         image = {"frame": record}
         both = {"frame": record, "settings": settings}
@@ -49,7 +49,7 @@ class Kept(Resolver):
             history_at=made["history"], **both)  # fmt: skip
         run("rectify_history", statistics_in=made["statistics"], motion_in=made["motion"],
             history_at=made["history"], change_out=made["change"], **both)  # fmt: skip
-        run("blend", current=current, alpha=read.optional("alpha", 1), reactive=read.optional("reactive", 1),
+        run("blend", current=current, alpha=read.channels["alpha"], reactive=read.channels["reactive"],
             statistics_in=made["statistics"], history_at=made["history"], change_in=made["change"],
             output=made["output"], output_count=made["count"], **both)  # fmt: skip
         self.launcher.finish()
