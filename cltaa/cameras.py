@@ -40,10 +40,9 @@ def closeness(depth: NDArray[np.float32], camera: Camera, out: NDArray[np.float3
         return
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         np.divide(np.float32(1.0), depth, out=out)
-    # 1/inf is 0 already; one comparison finds NaN, negative and infinite values.
-    wrong = ~((out >= 0.0) & (out < np.inf))
-    if wrong.any():
-        out[wrong] = SKY_PERSPECTIVE
+        # 1/inf is 0 already; what is negative, infinite or NaN, which min and max hand on, there seldom is.
+        if not (out.min(initial=0.0) >= 0.0 and out.max(initial=0.0) < np.inf):
+            out[~((out >= 0.0) & (out < np.inf))] = SKY_PERSPECTIVE
 
 
 def closeness_at(reversed_depth: float, camera: Camera) -> float:
