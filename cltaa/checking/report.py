@@ -19,7 +19,7 @@ from cltaa.inputs.profile_text import differences, option_text
 from cltaa.progress import track
 
 FRAMES = 12  # looked at unless asked otherwise: 11 pairs tell a gain of jitter to a few hundredths
-ROUNDS = 4  # of looking and reading again: depth, then its unit, then the jitter, then nothing
+ROUNDS = 6  # of looking and reading again: matrices, depth, its unit, vectors and jitter, then nothing
 
 
 class Report(msgspec.Struct, kw_only=True):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from cltaa.inputs.convert import FLIP_Y, FLIP_Z
 MOST_PAIRS, MOST_POINTS = 6, 8000  # looked at for each of a dozen meanings; more only cost time
 CLEARLY_BETTER = 0.85  # residual of the winner over that of the declaration
 Change = Callable[[Camera], Camera]
+_Z_MEANINGS = ("z-forward", "z-forward-projection", "mirrored", "left-handed")
 
 # What a writer may have meant by its two matrices: name -> (what it is called, keys of the profile, the mended camera).
 _MEANINGS: dict[str, tuple[str, dict[str, object], Change]] = {
@@ -45,10 +47,29 @@ _MEANINGS: dict[str, tuple[str, dict[str, object], Change]] = {
         "view and projection look along +z", {"flip_z": True, "flip_projection_z": True},
         lambda c: Camera(FLIP_Z @ c.world_to_view, c.view_to_clip @ FLIP_Z),
     ),
+    "mirrored": (
+        "the world is left-handed", {"mirrored": True}, lambda c: Camera(c.world_to_view @ FLIP_Z, c.view_to_clip),
+    ),
+    "left-handed": (
+        "world, view and projection are left-handed", {"flip_z": True, "flip_projection_z": True, "mirrored": True},
+        lambda c: Camera(FLIP_Z @ c.world_to_view @ FLIP_Z, c.view_to_clip @ FLIP_Z),
+    ),
     "y-flipped": (
         "the projection's y points down", {"flip_y": True}, lambda c: Camera(c.world_to_view, FLIP_Y @ c.view_to_clip),
     ),
 }  # fmt: skip
+
+
+def _transposed(meaning: tuple[str, dict[str, object], Change]) -> tuple[str, dict[str, object], Change]:
+    """The same of matrices that are transposed besides."""
+    what, fix, change = meaning
+    return (
+        f"the matrices are transposed, and {what}", {"layout": "column", **fix},
+        lambda c: change(Camera(c.world_to_view.T, c.view_to_clip.T)),
+    )  # fmt: skip
+
+
+_MEANINGS |= {f"transposed-{name}": _transposed(_MEANINGS[name]) for name in _Z_MEANINGS}
 
 
 def sound(frame: Frame, change: Change | None = None) -> bool:
@@ -65,18 +86,27 @@ def check_structure(frames: Sequence[Frame]) -> tuple[list[Finding], Change | No
     wrong = [frame for frame in frames if not sound(frame)]
     if not wrong:
         return [], None
-    for name, (what, fix, change) in _MEANINGS.items():
-        if all(sound(frame, change) for frame in frames):
-            row = " ".join(f"{number:g}" for number in wrong[0].camera.world_to_view[3])
-            clip = " ".join(f"{number:g}" for number in wrong[0].camera.view_to_clip[3])
-            evidence = f"last rows {row} and {clip} as read, of a camera only when {name.replace('-', ' ')}"
-            finding = Finding(
-                name=f"camera-{name}", mistake=True, confidence=0.95, what=what, evidence=evidence, fix={"camera": fix}
-            )
-            return [finding], change
+    able = {name: change for name, (_, _, change) in _MEANINGS.items() if all(sound(frame, change) for frame in frames)}
+    if able:
+        name = min(able, key=lambda name: _mismatch(frames, able[name])) if len(able) > 1 else next(iter(able))
+        what, fix, change = _MEANINGS[name]
+        row = " ".join(f"{number:g}" for number in wrong[0].camera.world_to_view[3])
+        clip = " ".join(f"{number:g}" for number in wrong[0].camera.view_to_clip[3])
+        evidence = f"last rows {row} and {clip} as read, of a camera only when {name.replace('-', ' ')}"
+        finding = Finding(
+            name=f"camera-{name}", mistake=True, confidence=0.95, what=what, evidence=evidence, fix={"camera": fix}
+        )
+        return [finding], change
     evidence = f"frame {wrong[0].index}: neither as read nor transposed, inverted or flipped"
     what = "the matrices are no camera"
     return [Finding(name="camera-wrong", mistake=True, confidence=0.95, what=what, evidence=evidence)], None
+
+
+def _mismatch(frames: Sequence[Frame], change: Change) -> float:
+    """How badly frames match under other matrices; 0 where the camera stands, and any of them do."""
+    size = frames[0].width, frames[0].height  # no vectors are looked at
+    shot = Shot([replace(frame, camera=change(frame.camera)) for frame in frames], size)
+    return float(np.mean([camera_residual(pair, pair.camera_motion()) for pair in moving_pairs(shot)] or [0.0]))
 
 
 def check_projection_jitter(shot: Shot) -> list[Finding]:

@@ -69,6 +69,8 @@ def mended_camera(view: Matrix, projection: Matrix, rule: Cameras, jitter: Offse
         view = np.asarray(np.linalg.inv(view), np.float64)
     if rule.flip_z:
         view = FLIP_Z @ view
+    if rule.mirrored:
+        view = view @ FLIP_Z
     if rule.flip_projection_z:
         projection = projection @ FLIP_Z
     if rule.flip_y:

@@ -127,6 +127,7 @@ class Cameras(msgspec.Struct, frozen=True, kw_only=True):
     flip_y: bool = False  # of clip space
     flip_z: bool = False  # of view space
     flip_projection_z: bool = False
+    mirrored: bool = False  # the world is left-handed
     jittered: bool = False  # the projection contains the jitter
     delay: int = 0
     near: float = 0.1  # of a projection that the file does not give

@@ -147,6 +147,11 @@ def camera(change: Callable[[Camera], Camera]) -> Plant:
     return each(lambda frame: replace(frame, camera=change(frame.camera)))
 
 
+def left_handed(c: Camera) -> Camera:
+    """As Direct3D has it."""
+    return Camera(FLIP_Z @ c.world_to_view @ FLIP_Z, c.view_to_clip @ FLIP_Z)
+
+
 def camera_delayed(by: int) -> Plant:
     def plant(frames: Frames) -> list[Frame]:
         last = len(frames) - 1
@@ -211,6 +216,14 @@ MISTAKES: dict[str, Mistake] = {
         TRAVEL, camera(lambda c: Camera(np.linalg.inv(c.world_to_view).astype(float), c.view_to_clip))
     ),
     "camera-z-forward": Mistake(EVERY, camera(lambda c: Camera(FLIP_Z @ c.world_to_view, c.view_to_clip))),
+    "camera-mirrored": Mistake(TRAVEL, camera(lambda c: Camera(c.world_to_view @ FLIP_Z, c.view_to_clip))),
+    "camera-left-handed": Mistake(TRAVEL, camera(left_handed)),
+    "camera-transposed-left-handed": Mistake(
+        TRAVEL, camera(lambda c: Camera(left_handed(c).world_to_view.T, left_handed(c).view_to_clip.T))
+    ),
+    "camera-transposed-z-forward-projection": Mistake(
+        TRAVEL, camera(lambda c: Camera((FLIP_Z @ c.world_to_view).T, (c.view_to_clip @ FLIP_Z).T))
+    ),
     "camera-y-flipped": Mistake(("orbit",), camera(lambda c: Camera(c.world_to_view, FLIP_Y @ c.view_to_clip))),
     "camera-late": Mistake(("dolly",), camera_delayed(1)),
     "camera-jittered": Mistake(EVERY, each(camera_jittered)),

@@ -17,7 +17,7 @@ from cltaa.exr import write_image
 from cltaa.exr_channels import Pixels
 from cltaa.inputs.opening import open_input
 from tests.checking.conftest import Scene
-from tests.checking.mistakes import MISTAKES
+from tests.checking.mistakes import MISTAKES, full_motion
 from tests.inputs.foreign import write_own
 from tests.sequence_factory import write_sequence
 
@@ -65,6 +65,20 @@ def test_what_a_wrong_depth_hides_is_found_too(scene: Scene, tmp_path: Path) -> 
     assert [finding.name for finding in report.mistakes] == ["depth-scaled", "jitter-y-flipped"]
     assert mending.jitter.scale == (1.0, -1.0)
     assert report.options.endswith(f"--input depth.scale={mending.depth.scale:g} --input jitter.scale=1,-1")
+    again, _ = check_folder(tmp_path, assignments=shlex.split(report.options)[3::2])
+    assert again.mistakes == []
+
+
+def test_all_that_another_api_does_otherwise_is_named_at_once(scene: Scene, tmp_path: Path) -> None:
+    """Row vectors, a left-handed world, reversed depth, vectors in NDC and a jitter that is the picture's offset."""
+    frames = full_motion(scene("corridor"))
+    for name in ("depth-device-reversed", "motion-units-ndc", "jitter-negated", "camera-transposed-left-handed"):
+        frames = MISTAKES[name].plant(frames)
+    write_own(tmp_path, frames)
+    report, _ = check_folder(tmp_path)
+    found = [finding.name for finding in report.mistakes]
+    assert found[0] == "camera-transposed-left-handed"
+    assert {"motion-units-ndc", "jitter-negated"} < set(found)
     again, _ = check_folder(tmp_path, assignments=shlex.split(report.options)[3::2])
     assert again.mistakes == []
 
