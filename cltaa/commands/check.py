@@ -71,7 +71,10 @@ def _print(report: Report, fix: Path | None) -> None:
     if not report.mistakes:
         console.print(f"[green]✓[/] no mistake found in {counted(report.frames, 'frame')}", highlight=False)
     elif any(finding.fix for finding in report.mistakes):
-        text = f"--profile {shlex.quote(str(fix))}"
-        if fix is None:
-            text = f"cltaa resolve {shlex.quote(report.folder)} {report.options}"
+        options = report.options
+        if fix is not None:
+            words = shlex.split(options)
+            beside = [pair for pair in zip(words[::2], words[1::2], strict=True) if pair[0] in ("--camera", "--step")]
+            options = shlex.join(["--profile", str(fix), *(word for pair in beside for word in pair)])
+        text = f"cltaa resolve {shlex.quote(report.folder)} {options}"
         console.print(f"to read it right: {shown(text)}", soft_wrap=True, highlight=False)

@@ -18,7 +18,7 @@ from cltaa.exr_channels import Pixels
 from cltaa.inputs.opening import open_input
 from tests.checking.conftest import Scene
 from tests.checking.mistakes import MISTAKES, full_motion
-from tests.inputs.foreign import write_own
+from tests.inputs.foreign import side_text, write_own
 from tests.sequence_factory import write_sequence
 
 # Mistakes that no way of reading mends: the numbers are lost, or were never there.
@@ -89,6 +89,17 @@ def test_what_is_printed(scene: Scene, tmp_path: Path) -> None:
     assert "✗ depth-ray" in done.stdout
     assert "--input depth.kind=ray" in done.stdout
     assert "of the pixels that tell" in done.stdout
+
+
+def test_the_command_that_is_told_beside_a_profile_reads_it_right(scene: Scene, tmp_path: Path) -> None:
+    """The side file is no part of the profile of --fix."""
+    frames = MISTAKES["jitter-negated"].plant(scene("still"))
+    folder, side, fix = tmp_path / "in", tmp_path / "camera.txt", tmp_path / "fix.toml"
+    write_own(folder, frames)
+    side.write_text(side_text(frames))
+    done = CliRunner().invoke(root, ["check", str(folder), "--camera", str(side), "--fix", str(fix)])
+    (line,) = [line for line in done.stdout.splitlines() if line.startswith("to read it right: ")]
+    assert line.removeprefix("to read it right: ") == f"cltaa resolve {folder} --profile {fix} --camera {side}"
 
 
 @pytest.mark.parametrize(("pixels", "name"), [(np.float16, "depth-half"), (np.float32, None)])
