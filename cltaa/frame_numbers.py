@@ -76,7 +76,9 @@ def check_steps(paths: Mapping[int, Path], frames: FrameRange, step: int, gaps: 
             )
     for number in range(first, last + 1, step) if gaps is OnBreak.ERROR else ():
         if number not in paths:
-            raise frame_missing(renumbered(next(iter(paths.values())), number), number, even_step(numbers))
+            apart = even_step(numbers)
+            path = renumbered(next(iter(paths.values())), number)
+            raise frame_missing(path, number, 1 if apart == step else apart)
 
 
 def even_step(numbers: Many[int]) -> int:
@@ -97,7 +99,7 @@ def no_such_frame(folder: Path, number: int, numbers: Many[int]) -> UsageError:
 
 
 def frame_missing(path: Path, number: int, apart: int = 1) -> InputMissing:
-    """The error for a frame that should be there, where those that are there lie ``apart``."""
+    """The error for a frame that should be there; ``apart`` above 1 is the step that was meant, and was not given."""
     cure = "capture or render it again; resolve --gaps reset begins anew behind each gap"
     if apart > 1:
         cure = f"the frames are {apart} apart: --step {apart} takes each as the one after the last"
