@@ -93,12 +93,12 @@ class Memory:
         self._device, self.shape, self.dtype = device, shape, np.dtype(dtype)
         self.size = int(np.prod(shape)) * self.dtype.itemsize
         self._staging: NDArray[Any] | None = None
-        flags = cl.mem_flags.READ_WRITE
         if planes is not None:
             with _memory_errors(self.size, device):
                 given = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
                 self.buffer = cl.Buffer(device.context, given, hostbuf=planes)
             return
+        flags = cl.mem_flags.READ_WRITE
         with _memory_errors(self.size, device):
             if device.shares_memory:
                 self.buffer = cl.Buffer(device.context, flags | cl.mem_flags.ALLOC_HOST_PTR, self.size)

@@ -18,7 +18,7 @@ import msgspec
 
 from cltaa import kernel_cache
 from cltaa.errors import UsageError
-from cltaa.unknown_cpu import cpu_flags, level_of
+from cltaa.unknown_cpu import cpu_facts, cpu_flags, cpu_name, level_of
 
 # A cold build of every kernel takes about 10 s on one core, 60 s on one that ten others want too; far beyond that a
 # probe hangs.
@@ -144,12 +144,7 @@ def look_at_python() -> Finding:
 
 def look_at_processor() -> Finding:
     """Name the processor, and on x86-64 its level, which is what kernels are built for where PoCL does not know it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    told = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
-    words = [told.get("model name") or platform.processor() or platform.machine()]
+    told, words = cpu_facts(), [cpu_name()]
     words += [f"{key.removeprefix('cpu ')} {told[key]}" for key in ("cpu family", "model") if key in told]
     words += [level_of(cpu_flags()).name.decode()] * (platform.machine() == "x86_64")
     return Finding("processor", "both", ok=True, found=", ".join([*words, f"{os.cpu_count()} cores"]))

@@ -41,6 +41,7 @@ from cltaa.quiet import muted_output
 
 VERSION = (3, 5)  # of the library: the first two numbers
 NUMBER = 4  # bytes of what is made here
+OWN_BYTES = 432  # of a pipeline, behind what is looked at here: 528 in all, by openexr_decode.h of 3.5
 TYPES = {"uint32": 0, "float32": 2}  # the library's numbers of that
 
 
@@ -65,7 +66,7 @@ class _Pipeline(Structure):
     _fields_ = (
         ("pipe_size", c_size_t), ("channels", POINTER(_Channel)), ("channel_count", c_int16),
         ("decode_flags", c_uint16), ("part_index", c_int), ("context", c_void_p), ("chunk", _Chunk),
-        ("others", c_uint8 * 432),  # which are the library's own
+        ("others", c_uint8 * OWN_BYTES),
     )  # fmt: skip
 
 
@@ -103,11 +104,8 @@ class _Picture:
     """A file, and of each of its channels, in their order, where it goes, if anywhere."""
 
     def __init__(self, file: _File, layout: Layout, planes: Mapping[str, NDArray[Any]]) -> None:
-        self.file, self.layout, self._planes = (
-            file,
-            layout,
-            dict(planes),
-        )  # which are there until all threads have ended
+        self.file, self.layout = file, layout
+        self._planes = dict(planes)  # which are there until all threads have ended
         self.places = [self._place(name) for name in sorted(layout.channels, key=str.encode)]
 
     def _place(self, name: str) -> _Place | None:

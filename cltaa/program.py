@@ -66,20 +66,12 @@ class Kernel:
             ) from error
         # A kernel's function is its file's name and _kernel, so that stage functions can have the plain name.
         self._kernel = cl.Kernel(program, f"{Path(name).name}_kernel")
-        count = self._kernel.num_args
         # The way for numbers and structs that pyopencl's own calls take; ``set_arg`` first tries all that they are not.
         self._set_bytes = getattr(self._kernel, "_set_arg_buf", self._kernel.set_arg)
-        self._types: dict[str, str] = {
-            str(self._kernel.get_arg_info(i, cl.kernel_arg_info.NAME)): str(
-                self._kernel.get_arg_info(i, cl.kernel_arg_info.TYPE_NAME)
-            )
-            for i in range(count)
-        }
-
-    @property
-    def arguments(self) -> list[str]:
-        """Names of the arguments, in order."""
-        return list(self._types)
+        # Their names, in order.
+        self.arguments: list[str] = [
+            str(self._kernel.get_arg_info(index, cl.kernel_arg_info.NAME)) for index in range(self._kernel.num_args)
+        ]
 
     def enqueue(
         self,
@@ -89,13 +81,13 @@ class Kernel:
         arguments: Mapping[str, Any],
     ) -> cl.Event:
         """Start the kernel over ``size`` work-items in groups of ``group``; raises InternalError for a wrong name."""
-        if arguments.keys() != self._types.keys():
+        if arguments.keys() != set(self.arguments):
             raise InternalError(
                 f"kernel {self.name}: arguments do not match",
-                expected=", ".join(self._types),
+                expected=", ".join(self.arguments),
                 found=", ".join(arguments),
             )
-        for index, name in enumerate(self._types):
+        for index, name in enumerate(self.arguments):
             value = arguments[name]
             if isinstance(value, int | np.integer):
                 value = np.int32(value)

@@ -65,13 +65,24 @@ _names = {
 }  # PoCL keeps the address: never freed
 
 
+def cpu_facts() -> dict[str, str]:
+    """What Linux tells of the first processor, by its own words for it; empty where nothing is told."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        return {}
+    lines = (line.partition(":") for line in text.partition("\n\n")[0].splitlines())
+    return {key.strip(): value.strip() for key, _, value in lines}
+
+
+def cpu_name() -> str:
+    """What the processor is called, or where that is not told its kind."""
+    return cpu_facts().get("model name") or platform.processor() or platform.machine()
+
+
 def cpu_flags() -> frozenset[str]:
     """What the CPU can do, in Linux' words; empty where that is not told."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return frozenset()
-    return frozenset(next((line.partition(":")[2] for line in lines if line.startswith("flags")), "").split())
+    return frozenset(cpu_facts().get("flags", "").split())
 
 
 def level_of(flags: frozenset[str]) -> Level:

@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from cltaa import __version__
-from cltaa.unknown_cpu import cpu_flags
+from cltaa.unknown_cpu import cpu_flags, cpu_name
 
 # What of the CPU decides the speed of vector code, among its hundred flags.
 TELLING_FLAGS = ("sse4_2", "avx", "avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512_fp16", "asimd", "sve")
@@ -84,7 +84,7 @@ def environment(
     return Environment(
         date=time.strftime("%Y-%m-%d %H:%M", time.gmtime()),
         system=platform.platform(terse=True),
-        cpu=_cpu_name(),
+        cpu=cpu_name(),
         cores=processors(),
         cpu_flags=[flag for flag in TELLING_FLAGS if flag in flags],
         load_before=round(load_before, 2),
@@ -95,11 +95,3 @@ def environment(
         options=list(options),
         units=units,
     )
-
-
-def _cpu_name() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor()
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import threading
 import time
@@ -56,6 +57,24 @@ def decode(path: Path, *, leave_out: str = "") -> dict[str, Pixels] | None:
     with path.open("rb") as file:
         copy.fill(path, file)
     return planes if exr_core.decode(copy, layout, planes) else None
+
+
+@pytest.mark.parametrize("fill", [0x55, 0xAA])
+def test_a_pipeline_is_as_long_as_the_library_s(tmp_path: Path, fill: int) -> None:
+    """A longer one of the library's would be written over what lies behind ours."""
+    write_frame(tmp_path / "a.exr", make_frame(0))
+    core, ours = exr_core.core(), ctypes.sizeof(exr_core._Pipeline)
+    assert core is not None
+    context, chunk = ctypes.c_void_p(), exr_core._Chunk()
+    assert core.long.exr_start_read(ctypes.byref(context), bytes(tmp_path / "a.exr"), None) == 0
+    assert core.quick.exr_read_scanline_chunk_info(context, 0, 0, ctypes.byref(chunk)) == 0
+    memory = (ctypes.c_uint8 * (2 * ours))(*[fill] * (2 * ours))
+    exr_core._Pipeline.from_buffer(memory).pipe_size = ours
+    both = (context, 0, ctypes.byref(chunk), ctypes.byref(memory))
+    assert core.quick.exr_decoding_initialize(*both) == 0
+    assert max(place for place, byte in enumerate(memory) if byte != fill) == ours - 1
+    core.quick.exr_decoding_destroy(context, ctypes.byref(memory))
+    core.long.exr_finish(ctypes.byref(context))
 
 
 def assert_as_the_module(path: Path) -> None:
