@@ -2,70 +2,33 @@
 
 from __future__ import annotations
 
-import json
 import time
-from collections.abc import Callable, Iterable, Mapping
-from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any, Literal
 
-import msgspec
-
 from cltaa.allocator import kept_memory
-from cltaa.atomic import atomic_path, owned
+from cltaa.atomic import owned
 from cltaa.bands import BandedResolver
-from cltaa.carried_over import check_layers, merged
+from cltaa.carried_over import check_layers
 from cltaa.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.debug import DebugViews
 from cltaa.errors import DeviceLost, UsageError
-from cltaa.exr_attributes import frame_attributes
-from cltaa.exr_channels import Pixels
 from cltaa.exr_layout import check_lossless
 from cltaa.frame_numbers import OnBreak
-from cltaa.frames import Effect, Frame, Image
-from cltaa.halves import image_channels, saturated_pixels
+from cltaa.frames import Effect
 from cltaa.interrupt import Stop, stop_signals
-from cltaa.output import DEBUG, OutputFolder, sequence_settings
+from cltaa.outcome import Outcome, StageTimes, write_record
+from cltaa.output import OutputFolder, sequence_settings
 from cltaa.planning import with_effects
-from cltaa.presets import Preset
 from cltaa.progress import track
-from cltaa.reading import Read, reads
+from cltaa.reading import reads
 from cltaa.resolve import Resolver, Times
+from cltaa.resolved_files import ResolvedFiles
 from cltaa.sources import Sequence, open_images
 from cltaa.streams import InTurn, ReadAhead, Writer
 from cltaa.video import check_film, rate_of, write_video
 from cltaa.views import View
-
-
-class StageTimes(msgspec.Struct, kw_only=True):
-    """Median seconds a frame of each stage, and of the whole; stages overlap, so the whole is less than their sum."""
-
-    read: float
-    upload: float
-    kernels: float
-    read_back: float
-    write: float
-    whole: float
-
-
-class Outcome(msgspec.Struct, kw_only=True):
-    """What a run of ``resolve_sequence`` did: of ``frames``, ``resolved`` were written now, the others before.
-
-    ``repaired`` counts the pixels of those whose colour was no usable number (NaN, infinite, beyond 2^50),
-    ``saturated`` those as bright as the largest half, where halves are written or kept as history.
-    """
-
-    output: str
-    frames: int
-    resolved: int
-    repaired: int
-    saturated: int
-    width: int
-    height: int
-    device: str
-    preset: str
-    seconds: StageTimes
 
 
 def resolve_sequence(
@@ -117,14 +80,16 @@ def resolve_sequence(
         checkpoints = Checkpoints(output, folder.key)
         if restart:
             checkpoints.clear()
-        run = _Run(sequence, folder, checkpoints, resolver, effects, stop, DebugViews(resolver, debug), layers)
+        views = DebugViews(resolver, debug)
+        files = ResolvedFiles(folder, resolver, views, half=half, undeclared=sequence.undeclared)
+        run = _Run(sequence, files, checkpoints, resolver, effects, stop, layers)
         try:
-            run.resolve(half, compression, checkpoint_every)
+            run.resolve(compression, checkpoint_every)
         except DeviceLost:
             resolver.reopen()
-            run.resolve(half, compression, checkpoint_every)
+            run.resolve(compression, checkpoint_every)
         outcome = run.outcome()
-        _write_record(output, outcome, resolver.preset)
+        write_record(output, outcome, resolver.preset)
         checkpoints.clear()
     if preview is not None:
         write_video(preview, open_images(output, gaps=OnBreak.RESET).select(sequence.first, sequence.last), rate=rate)
@@ -137,24 +102,20 @@ class _Run:
     def __init__(
         self,
         sequence: Sequence,
-        folder: OutputFolder,
+        files: ResolvedFiles,
         checkpoints: Checkpoints,
         resolver: Resolver,
         effects: frozenset[Effect] | Literal["auto", "all"],
         stop: Stop,
-        debug: DebugViews,
         layers: tuple[str, ...],
     ) -> None:
-        self._sequence, self._folder, self._checkpoints = sequence, folder, checkpoints
-        self._resolver, self._effects, self._stop, self._debug = resolver, effects, stop, debug
-        self._layers = layers
+        self._sequence, self._files, self._checkpoints = sequence, files, checkpoints
+        self._resolver, self._effects, self._stop, self._layers = resolver, effects, stop, layers
         self._seconds: dict[str, list[float]] = {name: [] for name in StageTimes.__struct_fields__}
-        self._written: set[int] = set()
-        self._repaired, self._saturated = 0, list[int]()  # the latter of each frame, from the threads that write
 
-    def resolve(self, half: bool, compression: str, checkpoint_every: int) -> None:
+    def resolve(self, compression: str, checkpoint_every: int) -> None:
         """Resolve the frames that are missing, after those that their history needs."""
-        missing = self._folder.missing(self._sequence)
+        missing = self._files.folder.missing(self._sequence)
         if not missing:
             return
         after = self._checkpoints.restore(self._resolver, before=missing[0])
@@ -168,13 +129,11 @@ class _Run:
         with Writer(compression=compression) as writer, reading as frames:
             if after is None:
                 self._reserve(part)
-            for done, _ in enumerate(track(numbers, len(numbers), "resolving"), start=1):
-                frame = (read := next(frames)).frame
-                image = self._resolver.resolve(with_effects(frame, self._effects))
-                if frame.index in wanted:
-                    views = self._debug.write(self._folder.folder / DEBUG, frame.index)
-                    self._write(writer, read, partial(self._channels, image, half), views)
-                    self._repaired += read.unusable
+            for done, number in enumerate(track(numbers, len(numbers), "resolving"), start=1):
+                read = next(frames)
+                image = self._resolver.resolve(with_effects(read.frame, self._effects))
+                if number in wanted:
+                    self._files.write(writer, read, image)
                 self._resolver.release()
                 self._note(self._resolver.times)
                 if self._stop.requested or done % checkpoint_every == 0:
@@ -183,7 +142,7 @@ class _Run:
                     raise KeyboardInterrupt
                 if in_turn:
                     writer.flush()
-                del read, frame, image
+                del read, image
             writer.close()
             self._seconds["read"] += frames.seconds
             self._seconds["write"] += writer.seconds
@@ -195,23 +154,6 @@ class _Run:
         alpha = wanted and "alpha" in part.holds
         self._resolver.reserve(part.width, part.height, alpha=alpha)
 
-    def _channels(self, image: Image, half: bool) -> dict[str, Pixels]:
-        """What is written of a result, made by the thread that writes it."""
-        if half or self._resolver.keeps_halves:
-            self._saturated.append(saturated_pixels(image))
-        return image_channels(image, half=half)
-
-    def _write(
-        self, writer: Writer, read: Read, resolved: Callable[[], dict[str, Pixels]], views: Mapping[str, Pixels]
-    ) -> None:
-        assert read.frame.path is not None
-        path = self._folder.folder / read.frame.path.name
-        attributes = merged(read.carried, resolved_attributes(read.frame, self._resolver), self._sequence.undeclared)
-        finish = partial(self._folder.finish, path, read.source)
-        kept, windows = read.carried.channels, read.carried.windows
-        writer.write(path, lambda: kept | resolved() | dict(views), attributes, then=finish, windows=windows)
-        self._written.add(read.frame.index)
-
     def _note(self, times: Times) -> None:
         for name, seconds in times._asdict().items():
             self._seconds[name].append(seconds)
@@ -219,32 +161,14 @@ class _Run:
     def outcome(self) -> Outcome:
         """What was done; stages that nothing had to be done in took no time."""
         return Outcome(
-            output=str(self._folder.folder),
+            output=str(self._files.folder.folder),
             frames=len(self._sequence),
-            resolved=len(self._written),
-            repaired=self._repaired,
-            saturated=sum(self._saturated),
+            resolved=self._files.count,
+            repaired=self._files.repaired,
+            saturated=self._files.saturated,
             width=self._sequence.width,
             height=self._sequence.height,
             device=self._resolver.launcher.description,
             preset=self._resolver.preset.name,
             seconds=StageTimes(**{name: median(seconds or [0.0]) for name, seconds in self._seconds.items()}),
         )
-
-
-def resolved_attributes(frame: Frame, resolver: Resolver) -> Mapping[str, object]:
-    """Attributes of a resolved image: those of its frame, and what resolved it."""
-    made_by = {"cltaa:preset": resolver.preset.name, "cltaa:device": resolver.launcher.description}
-    return {**frame_attributes(frame), **made_by}
-
-
-def _write_record(output: Path, outcome: Outcome, preset: Preset) -> None:
-    """Beside the images, what made them: ``resolve.json``."""
-    record: dict[str, Any] = {"outcome": msgspec.to_builtins(outcome), "preset": msgspec.to_builtins(preset)}
-    with atomic_path(output / "resolve.json") as temporary:
-        temporary.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-
-
-def stage_rows(seconds: StageTimes) -> Iterable[tuple[str, float]]:
-    """Name and milliseconds a frame of each stage, for a table."""
-    return ((field.replace("_", " "), getattr(seconds, field) * 1e3) for field in StageTimes.__struct_fields__)

@@ -17,8 +17,9 @@ from cltaa.equal_quality import equal_quality_samples
 from cltaa.errors import UsageError
 from cltaa.frames import Image
 from cltaa.metrics import METRICS, mean, measure, named_metrics
+from cltaa.outcome import Outcome
 from cltaa.pictures import side_by_side, write_image_png, write_png
-from cltaa.pipeline import Outcome, resolve_sequence
+from cltaa.pipeline import resolve_sequence
 from cltaa.printable import counted, json_of, shown
 from cltaa.resolve import Resolver
 from cltaa.sources import ImageSequence, open_images, open_sequence

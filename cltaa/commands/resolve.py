@@ -25,7 +25,8 @@ from cltaa.errors import UsageError
 from cltaa.frame_numbers import OnBreak
 from cltaa.inputs.opening import open_input
 from cltaa.launch import launcher_for
-from cltaa.pipeline import Outcome, resolve_sequence, stage_rows
+from cltaa.outcome import Outcome, stage_rows
+from cltaa.pipeline import resolve_sequence
 from cltaa.presets import Preset, load_config, load_preset, override
 from cltaa.printable import counted, json_of, printable, shown
 from cltaa.sources import Sequence
