@@ -27,6 +27,7 @@ from cltaa.launch import Buffer, DeviceLauncher, storage_dtype
 from cltaa.layout import Layout
 from cltaa.memory import Memory, of_whole_images
 from cltaa.params import HistoryOf
+from cltaa.passes import Passes
 from cltaa.presets import Preset
 from cltaa.resolve import Resolver, Times
 from cltaa.sources import Sequence
@@ -125,9 +126,9 @@ class BandedResolver(Resolver):
         started = perf_counter()
         previous, build = self._begin(frame)
         buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
-        record = frame_record(frame, previous, buffers.whole, self.plan)
         assert self.plan is not None
-        buffers.ready_counts(self.plan.choices, read=previous is not None)
+        record = frame_record(frame, previous, buffers.whole, self.plan)
+        passes = Passes(self.launcher, self.plan, build, buffers, record)
         whole = _whole(frame, build.steps.alpha)
         waiting: deque[_Result] = deque()  # rows that the bands below still take along as they came
         for first in range(0, frame.height, self._rows):
@@ -136,7 +137,7 @@ class BandedResolver(Resolver):
             while waiting and waiting[0].band.own.stop <= band.own.stop - PAD_Y:
                 whole.store(waiting.popleft())
             record["first_row"], record["band_rows"] = first, self._rows
-            self._resolve(record, build, buffers)
+            passes.resolve()
             self.launcher.finish()
             planes = (buffers.output, buffers.output_count, buffers.closeness)
             waiting.append(_Result(band, *(band.copied(buffer) for buffer in planes)))
@@ -153,11 +154,9 @@ class BandedResolver(Resolver):
         """Allocate memory for frames of a size, with or without alpha; the edges of bands are the host's."""
         self._fitting(Layout(width, height), alpha or self.every_step)
 
-    def _allocate(self, layout: Layout, alpha: bool) -> Buffers:
-        self._buffers = None  # released before the new ones are allocated
+    def _new_buffers(self, layout: Layout, alpha: bool) -> Buffers:
         band = Band.of(layout, 0, self._rows)
-        self._buffers = Buffers(self.launcher, band, alpha, storage_dtype(self._shape), layout)
-        return self._buffers
+        return Buffers(self.launcher, band, alpha, storage_dtype(self._shape), layout)
 
 
 def resolver_for(

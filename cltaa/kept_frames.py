@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -43,14 +42,13 @@ class KeptFrames:
         moved = any(not is_still(frame.camera, past.camera) for past in self.past)
         return replace(build, steps=replace(build.steps, camera_motion=build.steps.camera_motion or moved))
 
-    def spans(self, frame: Frame, steps: Steps) -> dict[str, Any]:
-        """What kernels are given for the spans of the past beside the ring: memory, allocated when first asked for, and
-        how many kept frames were seen by the camera of ``frame``."""
+    def span_memory(self, steps: Steps) -> dict[str, Buffer]:
+        """Memory for what is gathered of the spans of the past, allocated when first asked for."""
         if not self._spans:
             for name, planes in (("spans", SPANS * span_planes(steps)), ("repeats", 1)):
                 shape = (planes, self.layout.rows, self.layout.stride)
                 self._spans[name] = self._launcher.allocate(shape, np.float32)
-        return {**self._spans, "standing": self.standing(frame)}
+        return self._spans
 
     def standing(self, frame: Frame) -> int:
         """How many of the latest kept frames were seen by the camera of ``frame``."""
@@ -110,21 +108,3 @@ def _ring(launcher: Launcher, shape: tuple[int, int, int], frames: int) -> Buffe
             f"{error.what} to keep {counted(frames, 'frame')}", expected=error.expected, found=error.found,
             cure="keep fewer with --set frames_kept=N, or none with --preset default",
         ) from error  # fmt: skip
-
-
-def run_spans(
-    launcher: Launcher, build: Build, layout: Layout, arguments: Mapping[str, Any], spans: Mapping[str, Any],
-    recursive: Mapping[str, Any],
-) -> None:  # fmt: skip
-    """Gather each span with the ``arguments`` of ``gather`` and what ``KeptFrames.spans`` gives, and weigh them beside
-    the ``recursive`` resolve of the frame."""
-    results, structs = ("output", "output_count"), ("frame", "settings")
-    gathered = {name: value for name, value in arguments.items() if name not in results}
-    launcher.run("gather_spans", build, layout, {**gathered, **spans})
-    plain = Build(lanes=build.lanes, rows=build.rows)
-    counted = {"planes": SPANS * span_planes(build.steps), "more": 1}
-    written = {"image": spans["spans"], "floats": spans["repeats"], **counted}
-    launcher.run("extend_edges", plain, layout, {**written, "frame": arguments["frame"]})
-    named = {name: arguments[name] for name in ("current", *results, *structs)}
-    given = {"spans": spans["spans"], "repeats": spans["repeats"], **recursive}
-    launcher.run("weigh_spans", build, layout, {**named, **given})

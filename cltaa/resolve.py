@@ -9,15 +9,16 @@ from typing import Any, NamedTuple
 import msgspec
 
 from cltaa.buffers import Buffers, LastRun
-from cltaa.build import HALVES, Build, Record, Steps, Storage, Terms, edge_build, settings_record, shared
+from cltaa.build import HALVES, Build, Steps, Storage, Terms, edge_build, shared
 from cltaa.frame_checks import check_frame
 from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame, Image
-from cltaa.kept_frames import KeptFrames, run_spans
+from cltaa.kept_frames import KeptFrames
 from cltaa.kernel_files import code_sha256
 from cltaa.launch import Buffer, Launcher, launcher_for, storage_dtype
 from cltaa.layout import Layout
 from cltaa.params import Choices, HistoryOf, LightChange, Settings
+from cltaa.passes import Passes
 from cltaa.planning import Plan, plan_frame, recursive
 from cltaa.presets import Preset, load_preset
 from cltaa.upload import upload
@@ -111,10 +112,11 @@ class Resolver:
             return {**buffers.recurrent(), "texels": buffers.texels()[0]}
         if not past.earlier:
             return buffers.recurrent()
-        steps = Steps(**{n: getattr(past, n) or self.every_step for n in ("own_motion", "alpha", "reactive")})
-        self._kept = KeptFrames(self.launcher, layout, self.preset.settings.frames_kept, steps)
-        self._kept.past = past.earlier
-        return {**buffers.recurrent(), "kept": self._kept.planes}
+        every = self.every_step
+        steps = Steps(own_motion=past.own_motion or every, alpha=past.alpha or every, reactive=past.reactive or every)
+        kept = self._ring(past, layout, steps)
+        kept.past = past.earlier
+        return {**buffers.recurrent(), "kept": kept.planes}
 
     def reserve(self, width: int, height: int, *, alpha: bool) -> None:
         """Do what every frame of a size needs, with or without alpha, while the first of them is still being read."""
@@ -145,7 +147,8 @@ class Resolver:
     def release(self) -> None:
         """Let go of the channels of the last frame, which ``last`` and ``run_again`` need: the next may lie there."""
         self.last = None
-        (self._buffers.channels if self._buffers else {}).clear()
+        if self._buffers is not None:
+            self._buffers.channels.clear()
 
     def run_again(self, frame: Frame, previous: Frame) -> None:
         """Run the kernels of the last frame once more, to the same result, and wait for them: something to time.
@@ -175,7 +178,7 @@ class Resolver:
         previous = self._previous
         if previous is not None and not previous.continues_in(frame, self.preset.choices):
             previous = None
-        self.plan = plan_frame(self.preset, frame, previous.camera if previous else None, every=self.every_step)
+        self.plan = self._plan(self.preset, frame, previous)
         return previous, self._build(self.plan)
 
     def _build(self, plan: Plan) -> Build:
@@ -186,65 +189,50 @@ class Resolver:
         return self._builds[decided_by]
 
     def _fitting(self, layout: Layout, alpha: bool) -> Buffers:
-        return there if (there := self._buffers) and there.fit(layout, alpha) else self._allocate(layout, alpha)
+        """Memory for images of a size: what there is, where that fits."""
+        if self._buffers is None or not self._buffers.fit(layout, alpha):
+            return self._allocate(layout, alpha)
+        return self._buffers
 
     def _allocate(self, layout: Layout, alpha: bool) -> Buffers:
         self._buffers = None  # released before the new ones are allocated
-        self._buffers = Buffers(self.launcher, layout, alpha, storage_dtype(self._shape))
+        self._buffers = self._new_buffers(layout, alpha)
         return self._buffers
+
+    def _new_buffers(self, layout: Layout, alpha: bool) -> Buffers:
+        return Buffers(self.launcher, layout, alpha, storage_dtype(self._shape))
 
     def _ring(self, previous: Past | None, layout: Layout, steps: Steps) -> KeptFrames:
         """The ring of kept frames for this frame; it holds none where there is no predecessor."""
-        if self._kept is None or not self._kept.fit(layout, self.preset.settings.frames_kept, steps):
+        count = self.preset.settings.frames_kept
+        if self._kept is None or not self._kept.fit(layout, count, steps):
             self._kept = None  # released before the new one is allocated
-            self._kept = KeptFrames(self.launcher, layout, self.preset.settings.frames_kept, steps)
+            self._kept = KeptFrames(self.launcher, layout, count, steps)
         if previous is None:
             self._kept.past = ()
         return self._kept
 
     def _run(self, frame: Frame, previous: Past | None, build: Build, buffers: Buffers) -> None:
+        """Start the kernels of ``frame``, which ``buffers`` hold."""
         assert self.plan is not None
-        layout, steps = buffers.layout, build.steps
-        record = frame_record(frame, previous, layout, self.plan)
-        if self.plan.choices.history_of is HistoryOf.SAMPLES:
-            kept = self._ring(previous, layout, steps)
-            build = kept.build(build, frame)
-            ring = {"kept": kept.planes, "past": kept.records, "frames": kept.describe(frame, self.plan)}
-            arguments = buffers.arguments(record, settings_record(self.plan.settings), steps)
-            self.last = LastRun(build, layout, arguments | ring)
-            if self.plan.choices.light_change is LightChange.SPANS:
-                self._run_spans(frame, previous, kept, buffers)
+        choices, record = self.plan.choices, frame_record(frame, previous, buffers.layout, self.plan)
+        passes = Passes(self.launcher, self.plan, build, buffers, record)
+        if choices.history_of is HistoryOf.SAMPLES:
+            kept = self._ring(previous, buffers.layout, build.steps)
+            if choices.light_change is LightChange.SPANS:
+                self.last = passes.gather_spans(frame, kept, self._beside(passes, frame, previous))
             else:
-                buffers.ready_counts(self.plan.choices, read=previous is not None)
-                self.launcher.run("gather", *self.last)
-            kept.keep(frame, buffers, steps)
+                self.last = passes.gather(frame, kept)
+            kept.keep(frame, buffers, build.steps)
         else:
-            buffers.ready_counts(self.plan.choices, read=previous is not None)
-            self._resolve(record, build, buffers)
-        buffers.doubled = self.plan.choices.history_of is HistoryOf.DOUBLED
-        for written in buffers.written(buffers.doubled):
-            self.launcher.run("extend_edges", edge_build(build), layout, {"frame": record, **written})
+            self.last = passes.resolve()
+        buffers.doubled = choices.history_of is HistoryOf.DOUBLED
+        passes.extend_edges()
 
-    def _run_spans(self, frame: Frame, previous: Past | None, kept: KeptFrames, buffers: Buffers) -> None:
-        """Gather spans of the past beside a recursive resolve of the frame, which is all that the next frame reads."""
-        assert self.last is not None
-        build, layout, arguments = self.last
-        plan = plan_frame(recursive(self.preset), frame, previous.camera if previous else None, every=self.every_step)
-        buffers.ready_counts(plan.choices, read=previous is not None)
-        given = buffers.arguments(arguments["frame"], settings_record(plan.settings), build.steps)
-        self.launcher.run("resolve", self._build(plan), layout, given | buffers.recurrent())
-        written = {"recursive": buffers.output, "recursive_count": buffers.output_count}
-        self.last = LastRun(build, layout, arguments | buffers.shown())
-        run_spans(self.launcher, *self.last, kept.spans(frame, build.steps), written)
+    def _beside(self, passes: Passes, frame: Frame, previous: Past | None) -> Passes:
+        """Those of the recursive resolve that runs beside the spans of the past."""
+        plan = self._plan(recursive(self.preset), frame, previous)
+        return replace(passes, plan=plan, build=self._build(plan))
 
-    def _resolve(self, record: Record, build: Build, buffers: Buffers) -> None:
-        """Start the kernel that resolves what ``buffers`` hold of a frame."""
-        assert self.plan is not None
-        arguments = buffers.arguments(record, settings_record(self.plan.settings), build.steps)
-        if self.plan.choices.history_of is HistoryOf.DOUBLED:
-            record["reset"] |= not buffers.doubled  # the last frame may have left no history at 200 %
-            kernel, given = "resolve_doubled", arguments | buffers.doubling()
-        else:
-            kernel, given = "resolve", arguments | buffers.recurrent()
-        self.last = LastRun(build, buffers.layout, arguments | buffers.recurrent())
-        self.launcher.run(kernel, build, buffers.layout, given)
+    def _plan(self, preset: Preset, frame: Frame, previous: Past | None) -> Plan:
+        return plan_frame(preset, frame, previous.camera if previous else None, every=self.every_step)
