@@ -11,6 +11,7 @@ from cltaa.inputs.profile import Profile, load_profile, profile_names
 from cltaa.inputs.roles import assign, equal_matches, shown_name
 from cltaa.printable import counted
 
+OF_NO_TOOL = {"parts": 1, "cltaa": 2}  # and which goes before which
 LUMINANCE = "Y"  # of a picture in greys, as OpenEXR calls it
 
 
@@ -46,5 +47,6 @@ def guessed_profile(attributes: dict[str, object], channels: dict[str, tuple[str
                 shown = str(attributes[name])[:40] if word else "there"
                 return profile, f"header attribute {name} is {shown}"
     scores = {profile.name: len(assign(profile, channels)) for profile in profiles}
-    best = max(profiles, key=lambda profile: (scores[profile.name], profile.name == "cltaa"))
+    # Of profiles that fit alike those of no tool win: a tool names itself in the header, and its units are its own.
+    best = max(profiles, key=lambda profile: (scores[profile.name], OF_NO_TOOL.get(profile.name, 0)))
     return best, f"no header names the writer; its channel names fit best ({counted(scores[best.name], 'role')})"

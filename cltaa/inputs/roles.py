@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import NamedTuple
 
@@ -107,10 +107,19 @@ def _length(places: tuple[Place, ...]) -> int:
 
 
 def _in_set(patterns: Sequence[str], label: str, names: Iterable[str], by_set: bool) -> tuple[Place, ...]:
-    """The channel of each pattern within one set of files; empty unless all are there."""
+    """The channel of each pattern within one set of files; empty unless all are there.
+
+    Where the patterns have ``*`` alike it stands for the same in each: R of one layer and G of another make no colour.
+    """
     names, before = sorted(names, key=len), f"{_short(label)}." if by_set else ""
-    matches = [[name for name in names if fnmatchcase(before + name, pattern)] for pattern in patterns]
-    return tuple(Place(label, found[0]) for found in matches) if all(matches) else ()
+    alike = len({pattern.count("*") for pattern in patterns}) == 1
+    by_layer: list[dict[tuple[str, ...], str]] = []
+    for pattern in patterns:
+        stars = re.compile(re.escape(pattern).replace(r"\*", "(.*)"))
+        found = [(match.groups(), name) for name in names if (match := stars.fullmatch(before + name))]
+        by_layer.append({layer if alike else (): name for layer, name in reversed(found)})
+    layers = [layer for layer in reversed(by_layer[0]) if all(layer in named for named in by_layer)]
+    return tuple(Place(label, named[layers[0]]) for named in by_layer) if layers else ()
 
 
 def _short(label: str) -> str:

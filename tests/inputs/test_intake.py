@@ -228,6 +228,14 @@ def test_wrong_matrices_are_refused_for_a_resolve(tmp_path: Path) -> None:
     assert len(read(tmp_path, "camera.view_layout=column")) == 3
 
 
+def test_a_colour_is_of_one_layer(tmp_path: Path) -> None:
+    names = ["flow.R", "flow.G", "distance.R", "final.R", "final.G", "final.B"]
+    write_image(tmp_path / "a.0001.exr", {name: np.ones((4, 4), np.float32) for name in names})
+    intake = open_intake(tmp_path)
+    assert [place.channel for place in intake.roles["colour"]] == ["final.R", "final.G", "final.B"]
+    assert intake.profile.name == "parts"  # and not mitsuba, whose depth lies along the ray
+
+
 def test_no_colour_names_what_is_there(tmp_path: Path) -> None:
     write_image(tmp_path / "a.0001.exr", {"Y": np.ones((4, 4), np.float32)})
     with pytest.raises(DataError, match=r"no colour channels.*found Y.*--input colour.channels='Y Y Y'"):
