@@ -26,6 +26,7 @@ from cltaa.frames import Frame, Image
 from cltaa.launch import Buffer, DeviceLauncher, storage_dtype
 from cltaa.layout import Layout
 from cltaa.memory import Memory, of_whole_images
+from cltaa.one_thread import one_thread
 from cltaa.params import HistoryOf
 from cltaa.passes import Passes
 from cltaa.presets import Preset
@@ -120,6 +121,7 @@ class BandedResolver(Resolver):
             )
         self._rows = band_rows
 
+    @one_thread
     def resolve(self, frame: Frame) -> Image:
         """The resolved colour of ``frame`` as ``Resolver.resolve`` gives it, in the frame's own memory."""
         check_frame(frame)

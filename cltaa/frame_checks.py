@@ -23,6 +23,8 @@ _EFFECTS = frozenset(Effect)
 
 def check_frame(frame: Frame) -> None:
     """Raise DataError for a frame that cannot be resolved: channels, camera, jitter, exposure, effects, numbers."""
+    if not isinstance(frame, Frame):
+        raise DataError("no frame", expected="a cltaa.Frame", found=_kind(frame))
     check_channels(frame)
     _check_types(frame)
     check_camera(frame.camera, path=frame.path, frame=frame.index)
@@ -55,7 +57,8 @@ def _wrong(frame: Frame, name: str, expected: str) -> DataError:
 def check_channels(frame: Frame) -> None:
     """Raise DataError where a channel holds no floats, channels differ in size, or a plane is too large to count."""
     _check_floats(frame)
-    size = (*frame.colour.shape[:2], 1, 1)[:2]  # of fewer axes too, to say that the shape is wrong
+    _check_colour(frame)
+    size = frame.colour.shape[:2]
     if Layout(size[1], size[0]).plane > MOST_TEXELS:
         raise DataError(
             "the image is too large",
@@ -65,18 +68,34 @@ def check_channels(frame: Frame) -> None:
             found=f"{size[1]} x {size[0]}",
             cure="resolve it in parts",
         )
-    expected = {"colour": (*size, 3), "depth": size, "motion": (*size, 2), "alpha": size, "reactive": size}
+    expected = {"depth": size, "motion": (*size, 2), "alpha": size, "reactive": size}
     for name, shape in expected.items():
         array = getattr(frame, name)
-        if array is not None and (array.shape != shape or 0 in shape):
+        if array is not None and array.shape != shape:
             raise DataError(
                 f"{name} has the wrong shape",
                 path=frame.path,
                 frame=frame.index,
-                expected=shape if 0 not in shape else "at least one pixel",
+                expected=shape,
                 found=array.shape,
                 cure="all channels of a frame share one size",
             )
+
+
+def _check_colour(frame: Frame) -> None:
+    shape = frame.colour.shape
+    if len(shape) == 3 and shape[2] == 3 and 0 not in shape:
+        return
+    expected, cure = "[H, W, 3]", None
+    if len(shape) == 3 and shape[2] == 4:
+        cure = "the fourth is alpha: colour=rgba[..., :3], alpha=rgba[..., 3]"
+    elif len(shape) == 3 and shape[0] == 3:
+        cure = "put the axis of the channels last: np.moveaxis(colour, 0, -1)"
+    elif 0 in shape:
+        expected = "at least one pixel"
+    raise DataError(
+        "colour has the wrong shape", path=frame.path, frame=frame.index, expected=expected, found=shape, cure=cure
+    )
 
 
 def _check_floats(frame: Frame) -> None:
@@ -116,7 +135,7 @@ def check_camera(camera: Camera, *, path: Path | None = None, frame: int | None 
     """
     for name, matrix in (("worldToView", camera.world_to_view), ("viewToClip", camera.view_to_clip)):
         attribute = f"matrix cltaa:{name}"
-        if not isinstance(matrix, np.ndarray) or matrix.shape != (4, 4):
+        if not isinstance(matrix, np.ndarray) or matrix.shape != (4, 4) or not _is_real(matrix):
             raise DataError(f"{attribute} is no 4 x 4 matrix", path=path, frame=frame, found=_kind(matrix))
         if not np.isfinite(matrix).all():
             raise DataError(f"{attribute} holds NaN or infinity", path=path, frame=frame, cure="write the frame again")
@@ -154,7 +173,7 @@ def check_numbers(
     jitter_px: tuple[float, float], exposure: float, *, path: Path | None = None, frame: int | None = None
 ) -> None:
     """Raise DataError unless the jitter is two numbers of a pixel or so and the exposure one that light can have."""
-    sound = np.shape(jitter_px) == (2,) and all(abs(component) <= LARGEST_JITTER for component in jitter_px)
+    sound = _is_real(jitter_px) and np.shape(jitter_px) == (2,) and np.abs(jitter_px).max() <= LARGEST_JITTER
     if not sound:  # NaN too
         raise DataError(
             "attribute cltaa:jitterPx is no jitter", path=path, frame=frame,
@@ -167,6 +186,16 @@ def check_numbers(
         )  # fmt: skip
 
 
+def _is_real(value: object) -> bool:
+    """True for a number or numbers that are not complex and stand for nothing else."""
+    try:
+        return np.asarray(value).dtype.kind in "fiu"
+    except ValueError:  # of several lengths
+        return False
+
+
 def _kind(value: object) -> object:
-    """The shape of an array, and of anything else its type."""
-    return list(value.shape) if isinstance(value, np.ndarray) else type(value).__name__
+    """The shape of an array of numbers, the type of other entries, and of anything else its type."""
+    if not isinstance(value, np.ndarray):
+        return type(value).__name__
+    return list(value.shape) if _is_real(value) else value.dtype

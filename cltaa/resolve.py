@@ -17,6 +17,7 @@ from cltaa.kept_frames import KeptFrames
 from cltaa.kernel_files import code_sha256
 from cltaa.launch import Buffer, Launcher, launcher_for, storage_dtype
 from cltaa.layout import Layout
+from cltaa.one_thread import one_thread
 from cltaa.params import Choices, HistoryOf, LightChange, Settings
 from cltaa.passes import Passes
 from cltaa.planning import Plan, plan_frame, recursive
@@ -123,10 +124,11 @@ class Resolver:
         self._fitting(Layout(width, height), alpha or self.every_step)
         self.launcher.prepare("extend_edges", edge_build(self.launcher.build(self._shape)))
 
+    @one_thread
     def resolve(self, frame: Frame) -> Image:
         """The resolved colour of ``frame``, [H, W, 3] float32, or [H, W, 4] where the frame has alpha.
 
-        Raises DataError where ``cltaa.frame_checks`` finds a frame wrong: channels, camera, jitter, exposure, effects.
+        Raises DataError where ``cltaa.frame_checks`` finds a frame wrong, and UsageError where another thread is in it.
         """
         check_frame(frame)
         started = perf_counter()

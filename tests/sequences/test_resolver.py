@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -174,7 +175,17 @@ def test_what_is_no_picture_is_told_before_it_is_resolved(name: str, spoilt: Cal
         ({"camera": Camera(np.eye(3), make_camera().view_to_clip)}, r"is no 4 x 4 matrix \(found \[3, 3\]\)"),
         ({"camera": Camera([[1.0]], make_camera().view_to_clip)}, r"is no 4 x 4 matrix \(found list\)"),  # type: ignore[arg-type]
         ({"jitter_px": (40.0, 0.0)}, r"no jitter \(expected two numbers of at most 2 pixels, found \(40.0, 0.0\)\)"),
+        ({"camera": Camera(np.eye(4).astype(object), make_camera().view_to_clip)}, "no 4 x 4 matrix .*found object"),
+        ({"camera": Camera(np.eye(4) + 0j, make_camera().view_to_clip)}, "no 4 x 4 matrix .*found complex128"),  # type: ignore[arg-type]
         ({"jitter_px": (0.1, 0.2, 0.3)}, "no jitter"),
+        ({"jitter_px": ("0.1", "0.2")}, r"no jitter .*found \('0.1', '0.2'\)"),
+        ({"jitter_px": (0.1j, 0)}, "no jitter"),
+        ({"jitter_px": (0.1, (0.2, 0.3))}, "no jitter"),
+        ({"jitter_px": (float("nan"), 0.0)}, "no jitter"),
+        ({"colour": np.zeros((23, 37, 4), np.float32)}, r"expected \[H, W, 3\].*the fourth is alpha"),
+        ({"colour": np.zeros((3, 23, 37), np.float32)}, "put the axis of the channels last"),
+        ({"colour": np.zeros((23, 37), np.float32)}, "colour has the wrong shape"),
+        ({"colour": np.zeros((0, 37, 3), np.float32)}, "at least one pixel"),
         ({"exposure": 0.0}, "cltaa:exposure is no exposure"),
         ({"exposure": None}, r"frame 1: exposure is wrong \(expected a number, found NoneType\)"),
         ({"exposure": "1"}, "exposure is wrong .*found '1'"),
@@ -192,6 +203,35 @@ def test_what_a_program_says_of_a_frame_is_checked_as_what_a_file_says(changes: 
     resolver.resolve(still_frame(0))
     with pytest.raises(DataError, match=found):
         resolver.resolve(replace(still_frame(1), **changes))
+
+
+def test_what_is_no_frame_is_told_in_a_line() -> None:
+    with pytest.raises(DataError, match=r"no frame \(expected a cltaa.Frame, found \[23, 37, 3\]\)"):
+        Resolver(device="numpy").resolve(still_frame(0).colour)  # type: ignore[arg-type]
+
+
+def test_a_second_thread_in_one_resolver_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    resolver, told = Resolver(device="numpy"), list[str]()
+
+    def second() -> None:
+        try:
+            resolver.resolve(still_frame(1))
+        except UsageError as error:
+            told.append(str(error))
+
+    def in_the_midst(*_: object) -> bool:
+        thread = Thread(target=second)
+        thread.start()
+        thread.join()
+        return False
+
+    with monkeypatch.context() as patch:
+        patch.setattr(resolver.launcher, "finish", in_the_midst)
+        first = resolver.resolve(still_frame(0))
+    assert told == ["two threads use one resolver at once; frames come in order: take one a thread"]
+    assert np.array_equal(bits(first), bits(still_frame(0).colour))
+    second()  # after the other it may
+    assert len(told) == 1
 
 
 def test_a_device_may_be_named_by_its_number_and_a_launcher_shared() -> None:

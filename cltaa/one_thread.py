@@ -1,0 +1,31 @@
+"""Methods that keep state between frames, where two threads at once would crash the driver or mix two histories."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from threading import Lock
+from typing import Any, TypeVar, cast
+
+from cltaa.errors import UsageError
+
+Method = TypeVar("Method", bound=Callable[..., Any])
+
+
+def one_thread(method: Method) -> Method:
+    """``method``, which raises UsageError while another thread is in it for the same object.
+
+    It does not wait for the other: frames come in order, and which of two threads is first is chance.
+    """
+
+    @wraps(method)
+    def alone(owner: Any, *given: Any, **named: Any) -> Any:
+        busy: Lock = owner.__dict__.setdefault("_busy", Lock())
+        if not busy.acquire(blocking=False):
+            raise UsageError("two threads use one resolver at once", cure="frames come in order: take one a thread")
+        try:
+            return method(owner, *given, **named)
+        finally:
+            busy.release()
+
+    return cast(Method, alone)
