@@ -15,7 +15,7 @@ from cltaa.checking.finding import Finding
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import Intake, intake_lines, open_with_gaps
 from cltaa.inputs.profile import Profile, correct, load_profile
-from cltaa.inputs.profile_text import differences, option_text
+from cltaa.inputs.profile_text import assignments_of, differences, option_text
 from cltaa.progress import track
 
 FRAMES = 12  # looked at unless asked otherwise: 11 pairs tell a gain of jitter to a few hundredths
@@ -65,19 +65,24 @@ def check_folder(
         changes = differences(mended, base)
         if mended == intake.profile:
             break
-        again = shlex.split(option_text(changes))[1::2]
+        again = assignments_of(changes)
         intake = open_with_gaps(folder, profile=name, assignments=again, side_file=side_file, step=step)
-    options = option_text(changes)
-    if side_file is not None:
-        options = f"--camera {shlex.quote(str(side_file))} {options}".strip()
-    if step != 1:
-        options = f"--step {step} {options}".strip()
+    options = f"{profile_options(name, side_file, step)} {option_text(changes)}".strip()
     report = Report(
         folder=str(folder), frames=min(frames, len(first.declared)), reading=[*intake_lines(first)], findings=findings,
-        options=f"--profile {name} {options}".strip(),
-        profile=msgspec.to_builtins(mended),
+        options=options, profile=msgspec.to_builtins(mended),
     )  # fmt: skip
     return report, mended
+
+
+def profile_options(profile: str, side_file: Path | None, step: int) -> str:
+    """The options that read a folder by ``profile`` and with what no profile says, for a shell."""
+    words = ["--profile", profile]
+    if step != 1:
+        words += ["--step", str(step)]
+    if side_file is not None:
+        words += ["--camera", str(side_file)]
+    return shlex.join(words)
 
 
 def _look(intake: Intake, folder: Path, frames: int) -> list[Finding]:

@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 
 from cltaa.atomic import atomic_path, check_creatable
-from cltaa.checking.report import FRAMES, Report, check_folder
+from cltaa.checking.report import FRAMES, Report, check_folder, profile_options
 from cltaa.commands.options import FILE_PATH, input_options, json_option
 from cltaa.errors import DataError
 from cltaa.inputs.profile_text import toml_text
@@ -52,12 +52,13 @@ def check(
     if as_json:
         click.echo(json_of(report))
     else:
-        _print(report, fix)
+        _print(report, report.options if fix is None else profile_options(str(fix), camera, step))
     if report.mistakes:
         ctx.exit(DataError.exit_code)
 
 
-def _print(report: Report, fix: Path | None) -> None:
+def _print(report: Report, options: str) -> None:
+    """Print the findings, and the command that reads the folder right with ``options``."""
     console = Console()
     for line in report.reading[:2]:
         console.print(shown(line), style="dim", soft_wrap=True, highlight=False)
@@ -71,10 +72,5 @@ def _print(report: Report, fix: Path | None) -> None:
     if not report.mistakes:
         console.print(f"[green]✓[/] no mistake found in {counted(report.frames, 'frame')}", highlight=False)
     elif any(finding.fix for finding in report.mistakes):
-        options = report.options
-        if fix is not None:
-            words = shlex.split(options)
-            beside = [pair for pair in zip(words[::2], words[1::2], strict=True) if pair[0] in ("--camera", "--step")]
-            options = shlex.join(["--profile", str(fix), *(word for pair in beside for word in pair)])
         text = f"cltaa resolve {shlex.quote(report.folder)} {options}"
         console.print(f"to read it right: {shown(text)}", soft_wrap=True, highlight=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -37,11 +38,15 @@ def differences(profile: Profile, base: Profile) -> dict[str, dict[str, Any]]:
     return {section: keys for section, keys in sections.items() if keys}
 
 
+def assignments_of(values: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """``values`` as ``override`` takes them: ``SECTION.KEY=VALUE``."""
+    return [f"{section}.{key}={_text(value)}" for section, keys in values.items() for key, value in keys.items()]
+
+
 def option_text(values: Mapping[str, Mapping[str, Any]]) -> str:
-    """``values`` as options of the command line."""
-    return " ".join(
-        f"--input {section}.{key}={_text(value)}" for section, keys in values.items() for key, value in keys.items()
-    )
+    """``values`` as options of the command line, for a shell."""
+    pairs = (assignment.partition("=") for assignment in assignments_of(values))
+    return " ".join(f"--input {key}={shlex.quote(text)}" for key, _, text in pairs)
 
 
 def toml_text(profile: Profile) -> str:
@@ -74,8 +79,7 @@ def _number(text: str) -> float | int | str:
 
 def _text(value: object) -> str:
     if isinstance(value, list | tuple):
-        entries = ",".join(_text(entry) for entry in value)
-        return f"'{entries}'" if " " in entries else entries
+        return ",".join(_text(entry) for entry in value)
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:g}" if isinstance(value, float) else str(value)

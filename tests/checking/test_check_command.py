@@ -102,6 +102,23 @@ def test_the_command_that_is_told_beside_a_profile_reads_it_right(scene: Scene, 
     assert line.removeprefix("to read it right: ") == f"cltaa resolve {folder} --profile {fix} --camera {side}"
 
 
+def test_names_that_a_shell_takes_apart_come_out_whole(scene: Scene, tmp_path: Path) -> None:
+    frames = MISTAKES["jitter-negated"].plant(scene("still"))
+    folder, side, profile, fix = (tmp_path / name for name in ("in", "my camera.txt", "my own.toml", "to mend.toml"))
+    write_own(folder, frames)
+    side.write_text(side_text(frames))
+    profile.write_text('profile = "cltaa"')
+    given = ["--profile", str(profile), "--input", "depth.channels=Z,it's", "--input", "jitter.attribute=where in it"]
+    words = ["check", str(folder), "--camera", str(side), *given]
+    report = json.loads(CliRunner().invoke(root, [*words, "--json"]).stdout)
+    assert main(["check", str(folder), *shlex.split(report["options"])]) == 0
+    assert shlex.split(report["options"])[4:] == [
+        "--input", "depth.channels=Z,it's", "--input", "jitter.attribute=where in it", "--input", "jitter.scale=-1,-1",
+    ]  # fmt: skip
+    (last,) = CliRunner().invoke(root, [*words, "--fix", str(fix)]).stdout.splitlines()[-1:]
+    assert shlex.split(last)[-4:] == ["--profile", str(fix), "--camera", str(side)]
+
+
 @pytest.mark.parametrize(("pixels", "name"), [(np.float16, "depth-half"), (np.float32, None)])
 def test_half_precision_depth(pixels: type, name: str | None, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
