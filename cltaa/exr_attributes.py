@@ -25,6 +25,8 @@ _FLIP_Z = np.diag([1.0, 1.0, -1.0, 1.0])
 _CLIP_TO_NDC = np.array([[0.5, 0, 0, 0.5], [0, -0.5, 0, 0.5], [0, 0, 0.5, 0.5], [0, 0, 0, 1.0]])
 # The attributes that hold matrices, all of them of the whole display window.
 MATRICES = frozenset({"worldToCamera", "worldToNDC", "cltaa:worldToView", "cltaa:viewToClip"})
+# Attributes that describe the file and not the picture: OpenEXR writes them itself.
+STRUCTURAL = frozenset({"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "tiles", "type"})
 _FRAME_NUMBER = re.compile(r"(?:.*\.)?([0-9]{1,9})", re.DOTALL)
 
 

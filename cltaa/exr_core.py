@@ -32,11 +32,11 @@ from ctypes import (
 from functools import cache
 from typing import Any, NamedTuple
 
-import OpenEXR
 from numpy.typing import NDArray
 
 from cltaa.exr_layout import COMPRESSIONS, PIXEL_BYTES, Layout
 from cltaa.file_content import Copy
+from cltaa.openexr import OpenEXR
 from cltaa.quiet import muted_output
 
 VERSION = (3, 5)  # of the library: the first two numbers

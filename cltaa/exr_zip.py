@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import OpenEXR
 from numpy.typing import NDArray
 
 from cltaa.exr_header import place_of, read_headers
+from cltaa.openexr import OpenEXR
 
 try:
     from isal import isal_zlib

@@ -11,10 +11,10 @@ import msgspec
 import numpy as np
 
 from cltaa.errors import CltaaError
-from cltaa.exr import ImageHeader, read_header, read_image
 from cltaa.exr_attributes import FrameHeader
 from cltaa.exr_channels import COLOUR, check_float_channels, frame_channels
 from cltaa.exr_layout import LOSSLESS, Layout
+from cltaa.exr_read import ImageHeader, read_header, read_image
 from cltaa.frame_numbers import even_step, one_range, ranges
 from cltaa.frames import Effect, Matrix
 from cltaa.manifest import recorded_hashes

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-import OpenEXR
 
 from cltaa import exr_zip
 from cltaa.allocator import SMALLEST, in_large_pages
@@ -18,6 +17,7 @@ from cltaa.exr_channels import GROUPS
 from cltaa.launch import storage_dtype
 from cltaa.layout import Layout
 from cltaa.manifest import PIECE
+from cltaa.openexr import OpenEXR
 from cltaa.sources import Sequence
 from cltaa.streams import AHEAD, BEHIND
 

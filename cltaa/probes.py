@@ -32,7 +32,8 @@ def files() -> str:
     """Write an EXR, read it back and compare; return the version of OpenEXR."""
     from importlib.metadata import version
 
-    from cltaa.exr import read_image, write_image
+    from cltaa.exr_read import read_image
+    from cltaa.exr_write import write_image
 
     written = np.random.default_rng(0).random((HEIGHT, WIDTH), np.float32)
     with tempfile.TemporaryDirectory() as folder:

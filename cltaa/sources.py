@@ -16,9 +16,9 @@ import numpy as np
 
 from cltaa import exr_core
 from cltaa.errors import DataError, InputMissing, UsageError
-from cltaa.exr import ImageHeader, read_colour, read_frame, read_header
 from cltaa.exr_attributes import FrameHeader
 from cltaa.exr_channels import check_float_channels
+from cltaa.exr_read import ImageHeader, read_colour, read_frame, read_header
 from cltaa.frame_numbers import NUMBERED, FrameRange, OnBreak, even_step, frame_missing, name_of
 from cltaa.frames import Effect, Frame, Image
 from cltaa.manifest import read_capture_record, recorded_hashes

@@ -20,9 +20,9 @@ from types import TracebackType
 from typing import Self, TypeVar
 
 from cltaa.cores import CORES, MANY_CORES
-from cltaa.exr import write_image
 from cltaa.exr_channels import Pixels
 from cltaa.exr_layout import Windows
+from cltaa.exr_write import write_image
 
 # Frames that are decoded ahead, and results that wait to be written, each in a thread of its own: several, because a
 # thread is half of the time busy with what those that unpack and pack do not share: the file's bytes, SHA-256, planes,
@@ -142,7 +142,7 @@ class Writer:
         then: Callable[[], None] | None = None,
         windows: Windows | None = None,
     ) -> None:
-        """Queue one image for ``cltaa.exr.write_image``, and what is to be done ``then``; raises an earlier failure.
+        """Queue one image for ``exr_write.write_image``, and what is to be done ``then``; raises an earlier failure.
 
         ``channels`` are planes, or make them when it is their turn, in the thread that writes.
         """

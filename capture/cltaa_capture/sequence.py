@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 from cltaa.atomic import make_folder, owned
 from cltaa.errors import CltaaError, ResourceError, UsageError
-from cltaa.exr import write_frame, write_image
 from cltaa.exr_header import LARGEST_SIDE
+from cltaa.exr_write import write_frame, write_image
 from cltaa.frames import Effect, Frame, Image, format_effects
 from cltaa.manifest import file_sha256
 from cltaa.printable import counted

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from cltaa.errors import DataError, InputMissing
-from cltaa.exr import ImageHeader
 from cltaa.exr_layout import Layout
+from cltaa.exr_read import ImageHeader
 from cltaa.frame_numbers import (
     FrameRange,
     OnBreak,

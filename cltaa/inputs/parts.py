@@ -5,14 +5,13 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
-import OpenEXR
-
 from cltaa.errors import DataError
-from cltaa.exr import ImageHeader, open_content, read_header, read_image
 from cltaa.exr_channels import Pixels
 from cltaa.exr_header import MULTI_PART
 from cltaa.exr_layout import Layout, parse_parts, read_outline, shared_window
+from cltaa.exr_read import ImageHeader, open_content, read_header, read_image
 from cltaa.file_content import check_memory, file_size, open_regular, read_all
+from cltaa.openexr import OpenEXR
 
 
 def read_any_header(path: Path, *, chunks: bool = True) -> ImageHeader:

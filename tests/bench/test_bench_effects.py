@@ -10,7 +10,7 @@ import pytest
 
 from cltaa.bench import effects as bench
 from cltaa.bench.effects import EffectRow, judge_effects, markdown
-from cltaa.exr import write_frame
+from cltaa.exr_write import write_frame
 from cltaa.frames import Effect, Frame, Image
 from cltaa.launch import NumpyLauncher
 from cltaa.resolve import Resolver

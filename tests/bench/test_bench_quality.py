@@ -20,7 +20,7 @@ from cltaa.bench.quality_summary import best_engine, ordered, summarise
 from cltaa.bench.redrawn import REDRAWN
 from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
-from cltaa.exr import read_frame
+from cltaa.exr_read import read_frame
 from cltaa.frames import Frame
 from cltaa.launch import NumpyLauncher
 from cltaa.metrics import flip_map

@@ -13,7 +13,7 @@ from cltaa.bench.variant_errors import run_task
 from cltaa.bench.variant_times import enlarged
 from cltaa.cli import main
 from cltaa.device import Device
-from cltaa.exr import write_frame
+from cltaa.exr_write import write_frame
 from cltaa.launch import DeviceLauncher
 from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver

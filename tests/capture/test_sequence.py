@@ -14,7 +14,8 @@ import pytest
 import cltaa_capture
 import cltaa_datasets
 from cltaa.errors import DataError, OutputError, StorageError, UsageError
-from cltaa.exr import read_colour, read_image, write_frame
+from cltaa.exr_read import read_colour, read_image
+from cltaa.exr_write import write_frame
 from cltaa.frames import Effect, Image
 from cltaa.manifest import file_sha256
 from cltaa.sources import open_sequence

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cltaa.exr import write_frame
+from cltaa.exr_write import write_frame
 from cltaa.frames import Effect
 from cltaa.inspection import inspect_folder
 from tests.checking.conftest import Scene

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.exr import write_image
+from cltaa.exr_write import write_image
 from cltaa.sources import open_images
 from tests.inputs.foreign import write_blender
 from tests.sequence_factory import make_frame

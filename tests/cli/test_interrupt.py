@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from cltaa import cli, errors
-from cltaa.exr import read_image
+from cltaa.exr_read import read_image
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -209,10 +209,10 @@ def test_every_path_of_a_command_is_refused_when_empty(path: Path) -> None:
 # The signal comes from within, when the sixth of eight frames is read: from outside it might come behind the last one.
 INTERRUPTED = """
 import os, signal, sys
-from cltaa import exr
+from cltaa import exr_read
 from cltaa.cli import main
 
-loaded = exr._loaded
+loaded = exr_read._loaded
 
 
 def interrupted(path, sha256):
@@ -221,7 +221,7 @@ def interrupted(path, sha256):
     return loaded(path, sha256)
 
 
-exr._loaded = interrupted
+exr_read._loaded = interrupted
 sys.exit(main(sys.argv[1:]))
 """
 

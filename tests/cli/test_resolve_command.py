@@ -12,7 +12,8 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.commands.presets import parameter_rows
-from cltaa.exr import read_frame, read_image, write_frame
+from cltaa.exr_read import read_frame, read_image
+from cltaa.exr_write import write_frame
 from cltaa.presets import FIELDS, load_config, load_preset, preset_names
 from cltaa.resolve import Resolver
 from cltaa.sources import open_sequence

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cltaa.cli import main
-from cltaa.exr import read_image
+from cltaa.exr_read import read_image
 from cltaa.manifest import file_sha256, recorded_hashes
 from tests.sequence_factory import write_sequence
 

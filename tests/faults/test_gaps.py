@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.exr import read_image, write_frame
+from cltaa.exr_read import read_image
+from cltaa.exr_write import write_frame
 from cltaa.manifest import file_sha256
 from cltaa.resolve import Resolver
 from tests.faults.runs import arguments, unprivileged

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.exr import read_frame, write_frame
+from cltaa.exr_read import read_frame
+from cltaa.exr_write import write_frame
 from cltaa.frames import Effect, Frame, Image
 from cltaa.resolve import Resolver
 from tests.sequence_factory import bits, make_camera, make_frame

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.exr import read_image, write_frame
+from cltaa.exr_read import read_image
+from cltaa.exr_write import write_frame
 from cltaa.sources import open_sequence
 from tests.sequence_factory import bits, make_frame, write_sequence
 

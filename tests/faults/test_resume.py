@@ -12,7 +12,7 @@ import pytest
 
 from cltaa.checkpoint import SLOTS
 from cltaa.cli import main
-from cltaa.exr import write_frame
+from cltaa.exr_write import write_frame
 from cltaa.manifest import Manifest
 from cltaa.presets import load_preset
 from tests.faults.runs import (

@@ -12,9 +12,10 @@ import OpenEXR
 import pytest
 
 from cltaa.errors import DataError, UsageError
-from cltaa.exr import read_frame, read_header, read_image, write_frame, write_image
 from cltaa.exr_channels import Pixels
 from cltaa.exr_layout import COMPRESSION_NUMBERS, COMPRESSIONS, LOSSLESS, read_layout
+from cltaa.exr_read import read_frame, read_header, read_image
+from cltaa.exr_write import write_frame, write_image
 from cltaa.frames import Camera, Frame
 from cltaa.haloed import around
 from cltaa.layout import Layout

@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from cltaa.errors import DataError
-from cltaa.exr import read_frame, write_frame
+from cltaa.exr_read import read_frame
+from cltaa.exr_write import write_frame
 from cltaa.progress import track
 from cltaa.quiet import muted_output
 from tests.sequence_factory import make_frame

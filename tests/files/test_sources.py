@@ -11,7 +11,8 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
-from cltaa.exr import read_image, write_frame, write_image
+from cltaa.exr_read import read_image
+from cltaa.exr_write import write_frame, write_image
 from cltaa.frames import Effect
 from cltaa.inputs.opening import open_input
 from cltaa.manifest import Entry, Manifest, file_sha256

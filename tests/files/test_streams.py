@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from cltaa.errors import DataError, OutputError
-from cltaa.exr import read_image
+from cltaa.exr_read import read_image
 from cltaa.sources import open_sequence
 from cltaa.streams import ReadAhead, Writer, read_ahead
 from tests.sequence_factory import write_sequence

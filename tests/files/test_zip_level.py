@@ -11,14 +11,15 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from cltaa.exr import read_image, write_image
+from cltaa.exr_read import read_image
+from cltaa.exr_write import write_image
 from cltaa.zip_level import FASTEST, OPENEXRS_OWN, TIGHTEST, set_zip_level
 
 
 @pytest.fixture(autouse=True)
 def openexr_packs(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """As where there is no other packer; and the level of every other test afterwards."""
-    monkeypatch.setattr("cltaa.exr.fast_deflate", lambda: None)
+    monkeypatch.setattr("cltaa.exr_write.fast_deflate", lambda: None)
     yield
     set_zip_level(FASTEST)
 
@@ -39,9 +40,11 @@ def test_a_level_is_heeded_and_changes_no_pixel(tmp_path: Path) -> None:
 
 def test_openexr_packs_at_the_fastest_level(tmp_path: Path) -> None:
     fastest = size_at(FASTEST, tmp_path)
-    code = "import sys; from pathlib import Path; from cltaa import exr; a, b = map(Path, sys.argv[1:]); "
-    code += "exr.fast_deflate = lambda: None; "
-    code += "exr.write_image(b, exr.read_image(a)[0])"
+    code = (
+        "import sys; from pathlib import Path; from cltaa import exr_read, exr_write; a, b = map(Path, sys.argv[1:]); "
+    )
+    code += "exr_write.fast_deflate = lambda: None; "
+    code += "exr_write.write_image(b, exr_read.read_image(a)[0])"
     again = tmp_path / "again.exr"
     subprocess.run([sys.executable, "-c", code, tmp_path / f"{FASTEST}.exr", again], check=True)
     assert again.stat().st_size == fastest

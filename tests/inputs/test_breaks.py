@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.exr import read_image, write_image
+from cltaa.exr_read import read_image
+from cltaa.exr_write import write_image
 from cltaa.inputs.intake import open_intake
 from tests.inputs.foreign import frames, side_text, write_blender, write_colour
 

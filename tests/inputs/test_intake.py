@@ -12,8 +12,8 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
-from cltaa.exr import write_image
 from cltaa.exr_channels import Pixels
+from cltaa.exr_write import write_image
 from cltaa.frames import Camera, Frame
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import intake_lines, open_intake

@@ -12,9 +12,10 @@ import pytest
 from cltaa.cameras import displacement
 from cltaa.cli import main
 from cltaa.errors import DataError
-from cltaa.exr import read_frame, read_header, read_image, write_image
 from cltaa.exr_attributes import frame_attributes
 from cltaa.exr_channels import frame_planes
+from cltaa.exr_read import read_frame, read_header, read_image
+from cltaa.exr_write import write_image
 from cltaa.frame_numbers import OnBreak
 from cltaa.frames import Frame
 from cltaa.inputs.convert import ray_length

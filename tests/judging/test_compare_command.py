@@ -14,7 +14,7 @@ from PIL import Image as Pillow
 
 from cltaa.cli import main
 from cltaa.equal_quality import equal_quality_samples
-from cltaa.exr import write_frame, write_image
+from cltaa.exr_write import write_frame, write_image
 from cltaa.manifest import file_sha256
 from cltaa.metrics import light_mse, mean, measure
 from cltaa.sources import open_images, open_sequence

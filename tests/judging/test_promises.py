@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cltaa.exr import write_frame
+from cltaa.exr_write import write_frame
 from cltaa.frames import Effect, Frame
 from cltaa.inspection import Inspection, inspect_folder
 from tests.sequence_factory import make_camera, make_frame

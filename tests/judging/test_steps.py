@@ -12,7 +12,8 @@ import pytest
 from cltaa.bench.ladder import ladder
 from cltaa.bench.variant_errors import Task, run_task
 from cltaa.cli import main
-from cltaa.exr import read_colour, write_frame
+from cltaa.exr_read import read_colour
+from cltaa.exr_write import write_frame
 from cltaa.presets import load_preset
 from cltaa.sources import open_sequence
 from cltaa.timed_resolve import timed_frames, timed_numbers

@@ -11,7 +11,8 @@ import pytest
 
 from cltaa.build import Storage
 from cltaa.cli import main
-from cltaa.exr import read_image, write_frame
+from cltaa.exr_read import read_image
+from cltaa.exr_write import write_frame
 from cltaa.halves import saturated_pixels
 from cltaa.launch import DeviceLauncher
 from tests.numerics.still_frames import accumulator, grey, still_frame

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.cli import main
-from cltaa.exr import write_frame
+from cltaa.exr_write import write_frame
 from cltaa.frames import Camera, Effect
 from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver

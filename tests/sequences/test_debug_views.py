@@ -13,7 +13,7 @@ from PIL import Image as Pillow
 from cltaa.cli import main
 from cltaa.debug import COLOURS, DebugViews, Reason, view_picture
 from cltaa.errors import UsageError
-from cltaa.exr import read_image
+from cltaa.exr_read import read_image
 from cltaa.frames import Effect, Frame, Image
 from cltaa.presets import Preset, load_preset, override
 from cltaa.resolve import Resolver

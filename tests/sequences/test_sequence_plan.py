@@ -9,7 +9,7 @@ import pytest
 
 import cltaa
 from cltaa.cli import main
-from cltaa.exr import write_frame
+from cltaa.exr_write import write_frame
 from cltaa.frames import Effect
 from cltaa.sequence_plan import SequencePlan
 from tests.sequence_factory import make_camera, make_frame

@@ -1,13 +1,12 @@
-"""EXR files in and out: frames with everything a resolve needs, and plain images.
+"""EXR files in: frames with everything a resolve needs, and plain images.
 
-Writing is atomic (``cltaa.atomic``). Reading checks the file (``cltaa.exr_layout``) before OpenEXR sees it, its SHA-256
+Reading checks the file (``cltaa.exr_layout``) before OpenEXR sees it, its SHA-256
 (``cltaa.file_content``) where one is known, and the header (``cltaa.exr_attributes``) before a number is used, so that
 wrong input ends in one DataError or InputMissing.
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,43 +14,19 @@ from pathlib import Path
 from typing import Any, BinaryIO, cast
 
 import numpy as np
-import OpenEXR
 from numpy.typing import NDArray
 
 from cltaa import exr_core
 from cltaa.allocator import empty_image
-from cltaa.atomic import atomic_path
-from cltaa.cores import CORES, MANY_CORES
-from cltaa.errors import DataError, StorageError, UsageError
-from cltaa.exr_attributes import FrameHeader, frame_attributes
-from cltaa.exr_channels import COLOUR, GROUPS, Pixels, check_float_channels, frame_channels, frame_planes
-from cltaa.exr_header import LARGEST_SIDE
-from cltaa.exr_layout import (
-    COMPRESSION_NUMBERS,
-    Layout,
-    Windows,
-    check_lossless,
-    parse_layout,
-    read_layout,
-    read_outline,
-)
-from cltaa.exr_zip import ROWS_A_CHUNK, fast_deflate, write_zip
+from cltaa.errors import DataError
+from cltaa.exr_attributes import STRUCTURAL, FrameHeader
+from cltaa.exr_channels import COLOUR, GROUPS, Pixels, check_float_channels, frame_channels
+from cltaa.exr_layout import Layout, parse_layout, read_outline
 from cltaa.file_content import Copy, check_memory, file_size, open_regular, read_all
 from cltaa.frames import Frame, Image
 from cltaa.haloed import empty_haloed
+from cltaa.openexr import OpenEXR
 from cltaa.quiet import muted_output
-from cltaa.zip_level import FASTEST, set_zip_level
-
-# Attributes that describe the file and not the picture: OpenEXR writes them itself.
-_STRUCTURAL = frozenset({"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "tiles", "type"})
-# Attributes that the standard defines as float; every other Python float is written as a double, so none is rounded.
-_STANDARD_FLOATS = frozenset({"pixelAspectRatio", "screenWindowWidth", "whiteLuminance", "xDensity", "expTime"})
-
-# OpenEXR starts with no worker threads and no limit; a second core halves the time of ZIP. Of many cores half are left
-# to what runs beside it: with all of them each frame is decoded sooner, and the others wait for it.
-OpenEXR.set_global_thread_count(min(CORES, max(MANY_CORES, CORES // 2)))
-OpenEXR.setMaxImageSize(LARGEST_SIDE, LARGEST_SIDE)
-set_zip_level(FASTEST)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,14 +35,6 @@ class ImageHeader:
 
     layout: Layout
     attributes: dict[str, object]
-
-
-def write_frame(path: Path, frame: Frame, *, compression: str = "zip") -> None:
-    """Write one frame as a multi-channel EXR of float32 channels (``id`` uint32), atomically.
-
-    Raises DataError for a frame whose arrays, matrices or numbers are wrong, OutputError and StorageError for disks.
-    """
-    write_image(path, frame_planes(frame, path), frame_attributes(frame), compression=compression)
 
 
 def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
@@ -107,55 +74,11 @@ def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
     )
 
 
-def write_image(
-    path: Path,
-    channels: Mapping[str, Pixels],
-    attributes: Mapping[str, object] | None = None,
-    *,
-    compression: str = "zip",
-    windows: Windows | None = None,
-) -> None:
-    """Write channels ``[H, W]`` (float16, float32 or uint32, as given) and attributes as one EXR, atomically.
-
-    ``compression`` is one that loses nothing; ``windows`` are those of data and display, else both begin at (0, 0).
-    Python floats become doubles; arrays keep their precision.
-    Raises UsageError for arguments that mean nothing, OutputError and StorageError for disks.
-    """
-    check_lossless(compression, path)
-    shapes = {pixels.shape for pixels in channels.values()}
-    types = {pixels.dtype.name for pixels in channels.values()}
-    if len(shapes) != 1 or len(next(iter(shapes))) != 2 or not types <= {"float16", "float32", "uint32"}:
-        expected = "channels of one shape [H, W], float16, float32 or uint32"
-        raise UsageError("channels do not make an image", path=path, expected=expected, found=(shapes, types))
-    header = {name: _attribute(name, value) for name, value in (attributes or {}).items() if name not in _STRUCTURAL}
-    header["compression"] = OpenEXR.Compression(COMPRESSION_NUMBERS[compression])
-    header["type"] = OpenEXR.scanlineimage
-    for name, window in zip(("dataWindow", "displayWindow"), windows or (), strict=False):
-        corners = np.array(window, np.int32).reshape(2, 2)
-        header[name] = (corners[0], corners[1])
-    # OpenEXR writes wrong pixels, silently, from an array that is not contiguous.
-    contiguous = {name: np.ascontiguousarray(pixels) for name, pixels in channels.items()}
-    with atomic_path(path) as temporary:
-        try:
-            deflate = fast_deflate()
-            if deflate is not None and compression in ROWS_A_CHUNK:
-                write_zip(temporary, header, contiguous, compression, deflate)
-            else:
-                # As bytes: a str that came from a name in another encoding than UTF-8 cannot be handed over.
-                OpenEXR.File(header, contiguous).write(os.fsencode(temporary))
-                # A write that fails when OpenEXR closes the file goes unsaid; then the table of chunks is not whole.
-                read_layout(temporary)
-        except (RuntimeError, ValueError, TypeError, DataError) as error:
-            raise StorageError(
-                f"OpenEXR could not write it: {error}", path=path, cure="check the free space"
-            ) from error
-
-
 def read_image(path: Path, *, sha256: str | None = None) -> tuple[dict[str, Pixels], dict[str, object]]:
     """Read every channel ``[H, W]`` in its own type, and the attributes that describe the picture; errors as above."""
     with _loaded(path, sha256) as loaded:
         pixels, attributes = _decode(*loaded)
-    return pixels, {name: value for name, value in attributes.items() if name not in _STRUCTURAL}
+    return pixels, {name: value for name, value in attributes.items() if name not in STRUCTURAL}
 
 
 def read_header(path: Path, *, chunks: bool = True) -> ImageHeader:
@@ -235,12 +158,6 @@ def open_content(path: Path, content: BinaryIO | Copy, *, header_only: bool) -> 
         said = str(error).replace(name, "it")
         raise DataError(f"OpenEXR cannot read it: {said}", path=path, cure="write the file again") from error
     return file
-
-
-def _attribute(name: str, value: object) -> object:
-    if isinstance(value, float) and name not in _STANDARD_FLOATS:
-        return np.array([value], dtype=np.float64)  # a bare float would be rounded to float32
-    return value
 
 
 def _scalar(value: object) -> object:
