@@ -19,7 +19,7 @@ from cltaa.bench.programs import Program, dearest_first, programs_needed
 from cltaa.bench.variant_errors import Task
 from cltaa.build import Build
 from cltaa.comparison import truth_of
-from cltaa.errors import DataError, ResourceError
+from cltaa.errors import DataError, ResourceError, UsageError
 from cltaa.kernel_files import kernel_folder
 from cltaa.launch import DeviceLauncher
 
@@ -35,7 +35,15 @@ def tasks_of(
     rounding: int,
     step: int = 1,
 ) -> list[Task]:
-    """Every variant over every sequence, in a fixed order: what ``--list`` prints and ``--task`` counts."""
+    """Every variant over every sequence, in a fixed order: what ``--list`` prints and ``--task`` counts.
+
+    Raises UsageError for two sequences of one name.
+    """
+    named: dict[str, Path] = {}
+    for folder in folders:
+        if named.setdefault(folder.name, folder) != folder:
+            what, cure = "two sequences of one name, which plots and rows go by", "rename one of the folders"
+            raise UsageError(what, path=folder, found=named[folder.name], cure=cure)
     return [
         Task(sequence=str(folder), variant=variant, device=device, metrics=metrics, rounding_frames=rounding, step=step)
         for folder in folders
@@ -116,7 +124,7 @@ def _path(output: Path, tasks: Sequence[Task], folder: str, launcher: DeviceLaun
     """The file of a finished sequence, named by everything that it depends on."""
     keys = [task.key() for task in tasks if task.sequence == folder]
     digest = hashlib.sha256("\0".join([*keys, launcher.description, repr(timing)]).encode())
-    return output / TIMES / f"{digest.hexdigest()[:16]}.json"
+    return output / TIMES / f"{digest.hexdigest()[:16]}.msgpack"
 
 
 def _complete(tasks: Sequence[Task], output: Path) -> bool:
@@ -126,7 +134,7 @@ def _complete(tasks: Sequence[Task], output: Path) -> bool:
 def _save(measured: Measured, path: Path) -> None:
     make_folder(path.parent)
     with atomic_path(path) as temporary:
-        temporary.write_bytes(msgspec.json.encode(measured))
+        temporary.write_bytes(msgspec.msgpack.encode(measured))
 
 
 def _load(path: Path) -> list[Measured]:
@@ -134,6 +142,6 @@ def _load(path: Path) -> list[Measured]:
     if not path.is_file():
         return []
     try:
-        return [msgspec.json.decode(path.read_bytes(), type=Measured)]
+        return [msgspec.msgpack.decode(path.read_bytes(), type=Measured)]
     except msgspec.DecodeError as error:
         raise DataError(f"not a measured sequence: {error}", path=path, cure="delete it and run again") from None

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -49,11 +51,20 @@ def read_report(folder: Path) -> Accuracy:
     """The numbers of a report; raises InputMissing without them and DataError where they are none."""
     path = folder / NAME
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Accuracy)
+        return msgspec.convert(_restored(msgspec.json.decode(path.read_bytes())), Accuracy)
     except FileNotFoundError:
         raise InputMissing("not a report", path=path, cure="make one: cltaa bench accuracy SEQUENCE -o DIR") from None
     except msgspec.DecodeError as error:
         raise DataError(f"not the numbers of a report: {error}", path=path) from None
+
+
+def _restored(value: Any, *, error: bool = False) -> Any:
+    """``value`` with infinity where an error is null: JSON has no other form for the PSNR of identical images."""
+    if isinstance(value, dict):
+        return {key: _restored(item, error=error or key == "errors") for key, item in value.items()}
+    if isinstance(value, list):
+        return [_restored(item, error=error) for item in value]
+    return math.inf if error and value is None else value
 
 
 def merged(reports: Sequence[tuple[Path, Accuracy]]) -> Accuracy:

@@ -10,11 +10,12 @@ import numpy as np
 from cltaa.bench.environment import Environment
 from cltaa.bench.ladder import Variant
 from cltaa.bench.variant_errors import Rounding
+from cltaa.metrics import mean
 from cltaa.timing import Clock, Interval
 
 
 class Spread(msgspec.Struct, frozen=True, kw_only=True):
-    """An error over the frames of a sequence."""
+    """An error over the frames of a sequence; the PSNR of an identical frame is infinite, in JSON null."""
 
     mean: float
     p5: float
@@ -93,7 +94,9 @@ def exponential_noise(one_sample: float, weight: float) -> float:
     return one_sample * weight / (2.0 - weight)
 
 
-def spread(values: Sequence[float]) -> Spread:
-    """Mean, 5th and 95th percentile and largest of an error over the frames."""
-    p5, p95 = np.percentile(values, [5, 95])
-    return Spread(mean=float(np.mean(values)), p5=float(p5), p95=float(p95), largest=max(values), frames=list(values))
+def spread(metric: str, values: Sequence[float]) -> Spread:
+    """Mean (as ``cltaa compare`` takes it), 5th and 95th percentile and largest of an error over the frames."""
+    # Of the values themselves: between two PSNR one of which is infinite there is none.
+    p5, p95 = np.percentile(values, [5, 95], method="nearest")
+    middle = mean({metric: value} for value in values)[metric]
+    return Spread(mean=middle, p5=float(p5), p95=float(p95), largest=max(values), frames=list(values))

@@ -95,7 +95,7 @@ def _cell(task: Task, output: Path, samples: Samples, default: str, clock: Clock
     }
     return Cell(
         variant=name,
-        errors={metric: spread(values) for metric, values in found.frames.items()},
+        errors={metric: spread(metric, values) for metric, values in found.frames.items()},
         rounding=found.rounding,
         wall=samples.interval(name).times(1e3 / megapixels),
         **times,
@@ -136,7 +136,7 @@ def _yardstick(captured: Captured, metrics: tuple[str, ...], megapixels: float) 
     for samples, frames in yardstick_errors(captured, metrics):
         spent = seconds.get(str(samples))
         added = None if spent is None or one is None else max(spent - one, 0.0) * 1e3 / megapixels
-        errors = {metric: spread(values) for metric, values in frames.items()}
+        errors = {metric: spread(metric, values) for metric, values in frames.items()}
         rows.append(Yardstick(samples=samples, seconds=spent, added=added, errors=errors))
     return rows
 

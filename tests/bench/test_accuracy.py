@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from cltaa.bench.accuracy_report import read_report
 from cltaa.cli import main
+from cltaa.exr import write_frame
 from cltaa.launch import DeviceLauncher
+from cltaa.metrics import mean_psnr
 from tests.bench.accuracy_tasks import FRAMES
-from tests.sequence_factory import write_sequence
+from tests.sequence_factory import make_frame, write_images, write_sequence
 
 
 def test_command(sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -41,6 +47,36 @@ def test_command(sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert main(arguments) == 0
     assert "default" in capsys.readouterr().out
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "tasks").iterdir()} == finished
+
+
+def test_frames_without_error_are_measured_and_read_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A PSNR is infinite where a frame is the truth, as in one that is black; the mean is that of ``compare``."""
+    folder = write_sequence(tmp_path / "black", 3, reference=True)
+    for number in range(2):
+        black = make_frame(number)
+        write_frame(folder / f"synthetic.{number:04d}.exr", replace(black, colour=np.zeros_like(black.colour)))
+        write_images(folder / "reference", [np.zeros_like(black.colour)], name="synthetic", first=number)
+    arguments = ["bench", "accuracy", str(folder), "-o", str(tmp_path / "report"), "--variant", "storage: half"]
+    arguments += ["--metrics", "psnr,mse", "--rounding-frames", "0", "--rounds", "3", "--patience", "0", "--pixels", "1"]
+    assert main([*arguments, "--preset", "t1"]) == 0
+    assert main(["bench", "overview", str(tmp_path / "report"), "-o", str(tmp_path / "again")]) == 0
+    capsys.readouterr()
+    (measured,) = read_report(tmp_path / "again").sequences
+    found = measured.cells[0].errors["psnr"]
+    assert found.frames[:2] == [math.inf] * 2
+    assert found.mean == pytest.approx(mean_psnr(found.frames), rel=1e-12)
+    assert found.p5 == found.frames[2] < found.mean < found.p95 == math.inf
+
+
+def test_two_sequences_of_one_name_are_refused(
+    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Plots, frames of the page and rows go by the name of the folder."""
+    other = write_sequence(tmp_path / sequence.name, 3, reference=True)
+    options = ["-o", str(tmp_path / "out"), "--only", "reject"]
+    assert main(["bench", "accuracy", str(sequence), str(other), *options]) == 64
+    assert f"{other}: two sequences of one name" in capsys.readouterr().err
+    assert not (tmp_path / "out" / "tasks").exists()
 
 
 def test_a_render_farm_gets_one_line_a_task(

@@ -94,7 +94,7 @@ def test_a_measurement_is_remembered(tmp_path: Path, capsys: pytest.CaptureFixtu
 def measured(sequences: int, size: int, variants: int, date: str) -> Accuracy:
     """A measurement of so many sequences of square frames, of the first variants of the ladder."""
     interval = Interval(median=1.0, low=1.0, high=1.0)
-    errors = {"mse": spread([0.1])}
+    errors = {"mse": spread("mse", [0.1])}
     names = ladder(load_preset())[:variants]
     cells = [
         Cell(variant=variant.name, errors=errors, rounding=None, wall=interval, device=None, least=1.0, ratio=interval,

@@ -29,7 +29,7 @@ def at(value: float) -> Interval:
 def cell(place: int, error: float, time: float) -> Cell:
     rounding = Rounding(rms=1e-8 * (place + 1), largest=1e-6, frames=[1e-8])
     return Cell(
-        variant=VARIANTS[place].name, errors={"mse": spread([error, error])}, rounding=rounding, wall=at(time),
+        variant=VARIANTS[place].name, errors={"mse": spread("mse", [error, error])}, rounding=rounding, wall=at(time),
         device=None, least=time, ratio=at(time), dominated_by={},
     )  # fmt: skip
 
