@@ -46,6 +46,10 @@ class Browser:
         metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self._send("goog/cdp/execute", {"cmd": "Emulation.setDeviceMetricsOverride", "params": metrics})
 
+    def medium(self, name: str) -> None:
+        """Lay the page out as for ``print``; an empty name is the screen again."""
+        self._send("goog/cdp/execute", {"cmd": "Emulation.setEmulatedMedia", "params": {"media": name}})
+
     def run(self, script: str, *arguments: object) -> Any:
         return self._send("execute/sync", {"script": script, "args": list(arguments)})
 

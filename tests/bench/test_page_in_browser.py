@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from pathlib import Path
 
 import msgspec
@@ -203,6 +204,29 @@ def test_several_sequences_stand_in_one_table(window: Browser) -> None:
     window.size(1280, 900)
     window.run("report.sequences.pop(); document.getElementById('sequence').lastChild.remove(); state.sequence = 0")
     window.run("document.getElementById('sequence').value = 0; drawAll()")
+
+
+def test_more_decibels_are_better_and_may_have_no_end(window: Browser) -> None:
+    """PSNR, infinite in the last frame (JSON: null): up is better, more is green, and nothing is drawn at infinity."""
+    window.run(
+        "const s = current(); report.metrics.push('psnr'); report.kept = [...s.frames]; s.frames = s.frames.map(n => 4 * n);"
+        "[...s.cells, ...s.yardstick].forEach((row, i) => { row.errors.psnr ="
+        "{mean: 20 + 2 * i, p5: 19 + i, p95: null, largest: null, frames: [19 + i, 20 + i, 21 + i, null]} });"
+        "restored(report); state.metric = 'psnr'; drawAll()"
+    )
+    assert window.run("return document.getElementById('better').textContent") == "up"
+    assert window.run("return document.querySelector('.step[data-variant] i').className") == "better"
+    for place in ("front", "frames"):
+        drawn = window.run(f"return document.querySelector('#{place} svg').innerHTML")
+        assert "to ∞" in drawn or place == "frames"
+        assert not {"Infinity", "NaN", "null"} & set(re.findall(r"Infinity|NaN|null", drawn))
+    axis = "[...document.querySelectorAll('#frames text[text-anchor=middle]')].map(t => +t.textContent)"
+    assert max(window.run(f"return {axis}")) > 3  # frames 0 to 12, 4 apart
+    window.run(
+        "current().frames = report.kept; report.metrics.pop(); state.metric = 'mse'; drawAll();"
+        "[...current().cells, ...current().yardstick].forEach(row => { delete row.errors.psnr })"
+    )
+    assert window.run("return document.getElementById('better').textContent") == "down"
 
 
 def test_a_sequence_without_frames_says_so(window: Browser) -> None:

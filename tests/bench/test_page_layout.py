@@ -81,5 +81,37 @@ def test_light_and_dark(window: Browser) -> None:
     assert window.run(script) == first
 
 
+def test_on_paper_it_is_light_and_no_table_is_cut_off(window: Browser) -> None:
+    colour = "return getComputedStyle(document.body).color"
+    window.run("document.documentElement.dataset.theme = 'light'")
+    light = window.run(colour)
+    window.run("document.documentElement.dataset.theme = 'dark'")
+    assert window.run(colour) != light
+    window.size(700, 900)  # A4 at 96 pixels an inch, less the margins
+    # As many columns as all metrics need.
+    window.run("report.metrics.push(...Array(5).fill('flip')); drawNumbers()")
+    wide = "return document.getElementById('numbers').getBoundingClientRect().right"
+    assert window.run(wide) > 700
+    window.medium("print")
+    assert window.run(colour) == light
+    assert window.run(wide) <= 700
+    assert window.run("return getComputedStyle(document.getElementById('theme')).display") == "none"
+    window.medium("")
+    window.run("report.metrics.splice(-5); drawNumbers(); delete document.documentElement.dataset.theme")
+    window.size(1280, 900)
+
+
+@pytest.mark.parametrize("width", [1280, 700, 400])
+def test_no_number_stands_on_a_bar(window: Browser, width: int) -> None:
+    window.size(width, 900)
+    boxes = window.run(
+        "return [...document.querySelectorAll('.bar-box')].map(b => [...b.children].map(e => e.getBoundingClientRect()))"
+        ".map(([bar, number]) => [bar.right, number.left])"
+    )
+    assert boxes
+    assert all(bar <= number for bar, number in boxes)
+    window.size(1280, 900)
+
+
 def test_no_errors_after_all_that(window: Browser) -> None:
     assert window.log() == []

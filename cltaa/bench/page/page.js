@@ -1,12 +1,20 @@
 "use strict";
 const data = JSON.parse(document.getElementById("data").textContent);
-const report = data.accuracy, pictures = data.pictures;
+// JSON has null for what is infinite: the PSNR of a frame that is the truth.
+function restored(accuracy) {
+  for (const s of accuracy.sequences) for (const row of [...s.cells, ...s.yardstick]) for (const e of Object.values(row.errors)) {
+    for (const key of ["mean", "p5", "p95", "largest"]) e[key] ??= Infinity;
+    e.frames = e.frames.map((v) => v ?? Infinity);
+  }
+  return accuracy;
+}
+const report = restored(data.accuracy), pictures = data.pictures;
 const $ = (id) => document.getElementById(id);
 const state = { sequence: 0, metric: report.metrics[0], a: null, b: null, x: 0, y: 0 };
 const groups = Object.fromEntries(report.variants.map((v) => [v.name, v.group]));
 const current = () => report.sequences[state.sequence];
 // Three digits, as plain decimals where those of one table can be compared at a glance.
-const number = (v) => (v === 0 ? "0" : Math.abs(v) >= 1e6 || Math.abs(v) < 1e-5 ? v.toExponential(2).replace("+", "") : Math.abs(v) >= 100 ? String(Math.round(v)) : Number.isInteger(v) ? String(v) : v.toPrecision(3));
+const number = (v) => (v === 0 ? "0" : v === Infinity ? "∞" : Math.abs(v) >= 1e6 || Math.abs(v) < 1e-5 ? v.toExponential(2).replace("+", "") : Math.abs(v) >= 100 ? String(Math.round(v)) : Number.isInteger(v) ? String(v) : v.toPrecision(3));
 const tick = (v) => (v >= 1e6 || (v < 1e-4 && v > 0) ? v.toExponential(0).replace("+", "") : String(Number(v.toPrecision(3))));
 const timeOf = (cell) => cell[current().clock] || cell.device || cell.wall;
 const higher = new Set(data.higher_is_better);
@@ -31,9 +39,9 @@ function among(host, items, across = 1) {
   };
 }
 
-// A picture's error in the chosen axis: {mean, p5, p95, frames}, or null where that axis was not measured.
+// A picture's error in the chosen axis: {mean, p5, p95, frames}, or null where that axis was not measured or has no end.
 function errorOf(cell) {
-  if (state.metric !== "rounding") return cell.errors[state.metric];
+  if (state.metric !== "rounding") return Number.isFinite(cell.errors[state.metric].mean) ? cell.errors[state.metric] : null;
   const r = cell.rounding;
   return r && r.rms > 0 ? { mean: r.rms, p5: Math.min(...r.frames), p95: Math.max(...r.frames), frames: r.frames } : null;
 }
@@ -90,13 +98,14 @@ function limits(measured) {
 function drawFront() {
   const measured = current(), host = $("front"), width = Math.max(host.clientWidth, 280), height = width < 560 ? 360 : 460;
   const box = { left: 58, right: width - 12, top: 24, bottom: height - 38 };
+  $("better").textContent = higher.has(state.metric) ? "up" : "down";
   const logarithmic = state.metric === "rounding" || !higher.has(state.metric);
   const cells = measured.cells.filter((c) => { const e = errorOf(c); return e && (!logarithmic || e.mean > 0); });
-  const drawn = state.metric === "rounding" ? [] : measured.yardstick.filter((s) => s.added > 0 && (!logarithmic || s.errors[state.metric].mean > 0));
+  const drawn = state.metric === "rounding" ? [] : measured.yardstick.filter((s) => s.added > 0 && Number.isFinite(s.errors[state.metric].mean) && (!logarithmic || s.errors[state.metric].mean > 0));
   $("yard").parentElement.hidden = !drawn.length;
   const yards = $("yard").checked ? drawn : [];
   const own = state.metric === "mse" && measured.mean_noise ? [measured.mean_noise] : [];
-  const errors = cells.flatMap((c) => [errorOf(c).mean, errorOf(c).p5, errorOf(c).p95]).concat(yards.map((s) => s.errors[state.metric].mean), own);
+  const errors = cells.flatMap((c) => [errorOf(c).mean, errorOf(c).p5, errorOf(c).p95]).filter(Number.isFinite).concat(yards.map((s) => s.errors[state.metric].mean), own);
   const times = cells.flatMap((c) => [timeOf(c).low, timeOf(c).high]).concat(yards.map((s) => s.added), [measured.floor]);
   const svg = element("svg", { viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": "Error against time" });
   host.replaceChildren(svg);
@@ -235,10 +244,9 @@ function fillChoices() {
 }
 
 // --- steps, frames, stages, numbers ------------------------------------------------------------------------------------
-function barOf(ratio, span, uncertain) {
-  // The number stands to the right of the longest bar.
-  const share = Math.min(1, Math.abs(Math.log2(ratio)) / span) * ($("steps").clientWidth < 560 ? 18 : 38), more = ratio > 1;
-  const bar = element("i", { class: uncertain ? "" : more ? "more" : "less" });
+function barOf(ratio, span, uncertain, better = ratio < 1) {
+  const share = Math.min(1, Math.abs(Math.log2(ratio)) / span) * 50, more = ratio > 1;
+  const bar = element("i", { class: uncertain ? "" : better ? "better" : "worse" });
   bar.style.left = more ? "50%" : `${50 - share}%`; bar.style.width = `${share}%`;
   const sign = ratio >= 100 ? number(ratio) : ratio.toFixed(ratio < 2 ? 3 : 2);
   return element("span", { class: "bar-box" }, bar, element("b", {}, `×${sign}`));
@@ -249,15 +257,17 @@ function drawSteps() {
   host.parentElement.hidden = !cells.length;
   const ratios = cells.map((c) => [errorOf(c).mean / errorOf(base).mean, c.ratio.median]);
   const span = [0, 1].map((i) => Math.max(0.1, ...ratios.map((r) => Math.abs(Math.log2(r[i]))).filter(Number.isFinite)));
-  rows.push(element("div", { class: "step head" }, element("span", {}, ""), element("span", {}, "error"), element("span", {}, measured.noisy ? "time (too noisy to rank)" : "time")));
+  rows.push(element("div", { class: "step head" }, element("span", {}, ""), element("span", {}, state.metric), element("span", {}, measured.noisy ? "time (too noisy to rank)" : "time")));
   cells.forEach((cell, i) => {
-    const row = element("button", { class: "step", type: "button", "data-variant": cell.variant }, element("span", {}, cell.variant), barOf(ratios[i][0], span[0], false), barOf(ratios[i][1], span[1], measured.noisy));
+    const row = element("button", { class: "step", type: "button", "data-variant": cell.variant }, element("span", {}, cell.variant), barOf(ratios[i][0], span[0], false, ratios[i][0] < 1 !== higher.has(state.metric)), barOf(ratios[i][1], span[1], measured.noisy));
     row.addEventListener("click", () => pick("a", cell.variant));
     rows.push(row);
   });
   host.replaceChildren(...rows);
   among(host, rows.slice(1));
 }
+// A line through points, broken where one of them has no place.
+const pathOf = (points) => points.map(([x, y], i) => (Number.isFinite(y) ? `${i && Number.isFinite(points[i - 1][1]) ? "L" : "M"}${x} ${y}` : "")).join("");
 function drawFrames() {
   const measured = current(), host = $("frames"), width = Math.max(host.clientWidth, 280), height = 240;
   const box = { left: 58, right: width - 12, top: 24, bottom: height - 38 };
@@ -270,13 +280,13 @@ function drawFrames() {
   const svg = element("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "Error over the frames" });
   host.replaceChildren(svg);
   if (!lines.length) return;
-  const all = lines.flatMap((l) => l.values), positive = all.every((v) => v > 0) && !higher.has(state.metric);
-  const first = measured.frames[0], end = first + Math.max(...lines.map((l) => l.values.length)) - 1;
+  const all = lines.flatMap((l) => l.values).filter(Number.isFinite), positive = all.every((v) => v > 0) && !higher.has(state.metric);
+  const at = measured.frames, end = at[Math.max(...lines.map((l) => l.values.length)) - 1], first = at[0];
   const x = linearScale(first, end, box.left, box.right);
   const y = positive ? logScale(all, box.bottom, box.top) : linearScale(Math.min(...all), Math.max(...all), box.bottom, box.top);
   x.ticks = wholeTicks(first, end);
   axes(svg, x, y, box, ["frame", state.metric]);
-  for (const l of lines) svg.append(element("path", { d: "M" + l.values.map((v, i) => `${x(measured.frames[0] + i)} ${y(v)}`).join("L"), fill: "none", stroke: l.colour, "stroke-width": 2 }));
+  for (const l of lines) svg.append(element("path", { d: pathOf(l.values.map((v, i) => [x(at[i]), y(v)])), fill: "none", stroke: l.colour, "stroke-width": 2 }));
   $("frames-legend").replaceChildren(...lines.flatMap((l) => { const s = element("span", { class: "swatch" }); s.style.background = l.colour; return [s, l.name]; }));
 }
 function drawStages() {
