@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.equal_quality import equal_quality_samples, samples_on_curve
+from cltaa.equal_quality import equal_quality_samples, falls, samples_on_curve
 from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.exr_layout import Part, Window
 from cltaa.frame_numbers import OnBreak, ranges
@@ -59,6 +59,10 @@ class Comparison:
             mine, truth = self._parts
             yield number, self.test.image(number)[mine], self.reference.image(other)[truth]
 
+    def truth_path(self, number: int) -> Path:
+        """The file that a frame of the test is judged against."""
+        return self.reference.path(self.reference.first if self._two_images else number)
+
     def check(self) -> None:
         """Raise DataError for sizes that differ and InputMissing for a frame without truth or single samples."""
         if self.capture is not None or self.region is None:
@@ -66,9 +70,11 @@ class Comparison:
         for number in () if self._two_images else self.test.numbers:
             for what, other in (("single samples", self.capture), ("reference", self.reference)):
                 if other is not None and number not in other.numbers:
+                    shared = set(self.test.numbers) & set(other.numbers)
                     raise InputMissing(
                         f"no {what} for this frame", path=other.folder, frame=number, found=ranges(other.numbers),
-                        cure="choose frames that both have with --frames",
+                        cure="choose frames that both have with --frames" if shared
+                        else "the two have no frame number in common: number them alike",
                     )  # fmt: skip
 
 
@@ -92,13 +98,12 @@ def pair_up(
     """
     capture = _capture(test if reference is None else reference, verify, step, reading | {"side_file": side_file})
     images = open_pictures(test, verify=verify, frames=frames, **reading)
-    if capture is not None and capture.reference is not None:
-        truth = capture.reference
-    elif reference is None:
-        cure = "name the reference: cltaa compare TEST REFERENCE"
-        raise UsageError("nothing to compare with: no folder reference/ in it", path=test, cure=cure)
-    else:
-        truth = open_pictures(reference, verify=verify, **reading)
+    truth = None if capture is None else capture.known_reference()
+    if truth is None:
+        if reference is None:
+            cure = "name the reference: cltaa compare TEST REFERENCE"
+            raise UsageError("nothing to compare with: no folder reference/ in it", path=test, cure=cure)
+        truth = open_pictures(reference, verify=verify, gaps=OnBreak.RESET, **reading)
     comparison = Comparison(images, truth, capture)
     comparison.check()
     return comparison
@@ -137,37 +142,44 @@ def yardsticks(folder: Path) -> dict[int, Path]:
 
 
 def supersampling_curve(
-    capture: Sequence, numbers: tuple[int, ...], one_sample_mse: float, stops: float = 0.0
+    comparison: Comparison, capture: Sequence, one_sample_mse: float, stops: float = 0.0
 ) -> list[tuple[int, float]]:
     """Measured mean squared error against samples a pixel, from the folders ``reference-<n>/`` of a capture.
 
-    Empty where there is none; else it begins with the single samples. Raises InputMissing and DataError where such a
-    folder does not fit the capture.
+    It begins with the single samples; without an error is what was drawn as the truth itself was, which is left out.
+    Raises InputMissing and DataError where such a folder does not fit the capture.
     """
-    truth = capture.reference
-    if truth is None:
-        return []
     curve = [(1, one_sample_mse)]
     for count, folder in sorted(yardsticks(capture.folder).items()):
         images = open_pictures(folder, verify=capture.verify)
         check_same_size(capture, images)
-        errors = [light_mse(images.image(number), truth.image(number), stops) for number in numbers]
-        curve.append((count, sum(errors) / len(errors)))
-    return curve if len(curve) > 1 else []
+        numbers = comparison.test.numbers
+        errors = [light_mse(images.image(number), comparison.reference.image(number), stops) for number in numbers]
+        if any(errors):
+            curve.append((count, sum(errors) / len(errors)))
+    return curve
 
 
-def equal_quality(
-    comparison: Comparison, test_mse: float, one_sample_mse: float, stops: float = 0.0
-) -> tuple[float, str]:
-    """Equal-quality samples of a test and how they were found: "measured", or by the "n^-1.5 law".
+class EqualQuality(NamedTuple):
+    """Equal-quality samples of a test, how they were found, and whether there may be more of them, or fewer."""
+
+    samples: float
+    method: str  # "measured", or "n^-1.5 law"
+    bound: str | None  # "at least" and "at most" where the curve, or the truth, ends
+
+
+def equal_quality(comparison: Comparison, test_mse: float, one_sample_mse: float, stops: float = 0.0) -> EqualQuality:
+    """Equal-quality samples of a test, read off its capture's yardsticks where their errors fall, else by the law.
 
     The errors are means of ``light_mse`` over the frames of the test. Raises UsageError where no capture is known.
     """
     capture = comparison.capture
     if capture is None:
         raise UsageError("equal-quality samples need the capture", cure="give the captured sequence as the reference")
-    curve = supersampling_curve(capture, comparison.test.numbers, one_sample_mse, stops)
-    if curve:
-        return samples_on_curve(test_mse, curve), "measured"
+    curve = supersampling_curve(comparison, capture, one_sample_mse, stops)
+    if falls(curve):
+        bound = "at most" if test_mse > one_sample_mse else "at least" if test_mse < curve[-1][1] else None
+        return EqualQuality(samples_on_curve(test_mse, curve), "measured", bound)
     count = truth_samples(comparison.reference)
-    return equal_quality_samples(test_mse, one_sample_mse, truth_samples=count), "n^-1.5 law"
+    samples = equal_quality_samples(test_mse, one_sample_mse, truth_samples=count)
+    return EqualQuality(samples, "n^-1.5 law", "at least" if samples == count else None)

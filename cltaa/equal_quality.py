@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -40,15 +41,21 @@ def equal_quality_samples(mse: float, one_sample_mse: float, *, truth_samples: i
     return float(min(limit, (one_sample_mse / error) ** (1 / STRATIFIED_EXPONENT)))
 
 
+def falls(curve: Sequence[tuple[int, float]]) -> bool:
+    """Whether two or more errors are positive and fall with the samples, so that one can be read off them."""
+    errors = [error for _, error in sorted(curve)]
+    return len(errors) > 1 and min(errors) > 0 and all(later < earlier for earlier, later in pairwise(errors))
+
+
 def samples_on_curve(mse: float, curve: Sequence[tuple[int, float]]) -> float:
     """Samples a pixel that give ``mse``, read off measured points (samples, error), straight between them in log-log.
 
     All errors are against one truth, so that its own share cancels. Beyond its ends the curve says nothing: the
-    result is then the nearest end. Raises DataError unless the errors are positive and fall with the samples.
+    result is then the nearest end. Raises DataError unless the errors fall as ``falls`` asks.
     """
     ordered = sorted(curve)
     errors = np.array([error for _, error in ordered])
-    if len(ordered) < 2 or not (errors > 0).all() or not (np.diff(errors) < 0).all():
+    if not falls(curve):
         raise DataError("no curve of error against samples", expected="two or more falling errors", found=ordered)
     if mse <= 0:
         return float(ordered[-1][0])

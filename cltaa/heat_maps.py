@@ -13,7 +13,7 @@ from cltaa.sources import ImageSequence
 
 
 def measure_map(
-    test: Image, reference: Image, metrics: Iterable[Metric], stops: float, *, path: Path, frame: int
+    test: Image, reference: Image, metrics: Iterable[Metric], stops: float, *, path: Path, truth_path: Path, frame: int
 ) -> tuple[dict[str, float], Image]:
     """Metrics of one frame by name, and its error map [H, W] in [0, 1]: FLIP's where that is among them.
 
@@ -23,7 +23,7 @@ def measure_map(
 
     metrics = tuple(metrics)
     others = [metric for metric in metrics if metric.name != "flip"]
-    values = measure(test, reference, others, stops, path=path, frame=frame)
+    values = measure(test, reference, others, stops, path=path, truth_path=truth_path, frame=frame)
     if len(others) == len(metrics):
         return values, error_map(test, reference, stops)
     errors = flip_map(test, reference, stops)

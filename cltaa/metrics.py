@@ -18,6 +18,7 @@ from cltaa.display import luma, shown_light, to_display
 from cltaa.errors import DataError, UsageError, known
 from cltaa.extras import import_extra
 from cltaa.frames import Image
+from cltaa.printable import counted
 
 SSIM_SIGMA = 1.5  # pixels; Wang et al. 2004, with the 11 x 11 Gaussian window that goes with it
 SSIM_SMALLEST_SIDE = 11
@@ -189,20 +190,21 @@ def measure(
     stops: float = 0.0,
     *,
     path: Path | None = None,
+    truth_path: Path | None = None,
     frame: int | None = None,
 ) -> dict[str, float]:
     """Value of every metric (``DEFAULT_METRICS`` unless given) for one pair of images.
 
-    Raises DataError, with ``path`` and ``frame`` in its text, for sizes that differ and for NaN or infinity.
+    Raises DataError for sizes that differ and for NaN or infinity, with ``frame`` and the file's path in its text.
     """
     if test.shape != reference.shape:
         expected, found = list(reference.shape), list(test.shape)
         raise DataError("images differ in size", path=path, frame=frame, expected=expected, found=found)
-    for name, image in (("image", test), ("reference", reference)):
+    for name, image, file in (("image", test, path), ("reference", reference, truth_path)):
         bad = image.size - int(np.isfinite(image).sum())
         if bad:
-            what = f"{bad} values of the {name} are NaN or infinite"
-            raise DataError(what, path=path, frame=frame, cure="there is no error to state; look for their cause")
+            what = f"NaN or infinity in {counted(bad, 'value')} of the {name}"
+            raise DataError(what, path=file, frame=frame, cure="there is no error to state; look for their cause")
     if metrics is None:
         metrics = (METRICS[name] for name in DEFAULT_METRICS)
     return {metric.name: metric.function(test, reference, stops) for metric in metrics}

@@ -15,6 +15,8 @@ from cltaa.numbered import NumberedFiles
 from cltaa.printable import printable
 
 VIEW = "cltaa:worldToView"
+PRIMARIES = "chromaticities"  # of red, green, blue and white, x and y each
+SAME_PRIMARIES = 1e-3  # they are commonly stated in three digits
 SAME_VIEW = 1e-6  # of the largest number of the two matrices; a still camera's are equal to the bit
 
 
@@ -35,6 +37,9 @@ def doubts(comparison: Comparison) -> list[str]:
     views = [attributes.get(VIEW) for attributes in (ours, theirs)]
     if test.first == number and _differ(*views):
         return [f"A and B are seen by different cameras in frame {number}"]
+    truth = read_any_header(comparison.reference.path(comparison.reference.first)).attributes
+    if _other_primaries(ours.get(PRIMARIES), truth.get(PRIMARIES)):
+        return ["A and B state different primaries (attribute chromaticities), and neither is converted"]
     if comparison.capture is not None and _of_other_frames(test, comparison.capture):
         return [
             "A was resolved from other frames than those of B: from another seed or jitter, or before a new capture"
@@ -47,6 +52,13 @@ def _differ(one: object, other: object) -> bool:
     if not (isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and one.shape == other.shape):
         return False
     return bool(np.abs(one - other).max() > SAME_VIEW * max(np.abs(one).max(), np.abs(other).max()))
+
+
+def _other_primaries(one: object, other: object) -> bool:
+    """True where both are stated, and not the same."""
+    if not (isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other)):
+        return False
+    return bool(np.abs(np.subtract(one, other)).max() > SAME_PRIMARIES)
 
 
 def _of_other_frames(test: NumberedFiles, capture: NumberedFiles) -> bool:

@@ -107,19 +107,26 @@ class Sequence(NumberedFiles):
     @cached_property
     def reference(self) -> ImageSequence | None:
         """The truth of every frame, or None; raises InputMissing or DataError where it is there but does not fit."""
+        reference = self.known_reference()
+        if reference is None:
+            return None
+        for number in self.numbers:
+            if number not in reference.layouts:
+                missing, cure = reference.folder / self.path(number).name, "capture it again, or render it"
+                raise InputMissing("the reference of this frame is missing", path=missing, frame=number, cure=cure)
+        return reference.select(self.first, self.last)
+
+    def known_reference(self) -> ImageSequence | None:
+        """The truth of those frames that have one, or None; raises DataError where it is of another size."""
         folder = self.folder / "reference"
         if not folder.exists():
             return None
         reference = self._open_reference(folder)
-        for number in self.numbers:
-            if number not in reference.layouts:
-                missing = folder / self.path(number).name
-                raise InputMissing("the reference of this frame is missing", path=missing, frame=number)
         check_same_size(self, reference)
-        return reference.select(self.first, self.last)
+        return reference
 
     def _open_reference(self, folder: Path) -> ImageSequence:
-        return open_images(folder, verify=self.verify)
+        return open_images(folder, verify=self.verify, gaps=OnBreak.RESET)
 
     @cached_property
     def sequence_json(self) -> dict[str, Any]:

@@ -143,11 +143,13 @@ def _measure_all(
     capture = comparison.capture
     with read_ahead(comparison.pairs()) as pairs:
         for number, test, reference in track(pairs, len(comparison.test), "comparing"):
-            path = comparison.test.path(number)
+            path, truth_path = comparison.test.path(number), comparison.truth_path(number)
             if heatmap is None:
-                values = measure(test, reference, metrics, stops, path=path, frame=number)
+                values = measure(test, reference, metrics, stops, path=path, truth_path=truth_path, frame=number)
             else:
-                values, errors = measure_map(test, reference, metrics, stops, path=path, frame=number)
+                values, errors = measure_map(
+                    test, reference, metrics, stops, path=path, truth_path=truth_path, frame=number
+                )
                 write_map(heatmap, path, errors)
             rows.append({"frame": number, "metrics": values})
             if capture is not None and (video is not None or not comparison.of_itself):
@@ -175,8 +177,8 @@ def _summary(
         result["mean_one_sample"] = mean(row["one_sample"] for row in rows)
         one_sample_mse = result["mean_one_sample"]["mse"]
         if one_sample_mse > 0:  # a picture that one sample gets right has no such number
-            samples, method = equal_quality(comparison, result["mean"]["mse"], one_sample_mse, stops)
-            result["equal_quality_samples"] = {"samples": samples, "method": method}
+            found = equal_quality(comparison, result["mean"]["mse"], one_sample_mse, stops)
+            result["equal_quality_samples"] = found._asdict()
     return result
 
 
@@ -200,7 +202,8 @@ def _print(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
         _print_video(console, result)
     if "equal_quality_samples" in result:
         equal = result["equal_quality_samples"]
-        console.print(f"equal-quality samples: [bold]{equal['samples']:.1f}[/] a pixel ({equal['method']})")
+        bound = f"{equal['bound']} " if equal["bound"] else ""
+        console.print(f"equal-quality samples: {bound}[bold]{equal['samples']:.1f}[/] a pixel ({equal['method']})")
 
 
 def _print_video(console: Console, result: dict[str, Any]) -> None:

@@ -17,7 +17,7 @@ from cltaa.errors import DataError
 from cltaa.exr_attributes import MATRICES
 from cltaa.exr_channels import Pixels
 from cltaa.frame_checks import check_camera
-from cltaa.frame_numbers import name_of
+from cltaa.frame_numbers import OnBreak, name_of
 from cltaa.frames import Camera, Effect, Frame, Image
 from cltaa.haloed import haloed
 from cltaa.inputs.convert import linear_colour, motion_px, planar_depth, still_camera
@@ -93,7 +93,7 @@ class ForeignSequence(Sequence):
         from cltaa.inputs.pictures import open_pictures  # here: those are made of such sequences
 
         profile, assignments = self.intake.asked
-        return open_pictures(folder, verify=self.verify, profile=profile, assignments=assignments)
+        return open_pictures(folder, verify=self.verify, gaps=OnBreak.RESET, profile=profile, assignments=assignments)
 
     def colour(self, number: int) -> Image:
         """Read and convert the colour of one frame, [H, W, 3] linear float32."""

@@ -46,6 +46,7 @@ def open_pictures(
     path: Path,
     *,
     verify: bool = True,
+    gaps: OnBreak = OnBreak.ERROR,
     frames: FrameRange | None = None,
     profile: str = "auto",
     assignments: Many[str] = (),
@@ -56,7 +57,7 @@ def open_pictures(
     raise.
     """
     if not _of_another(path):
-        return open_images(path, verify=verify, frames=frames)
+        return open_images(path, verify=verify, gaps=gaps, frames=frames)
     intake = open_intake(path, profile=profile, assignments=assignments, gaps=OnBreak.RESET, frames=frames)
     return ForeignImages(ForeignSequence(path, intake, sorted(intake.declared), strict=False, verify=verify))
 

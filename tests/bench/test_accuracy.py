@@ -14,7 +14,7 @@ import pytest
 
 from cltaa.bench.accuracy_report import read_report
 from cltaa.cli import main
-from cltaa.exr import write_frame
+from cltaa.exr_write import write_frame
 from cltaa.launch import DeviceLauncher
 from cltaa.metrics import mean_psnr
 from tests.bench.accuracy_tasks import FRAMES
@@ -57,7 +57,18 @@ def test_frames_without_error_are_measured_and_read_again(tmp_path: Path, capsys
         write_frame(folder / f"synthetic.{number:04d}.exr", replace(black, colour=np.zeros_like(black.colour)))
         write_images(folder / "reference", [np.zeros_like(black.colour)], name="synthetic", first=number)
     arguments = ["bench", "accuracy", str(folder), "-o", str(tmp_path / "report"), "--variant", "storage: half"]
-    arguments += ["--metrics", "psnr,mse", "--rounding-frames", "0", "--rounds", "3", "--patience", "0", "--pixels", "1"]
+    arguments += [
+        "--metrics",
+        "psnr,mse",
+        "--rounding-frames",
+        "0",
+        "--rounds",
+        "3",
+        "--patience",
+        "0",
+        "--pixels",
+        "1",
+    ]
     assert main([*arguments, "--preset", "t1"]) == 0
     assert main(["bench", "overview", str(tmp_path / "report"), "-o", str(tmp_path / "again")]) == 0
     capsys.readouterr()

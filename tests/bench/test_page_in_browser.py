@@ -209,7 +209,8 @@ def test_several_sequences_stand_in_one_table(window: Browser) -> None:
 def test_more_decibels_are_better_and_may_have_no_end(window: Browser) -> None:
     """PSNR, infinite in the last frame (JSON: null): up is better, more is green, and nothing is drawn at infinity."""
     window.run(
-        "const s = current(); report.metrics.push('psnr'); report.kept = [...s.frames]; s.frames = s.frames.map(n => 4 * n);"
+        "const s = current(); report.metrics.push('psnr');"
+        "report.kept = [...s.frames]; s.frames = s.frames.map(n => 4 * n);"
         "[...s.cells, ...s.yardstick].forEach((row, i) => { row.errors.psnr ="
         "{mean: 20 + 2 * i, p5: 19 + i, p95: null, largest: null, frames: [19 + i, 20 + i, 21 + i, null]} });"
         "restored(report); state.metric = 'psnr'; drawAll()"

@@ -105,8 +105,8 @@ def test_on_paper_it_is_light_and_no_table_is_cut_off(window: Browser) -> None:
 def test_no_number_stands_on_a_bar(window: Browser, width: int) -> None:
     window.size(width, 900)
     boxes = window.run(
-        "return [...document.querySelectorAll('.bar-box')].map(b => [...b.children].map(e => e.getBoundingClientRect()))"
-        ".map(([bar, number]) => [bar.right, number.left])"
+        "return [...document.querySelectorAll('.bar-box')].map(box => [...box.children])"
+        ".map(both => both.map(e => e.getBoundingClientRect())).map(([bar, number]) => [bar.right, number.left])"
     )
     assert boxes
     assert all(bar <= number for bar, number in boxes)

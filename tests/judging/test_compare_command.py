@@ -14,6 +14,7 @@ from PIL import Image as Pillow
 
 from cltaa.cli import main
 from cltaa.equal_quality import equal_quality_samples
+from cltaa.errors import InputMissing
 from cltaa.exr_write import write_frame, write_image
 from cltaa.manifest import file_sha256
 from cltaa.metrics import light_mse, mean, measure
@@ -65,7 +66,8 @@ def test_json_holds_what_the_functions_say(capsys: pytest.CaptureFixture[str], c
         assert frame["one_sample"] == pytest.approx(single, rel=1e-12)
     assert result["mean"] == pytest.approx(mean(rows), rel=1e-12)
     expected = equal_quality_samples(mean(rows)["mse"], mean(singles)["mse"])
-    assert result["equal_quality_samples"] == {"samples": pytest.approx(expected), "method": "n^-1.5 law"}
+    found = {"samples": pytest.approx(expected), "method": "n^-1.5 law", "bound": None}
+    assert result["equal_quality_samples"] == found
 
 
 def test_capture_against_its_own_truth(capsys: pytest.CaptureFixture[str], capture: Path) -> None:
@@ -82,7 +84,8 @@ def test_samples_of_the_truth_limit_the_answer(
     write_images(capture / "reference", truth, name="synthetic", samples=2)
     assert run_json(capsys, resolved, capture, "--metrics", "mse")["equal_quality_samples"]["samples"] <= 2
     write_images(resolved, truth, name="synthetic")
-    assert run_json(capsys, resolved, capture, "--metrics", "mse")["equal_quality_samples"]["samples"] == 2
+    found = run_json(capsys, resolved, capture, "--metrics", "mse")["equal_quality_samples"]
+    assert found == {"samples": 2, "method": "n^-1.5 law", "bound": "at least"}
 
 
 def test_measured_curve_is_preferred_to_the_law(
@@ -91,7 +94,56 @@ def test_measured_curve_is_preferred_to_the_law(
     """reference-4/ is made to have exactly the error of the resolved images."""
     write_images(capture / "reference-4", list(open_images(resolved)), name="synthetic")
     result = run_json(capsys, resolved, capture, "--metrics", "mse")
-    assert result["equal_quality_samples"] == {"samples": pytest.approx(4, rel=1e-12), "method": "measured"}
+    found = {"samples": pytest.approx(4, rel=1e-12), "method": "measured", "bound": None}
+    assert result["equal_quality_samples"] == found
+
+
+def test_beyond_the_measured_curve_only_a_bound_is_said(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, tmp_path: Path
+) -> None:
+    write_images(capture / "reference-4", list(open_images(resolved)), name="synthetic")
+    truth = list(open_images(capture / "reference"))
+    for name, share, end, bound in (("better", 0.9, 4, "at least"), ("worse", -3.0, 1, "at most")):
+        made = [t * share + f.colour * (1 - share) for t, f in zip(truth, open_sequence(capture), strict=True)]
+        folder = write_images(tmp_path / name, [image.astype(np.float32) for image in made], name="synthetic")
+        found = run_json(capsys, folder, capture, "--metrics", "mse")["equal_quality_samples"]
+        assert found == {"samples": pytest.approx(end, rel=1e-12), "method": "measured", "bound": bound}
+    assert main(["compare", str(folder), str(capture), "--metrics", "mse"]) == 0
+    assert "samples: at most 1.0 a pixel (measured)" in capsys.readouterr().out
+
+
+def test_a_yardstick_that_measures_nothing_leaves_the_law(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path
+) -> None:
+    """As many samples as the truth has are the truth itself; more error than a single sample's is none to read off."""
+    shutil.copytree(capture / "reference", capture / "reference-16")
+    assert run_json(capsys, resolved, capture, "--metrics", "mse")["equal_quality_samples"]["method"] == "n^-1.5 law"
+    write_images(capture / "reference-4", list(open_images(resolved)), name="synthetic")
+    found = run_json(capsys, resolved, capture, "--metrics", "mse")["equal_quality_samples"]
+    assert found == {"samples": pytest.approx(4, rel=1e-12), "method": "measured", "bound": None}
+    worse = [np.full((HEIGHT, WIDTH, 3), 9.0, np.float32)] * 4
+    write_images(capture / "reference-4", worse, name="synthetic")
+    assert run_json(capsys, resolved, capture, "--metrics", "mse")["equal_quality_samples"]["method"] == "n^-1.5 law"
+
+
+@pytest.mark.parametrize("missing", [0, 1, 3])
+def test_frames_that_have_a_truth_are_judged_where_others_have_none(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, missing: int
+) -> None:
+    (capture / "reference" / f"synthetic.{missing:04d}.exr").unlink()
+    said = refusal(capsys, 66, resolved, capture)
+    assert f"frame {missing}: no reference for this frame" in said
+    assert "choose frames that both have with --frames" in said
+    judged = run_json(capsys, resolved, capture, "--frames", "2", "--metrics", "mse", "--video")
+    assert [row["frame"] for row in judged["frames"]] == [2]
+    assert judged["equal_quality_samples"]["method"] == "n^-1.5 law"
+    with pytest.raises(InputMissing, match="the reference of this frame is missing; capture it again, or render it"):
+        _ = open_sequence(capture).reference
+
+
+def test_no_frame_in_common(capsys: pytest.CaptureFixture[str], resolved: Path, tmp_path: Path) -> None:
+    other = write_images(tmp_path / "other", [make_frame().colour] * 2, first=10)
+    assert "no frame number in common: number them alike" in refusal(capsys, 66, resolved, other)
 
 
 def test_identical_images_give_null_and_no_samples(capsys: pytest.CaptureFixture[str], capture: Path) -> None:
@@ -202,7 +254,13 @@ def test_nan_in_an_image_is_named(capsys: pytest.CaptureFixture[str], capture: P
     folder = write_images(tmp_path / "bad", images)
     assert main(["compare", str(folder), str(capture)]) == 65
     error = capsys.readouterr().err.splitlines()[-1]
-    assert "image.0001.exr frame 1: 1 values of the image are NaN or infinite" in error
+    assert "image.0001.exr frame 1: NaN or infinity in 1 value of the image" in error
+    images[1][3, 4, :2] = np.nan
+    write_images(folder, images)
+    write_images(tmp_path / "good", [np.zeros_like(image) for image in images])
+    assert main(["compare", str(tmp_path / "good"), str(folder)]) == 65
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert f"{folder / 'image.0001.exr'} frame 1: NaN or infinity in 3 values of the reference" in error
 
 
 def test_other_tools_files_are_judged_and_judge(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -254,6 +312,19 @@ def warnings(capsys: pytest.CaptureFixture[str], *arguments: Path) -> list[str]:
     told: list[str] = json.loads(captured.out)["warnings"]
     assert said == [f"cltaa: warning: {warning}" for warning in told]
     return told
+
+
+def test_other_primaries_are_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    grey = make_frame().colour
+    rec709 = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
+    acescg = (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)
+    for name, stated in (("unsaid", None), ("a", rec709), ("rounded", (*rec709[:6], 0.313, 0.329)), ("b", acescg)):
+        (tmp_path / name).mkdir()
+        attributes = {} if stated is None else {"chromaticities": stated}
+        write_image(tmp_path / name / "x.0000.exr", {c: grey[..., i] for i, c in enumerate("RGB")}, attributes)
+    assert "different primaries" in warnings(capsys, tmp_path / "a", tmp_path / "b")[0]
+    assert warnings(capsys, tmp_path / "a", tmp_path / "rounded") == []
+    assert warnings(capsys, tmp_path / "a", tmp_path / "unsaid") == []
 
 
 def test_another_scene_is_told_by_what_files_say(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -123,7 +123,7 @@ def test_arguments_that_are_not_contiguous() -> None:
 def test_not_finite_is_refused_with_its_place(bad: float, which: str) -> None:
     images = {"image": picture(), "reference": picture()}
     images[which][2, 3, 1] = bad
-    with pytest.raises(DataError, match=f"frame 7: 1 values of the {which} are NaN or infinite"):
+    with pytest.raises(DataError, match=f"frame 7: NaN or infinity in 1 value of the {which}"):
         measure(images["image"], images["reference"], frame=7)
 
 
