@@ -105,7 +105,7 @@ class _Picture:
 
     def __init__(self, file: _File, layout: Layout, planes: Mapping[str, NDArray[Any]]) -> None:
         self.file, self.layout = file, layout
-        self._planes = dict(planes)  # which are there until all threads have ended
+        self._planes = planes  # which are there until all threads have ended
         self.places = [self._place(name) for name in sorted(layout.channels, key=str.encode)]
 
     def _place(self, name: str) -> _Place | None:

@@ -118,8 +118,6 @@ def name_unknown_cpu(record: int) -> bool:
     try:
         for address in range(record, record + RECORD_BYTES, POINTER_BYTES):
             field = _read(memory, address, POINTER_BYTES)
-            if len(field) < POINTER_BYTES:
-                return False
             text = _read(memory, int.from_bytes(field, sys.byteorder), longest)
             if any(text.startswith(name) for name in wrong):
                 ctypes.c_uint64.from_address(address).value = ctypes.addressof(_names[level.name])

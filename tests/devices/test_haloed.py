@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cltaa.allocator import mapped_image
 from cltaa.bands import BandedResolver
 from cltaa.frames import Frame
 from cltaa.haloed import around, haloed
@@ -118,3 +119,4 @@ def test_only_all_of_an_image_is_taken() -> None:
         assert around(other, layout) is None
     assert around(planes[:, : HEIGHT - 8], Layout(WIDTH, HEIGHT - 8)) is None
     assert around(planes[:, 8:], Layout(WIDTH, HEIGHT - 8)) is None
+    assert around(mapped_image((1, 512, 1024)), Layout(1024, 512)) is None  # which fills its large page without a halo

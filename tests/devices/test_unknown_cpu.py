@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from cltaa import unknown_cpu
-from cltaa.unknown_cpu import LEVELS, cpu_flags, level_of, name_unknown_cpu
+from cltaa.unknown_cpu import LEVELS, cpu_flags, known_lanes, level_of, name_unknown_cpu
 
 FLAGS = {level.name: level.flags for level in LEVELS}
 needs_linux = pytest.mark.skipif(
@@ -30,13 +30,16 @@ def test_a_level_needs_all_its_flags(level: bytes) -> None:
 @needs_linux
 def test_only_the_refused_name_is_replaced() -> None:
     texts = [ctypes.create_string_buffer(text) for text in (b"generically", b"cortex-a57", b"generic", b"pthread")]
-    addresses = [0, 1, *map(ctypes.addressof, texts)]  # 0 and 1 are no addresses: they must not be followed
+    no_addresses = [0, 1, 2**47, 2**64 - 1]  # which must not be followed
+    addresses = [*no_addresses, *map(ctypes.addressof, texts)]
     record = (ctypes.c_uint64 * 512)(*addresses)
     assert name_unknown_cpu(ctypes.addressof(record))
-    assert list(record[:4]) == addresses[:4]
-    assert ctypes.string_at(record[4]) == level_of(cpu_flags()).name
-    assert record[5] == addresses[5]
+    assert list(record[:6]) == addresses[:6]
+    assert ctypes.string_at(record[6]) == level_of(cpu_flags()).name
+    assert record[7] == addresses[7]
+    files = len(list(Path("/proc/self/fd").iterdir()))
     assert not name_unknown_cpu(ctypes.addressof(record))
+    assert len(list(Path("/proc/self/fd").iterdir())) == files
 
 
 @needs_linux
@@ -50,6 +53,7 @@ def test_only_the_refused_name_is_replaced() -> None:
         (b"x86-64-v3", b"goldmont", False),  # a Raptor Lake, which is younger than LLVM 14: it has clflushopt and sha
         (b"x86-64-v2", b"skylake", False),  # a Pentium, which has no AVX
         (b"sandybridge", b"ivybridge", True),
+        (b"x86-64-v2", b"sandybridge", False),  # a name of LLVM's that is a level's too
         (b"x86-64-v2", b"nehalem", True),
     ],
 )
@@ -61,6 +65,52 @@ def test_a_name_is_replaced_where_it_is_not_of_the_cpu_s_level(
     record = (ctypes.c_uint64 * 512)(ctypes.addressof(given))
     assert name_unknown_cpu(ctypes.addressof(record)) != fits
     assert ctypes.string_at(record[0]) == (name if fits else level)
+
+
+@needs_linux
+@pytest.mark.parametrize("broken", ["memory that cannot be opened", "another system"])
+def test_where_nothing_can_be_done_nothing_is(broken: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    given = ctypes.create_string_buffer(b"generic")
+    record = (ctypes.c_uint64 * 512)(ctypes.addressof(given))
+    if broken == "another system":
+        monkeypatch.setattr(platform, "system", lambda: "Darwin")
+        assert known_lanes() is None
+    else:
+        monkeypatch.setattr(os, "open", lambda *_: os.close(-1))  # EBADF
+    assert not name_unknown_cpu(ctypes.addressof(record))
+    assert record[0] == ctypes.addressof(given)
+
+
+# Of a Zen 5 in a virtual machine: 2026-11-23, Linux 6.1.
+FLAGS_OF_ZEN_5 = (
+    "fpu vme de pse tsc msr pae mce cx8 apic sep mtrr pge mca cmov pat pse36 clflush mmx fxsr sse sse2 ht syscall nx "
+    "mmxext fxsr_opt pdpe1gb rdtscp lm constant_tsc rep_good nopl xtopology nonstop_tsc cpuid extd_apicid "
+    "tsc_known_freq pni pclmulqdq ssse3 fma cx16 pcid sse4_1 sse4_2 x2apic movbe popcnt tsc_deadline_timer aes xsave "
+    "avx f16c rdrand hypervisor lahf_lm cmp_legacy cr8_legacy abm sse4a misalignsse 3dnowprefetch osvw topoext vmmcall "
+    "fsgsbase tsc_adjust bmi1 avx2 smep bmi2 erms invpcid avx512f avx512dq adx smap avx512ifma clflushopt clwb "
+    "avx512cd sha_ni avx512bw avx512vl xsaveopt xsavec xgetbv1 xsaves avx_vnni avx512_bf16 clzero xsaveerptr arat"
+)
+
+
+@pytest.mark.parametrize(
+    ("without", "level"),
+    [
+        ((), b"x86-64-v4"),
+        (("avx512f",), b"x86-64-v3"),
+        (("avx512f", "avx2"), b"sandybridge"),
+        (("avx512f", "avx2", "avx"), b"x86-64-v2"),
+        (("avx512f", "avx2", "avx", "sse4_2"), b"x86-64"),
+    ],
+)
+def test_flags_have_linux_s_names(
+    without: tuple[str, ...], level: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of the first processor: the second is of another kind."""
+    flags = " ".join(flag for flag in FLAGS_OF_ZEN_5.split() if flag not in without)
+    told = tmp_path / "cpuinfo"
+    told.write_text(f"processor\t: 0\nflags\t\t: {flags}\n\nprocessor\t: 1\nflags\t\t: fpu\n\n", encoding="utf-8")
+    monkeypatch.setattr(unknown_cpu, "Path", lambda _: told)
+    assert level_of(cpu_flags()).name == level
 
 
 # The default as a CPU of a level gets it: PoCL's name for this one, whatever it is, replaced by that level's.

@@ -7,7 +7,9 @@ import gc
 import threading
 import time
 import tracemalloc
+from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -180,11 +182,13 @@ def test_an_interrupt_leaves_the_file_to_its_threads(tmp_path: Path, monkeypatch
     library, closed, at_work, held = exr_core.core(), list[int](), threading.Event(), threading.Event()
     assert library is not None
     start, finish, run = (getattr(library.long, f"exr_{name}") for name in ("start_read", "finish", "decoding_run"))
+    chunks = list[int]()
 
     class Slow:
         exr_start_read = start
 
         def exr_decoding_run(self, *given: Any) -> Any:
+            chunks.append(1)
             at_work.set()
             assert held.wait(60)
             assert not closed
@@ -210,8 +214,52 @@ def test_an_interrupt_leaves_the_file_to_its_threads(tmp_path: Path, monkeypatch
         gc.collect()
         time.sleep(0.01)
     assert closed
+    assert len(chunks) <= OpenEXR.global_thread_count()  # of 19: those that were begun
     monkeypatch.undo()
     assert decode(tmp_path / "a.exr") is not None  # by the same threads
+
+
+@pytest.mark.parametrize("kept", [HEIGHT, 16])
+def test_what_was_begun_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: int) -> None:
+    """Pipelines hold memory of the library's; by several threads, and for one chunk by the caller."""
+    write_image(tmp_path / "a.exr", {name: plane[:kept] for name, plane in channels("float32").items()})
+    library, called = exr_core.core(), Counter[str]()
+    assert library is not None
+
+    class Counting:
+        def __getattr__(self, name: str) -> Any:
+            called[name] += 1
+            return getattr(library.quick, name)  # type: ignore[union-attr]
+
+    counting: Any = Counting()
+    monkeypatch.setattr(exr_core, "core", lambda: library._replace(quick=counting))
+    assert decode(tmp_path / "a.exr") is not None
+    assert called["exr_decoding_destroy"] == called["exr_decoding_initialize"] > 0
+
+
+def test_where_no_thread_is_given_work_the_module_decodes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As at the end of the program; one chunk needs none."""
+    path = tmp_path / "a.0003.exr"
+    write_frame(path, make_frame(3, width=WIDTH, height=HEIGHT))
+    pool = ThreadPoolExecutor(1)
+    pool.shutdown()
+    monkeypatch.setattr(exr_core, "_threads", lambda _: pool)
+    assert decode(path) is None
+    np.testing.assert_array_equal(read_frame(path).depth, make_frame(3, width=WIDTH, height=HEIGHT).depth)
+    write_image(path, {"Z": channels("float32")["Z"][:16]})
+    assert decode(path) is not None
+
+
+@pytest.mark.parametrize("plane", [np.zeros((WIDTH, HEIGHT), "f4").T, np.zeros((HEIGHT - 1, WIDTH), "f4")])
+def test_planes_that_do_not_fit_are_refused(tmp_path: Path, plane: Pixels) -> None:
+    """Numbers that lie apart in a row, and a row too few: what is decoded would be written beside them."""
+    path = tmp_path / "a.exr"
+    write_image(path, channels("float32"))
+    copy = Copy()
+    with path.open("rb") as file:
+        copy.fill(path, file)
+    with pytest.raises(ValueError, match="numbers side by side, as many as the picture"):
+        exr_core.decode(copy, read_layout(path), {"Z": plane})
 
 
 def test_a_frame_takes_no_memory_but_that_of_earlier_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -254,6 +302,31 @@ def test_a_library_of_another_version_is_not_used(monkeypatch: pytest.MonkeyPatc
     assert exr_core.core.__wrapped__() is None
     monkeypatch.setattr(OpenEXR, "__file__", "/nowhere.so")
     assert exr_core.core.__wrapped__() is None
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("start_y", 1), ("width", WIDTH + 1), ("height", 0), ("height", HEIGHT + 1)]
+)
+def test_a_library_that_means_other_chunks_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, value: int
+) -> None:
+    """As one would whose structures are laid out in another way: more rows than are left would go behind a plane."""
+    write_image(tmp_path / "a.exr", channels("float32"))
+    library = exr_core.core()
+    assert library is not None
+
+    class Other:
+        def __getattr__(self, called: str) -> Any:
+            return getattr(library.quick, called)  # type: ignore[union-attr]
+
+        def exr_read_scanline_chunk_info(self, context: Any, part: int, y: int, chunk: Any) -> int:
+            failed: int = library.quick.exr_read_scanline_chunk_info(context, part, y, chunk)  # type: ignore[union-attr]
+            setattr(chunk._obj, name, value)
+            return failed
+
+    other: Any = Other()
+    monkeypatch.setattr(exr_core, "core", lambda: library._replace(quick=other))
+    assert decode(tmp_path / "a.exr") is None
 
 
 def test_a_library_that_means_other_channels_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -54,6 +54,7 @@ def test_numbers_wider_than_four_digits(tmp_path: Path) -> None:
         ("frame-{}.exr", "frame"),  # 9, 10, 11: no zeros before
         ("Shot 010_v03_bty.{:04d}.exr", "Shot 010_v03_bty"),
         ("a.b_.{:04d}.exr", "a.b_"),
+        ("two\nlines.{:04d}.exr", "two\nlines"),
     ],
 )
 def test_names_of_other_tools(tmp_path: Path, pattern: str, name: str) -> None:
@@ -63,7 +64,8 @@ def test_names_of_other_tools(tmp_path: Path, pattern: str, name: str) -> None:
     assert (images.name, images.numbers) == (name, (9, 10, 11))
     assert [image[0, 0, 0] for image in images] == [9, 10, 11]
     (tmp_path / pattern.format(10)).unlink()
-    assert f"/{pattern.format(10)} frame 10: the frame is missing" in refusal(tmp_path, InputMissing)
+    shown = pattern.format(10).replace("\n", "\\n")
+    assert f"/{shown} frame 10: the frame is missing" in refusal(tmp_path, InputMissing)
 
 
 @pytest.mark.parametrize("name", ["shot.-001.exr", "shot_-001.exr", "-001.exr", "shot.0123456789.exr", "shot.exr"])
@@ -163,9 +165,11 @@ def test_folder_and_truncated_file_in_place_of_a_frame(tmp_path: Path) -> None:
     assert "synthetic.0001.exr: this is a folder" in refusal(tmp_path, DataError)
 
 
-def test_temporary_files_of_a_running_writer_are_no_frames(tmp_path: Path) -> None:
+def test_hidden_files_are_no_frames(tmp_path: Path) -> None:
+    """Temporary ones of a running writer, and what macOS leaves beside a file on a disk of another system."""
     write_sequence(tmp_path, 2)
-    (tmp_path / ".synthetic.0002.exr.tmp.1").touch()
+    for name in (".synthetic.0002.exr.tmp.1", "._synthetic.0001.exr"):
+        (tmp_path / name).touch()
     assert len(open_sequence(tmp_path)) == 2
 
 

@@ -18,7 +18,7 @@ import pytest
 from cltaa.errors import DataError, OutputError
 from cltaa.exr_read import read_image
 from cltaa.sources import open_sequence
-from cltaa.streams import ReadAhead, Writer, read_ahead
+from cltaa.streams import AHEAD, ReadAhead, Writer, read_ahead
 from tests.sequence_factory import write_sequence
 
 PATIENCE = 300.0  # seconds after which a thread that should have ended counts as hung, on a machine however busy
@@ -110,7 +110,42 @@ def test_leaving_early_ends_the_thread() -> None:
     with read_ahead(source) as numbers:
         next(numbers)
     assert cltaa_threads() == []
-    assert source.made <= 1 + 2
+    assert source.made <= 1 + AHEAD
+
+
+def test_what_waits_for_a_thread_is_not_begun_after_the_close() -> None:
+    begun, gate = [], threading.Event()
+
+    def made(number: int) -> int:
+        begun.append(number)
+        assert gate.wait(PATIENCE)
+        return number
+
+    numbers = ReadAhead((partial(made, number) for number in range(9)), 4, 1)
+    wait_for(lambda: begun)
+    closing = threading.Thread(target=numbers.close)
+    closing.start()
+    wait_for(lambda: numbers._pool._shutdown)
+    gate.set()
+    closing.join(PATIENCE)
+    assert begun == [0]
+    assert list(numbers) == []
+
+
+def test_nothing_comes_after_a_failure() -> None:
+    """Though what was begun beside it can be made."""
+
+    def made(number: int) -> int:
+        if number == 1:
+            raise DataError("damaged", frame=number)
+        return number
+
+    with ReadAhead((partial(made, number) for number in range(9)), 4, 2) as numbers:
+        assert next(numbers) == 0
+        with pytest.raises(DataError, match="frame 1: damaged"):
+            next(numbers)
+        assert cltaa_threads() == []
+        assert list(numbers) == []
 
 
 def test_forgotten_reader_and_writer_end_their_threads(tmp_path: Path) -> None:
@@ -127,6 +162,12 @@ def test_forgotten_reader_and_writer_end_their_threads(tmp_path: Path) -> None:
     gate.set()
     del numbers, writer
     gc.collect()
+    assert cltaa_threads() == []
+
+
+def test_threads_end_with_the_last_item() -> None:
+    numbers = ReadAhead([partial(int, number) for number in range(9)])
+    assert list(numbers) == list(range(9))
     assert cltaa_threads() == []
 
 
@@ -213,7 +254,34 @@ def test_a_failure_beside_another_image_is_told_once(tmp_path: Path, told_by: st
     assert cltaa_threads() == []
 
 
-def test_exception_in_the_block_stands_and_queued_images_are_written(tmp_path: Path) -> None:
+def test_two_images_that_fail_side_by_side_are_one_failure(tmp_path: Path) -> None:
+    together = threading.Barrier(2)
+
+    def impossible() -> dict[str, np.ndarray]:
+        together.wait(PATIENCE)
+        raise MemoryError
+
+    writer = Writer(2, threads=2)
+    for number in range(2):
+        writer.write(tmp_path / f"{number}.exr", impossible)
+    with pytest.raises(MemoryError):
+        writer.flush()
+    writer.close()
+    assert cltaa_threads() == []
+
+
+def test_exception_in_the_block_stands_beside_an_image_that_failed(tmp_path: Path) -> None:
+    def interrupted() -> None:
+        with Writer() as writer:
+            writer.write(tmp_path / "missing" / "0.exr", image(0))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert cltaa_threads() == []
+
+
+def test_exception_in_the_block_stands_and_and_queued_images_are_written(tmp_path: Path) -> None:
     def interrupted() -> None:
         with Writer() as writer:
             writer.write(tmp_path / "0.exr", image(0))

@@ -14,6 +14,7 @@ from cltaa.cli import main
 from cltaa.errors import DataError
 from cltaa.exr_attributes import frame_attributes
 from cltaa.exr_channels import frame_planes
+from cltaa.exr_layout import Window
 from cltaa.exr_read import read_frame, read_header, read_image
 from cltaa.exr_write import write_image
 from cltaa.frame_numbers import OnBreak
@@ -149,17 +150,20 @@ def test_vectors_as_fractions_are_fractions_of_the_display_window(tmp_path: Path
     np.testing.assert_allclose(motion, np.broadcast_to([1.5, -0.5], motion.shape), rtol=1e-6)
 
 
-def shift_last(folder: Path) -> None:
+def change_last(folder: Path, data: Window, display: Window) -> None:
     path = folder / "a.0003.exr"
     planes, attributes = read_image(path)
-    write_image(path, planes, attributes, windows=((REGION[0] + 1, REGION[1], REGION[2] + 1, REGION[3]), WHOLE))
+    write_image(path, planes, attributes, windows=(data, display))
 
 
 @pytest.mark.parametrize("on_resize", list(OnBreak))
 def test_region_that_wanders_is_refused(on_resize: OnBreak, tmp_path: Path) -> None:
     folder = write_region(tmp_path / "in", REGION)
-    shift_last(folder)
+    change_last(folder, (REGION[0] + 1, REGION[1], REGION[2] + 1, REGION[3]), WHOLE)
     with pytest.raises(DataError, match=r"a.0003.exr frame 3: shows another region.*at \(9, 5\).*at \(10, 5\)"):
+        open_input(folder, on_resize=on_resize)
+    change_last(folder, REGION, (0, 0, WIDTH, HEIGHT - 1))
+    with pytest.raises(DataError, match=r"a.0003.exr frame 3: shows another region.*of 48 x 36.*of 49 x 36"):
         open_input(folder, on_resize=on_resize)
 
 
@@ -188,9 +192,12 @@ def test_truth_of_another_region_is_refused(tmp_path: Path, capsys: pytest.Captu
     resolved(folder, tmp_path / "out")
     assert main(["compare", str(tmp_path / "out"), str(truth)]) == 0  # which does not say where it lies
     capsys.readouterr()
-    beside = write_region(tmp_path / "beside", (LEFT + COLUMNS, TOP, WIDTH - 1, TOP + ROWS - 1))
-    assert main(["compare", str(tmp_path / "out"), str(beside)]) == 65
-    assert "shows another region" in capsys.readouterr().err
+    beside = (LEFT + COLUMNS, TOP, WIDTH - 1, TOP + ROWS - 1)
+    below = (LEFT, TOP + ROWS, LEFT + COLUMNS - 1, HEIGHT - 1)
+    for number, elsewhere in enumerate((beside, below)):
+        other = write_region(tmp_path / str(number), elsewhere)
+        assert main(["compare", str(tmp_path / "out"), str(other)]) == 65
+        assert "shows another region" in capsys.readouterr().err
 
 
 def test_what_both_show_is_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -209,6 +216,8 @@ def test_what_both_show_is_judged(tmp_path: Path, capsys: pytest.CaptureFixture[
         said = capsys.readouterr()
         assert json.loads(said.out)["mean"]["mse-linear"] == pytest.approx(expected, rel=1e-5)
         assert f"judged where both show something: {size} of the display window" in said.err
+    assert main(["compare", str(part), str(part), "--metrics", "mse"]) == 0
+    assert "judged where" not in capsys.readouterr().err
 
 
 def test_camera_of_another_tools_region_is_that_of_our_own(tmp_path: Path) -> None:
