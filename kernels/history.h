@@ -89,6 +89,13 @@ STAGE sampled sample_at(
 #endif
 }
 
+// A channel that was read between texels, no less than lobe_floor of the least of those around, or than that least
+// where it is negative: a highlight beside them takes as much off by the filter's negative lobes as it is bright.
+STAGE real above_lobes(real v, real least, settings_t settings)
+{
+    return greater(lesser(K(settings.lobe_floor) * least, least), v);
+}
+
 // `next` holds the texels of the row below the pixel's.
 STAGE history_t sample_history(plane_in current, boxed_row next, history_in history, plane_in count,
     plane_in previous_closeness, motion_t m, surface s, int x, int y, frame_t frame, settings_t settings,
@@ -101,12 +108,17 @@ STAGE history_t sample_history(plane_in current, boxed_row next, history_in hist
     const footprint f = CAMERA_MOTION || OWN_MOTION ? footprint_of(seen, h.valid, at, frame) : own_texel(at);
     const sampled v = sample_at(history, count, previous_closeness, f, y, frame, kept);
     h.rgb = v.rgb;
+    h.count = v.count;
     h.valid = h.valid & !colour_outside_domain(h.rgb);
+    if (LIGHT_CHANGE != LIGHT_CHANGE_IGNORE) {
+        const lit l = history_in_light(v.count, current, next, history, count, f, x, y, frame, settings, &kept->light);
+        h.count = l.count;
+        h.rgb.r = above_lobes(h.rgb.r, l.least.r, settings);
+        h.rgb.g = above_lobes(h.rgb.g, l.least.g, settings);
+        h.rgb.b = above_lobes(h.rgb.b, l.least.b, settings);
+    }
     h.rgb = history_in_range(h.rgb, frame);
     h.alpha = ALPHA ? limit(v.alpha, SPLAT(0.0), SPLAT(1.0)) : v.alpha;
-    h.count = v.count;
-    if (LIGHT_CHANGE != LIGHT_CHANGE_IGNORE)
-        h.count = count_in_light(v.count, current, next, history, count, f, x, y, frame, settings, &kept->light);
     if (REJECT == REJECT_DEPTH)
         h.valid = h.valid & same_surface(v.closeness, s, m, settings);
     h.fx = v.fx;

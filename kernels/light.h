@@ -139,6 +139,7 @@ typedef struct
     paired a, b, c;
     boxed step;
     real level, levels; // its own, and with that of the row above
+    colour least, leasts; // of each channel of the history's texels, likewise
 } light_row;
 
 // What a work-item of a GPU keeps while it slides down: the row at the next pixel, and the texel of the history that is
@@ -148,6 +149,13 @@ typedef struct
     light_row row;
     uint nearest;
 } kept_light;
+
+// What the nine texels say of a history: how many samples it counts for, and the least of each of their channels.
+typedef struct
+{
+    real count;
+    colour least;
+} lit;
 
 // Of YCoCg the formula of to_box_space, each part taken away from now's by itself: fewer operations.
 STAGE boxed light_difference(boxed now, colour past, frame_t frame)
@@ -163,18 +171,20 @@ STAGE boxed light_difference(boxed now, colour past, frame_t frame)
 STAGE light_row light_of_row(boxed_row now, history_in history, nearest_t n, int j, frame_t frame)
 {
     const size_t plane = history_plane_size(frame);
+    light_row row;
     boxed d[3];
     for (int i = -1; i <= 1; ++i) {
         const colour past = nearest_texel(history, n, i, j, plane, row_stride(frame));
+        row.least = i < 0 ? past : least_colour(row.least, past);
         d[i + 1] = light_difference(i < 0 ? now.left : (i > 0 ? now.right : now.own), past, frame);
     }
-    light_row row;
     row.a = pair_row(d[0].a, d[1].a, d[2].a);
     row.b = pair_row(d[0].b, d[1].b, d[2].b);
     row.c = pair_row(d[0].c, d[1].c, d[2].c);
     row.step = (boxed) { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) };
     row.level = (absolute(now.left.a) + absolute(now.own.a)) + absolute(now.right.a);
     row.levels = SPLAT(0.0);
+    row.leasts = row.least;
     return row;
 }
 
@@ -186,6 +196,7 @@ STAGE light_row light_below(light_row above, light_row row)
     row.b.spreads = above.b.spread + row.b.spread;
     row.c.spreads = above.c.spread + row.c.spread;
     row.levels = above.level + row.level;
+    row.leasts = least_colour(above.least, row.least);
     return row;
 }
 
@@ -196,12 +207,12 @@ STAGE light_row light_above(plane_in current, history_in history, nearest_t n, i
     return light_below(above, light_of_row(read_boxed(current, x, y, frame), history, n, 0, frame));
 }
 
-// `held` samples of a history, divided by how much light changes, and holding that: Student's t of the channel that
-// changed most, with the sign of the first one, luminance, and change_kept of what the frame before left. Its size over
-// change_t divides, where that is more than 1. The jitter moves all nine differences one way in one frame and another
-// way in the next, light that changes goes on: so what the jitter does stays small in the sum. `next` is the row below
-// the pixel's.
-STAGE real count_in_light(real held, plane_in current, boxed_row next, history_in history, plane_in count, footprint f,
+// `held` samples of a history, divided by how much light changes, and holding that, beside the least of the nine texels
+// that tell it. The change: Student's t of the channel that changed most, with the sign of the first one, luminance,
+// and change_kept of what the frame before left. Its size over change_t divides, where that is more than 1. The jitter
+// moves all nine differences one way in one frame and another way in the next, light that changes goes on: so what the
+// jitter does stays small in the sum. `next` is the row below the pixel's.
+STAGE lit history_in_light(real held, plane_in current, boxed_row next, history_in history, plane_in count, footprint f,
     int x, int y, frame_t frame, settings_t settings, kept_light* kept)
 {
     const nearest_t n = nearest_texels(f, row_stride(frame));
@@ -227,6 +238,6 @@ STAGE real count_in_light(real held, plane_in current, boxed_row next, history_i
     const real t = lesser(largest, SPLAT(DOMAIN_LIMIT)); // or that, where it is no number
     const real before = kept_change(nearest_count(count, n, row_stride(frame)));
     const real change = (ta < SPLAT(0.0) ? -t : t) + K(settings.change_kept) * before;
-    return with_change(
-        quotient(held, greater(quotient(absolute(change), SPLAT(settings.change_t)), SPLAT(1.0))), change);
+    const real by = greater(quotient(absolute(change), SPLAT(settings.change_t)), SPLAT(1.0));
+    return (lit) { with_change(quotient(held, by), change), least_colour(centre.leasts, below.least) };
 }

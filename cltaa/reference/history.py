@@ -12,7 +12,7 @@ from cltaa.layout import Layout
 from cltaa.params import LightChange, Reject
 from cltaa.reference.colour import Colour, colour_outside_domain
 from cltaa.reference.history_filter import history_weights
-from cltaa.reference.light import count_in_light, history_in_range
+from cltaa.reference.light import above_lobes, history_in_light, history_in_range
 from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.projection import Motion, motion_to_edge, on_screen
 from cltaa.reference.real import Array, Mask, greater, limit, number
@@ -65,13 +65,15 @@ def sample_history(
     wx, wy = history_weights(f.fx, build), history_weights(f.fy, build)
     r, g, b = (sample_plane(history[channel], f, wx, wy, build, real) for channel in range(3))
     valid &= ~colour_outside_domain((r, g, b))
-    rgb = history_in_range((r, g, b), build, frame)
-    alpha = np.ones_like(r)
-    if build.steps.alpha:
-        alpha = limit(sample_plane(history[3], f, wx, wy, build, real), number(0, r), number(1, r))
     count = bilinear(sample_quad(np.abs(history_count[0]), f, real), f)
     if build.choices.light_change is not LightChange.IGNORE:
-        count = count_in_light(count, current, history, history_count[0], f, build, layout, frame, settings)
+        lit = history_in_light(count, current, history, history_count[0], f, build, layout, frame, settings)
+        count = lit.count
+        r, g, b = (above_lobes(*channel, settings) for channel in zip((r, g, b), lit.least, strict=True))
+    rgb = history_in_range((r, g, b), build, frame)
+    alpha = np.ones_like(rgb[0])
+    if build.steps.alpha:
+        alpha = limit(sample_plane(history[3], f, wx, wy, build, real), number(0, r), number(1, r))
     if build.choices.reject is Reject.DEPTH:
         valid &= same_surface(sample_quad(previous_closeness[0], f, real), s, m, settings["depth_tolerance"])
     return History(rgb, alpha, count, f.fx, f.fy, valid)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -92,7 +93,25 @@ def with_change_of(count: Array, other: Array) -> Array:
     return _marked_count(count, _parts(other)[1], other)
 
 
-def count_in_light(
+@dataclass(frozen=True, slots=True)
+class Lit:
+    """What nine texels say of a history: how many samples it counts for, and the least of each of their channels."""
+
+    count: Array
+    least: Colour
+
+
+def least_colour(a: Colour, b: Colour) -> Colour:
+    """The lesser of each channel."""
+    return lesser(a[0], b[0]), lesser(a[1], b[1]), lesser(a[2], b[2])
+
+
+def above_lobes(v: Array, least: Array, settings: Record) -> Array:
+    """A channel read between texels, no less than ``lobe_floor`` of their least, or than that where it is negative."""
+    return greater(lesser(number(settings["lobe_floor"], v) * least, least), v)
+
+
+def history_in_light(
     held: Array,
     current: Array,
     history: Array,
@@ -102,8 +121,9 @@ def count_in_light(
     layout: Layout,
     frame: Record,
     settings: Record,
-) -> Array:
-    """``held`` [H, W] samples of a history, divided by how much light changes, and holding that.
+) -> Lit:
+    """``held`` [H, W] samples of a history, divided by how much light changes, and holding that, beside the least of
+    the nine texels that tell it.
 
     The change is Student's t of the channel that changed most, negative where luminance falls, and ``change_kept`` of
     the change that the frame before left; its size over ``change_t`` divides, where it is more than 1. ``current`` [3,
@@ -118,24 +138,26 @@ def count_in_light(
         for at, fraction in ((f.row, f.fy), (f.column, f.fx))
     )
 
-    def difference(i: int, j: int) -> tuple[Colour, Array]:
+    def difference(i: int, j: int) -> tuple[Colour, Array, Colour]:
         there = slice(PAD_Y + j, PAD_Y + j + layout.height), slice(PAD_X + i, PAD_X + i + layout.width)
         now = to_box_space(to_range((colour[0][there], colour[1][there], colour[2][there]), build), build)
         r, g, b = (plane[row + j, column + i].astype(real) for plane in history[:3])
-        return light_difference(now, (r, g, b), build, frame), np.abs(now[0])
+        return light_difference(now, (r, g, b), build, frame), np.abs(now[0]), (r, g, b)
 
     rows: list[list[Paired]] = []
-    levels = []
+    levels, leasts = [], []
     for j in (-1, 0, 1):
-        (left, left_size), (own, own_size), (right, right_size) = (difference(i, j) for i in (-1, 0, 1))
+        (left, left_size, a), (own, own_size, b), (right, right_size, c) = (difference(i, j) for i in (-1, 0, 1))
         rows.append([pair_row(left[k], own[k], right[k]) for k in range(3)])
         levels.append((left_size + own_size) + right_size)
+        leasts.append(least_colour(least_colour(a, b), c))
     level = (levels[0] + levels[1]) + levels[2]
     floor = number(settings["change_floor"], level)
     least = floor * (level * constant("ONE_THIRD", level)) + constant("TINY", level)
-    a, b, c = (paired_t(rows[0][k], rows[1][k], rows[2][k], least) for k in range(3))
-    largest = number(3.0, level) * greater(np.abs(a), greater(np.abs(b), np.abs(c)))
+    ta, tb, tc = (paired_t(rows[0][k], rows[1][k], rows[2][k], least) for k in range(3))
+    largest = number(3.0, level) * greater(np.abs(ta), greater(np.abs(tb), np.abs(tc)))
     t = lesser(largest, constant("DOMAIN_LIMIT", level))
     before = kept_change(history_count[row, column].astype(real))
-    change = np.where(a < number(0.0, level), -t, t) + number(settings["change_kept"], level) * before
-    return with_change(held / greater(np.abs(change) / number(settings["change_t"], level), number(1.0, level)), change)
+    change = np.where(ta < number(0.0, level), -t, t) + number(settings["change_kept"], level) * before
+    by = greater(np.abs(change) / number(settings["change_t"], level), number(1.0, level))
+    return Lit(with_change(held / by, change), least_colour(least_colour(leasts[0], leasts[1]), leasts[2]))

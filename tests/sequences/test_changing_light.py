@@ -19,7 +19,7 @@ from cltaa.layout import Layout
 from cltaa.params import BoxSpace, Choices, LightChange, Settings
 from cltaa.planning import plan_frame
 from cltaa.presets import load_preset, override
-from cltaa.reference.light import count_in_light, kept_change, with_change, with_change_of
+from cltaa.reference.light import history_in_light, kept_change, with_change, with_change_of
 from cltaa.reference.sampling import Footprint
 from cltaa.resolve import Resolver
 from cltaa.views import View
@@ -41,9 +41,9 @@ def light_count(now: Any, then: Any, before: float, held: float = 1.0, **setting
     record = settings_record(Settings(**settings))
     of_each = with_change(np.full((1, HEIGHT, WIDTH), 7.0, np.float32), np.full((), before, np.float32))
     count, counts = padded(of_each, layout)[0], np.full_like(still, held)
-    return count_in_light(
+    return history_in_light(
         counts, padded(now, layout), padded(then, layout), count, place, BUILD, layout, record, record
-    )
+    ).count
 
 
 def divisors(now: Any, then: Any, before: float = 0.0, **settings: Any) -> Any:
