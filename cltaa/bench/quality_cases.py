@@ -16,7 +16,7 @@ from cltaa.errors import CltaaError, InputMissing, UsageError, known
 from cltaa.frames import Effect
 from cltaa.sources import Sequence, open_sequence
 
-TRAIN, HELD_OUT = "train", "held-out"
+TRAIN, HELD_OUT, GIVEN = "train", "held-out", "given"
 MODEL = "file:"  # begins the name of a scene that is a model's path
 OTHER_JITTERS = ("halton:64", "r2:64")  # of the capture REDRAWN: the second where the sequence itself has the first
 # Without any of these nothing changes from frame to frame, and the truth has to be better than any resolve can get.
@@ -38,7 +38,7 @@ class Case(NamedTuple):
     """One sequence of the table."""
 
     scene: str
-    split: str  # TRAIN or HELD_OUT: whether the presets were tuned on it
+    split: str  # TRAIN, HELD_OUT or GIVEN: whether the presets were tuned on it, as far as that is known
     folder: Path
 
     @property

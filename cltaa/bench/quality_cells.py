@@ -58,6 +58,8 @@ class Cells:
 
     def _inputs(self, preset: Preset | None) -> str:
         what = b"" if preset is None else msgspec.json.encode([preset.choices, preset.settings])
+        if preset is not None and preset.published:  # else it goes unsaid, as a step of 1 does
+            what += b" published"
         return hashlib.sha256(self._base.encode() + what).hexdigest()
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from cltaa.atomic import atomic_path
 from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Column
-from cltaa.bench.quality_summary import DEFAULT, Row, Table, best_engine, highest_tier, ordered, published
+from cltaa.bench.quality_summary import DEFAULT, Row, Table, best_engine, highest_tier, ordered, published, score
 from cltaa.errors import DataError, InputMissing
 
 BEGIN, END = "<!-- cltaa bench quality: begin -->", "<!-- cltaa bench quality: end -->"
@@ -139,24 +140,28 @@ def _grid(cells: Mapping[str, list[dict[str, float | None]]]) -> str:
     for name, values in cells.items():
         texts = []
         for column, leaders in zip(COLUMNS, best, strict=True):
-            texts.append(" / ".join(_cell(v.get(column.name), column, b) for v, b in zip(values, leaders, strict=True)))
+            pairs = zip(values, leaders, strict=True)
+            texts.append(" / ".join(_cell(score(column.name, each), column, best) for each, best in pairs))
         lines.append(f"| {name} | {' | '.join(texts)} |")
     return "\n".join(lines)
 
 
 def _best(column: Column, scores: Iterable[dict[str, float | None]]) -> float | None:
     """The best value of a column; for shares around 0 that is the one nearest to 0."""
-    values = [value for each in scores if (value := each.get(column.name)) is not None]
+    values = [value for each in scores if (value := score(column.name, each)) is not None]
     if not values:
         return None
     return max(values) if column.higher_is_better else min(values, key=abs)
 
 
 def _cell(value: float | None, column: Column, best: float | None) -> str:
-    if value is None:
-        return "–"
-    text = format(value, column.form)
-    return f"**{text}**" if value == best else text
+    text = written(value, column)
+    return f"**{text}**" if value is not None and value == best else text
+
+
+def written(value: float | None, column: Column) -> str:
+    """A score as the tables have it."""
+    return "–" if value is None else "∞" if math.isinf(value) else format(value, column.form)
 
 
 def _titles(table: Table) -> list[str]:

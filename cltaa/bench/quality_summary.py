@@ -90,11 +90,12 @@ def _mean_scores(cells: list[Judged]) -> dict[str, float | None]:
     """Means over sequences: of a PSNR by way of its error, of samples the geometric one, else the arithmetic one."""
     result: dict[str, float | None] = {}
     for column in COLUMNS:
-        values = [value for cell in cells if (value := cell.scores.get(column.name)) is not None]
+        values = [value for cell in cells if (value := score(column.name, cell.scores)) is not None]
         if not values:
             result[column.name] = None
         elif column.name == "psnr":
-            result[column.name] = mean_psnr(values)
+            found = mean_psnr(values)
+            result[column.name] = found if math.isfinite(found) else None
         elif column.name in ("samples", "last", "uncovered"):
             result[column.name] = math.exp(math.fsum(map(math.log, values)) / len(values))
         else:
@@ -105,21 +106,28 @@ def _mean_scores(cells: list[Judged]) -> dict[str, float | None]:
 def _duel(rows: list[Row], preset: str, against: str) -> Duel:
     losses = [f"{row.scene} ({row.split})" for row in rows if not _better(row.presets[preset], row.presets[against])]
     pair = [_mean_scores([row.presets[name] for row in rows]) for name in (preset, against)]
-    flip, decibels = ((_number(pair[0][name]), _number(pair[1][name])) for name in DECIDING)
+    flip, decibels = ((_number(name, pair[0]), _number(name, pair[1])) for name in DECIDING)
     return Duel(
         preset=preset, against=against, better=len(rows) - len(losses), sequences=len(rows),
         not_better=losses, mean_flip=flip, mean_psnr=decibels,
     )  # fmt: skip
 
 
-def _number(value: float | None) -> float:
+def score(name: str, scores: Mapping[str, float | None]) -> float | None:
+    """A score or None where there was nothing to judge; a PSNR is always there, and infinite where it is null."""
+    value = scores.get(name)
+    return math.inf if value is None and name == "psnr" else value
+
+
+def _number(name: str, scores: Mapping[str, float | None]) -> float:
+    value = score(name, scores)
     return math.nan if value is None else value
 
 
 def _better(one: Judged, other: Judged) -> bool:
     """Better by both deciding scores."""
     for name in DECIDING:
-        a, b = _number(one.scores[name]), _number(other.scores[name])
+        a, b = _number(name, one.scores), _number(name, other.scores)
         if not (a > b if HIGHER[name] else a < b):
             return False
     return True

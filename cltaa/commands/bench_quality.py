@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 import click
@@ -13,6 +14,7 @@ from rich.table import Table as Grid
 
 from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged, check_judged, import_judges, judge_sequence
 from cltaa.bench.quality_cases import (
+    GIVEN,
     HELD_OUT,
     TRAIN,
     Case,
@@ -24,9 +26,9 @@ from cltaa.bench.quality_cases import (
     planned,
 )
 from cltaa.bench.quality_cells import Cells
-from cltaa.bench.quality_page import check_page, markdown, write_page
+from cltaa.bench.quality_page import check_page, markdown, write_page, written
 from cltaa.bench.quality_pictures import write_pictures
-from cltaa.bench.quality_summary import Table, ordered, summarise
+from cltaa.bench.quality_summary import Table, ordered, score, summarise
 from cltaa.commands.options import (
     ALL_SCENES,
     FILE_PATH,
@@ -38,6 +40,7 @@ from cltaa.commands.options import (
     json_option,
     step_option,
 )
+from cltaa.comparison import truth_of, truth_samples
 from cltaa.errors import UsageError
 from cltaa.launch import Launcher, launcher_for
 from cltaa.presets import Preset, load_preset, preset_names
@@ -137,7 +140,7 @@ def quality(
     chosen = [load_preset(name) for name in presets or preset_names()]
     shape = Shape(*size, frames, samples, still_samples, jitter)
     seeds = dict.fromkeys(train, TRAIN) | dict.fromkeys(held_out, HELD_OUT)
-    cases = [(Case(folder.name, TRAIN, folder), 0) for folder in folders]
+    cases = [(Case(folder.name, GIVEN, folder), 0) for folder in folders]
     if scenes or not folders:
         cases += _planned(scenes, seeds, shape, work)
     sequences = _opened(folders, settled, step)
@@ -154,7 +157,7 @@ def quality(
     if pictures is not None:
         texts = write_pictures(table, sequences, chosen, pictures, page, launcher)
     if page is not None:
-        write_page(page, markdown(table, _about(table, shape, settled), texts))
+        write_page(page, markdown(table, _about(table, sequences.values(), settled), texts))
     if as_json:
         click.echo(json_of(table))
     else:
@@ -196,16 +199,23 @@ def _judge(
     return {name: judged for name, judged in found.items() if judged is not None}
 
 
-def _about(table: Table, shape: Shape, settled: int) -> str:
+def _about(table: Table, sequences: Collection[Sequence], settled: int) -> str:
+    """What was judged, as the sequences themselves have it: some may not be as the options say."""
     devices = sorted({judged.device for row in table.rows for judged in row.presets.values()})
     splits = Counter(row.split for row in table.rows)
     counts = " and ".join(f"{count} {split}" for split, count in splits.items())
+    sizes = _either(f"{sequence.width} × {sequence.height}" for sequence in sequences)
+    frames = _either(len(sequence) for sequence in sequences)
+    jitters = _either(sequence.sequence_json.get("settings", {}).get("jitter") for sequence in sequences)
+    truths = _either(truth_samples(truth_of(sequence)) for sequence in sequences)
     return (
-        f"{counts} sequences, {shape.width} × {shape.height}, {shape.frames} frames, jitter {shape.jitter}, judged "
-        f"from frame {settled} on, truth of {shape.samples} samples a pixel "
-        f"({shape.still_samples} where nothing moves); "
-        f"{time.strftime('%Y-%m-%d', time.gmtime())}, {'; '.join(devices)}."
+        f"{counts} sequences, {sizes}, {frames} frames, jitter {jitters}, judged from frame {settled} on, "
+        f"truth of {truths} samples a pixel; {time.strftime('%Y-%m-%d', time.gmtime())}, {'; '.join(devices)}."
     )
+
+
+def _either(values: Iterable[object]) -> str:
+    return " or ".join("unknown" if value is None else str(value) for value in dict.fromkeys(values))
 
 
 def _print(table: Table) -> None:
@@ -217,8 +227,7 @@ def _print(table: Table) -> None:
         for column in COLUMNS:
             grid.add_column(f"{column.name} {'↑' if column.higher_is_better else '↓'}", justify="right", no_wrap=True)
         for name in ordered(means):
-            values = (means[name][column.name] for column in COLUMNS)
-            grid.add_row(name, *("–" if v is None else format(v, c.form) for v, c in zip(values, COLUMNS, strict=True)))
+            grid.add_row(name, *(written(score(column.name, means[name]), column) for column in COLUMNS))
         console.print(grid)
     for duel in table.duels:
         losses = f"; not in {', '.join(duel.not_better)}" if duel.not_better else ""

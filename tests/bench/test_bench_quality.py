@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from PIL import Image as Pillow
@@ -24,7 +25,7 @@ from cltaa.exr_read import read_frame
 from cltaa.frames import Frame
 from cltaa.launch import NumpyLauncher
 from cltaa.metrics import flip_map
-from cltaa.presets import load_preset, override
+from cltaa.presets import Published, load_preset, override
 from cltaa.sources import open_sequence
 from cltaa.video_scores import Sums, VideoScores
 from tests.sequence_factory import write_images, write_sequence
@@ -90,6 +91,8 @@ def test_a_cell_is_kept_until_what_decides_it_changes(tmp_path: Path, monkeypatc
     assert Cells(tmp_path / "cells", sequence, 1, 4).get("default", override(preset, {"sample_limit": 3.0})) is None
     other = open_sequence(write_sequence(tmp_path / "other", 3, reference=True, seed=1))
     assert Cells(tmp_path / "cells", other, 1, 4).get("default", preset) is None
+    theirs = msgspec.structs.replace(preset, published=Published.ENGINE)  # the plan leaves nothing out of it
+    assert Cells(tmp_path / "cells", sequence, 1, 4).get("default", theirs) is None
     monkeypatch.setattr("cltaa.bench.quality_cells.code_sha256", lambda: "another version")
     assert Cells(tmp_path / "cells", sequence, 1, 4).get("default", preset) is None
     assert Cells(tmp_path / "cells", sequence, 1, 4, any_code=True).get("default", preset) == judged
@@ -180,6 +183,30 @@ def test_means_and_duels() -> None:
     (duel,) = table.duels
     assert (duel.preset, duel.against, duel.better, duel.sequences) == ("default", "simvx", 1, 3)
     assert duel.not_better == ["b (train)", "a (held-out)"]
+
+
+def test_a_psnr_without_end_is_the_best_there_is() -> None:
+    """A sequence on which a preset is the truth itself must not lower its mean, nor be lost to what errs there."""
+    right = {"default": scores(psnr=None, flip=0.0), "simvx": scores(psnr=60.0, flip=0.2)}
+    table = summarise([(case("a"), right), (case("b"), {"default": scores(psnr=30.0), "simvx": scores(psnr=30.0)})])
+    assert table.means[TRAIN]["default"]["psnr"] == pytest.approx(-10 * math.log10(1e-3 / 2))
+    assert table.duels[0].not_better == ["b (train)"]
+    alone = markdown(summarise([(case("a"), right)]), "about")
+    assert "| default | **∞** |" in alone
+    assert "| simvx | 60.00 |" in alone
+
+
+def test_a_given_sequence_is_told_as_it_is(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Whatever the options say of what would have been drawn; and nobody knows whether presets were tuned on it."""
+    folder = write_sequence(tmp_path / "mine", 3, reference=True)
+    (tmp_path / "page.md").write_text(f"{BEGIN}\n{END}", encoding="utf-8")
+    arguments = ["bench", "quality", "--sequence", str(folder), "--preset", "t1", "--settled", "1"]
+    arguments += ["--work", str(tmp_path / "work"), "--page", str(tmp_path / "page.md"), "--device", "numpy"]
+    assert main(arguments) == 0
+    assert "means over sequences, given" in capsys.readouterr().out
+    text = (tmp_path / "page.md").read_text(encoding="utf-8")
+    assert "1 given sequences, 37 × 23, 3 frames, jitter unknown, " in text
+    assert "truth of unknown samples a pixel" in text
 
 
 def test_presets_stand_in_their_families() -> None:
