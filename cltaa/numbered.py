@@ -227,5 +227,5 @@ def no_frames(folder: Path, files: Iterable[Path]) -> InputMissing:
             return only_below(folder, below)
         others = sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in PICTURES)
         found = f"no EXR, but {others[0]}" if others else "nothing"
-        cure = "convert the frames to OpenEXR, with .exr in small letters" if others else None
+        cure = "convert the frames to OpenEXR, linear and with .exr in small letters" if others else None
     return InputMissing("no frames in the folder", path=folder, expected="<name>.<frame>.exr", found=found, cure=cure)

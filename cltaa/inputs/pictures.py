@@ -9,9 +9,12 @@ from typing import Self
 from cltaa.exr_channels import COLOUR
 from cltaa.frame_numbers import FrameRange, OnBreak
 from cltaa.frames import Image
+from cltaa.inputs.convert import linear_colour
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import open_intake
 from cltaa.inputs.parts import read_any_header
+from cltaa.inputs.profile import Encoding, Profile, load_profile
+from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import describe
 from cltaa.sources import ImageSequence, open_images
 
@@ -42,6 +45,28 @@ class ForeignImages(ImageSequence):
         return type(self)(self.sequence.select(first, last))
 
 
+class SrgbImages(ImageSequence):
+    """Images that were written sRGB-encoded, read as linear light."""
+
+    def __init__(self, images: ImageSequence) -> None:
+        """Take the files of ``images``."""
+        vars(self).update(vars(images))
+        self._images = images
+
+    @property
+    def notes(self) -> list[str]:
+        """How they are read."""
+        return ["colour.encoding srgb, as asked"]
+
+    def image(self, number: int) -> Image:
+        """Read the colour of one frame number, [H, W, 3] linear float32."""
+        return linear_colour(self._images.image(number), Encoding.SRGB)
+
+    def select(self, first: int, last: int) -> Self:
+        """Return the frames ``first`` to ``last``, both included."""
+        return type(self)(self._images.select(first, last))
+
+
 def open_pictures(
     path: Path,
     *,
@@ -53,13 +78,21 @@ def open_pictures(
 ) -> ImageSequence:
     """Open images as ``open_images`` does, with its options, and a folder of another tool's files by a profile.
 
-    Of the latter a missing frame is no error before it is asked for. Raises what ``open_images`` and ``open_intake``
-    raise.
+    Of the latter a missing frame is no error before it is asked for. Of channels R, G and B that are not cltaa's own a
+    profile only says how they are encoded. Raises what ``open_images`` and ``open_intake`` raise.
     """
     if not _of_another(path):
-        return open_images(path, verify=verify, gaps=gaps, frames=frames)
+        asked = Profile() if profile == "auto" else load_profile(profile)
+        images = open_images(path, verify=verify, gaps=gaps, frames=frames)
+        encoded = override(asked, assignments).colour.encoding is Encoding.SRGB
+        return SrgbImages(images) if encoded and not _own(images) else images
     intake = open_intake(path, profile=profile, assignments=assignments, gaps=OnBreak.RESET, frames=frames)
     return ForeignImages(ForeignSequence(path, intake, sorted(intake.declared), strict=False, verify=verify))
+
+
+def _own(images: ImageSequence) -> bool:
+    """True for what cltaa wrote, which is linear."""
+    return any(name.startswith("cltaa:") for name in read_any_header(images.path(images.first)).attributes)
 
 
 def _of_another(path: Path) -> bool:

@@ -19,6 +19,7 @@ from cltaa.exr_write import write_frame, write_image
 from cltaa.manifest import file_sha256
 from cltaa.metrics import light_mse, mean, measure
 from cltaa.sources import open_images, open_sequence
+from cltaa.srgb import encoded
 from cltaa.video_scores import VideoScores
 from tests.inputs.foreign import frames as foreign_frames
 from tests.inputs.foreign import write_blender
@@ -286,6 +287,23 @@ def test_other_tools_files_are_judged_and_judge(capsys: pytest.CaptureFixture[st
     assert "frame 1: no reference for this frame (found 0, 2)" in refusal_behind_notes(capsys, plain, truth)
     (shot / "shot.0002.exr").unlink()
     assert "frame 2: no single samples for this frame (found 0-1)" in refusal_behind_notes(capsys, plain, shot)
+
+
+def test_pictures_that_are_encoded_are_decoded(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """What a program of one's own wrote as it shows it: R, G and B too, and beside files of cltaa's own."""
+    capture = write_sequence(tmp_path / "capture", 2, reference=True)
+    images = [image.copy() for image in open_images(capture / "reference")]
+    write_images(capture / "reference", images, name="synthetic", samples=64)
+    mine = write_images(tmp_path / "mine", [encoded(image) for image in images])
+    assert run_json(capsys, mine, capture, "--metrics", "mse")["mean"]["mse"] > 0.05
+    asked = ("--metrics", "mse", "--input", "colour.encoding=srgb")
+    assert run_json(capsys, mine, capture, *asked)["mean"]["mse"] < 1e-12  # rounded twice
+    assert run_json(capsys, mine, capture, *asked, "--frames", "1")["mean"]["mse"] < 1e-12
+    assert run_json(capsys, mine / "image.0001.exr", mine / "image.0001.exr", *asked)["mean"]["mse"] == 0
+    assert "unknown profile nonsense" in refusal(capsys, 64, mine, capture, "--profile", "nonsense")
+    frames = write_images(tmp_path / "shot", [frame.colour for frame in open_sequence(capture)], name="synthetic")
+    write_images(frames / "reference", [encoded(image) for image in images], name="synthetic")
+    assert run_json(capsys, mine, frames, *asked)["mean"]["mse"] == 0
 
 
 def test_pictures_whose_channels_must_be_named(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
