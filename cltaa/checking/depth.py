@@ -16,11 +16,12 @@ from cltaa.checking.shots import Pair, Shot
 from cltaa.checking.signal import Vector
 from cltaa.checking.travel import CLEARLY_BETTER, camera_residual, moving_pairs
 from cltaa.frames import Frame
-from cltaa.inputs.convert import ray_length
+from cltaa.inputs.convert import planes_of, ray_length
 
 Plane = NDArray[np.float64]
 
-ROUNDING = 16 * 2.0**-23  # second difference of three float32 numbers, with as much again for the rasteriser
+ROUNDING = 16  # steps of the numbers: second difference of three of them, with as much again for the rasteriser
+FINEST, COARSE = 2.0**-23, 2.0**-11.5  # step of float32; the least of halves is 2^-11
 CLEARLY_MORE = 0.8  # share of the pixels that tell two readings apart
 LEAST_PIXELS = 200
 MOST_FRAMES = 3  # a kind of depth is the same in all; more only cost time
@@ -91,9 +92,10 @@ def _flat_shares(frames: Sequence[Frame], depth: Sequence[Plane]) -> dict[str, d
     flat: dict[str, list[NDArray[np.bool_]]] = {"planar": [], "ray": [], "reciprocal": []}
     for frame, raw in zip(frames, depth, strict=True):
         usable = np.isfinite(raw) & (raw > 0) & (raw < 1e9)
+        step = _step(raw[usable])
         for kind, closeness in _readings(frame, np.where(usable, raw, np.nan)).items():
             # Along rows and along columns: a level floor is at one depth along each row.
-            flat[kind] += [_is_flat(lines)[_is_known(lines)] for lines in (closeness, closeness.T)]
+            flat[kind] += [_is_flat(lines, step)[_is_known(lines)] for lines in (closeness, closeness.T)]
     table = {kind: np.concatenate(planes) for kind, planes in flat.items()}
     shares = {}
     for kind in ("ray", "reciprocal"):
@@ -116,11 +118,18 @@ def _is_known(lines: Plane) -> NDArray[np.bool_]:
     return np.isfinite(lines[:, :-2] + lines[:, 1:-1] + lines[:, 2:])
 
 
-def _is_flat(lines: Plane) -> NDArray[np.bool_]:
+def _step(values: Vector) -> float:
+    """How far apart two numbers lie at most, relative to them: of float32, or of the halves that they were."""
+    distinct = np.unique(values)
+    least = float((np.diff(distinct) / distinct[1:]).min()) if len(distinct) > 1 else 0.0
+    return 2.0 * least if least > COARSE else FINEST
+
+
+def _is_flat(lines: Plane, step: float) -> NDArray[np.bool_]:
     """True where three neighbours of a row lie on a line, to rounding."""
     left, middle, right = lines[:, :-2], lines[:, 1:-1], lines[:, 2:]
     with np.errstate(invalid="ignore"):
-        return np.asarray(np.abs(left - 2 * middle + right) <= ROUNDING * np.abs(middle))
+        return np.asarray(np.abs(left - 2 * middle + right) <= ROUNDING * step * np.abs(middle))
 
 
 def _reciprocal(frames: Sequence[Frame], finite: Vector, evidence: str, confidence: float) -> Finding:
@@ -143,23 +152,39 @@ def _middle(values: NDArray[np.float32]) -> float:
     return float(np.median(finite)) if finite.size else np.inf
 
 
-def tell_reversed(shot: Shot, inverse: Finding) -> Finding:
-    """1/Z and reversed device depth (near / Z) differ by a factor, which the parallax of a travelling camera shows."""
-    pairs = moving_pairs(shot)
+def tell_device(shot: Shot, found: Finding) -> Finding:
+    """Tell reversed device depth (near / Z) from 1/Z, and which near plane device depth has.
+
+    A projection that falls with distance says so itself. Else the two differ by a factor, which the parallax of a
+    travelling camera shows; of device depth it is 2, as clip space begins at -1 or at 0.
+    """
     clip = shot.frames[0].camera.view_to_clip
-    near = float(clip[2, 3] / (clip[2, 2] - 1.0)) if clip[2, 2] != 1.0 else 0.0
-    if len(pairs) < 2 or near <= 0.0 or near == 1.0:
-        return inverse
+    reverse = found.name == "depth-inverse"
+    if reverse and clip[2, 3] > 0.0 and not shot.frames[0].camera.orthographic:
+        return _reversed(found, "the projection is reversed too")
+    pairs = moving_pairs(shot)
+    near, other = (planes_of(clip, from_zero=from_zero)[0] for from_zero in (False, True))
+    if len(pairs) < 2 or near <= 0.0 or (reverse and near == 1.0):
+        return found
     raw = [pair.frame.depth[pair.y.astype(int), pair.x.astype(int)].astype(np.float64) for pair in pairs]
-    as_inverse, as_device = (
-        np.array([camera_residual(p, p.camera_motion(closeness=q / by)) for p, q in zip(pairs, raw, strict=True)])
-        for by in (1.0, near)
+    stored = raw if reverse else [1.0 - values for values in raw]
+    plain, changed = (
+        np.array([camera_residual(p, p.camera_motion(closeness=q * by)) for p, q in zip(pairs, stored, strict=True)])
+        for by in ((1.0, near) if reverse else (near, other))
     )
-    if as_device.mean() >= as_inverse.mean():
-        return inverse
-    evidence = f"{inverse.evidence}; residual {as_device.mean():.3f} as near / Z, {as_inverse.mean():.3f} as 1/Z"
+    if changed.mean() >= plain.mean():
+        return found
+    if reverse:
+        return _reversed(found, f"residual {changed.mean():.3f} as near / Z, {plain.mean():.3f} as 1/Z")
+    evidence = f"{found.evidence}; residual {changed.mean():.3f} with a clip space from 0, {plain.mean():.3f} from -1"
+    return _finding(found.name, found.what, evidence, found.confidence, {"kind": "device", "near": 1.0 / other})
+
+
+def _reversed(found: Finding, evidence: str) -> Finding:
     what = "depth is a reversed device depth, 1 near to 0 far"
-    return _finding("depth-device-reversed", what, evidence, inverse.confidence, {"kind": "device-reversed"})
+    return _finding(
+        "depth-device-reversed", what, f"{found.evidence}; {evidence}", found.confidence, {"kind": "device-reversed"}
+    )
 
 
 def _finding(name: str, what: str, evidence: str, confidence: float, fix: dict[str, object]) -> Finding:

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cltaa.checking.agreement import check_agreement
 from cltaa.checking.alignment import LEAST_POINTS, Fit, fit_shift
 from cltaa.checking.colour import check_channels, check_colour
-from cltaa.checking.depth import check_depth, check_depth_scale, tell_reversed
+from cltaa.checking.depth import check_depth, check_depth_scale, tell_device
 from cltaa.checking.finding import Finding
 from cltaa.checking.jitter import check_jitter
 from cltaa.checking.motion import check_motion
@@ -50,13 +51,16 @@ def check_frames(
         found += check_depth(frames)
     window = window or (frames[0].width, frames[0].height)
     shot = Shot(frames, window, has_camera=has_camera, has_depth=has_depth, has_jitter=has_jitter)
-    found = [tell_reversed(shot, finding) if finding.name == "depth-inverse" else finding for finding in found]
+    two_planes = ("depth-inverse", "depth-device")
+    found = [tell_device(shot, finding) if finding.name in two_planes else finding for finding in found]
     wrong_depth = any(finding.name.startswith("depth-") for finding in found)
     if has_camera:
         jittered = check_projection_jitter(shot)
         found += jittered
         if jittered:
             return found
+        if not wrong_depth and (agreed := check_agreement(shot)):
+            return found + agreed  # the rest is looked at once it is read so
         if not wrong_depth:
             # A wrong camera and a wrong scale of depth both spoil the parallax; the camera's mistakes are the cruder.
             found += check_travel(shot) or (check_depth_scale(shot) if has_depth else [])
@@ -77,7 +81,7 @@ def measure_shifts(shot: Shot) -> tuple[list[Fit | None], bool]:
 
 
 def _anchor(pair: Pair) -> Mask:
-    return pair.usable & ~np.isfinite(pair.own).all(0)
+    return pair.usable & ~pair.moving
 
 
 def _shift(pair: Pair, there: Mask) -> Fit | None:

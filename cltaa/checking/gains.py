@@ -27,6 +27,14 @@ def linear_maps(width: int, height: int) -> dict[str, Vector]:
     return maps
 
 
+def linear_fix(matrix: Vector, offset: Vector | None = None) -> dict[str, object]:
+    """Keys of a profile, of motion or jitter, for true value = matrix @ (declared value - offset)."""
+    swap = bool(matrix[0, 0] == 0.0)
+    scale = [float(matrix[0, 1]), float(matrix[1, 0])] if swap else [float(matrix[0, 0]), float(matrix[1, 1])]
+    fix: dict[str, object] = {"scale": scale, "swap": True} if swap else {"scale": scale}
+    return fix | ({"offset": offset.tolist()} if offset is not None and offset.any() else {})
+
+
 class Regression(NamedTuple):
     """Measured = matrix @ declared, by least squares, and what is left over, root mean square in pixels."""
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from cltaa.checking.alignment import Fit
 from cltaa.checking.finding import Finding
-from cltaa.checking.gains import left_over, linear_maps, regress
+from cltaa.checking.gains import left_over, linear_fix, linear_maps, regress
 from cltaa.checking.shots import Shot
 from cltaa.checking.signal import Vector
 from cltaa.printable import counted
@@ -74,13 +74,15 @@ def _mean(shot: Shot) -> list[Finding]:
         mean = offsets.mean(0)
     if np.abs(mean).max() <= LARGEST_MEAN_PX:
         return []
+    # From the pixel's corner, and seldom any other place: a mean of few frames is off by more than its digits tell.
+    centre = np.where(np.abs(np.abs(mean) - 0.5) < LARGEST_MEAN_PX, np.copysign(0.5, mean), mean)
     text = f"{mean[0]:.3f}, {mean[1]:.3f}"
     return [
         Finding(
             name="jitter-biased", mistake=True, confidence=0.9,
             what="the jitter is not centred: the resolved picture is shifted by its mean, for good",
             evidence=f"mean ({text}) px over {counted(len(offsets), 'frame')}",
-            fix={"jitter": {"offset": [round(float(-mean[0]), 4), round(float(-mean[1]), 4)]}},
+            fix={"jitter": {"offset": [round(float(-centre[0]), 4), round(float(-centre[1]), 4)]}},
         )
     ]  # fmt: skip
 
@@ -149,9 +151,4 @@ def _key(best: str) -> str:
 def _meaning(best: str, matrix: Vector) -> tuple[str, dict[str, object]]:
     if best == "absent":
         return "jitter is declared but the pixels are not jittered", {"source": "none"}
-    swap = bool(matrix[0, 0] == 0.0)
-    scale = [float(matrix[0, 1]), float(matrix[1, 0])] if swap else [float(matrix[0, 0]), float(matrix[1, 1])]
-    fix: dict[str, object] = {"scale": scale}
-    if swap:
-        fix["swap"] = True
-    return f"the declared jitter is {best.replace('-', ' ')}", fix
+    return f"the declared jitter is {best.replace('-', ' ')}", linear_fix(matrix)

@@ -12,9 +12,10 @@ import msgspec
 from cltaa.checking.detector import check_frames
 from cltaa.checking.files import check_files
 from cltaa.checking.finding import Finding
+from cltaa.inputs.correction import correct
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import Intake, intake_lines, open_with_gaps
-from cltaa.inputs.profile import Profile, correct, load_profile
+from cltaa.inputs.profile import Profile, load_profile
 from cltaa.inputs.profile_text import assignments_of, differences, option_text
 from cltaa.progress import track
 

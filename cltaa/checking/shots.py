@@ -13,6 +13,9 @@ from cltaa.checking.alignment import Picture
 from cltaa.checking.signal import Vector, grid_points, register_signal
 from cltaa.frames import Camera, Frame
 
+COVERED = 0.5  # share of the points
+AS_FAST = 1e-3  # of the fastest: what moves less rests, but for the rounding of halves
+
 
 @dataclass(slots=True)
 class Pair:
@@ -28,6 +31,18 @@ class Pair:
     closeness: Vector  # as declared; the sky's where there is no depth
     own: Vector  # [2, n], NaN where no vector was given
     usable: NDArray[np.bool_]  # neither reactive nor NaN
+
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """Where a vector says more than depth and matrices: all that have one, or before a camera that stands and in a
+        picture full of vectors those that do not rest as most do.
+        """
+        given: NDArray[np.bool_] = np.asarray(np.isfinite(self.own).all(0))
+        if given.mean() < COVERED or not is_still(self.frame.camera, self.previous.camera):
+            return given
+        beyond = np.hypot(*(self.own - np.median(self.own[:, given], axis=1)[:, None]))
+        apart: NDArray[np.bool_] = np.asarray(given & (beyond > AS_FAST * np.max(beyond[given])))
+        return apart if apart.mean() < COVERED else given
 
     @property
     def jitter_change(self) -> Vector:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,65 +11,15 @@ from cltaa.cameras import is_still
 from cltaa.checking.alignment import LEAST_POINTS, fit_shift
 from cltaa.checking.finding import Finding
 from cltaa.checking.gains import regress
+from cltaa.checking.meanings import MEANINGS, Change
 from cltaa.checking.shots import Pair, Shot
 from cltaa.checking.signal import Vector
 from cltaa.errors import DataError
 from cltaa.frame_checks import check_camera
 from cltaa.frames import Camera, Frame
-from cltaa.inputs.convert import FLIP_Y, FLIP_Z
 
 MOST_PAIRS, MOST_POINTS = 6, 8000  # looked at for each of a dozen meanings; more only cost time
 CLEARLY_BETTER = 0.85  # residual of the winner over that of the declaration
-Change = Callable[[Camera], Camera]
-_Z_MEANINGS = ("z-forward", "z-forward-projection", "mirrored", "left-handed")
-
-# What a writer may have meant by its two matrices: name -> (what it is called, keys of the profile, the mended camera).
-_MEANINGS: dict[str, tuple[str, dict[str, object], Change]] = {
-    "transposed": (
-        "the matrices are transposed", {"layout": "column"},
-        lambda c: Camera(c.world_to_view.T, c.view_to_clip.T),
-    ),
-    "view-transposed": (
-        "the view matrix is transposed", {"view_layout": "column"}, lambda c: Camera(c.world_to_view.T, c.view_to_clip),
-    ),
-    "projection-transposed": (
-        "the projection is transposed", {"projection_layout": "column"},
-        lambda c: Camera(c.world_to_view, c.view_to_clip.T),
-    ),
-    "inverse": (
-        "the view matrix leads from camera to world", {"sense": "camera-to-world"},
-        lambda c: Camera(np.linalg.inv(c.world_to_view).astype(np.float64), c.view_to_clip),
-    ),
-    "z-forward": (
-        "view space looks along +z", {"flip_z": True}, lambda c: Camera(FLIP_Z @ c.world_to_view, c.view_to_clip),
-    ),
-    "z-forward-projection": (
-        "view and projection look along +z", {"flip_z": True, "flip_projection_z": True},
-        lambda c: Camera(FLIP_Z @ c.world_to_view, c.view_to_clip @ FLIP_Z),
-    ),
-    "mirrored": (
-        "the world is left-handed", {"mirrored": True}, lambda c: Camera(c.world_to_view @ FLIP_Z, c.view_to_clip),
-    ),
-    "left-handed": (
-        "world, view and projection are left-handed", {"flip_z": True, "flip_projection_z": True, "mirrored": True},
-        lambda c: Camera(FLIP_Z @ c.world_to_view @ FLIP_Z, c.view_to_clip @ FLIP_Z),
-    ),
-    "y-flipped": (
-        "the projection's y points down", {"flip_y": True}, lambda c: Camera(c.world_to_view, FLIP_Y @ c.view_to_clip),
-    ),
-}  # fmt: skip
-
-
-def _transposed(meaning: tuple[str, dict[str, object], Change]) -> tuple[str, dict[str, object], Change]:
-    """The same of matrices that are transposed besides."""
-    what, fix, change = meaning
-    return (
-        f"the matrices are transposed, and {what}", {"layout": "column", **fix},
-        lambda c: change(Camera(c.world_to_view.T, c.view_to_clip.T)),
-    )  # fmt: skip
-
-
-_MEANINGS |= {f"transposed-{name}": _transposed(_MEANINGS[name]) for name in _Z_MEANINGS}
 
 
 def sound(frame: Frame, change: Change | None = None) -> bool:
@@ -86,17 +36,17 @@ def check_structure(frames: Sequence[Frame]) -> tuple[list[Finding], Change | No
     wrong = [frame for frame in frames if not sound(frame)]
     if not wrong:
         return [], None
-    able = {name: change for name, (_, _, change) in _MEANINGS.items() if all(sound(frame, change) for frame in frames)}
+    able = [name for name, meant in MEANINGS.items() if all(sound(frame, meant.change) for frame in frames)]
     if able:
-        name = min(able, key=lambda name: _mismatch(frames, able[name])) if len(able) > 1 else next(iter(able))
-        what, fix, change = _MEANINGS[name]
+        name = min(able, key=lambda name: _mismatch(frames, MEANINGS[name].change)) if len(able) > 1 else able[0]
+        what, fix = MEANINGS[name]
         row = " ".join(f"{number:g}" for number in wrong[0].camera.world_to_view[3])
         clip = " ".join(f"{number:g}" for number in wrong[0].camera.view_to_clip[3])
         evidence = f"last rows {row} and {clip} as read, of a camera only when {name.replace('-', ' ')}"
         finding = Finding(
             name=f"camera-{name}", mistake=True, confidence=0.95, what=what, evidence=evidence, fix={"camera": fix}
         )
-        return [finding], change
+        return [finding], MEANINGS[name].change
     evidence = f"frame {wrong[0].index}: neither as read nor transposed, inverted or flipped"
     what = "the matrices are no camera"
     return [Finding(name="camera-wrong", mistake=True, confidence=0.95, what=what, evidence=evidence)], None
@@ -118,14 +68,19 @@ def check_projection_jitter(shot: Shot) -> list[Finding]:
     if len(shot.frames) < 3 or not jitter.any() or np.abs(centre).max() < 1e-4:
         return []
     fit = regress(centre, jitter, np.ones(len(jitter)))
-    gain = float(np.trace(fit.matrix)) / 2.0
-    if abs(abs(gain) - 1.0) > 0.1 or fit.left > 0.05:
+    across, down = np.diag(fit.matrix).tolist()
+    if max(abs(abs(across) - 1.0), abs(abs(down) - 1.0)) > 0.1 or fit.left > 0.05:
         return []
+    evidence = f"its centre moves by {across:.3f}, {down:.3f} x the declared jitter, to {fit.left:.1g} px"
+    name, fix = "jittered", {"jittered": True}
+    what = "the projection contains the jitter"
+    if across * down < 0.0:  # what is left of the two is found when it is read so
+        if shot.frames[0].camera.view_to_clip[1, 1] > 0.0:
+            return []
+        name, (what, fix) = "y-flipped", MEANINGS["y-flipped"]
     return [
         Finding(
-            name="camera-jittered", mistake=True, confidence=0.98, what="the projection contains the jitter",
-            evidence=f"its centre moves by {gain:.3f} x the declared jitter, to {fit.left:.1g} px",
-            fix={"camera": {"jittered": True}},
+            name=f"camera-{name}", mistake=True, confidence=0.98, what=what, evidence=evidence, fix={"camera": fix}
         )
     ]  # fmt: skip
 
@@ -137,13 +92,14 @@ def check_travel(shot: Shot) -> list[Finding]:
         return []
     declared = np.array([camera_residual(pair, pair.camera_motion()) for pair in pairs])
     candidates: dict[str, tuple[str, dict[str, object], Vector]] = {}
-    for name, (what, fix, change) in _MEANINGS.items():
+    for name, meant in MEANINGS.items():
+        change = meant.change
         if all(sound(frame, change) for frame in shot.frames):
             scores = [
                 camera_residual(pair, pair.camera_motion(change(pair.frame.camera), change(pair.previous.camera)))
                 for pair in pairs
             ]
-            candidates[name] = (what, fix, np.array(scores))
+            candidates[name] = (meant.what, meant.fix, np.array(scores))
     candidates |= dict(_late(shot, pairs))
     if not candidates:
         return []

@@ -112,11 +112,24 @@ def still_camera(width: int, height: int) -> Camera:
 
 def _device_closeness(device: NDArray[np.float64], rule: Depth, camera: Camera) -> NDArray[np.float64]:
     """1 / planar depth, which is linear in device depth."""
-    clip = camera.view_to_clip
-    near = rule.near or float(clip[2, 3] / (clip[2, 2] - 1.0))
-    far = 1.0 / rule.far if rule.far else 0.0
+    near, far = planes_of(camera.view_to_clip)
+    near, far = 1.0 / rule.near if rule.near else near, 1.0 / rule.far if rule.far else far
     at_near = device if rule.kind is DepthKind.DEVICE_REVERSED else 1.0 - device
-    return np.asarray(far + at_near * (1.0 / near - far))
+    return np.asarray(far + at_near * (near - far))
+
+
+def planes_of(projection: Matrix, *, from_zero: bool = False) -> tuple[float, float]:
+    """Closeness (1 / distance) of the near and the far plane of a perspective projection, 0 for none.
+
+    In NDC z = b / Z - a, with a and b the last two of its third row. Where it falls with Z (b > 0) it is 1 at the near
+    plane and 0 at the far one; else 1 at the far plane, and at the near one -1, or 0 where clip space begins
+    ``from_zero``, which the matrix does not tell.
+    """
+    a, b = projection[2, 2:].tolist()
+    if b == 0.0:
+        return 0.0, 0.0
+    near, far = (1.0 + a, a) if b > 0.0 else (a - (0.0 if from_zero else 1.0), 1.0 + a)
+    return near / b, max(far / b, 0.0)
 
 
 def ray_length(shape: tuple[int, ...], camera: Camera, jitter: Offset) -> NDArray[np.float64]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
 from enum import StrEnum
 from importlib import resources
 from operator import attrgetter
@@ -160,32 +159,6 @@ def load_profile(name: str) -> Profile:
             f"unknown profile {name}", cure=known(name, ["auto", *profile_names(), "FILE.toml"], "profiles")
         )
     return _parse(Path(name).stem, read_text(Path(name), "a profile", LARGEST), name)
-
-
-def correct(profile: Profile, fix: Mapping[str, Mapping[str, Any]]) -> Profile:
-    """``profile`` with a correction that the detector found on top: factors multiply, flags turn over, the rest is set.
-
-    A correction speaks of the converted numbers, a profile of the stored ones.
-    """
-    values = msgspec.to_builtins(profile)
-    for section, keys in fix.items():
-        for name, change in keys.items():
-            before = values[section][name]
-            if name == "scale" and isinstance(before, list | tuple):
-                # Exchanged axes exchange the factors that were there before.
-                first = list(before)[::-1] if keys.get("swap") else list(before)
-                values[section][name] = [a * b for a, b in zip(first, change, strict=True)]
-            elif name == "scale":
-                values[section][name] = before * change
-            elif name in ("offset", "delay") and section == "jitter":
-                values[section][name] = (
-                    before + change if name == "delay" else [a + b for a, b in zip(before, change, strict=True)]
-                )
-            elif isinstance(change, bool):
-                values[section][name] = before != change
-            else:
-                values[section][name] = change
-    return convert_profile(values, "correction")
 
 
 def _parse(name: str, text: str, origin: str) -> Profile:
