@@ -6,191 +6,190 @@ a kernel receives and the ``#define`` lines of its prelude.
 
 from __future__ import annotations
 
-from enum import StrEnum
-
 import msgspec
 
+from cltaa.choice import Choice as Choice
 from cltaa.filters import CurrentFilter as CurrentFilter
 from cltaa.filters import FilterUse as FilterUse
 from cltaa.filters import HistoryFilter as HistoryFilter
 from cltaa.settings import Settings as Settings
 
 
-class HistoryOf(StrEnum):
+class HistoryOf(Choice):
     """What is remembered of earlier frames."""
 
-    RESULT = "result"  # their resolved image: any number of frames in one
-    DOUBLED = "doubled"  # the same at 200 %: four texels a pixel
-    SAMPLES = "samples"  # the samples of the last frames_kept frames, as they were drawn
+    RESULT = "result", "their resolved image: any number of frames in one"
+    DOUBLED = "doubled", "the same at 200 %: four texels a pixel"
+    SAMPLES = "samples", "the samples of the last frames_kept frames, as they were drawn"
 
 
-class GatherFit(StrEnum):
+class GatherFit(Choice):
     """What the gathered samples of a pixel are taken for (history_of samples)."""
 
-    MEAN = "mean"  # as many draws of one value
-    PLANE = "plane"  # points of a plane over the pixel, whose value at the centre is taken
-    LAYERS = "layers"  # the same, and across a depth edge a nearer surface and a farther one, each on its own way
+    MEAN = "mean", "as many draws of one value"
+    PLANE = "plane", "points of a plane over the pixel, whose value at the centre is taken"
+    LAYERS = "layers", "the same, and across a depth edge a nearer surface and a farther one, each on its own way"
 
 
-class ThinSearch(StrEnum):
+class ThinSearch(Choice):
     """Along which ways things thinner than a pixel are looked for (gather_fit layers)."""
 
-    OWN_WAY = "own-way"  # that of what the pixel shows
-    BESIDE = "beside"  # where light does not change, that of the nearest thing around it too, twice as many frames back
+    OWN_WAY = "own-way", "that of what the pixel shows"
+    BESIDE = "beside", "where light does not change, that of the nearest thing around it too, twice as many frames back"
 
 
-class Tonemap(StrEnum):
+class Tonemap(Choice):
     """The range in which everything is compared and blended."""
 
     NONE = "none"
-    PEAK = "peak"  # c / (1 + max(r, g, b)), undone when the result is stored
+    PEAK = "peak", "c / (1 + max(r, g, b)), undone when the result is stored"
 
 
-class Reproject(StrEnum):
+class Reproject(Choice):
     """What the history position follows."""
 
-    FULL = "full"  # camera and own motion
-    CAMERA = "camera"  # the camera alone
-    NONE = "none"  # nothing: the same pixel
+    FULL = "full", "camera and own motion"
+    CAMERA = "camera", "the camera alone"
+    NONE = "none", "nothing: the same pixel"
 
 
-class OnCameraMove(StrEnum):
+class OnCameraMove(Choice):
     """What happens to the history when the camera moves."""
 
     KEEP = "keep"
     RESET = "reset"
 
 
-class RayThrough(StrEnum):
+class RayThrough(Choice):
     """Where in the pixel the surface is taken to lie that the depth tells of."""
 
-    SAMPLE = "sample"  # at the jittered sample that was drawn
-    CENTRE = "centre"  # at the pixel's centre, as resolves that reproject by unjittered matrices have it
+    SAMPLE = "sample", "at the jittered sample that was drawn"
+    CENTRE = "centre", "at the pixel's centre, as resolves that reproject by unjittered matrices have it"
 
 
-class ExposureChange(StrEnum):
+class ExposureChange(Choice):
     """What a change of exposure does to the history."""
 
-    FOLLOW = "follow"  # it is scaled by the ratio
+    FOLLOW = "follow", "it is scaled by the ratio"
     IGNORE = "ignore"
 
 
-class ReactiveMask(StrEnum):
+class ReactiveMask(Choice):
     """What the reactive channel does."""
 
-    USE = "use"  # less history where it is high
+    USE = "use", "less history where it is high"
     IGNORE = "ignore"
 
 
-class OffScreen(StrEnum):
+class OffScreen(Choice):
     """What a history position outside the previous image means."""
 
-    FRESH = "fresh"  # no history
-    EDGE = "edge"  # the nearest texel of the edge
+    FRESH = "fresh", "no history"
+    EDGE = "edge", "the nearest texel of the edge"
 
 
-class AlphaFrom(StrEnum):
+class AlphaFrom(Choice):
     """Where the alpha of the result comes from."""
 
-    BLEND = "blend"  # accumulated like colour
-    CURRENT = "current"  # the current frame's
+    BLEND = "blend", "accumulated like colour"
+    CURRENT = "current", "the current frame's"
 
 
-class Negatives(StrEnum):
+class Negatives(Choice):
     """What happens to light that a negative lobe or a chroma clamp made negative."""
 
-    RAISE = "raise"  # to 0, or to the current sample where that is negative itself
+    RAISE = "raise", "to 0, or to the current sample where that is negative itself"
     KEEP = "keep"
 
 
-class Neighbourhood(StrEnum):
+class Neighbourhood(Choice):
     """Which texels around a pixel its statistics are taken over."""
 
     CROSS = "cross"
     SQUARE = "square"
-    WEIGHTED = "weighted"  # the square, its mean and deviation with weights 1 2 1 both ways
+    WEIGHTED = "weighted", "the square, its mean and deviation with weights 1 2 1 both ways"
 
 
-class Variance(StrEnum):
+class Variance(Choice):
     """How the deviation of the neighbourhood is summed up."""
 
-    SHIFTED = "shifted"  # of differences from the centre: right at any mean
-    NAIVE = "naive"  # E[x^2] - E[x]^2, the popular form: it cancels where the mean is large beside the deviation
+    SHIFTED = "shifted", "of differences from the centre: right at any mean"
+    NAIVE = "naive", "E[x^2] - E[x]^2, the popular form: it cancels where the mean is large beside the deviation"
 
 
-class Box(StrEnum):
+class Box(Choice):
     """What the history is held against."""
 
-    VARIANCE = "variance"  # mean +- gamma standard deviations
-    EXTREMES = "extremes"  # least and greatest value of each channel
-    BOTH = "both"  # the intersection of the two
-    ROUNDED = "rounded"  # the mean of the extremes of the 3x3 and of the cross
-    UNIT = "unit"  # the extremes, but at least [0, 1] is inside; alpha is held in its own
+    VARIANCE = "variance", "mean +- gamma standard deviations"
+    EXTREMES = "extremes", "least and greatest value of each channel"
+    BOTH = "both", "the intersection of the two"
+    ROUNDED = "rounded", "the mean of the extremes of the 3x3 and of the cross"
+    UNIT = "unit", "the extremes, but at least [0, 1] is inside; alpha is held in its own"
 
 
-class BoxSpace(StrEnum):
+class BoxSpace(Choice):
     """The colour space of the box."""
 
     RGB = "rgb"
     YCOCG = "ycocg"
 
 
-class Rectify(StrEnum):
+class Rectify(Choice):
     """How implausible history is moved into the box."""
 
     NONE = "none"
-    CLAMP = "clamp"  # each channel on its own; moves no further than the history moved
-    CLIP = "clip"  # along the line to the centre, extents floored
-    CLIP_UNGUARDED = "clip-unguarded"  # the popular form without the floor: discontinuous for flat boxes
-    CLIP_CURRENT = "clip-current"  # along the line to the current sample, itself clamped
-    ELLIPSOID = "ellipsoid"  # along the line to the centre, onto the ellipsoid inside the box
+    CLAMP = "clamp", "each channel on its own; moves no further than the history moved"
+    CLIP = "clip", "along the line to the centre, extents floored"
+    CLIP_UNGUARDED = "clip-unguarded", "the popular form without the floor: discontinuous for flat boxes"
+    CLIP_CURRENT = "clip-current", "along the line to the current sample, itself clamped"
+    ELLIPSOID = "ellipsoid", "along the line to the centre, onto the ellipsoid inside the box"
 
 
-class Dilation(StrEnum):
+class Dilation(Choice):
     """Whose motion a pixel follows."""
 
-    NONE = "none"  # its own
-    CLOSEST = "closest"  # that of the nearest surface in its 3x3
-    EDGE = "edge"  # the same, but only across a depth edge
+    NONE = "none", "its own"
+    CLOSEST = "closest", "that of the nearest surface in its 3x3"
+    EDGE = "edge", "the same, but only across a depth edge"
 
 
-class LightChange(StrEnum):
+class LightChange(Choice):
     """What becomes of history whose light has changed since."""
 
-    IGNORE = "ignore"  # its box alone tells
-    TEST = "test"  # the more the 3x3 of now differs from that of the history all one way, the less it counts
-    SPANS = "spans"  # the span of the past that the latest samples bear out; without gathered samples: test
+    IGNORE = "ignore", "its box alone tells"
+    TEST = "test", "the more the 3x3 of now differs from that of the history all one way, the less it counts"
+    SPANS = "spans", "the span of the past that the latest samples bear out; without gathered samples: test"
 
 
-class Reject(StrEnum):
+class Reject(Choice):
     """How history of another surface is recognised."""
 
     NONE = "none"
-    DEPTH = "depth"  # by the closeness that the previous frame should have had there
+    DEPTH = "depth", "by the closeness that the previous frame should have had there"
 
 
-class Accumulate(StrEnum):
+class Accumulate(Choice):
     """How the weight of the current sample follows from the number of samples in the history."""
 
-    COUNT = "count"  # running mean: 1 / (count + 1)
-    EXPONENTIAL = "exponential"  # the same, but never below blend_weight
-    CONSTANT = "constant"  # blend_weight from the second frame on
-    ADAPTIVE = "adaptive"  # from blend_weight to moving_weight, by motion and by what rectification moved
+    COUNT = "count", "running mean: 1 / (count + 1)"
+    EXPONENTIAL = "exponential", "the same, but never below blend_weight"
+    CONSTANT = "constant", "blend_weight from the second frame on"
+    ADAPTIVE = "adaptive", "from blend_weight to moving_weight, by motion and by what rectification moved"
 
 
-class Weighting(StrEnum):
+class Weighting(Choice):
     """What else weighs in the blend."""
 
     NONE = "none"
-    LUMINANCE = "luminance"  # 1 / (knee + Y): one firefly does not outweigh a pixel's whole past
+    LUMINANCE = "luminance", "1 / (knee + Y): one firefly does not outweigh a pixel's whole past"
 
 
-class AntiFlicker(StrEnum):
+class AntiFlicker(Choice):
     """What lowers the weight of the current sample where the picture is likely to flicker."""
 
     NONE = "none"
-    DIFFERENCE = "difference"  # by the luminance difference between the sample and its history (Lottes)
-    CLAMP_DISTANCE = "clamp-distance"  # by the distance of the history from the ends of its box (Karis 2014)
+    DIFFERENCE = "difference", "by the luminance difference between the sample and its history (Lottes)"
+    CLAMP_DISTANCE = "clamp-distance", "by the distance of the history from the ends of its box (Karis 2014)"
 
 
 class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbid_unknown_fields=True):

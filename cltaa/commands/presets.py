@@ -43,14 +43,15 @@ def presets(name: str | None, against: str | None, parameters: bool, as_json: bo
         click.echo(json_of(rows)) if as_json else _print_presets(listed)
 
 
-def parameter_rows() -> list[dict[str, str]]:
+def parameter_rows() -> list[dict[str, Any]]:
     """One row a parameter, from its declaration."""
-    rows = []
+    rows: list[dict[str, Any]] = []
     for struct in (Choices, Settings):
         hints: dict[str, Any] = get_type_hints(struct, include_extras=True)
         for field in msgspec.structs.fields(struct):
             hint = hints[field.name]
-            row = {"parameter": field.name, "default": f"{field.default:g}" if struct is Settings else field.default}
+            default = f"{field.default:g}" if struct is Settings else field.default
+            row: dict[str, Any] = {"parameter": field.name, "default": default}
             if struct is Settings:
                 (meta,) = hint.__metadata__
                 extra = meta.extra
@@ -62,6 +63,7 @@ def parameter_rows() -> list[dict[str, str]]:
             else:
                 doc = (hint.__doc__ or "").strip().rstrip(".")
                 row |= {"values": allowed(field.name), "meaning": doc}
+                row["value_meanings"] = {value: value.meaning for value in hint if value.meaning}
             rows.append(row)
     return rows
 
@@ -98,13 +100,15 @@ def _print_presets(presets: list[Preset]) -> None:
     Console().print(table)
 
 
-def _print_parameters(rows: list[dict[str, str]]) -> None:
+def _print_parameters(rows: list[dict[str, Any]]) -> None:
     """A paragraph each: a table of four columns leaves the text a few letters a line in a terminal of usual width."""
     console = Console(highlight=False)
     console.print(
         "What each is where a preset does not set it (and what it can be); what one sets: cltaa presets NAME\n"
     )
     for row in rows:
-        text = {name: escape(value) for name, value in row.items()}
+        text = {name: escape(value) for name, value in row.items() if isinstance(value, str)}
         console.print(f"[bold]{text['parameter']}[/] = {text['default']}  [dim]({text['values']})[/]")
         console.print(Padding(text["meaning"], (0, 0, 0, 4)))
+        for value, meaning in row.get("value_meanings", {}).items():
+            console.print(Padding(f"[dim]{value}:[/] {escape(meaning)}", (0, 0, 0, 8)))

@@ -173,6 +173,9 @@ def test_every_parameter_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     rows = json.loads(capsys.readouterr().out)
     assert {row["parameter"] for row in rows} == set(FIELDS)
     assert all(row["meaning"] for row in rows)
+    told = {row["parameter"]: row["value_meanings"] for row in rows if "value_meanings" in row}
+    assert told["box"]["both"] == "the intersection of the two"
+    assert told["on_camera_move"] == {}  # its words say it all
 
 
 @pytest.mark.parametrize("columns", ["40", "80", "200"])
@@ -187,6 +190,9 @@ def test_parameters_are_readable_in_any_terminal(
     for row in parameter_rows():
         assert f"{row['parameter']} = {row['default']} ({row['values']})" in said
         assert row["meaning"] in said
+        for value, meaning in row.get("value_meanings", {}).items():
+            assert f"{value}: {meaning}" in said
+    assert "clip: along the line to the centre, extents floored" in said
 
 
 def test_kernel_text_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
