@@ -100,6 +100,7 @@ class Build(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     plane: int = 0  # texels of a plane, where kernels are built for one size of images in one piece; 0: any
     registers: int = 0  # the most a work-item may have, where the compiler can be told; 0: as many as it likes
     columns_ahead: int = 0  # work-items right of one whose texels it fetches (kernels/ahead.h); 0: only the next one's
+    far_first: bool = False  # whether these come into the first cache, not into the second alone
     own_place: bool = False  # whether it fetches of the history what lies below itself, not below where it came from
     columns: int = 0  # the most that a work-item of the resolve walks row by row; 0: what suits the device
     strict: bool = False
@@ -217,6 +218,7 @@ def prelude(build: Build) -> str:
             _macro(name): getattr(build, name)
             for name in ("lanes", "rows", "stride", "plane", "columns_ahead", "columns")
         },
+        "FAR_FIRST": int(build.far_first),
         "OWN_PLACE": int(build.own_place),
         "REAL_DOUBLE": int(build.real is Real.DOUBLE),
         "STORAGE_DOUBLE": int(build.storage is Storage.DOUBLE),

@@ -81,6 +81,7 @@ class DeviceLauncher:
         shape = self.device.shape
         lanes, rows = plan_build.lanes or shape.lanes, plan_build.rows or shape.rows
         fits = {name: getattr(shape, name) for name in ("columns_ahead", "own_place")}
+        fits["far_first"] = shape.far_first and not in_place(plan_build)
         return msgspec.structs.replace(
             plan_build, lanes=lanes, rows=rows, registers=shape.registers_of(plan_build), **fits
         )

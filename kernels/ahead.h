@@ -7,13 +7,14 @@
 // COLUMNS_AHEAD: a core has few places for lines that are under way to its first cache, one that comes from memory
 // keeps its place for long, and a load from the second cache waits for one too. So a CPU's work-item fetches what lies
 // so many work-items right of it into the second cache alone, and its own next texels and those right of them from
-// there into the first.
+// there into the first. FAR_FIRST: the far ones into the first as well. On a Zen 5 those that were asked for into the
+// second alone were not there in time once a walk had fallen behind, and it did not catch up.
 #include "image.h"
 
 // COLUMNS > 1: along rows a CPU foresees what comes, so that a work-item fetches its own texels alone, into the second
 // cache.
-#if !defined(COLUMNS_AHEAD) || !defined(COLUMNS) || !defined(OWN_PLACE)
-#error "ahead.h needs COLUMNS_AHEAD, COLUMNS and OWN_PLACE from the prelude"
+#if !defined(COLUMNS_AHEAD) || !defined(FAR_FIRST) || !defined(COLUMNS) || !defined(OWN_PLACE)
+#error "ahead.h needs COLUMNS_AHEAD, FAR_FIRST, COLUMNS and OWN_PLACE from the prelude"
 #endif
 
 #define ROWS_AHEAD (COLUMNS > 1 ? 3 : (LANES > 1 ? 4 : 2))

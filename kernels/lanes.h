@@ -89,8 +89,9 @@ typedef __global float* restrict history_out;
 #if LANES > 1 && defined(__has_builtin) && (defined(__x86_64__) || defined(__aarch64__))
 #if __has_builtin(__builtin_prefetch)
 #define FETCH_NEXT(p) __builtin_prefetch((const void*)(size_t)((p) + LANES))
-// The LANES from `far` on into the second cache; those from `near` on, and the ones after them, into the first.
-#define FETCH_FAR(far) __builtin_prefetch((const void*)(size_t)(far), 0, 2)
+// The LANES from `far` on into the second cache, or with FAR_FIRST into the first, which leaves them to the second;
+// those from `near` on, and the ones after them, into the first.
+#define FETCH_FAR(far) __builtin_prefetch((const void*)(size_t)(far), 0, FAR_FIRST ? 3 : 2)
 #define FETCH_TWICE(far, near) (FETCH_FAR(far), __builtin_prefetch((const void*)(size_t)(near), 0, 3), FETCH_NEXT(near))
 #endif
 #endif

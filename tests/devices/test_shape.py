@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from cltaa.bench.frames import Motion, make_frames
-from cltaa.build import Storage
+from cltaa.build import Build, Steps, Storage, prelude
 from cltaa.device import Device, cpu_shape
 from cltaa.frames import Image
 from cltaa.launch import DeviceLauncher
+from cltaa.presets import load_preset
 from cltaa.resolve import Resolver
 from cltaa.shape import CPU_4, CPU_8, CPU_16, INTEL_16, ITEMS_A_UNIT, Shape, shared_out
 
@@ -54,9 +55,25 @@ def test_columns_fetched_ahead_change_no_bit(storage: Storage, monkeypatch: pyte
     near, next_one = resolved(CPU_16._replace(columns_ahead=0), storage, monkeypatch)
     far, third = resolved(CPU_16, storage, monkeypatch)
     _, own = resolved(CPU_16._replace(own_place=True), storage, monkeypatch)
+    _, second = resolved(CPU_16._replace(far_first=False), storage, monkeypatch)
     assert (near, far) == (0, CPU_16.columns_ahead)
     assert np.array_equal(next_one.view(np.uint32), third.view(np.uint32))
     assert np.array_equal(own.view(np.uint32), third.view(np.uint32))
+    assert np.array_equal(second.view(np.uint32), third.view(np.uint32))
+
+
+@pytest.mark.parametrize(
+    ("shape", "preset", "first"),
+    [(CPU_16, "default", True), (CPU_16, "t2", True), (CPU_16, "t0", False), (INTEL_16, "default", False)],
+)
+def test_far_lines_come_into_the_first_cache_where_that_was_measured_to_pay(
+    shape: Shape, preset: str, first: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Device, "shape", shape)
+    chosen = load_preset(preset)
+    steps = Steps(camera_motion=preset != "t0", own_motion=False)
+    build = DeviceLauncher().build(Build(choices=chosen.choices, steps=steps))
+    assert f"#define FAR_FIRST {int(first)}\n" in prelude(build)
 
 
 @pytest.mark.parametrize("storage", [Storage.FLOAT, Storage.HALF])
