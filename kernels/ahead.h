@@ -17,8 +17,8 @@
 #error "ahead.h needs COLUMNS_AHEAD, FAR_FIRST, COLUMNS and OWN_PLACE from the prelude"
 #endif
 
-#define ROWS_AHEAD (COLUMNS > 1 ? 3 : (LANES > 1 ? 4 : 2))
-#define ROWS_NEAR 2 // of ROWS_AHEAD left out for what comes from the second cache
+#define ROWS_AHEAD (COLUMNS > 1 ? 3 : (LANES > 1 ? (FAR_FIRST ? 3 : 4) : 2))
+#define ROWS_NEAR (FAR_FIRST ? 1 : 2) // of ROWS_AHEAD left out for what comes from the second cache
 
 // The texel of plane p that lies `rows` rows below the one at `at`. Where a row's length is a constant the step is part
 // of NVIDIA's instruction, so that it takes the address that the loads around it have.
