@@ -12,9 +12,11 @@ import pytest
 
 from cltaa.checkpoint import SLOTS
 from cltaa.cli import main
+from cltaa.errors import DataError
 from cltaa.exr_write import write_frame
 from cltaa.manifest import Manifest
 from cltaa.presets import load_preset
+from cltaa.resolve import Resolver
 from tests.faults.runs import (
     FRAMES,
     PATIENCE,
@@ -85,7 +87,8 @@ def test_signal_ends_with_130_and_a_checkpoint(tmp_path: Path, number: signal.Si
     kept = check_after_fault(output, expected)
     assert 5 <= kept < count
     assert any((output / name).exists() for name in SLOTS)
-    finish(folder, output, expected)
+    for _ in range(2):  # the second finds each frame after the one that it continues, across the break too
+        finish(folder, output, expected)
 
 
 def test_another_version_of_the_code_is_refused_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -137,6 +140,20 @@ def test_restart_begins_anew(tmp_path: Path, whole: tuple[Path, dict[str, str]])
     assert sorted(path.name for path in output.glob("*.exr")) == ["synthetic.0000.exr", "synthetic.0001.exr"]
     assert main(arguments(folder, output, "--restart")) == 0
     check_finished(output, expected)
+
+
+def test_restart_forgets_the_state_after_other_inputs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that ends before its first checkpoint must not leave those of the run before it to the next."""
+
+    def refused(*_: Any) -> None:
+        raise DataError("wrong")
+
+    folder, output = write_sequence(tmp_path / "in", FRAMES, width=9, height=7), tmp_path / "out"
+    begun(folder, output, 3)
+    assert any((output / name).exists() for name in SLOTS)
+    monkeypatch.setattr(Resolver, "resolve", refused)
+    assert main(arguments(folder, output, "--restart")) == 65
+    assert not any((output / name).exists() for name in SLOTS)
 
 
 def test_frames_of_another_origin_are_not_mixed(tmp_path: Path, whole: tuple[Path, dict[str, str]]) -> None:

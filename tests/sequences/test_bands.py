@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
@@ -10,15 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cltaa.allocator import KEPT_BLOCKS
 from cltaa.bands import BandedResolver, band_rows_for, resolver_for
 from cltaa.build import Steps, Storage
 from cltaa.checkpoint import Checkpoints
 from cltaa.cli import main
 from cltaa.device import Device
 from cltaa.errors import UsageError
+from cltaa.exr_write import write_image
 from cltaa.frames import Frame
 from cltaa.manifest import Manifest
 from cltaa.memory import Memory, device_bytes, of_resolve, of_whole_images
+from cltaa.pipeline import resolve_sequence
 from cltaa.presets import load_preset
 from cltaa.resolve import Resolver
 from cltaa.shape import Shape
@@ -141,6 +145,27 @@ def test_a_preset_that_keeps_frames_has_no_bands(
     assert not list(tmp_path.glob("out/*.exr"))
     assert main([*command, "--band-rows", "0"]) == 0
     assert main([*command[:3], str(tmp_path / "bands")]) == 0  # the default, in bands
+
+
+def test_no_second_image_waits_beside_a_band(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each is written before the next frame is resolved: of images that large little else fits into memory."""
+    output = tmp_path / "out"
+    there: list[int] = []
+
+    class Looking(BandedResolver):
+        def resolve(self, frame: Frame) -> Any:
+            there.append(len(list(output.glob("*.exr"))))
+            assert not KEPT_BLOCKS._users  # nor is one kept for what comes next
+            return super().resolve(frame)
+
+    def slowly(*given: Any, **named: Any) -> None:
+        time.sleep(0.01)
+        write_image(*given, **named)
+
+    monkeypatch.setattr("cltaa.streams.write_image", slowly)
+    folder = write_sequence(tmp_path / "in", 4, width=9, height=7)
+    resolve_sequence(open_sequence(folder), output, Looking(band_rows=4))
+    assert there == [0, 1, 2, 3]
 
 
 def test_command_line_writes_the_same_files(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from cltaa.frames import Camera, Effect, Frame
 from cltaa.launch import DeviceLauncher, Launcher, NumpyLauncher
 from cltaa.params import Reject
 from cltaa.planning import plan_frame, with_effects
-from cltaa.presets import load_preset, override
+from cltaa.presets import load_preset, override, preset_names
 from cltaa.program import source_hash
 from cltaa.resolve import Resolver
 from tests.sequence_factory import make_camera, make_frame
@@ -90,6 +90,15 @@ def test_depth_is_asked_where_something_is_uncovered(preset: str, effects: set[E
     plan = plan_frame(load_preset(preset), frame, STANDING)
     assert (plan.choices.reject is Reject.DEPTH) is rejects
     assert [reason.on for reason in plan.reasons if reason.step == "rejection"] == [rejects]
+
+
+@pytest.mark.parametrize("effects", [None, frozenset(), frozenset({Effect.CAMERA}), frozenset(Effect)])
+@pytest.mark.parametrize("name", [name for name in preset_names() if load_preset(name).published])
+def test_nothing_is_left_out_of_what_somebody_published(name: str, effects: frozenset[Effect] | None) -> None:
+    preset = load_preset(name)
+    plan = plan_frame(preset, make_frame(1, effects=effects), make_camera((1.0, 0.0, 5.0)))
+    assert plan.choices == preset.choices
+    assert plan.settings == preset.settings
 
 
 def test_named_effects_leave_the_others_out() -> None:

@@ -9,8 +9,12 @@ import pytest
 
 import cltaa
 from cltaa.cli import main
+from cltaa.estimates import LIGHT
 from cltaa.exr_write import write_frame
 from cltaa.frames import Effect
+from cltaa.params import LightChange
+from cltaa.planning import plan_frame, toggled
+from cltaa.presets import load_preset
 from cltaa.sequence_plan import SequencePlan
 from tests.sequence_factory import make_camera, make_frame
 
@@ -44,6 +48,15 @@ def test_a_camera_that_stops_and_a_cut_make_spans(walk: Path) -> None:
     assert plan.kernels == 2
     assert all([step.name for step in section.steps] == STEPS for section in plan.sections)
     assert all(step.why and step.milliseconds is None for section in plan.sections for step in section.steps)
+
+
+@pytest.mark.parametrize("name", ["default", "t5"])
+def test_a_step_is_turned_on_as_its_preset_has_it(name: str) -> None:
+    preset, frame = load_preset(name), make_frame(effects=frozenset({Effect.CAMERA}))
+    plan = plan_frame(preset, frame, None)
+    assert plan.choices.light_change is LightChange.IGNORE
+    on = toggled(plan, preset, LIGHT).choices.light_change
+    assert on is preset.choices.light_change is (LightChange.SPANS if name == "t5" else LightChange.TEST)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,151 @@
+"""A sequence through the resolver: when its state is saved, what is let go, and what its times hold."""
+
+from __future__ import annotations
+
+import gc
+import time
+import weakref
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cltaa.allocator import Block
+from cltaa.checkpoint import Checkpoints
+from cltaa.errors import DeviceLost, UsageError
+from cltaa.exr_write import write_frame, write_image
+from cltaa.frames import Effect, Frame, Image
+from cltaa.pipeline import resolve_sequence
+from cltaa.resolve import Resolver
+from cltaa.sources import open_sequence
+from tests.sequence_factory import make_frame, write_sequence
+
+FRAMES = 7
+
+
+@pytest.mark.parametrize("every", [1, 2, 3, 8])
+def test_the_state_is_saved_after_every_so_many_frames(
+    every: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    saved: list[int] = []
+    monkeypatch.setattr(Checkpoints, "save", lambda _, resolver: saved.append(resolver.recurrent()[0].index))
+    sequence = open_sequence(write_sequence(tmp_path / "in", FRAMES, width=9, height=7))
+    resolve_sequence(sequence, tmp_path / "out", Resolver(device="numpy"), checkpoint_every=every)
+    assert saved == [*range(every - 1, FRAMES, every)]
+
+
+def test_what_comes_after_the_last_that_is_missing_is_not_resolved(tmp_path: Path) -> None:
+    sequence = open_sequence(write_sequence(tmp_path / "in", FRAMES, width=9, height=7))
+    resolve_sequence(sequence, tmp_path / "out", Resolver(device="numpy"))
+    (tmp_path / "out" / "synthetic.0002.exr").unlink()
+    resolver = Resolver(device="numpy")
+    assert resolve_sequence(sequence, tmp_path / "out", resolver).resolved == 1
+    assert resolver.recurrent()[0].index == 2
+
+
+class Watched(Resolver):
+    """Remembers what it was asked to reserve, whether with alpha, and ends where it is told to."""
+
+    def __init__(self, failing: BaseException | None = None) -> None:
+        super().__init__(device="numpy")
+        self.reserved: list[bool] = []
+        self.failing = failing
+
+    def reserve(self, width: int, height: int, *, alpha: bool) -> None:
+        self.reserved.append(alpha)
+        super().reserve(width, height, alpha=alpha)
+
+    def resolve(self, frame: Frame) -> Image:
+        failing, self.failing = self.failing, None if frame.index == 4 else self.failing
+        if failing is not None and frame.index == 4:
+            raise failing
+        return super().resolve(frame)
+
+
+@pytest.mark.parametrize("effects", ["auto", "all", frozenset({Effect.ALPHA}), frozenset({Effect.CAMERA})])
+def test_memory_is_reserved_for_what_is_resolved(effects: Any, tmp_path: Path) -> None:
+    for number in range(2):
+        write_frame(tmp_path / f"a.{number:04d}.exr", make_frame(number, width=9, height=7, alpha=True))
+    resolver = Watched()
+    resolve_sequence(open_sequence(tmp_path), tmp_path / "out", resolver, effects=effects)
+    assert resolver.reserved == [effects != frozenset({Effect.CAMERA})]
+
+
+def test_a_run_that_goes_on_reserves_nothing(tmp_path: Path) -> None:
+    """What it needs was allocated to be filled with the state; new memory would have none."""
+    sequence = open_sequence(write_sequence(tmp_path / "in", FRAMES, width=9, height=7))
+    with pytest.raises(KeyboardInterrupt):
+        resolve_sequence(sequence, tmp_path / "out", Watched(KeyboardInterrupt()), checkpoint_every=2)
+    resolver = Watched()
+    assert resolve_sequence(sequence, tmp_path / "out", resolver).resolved == FRAMES - 4
+    assert resolver.reserved == []
+
+
+def test_a_device_that_is_lost_is_opened_once_more(tmp_path: Path) -> None:
+    sequence = open_sequence(write_sequence(tmp_path / "in", FRAMES, width=9, height=7))
+    resolver = Watched(DeviceLost("gone"))
+    before = resolver.launcher
+    assert resolve_sequence(sequence, tmp_path / "out", resolver).resolved == FRAMES
+    assert resolver.launcher is not before
+
+
+def test_the_film_shows_the_frames_of_this_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though the folder holds more."""
+    shown: list[tuple[int, ...]] = []
+    monkeypatch.setattr("cltaa.pipeline.write_video", lambda _, images, **__: shown.append(images.numbers))
+    sequence = open_sequence(write_sequence(tmp_path / "in", FRAMES, width=16, height=16))
+    for part in (sequence, sequence.select(0, 2)):
+        resolve_sequence(part, tmp_path / "out", Resolver(device="numpy"), preview=tmp_path / "film.mp4")
+    assert shown == [sequence.numbers, (0, 1, 2)]
+
+
+def test_other_layers_are_another_result(tmp_path: Path) -> None:
+    sequence = open_sequence(write_sequence(tmp_path / "in", 2, width=9, height=7))
+    resolve_sequence(sequence, tmp_path / "out", Resolver(device="numpy"), layers=("Z",))
+    with pytest.raises(UsageError, match=r"was begun with another layers \(expected \['Z'\], found none\)"):
+        resolve_sequence(sequence, tmp_path / "out", Resolver(device="numpy"))
+
+
+def test_times_hold_the_last_image_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def slowly(*given: Any, **named: Any) -> None:
+        time.sleep(0.05)
+        write_image(*given, **named)
+
+    monkeypatch.setattr("cltaa.streams.write_image", slowly)
+    sequence = open_sequence(write_sequence(tmp_path / "in", 1, width=9, height=7))
+    seconds = resolve_sequence(sequence, tmp_path / "out", Resolver(device="numpy")).seconds
+    assert 0.05 <= seconds.write <= seconds.whole
+
+
+def test_each_frame_is_let_go_once_it_is_resolved(tmp_path: Path) -> None:
+    """Its memory is what a later one is decoded into; a device that shares it holds it until it is told."""
+    sequence = open_sequence(write_sequence(tmp_path / "in", 3, width=45, height=27))
+    held: list[bool] = []
+
+    class Holding(Resolver):
+        def resolve(self, frame: Any) -> Any:
+            self.block = weakref.ref(block_of(frame.colour))
+            return super().resolve(frame)
+
+        def release(self) -> None:
+            held.append(self.block() is not None)
+            super().release()
+
+    resolver = Holding("default", "pthread")
+    resolver.resolve(sequence.frame(0))
+    gc.collect()
+    assert resolver.block() is not None
+    resolver.release()
+    gc.collect()
+    assert resolver.block() is None
+    resolve_sequence(sequence, tmp_path / "out", resolver)
+    assert held == [True] * 4
+
+
+def block_of(array: Any) -> Block:
+    """The memory that an array lies in."""
+    while isinstance(array, np.ndarray):
+        array = array.base
+    assert isinstance(array, Block)
+    return array
