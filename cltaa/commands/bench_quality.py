@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 
 import click
+import msgspec
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table as Grid
@@ -156,10 +157,12 @@ def quality(
     texts: dict[str, str] = {}
     if pictures is not None:
         texts = write_pictures(table, sequences, chosen, pictures, page, launcher)
+    about = _about(table, sequences.values(), settled)
     if page is not None:
-        write_page(page, markdown(table, _about(table, sequences.values(), settled), texts))
+        write_page(page, markdown(table, about, texts))
     if as_json:
-        click.echo(json_of(table))
+        definitions = {column.name: column.title for column in COLUMNS}
+        click.echo(json_of({"about": about, "definitions": definitions} | msgspec.to_builtins(table)))
     else:
         _print(table)
 

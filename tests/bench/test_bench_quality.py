@@ -207,6 +207,10 @@ def test_a_given_sequence_is_told_as_it_is(capsys: pytest.CaptureFixture[str], t
     text = (tmp_path / "page.md").read_text(encoding="utf-8")
     assert "1 given sequences, 37 × 23, 3 frames, jitter unknown, " in text
     assert "truth of unknown samples a pixel" in text
+    assert main([*arguments, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["about"] in text
+    assert found["definitions"].keys() == found["rows"][0]["presets"]["t1"]["scores"].keys()
 
 
 def test_presets_stand_in_their_families() -> None:
