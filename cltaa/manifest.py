@@ -33,11 +33,12 @@ RESTART_CURE = "use --restart to begin anew, or another folder"
 
 
 class Entry(NamedTuple):
-    """What the manifest says about a finished file: its hash, that of its input, and the frame it continues."""
+    """What the manifest says about a finished file: its hash, those of its input, and the frame it continues."""
 
     sha256: str
     input_sha256: str
     after: int | None  # None: the first frame
+    beside_sha256: str | None = None  # of other files of the input, and of what a side file declares
 
 
 def file_sha256(path: Path) -> str:

@@ -6,6 +6,7 @@ Blender writes ``0001.exr`` unless it is told otherwise. The number is the last 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
@@ -121,6 +122,11 @@ class NumberedFiles:
         """Return the SHA-256 that a frame's file must have, or None where none is recorded or is to be verified."""
         return self._recorded.get(self.path(number).name) if self.verify else None
 
+    def beside_sha256(self, number: int) -> str | None:
+        """Return what vouches for all that a frame is made from beside its file: None, for nothing is."""
+        del number
+        return None
+
     @cached_property
     def _recorded(self) -> dict[str, str]:
         return recorded_hashes(self.folder)
@@ -220,6 +226,8 @@ def no_frames(folder: Path, files: Iterable[Path]) -> InputMissing:
     """The error for a folder none of whose EXR ``files`` has a number."""
     names = [path.name for path in files]
     cure = f"number the frames, as in {Path(names[0]).stem}.0001.exr" if names else None
+    if any(re.search(r"(^|[._-])-[0-9]+\.exr$", name) for name in names):
+        cure = "numbers below 0 are not read: number the frames from 0 or 1 on"
     found = ", ".join(names)
     if not names:
         below = sequences_below(folder)

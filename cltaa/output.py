@@ -26,10 +26,13 @@ def sequence_settings(sequence: Sequence) -> dict[str, Any]:
 
 
 class Source(NamedTuple):
-    """What a frame was made from: the SHA-256 of its input, and the frame that it continues (None: the first)."""
+    """What a frame was made from: the SHA-256 of its file, the frame that it continues (None: the first), and the
+    SHA-256 of what else it was made from (None: nothing).
+    """
 
     sha256: str
     after: int | None
+    beside_sha256: str | None = None
 
 
 class OutputFolder:
@@ -69,14 +72,17 @@ class OutputFolder:
         numbers = sequence.numbers
         pairs = zip((None, *numbers), numbers, strict=False)
         looked_at = track(pairs, len(numbers), "checking")
-        return [number for before, number in looked_at if not self._finished(sequence.path(number), number, before)]
+        return [number for before, number in looked_at if not self._finished(sequence, number, before)]
 
-    def _finished(self, source: Path, number: int, before: int | None) -> bool:
+    def _finished(self, sequence: Sequence, number: int, before: int | None) -> bool:
+        source = sequence.path(number)
         entry = self.manifest.entries.get(source.name)
         if entry is None:
             return False
+        beside = entry.beside_sha256, sequence.beside_sha256(number)
         for what, expected, found in (
             ("the input is not the one that this frame was made from", entry.input_sha256, file_sha256(source)),
+            ("its other files, matrices or jitter are not those that it was made from", *beside),
             ("another frame lies before this one than did", entry.after, before),
         ):
             if expected != found:

@@ -23,7 +23,8 @@ from cltaa.haloed import haloed
 from cltaa.inputs.convert import linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.intake import Intake, intake_lines
 from cltaa.inputs.parts import read_any_header, read_planes
-from cltaa.manifest import recorded_hashes
+from cltaa.inputs.roles import KEYS
+from cltaa.manifest import file_sha256, recorded_hashes
 from cltaa.sources import CHANNEL_OF, NO_PIXELS, ImageSequence, Sequence
 
 
@@ -49,13 +50,9 @@ class ForeignSequence(Sequence):
 
     @property
     def reading(self) -> dict[str, Any]:
-        """Profile, channels, matrices and jitter: another of these makes another picture."""
-        known = {
-            number: [*(declared.jitter_px or ()), *_numbers(declared.camera)]
-            for number, declared in self.intake.declared.items()
-        }
-        digest = hashlib.sha256(msgspec.json.encode(known)).hexdigest()
-        return super().reading | {"profile": msgspec.to_builtins(self.intake.profile), "declared_sha256": digest}
+        """The profile, and where nothing tells a camera or a jitter that so it is."""
+        without = {"undeclared": sorted(self.undeclared)}
+        return super().reading | {"profile": msgspec.to_builtins(self.intake.profile)} | without
 
     @property
     def attributes(self) -> Mapping[str, object]:
@@ -141,6 +138,17 @@ class ForeignSequence(Sequence):
         """Return the SHA-256 that the file of a frame's colour must have, or None."""
         return self._hash_of(self.path(number))
 
+    def beside_sha256(self, number: int) -> str | None:
+        """Return the SHA-256 of a frame's other files and of what is declared: matrices, its jitter and that before."""
+        sets = {place.files for places in self.intake.roles.values() for place in places}
+        beside = sorted({self.intake.sets[files][number] for files in sets} - {self.path(number)})
+        told = _numbers(self.intake.declared[number].camera)
+        if self.intake.has_jitter:
+            told += [*self._jitter(number, number), *self._jitter(number - self.step, number)]
+        if not beside and not told:
+            return None
+        return hashlib.sha256(msgspec.json.encode([*map(file_sha256, beside), told])).hexdigest()
+
     def _hash_of(self, path: Path) -> str | None:
         """The SHA-256 that is recorded for a file, if one is and it is to be verified."""
         if not self.verify:
@@ -161,7 +169,11 @@ class ForeignSequence(Sequence):
                     files[place.files] = self._read(path, number)
                 if place.channel not in files[place.files]:
                     found = " ".join(sorted(files[place.files]))
-                    raise DataError("channel is missing", path=path, channel=place.channel, found=found)
+                    none = " ".join(["none"] * len(self.intake.roles[role]))
+                    cure = "render it again" + (
+                        f", or do without: --input {KEYS[role]}='{none}'" if role in KEYS else ""
+                    )
+                    raise DataError("channel is missing", path=path, channel=place.channel, found=found, cure=cure)
                 planes.append(files[place.files][place.channel])
             stacked[role] = np.moveaxis(haloed(planes), 0, -1)
         return stacked

@@ -10,7 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from cltaa.errors import DataError, InputMissing
+from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.exr_layout import Layout
 from cltaa.exr_read import ImageHeader
 from cltaa.frame_numbers import (
@@ -30,7 +30,7 @@ from cltaa.inputs.guess import guessed_profile, no_colour
 from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.profile import Profile, load_profile
 from cltaa.inputs.profile_text import override
-from cltaa.inputs.roles import Place, Roles, assign, describe, file_sets, shown_name
+from cltaa.inputs.roles import KEYS, Place, Roles, assign, describe, file_sets, shown_name, unnumbered
 from cltaa.inputs.side_file import Side, read_side_file
 from cltaa.numbered import check_size
 
@@ -104,9 +104,7 @@ def open_intake(
         attributes = header.attributes | attributes
     chosen, reason = (load_profile(profile), "as asked") if profile != "auto" else guessed_profile(attributes, channels)
     chosen = override(chosen, assignments)
-    roles = assign(chosen, channels)
-    if "colour" not in roles:
-        raise no_colour(folder, chosen, channels)
+    roles = _assigned(folder, chosen, assignments, channels)
     main = sets[roles["colour"][0].files]
     read = [sets[label] for label in {place.files for all_of in roles.values() for place in all_of}]
     there = sorted(number for number in main if all(number in files for files in read))
@@ -134,6 +132,8 @@ def open_intake(
         {label: header.layout for label, header in first.items()}, gaps, on_resize, step, (profile, assignments),
     )  # fmt: skip
     intake.notes += _notes(intake)
+    if left := unnumbered(folder):
+        intake.notes.append(f"no number: {', '.join(left)}; left out, for the name of a frame ends with its number")
     return intake
 
 
@@ -146,6 +146,31 @@ def open_with_gaps(folder: Path, **reading: Any) -> Intake:
         path = intake.sets[intake.roles["colour"][0].files][min(intake.declared)]
         raise frame_missing(renumbered(path, missing[0]), missing[0], apart)
     return intake
+
+
+def _assigned(
+    folder: Path, profile: Profile, assignments: Many[str], channels: Mapping[str, Many[str]]
+) -> dict[str, tuple[Place, ...]]:
+    """The channels of each role.
+
+    Raises DataError where there is no colour, and UsageError where channels that were asked for by name are not there,
+    other than ``none``, which leaves them out.
+    """
+    roles = assign(profile, channels)
+    if "colour" not in roles:
+        raise no_colour(folder, profile, channels)
+    asked = dict(assignment.split("=", 1) for assignment in assignments)
+    for role, key in KEYS.items():
+        names = asked.get(key, "none").strip("[]' ")
+        if role not in roles and names and "none" not in names.split():
+            there = [
+                shown_name(Place(label, name), len(channels) > 1) for label in channels for name in channels[label]
+            ]
+            raise UsageError(
+                f"--input {key}={names}: no such channels", path=folder, found=" ".join(there),
+                cure=f"do without by --input {key}='{' '.join(['none'] * (1 + (role == 'motion')))}'",
+            )  # fmt: skip
+    return roles
 
 
 def _refuse_whole_numbers(headers: Mapping[str, ImageHeader], roles: Roles) -> None:

@@ -17,6 +17,12 @@ from cltaa.numbered import folder_missing, no_frames
 REFERENCE = "reference"  # folders of this name, or that begin with it, hold truth and no input
 
 
+# The key of a profile that names the channels of each role that a frame can do without.
+KEYS = {
+    "depth": "depth.channels", "motion": "motion.channels", "alpha": "colour.alpha", "reactive": "colour.reactive",
+}  # fmt: skip
+
+
 class Place(NamedTuple):
     """A channel: the set of files that it is in, and its full name there."""
 
@@ -25,6 +31,13 @@ class Place(NamedTuple):
 
 
 Roles = Mapping[str, tuple[Place, ...]]  # colour, alpha, reactive, depth, motion -> places; absent roles are left out
+
+
+def unnumbered(folder: Path) -> list[str]:
+    """Names of EXR files in a folder that are no frames, for they have no number."""
+    return [
+        path.name for path in sorted(folder.glob("*.exr")) if path.name[0] != "." and not NUMBERED.fullmatch(path.name)
+    ]
 
 
 def file_sets(folder: Path) -> dict[str, dict[int, Path]]:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
+from cltaa.errors import InputMissing
 from cltaa.exr_read import read_image
 from cltaa.exr_write import write_image
 from cltaa.inputs.intake import open_intake
@@ -124,3 +125,67 @@ def test_another_size_is_an_error_or_a_new_history(tmp_path: Path, capsys: pytes
     np.testing.assert_array_equal(
         read_image(tmp_path / "shot-out" / "picture.0002.exr")[0]["R"], made[2].colour[:12, :, 0]
     )
+
+
+def test_a_sequence_that_grows_is_gone_on_with(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = frames(5)
+    side = tmp_path / "camera.txt"
+    side.write_text(side_text(made))
+    for folder, rendered in (("grown", made[:3]), ("whole", made)):
+        write_blender(tmp_path / folder, rendered)
+        assert resolved(tmp_path / folder, "--camera", str(side)) == 0
+    first = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "grown-out").glob("*.exr")}
+    write_blender(tmp_path / "grown", made[3:])
+    assert resolved(tmp_path / "grown", "--camera", str(side)) == 0
+    for path in (tmp_path / "whole-out").glob("*.exr"):
+        other = tmp_path / "grown-out" / path.name
+        assert path.read_bytes() == other.read_bytes()
+        assert first.get(path.name, other.stat().st_mtime_ns) == other.stat().st_mtime_ns
+    side.write_text(side_text([replace(frame, jitter_px=(0.0, 0.25)) for frame in made]))
+    assert resolved(tmp_path / "grown", "--camera", str(side)) == 65
+    assert "its other files, matrices or jitter are not those that it was made from" in capsys.readouterr().err
+    assert resolved(tmp_path / "grown") == 64  # no camera at all is another reading
+
+
+def test_another_depth_beside_a_finished_frame_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = frames(3)
+    for frame in made:
+        write_colour(tmp_path / "shot", [frame], "beauty")
+        write_image(tmp_path / "shot" / f"depth.{frame.index:04d}.exr", {"Z": frame.depth})
+    assert resolved(tmp_path / "shot") == 0
+    write_image(tmp_path / "shot" / "depth.0001.exr", {"Z": made[2].depth + np.float32(1)})
+    assert resolved(tmp_path / "shot") == 65
+    assert "beauty.0001.exr frame 1: its other files" in capsys.readouterr().err
+
+
+def test_channels_asked_for_by_name_must_be_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_colour(tmp_path / "shot", frames(2))
+    assert resolved(tmp_path / "shot", "--input", "motion.channels=velocity.r velocity.g") == 64
+    assert "velocity.r velocity.g: no such channels (found B G R); do without by" in capsys.readouterr().err
+    assert resolved(tmp_path / "shot", "--input", "motion.channels=none none") == 0
+
+
+def test_a_channel_that_one_frame_lacks_may_be_done_without(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = frames(3)
+    (tmp_path / "shot").mkdir()
+    for frame in made:
+        channels = {name: frame.colour[..., place] for place, name in enumerate("RGB")}
+        write_image(
+            tmp_path / "shot" / f"a.{frame.index:04d}.exr", channels | ({"Z": frame.depth} if frame.index != 1 else {})
+        )
+    assert resolved(tmp_path / "shot") == 65
+    assert "do without: --input depth.channels='none'" in capsys.readouterr().err
+    assert resolved(tmp_path / "shot", "--input", "depth.channels=none", "--restart") == 0
+
+
+def test_files_without_a_number_are_told(tmp_path: Path) -> None:
+    write_colour(tmp_path, frames(2))
+    shutil.copy(tmp_path / "picture.0001.exr", tmp_path / "picture.0001 (copy).exr")
+    (note,) = [note for note in open_intake(tmp_path).notes if note.startswith("no number")]
+    assert "picture.0001 (copy).exr; left out" in note
+
+
+def test_numbers_below_0_are_told(tmp_path: Path) -> None:
+    write_image(tmp_path / "a.-001.exr", {name: np.ones((2, 2), np.float32) for name in "RGB"})
+    with pytest.raises(InputMissing, match="numbers below 0 are not read"):
+        open_intake(tmp_path)
