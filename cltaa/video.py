@@ -116,11 +116,11 @@ def rate_of(attributes: Mapping[str, object], record: Mapping[str, Any]) -> Frac
     return rate if RATES[0] <= rate <= RATES[1] else USUAL_RATE
 
 
-def write_video(path: Path, images: Iterable[Image], *, rate: Fraction | int = USUAL_RATE, stops: float = 0.0) -> int:
+def write_video(path: Path, images: Iterable[Image], *, rate: Fraction | int = USUAL_RATE) -> int:
     """Write linear images [H, W, 3] as an MP4 through the display transform and return their count; errors as above."""
     with open_video(path, rate) as video:
         for image in images:
-            video.add(to_picture(image, stops))
+            video.add(to_picture(image))
     return video.count
 
 
@@ -131,10 +131,9 @@ def write_side_by_side(
     *,
     labels: tuple[str, str] = ("before", "after"),
     rate: Fraction | int = USUAL_RATE,
-    stops: float = 0.0,
 ) -> int:
     """Write two sequences of equal length and size next to each other, labelled; errors as above."""
     with open_video(path, rate) as video:
         for left, right in zip(before, after, strict=True):
-            video.add(side_by_side(left, right, labels, stops))
+            video.add(side_by_side(left, right, labels))
     return video.count

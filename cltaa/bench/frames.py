@@ -41,12 +41,12 @@ def camera_at(index: int, motion: Motion, width: int, height: int) -> Camera:
     return Camera(world_to_view=view, view_to_clip=clip)
 
 
-def make_frames(width: int, height: int, motion: Motion, count: int = 3, seed: int = 0) -> list[Frame]:
+def make_frames(width: int, height: int, motion: Motion, count: int = 3) -> list[Frame]:
     """``count`` frames: smooth waves, noise from frame to frame, some bright pixels; depth in steps where it may vary.
 
     Under ``UNIFORM`` motion the depth is one plane, else the displacement would vary with it.
     """
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     y, x = np.mgrid[0:height, 0:width].astype(np.float32)
     waves = 1.0 + 0.5 * np.sin(x[..., None] / np.array([7.0, 11.0, 13.0], np.float32))
     waves *= 1.0 + 0.4 * np.cos(y[..., None] / np.array([5.0, 9.0, 17.0], np.float32))

@@ -112,17 +112,16 @@ def bench_growth(
     *,
     rounds: int,
     banded_from: int,
-    band_rows: int = BAND_ROWS,
     progress: Progress | None = None,
 ) -> GrowthBench:
-    """Time the resolve of square images of ``sizes``; from ``banded_from`` on in bands of ``band_rows`` rows.
+    """Time the resolve of square images of ``sizes``; from ``banded_from`` on in bands of ``BAND_ROWS`` rows.
 
     Raises ResourceError where the device has too little memory for one of them.
     """
     before, reference = load_average(), _Sized(preset, device, REFERENCE, 0)
     rows = []
     for side in sizes:
-        bands, count = band_rows if side >= banded_from else 0, rounds_of(side, rounds)
+        bands, count = BAND_ROWS if side >= banded_from else 0, rounds_of(side, rounds)
         sized = _Sized(preset, device, side, bands)
         jobs = [Job("size", sized.run), Job("reference", reference.run)]
         samples = measure(jobs, count, warm_up=2 if count == rounds else 1, progress=progress)

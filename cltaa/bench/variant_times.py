@@ -23,6 +23,7 @@ CONTROL = "(A/A)"
 # that are timed, and the wait for the last of many threads.
 FILLING_A_UNIT = {True: 40_000, False: 15_000}
 LIMITS = {True: (250_000, 2_000_000), False: (1_000_000, 4_000_000)}
+STAGE_PASSES = 5  # over which the time of each stage is a median
 TURN = 0.02  # seconds that a job runs again and again for in a round: its least is what nothing held up
 
 
@@ -98,13 +99,11 @@ def enlarged(frame: Frame, factor: int) -> Frame:
     )
 
 
-def stage_seconds(
-    variant: Variant, launcher: DeviceLauncher, frames: Sequence[Frame], repeats: int = 5
-) -> dict[str, float]:
-    """Median seconds of upload, each kernel by the device's clock, and read-back, over ``repeats`` passes."""
+def stage_seconds(variant: Variant, launcher: DeviceLauncher, frames: Sequence[Frame]) -> dict[str, float]:
+    """Median seconds of upload, each kernel by the device's clock, and read-back, over ``STAGE_PASSES`` passes."""
     resolver = variant.resolver(launcher)
     seen: dict[str, list[float]] = {}
-    for _ in range(repeats):
+    for _ in range(STAGE_PASSES):
         for frame in frames:
             events: list[tuple[str, Any]] = []
             launcher.events = events

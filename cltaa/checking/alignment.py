@@ -43,13 +43,13 @@ class Fit(NamedTuple):
     points: int
 
 
-def fit_shift(now: Vector, before: Picture, x: Vector, y: Vector, scale: float, free: bool = True) -> Fit:
+def fit_shift(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> Fit:
     """Fit ``now`` = ``before`` at (x, y) + shift, positions in texels; ``scale`` is the size of a residual that counts
-    in full. ``free`` = False only measures the residual at no shift.
+    in full.
     """
     shift = np.zeros(2)
     information = np.zeros((2, 2))
-    for _ in range(ITERATIONS if free else 0):
+    for _ in range(ITERATIONS):
         left, slope, weight = _linear(now, before, x + shift[0], y + shift[1], scale)
         information = (slope * weight) @ slope.T
         if len(left) < LEAST_POINTS or np.linalg.cond(information) > 1e6:
