@@ -140,7 +140,7 @@ def tune(
     for _ in progress(range(trials), trials):
         asked = study.ask()
         values = _suggested(asked)
-        if (trial := record.known(values)) is None:
+        if (trial := record.replay(values)) is None:
             preset = override(base, values, "cltaa tune") if found else base
             trial = Trial(values=values, error=bench.error(preset), milliseconds=bench.milliseconds(preset))
             record.add(trial)

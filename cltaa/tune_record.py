@@ -49,7 +49,7 @@ class Record:
         if self._path is not None:
             self._write(self._path, "w", key, *(msgspec.json.encode(trial).decode() for trial in self._trials))
 
-    def known(self, values: dict[str, str | float]) -> Trial | None:
+    def replay(self, values: dict[str, str | float]) -> Trial | None:
         """The next trial where it was measured before with these settings; what stands behind another is dropped."""
         if self._kept < len(self._trials) and self._trials[self._kept].values == values:
             self._kept += 1

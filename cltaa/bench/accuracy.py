@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 
 from cltaa.atomic import atomic_path, make_folder
-from cltaa.bench.accuracy_results import Accuracy, Measured
+from cltaa.bench.accuracy_results import Accuracy, MeasuredSequence
 from cltaa.bench.accuracy_sequence import Progress, Timing, measure_sequence
 from cltaa.bench.distribution import build_all, path_of, run_all
 from cltaa.bench.environment import environment, load_average, pin_threads, processors
@@ -84,7 +84,7 @@ def bench_accuracy(
     work = run_all(tasks, output, jobs=jobs, dask=dask, until=until)
     for _ in progress(work, len(tasks), "measuring errors", "tasks"):
         pass
-    sequences, slowest = list[Measured](), 0.0
+    sequences, slowest = list[MeasuredSequence](), 0.0
     for folder in folders:
         mine, started = [task for task in tasks if task.sequence == folder], time.monotonic()
         if not paths[folder].is_file() and started + slowest < begun + time_limit and _complete(mine, output):
@@ -131,17 +131,17 @@ def _complete(tasks: Sequence[Task], output: Path) -> bool:
     return all(path_of(task, output).is_file() for task in tasks)
 
 
-def _save(measured: Measured, path: Path) -> None:
+def _save(measured: MeasuredSequence, path: Path) -> None:
     make_folder(path.parent)
     with atomic_path(path) as temporary:
         temporary.write_bytes(msgspec.msgpack.encode(measured))
 
 
-def _load(path: Path) -> list[Measured]:
+def _load(path: Path) -> list[MeasuredSequence]:
     """The finished sequence of a file, or nothing where there is none; raises DataError for a damaged one."""
     if not path.is_file():
         return []
     try:
-        return [msgspec.msgpack.decode(path.read_bytes(), type=Measured)]
+        return [msgspec.msgpack.decode(path.read_bytes(), type=MeasuredSequence)]
     except msgspec.DecodeError as error:
         raise DataError(f"not a measured sequence: {error}", path=path, cure="delete it and run again") from None

@@ -52,7 +52,7 @@ class Yardstick(msgspec.Struct, frozen=True, kw_only=True):
     errors: dict[str, Spread]
 
 
-class Measured(msgspec.Struct, frozen=True, kw_only=True):
+class MeasuredSequence(msgspec.Struct, frozen=True, kw_only=True):
     """Everything about one sequence."""
 
     name: str
@@ -81,7 +81,7 @@ class Accuracy(msgspec.Struct, frozen=True, kw_only=True):
     metrics: list[str]
     rounds: int
     variants: list[Variant]
-    sequences: list[Measured]
+    sequences: list[MeasuredSequence]
     missing: list[str] = []  # sequences that a limit of time left out
 
 

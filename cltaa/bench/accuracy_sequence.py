@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from cltaa.bench.accuracy_results import Cell, Measured, Yardstick, exponential_noise, spread
+from cltaa.bench.accuracy_results import Cell, MeasuredSequence, Yardstick, exponential_noise, spread
 from cltaa.bench.baseline import copy_job
 from cltaa.bench.distribution import load
 from cltaa.bench.pareto import dominated_by
@@ -44,7 +44,7 @@ def measure_sequence(
     launcher: DeviceLauncher,
     timing: Timing,
     progress: Progress,
-) -> Measured:
+) -> MeasuredSequence:
     """Time the variants of ``tasks``, whose errors lie in ``output``, and put both together."""
     default, metrics = tasks[0].variant, tasks[0].metrics
     jobs, pixels, moved, stages = jobs_of(captured, tasks, launcher, timing.pixels)
@@ -65,7 +65,7 @@ def measure_sequence(
     cells = [_cell(task, output, samples, default.name, found.clock, megapixels) for task in tasks]
     yardstick = _yardstick(captured, metrics, captured.width * captured.height * 1e-6)
     one = _one_sample(yardstick)
-    return Measured(
+    return MeasuredSequence(
         name=captured.folder.name,
         folder=str(captured.folder),
         frames=list(captured.numbers),

@@ -21,7 +21,7 @@ from cltaa.timed_resolve import resolve_job
 from cltaa.timing import Clock, Interval, Job, Progress, Samples, measure, too_noisy
 
 CORE, COPY, ORACLE = "core", "copy", "oracle"
-AGAIN = "core again"
+CONTROL = "core again"
 ORACLE_ROUNDS = 3  # it takes seconds
 FETCHES = 16  # reads of a shader that weighs texels itself
 SHADER_TAPS = (FETCHES, 9)
@@ -78,8 +78,8 @@ class Contenders:
         self.opengl: str | None = None
         self._shaders: list[Shader] = []
         self.core = self._add_preset(CORE, BASELINE)
-        self.jobs.append(Job(AGAIN, self.jobs[0].run))
-        self.moved[AGAIN] = self.moved[CORE]
+        self.jobs.append(Job(CONTROL, self.jobs[0].run))
+        self.moved[CONTROL] = self.moved[CORE]
 
     def _add_preset(self, name: str, preset: Preset) -> Image:
         resolver = Resolver(preset, self._launcher, storage=self._storage)
@@ -204,8 +204,8 @@ def _timing(
         rows=rows,
         absent=contenders.absent,
         opengl=contenders.opengl,
-        noisy=too_noisy(samples.ratio(AGAIN, CORE)),
-        device_noisy=too_noisy(samples.ratio(AGAIN, CORE, Clock.DEVICE)),
+        noisy=too_noisy(samples.ratio(CONTROL, CORE)),
+        device_noisy=too_noisy(samples.ratio(CONTROL, CORE, Clock.DEVICE)),
         floor_ns=contenders.moved[CORE] / bandwidth * 1e9,
         copy_gigabytes_a_second=bandwidth * 1e-9,
     )

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
-from cltaa.bench.accuracy_results import Accuracy, Cell, Measured
+from cltaa.bench.accuracy_results import Accuracy, Cell, MeasuredSequence
 from cltaa.timing import Interval
 
 MOST = 2.0  # times the default's error at which the colours end, both ways
@@ -28,9 +28,10 @@ class Overall(NamedTuple):
         return geometric_mean(time.median for time in self.times) if self.times else None
 
     @property
-    def known(self) -> list[float]:
-        """The errors that there are; [1] without any."""
-        return [error for error in self.errors if error is not None] or [1.0]
+    def error_range(self) -> tuple[float, float]:
+        """The least and the greatest of the errors that there are; 1 without any."""
+        there = [error for error in self.errors if error is not None] or [1.0]
+        return min(there), max(there)
 
 
 def overall(result: Accuracy, metric: str) -> list[Overall]:
@@ -65,7 +66,7 @@ def table(result: Accuracy, metrics: Sequence[str]) -> str:
         texts = [variant]
         for rows in every.values():
             own = rows[variant]
-            texts += [f"{own.error:.3f}", f"{min(own.known):.3f} to {max(own.known):.3f}", str(own.best_of)]
+            texts += [f"{own.error:.3f}", "{:.3f} to {:.3f}".format(*own.error_range), str(own.best_of)]
         low, high = min((t.low for t in row.times), default=0.0), max((t.high for t in row.times), default=0.0)
         texts += ["too noisy to rank", "–"] if row.time is None else [f"{row.time:.3f}", f"{low:.3f} to {high:.3f}"]
         texts.append("–" if row.rounding is None else f"{row.rounding:.1e}")
@@ -100,7 +101,7 @@ def overview_figure(pyplot: Any, result: Accuracy, metric: str) -> Any:
     return figure
 
 
-def _ratio(measured: Measured, cell: Cell, metric: str) -> float | None:
+def _ratio(measured: MeasuredSequence, cell: Cell, metric: str) -> float | None:
     base, own = measured.cells[0].errors[metric].mean, cell.errors[metric].mean
     return own / base if base > 0 and own > 0 else None
 

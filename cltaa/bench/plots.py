@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from cltaa.atomic import atomic_path
-from cltaa.bench.accuracy_results import Accuracy, Cell, Measured
+from cltaa.bench.accuracy_results import Accuracy, Cell, MeasuredSequence
 from cltaa.bench.ladder import COMBINATIONS, DEFAULT, PRESETS
 from cltaa.bench.overview import overview_figure
 from cltaa.extras import import_extra
@@ -60,7 +60,7 @@ def time_of(cell: Cell, clock: Clock) -> tuple[float, float, float]:
     return time.median, time.low, time.high
 
 
-def front_figure(pyplot: Any, measured: Measured, metric: str, weight: float) -> Any:
+def front_figure(pyplot: Any, measured: MeasuredSequence, metric: str, weight: float) -> Any:
     """Error against time: beside supersampling and what nothing can be better than, and the variants alone, named.
 
     ``weight`` is that of the exponential mean whose noise is drawn.
@@ -97,7 +97,7 @@ def front_figure(pyplot: Any, measured: Measured, metric: str, weight: float) ->
     return figure
 
 
-def _limits(axes: Any, measured: Measured, metric: str, weight: float) -> None:
+def _limits(axes: Any, measured: MeasuredSequence, metric: str, weight: float) -> None:
     """Supersampling, the floor of time and the noises, with a legend."""
     yards = [(row.added, row.errors[metric].mean, row.samples) for row in measured.yardstick if row.added]
     if yards:
@@ -112,7 +112,7 @@ def _limits(axes: Any, measured: Measured, metric: str, weight: float) -> None:
     axes.legend(fontsize=6, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, frameon=False)
 
 
-def _name_points(axes: Any, measured: Measured, metric: str) -> None:
+def _name_points(axes: Any, measured: MeasuredSequence, metric: str) -> None:
     """Names beside the default, which comes first, and the points that nothing beats, as far as they do not overlap."""
     taken: list[Any] = []
     axes.figure.canvas.draw()  # the scales are final from here on
@@ -126,7 +126,7 @@ def _name_points(axes: Any, measured: Measured, metric: str) -> None:
             taken.append(pixel)
 
 
-def noise_lines(measured: Measured, metric: str, weight: float) -> Iterator[tuple[float, str, str]]:
+def noise_lines(measured: MeasuredSequence, metric: str, weight: float) -> Iterator[tuple[float, str, str]]:
     """Level, line style and name of the noises that are known of an error."""
     if metric == "mse" and measured.mean_noise:
         yield measured.mean_noise, "--", f"noise of an exponential mean, weight {weight:g}"
@@ -134,7 +134,7 @@ def noise_lines(measured: Measured, metric: str, weight: float) -> Iterator[tupl
         yield measured.truth_noise, "-.", "noise of the truth itself"
 
 
-def steps_figure(pyplot: Any, measured: Measured, metric: str, groups: dict[str, str]) -> Any:
+def steps_figure(pyplot: Any, measured: MeasuredSequence, metric: str, groups: dict[str, str]) -> Any:
     """Error and time of each step as a multiple of the default's."""
     base = measured.cells[0].errors[metric].mean
     left_out = {DEFAULT, PRESETS, COMBINATIONS}

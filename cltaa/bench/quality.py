@@ -131,10 +131,10 @@ class _Tally:
         self.fresh_square += marks.fresh_square
         self.fresh_count += marks.fresh_count
 
-    def scores(self, one: _Tally, again_square: float, truth_samples: int | None) -> dict[str, float | None]:
+    def scores(self, one: _Tally, redrawn_square: float, truth_samples: int | None) -> dict[str, float | None]:
         """All scores, with the single samples as the currency of two of them.
 
-        Where pixels appear it is those drawn ``again``, which err by ``again_square`` there: that the captured
+        Where pixels appear it is those of ``redrawn_of``, which err by ``redrawn_square`` there: that the captured
         samples show what has appeared is why these pixels are the ones, so that they are nearer to the truth than
         samples are by chance.
         """
@@ -144,7 +144,7 @@ class _Tally:
             return equal_quality_samples(error, of_one, truth_samples=truth_samples) if of_one > 0 else math.nan
 
         enough = one.fresh_count >= 3 * LEAST_FRESH
-        fresh = again_square / one.fresh_count if enough else 0.0
+        fresh = redrawn_square / one.fresh_count if enough else 0.0
         values = {
             "psnr": means["psnr"],
             "ssim": means["ssim"],
@@ -186,7 +186,7 @@ def judge_sequence(
     for one that is over before it settles.
     """
     reference = check_judged(sequence, settled)
-    again, again_square = redrawn_of(sequence), 0.0
+    redrawn, redrawn_square = redrawn_of(sequence), 0.0
     resolvers = {preset.name: Resolver(preset, launcher) for preset in presets}
     tallies = {name: _Tally() for name in (ONE_SAMPLE, *resolvers)}
     video = VideoScores(len(tallies))
@@ -203,10 +203,10 @@ def judge_sequence(
                 marks = {key: _Marks.of(image, shown, video.fresh, flip=flip) for key, image in different.items()}
                 for tally, image, score in zip(tallies.values(), images, sums, strict=True):
                     tally.add(marks[id(image)], score)
-                if again is not None and video.fresh.any():
-                    other = _Shown.of(again.image(frame.index))
-                    again_square += _square(other, shown, video.fresh)
-    return _judged(tallies, again_square, truth_samples(reference), len(sequence), launcher.description)
+                if redrawn is not None and video.fresh.any():
+                    other = _Shown.of(redrawn.image(frame.index))
+                    redrawn_square += _square(other, shown, video.fresh)
+    return _judged(tallies, redrawn_square, truth_samples(reference), len(sequence), launcher.description)
 
 
 def _square(image: _Shown, truth: _Shown, where: Mask) -> float:
@@ -215,12 +215,12 @@ def _square(image: _Shown, truth: _Shown, where: Mask) -> float:
 
 
 def _judged(
-    tallies: Mapping[str, _Tally], again_square: float, samples: int | None, frames: int, device: str
+    tallies: Mapping[str, _Tally], redrawn_square: float, samples: int | None, frames: int, device: str
 ) -> dict[str, Judged]:
     one = tallies[ONE_SAMPLE]
     return {
         name: Judged(
-            scores=tally.scores(one, again_square, samples), frames=frames, not_finite=tally.not_finite, device=device
+            scores=tally.scores(one, redrawn_square, samples), frames=frames, not_finite=tally.not_finite, device=device
         )
         for name, tally in tallies.items()
     }  # fmt: skip

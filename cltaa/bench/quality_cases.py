@@ -85,9 +85,9 @@ def open_case(case: Case) -> Sequence | None:
     """The captured sequence with its truth and REDRAWN, or None where one is not there or not finished."""
     try:
         sequence = open_sequence(case.folder)
-        again = redrawn_of(sequence)
+        redrawn = redrawn_of(sequence)
         finished = sequence.reference is not None and len(sequence) == sequence.sequence_json.get("frames")
-        finished = finished and again is not None and len(again) == len(sequence)
+        finished = finished and redrawn is not None and len(redrawn) == len(sequence)
     except CltaaError:
         return None
     return sequence if finished else None

@@ -69,10 +69,10 @@ def sequence_sha256(sequence: Sequence) -> str:
     paths: Iterable[Path] = sequence.paths
     if sequence.reference is not None:
         paths = (*paths, *sequence.reference.paths)
-    again = redrawn_of(sequence)
-    if again is not None:
-        recorded |= {f"{REDRAWN}/{name}": found for name, found in recorded_hashes(again.folder).items()}
-        paths = (*paths, *again.paths)
+    redrawn = redrawn_of(sequence)
+    if redrawn is not None:
+        recorded |= {f"{REDRAWN}/{name}": found for name, found in recorded_hashes(redrawn.folder).items()}
+        paths = (*paths, *redrawn.paths)
     digest = hashlib.sha256()
     for path in paths:
         name = path.relative_to(sequence.folder).as_posix()

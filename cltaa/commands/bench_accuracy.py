@@ -17,7 +17,7 @@ from cltaa.atomic import make_folder
 from cltaa.bench.accuracy import bench_accuracy, build_programs, tasks_of
 from cltaa.bench.accuracy_page import page
 from cltaa.bench.accuracy_report import write_report
-from cltaa.bench.accuracy_results import Accuracy, Measured
+from cltaa.bench.accuracy_results import Accuracy, MeasuredSequence
 from cltaa.bench.accuracy_sequence import cost
 from cltaa.bench.budget import remember
 from cltaa.bench.distribution import run_all
@@ -178,7 +178,7 @@ def print_accuracy(result: Accuracy) -> None:
     console.print(result.environment.line, markup=False, highlight=False, soft_wrap=True)
 
 
-def _table(result: Accuracy, measured: Measured) -> Table:
+def _table(result: Accuracy, measured: MeasuredSequence) -> Table:
     metric = result.metrics[0]
     frames = counted(len(measured.frames), "frame")
     table = Table(title=f"{shown(measured.name)}: {frames}, {measured.width} x {measured.height}")

@@ -11,7 +11,7 @@ import pytest
 
 from cltaa.bench.baseline import BASELINE, PlainPort, check_same, least_bytes
 from cltaa.bench.frames import SHIFT_PX, Motion, camera_at, make_frames
-from cltaa.bench.kernels import AGAIN, CORE, Contenders
+from cltaa.bench.kernels import CONTROL, CORE, Contenders
 from cltaa.build import STORAGES, Storage
 from cltaa.cameras import displacement
 from cltaa.errors import InternalError
@@ -39,7 +39,7 @@ def test_everything_in_one_run() -> None:
     assert len(bench["environment"]["kernels_sha256"]) == 64
     for timing in bench["timings"]:
         rows = {row["name"]: row for row in timing["rows"]}
-        assert list(rows)[:4] == [CORE, AGAIN, "default", "plain port"]
+        assert list(rows)[:4] == [CORE, CONTROL, "default", "plain port"]
         assert {"oracle", "copy"} <= set(rows)
         assert rows["copy"]["of_floor"] == pytest.approx(1.0)
         assert rows[CORE]["ratio"]["median"] == 1.0
@@ -122,7 +122,7 @@ def contenders(monkeypatch: pytest.MonkeyPatch, coarse: tuple[int, ...]) -> Cont
 def test_a_shader_whose_texture_units_weigh_coarsely_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     timed = contenders(monkeypatch, (9,))
     timed.add_ports()
-    assert [job.name for job in timed.jobs] == [CORE, AGAIN, "plain port", "GLSL, 16 reads"]
+    assert [job.name for job in timed.jobs] == [CORE, CONTROL, "plain port", "GLSL, 16 reads"]
     assert list(timed.absent) == ["GLSL, 9 reads"]
     assert "texture units" in timed.absent["GLSL, 9 reads"]
     assert "% of the pixels" in timed.absent["GLSL, 9 reads"]

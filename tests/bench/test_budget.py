@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cltaa.bench.accuracy_results import Accuracy, Cell, Measured, spread
+from cltaa.bench.accuracy_results import Accuracy, Cell, MeasuredSequence, spread
 from cltaa.bench.budget import Candidate, Remembered, choose, path_for, remember
 from cltaa.bench.environment import environment
 from cltaa.bench.ladder import Variant, ladder
@@ -101,7 +101,7 @@ def measured(sequences: int, size: int, variants: int, date: str) -> Accuracy:
              dominated_by={})
         for variant in names
     ]  # fmt: skip
-    one = Measured(
+    one = MeasuredSequence(
         name="seq", folder="seq", frames=[0], width=size, height=size, effects="", cells=cells, yardstick=[],
         noisy=False, control=interval, floor=1.0, truth_noise=None, mean_noise=None, stages={},
     )  # fmt: skip

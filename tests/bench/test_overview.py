@@ -9,7 +9,7 @@ import pytest
 from matplotlib import pyplot
 
 from cltaa.bench.accuracy_report import read_report, write_report
-from cltaa.bench.accuracy_results import Accuracy, Cell, Measured, spread
+from cltaa.bench.accuracy_results import Accuracy, Cell, MeasuredSequence, spread
 from cltaa.bench.environment import Environment
 from cltaa.bench.ladder import ladder
 from cltaa.bench.overview import overall, table
@@ -34,15 +34,17 @@ def cell(place: int, error: float, time: float) -> Cell:
     )  # fmt: skip
 
 
-def sequence(name: str, errors: tuple[float, float, float], *, noisy: bool = False, slower: float = 1.0) -> Measured:
+def sequence(
+    name: str, errors: tuple[float, float, float], *, noisy: bool = False, slower: float = 1.0
+) -> MeasuredSequence:
     cells = [cell(place, error, slower * (1.0 + place)) for place, error in enumerate(errors)]
-    return Measured(
+    return MeasuredSequence(
         name=name, folder=name, frames=[0, 1], width=37, height=23, effects="", cells=cells, yardstick=[], noisy=noisy,
         control=at(1.0), floor=0.1, truth_noise=None, mean_noise=None, stages={"resolve": 1.0},
     )  # fmt: skip
 
 
-def accuracy(*sequences: Measured) -> Accuracy:
+def accuracy(*sequences: MeasuredSequence) -> Accuracy:
     where = Environment(
         date="", system="", cpu="", cores=2, cpu_flags=[], load_before=0.0, load_after=0.0, device="", libraries={},
         kernels_sha256="", options=[],

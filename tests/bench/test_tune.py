@@ -167,10 +167,10 @@ def test_trials_of_another_search_count_for_nothing(tmp_path: Path) -> None:
     trial = Trial(values={"box": "variance"}, error=1.0, milliseconds=1.0)
     output = tmp_path / "t.toml"
     Record(output, "one").add(trial)
-    assert Record(output, "one").known({"box": "variance"}) == trial
-    assert Record(output, "one").known({"box": "extremes"}) is None
-    assert Record(output, "another").known({"box": "variance"}) is None
-    assert Record(None, "one").known({"box": "variance"}) is None
+    assert Record(output, "one").replay({"box": "variance"}) == trial
+    assert Record(output, "one").replay({"box": "extremes"}) is None
+    assert Record(output, "another").replay({"box": "variance"}) is None
+    assert Record(None, "one").replay({"box": "variance"}) is None
 
 
 def test_a_single_sequence_is_said_to_be_unchecked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
