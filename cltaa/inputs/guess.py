@@ -29,13 +29,23 @@ def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]])
     there = [name for names in channels.values() for name in names]
     found = " ".join(there)
     grey = LUMINANCE if LUMINANCE in there else there[0] if len(there) == 1 else None
-    reds = sorted((name for name in there if name.endswith(".R")), key=len)
-    example = " ".join(f"{reds[0][:-1]}{c}" for c in "RGB") if reds else "R G B"
-    if grey:  # of a picture in greys one channel is all three
-        example = " ".join([grey] * 3)
+    # Of a picture in greys one channel is all three.
+    example = " ".join([grey] * 3) if grey else _like_colour(there) or "RED GREEN BLUE"
     cure = f"name them: --input colour.channels='{example}'"
     expected = " or ".join(profile.colour.channels)
     return DataError("no colour channels", path=folder, expected=expected, found=found, cure=cure)
+
+
+def _like_colour(there: Many[str]) -> str | None:
+    """Three of the channels ``there`` that are called red, green and blue in some way, the shortest of such names."""
+    named = {name.lower(): name for name in there}
+    for words in (("r", "g", "b"), ("red", "green", "blue")):
+        for name in sorted(named, key=len):
+            stem, dot, last = name.rpartition(".")
+            three = [f"{stem}{dot}{word}" for word in words]
+            if last == words[0] and named.keys() >= set(three):
+                return " ".join(named[each] for each in three)
+    return None
 
 
 def guessed_profile(attributes: dict[str, object], channels: dict[str, tuple[str, ...]]) -> tuple[Profile, str]:

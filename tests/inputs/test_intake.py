@@ -242,6 +242,23 @@ def test_no_colour_names_what_is_there(tmp_path: Path) -> None:
         open_intake(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("there", "cure"),
+    [
+        (["b", "g", "r"], "r g b"),
+        (
+            ["a.r", "a.b", "blue.r", "diffuse.Blue", "diffuse.Green", "diffuse.Red"],
+            "diffuse.Red diffuse.Green diffuse.Blue",
+        ),
+        (["u", "v", "w"], "RED GREEN BLUE"),
+    ],
+)
+def test_no_colour_asks_for_names_that_are_there(tmp_path: Path, there: list[str], cure: str) -> None:
+    write_image(tmp_path / "a.0001.exr", {name: np.ones((4, 4), np.float32) for name in there})
+    with pytest.raises(DataError, match=f"no colour channels.*name them: --input colour.channels='{cure}'"):
+        open_intake(tmp_path)
+
+
 def test_no_colour_of_a_stereo_picture_is_told_with_its_own_names(tmp_path: Path) -> None:
     planes: dict[str, Pixels] = {
         f"ViewLayer.Combined.{eye}.{c}": np.ones((2, 3), np.float32) for eye in ("left", "right") for c in "RGB"
