@@ -99,7 +99,7 @@ def _means(table: Table) -> Iterable[str]:
 def _duels(table: Table) -> Iterable[str]:
     """One line for each pair; better means a lower FLIP and a higher PSNR, both."""
     if not table.duels:
-        yield "Nothing to compare: no preset of an article or an engine was judged."
+        yield "Nothing to compare: no preset of an article or an engine was judged, or none beside it."
         return
     lines = ["| preset | against | better in | mean FLIP | mean PSNR | not better in |", "|---|---|---|---|---|---|"]
     for duel in table.duels:

@@ -59,9 +59,8 @@ def summarise(judged: Iterable[tuple[Case, Mapping[str, Judged]]]) -> Table:
         for split in splits
     }
     others = [name for name in names if published(name)]
-    tier = highest_tier(names)
-    duels = [_duel(rows, DEFAULT, other) for other in others if DEFAULT in names]
-    duels += [_duel(rows, tier, other) for other in others if tier is not None]
+    ours = [name for name in names if name in (DEFAULT, highest_tier(names)) or _is_new(name)]
+    duels = [_duel(rows, one, other) for one in sorted(ours, key=lambda name: name != DEFAULT) for other in others]
     return Table(rows=rows, means=means, duels=duels)
 
 
@@ -69,6 +68,11 @@ def summarise(judged: Iterable[tuple[Case, Mapping[str, Judged]]]) -> Table:
 def published(name: str) -> Published:
     """Whether a preset that comes with cltaa is the resolve of an article or of an engine; no other name is."""
     return load_preset(name).published if name in preset_names() else Published.NO
+
+
+def _is_new(name: str) -> bool:
+    """Whether a preset is neither of the ladder nor published: whoever adds one wants to know what it beats."""
+    return not (published(name) or LADDER.fullmatch(name) or name in (DEFAULT, ONE_SAMPLE))
 
 
 def highest_tier(names: Iterable[str]) -> str | None:

@@ -185,6 +185,17 @@ def test_means_and_duels() -> None:
     assert duel.not_better == ["b (train)", "a (held-out)"]
 
 
+def test_a_preset_of_ones_own_is_told_what_it_beats() -> None:
+    better, worse = scores(psnr=30.0, flip=0.1), scores(psnr=20.0, flip=0.2)
+    table = summarise([(case("a"), {ONE_SAMPLE: worse, "t1": better, "mine": better, "karis": worse, "t2": better})])
+    assert [(duel.preset, duel.against, duel.better) for duel in table.duels] == [
+        ("mine", "karis", 1),
+        ("t2", "karis", 1),
+    ]
+    alone = markdown(summarise([(case("a"), {"karis": worse})]), "about")
+    assert "no preset of an article or an engine was judged, or none beside it" in alone
+
+
 def test_a_psnr_without_end_is_the_best_there_is() -> None:
     """A sequence on which a preset is the truth itself must not lower its mean, nor be lost to what errs there."""
     right = {"default": scores(psnr=None, flip=0.0), "simvx": scores(psnr=60.0, flip=0.2)}
