@@ -13,8 +13,9 @@ from cltaa.errors import DataError, StorageError, UsageError
 from cltaa.exr_attributes import STRUCTURAL, frame_attributes
 from cltaa.exr_channels import Pixels, frame_planes
 from cltaa.exr_layout import COMPRESSION_NUMBERS, Windows, check_lossless, read_layout
-from cltaa.exr_zip import ROWS_A_CHUNK, fast_deflate, write_zip
+from cltaa.exr_zip import ROWS_A_CHUNK, write_zip
 from cltaa.frames import Frame
+from cltaa.isal_core import fast_deflate
 from cltaa.openexr import OpenEXR
 
 # Attributes that the standard defines as float; every other Python float is written as a double, so none is rounded.

@@ -21,38 +21,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.exr_header import place_of, read_headers
+from cltaa.isal_core import Bytes, Deflate
 from cltaa.openexr import OpenEXR
 
-try:
-    from isal import isal_zlib
-except ImportError:  # not made for every machine: there OpenEXR packs
-    isal_zlib = None
-
-# ISA-L's levels are 0 to 3; docs/performance.md, Files.
-LEVEL = 2
 # Threads take turns with the interpreter between the steps of their work: so a few of them with much each
 # (docs/decisions/0041-few-turns-with-the-interpreter.md).
 THREADS = 4
 ROWS = 64  # that a thread packs at a time: 4 chunks of ZIP, 64 of ZIPS
 ROWS_A_CHUNK = {"zip": 16, "zips": 1}
 
-Bytes = NDArray[np.uint8]
-Deflate = Callable[[memoryview], bytes]
-
 
 class Packed(NamedTuple):
     """Neighbouring chunks as they stand in the file, and the bytes that each of them takes there."""
 
     sizes: list[int]
-    content: bytes
+    content: Bytes
 
 
 Pack = Callable[[int], Packed]
-
-
-def fast_deflate() -> Deflate | None:
-    """What packs bytes into a stream of zlib's format; None where there is only OpenEXR's own."""
-    return partial(isal_zlib.compress, level=LEVEL) if isal_zlib else None
 
 
 def write_zip(
@@ -120,18 +106,26 @@ def _pack(planes: list[Bytes], top: int, rows_a_chunk: int, deflate: Deflate, ro
     """The chunks of up to ``ROWS`` rows from ``row`` on, of planes [H, bytes of a row]; ``top`` is y of the first."""
     end = min(row + ROWS, len(planes[0]))
     even = end - (end - row) % rows_a_chunk  # from there on the last chunk, which has fewer rows
-    packed: list[bytes | memoryview] = []
-    for start, stop, rows in ((row, even, rows_a_chunk), (even, end, end - even)):
+    chunks: list[tuple[Bytes, Bytes]] = []
+    for start, stop, each in ((row, even, rows_a_chunk), (even, end, end - even)):
         if start < stop:
-            packed += _deflated([plane[start:stop] for plane in planes], rows, deflate)
-    parts: list[bytes | memoryview] = []
-    for y, chunk in zip(range(top + row, top + end, rows_a_chunk), packed, strict=True):
-        parts += struct.pack("<2i", y, len(chunk)), chunk
-    return Packed([8 + len(chunk) for chunk in packed], b"".join(parts))
+            chunks += _stepped([plane[start:stop] for plane in planes], each)
+    content, sizes = np.empty(sum(8 + len(raw) for raw, _ in chunks), np.uint8), list[int]()
+    place = 0
+    for y, (raw, steps) in zip(range(top + row, top + end, rows_a_chunk), chunks, strict=True):
+        room = content[place + 8 : place + 8 + len(raw)]
+        size = deflate(steps, room)
+        if not size:  # what does not become smaller is written as it is, which a reader tells by its size
+            room[:], size = raw, len(raw)
+        struct.pack_into("<2i", content, place, y, size)
+        sizes.append(8 + size)
+        place += 8 + size
+    content.resize(place, refcheck=False)  # in its place: what is left over is free
+    return Packed(sizes, content)
 
 
-def _deflated(planes: list[Bytes], rows: int, deflate: Deflate) -> Iterator[bytes | memoryview]:
-    """Chunks of ``rows`` rows each, of planes [a multiple of them, bytes of a row]."""
+def _stepped(planes: list[Bytes], rows: int) -> Iterator[tuple[Bytes, Bytes]]:
+    """Chunks of ``rows`` rows each, of planes [a multiple of them, bytes of a row]: as they are, and to be deflated."""
     lines = np.concatenate(planes, axis=1)
     raw = lines.reshape(-1, lines.shape[1] * rows)
     pairs, half = raw.view("<u2"), raw.shape[1] // 2
@@ -141,7 +135,4 @@ def _deflated(planes: list[Bytes], rows: int, deflate: Deflate) -> Iterator[byte
     steps[:, 0] = split[:, 0]
     np.subtract(split[:, 1:], split[:, :-1], out=steps[:, 1:])
     steps[:, 1:] += 128
-    for whole, stepped in zip(raw, steps, strict=True):
-        small = deflate(stepped.data)
-        # What does not become smaller is written as it is, which a reader tells by its size.
-        yield small if len(small) < len(whole) else whole.data
+    return zip(raw, steps, strict=True)

@@ -59,9 +59,11 @@ class ResolvedFiles:
 
     def _channels(self, image: Image) -> dict[str, Pixels]:
         """The channels of a result, made by the thread that writes it."""
-        if self._half or self._resolver.keeps_halves:
-            self._saturated.append(saturated_pixels(image))
-        return image_channels(image, half=self._half)
+        if not self._half and not self._resolver.keeps_halves:
+            return image_channels(image)
+        saturated = saturated_pixels(image)
+        self._saturated.append(saturated)
+        return image_channels(image, half=self._half, within=not saturated)
 
 
 def resolved_attributes(frame: Frame, resolver: Resolver) -> dict[str, object]:
