@@ -59,7 +59,7 @@ def write_zip(
         file.write(start + bytes(8 * -(-height // ROWS_A_CHUNK[compression])))
         sizes[0] = file.tell()
         for packed in _in_threads(pack, range(0, height, ROWS)):
-            file.write(packed.content)
+            file.write(packed.content.data)
             sizes += packed.sizes
         file.seek(len(start))
         file.write(np.cumsum(sizes[:-1], dtype="<u8").data)  # where each chunk begins
@@ -117,7 +117,7 @@ def _pack(planes: list[Bytes], top: int, rows_a_chunk: int, deflate: Deflate, ro
         size = deflate(steps, room)
         if not size:  # what does not become smaller is written as it is, which a reader tells by its size
             room[:], size = raw, len(raw)
-        struct.pack_into("<2i", content, place, y, size)
+        struct.pack_into("<2i", content.data, place, y, size)
         sizes.append(8 + size)
         place += 8 + size
     content.resize(place, refcheck=False)  # in its place: what is left over is free

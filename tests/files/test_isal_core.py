@@ -8,6 +8,7 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -86,7 +87,7 @@ def test_a_module_without_the_functions_packs_by_itself(monkeypatch: pytest.Monk
 
 
 def test_a_library_with_another_structure_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    fields = list(isal_core._Stream._fields_)
+    fields: Any = list(isal_core._Stream._fields_)
     fields[-5], fields[-2] = fields[-2], fields[-5]
 
     class Other(ctypes.Structure):
