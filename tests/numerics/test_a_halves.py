@@ -13,7 +13,7 @@ from cltaa.build import Storage
 from cltaa.cli import main
 from cltaa.exr_read import read_image
 from cltaa.exr_write import write_frame
-from cltaa.halves import saturated_pixels
+from cltaa.halves import image_channels, saturated_pixels
 from cltaa.launch import DeviceLauncher
 from tests.numerics.still_frames import accumulator, grey, still_frame
 from tests.sequence_factory import make_frame
@@ -64,3 +64,15 @@ def test_a4_a_pixel_is_counted_once_and_alpha_with_it() -> None:
     image[1, 2, :3] = 65504.0
     image[2, 4, 3] = -1e9
     assert saturated_pixels(image) == 2
+
+
+@pytest.mark.parametrize("bright", [65503.99, -65503.99, 65520.0, -1e9])
+def test_a4_limiting_is_left_out_only_where_it_changes_no_bit(bright: float) -> None:
+    image = np.random.default_rng(3).normal(0.0, 100.0, (5, 7, 3)).astype(np.float32)
+    image[2, 3, 1] = bright
+    within = not saturated_pixels(image)
+    assert within == (abs(bright) < 65504)
+    found, limited = image_channels(image, half=True, within=within), image_channels(image, half=True)
+    assert {name: plane.tobytes() for name, plane in found.items()} == {
+        n: plane.tobytes() for n, plane in limited.items()
+    }
