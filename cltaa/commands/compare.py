@@ -83,8 +83,8 @@ def compare(
 
     Where headers or records say that A and B show different things, that is said on standard error, as a warning.
     """
-    shown = parse_metrics(metric_names)
-    metrics = tuple(dict.fromkeys((*shown, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
+    asked = parse_metrics(metric_names)
+    metrics = tuple(dict.fromkeys((*asked, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
     comparison = pair_up(
         test, reference, frames, side_file=camera, step=step, verify=verify, profile=profile, assignments=inputs
     )
@@ -117,7 +117,7 @@ def compare(
     if as_json:
         click.echo(json_of(result))
     else:
-        _print(result, shown)
+        _print(result, asked)
 
 
 def _video_scores(comparison: Comparison, stops: float) -> VideoScores:

@@ -92,35 +92,27 @@ def _plan(source: Sequence, preset: str, device: str | None, effects: str, as_js
 
 def _print_reading(found: Description) -> None:
     console = Console()
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    table.add_column(style="dim")
-    table.add_column()
-    table.add_row("profile", shown(f"{found.profile}: {found.reason}"))
-    table.add_row("frames", f"{found.frames}: {found.first} to {found.last}, {found.size}")
-    for role, channels in found.channels.items():
-        table.add_row(role, shown(" ".join(channels)))
-    table.add_row("also there", shown(" ".join(found.unused)) or "nothing")
-    for note in found.notes:
-        table.add_row("without", shown(note))
-    console.print(table)
-    if found.statistics:
-        console.print(_statistics(found.statistics))
+    _print_facts(console, _facts_of_reading(found), found.statistics)
     _print_problems(console, found.problems, looked=bool(found.statistics))
 
 
 def _print(found: Inspection) -> None:
     console = Console()
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    table.add_column(style="dim")
-    table.add_column()
-    for name, text in _facts(found):
-        table.add_row(name, shown(text))
-    console.print(table)
-    if found.statistics:
-        console.print(_statistics(found.statistics))
+    _print_facts(console, _facts(found), found.statistics)
     for idle in found.idle:
         console.print(f"[yellow]![/] {shown(idle)}", soft_wrap=True, highlight=False)
     _print_problems(console, found.problems)
+
+
+def _print_facts(console: Console, facts: list[tuple[str, str]], statistics: dict[str, ChannelStatistics]) -> None:
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    table.add_column(style="dim")
+    table.add_column()
+    for name, text in facts:
+        table.add_row(name, shown(text))
+    console.print(table)
+    if statistics:
+        console.print(_statistics(statistics))
 
 
 def _print_problems(console: Console, problems: list[str], *, looked: bool = True) -> None:
@@ -128,6 +120,16 @@ def _print_problems(console: Console, problems: list[str], *, looked: bool = Tru
         console.print(f"[red]✗[/] {shown(problem)}", soft_wrap=True, highlight=False)
     if looked and not problems:
         console.print("[green]✓[/] no problem found")
+
+
+def _facts_of_reading(found: Description) -> list[tuple[str, str]]:
+    return [
+        ("profile", f"{found.profile}: {found.reason}"),
+        ("frames", f"{found.frames}: {found.first} to {found.last}, {found.size}"),
+        *((role, " ".join(channels)) for role, channels in found.channels.items()),
+        ("also there", " ".join(found.unused) or "nothing"),
+        *(("without", note) for note in found.notes),
+    ]
 
 
 def _facts(found: Inspection) -> list[tuple[str, str]]:
