@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 
 from cltaa.buffers import Buffers
 from cltaa.constants import PAD_X, PAD_Y
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.errors import ResourceError, UsageError
 from cltaa.file_content import memory_limit
 from cltaa.frame_checks import check_frame
 from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame, Image
-from cltaa.launch import Buffer, DeviceLauncher, storage_dtype
+from cltaa.launch import Buffer, storage_dtype
 from cltaa.layout import Layout
 from cltaa.memory import Memory, of_whole_images
 from cltaa.one_thread import one_thread

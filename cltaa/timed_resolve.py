@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.frames import Frame, Image
-from cltaa.launch import DeviceLauncher
 from cltaa.params import HistoryOf
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence

@@ -19,9 +19,9 @@ from cltaa.bench.programs import Program, dearest_first, programs_needed
 from cltaa.bench.variant_errors import Task
 from cltaa.build import Build
 from cltaa.comparison import truth_of
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.errors import DataError, ResourceError, UsageError
 from cltaa.kernel_files import kernel_folder
-from cltaa.launch import DeviceLauncher
 
 TIMES = "times"  # folder of what is finished of each sequence
 ERRORS_SHARE = 0.6  # of a limit of time, after which no error is begun and what is complete is timed

@@ -16,9 +16,9 @@ from cltaa.bench.pareto import dominated_by
 from cltaa.bench.variant_errors import Task, yardstick_errors
 from cltaa.bench.variant_times import TURN, Ranking, jobs_of, ranking
 from cltaa.comparison import truth_of, truth_samples
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.equal_quality import STRATIFIED_EXPONENT
 from cltaa.frames import format_effects
-from cltaa.launch import DeviceLauncher
 from cltaa.metrics import METRICS
 from cltaa.sources import Sequence as Captured
 from cltaa.timing import Clock, Samples, measure

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from cltaa.build import Build, Real, Storage, settings_record
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.errors import InternalError
 from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame, Image
-from cltaa.launch import DeviceLauncher, storage_dtype
+from cltaa.launch import storage_dtype
 from cltaa.layout import Layout
 from cltaa.params import Accumulate, Box, Choices, Dilation, Rectify, Reject, Settings
 from cltaa.presets import Preset

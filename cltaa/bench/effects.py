@@ -14,8 +14,9 @@ from typing import Literal
 import msgspec
 import numpy as np
 
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.frames import Frame, format_effects
-from cltaa.launch import DeviceLauncher, Launcher
+from cltaa.launch import Launcher
 from cltaa.planning import Plan, with_effects
 from cltaa.presets import Preset
 from cltaa.resolve import Resolver

@@ -18,12 +18,12 @@ from cltaa.allocator import kept_memory
 from cltaa.atomic import make_folder
 from cltaa.bench.environment import Environment, environment, load_average, processors
 from cltaa.build import Build
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.exr_channels import Pixels
 from cltaa.exr_read import read_image
 from cltaa.exr_write import write_image
 from cltaa.halves import image_channels
 from cltaa.kernel_files import kernel_folder
-from cltaa.launch import DeviceLauncher
 from cltaa.openexr import OpenEXR
 from cltaa.output import OutputFolder, Source
 from cltaa.pipeline import resolve_sequence

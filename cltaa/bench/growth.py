@@ -17,9 +17,10 @@ from cltaa.bands import BAND_ROWS, BandedResolver
 from cltaa.bench.environment import Environment, environment, load_average
 from cltaa.bench.frames import EFFECTS, Motion, camera_at
 from cltaa.build import Build, Steps, Storage
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.frames import Frame
 from cltaa.kernel_files import kernel_folder
-from cltaa.launch import Buffer, DeviceLauncher
+from cltaa.launch import Buffer
 from cltaa.memory import device_bytes
 from cltaa.presets import Preset
 from cltaa.resolve import Resolver

@@ -11,10 +11,10 @@ from cltaa.bench.environment import Environment, environment, load_average
 from cltaa.bench.frames import Motion, make_frames
 from cltaa.bench.shader import Shader
 from cltaa.build import Build, Storage
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.errors import CltaaError, InternalError, UsageError
 from cltaa.frames import Frame, Image
 from cltaa.kernel_files import kernel_folder
-from cltaa.launch import DeviceLauncher
 from cltaa.presets import Preset
 from cltaa.resolve import Resolver
 from cltaa.timed_resolve import resolve_job

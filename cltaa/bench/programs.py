@@ -16,9 +16,10 @@ import numpy as np
 from cltaa.bench.variant_errors import Task
 from cltaa.bench.variant_times import enlargement
 from cltaa.build import Build
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.frames import Frame
-from cltaa.launch import DeviceLauncher, NumpyLauncher
 from cltaa.layout import Layout
+from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.program import source
 from cltaa.sources import Sequence as Captured
 from cltaa.timed_resolve import resolve_job, timed_numbers

@@ -25,9 +25,10 @@ from cltaa.comparison import truth_of, yardsticks
 from cltaa.display import Picture, to_picture
 from cltaa.frames import Frame, Image
 from cltaa.kernel_files import code_sha256
-from cltaa.launch import WISH, Buffer, Launcher, NumpyLauncher, launcher_for
+from cltaa.launch import WISH, Buffer, Launcher, launcher_for
 from cltaa.layout import Layout
 from cltaa.metrics import METRICS, flip_map, measure
+from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.pictures import heat
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence, open_images, open_sequence

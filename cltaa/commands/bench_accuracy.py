@@ -26,8 +26,8 @@ from cltaa.bench.plots import import_pyplot
 from cltaa.bench.variant_errors import Task
 from cltaa.commands.options import FILE_PATH, NAMES, PRESET, device_option, json_option, step_option
 from cltaa.commands.tables import print_table
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.errors import UsageError, known
-from cltaa.launch import DeviceLauncher
 from cltaa.metrics import parse_metrics
 from cltaa.presets import load_preset, preset_names
 from cltaa.printable import counted, json_of, printable, shown

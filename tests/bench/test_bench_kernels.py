@@ -14,9 +14,9 @@ from cltaa.bench.frames import SHIFT_PX, Motion, camera_at, make_frames
 from cltaa.bench.kernels import CONTROL, CORE, Contenders
 from cltaa.build import STORAGES, Storage
 from cltaa.cameras import displacement
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.errors import InternalError
 from cltaa.frames import Frame, Image
-from cltaa.launch import DeviceLauncher
 from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
 

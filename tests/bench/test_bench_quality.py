@@ -23,8 +23,8 @@ from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
 from cltaa.exr_read import read_frame
 from cltaa.frames import Frame
-from cltaa.launch import NumpyLauncher
 from cltaa.metrics import flip_map
+from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.presets import Published, load_preset, override
 from cltaa.sources import open_sequence
 from cltaa.video_scores import Sums, VideoScores

@@ -22,9 +22,10 @@ from cltaa.bench.growth import rounds_of, square
 from cltaa.build import Steps, Storage
 from cltaa.cli import main
 from cltaa.frames import Effect
-from cltaa.launch import Buffer, NumpyLauncher
+from cltaa.launch import Buffer
 from cltaa.manifest import PIECE
 from cltaa.memory import device_bytes
+from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
 from cltaa.sequence_plan import plan

@@ -13,8 +13,8 @@ from cltaa.bench.variant_errors import run_task
 from cltaa.bench.variant_times import enlarged
 from cltaa.cli import main
 from cltaa.device import Device
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.exr_write import write_frame
-from cltaa.launch import DeviceLauncher
 from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
 from cltaa.shape import Shape

@@ -10,9 +10,9 @@ import pytest
 
 from cltaa.allocator import mapped_image
 from cltaa.bands import BandedResolver
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.frames import Frame
 from cltaa.haloed import around, haloed
-from cltaa.launch import DeviceLauncher
 from cltaa.layout import Layout
 from cltaa.resolve import Resolver
 from tests.sequence_factory import make_frame

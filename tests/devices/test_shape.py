@@ -11,8 +11,8 @@ import pytest
 from cltaa.bench.frames import Motion, make_frames
 from cltaa.build import Build, Steps, Storage, prelude
 from cltaa.device import Device, cpu_shape
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.frames import Image
-from cltaa.launch import DeviceLauncher
 from cltaa.presets import load_preset
 from cltaa.resolve import Resolver
 from cltaa.shape import CPU_4, CPU_8, CPU_16, INTEL_16, ITEMS_A_UNIT, Shape, shared_out

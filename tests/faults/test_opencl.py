@@ -11,7 +11,7 @@ from typing import Any
 import pyopencl as cl
 import pytest
 
-from cltaa import device, launch, program
+from cltaa import device, device_launcher, program
 from cltaa.cli import main
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError
 from cltaa.presets import load_preset
@@ -175,7 +175,7 @@ def test_no_memory_for_the_nth_buffer(
 def test_memory_limit_of_the_driver() -> None:
     """POCL_MEMORY_LIMIT=1 (GiB) and frames that need more: 75 before the first frame."""
     code = (
-        "import numpy as np\nfrom cltaa.launch import DeviceLauncher\nlauncher = DeviceLauncher()\n"
+        "import numpy as np\nfrom cltaa.device_launcher import DeviceLauncher\nlauncher = DeviceLauncher()\n"
         "launcher.allocate((3, 20000, 20000))\n"
     )
     done = subprocess.run(
@@ -201,4 +201,4 @@ def test_context_that_cannot_be_made(monkeypatch: pytest.MonkeyPatch) -> None:
     error = planted(cl.RuntimeError, "clCreateContext", cl.status_code.DEVICE_NOT_AVAILABLE)
     monkeypatch.setattr(cl, "Context", Failing(cl.Context, 1, error))
     with pytest.raises(DeviceMissing, match=r"cannot be opened: .*planted"):
-        launch.DeviceLauncher()
+        device_launcher.DeviceLauncher()

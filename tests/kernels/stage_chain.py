@@ -20,8 +20,9 @@ from cltaa.build import FRAME_DTYPE, HALVES, Build, Record, Steps, settings_reco
 from cltaa.constants import SPANS
 from cltaa.constants import value as value_of
 from cltaa.frame_record import Past, frame_record
-from cltaa.launch import Launcher, NumpyLauncher, storage_dtype
+from cltaa.launch import Launcher, storage_dtype
 from cltaa.layout import Layout
+from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.params import Choices, CurrentFilter, LightChange, Settings
 from cltaa.presets import load_preset
 from cltaa.reference import KERNELS

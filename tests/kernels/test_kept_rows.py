@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from cltaa.build import Build, Steps, Storage
-from cltaa.launch import DeviceLauncher, NumpyLauncher
+from cltaa.device_launcher import DeviceLauncher
+from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.params import Choices, HistoryFilter, LightChange
 from tests.kernels.hard_planes import padded
 from tests.kernels.stage_chain import Work, differing, hard_work, run_stage

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from cltaa.build import Build, settings_record
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Effect
-from cltaa.launch import Buffer, DeviceLauncher
+from cltaa.launch import Buffer
 from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
 from tests.kernels.test_resolve import hard_frames

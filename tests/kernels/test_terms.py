@@ -9,7 +9,8 @@ from msgspec.structs import replace
 
 from cltaa.build import Build, Terms
 from cltaa.device import Device
-from cltaa.launch import DeviceLauncher, NumpyLauncher
+from cltaa.device_launcher import DeviceLauncher
+from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.params import Settings
 from cltaa.presets import load_preset
 from cltaa.resolve import Resolver

@@ -17,8 +17,10 @@ from msgspec.structs import replace
 
 from cltaa.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Steps, Storage
 from cltaa.device import POCL
-from cltaa.launch import DeviceLauncher, NumpyLauncher, storage_dtype
+from cltaa.device_launcher import DeviceLauncher
+from cltaa.launch import storage_dtype
 from cltaa.layout import Layout
+from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.params import HOST_CHOICES, Choices
 from cltaa.settings import HOST_SETTINGS, Settings
 from tests.kernels.stage_chain import (

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Record
-from cltaa.launch import NumpyLauncher
 from cltaa.layout import Layout
+from cltaa.numpy_launcher import NumpyLauncher
 from tests.kernels.hard_planes import KEPT, Planes, padded
 from tests.kernels.stage_chain import ALL_STEPS, STAGES, WRITES, Work, hard_work, run_stage
 

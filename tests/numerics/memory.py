@@ -22,7 +22,9 @@ import numpy as np
 from msgspec.structs import replace
 
 from cltaa.build import Build, Storage
-from cltaa.launch import Buffer, DeviceLauncher, NumpyLauncher
+from cltaa.device_launcher import DeviceLauncher
+from cltaa.launch import Buffer
+from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
 from tests.kernels.hard_planes import padded

@@ -11,10 +11,10 @@ import pytest
 
 from cltaa.build import Storage
 from cltaa.cli import main
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.exr_read import read_image
 from cltaa.exr_write import write_frame
 from cltaa.halves import image_channels, saturated_pixels
-from cltaa.launch import DeviceLauncher
 from tests.numerics.still_frames import accumulator, grey, still_frame
 from tests.sequence_factory import make_frame
 

@@ -12,10 +12,11 @@ import pytest
 
 from cltaa.build import Build, Steps
 from cltaa.constants import value
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.errors import InternalError
 from cltaa.frames import Effect, Frame, Image
-from cltaa.launch import DeviceLauncher, NumpyLauncher
 from cltaa.layout import Layout
+from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.params import Box, Choices, GatherFit, HistoryOf, LightChange, Neighbourhood
 from cltaa.presets import load_preset, override
 from cltaa.program import Kernel, source_hash

@@ -11,9 +11,10 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.build import Build, Steps, settings_record
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame
-from cltaa.launch import DeviceLauncher, Launcher
+from cltaa.launch import Launcher
 from cltaa.layout import Layout
 from cltaa.params import Choices, HistoryFilter, Reject, Settings
 from cltaa.presets import load_preset, override

@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from cltaa.build import Build, Storage
-from cltaa.launch import DeviceLauncher
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.params import Accumulate
 from cltaa.reference.bounded import Bounded
 from cltaa.reference.decision import Decision

@@ -10,9 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.build import Build, Steps, settings_record
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.frame_record import Past, frame_record
-from cltaa.launch import DeviceLauncher, NumpyLauncher
 from cltaa.layout import Layout
+from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.params import BoxSpace, Choices, Neighbourhood, Settings, Variance
 from cltaa.resolve import Resolver
 from tests.kernels.hard_planes import padded, tiles

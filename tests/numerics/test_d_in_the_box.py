@@ -32,7 +32,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.constants import value as value_of
-from cltaa.launch import DeviceLauncher
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.params import Box, BoxSpace, Rectify
 from tests.numerics.still_frames import UNIT_ROUNDOFF
 from tests.numerics.test_c_statistics import box_space

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.build import Build, Steps, settings_record
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.frame_record import Past, frame_record
-from cltaa.launch import DeviceLauncher
 from cltaa.layout import Layout
 from cltaa.params import Box, BoxSpace, Choices, Rectify, Settings
 from cltaa.presets import load_preset, override

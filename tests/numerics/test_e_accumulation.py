@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.build import Build, Storage, settings_record
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.frames import Image
-from cltaa.launch import DeviceLauncher
 from cltaa.params import Box, Rectify, Settings
 from cltaa.presets import override
 from cltaa.reference.blend import blend, luminance_weight

@@ -9,8 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.build import Storage
-from cltaa.launch import DeviceLauncher, NumpyLauncher
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.layout import Layout
+from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.reference.storage import stochastic_half, storage_dither
 from tests.numerics.still_frames import UNIT_ROUNDOFF, accumulator, grey, last_of, still_frame
 from tests.sequence_factory import bits

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cltaa.build import Storage
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.frames import Effect
-from cltaa.launch import DeviceLauncher
 from cltaa.presets import override
 from cltaa.resolve import Resolver
 from tests.numerics.still_frames import still_frame, unfiltered

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.frames import Effect, Frame, Image
-from cltaa.launch import DeviceLauncher
 from cltaa.params import Box, HistoryOf, LightChange
 from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver

@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from cltaa.build import Build, Steps, settings_record
 from cltaa.cameras import displacement
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Camera, Frame
-from cltaa.launch import DeviceLauncher, Launcher, NumpyLauncher
+from cltaa.launch import Launcher
 from cltaa.layout import Layout
+from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.params import Choices, Dilation, Settings
 from cltaa.presets import override
 from cltaa.resolve import Resolver

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from cltaa.build import Build, prelude
 from cltaa.device import POCL, devices
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.frames import Frame, Image
-from cltaa.launch import DeviceLauncher, NumpyLauncher
+from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.params import HistoryFilter
 from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from cltaa.bands import BandedResolver
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.errors import ResourceError
 from cltaa.file_content import memory_limit
 from cltaa.frames import Effect, Frame, Image
-from cltaa.launch import DeviceLauncher
 from cltaa.layout import Layout
 from cltaa.resolve import Resolver
 from tests.kernels.test_resolve import hard_frames

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from cltaa.build import Build
-from cltaa.launch import DeviceLauncher, Launcher, NumpyLauncher
+from cltaa.device_launcher import DeviceLauncher
+from cltaa.launch import Launcher
+from cltaa.numpy_launcher import NumpyLauncher
 from tests.kernels.stage_chain import ALL_STEPS, STAGES, WRITES, differing, run_stage
 from tests.numerics.golden import FOLDER, LAYOUT, read_table, read_work
 

@@ -17,9 +17,10 @@ from cltaa.checkpoint import Checkpoints
 from cltaa.current_filter import axis_masses
 from cltaa.errors import ResourceError, UsageError
 from cltaa.frames import Effect, Frame
-from cltaa.launch import Buffer, NumpyLauncher
+from cltaa.launch import Buffer
 from cltaa.layout import Layout
 from cltaa.memory import device_bytes
+from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.params import HistoryOf, Settings
 from cltaa.planning import plan_frame
 from cltaa.presets import Preset, load_preset, override

@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cltaa.device_launcher import DeviceLauncher
 from cltaa.frames import Camera, Effect, Frame
-from cltaa.launch import DeviceLauncher, Launcher, NumpyLauncher
+from cltaa.launch import Launcher
+from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.params import Reject
 from cltaa.planning import plan_frame, with_effects
 from cltaa.presets import load_preset, override, preset_names

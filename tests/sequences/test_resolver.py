@@ -13,7 +13,7 @@ import pytest
 
 from cltaa.errors import DataError, UsageError
 from cltaa.frames import Camera, Effect, Frame
-from cltaa.launch import NumpyLauncher
+from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
 from cltaa.sources import open_sequence

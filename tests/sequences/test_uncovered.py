@@ -12,8 +12,8 @@ import pytest
 from cltaa.build import Build
 from cltaa.constants import CONSTANTS
 from cltaa.frames import Effect, Frame
-from cltaa.launch import NumpyLauncher
 from cltaa.layout import Layout
+from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.presets import load_preset, override
 from cltaa.reference.real import Array
 from cltaa.reference.span_recursive import recursive_share
