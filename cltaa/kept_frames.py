@@ -95,6 +95,10 @@ class KeptFrames:
             at += planes * self.layout.plane
         self.past = (Past.of(frame), *self.past)[: self._slots]
 
+    def go_back(self, last: Past | None) -> None:
+        """Forget what was kept after ``last``, as of a frame that was interrupted; all where there is none."""
+        self.past = tuple(past for past in self.past if last is not None and past.index <= last.index)
+
     def take_back(self) -> None:
         """Forget the frame that was kept last; those before it are all still there."""
         self.past = self.past[1:]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
-from threading import Lock
+from threading import get_ident
 from typing import Any, TypeVar, cast
 
 from cltaa.errors import UsageError
 
+INSIDE = "_inside"  # the attribute that names the thread
 Method = TypeVar("Method", bound=Callable[..., Any])
 
 
@@ -20,12 +21,13 @@ def one_thread(method: Method) -> Method:
 
     @wraps(method)
     def alone(owner: Any, *given: Any, **named: Any) -> Any:
-        busy: Lock = owner.__dict__.setdefault("_busy", Lock())
-        if not busy.acquire(blocking=False):
+        # Who is in it, and no lock: an interrupt between taking and the try would leave that taken for good.
+        state, me = vars(owner), get_ident()
+        if state.setdefault(INSIDE, me) != me:
             raise UsageError("two threads use one resolver at once", cure="frames come in order: take one a thread")
         try:
             return method(owner, *given, **named)
         finally:
-            busy.release()
+            state.pop(INSIDE, None)
 
     return cast(Method, alone)

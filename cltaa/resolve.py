@@ -142,6 +142,7 @@ class Resolver:
         assert self.last is not None
         image = buffers.read(self.last.arguments["output"], frame.alpha is not None)
         self.times = Times(uploaded - started, resolved - uploaded, perf_counter() - resolved)
+        self._previous = None  # an interrupt from here on leaves no history, rather than a half of one
         buffers.swap()
         self._previous = Past.of(frame)
         return image
@@ -210,8 +211,7 @@ class Resolver:
         if self._kept is None or not self._kept.fit(layout, count, steps):
             self._kept = None  # released before the new one is allocated
             self._kept = KeptFrames(self.launcher, layout, count, steps)
-        if previous is None:
-            self._kept.past = ()
+        self._kept.go_back(previous)
         return self._kept
 
     def _run(self, frame: Frame, previous: Past | None, build: Build, buffers: Buffers) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from threading import Thread
+from threading import Thread, get_ident
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ import pytest
 from cltaa.errors import DataError, UsageError
 from cltaa.frames import Camera, Effect, Frame
 from cltaa.numpy_launcher import NumpyLauncher
+from cltaa.one_thread import INSIDE
 from cltaa.presets import load_preset, override
 from cltaa.resolve import Resolver
 from cltaa.sources import open_sequence
@@ -232,6 +233,28 @@ def test_a_second_thread_in_one_resolver_is_refused(monkeypatch: pytest.MonkeyPa
     assert np.array_equal(bits(first), bits(still_frame(0).colour))
     second()  # after the other it may
     assert len(told) == 1
+    vars(resolver)[INSIDE] = get_ident()  # as an interrupt may leave it
+    assert resolver.resolve(still_frame(2)).shape == first.shape
+    second()
+    assert len(told) == 1
+
+
+@pytest.mark.parametrize("preset", ["default", "t3-200", "t4", "t5"])
+def test_a_frame_that_was_interrupted_is_resolved_to_the_same_bits(
+    preset: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, resolver = Resolver(preset), Resolver(preset)
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    for index in range(4):
+        frame = make_frame(index, effects=None)
+        with monkeypatch.context() as patch:
+            patch.setattr(resolver.launcher, "finish", interrupt)
+            with pytest.raises(KeyboardInterrupt):
+                resolver.resolve(frame)
+        assert np.array_equal(bits(resolver.resolve(frame)), bits(whole.resolve(frame)))
 
 
 def test_a_device_may_be_named_by_its_number_and_a_launcher_shared() -> None:
