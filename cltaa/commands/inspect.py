@@ -15,10 +15,11 @@ from cltaa.commands.options import FILE_PATH, PRESET, chosen_effects, input_opti
 from cltaa.errors import DataError
 from cltaa.inputs.description import Description, describe_input
 from cltaa.inputs.opening import is_own, open_input
-from cltaa.inspection import Inspection, inspect_folder
+from cltaa.inspection import inspect_folder
 from cltaa.pixel_statistics import ChannelStatistics
 from cltaa.printable import counted, json_of, printable, shown
 from cltaa.progress import shown_progress
+from cltaa.sequence_facts import Inspection
 from cltaa.sources import Sequence
 
 

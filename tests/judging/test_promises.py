@@ -10,7 +10,8 @@ import pytest
 
 from cltaa.exr_write import write_frame
 from cltaa.frames import Effect, Frame
-from cltaa.inspection import Inspection, inspect_folder
+from cltaa.inspection import inspect_folder
+from cltaa.sequence_facts import Inspection
 from tests.sequence_factory import make_camera, make_frame
 
 CHANGING = "camera, exposure, motion, reactive, shading, uncover"
