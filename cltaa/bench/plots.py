@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -66,17 +67,20 @@ def front_figure(pyplot: Any, measured: MeasuredSequence, metric: str, weight: f
     ``weight`` is that of the exponential mean whose noise is drawn.
     """
     figure, (wide, near) = pyplot.subplots(1, 2, figsize=(10, 4.6))
+    cells = _drawn(measured, metric)
     for axes in (wide, near):
-        for cell in measured.cells:
+        for cell in cells:
             time, low, high = time_of(cell, measured.clock)
             error, beaten = cell.errors[metric], metric in cell.dominated_by
-            frames = [[max(error.mean - error.p5, 0)], [max(error.p95 - error.mean, 0)]] if axes is wide else None
+            above = error.p95 - error.mean if math.isfinite(error.p95) else 0
+            frames = [[max(error.mean - error.p5, 0)], [max(above, 0)]] if axes is wide else None
             axes.errorbar(
                 time, error.mean, xerr=[[max(time - low, 0)], [max(high - time, 0)]], yerr=frames, fmt="o", ms=4,
                 lw=0.7, color=BEATEN if beaten else FRONT,
             )  # fmt: skip
-        axes.set_xscale("log")
-        if not METRICS[metric].higher_is_better:
+        if cells:
+            axes.set_xscale("log")
+        if cells and not METRICS[metric].higher_is_better:
             axes.set_yscale("log")
         axes.grid(visible=True, which="major", lw=0.3)
         axes.tick_params(labelsize=7)
@@ -95,6 +99,14 @@ def front_figure(pyplot: Any, measured: MeasuredSequence, metric: str, weight: f
     _name_points(near, measured, metric)
     wide.set_title(measured.name + (" (times too noisy to rank)" if measured.noisy else ""))
     return figure
+
+
+def _drawn(measured: MeasuredSequence, metric: str) -> list[Cell]:
+    """The cells that have a place: no error at all has none in logarithms, and as a PSNR it is infinite."""
+    falling = not METRICS[metric].higher_is_better
+    means = [cell.errors[metric].mean for cell in measured.cells]
+    there = [math.isfinite(mean) and (mean > 0 or not falling) for mean in means]
+    return [cell for cell, drawn in zip(measured.cells, there, strict=True) if drawn]
 
 
 def _limits(axes: Any, measured: MeasuredSequence, metric: str, weight: float) -> None:
@@ -117,7 +129,7 @@ def _name_points(axes: Any, measured: MeasuredSequence, metric: str) -> None:
     taken: list[Any] = []
     axes.figure.canvas.draw()  # the scales are final from here on
     default = measured.cells[0].variant
-    for cell in sorted(measured.cells, key=lambda cell: (cell.variant != default, cell.errors[metric].mean)):
+    for cell in sorted(_drawn(measured, metric), key=lambda cell: (cell.variant != default, cell.errors[metric].mean)):
         at = time_of(cell, measured.clock)[0], cell.errors[metric].mean
         pixel = axes.transData.transform(at)
         clear = all(abs(pixel[1] - y) > NAME_HIGH or abs(pixel[0] - x) > NAME_WIDE for x, y in taken)
@@ -141,7 +153,7 @@ def steps_figure(pyplot: Any, measured: MeasuredSequence, metric: str, groups: d
     cells = [cell for cell in measured.cells if groups[cell.variant] not in left_out]
     figure, both = pyplot.subplots(1, 2, figsize=(8, 0.7 + 0.19 * max(len(cells), 2)), sharey=True)
     names = [cell.variant for cell in cells]
-    ratios = [cell.errors[metric].mean / base if base else 1.0 for cell in cells]
+    ratios = [_over(cell.errors[metric].mean, base) for cell in cells]
     both[0].barh(names, [ratio - 1 for ratio in ratios], left=1, color=FRONT)
     errors = [
         [cell.ratio.median - cell.ratio.low for cell in cells],
@@ -154,3 +166,8 @@ def steps_figure(pyplot: Any, measured: MeasuredSequence, metric: str, groups: d
         axes.tick_params(labelsize=6)
     both[0].invert_yaxis()
     return figure
+
+
+def _over(value: float, base: float) -> float:
+    """``value`` as a multiple of ``base``; 1 where either is no number to divide by or without end."""
+    return value / base if base and math.isfinite(base) and math.isfinite(value) else 1.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import msgspec
@@ -84,6 +85,23 @@ def test_the_figure_is_drawn_for_several_sequences_alone(tmp_path: Path) -> None
     assert "overview.png" not in {path.name for path in write_plots(accuracy(one), tmp_path)}
     assert {"overview.png", "overview.svg"} <= {path.name for path in write_plots(accuracy(one, two), tmp_path)}
     assert (tmp_path / "overview.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("metric", ["mse", "psnr"])
+@pytest.mark.parametrize("wrong", [0, 1, 3])
+def test_what_errs_nowhere_has_no_place_on_a_plot(tmp_path: Path, metric: str, wrong: int) -> None:
+    """Nor does it warn, which tests take for an error: where none errs, where one does, where all do in some frames."""
+    one = sequence("one", (1.0, 4.0, 0.5))
+    none, some = {"mse": (0.0, 0.0), "psnr": (math.inf, math.inf)}, {"mse": (0.0, 0.1), "psnr": (math.inf, 20.0)}
+    cells = [
+        msgspec.structs.replace(cell, errors={metric: spread(metric, (some if place < wrong else none)[metric])})
+        for place, cell in enumerate(one.cells)
+    ]
+    result = msgspec.structs.replace(accuracy(msgspec.structs.replace(one, cells=cells)), metrics=[metric])
+    assert len(list(write_plots(result, tmp_path))) == 4
+    figure = front_figure(pyplot, result.sequences[0], metric, 0.1)
+    assert len(figure.axes[0].containers) == wrong
+    pyplot.close(figure)
 
 
 def test_a_report_keeps_nothing_of_the_one_before(tmp_path: Path) -> None:

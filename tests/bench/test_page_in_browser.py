@@ -230,6 +230,18 @@ def test_more_decibels_are_better_and_may_have_no_end(window: Browser) -> None:
     assert window.run("return document.getElementById('better').textContent") == "down"
 
 
+def test_a_sequence_on_which_nothing_errs_says_so(window: Browser) -> None:
+    window.run(
+        "kept = structuredClone(current().cells); current().cells.forEach((c) => {"
+        "Object.assign(c.errors.mse, {mean: 0, p5: 0, p95: 0, frames: [0, 0, 0, 0]}) }); drawAll()"
+    )
+    assert window.run("return document.getElementById('front').textContent") == "nothing errs here"
+    steps = window.run("return document.getElementById('steps').innerHTML")
+    assert "–" in steps
+    assert "NaN" not in steps
+    window.run("current().cells.forEach((c, i) => { c.errors = kept[i].errors }); drawAll()")
+
+
 def test_a_sequence_without_frames_says_so(window: Browser) -> None:
     shown = (
         "['stage', 'slide-row', 'debug', 'no-pictures'].map(id => document.getElementById(id).offsetParent !== null)"

@@ -109,7 +109,7 @@ function drawFront() {
   const times = cells.flatMap((c) => [timeOf(c).low, timeOf(c).high]).concat(yards.map((s) => s.added), [measured.floor]);
   const svg = element("svg", { viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": "Error against time" });
   host.replaceChildren(svg);
-  if (!cells.length) { svg.append(element("text", { x: 20, y: 40 }, "this axis was not measured")); return; }
+  if (!cells.length) { svg.append(element("text", { x: 20, y: 40 }, state.metric === "rounding" ? "this axis was not measured" : "nothing errs here")); return; }
   const x = logScale(tidy(times), box.left, box.right);
   const y = logarithmic ? logScale(tidy(errors), box.bottom, box.top)
     : linearScale(Math.min(...errors), Math.max(...errors), box.bottom, box.top);
@@ -245,6 +245,7 @@ function fillChoices() {
 
 // --- steps, frames, stages, numbers ------------------------------------------------------------------------------------
 function barOf(ratio, span, uncertain, better = ratio < 1) {
+  if (!Number.isFinite(ratio)) return element("span", { class: "bar-box" }, element("i"), element("b", {}, "–"));  // of no error
   const share = Math.min(1, Math.abs(Math.log2(ratio)) / span) * 50, more = ratio > 1;
   const bar = element("i", { class: uncertain ? "" : better ? "better" : "worse" });
   bar.style.left = more ? "50%" : `${50 - share}%`; bar.style.width = `${share}%`;
