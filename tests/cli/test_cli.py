@@ -56,7 +56,7 @@ def test_resolve_needs_no_extra(tmp_path: Path) -> None:
 
 
 def test_help_lists_every_command_with_its_line() -> None:
-    printed = run("--help").stdout
+    printed = run("--help", COLUMNS="120").stdout
     for name, entry in cli.COMMANDS.items():
         assert re.search(rf"^  {name}\s+{re.escape(entry.summary)}$", printed, re.MULTILINE)
 
@@ -222,7 +222,7 @@ def test_a_width_of_nothing_is_no_width() -> None:
 def test_reader_that_has_had_enough() -> None:
     """``cltaa presets --parameters | head -1`` says nothing about broken pipes."""
     command = f"{sys.executable} -m cltaa.cli presets --parameters --json | true"
-    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
 
 

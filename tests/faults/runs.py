@@ -19,6 +19,7 @@ from tests.sequence_factory import write_sequence
 FRAMES = 7  # with a checkpoint every 2 frames both slots are written and overwritten
 CHECKPOINT = 2
 PATIENCE = 600.0  # seconds that a process may take
+CAP_SYS_ADMIN = 21  # capability.h
 PAGE = 4096  # bytes, of which a small disk has a few
 
 
@@ -154,6 +155,12 @@ def run(command: list[str], **variables: str) -> tuple[int, str]:
     process = start(command, **variables)
     said = process.communicate(timeout=PATIENCE)[1]
     return process.returncode, said
+
+
+def may_mount() -> bool:
+    """Whether this process may mount: root may, and in most containers root may not either."""
+    rights = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("CapEff:"))
+    return bool(int(rights.split()[1], 16) >> CAP_SYS_ADMIN & 1)
 
 
 @contextmanager

@@ -17,7 +17,16 @@ import pytest
 from cltaa import kernel_cache
 from cltaa.cli import main
 from cltaa.errors import ResourceError
-from tests.faults.runs import PATIENCE, check_after_fault, check_finished, run, small_disk, start, unprivileged
+from tests.faults.runs import (
+    PATIENCE,
+    check_after_fault,
+    check_finished,
+    may_mount,
+    run,
+    small_disk,
+    start,
+    unprivileged,
+)
 from tests.faults.runs import on_first_device as arguments
 
 PROCESSES = 8
@@ -55,7 +64,7 @@ def test_full_cache_is_seen_before_the_compiler_aborts(
     check_finished(tmp_path / "out", on_device[1])
 
 
-@pytest.mark.skipif(os.getuid() != 0, reason="only root may mount a small disk; the test above says that it is small")
+@pytest.mark.skipif(not may_mount(), reason="only who may mount has a small disk; the test above says that it is small")
 def test_cache_on_a_disk_that_is_full(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
     """PoCL's compiler would end the process; the next command, with room, finishes."""
     cache, output = tmp_path / "cache", tmp_path / "out"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -17,6 +16,7 @@ from tests.faults.runs import (
     arguments,
     check_after_fault,
     check_finished,
+    may_mount,
     prepare,
     small_disk,
     start_held,
@@ -27,7 +27,7 @@ FRAMES = 4
 STEPS = 64
 
 
-@pytest.mark.skipif(os.getuid() != 0, reason="only root may mount a small disk; the tests above inject the same errors")
+@pytest.mark.skipif(not may_mount(), reason="only who may mount has a small disk; others inject the same errors")
 def test_disk_that_is_full_after_k_pages(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Disks of every size from one page on, until everything has room."""
     folder, whole = prepare(tmp_path, FRAMES, width=64, height=36)

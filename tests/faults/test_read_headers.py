@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from cltaa.exr_layout import COMPRESSIONS
 from cltaa.exr_write import write_frame
 from tests.faults import reading_process
 from tests.faults.exr_surgery import VERSION, Anatomy, channel, dissect, window
@@ -121,6 +122,11 @@ CASES: dict[str, tuple[Change, int, str]] = {
     "data window beside it": (
         sized(WIDTH, 0, 2 * WIDTH - 1, HEIGHT - 1, only=b"dataWindow"), 65, "outside of the display window",
     ),
+    "data window before it": (sized(-WIDTH, 0, -1, HEIGHT - 1, only=b"dataWindow"), 65, "outside of the display"),
+    "data window above it": (sized(0, -HEIGHT, WIDTH - 1, -1, only=b"dataWindow"), 65, "outside of the display"),
+    "data window below it": (
+        sized(0, HEIGHT, WIDTH - 1, 2 * HEIGHT - 1, only=b"dataWindow"), 65, "outside of the display window",
+    ),
     "far from the origin": (sized(LARGE - 9, LARGE - 9, LARGE, LARGE), 65, ""),
     "largest, table missing": (sized(0, 0, 16383, 16383), 65, "the file is truncated"),
     "largest, none": (largest_picture("none"), 65, "too small for its pixels"),
@@ -166,6 +172,7 @@ CASES: dict[str, tuple[Change, int, str]] = {
     "no data window": (dropped(b"dataWindow"), 65, WRONG),
     "no display window": (dropped(b"displayWindow"), 65, WRONG),
     "no line order": (dropped(b"lineOrder"), 0, ""),
+    "compression after the last": (put(b"compression", bytes([len(COMPRESSIONS)])), 65, "compression (found 14)"),
     "compression 255": (put(b"compression", b"\xff"), 65, "unknown compression"),
     "compression of no byte": (put(b"compression", b""), 65, WRONG),
     "compression is text": (put(b"compression", b"\x03", b"string"), 0, ""),

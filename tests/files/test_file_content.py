@@ -9,9 +9,10 @@ from typing import BinaryIO
 
 import pytest
 
+from cltaa import file_content
 from cltaa.allocator import kept_memory
 from cltaa.errors import DataError
-from cltaa.file_content import Copy, Look, open_regular, read_all
+from cltaa.file_content import Copy, Look, memory_limit, open_regular, read_all
 
 
 def unchecked(look: Look, size: int) -> None:
@@ -78,6 +79,15 @@ def test_a_wrong_copy_is_refused_and_given_back(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"not what was recorded.*found 5994471abb01"):
         copied(path, "0" * 64)
     assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+def test_the_memory_of_a_group_is_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a container that may have less than the machine."""
+    monkeypatch.setattr(file_content, "_CGROUP_LIMIT", tmp_path / "memory.max")
+    machine = memory_limit()
+    for text, limit in (("4096\n", 4096), ("max\n", machine), (f"{2 * machine}\n", machine)):
+        (tmp_path / "memory.max").write_text(text)
+        assert memory_limit() == limit
 
 
 def test_a_file_takes_few_calls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

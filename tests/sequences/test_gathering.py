@@ -95,6 +95,15 @@ def test_state_can_be_kept_and_restored() -> None:
         assert (bits(second.resolve(frame)) == bits(image)).all()
 
 
+def test_another_size_forgets_all_samples() -> None:
+    resolver, fresh = Resolver(gathering()), Resolver(gathering())
+    for index in range(3):
+        resolver.resolve(still(index))
+    for index in range(3, 5):
+        frame = make_frame(index, width=45, height=31)
+        assert (bits(resolver.resolve(frame)) == bits(fresh.resolve(frame))).all()
+
+
 def test_a_cut_forgets_all_samples() -> None:
     resolver, fresh = Resolver(gathering()), Resolver(gathering())
     for index in range(3):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from cltaa.allocator import Block
+from cltaa.build import Storage
 from cltaa.checkpoint import Checkpoints
 from cltaa.errors import DeviceLost, UsageError
 from cltaa.exr_write import write_frame, write_image
@@ -105,6 +106,20 @@ def test_other_layers_are_another_result(tmp_path: Path) -> None:
     resolve_sequence(sequence, tmp_path / "out", Resolver(device="numpy"), layers=("Z",))
     with pytest.raises(UsageError, match=r"was begun with another layers \(expected \['Z'\], found none\)"):
         resolve_sequence(sequence, tmp_path / "out", Resolver(device="numpy"))
+
+
+@pytest.mark.parametrize(
+    ("storage", "half", "saturated"), [(Storage.FLOAT, False, 0), (Storage.HALF, False, 1), (Storage.FLOAT, True, 1)]
+)
+def test_pixels_that_were_repaired_or_fit_no_half_are_counted(
+    storage: Storage, half: bool, saturated: int, tmp_path: Path
+) -> None:
+    frame = make_frame(0, width=9, height=7)
+    frame.colour[2, 3], frame.colour[4, 6] = np.nan, 1e5
+    write_frame(tmp_path / "a.0000.exr", frame)
+    resolver = Resolver(device="numpy", storage=storage)
+    outcome = resolve_sequence(open_sequence(tmp_path), tmp_path / "out", resolver, half=half)
+    assert (outcome.repaired, outcome.saturated) == (1, saturated)
 
 
 def test_times_hold_the_last_image_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

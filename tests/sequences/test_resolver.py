@@ -78,6 +78,25 @@ def test_history_starts_anew(change: str) -> None:
     assert np.array_equal(bits(resolver.resolve(frame)), bits(frame.colour))
 
 
+def test_a_device_that_is_opened_again_has_no_history() -> None:
+    resolver, fresh = Resolver(device="numpy"), Resolver(device="numpy")
+    resolver.resolve(make_frame(0))
+    resolver.reopen()
+    np.testing.assert_array_equal(bits(resolver.resolve(make_frame(1))), bits(fresh.resolve(make_frame(1))))
+
+
+@pytest.mark.parametrize("every_step", [False, True])
+def test_what_is_restored_is_gone_on_from(every_step: bool) -> None:
+    """Where every step runs, alpha of a frame without one has its memory too."""
+    first, second = (Resolver(device="numpy", every_step=every_step) for _ in range(2))
+    first.resolve(make_frame(0))
+    past, buffers = first.recurrent()
+    for name, target in second.restore(past).items():
+        with target.mapped(write=True) as to, buffers[name].mapped(write=False) as source:
+            to[...] = source
+    np.testing.assert_array_equal(bits(second.resolve(make_frame(1))), bits(first.resolve(make_frame(1))))
+
+
 def test_whole_pixel_motion_is_lossless() -> None:
     preset = override(load_preset(), {"rectify": "none", "reject": "none", "current_filter": "none"})
     resolver, shift = Resolver(preset), 3
