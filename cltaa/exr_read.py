@@ -1,6 +1,6 @@
 """EXR files in: frames with everything a resolve needs, and plain images.
 
-Reading checks the file (``cltaa.exr_layout``) before OpenEXR sees it, its SHA-256
+Reading checks the file (``cltaa.exr_outline``) before OpenEXR sees it, its SHA-256
 (``cltaa.file_content``) where one is known, and the header (``cltaa.exr_attributes``) before a number is used, so that
 wrong input ends in one DataError or InputMissing.
 """
@@ -21,7 +21,8 @@ from cltaa.allocator import empty_image
 from cltaa.errors import DataError
 from cltaa.exr_attributes import STRUCTURAL, FrameHeader
 from cltaa.exr_channels import COLOUR, GROUPS, Pixels, check_float_channels, frame_channels
-from cltaa.exr_layout import Layout, parse_layout, read_outline
+from cltaa.exr_layout import Layout
+from cltaa.exr_outline import parse_layout, read_outline
 from cltaa.file_content import Copy, check_memory, file_size, open_regular, read_all
 from cltaa.frames import Frame, Image
 from cltaa.haloed import empty_haloed

@@ -12,7 +12,8 @@ from cltaa.atomic import atomic_path
 from cltaa.errors import DataError, StorageError, UsageError
 from cltaa.exr_attributes import STRUCTURAL, frame_attributes
 from cltaa.exr_channels import Pixels, frame_planes
-from cltaa.exr_layout import COMPRESSION_NUMBERS, Windows, check_lossless, read_layout
+from cltaa.exr_layout import COMPRESSION_NUMBERS, Windows, check_lossless
+from cltaa.exr_outline import read_layout
 from cltaa.exr_zip import ROWS_A_CHUNK, write_zip
 from cltaa.frames import Frame
 from cltaa.isal_core import fast_deflate

@@ -14,7 +14,8 @@ from typing import Self
 
 from cltaa.below import only_below, sequences_below
 from cltaa.errors import DataError, InputMissing
-from cltaa.exr_layout import Layout, Part, Window, read_layout
+from cltaa.exr_layout import Layout, Part, Window
+from cltaa.exr_outline import read_layout
 from cltaa.frame_numbers import (
     NUMBERED,
     FrameRange,

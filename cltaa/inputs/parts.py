@@ -8,7 +8,8 @@ from pathlib import Path
 from cltaa.errors import DataError
 from cltaa.exr_channels import Pixels
 from cltaa.exr_header import MULTI_PART
-from cltaa.exr_layout import Layout, parse_parts, read_outline, shared_window
+from cltaa.exr_layout import Layout, shared_window
+from cltaa.exr_outline import parse_parts, read_outline
 from cltaa.exr_read import ImageHeader, open_content, read_header, read_image
 from cltaa.file_content import check_memory, file_size, open_regular, read_all
 from cltaa.openexr import OpenEXR

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from cltaa import allocator, exr_core
 from cltaa.errors import DataError
-from cltaa.exr_layout import LOSSLESS, PIXEL_BYTES, read_layout
+from cltaa.exr_layout import LOSSLESS, PIXEL_BYTES
+from cltaa.exr_outline import read_layout
 from cltaa.exr_read import read_frame, read_image
 from cltaa.exr_write import write_frame, write_image
 from cltaa.file_content import Copy

@@ -13,7 +13,8 @@ import pytest
 
 from cltaa.errors import DataError, UsageError
 from cltaa.exr_channels import Pixels
-from cltaa.exr_layout import COMPRESSION_NUMBERS, COMPRESSIONS, LOSSLESS, read_layout
+from cltaa.exr_layout import COMPRESSION_NUMBERS, COMPRESSIONS, LOSSLESS
+from cltaa.exr_outline import read_layout
 from cltaa.exr_read import read_frame, read_header, read_image
 from cltaa.exr_write import write_frame, write_image
 from cltaa.frames import Camera, Frame
