@@ -68,10 +68,16 @@ def test_names_of_other_tools(tmp_path: Path, pattern: str, name: str) -> None:
     assert f"/{shown} frame 10: the frame is missing" in refusal(tmp_path, InputMissing)
 
 
-@pytest.mark.parametrize("name", ["shot.-001.exr", "shot_-001.exr", "-001.exr", "shot.0123456789.exr", "shot.exr"])
-def test_what_is_no_frame_number(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "cure"),
+    [
+        *((name, "numbers below 0 are not read") for name in ("shot.-001.exr", "shot_-001.exr", "-001.exr")),
+        *((name, "number the frames, as in shot.") for name in ("shot.0123456789.exr", "shot.exr")),
+    ],
+)
+def test_what_is_no_frame_number(tmp_path: Path, name: str, cure: str) -> None:
     (tmp_path / name).touch()
-    assert f"found {name}); number the frames" in refusal(tmp_path, InputMissing)
+    assert f"found {name}); {cure}" in refusal(tmp_path, InputMissing)
 
 
 def test_reference_and_sequence_json(tmp_path: Path) -> None:
