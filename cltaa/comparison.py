@@ -120,7 +120,10 @@ def truth_of(sequence: Sequence) -> ImageSequence:
     """The truth of a sequence; raises InputMissing where it has none, UsageError for the results of a resolve."""
     if sequence.reference is None:
         sequence.refuse_result()
-        cure = "capture it with --reference 256, best also --yardstick 2,4,8,16,32,64"
+        cure = (
+            "capture it with --reference 256, best also --yardstick 2,4,8,16,32,64; or render it there yourself, with"
+            " many samples a pixel and the names of the frames"
+        )
         raise InputMissing("no truth to measure against", path=sequence.folder / "reference", cure=cure)
     return sequence.reference
 

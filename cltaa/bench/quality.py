@@ -11,12 +11,12 @@ import msgspec
 import numpy as np
 
 from cltaa.bench.redrawn import redrawn_of
-from cltaa.comparison import truth_samples
+from cltaa.comparison import truth_of, truth_samples
 from cltaa.correspondence import Mask
 from cltaa.detail import import_ndimage
 from cltaa.display import shown_light, to_display
 from cltaa.equal_quality import equal_quality_samples
-from cltaa.errors import DataError, InputMissing
+from cltaa.errors import DataError
 from cltaa.frames import Image
 from cltaa.launch import Launcher
 from cltaa.metrics import display_flip, display_ssim, mean, mse, named_metrics, psnr
@@ -165,14 +165,13 @@ def import_judges() -> None:
 
 def check_judged(sequence: Captured, settled: int) -> ImageSequence:
     """The truth of a sequence that can be judged; raises InputMissing without one, DataError for too few frames."""
-    if sequence.reference is None:
-        raise InputMissing("no truth to judge by", path=sequence.folder / "reference", cure="capture with --reference")
+    reference = truth_of(sequence)
     if len(sequence) <= settled:
         raise DataError(
             "the sequence is over before it is judged", path=sequence.folder,
             expected=f"more than {settled} frames", found=len(sequence),
         )  # fmt: skip
-    return sequence.reference
+    return reference
 
 
 def judge_sequence(

@@ -24,6 +24,7 @@ from cltaa.build import Build, Real, Storage
 from cltaa.comparison import truth_of, yardsticks
 from cltaa.display import Picture, to_picture
 from cltaa.frames import Frame, Image
+from cltaa.inputs.opening import open_measured
 from cltaa.kernel_files import code_sha256
 from cltaa.launch import WISH, Buffer, Launcher, launcher_for
 from cltaa.layout import Layout
@@ -31,7 +32,7 @@ from cltaa.metrics import METRICS, flip_map, measure
 from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.pictures import heat
 from cltaa.resolve import Resolver
-from cltaa.sources import Sequence, open_images, open_sequence
+from cltaa.sources import Sequence, open_images
 
 KEY_DIGITS = 16  # hexadecimal
 COUNT_WHITE = 32  # samples in the history that the picture of them shows white
@@ -49,7 +50,7 @@ class Task(msgspec.Struct, frozen=True, kw_only=True):
 
     def open(self) -> Sequence:
         """The sequence."""
-        return open_sequence(Path(self.sequence), step=self.step)
+        return open_measured(Path(self.sequence), step=self.step)
 
     def key(self) -> str:
         """What the result depends on, as a name for its file: another sequence or other code has another key."""

@@ -43,10 +43,11 @@ from cltaa.commands.options import (
 )
 from cltaa.comparison import truth_of, truth_samples
 from cltaa.errors import UsageError
+from cltaa.inputs.opening import open_measured
 from cltaa.launch import Launcher, launcher_for
 from cltaa.presets import Preset, load_preset, preset_names
 from cltaa.printable import json_of
-from cltaa.sources import Sequence, open_capture
+from cltaa.sources import Sequence
 
 NARROWEST = 160  # columns of the terminal, so that no number is cut off
 
@@ -174,7 +175,7 @@ def _opened(folders: tuple[Path, ...], settled: int, step: int) -> dict[str, Seq
         if folder.name in opened:
             what, cure = "two sequences of one name, which cells and rows go by", "rename one of the folders"
             raise UsageError(what, path=folder, found=opened[folder.name].folder, cure=cure)
-        opened[folder.name] = open_capture(folder, step=step)
+        opened[folder.name] = open_measured(folder, step=step)
         check_judged(opened[folder.name], settled)
     return opened
 

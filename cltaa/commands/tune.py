@@ -10,11 +10,11 @@ import click
 from cltaa.atomic import atomic_path, check_creatable
 from cltaa.commands.options import FILE_PATH, PRESET, json_option, step_option
 from cltaa.errors import UsageError
+from cltaa.inputs.opening import open_measured
 from cltaa.launch import launcher_for
 from cltaa.presets import load_preset
 from cltaa.printable import counted, json_of, printable
 from cltaa.progress import track
-from cltaa.sources import open_capture
 from cltaa.tune import Tuned, parse_goal, preset_text, tune
 
 
@@ -63,8 +63,8 @@ def command(
         raise UsageError("a sequence is both searched and checked on", cure="name another one with --check")
     check_creatable(output)
     tuned, found = tune(
-        [open_capture(path, step=step) for path in sequences],
-        [open_capture(path, step=step) for path in checked],
+        [open_measured(path, step=step) for path in sequences],
+        [open_measured(path, step=step) for path in checked],
         goal,
         launcher_for(device),
         base=load_preset(preset),

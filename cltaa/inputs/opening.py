@@ -6,7 +6,9 @@ from collections.abc import Sequence as Many
 from pathlib import Path
 from typing import Any
 
-from cltaa.errors import DataError
+from cltaa.errors import DataError, UsageError
+from cltaa.exr_channels import COLOUR
+from cltaa.exr_outline import read_layout
 from cltaa.inputs.parts import read_any_header
 from cltaa.sources import Sequence, open_capture
 
@@ -27,6 +29,23 @@ def open_input(
     verify = options.pop("verify", True)
     intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file, **options)
     return ForeignSequence(folder, intake, sorted(intake.declared), verify=verify)
+
+
+def open_measured(folder: Path, *, step: int = 1) -> Sequence:
+    """Open a sequence that presets are measured on: laid out as cltaa's own, since no profile is asked for.
+
+    Raises UsageError for one that is not, and what ``open_capture`` raises.
+    """
+    files = sorted(folder.glob("*.exr")) if folder.is_dir() else []
+    if files and not is_own(folder):
+        try:
+            laid_out = {*COLOUR, "Z"} <= read_layout(files[0]).channels.keys()
+        except DataError:
+            laid_out = False
+        if not laid_out:
+            cure = "resolve it with each preset and compare: cltaa resolve, cltaa compare (docs/inputs.md)"
+            raise UsageError("only what is laid out as cltaa's own is measured on", path=folder, cure=cure)
+    return open_capture(folder, step=step)
 
 
 def is_own(folder: Path) -> bool:
