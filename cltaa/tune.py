@@ -13,10 +13,9 @@ import msgspec
 import numpy as np
 
 from cltaa.comparison import truth_of
-from cltaa.errors import UsageError
 from cltaa.extras import import_extra
 from cltaa.launch import Launcher
-from cltaa.metrics import METRICS, named_metrics
+from cltaa.metrics import METRICS
 from cltaa.params import Choices
 from cltaa.presets import Preset, load_preset, override, preset_names
 from cltaa.printable import counted
@@ -24,6 +23,7 @@ from cltaa.resolve import Resolver
 from cltaa.sources import Sequence as Captured
 from cltaa.timed_resolve import resolve_job, timed_frames
 from cltaa.timing import Clock, Progress, measure
+from cltaa.tune_goal import Goal
 from cltaa.tune_record import Record, Trial, key_of
 
 # What is searched. The other choices are there to follow published resolves, not to be good.
@@ -42,27 +42,7 @@ RANGES: dict[str, tuple[float, float, bool]] = {
     "fresh_blur": (0.0, 1.0, False),
 }
 ROUNDS = 7  # of timing a candidate beside the default
-STEEPNESS = 4  # how fast a candidate gets worse beyond the limit
 OVERFIT = 0.5  # share of the gain (in log) that other sequences must keep
-
-
-class Goal(msgspec.Struct, frozen=True, kw_only=True):
-    """What is wanted: the least ``metric`` within ``budget_ms`` a frame, or the least time with ``target`` of it."""
-
-    metric: str
-    budget_ms: float | None = None
-    target: float | None = None
-
-    def score(self, error: float, milliseconds: float) -> float:
-        """What is minimised: the one, made worse by how far the other is beyond its limit."""
-        if self.budget_ms is not None:
-            return error * max(1.0, milliseconds / self.budget_ms) ** STEEPNESS
-        assert self.target is not None
-        return milliseconds * max(1.0, error / self.target) ** STEEPNESS
-
-    def reached(self, error: float, milliseconds: float) -> bool:
-        """Whether the limit is kept."""
-        return milliseconds <= self.budget_ms if self.budget_ms is not None else error <= (self.target or 0.0)
 
 
 class Tuned(msgspec.Struct, frozen=True, kw_only=True):
@@ -130,9 +110,7 @@ def tune(
     """
     for sequence in checked:
         truth_of(sequence)  # missed now, and not when the search is over
-    optuna: Any = import_extra("optuna", package="optuna", extra="tune", purpose="cltaa tune")
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
-    study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
+    study = _study(seed)
     study.enqueue_trial(_values_of(base))
     bench = Bench(searched, goal.metric, launcher)
     record = Record(output, key_of(goal, base.deciding(), seed, launcher.description, sequences=searched))
@@ -140,25 +118,42 @@ def tune(
     for _ in progress(range(trials), trials):
         asked = study.ask()
         values = _suggested(asked)
-        if (trial := record.replay(values)) is None:
+        trial = record.replay(values)
+        if trial is None:
             preset = override(base, values, "cltaa tune") if found else base
             trial = Trial(values=values, error=bench.error(preset), milliseconds=bench.milliseconds(preset))
             record.add(trial)
         study.tell(asked, goal.score(trial.error, trial.milliseconds))
         found.append(trial)
-    best = min(found, key=lambda trial: goal.score(trial.error, trial.milliseconds))
-    start = found[0]
+    tuned, preset = _judged(found, searched, checked, goal, launcher, base)
+    record.clear()
+    return tuned, preset
+
+
+def _study(seed: int) -> Any:
+    """A search of optuna's, which asks for values and is told their scores; raises UsageError without it."""
+    optuna: Any = import_extra("optuna", package="optuna", extra="tune", purpose="cltaa tune")
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    return optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
+
+
+def _judged(
+    trials: Sequence[Trial], searched: Sequence[Captured], checked: Sequence[Captured], goal: Goal, launcher: Launcher,
+    base: Preset,
+) -> tuple[Tuned, Preset]:  # fmt: skip
+    """The best of the trials, the first of which is ``base``, and what it brings on the sequences that are left."""
+    best = min(trials, key=lambda trial: goal.score(trial.error, trial.milliseconds))
+    start = trials[0]
     preset = base if best is start else override(base, best.values, "cltaa tune")
     gain, elsewhere = start.error / max(best.error, 1e-30), None
     if checked:
         other = Bench(checked, goal.metric, launcher)
         elsewhere = other.error(base) / max(other.error(preset), 1e-30)
-    record.clear()
     tuned = Tuned(
         goal=goal,
         start=start,
         best=best,
-        trials=trials,
+        trials=len(trials),
         reached=goal.reached(best.error, best.milliseconds),
         searched_on=[sequence.folder.name for sequence in searched],
         checked_on=[sequence.folder.name for sequence in checked],
@@ -215,23 +210,3 @@ def preset_text(tuned: Tuned, preset: Preset) -> str:
             if value != getattr(default, name):
                 lines.append(f"{name} = {json.dumps(str(value) if isinstance(value, StrEnum) else value)}")
     return "\n".join(lines) + "\n"
-
-
-def parse_goal(budget: str | None, target: str | None, metric: str) -> Goal:
-    """The goal of ``--budget 5ms`` or ``--target flip=0.02``; raises UsageError for anything else."""
-    if (budget is None) == (target is None):
-        raise UsageError("one of --budget and --target is needed", expected="--budget 5ms, or --target flip=0.02")
-    name, _, number = (target or "").partition("=")
-    text = number if target is not None else (budget or "").removesuffix("ms").strip()
-    name = name.strip() if target is not None else metric
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (value > 0 and math.isfinite(value)):
-        raise UsageError("no goal", expected="--budget 5ms, or --target flip=0.02", found=target or budget)
-    if name not in METRICS or METRICS[name].higher_is_better:
-        falling = [metric.name for metric in METRICS.values() if not metric.higher_is_better]
-        raise UsageError("no metric to minimise", expected=", ".join(falling), found=name)
-    named_metrics([name])  # missed now, and not after sequences were read and kernels built
-    return Goal(metric=name, **({"target": value} if target is not None else {"budget_ms": value}))

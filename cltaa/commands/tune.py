@@ -15,7 +15,8 @@ from cltaa.launch import launcher_for
 from cltaa.presets import load_preset
 from cltaa.printable import counted, json_of, printable
 from cltaa.progress import track
-from cltaa.tune import Tuned, parse_goal, preset_text, tune
+from cltaa.tune import Tuned, preset_text, tune
+from cltaa.tune_goal import parse_goal
 
 
 @click.command("tune")

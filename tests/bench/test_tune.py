@@ -14,7 +14,8 @@ from cltaa.cli import main
 from cltaa.commands.tune import outcome_lines
 from cltaa.errors import UsageError
 from cltaa.presets import Preset, load_config, load_preset
-from cltaa.tune import Goal, Tuned, overfits, parse_goal, preset_text
+from cltaa.tune import Tuned, overfits, preset_text
+from cltaa.tune_goal import Goal, parse_goal
 from cltaa.tune_record import Record, Trial
 from tests.sequence_factory import write_sequence
 
