@@ -77,10 +77,10 @@ def table(result: Accuracy, metrics: Sequence[str]) -> str:
 def _about(result: Accuracy) -> str:
     noisy = [measured.name for measured in result.sequences if measured.noisy]
     without = f" Times without those that were too noisy to rank: {', '.join(noisy)}." if noisy else ""
-    where = result.environment
+    where, base = result.environment, result.variants[0].name
     return (
-        f"{where.hardware}; {where.cpu}; {where.date} UTC. Multiples of the default's, geometric means over"
-        f" {len(result.sequences)} sequences; rounding is the relative rms distance from float64.{without}"
+        f"{where.hardware}; {where.cpu}; {where.date} UTC. Multiples of those of {base}, geometric means"
+        f" over {len(result.sequences)} sequences; rounding is the relative rms distance from float64.{without}"
     )
 
 
@@ -95,7 +95,7 @@ def overview_figure(pyplot: Any, result: Accuracy, metric: str) -> Any:
     axes.set_facecolor("#bbbbbb")
     axes.set_xticks(range(len(names)), names, rotation=90, fontsize=6)
     axes.set_yticks(range(len(rows)), [f"{row.variant}  {row.error:.3f}" for row in rows], fontsize=6)
-    axes.set_title(f"{metric} over the default's (behind each name: geometric mean)", fontsize=8)
+    axes.set_title(f"{metric} over that of {result.variants[0].name} (behind each name: geometric mean)", fontsize=8)
     bar = figure.colorbar(image, ax=axes, ticks=[-span, 0, span], shrink=0.5)
     bar.ax.set_yticklabels([f"1/{MOST:g} and less", "the same", f"{MOST:g} and more"], fontsize=6)
     return figure

@@ -147,8 +147,8 @@ def noise_lines(measured: MeasuredSequence, metric: str, weight: float) -> Itera
 
 
 def steps_figure(pyplot: Any, measured: MeasuredSequence, metric: str, groups: dict[str, str]) -> Any:
-    """Error and time of each step as a multiple of the default's."""
-    base = measured.cells[0].errors[metric].mean
+    """Error and time of each step as a multiple of those of what the ladder departs from."""
+    name, base = measured.cells[0].variant, measured.cells[0].errors[metric].mean
     left_out = {DEFAULT, PRESETS, COMBINATIONS}
     cells = [cell for cell in measured.cells if groups[cell.variant] not in left_out]
     figure, both = pyplot.subplots(1, 2, figsize=(8, 0.7 + 0.19 * max(len(cells), 2)), sharey=True)
@@ -160,7 +160,7 @@ def steps_figure(pyplot: Any, measured: MeasuredSequence, metric: str, groups: d
         [cell.ratio.high - cell.ratio.median for cell in cells],
     ]
     both[1].barh(names, [cell.ratio.median - 1 for cell in cells], left=1, color=BEATEN, xerr=errors)
-    for axes, title in zip(both, (f"{metric} over the default's", "time over the default's"), strict=True):
+    for axes, title in zip(both, (f"{metric} over that of {name}", f"time over that of {name}"), strict=True):
         axes.axvline(1, color="black", lw=0.6)
         axes.set_title(title, fontsize=9)
         axes.tick_params(labelsize=6)

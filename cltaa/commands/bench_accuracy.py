@@ -170,7 +170,8 @@ def print_accuracy(result: Accuracy) -> None:
     for measured in result.sequences:
         print_table(_table(result, measured))
         if measured.noisy:
-            console.print("too noisy to rank by time: the default differs from its own copy, or by more than 2 %")
+            base = shown(result.variants[0].name)
+            console.print(f"too noisy to rank by time: {base} differs from its own copy, or by more than 2 %")
         elif measured.clock is Clock.PROCESSOR:
             console.print("ranked by the processor time of the threads that run kernels: what they wait is not in it")
     if result.missing:
@@ -183,7 +184,14 @@ def _table(result: Accuracy, measured: MeasuredSequence) -> Table:
     frames = counted(len(measured.frames), "frame")
     table = Table(title=f"{shown(measured.name)}: {frames}, {measured.width} x {measured.height}")
     table.add_column("variant")
-    for heading in ("ms/Mpx", "x default", "95 %", *result.metrics, "bits right", "beaten by"):
+    for heading in (
+        "ms/Mpx",
+        f"x {shown(result.variants[0].name)}",
+        "95 %",
+        *result.metrics,
+        "bits right",
+        "beaten by",
+    ):
         table.add_column(heading, justify="left" if heading == "beaten by" else "right")
     for cell in sorted(measured.cells, key=lambda cell: cost(metric, cell.errors[metric].mean)):
         time = cell.time(measured.clock)

@@ -43,6 +43,17 @@ def test_numbers_of_a_table_are_plain_and_frames_lie_evenly(window: Browser) -> 
     ]  # fmt: skip
 
 
+def test_what_all_else_is_compared_with_goes_by_its_name(window: Browser) -> None:
+    """Not "default": the ladder may depart from another preset, and the default be a row of its own."""
+    assert window.run("return state.a") == PRESET
+    assert window.run("return document.querySelector('#numbers th:nth-child(4)').textContent") == f"× {PRESET}"
+    assert f"as a multiple of those of {PRESET}" in window.run("return document.body.textContent")
+    assert PRESET in window.run("return document.getElementById('frames-legend').textContent")
+    assert f"{PRESET} " in window.run("return document.getElementById('noise').textContent") or not window.run(
+        "return current().noisy"
+    )
+
+
 def test_what_there_is_nothing_of_is_not_shown(window: Browser) -> None:
     """No steps where the default alone was measured, and no switch for a supersampling that has no time."""
     shown = "return ['steps', 'yard'].map((id) => !document.getElementById(id).parentElement.hidden)"

@@ -11,6 +11,7 @@ function restored(accuracy) {
 const report = restored(data.accuracy), pictures = data.pictures;
 const $ = (id) => document.getElementById(id);
 const state = { sequence: 0, metric: report.metrics[0], a: null, b: null, x: 0, y: 0 };
+const baseName = report.variants[0].name; // of what all else is compared with
 const groups = Object.fromEntries(report.variants.map((v) => [v.name, v.group]));
 const current = () => report.sequences[state.sequence];
 // Three digits, as plain decimals where those of one table can be compared at a glance.
@@ -168,9 +169,9 @@ function pointOf(cell, x, y, box, beatenBy, named, logarithmic) {
   const node = element("g", { class: "point" + (beatenBy ? " beaten" : "") + (cell.variant === state.a ? " chosen" : ""), tabindex: 0, role: "button", "aria-label": text, "data-variant": cell.variant, "data-x": px },
     element("line", { class: "bar", x1: x(t.low), x2: x(t.high), y1: py, y2: py }),
     element("line", { class: "bar", x1: px, x2: px, y1: clamp(at(e.p5)), y2: clamp(at(e.p95)) }),
-    element("circle", { cx: px, cy: py, r: cell.variant === "default" ? 7 : 5 }), element("title", {}, text));
+    element("circle", { cx: px, cy: py, r: cell.variant === baseName ? 7 : 5 }), element("title", {}, text));
   if (cell.variant === state.a) $("point").textContent = text;
-  if (!beatenBy || groups[cell.variant] === "preset" || cell.variant === "default") node.append(...named(px, py, cell.variant, { class: "name" }));
+  if (!beatenBy || groups[cell.variant] === "preset" || cell.variant === baseName) node.append(...named(px, py, cell.variant, { class: "name" }));
   const choose = (second) => { $("point").textContent = text; pick(second ? "b" : "a", cell.variant); };
   node.addEventListener("click", (event) => choose(event.shiftKey));
   node.addEventListener("focus", () => { $("point").textContent = text; });
@@ -238,7 +239,7 @@ function fillChoices() {
   const own = pictures[current().name];
   const names = own ? [...Object.keys(own.inputs), ...Object.keys(own.variants)] : current().cells.map((c) => c.variant);
   for (const id of ["a", "b"]) $(id).replaceChildren(...names.map((name) => element("option", { value: name }, name)));
-  state.a = names.includes(state.a) ? state.a : "default"; state.b = names.includes(state.b) ? state.b : "one sample";
+  state.a = names.includes(state.a) ? state.a : baseName; state.b = names.includes(state.b) ? state.b : "one sample";
   if (!names.includes(state.a)) state.a = names[names.length - 1];
   $("a").value = state.a; $("b").value = state.b;
 }
@@ -275,9 +276,9 @@ function drawFrames() {
   const lines = [], add = (name, colour, values) => values && values.length > 1 && lines.push({ name, colour, values });
   const of = (name) => { const c = measured.cells.find((cell) => cell.variant === name); const e = c && errorOf(c); return e && e.frames; };
   if (state.metric !== "rounding") { const one = measured.yardstick.find((s) => s.samples === 1); if (one) add("one sample", "var(--good)", one.errors[state.metric].frames); }
-  add("default", state.a === "default" ? "var(--accent)" : "var(--grey)", of("default"));
-  if (state.b !== "default") add(`B: ${state.b}`, "var(--second)", of(state.b));
-  if (state.a !== "default") add(`A: ${state.a}`, "var(--accent)", of(state.a));
+  add(baseName, state.a === baseName ? "var(--accent)" : "var(--grey)", of(baseName));
+  if (state.b !== baseName) add(`B: ${state.b}`, "var(--second)", of(state.b));
+  if (state.a !== baseName) add(`A: ${state.a}`, "var(--accent)", of(state.a));
   const svg = element("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "Error over the frames" });
   host.replaceChildren(svg);
   if (!lines.length) return;
@@ -310,7 +311,7 @@ function drawDebug() {
   $("debug").replaceChildren(...shown.map(([title, url]) => element("figure", {}, element("img", { src: url, alt: title }), element("figcaption", {}, title))));
 }
 function drawNumbers() {
-  const measured = current(), head = ["variant", "ms/Mpx", "95 %", "× default", ...report.metrics, "bits right", "beaten by"];
+  const measured = current(), head = ["variant", "ms/Mpx", "95 %", `× ${baseName}`, ...report.metrics, "bits right", "beaten by"];
   const rows = measured.cells.map((c) => [c.variant, number(timeOf(c).median), `${number(timeOf(c).low)} – ${number(timeOf(c).high)}`,
     measured.noisy ? "noisy" : c.ratio.median.toFixed(3), ...report.metrics.map((m) => number(c.errors[m].mean)), c.rounding && c.rounding.rms > 0 ? (-Math.log2(c.rounding.rms)).toFixed(1) : "–", c.dominated_by[state.metric] || ""]);
   for (const s of measured.yardstick) rows.push([`${s.samples} sample${s.samples === 1 ? "" : "s"} a pixel`, s.added === null ? "–" : number(s.added), "", "", ...report.metrics.map((m) => number(s.errors[m].mean)), "", ""]);
@@ -328,7 +329,7 @@ function drawOverview() {
   rows.sort((p, q) => (higher.has(metric) ? q.mean - p.mean : p.mean - q.mean));
   const cellOf = (ratio, name, place) => {
     const share = Math.round(Math.min(1, Math.abs(Math.log2(ratio) || 0)) * 70), good = ratio < 1 !== higher.has(metric);
-    const button = element("button", { type: "button", "aria-label": `${sequences[place].name}, ${name}: ${number(ratio)} times the default's ${metric}` }, Number.isFinite(ratio) ? ratio.toFixed(2) : "–");
+    const button = element("button", { type: "button", "aria-label": `${sequences[place].name}, ${name}: ${number(ratio)} times that of ${baseName}, ${metric}` }, Number.isFinite(ratio) ? ratio.toFixed(2) : "–");
     button.addEventListener("click", () => { $("sequence").value = state.sequence = place; drawAll(); pick("a", name); });
     return element("td", { style: `background: color-mix(in srgb, var(--${good ? "good" : "bad"}) ${share}%, transparent)` }, button);
   };
@@ -343,10 +344,11 @@ function drawAll() {
     `${where.device}${where.units ? `, ${where.units} compute units` : ""}; ${where.cpu}, ${where.cores} core${where.cores === 1 ? "" : "s"}, load ${where.load_before} to ${where.load_after}; ${where.date} UTC; kernels ${where.kernels_sha256.slice(0, 12)}.` +
     (report.missing.length ? ` Not finished in time, and left out: ${report.missing.join(", ")}.` : "");
   $("noise").hidden = !measured.noisy && measured.clock !== "processor";
-  $("noise").textContent = !measured.noisy ? "Ranked by the processor time of all threads that run kernels together: what they wait for a processor is not in it." : `Too noisy to rank by time: the default against its own copy took ${number(measured.control.median)} times as long [${number(measured.control.low)}, ${number(measured.control.high)}]. Errors are exact.`;
+  $("noise").textContent = !measured.noisy ? "Ranked by the processor time of all threads that run kernels together: what they wait for a processor is not in it." : `Too noisy to rank by time: ${baseName} against its own copy took ${number(measured.control.median)} times as long [${number(measured.control.low)}, ${number(measured.control.high)}]. Errors are exact.`;
   fillChoices(); drawFront(); drawSteps(); drawFrames(); drawStages(); drawDebug(); drawNumbers(); drawOverview(); paint();
 }
 function start() {
+  document.querySelectorAll(".base").forEach((node) => { node.textContent = baseName; });
   $("sequence").replaceChildren(...report.sequences.map((s, i) => element("option", { value: i }, s.name)));
   const rounding = report.sequences.some((s) => s.cells.some((c) => c.rounding));
   $("metric").replaceChildren(...report.metrics.map((m) => element("option", { value: m }, `${m}, against the truth`)), ...(rounding ? [element("option", { value: "rounding" }, "rounding, against float64")] : []));
