@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.errors import DataError
+from cltaa.errors import DataError, closest
 from cltaa.file_content import read_text
 from cltaa.frames import Matrix
 
@@ -36,9 +36,12 @@ def read_side_file(path: Path) -> dict[int, Side]:
     text = read_text(path, "a side file", LARGEST)
     rows = {".json": _json, ".csv": _csv}.get(path.suffix.lower(), _text)(path, text)
     found: dict[int, Side] = {}
-    unknown: list[str] = []
+    unknown: dict[str, str | None] = {}  # and the key that was meant
     for number, values in rows:
-        unknown += [str(name) for name in values if name not in KEYS]
+        unknown |= {name: closest(name, KEYS) for name in map(str, values) if name not in KEYS and name not in unknown}
+        for name, meant in unknown.items():
+            if name in values and meant is not None and meant not in values:
+                raise DataError(f"unknown key {name}", path=path, frame=number, cure=f"did you mean {meant}?")
         found[number] = Side(*(_numbers(path, number, name, values.get(name)) for name in KEYS))  # type: ignore[arg-type]
     if not found:
         raise DataError("the side file names no frame", path=path)
@@ -47,7 +50,7 @@ def read_side_file(path: Path) -> dict[int, Side]:
             raise DataError("world_to_view and view_to_clip belong together", path=path, frame=number)
     if all(value is None for side in found.values() for value in side):
         what, keys = "no frame has a camera or a jitter", ", ".join(KEYS)
-        raise DataError(what, path=path, expected=keys, found=", ".join(unknown[:9]) or None)
+        raise DataError(what, path=path, expected=keys, found=", ".join([*unknown][:9]) or None)
     return found
 
 

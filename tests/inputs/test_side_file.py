@@ -98,3 +98,13 @@ def test_a_misspelt_key_of_a_profile_is_told_what_was_meant(tmp_path: Path) -> N
     write_blender(tmp_path, frames())
     with pytest.raises(UsageError, match=r"--input motion\.sclae=1: no such key; did you mean motion\.scale\?"):
         open_input(tmp_path, assignments=["motion.sclae=1"])
+
+
+def test_a_misspelt_key_of_a_side_file_is_told_what_was_meant(tmp_path: Path) -> None:
+    path, camera = tmp_path / "camera.json", {"world_to_view": [0] * 16, "view_to_clip": [0] * 16}
+    path.write_text(json.dumps({"frames": {"1": {**camera, "jitter": [0, 0], "fov": 60}}}))
+    with pytest.raises(DataError, match=r"frame 1: unknown key jitter; did you mean jitter_px\?"):
+        read_side_file(path)
+    path.write_text(json.dumps({"frames": {str(number): {"view": [], "proj": []} for number in range(3)}}))
+    with pytest.raises(DataError, match=r"found view, proj\)"):
+        read_side_file(path)
