@@ -16,7 +16,7 @@ import numpy as np
 from cltaa.cameras import sky_closeness
 from cltaa.checking.alignment import LEAST_POINTS
 from cltaa.checking.finding import Finding
-from cltaa.checking.gains import linear_fix, linear_maps
+from cltaa.checking.gains import Affine, affine_maps
 from cltaa.checking.meanings import COMBINED
 from cltaa.checking.shots import COVERED, Pair, Shot
 from cltaa.checking.signal import Vector
@@ -55,7 +55,7 @@ def check_agreement(shot: Shot) -> list[Finding]:
     pairs = [p for p in pairs if not np.array_equal(p.frame.camera.world_to_view, p.previous.camera.world_to_view)]
     if len(pairs) < 2:
         return []
-    maps = linear_maps(*shot.window)
+    maps = affine_maps(*shot.window)
     declared = min(_compared(pairs, "", 1.0, {"": maps[""]}), key=lambda reading: reading.apart)
     if declared.apart < DISAGREE * max(declared.moved, LEAST_MOTION_PX):
         return []
@@ -81,7 +81,7 @@ def _sparse(pair: Pair) -> Pair:
     )  # fmt: skip
 
 
-def _compared(pairs: Sequence[Pair], camera: str, scale: float, maps: dict[str, Vector]) -> Iterator[_Reading]:
+def _compared(pairs: Sequence[Pair], camera: str, scale: float, maps: dict[str, Affine]) -> Iterator[_Reading]:
     """How far vectors under each of ``maps`` are from the camera's motion under one reading of that."""
     change = COMBINED[camera].change
     motions = [
@@ -89,8 +89,8 @@ def _compared(pairs: Sequence[Pair], camera: str, scale: float, maps: dict[str, 
         for pair in pairs
     ]
     moved = float(np.mean([_middle(motion) for motion in motions]))
-    for name, matrix in maps.items():
-        vectors = [matrix @ pair.own for pair in pairs]
+    for name, meant in maps.items():
+        vectors = [meant(pair.own) for pair in pairs]
         for leak in LEAKS:
             apart = [
                 _middle(own - leak * pair.jitter_change[:, None] - motion)
@@ -105,7 +105,7 @@ def _middle(vectors: Vector) -> float:
     return float(np.median(np.hypot(*known))) if known.size else np.inf
 
 
-def _findings(best: _Reading, declared: _Reading, maps: dict[str, Vector], pairs: int) -> list[Finding]:
+def _findings(best: _Reading, declared: _Reading, maps: dict[str, Affine], pairs: int) -> list[Finding]:
     evidence = f"matrices and vectors of {pairs} pairs agree so, to {best.apart:.2g} px of {best.moved:.2g}, "
     evidence += f"as declared only to {declared.apart:.2g}"
     confidence = float(np.clip(1.0 - best.apart / best.moved, 0.3, 0.99))
@@ -118,7 +118,7 @@ def _findings(best: _Reading, declared: _Reading, maps: dict[str, Vector], pairs
         made.append(("depth-scaled", what, {"depth": {"scale": best.scale}}))
     if best.vectors:
         what = f"the motion vectors are {best.vectors.replace('-', ' ')}"
-        made.append((f"motion-{best.vectors.replace(' ', '-')}", what, {"motion": linear_fix(maps[best.vectors])}))
+        made.append((f"motion-{best.vectors.replace(' ', '-')}", what, {"motion": maps[best.vectors].fix}))
     return [
         Finding(name=name, mistake=True, confidence=confidence, what=what, evidence=evidence, fix=fix)
         for name, what, fix in made

@@ -77,15 +77,15 @@ def measure_shifts(shot: Shot) -> tuple[list[Fit | None], bool]:
     anchors = [_anchor(pair) for pair in shot.pairs]
     anchored = shot.has_camera and bool(anchors) and all(anchor.sum() >= 4 * LEAST_POINTS for anchor in anchors)
     masks = anchors if anchored else [pair.usable for pair in shot.pairs]
-    return [_shift(pair, mask) for pair, mask in zip(shot.pairs, masks, strict=True)], anchored
+    return [_shift(pair, mask, anchored) for pair, mask in zip(shot.pairs, masks, strict=True)], anchored
 
 
 def _anchor(pair: Pair) -> Mask:
     return pair.usable & ~pair.moving
 
 
-def _shift(pair: Pair, there: Mask) -> Fit | None:
-    motion = pair.declared_motion()
+def _shift(pair: Pair, there: Mask, anchored: bool) -> Fit | None:
+    motion = pair.camera_motion() if anchored else pair.declared_motion()
     there = there & np.isfinite(motion).all(0)
     if there.sum() < LEAST_POINTS:
         return None

@@ -27,12 +27,36 @@ def linear_maps(width: int, height: int) -> dict[str, Vector]:
     return maps
 
 
-def linear_fix(matrix: Vector, offset: Vector | None = None) -> dict[str, object]:
-    """Keys of a profile, of motion or jitter, for true value = matrix @ (declared value - offset)."""
+class Affine(NamedTuple):
+    """True vector = matrix @ (declared vector - offset)."""
+
+    matrix: Vector  # [2, 2]
+    offset: float = 0.0  # of both axes
+
+    def __call__(self, declared: Vector) -> Vector:
+        """The true vectors [2, n]."""
+        return np.asarray(self.matrix @ (declared - self.offset), np.float64)
+
+    @property
+    def fix(self) -> dict[str, object]:
+        """Keys of a profile that say so."""
+        return linear_fix(self.matrix) | ({"offset": [self.offset] * 2} if self.offset else {})
+
+
+def affine_maps(width: int, height: int) -> dict[str, Affine]:
+    """The linear maps, and fractions of the picture or halves of it that lie around 0.5, as pictures hold them."""
+    maps = {name: Affine(matrix) for name, matrix in linear_maps(width, height).items()}
+    for name, unit in (("uv", (width, height)), ("ndc", (width, -height))):
+        for sign in (1.0, -1.0):
+            maps[f"centred-on-half {name}{' negated' if sign < 0 else ''}"] = Affine(sign * np.diag(unit), 0.5)
+    return maps
+
+
+def linear_fix(matrix: Vector) -> dict[str, object]:
+    """Keys of a profile, of motion or jitter, for true value = matrix @ declared value."""
     swap = bool(matrix[0, 0] == 0.0)
     scale = [float(matrix[0, 1]), float(matrix[1, 0])] if swap else [float(matrix[0, 0]), float(matrix[1, 1])]
-    fix: dict[str, object] = {"scale": scale, "swap": True} if swap else {"scale": scale}
-    return fix | ({"offset": offset.tolist()} if offset is not None and offset.any() else {})
+    return {"scale": scale, "swap": True} if swap else {"scale": scale}
 
 
 class Regression(NamedTuple):

@@ -13,7 +13,7 @@ import numpy as np
 
 from cltaa.checking.alignment import LEAST_POINTS, Fit, fit_shift, residual_of
 from cltaa.checking.finding import Finding
-from cltaa.checking.gains import linear_fix, linear_maps, regress
+from cltaa.checking.gains import Affine, affine_maps, linear_fix, linear_maps, regress
 from cltaa.checking.shots import COVERED, Pair, Shot
 from cltaa.checking.signal import Vector
 from cltaa.checking.vectors import Observed, explanations, fit_model
@@ -31,35 +31,34 @@ def check_motion(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> li
     if not any(scene.own.any() for scene in scenes):
         return []
     width, height = shot.window
-    maps = linear_maps(width, height)
-    offsets = {name: np.zeros(2) for name in maps}
-    for name, unit in (("centred-on-half uv", (width, height)), ("centred-on-half ndc", (width, -height))):
-        maps[name], offsets[name] = np.diag(np.array(unit, float)), np.array([0.5, 0.5])
-    scores = {name: _score(scenes, maps[name], offsets[name]) for name in maps}
+    maps = affine_maps(width, height)
+    scores = {name: _score(scenes, meant) for name, meant in maps.items()}
     best = min(scores, key=lambda name: scores[name].mean())
     declared, winner = scores[""], scores[best]
     ratio = float(winner.mean() / declared.mean()) if (winner < declared).mean() > 0.7 else 1.0
-    coarse = [_named(best, maps[best], offsets[best], declared, winner)] if best else []
+    coarse = [_named(best, maps[best], declared, winner)] if best else []
     if best and ratio < CLEARLY_BETTER:
         return coarse
     finer = (_finer(scenes, linear_maps(width, height)) if anchored else []) or _resting_leak(shot)
     if best and ratio < BETTER and not any("jittered" in finding.name for finding in finer):
         return coarse
-    if best and ratio < 1.0 and anchored and not finer and not offsets[best].any() and _borne_out(scenes, maps[best]):
+    if best and ratio < 1.0 and anchored and not finer and _borne_out(scenes, maps[best]):
         return coarse
     return finer
 
 
-def _borne_out(scenes: Sequence[Observed], matrix: Vector) -> bool:
-    """True where the model, started from vectors = matrix @ declared, stays there.
+def _borne_out(scenes: Sequence[Observed], meant: Affine) -> bool:
+    """True where the model, started from the vectors that are meant, stays there.
 
     From fractions of a picture, which say that nothing moves, it never comes so far.
     """
-    if float(np.mean([_difference(scene, matrix, jittered=False) for scene in scenes])) < LEAST_EFFECT_PX:
+    vectors = [meant(scene.own) for scene in scenes]
+    effect = [np.sqrt(((own - scene.own) ** 2).sum(0).mean()) for own, scene in zip(vectors, scenes, strict=True)]
+    if float(np.mean(effect)) < LEAST_EFFECT_PX:
         return False
-    model, no_leak = fit_model([scene._replace(own=matrix @ scene.own) for scene in scenes]), np.zeros((2, 2))
-    declared = model.distance(np.asarray(np.linalg.inv(matrix), np.float64), no_leak)
-    return model.distance(np.eye(2), no_leak) < CLEARLY_NEARER * declared
+    model = fit_model([scene._replace(own=own) for own, scene in zip(vectors, scenes, strict=True)])
+    declared, no_leak = np.asarray(np.linalg.inv(meant.matrix), np.float64), np.zeros((2, 2))
+    return model.distance(np.eye(2), no_leak) < CLEARLY_NEARER * model.distance(declared, no_leak)
 
 
 def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> list[Observed]:
@@ -79,11 +78,11 @@ def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> list[Ob
     return scenes
 
 
-def _score(scenes: Sequence[Observed], matrix: Vector, offset: Vector) -> Vector:
-    """Residual of each pair under vectors = matrix @ (declared - offset)."""
+def _score(scenes: Sequence[Observed], meant: Affine) -> Vector:
+    """Residual of each pair under the vectors that are meant."""
     residuals = []
     for scene in scenes:
-        u, v = matrix @ (scene.own - offset[:, None])
+        u, v = meant(scene.own)
         x, y = scene.x + u, scene.y + v
         if scene.shift is None:
             residuals.append(fit_shift(scene.now, scene.before, x, y, scene.scale).residual)
@@ -93,7 +92,7 @@ def _score(scenes: Sequence[Observed], matrix: Vector, offset: Vector) -> Vector
     return np.array(residuals)
 
 
-def _named(best: str, matrix: Vector, offset: Vector, declared: Vector, winner: Vector) -> Finding:
+def _named(best: str, meant: Affine, declared: Vector, winner: Vector) -> Finding:
     wins = int((winner < declared).sum())
     return Finding(
         name="motion-" + best.replace(" ", "-"), mistake=True,
@@ -101,7 +100,7 @@ def _named(best: str, matrix: Vector, offset: Vector, declared: Vector, winner: 
         what=f"the motion vectors are {best.replace('-', ' ')}",
         evidence=f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, better in {wins} of "
         f"{len(declared)} pairs",
-        fix={"motion": linear_fix(matrix, offset)},
+        fix={"motion": meant.fix},
     )  # fmt: skip
 
 

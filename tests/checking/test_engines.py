@@ -12,7 +12,7 @@ from cltaa.inputs.convert import mended_camera, planes_of
 from cltaa.inputs.correction import correct
 from cltaa.inputs.profile import Profile
 from tests.checking.conftest import Scene
-from tests.checking.mistakes import FLIP_Y, MISTAKES, camera, camera_jittered, depth, each, full_motion, then
+from tests.checking.mistakes import FLIP_Y, MISTAKES, camera, camera_jittered, depth, each, full_motion, motion, then
 from tests.sequence_factory import make_camera
 
 VULKAN = camera(lambda c: Camera(np.asarray(np.linalg.inv(c.world_to_view)), FLIP_Y @ c.view_to_clip))
@@ -33,6 +33,15 @@ def reversed_projection(c: Camera, near: float = 0.1) -> Camera:
 def test_vectors_of_fractions_in_every_pixel_are_named(name: str, scene: Scene) -> None:
     spoilt = then(full_motion, MISTAKES["motion-units-uv"].plant)(scene(name))
     assert mistakes(spoilt) == ["motion-units-uv"]
+
+
+@pytest.mark.parametrize("name", ["starry", "spinner"])
+def test_vectors_of_pictures_that_lead_from_the_last_frame_are_named(name: str, scene: Scene) -> None:
+    """As Unreal writes them: around 0.5, this position minus the one before, y up."""
+    spoilt = then(full_motion, motion(np.diag([-1 / 160, 1 / 90]), 0.5))(scene(name))
+    (finding,) = [finding for finding in check_frames(spoilt) if finding.mistake]
+    assert finding.name == "motion-centred-on-half-ndc-negated"
+    assert finding.fix == {"motion": {"scale": [-160.0, 90.0], "offset": [0.5, 0.5]}}
 
 
 @pytest.mark.parametrize("name", ["spinner", "starry", "everything"])
