@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,7 +18,8 @@ from cltaa.inputs.opening import is_own, open_input
 from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.pictures import open_pictures
 from cltaa.metrics import light_mse
-from cltaa.numbered import check_same_size, shared_region
+from cltaa.numbered import NumberedFiles, check_same_size, shared_region
+from cltaa.printable import counted
 from cltaa.sources import ImageSequence, Sequence
 
 
@@ -29,6 +30,7 @@ class Comparison:
     test: ImageSequence
     reference: ImageSequence
     capture: Sequence | None
+    yardsticks: Mapping[int, ImageSequence] = field(default_factory=dict)  # of the capture, by samples a pixel
 
     @property
     def of_itself(self) -> bool:
@@ -64,18 +66,33 @@ class Comparison:
         return self.reference.path(self.reference.first if self._two_images else number)
 
     def check(self) -> None:
-        """Raise DataError for sizes that differ and InputMissing for a frame without truth or single samples."""
+        """Raise DataError for sizes that differ and InputMissing for a frame that one of the others has not."""
         if self.capture is not None or self.region is None:
             check_same_size(self.test, self.reference)
-        for number in () if self._two_images else self.test.numbers:
-            for what, other in (("single samples", self.capture), ("reference", self.reference)):
-                if other is not None and number not in other.numbers:
-                    shared = set(self.test.numbers) & set(other.numbers)
-                    raise InputMissing(
-                        f"no {what} for this frame", path=other.folder, frame=number, found=ranges(other.numbers),
-                        cure="choose frames that both have with --frames" if shared
-                        else "the two have no frame number in common: number them alike",
-                    )  # fmt: skip
+        if self._two_images:
+            return
+        both = "choose frames that both have with --frames"
+        if self.capture is not None:
+            _check_frames(self.test, self.capture, "single samples", both)
+        _check_frames(self.test, self.reference, "reference", both)
+        check_yardsticks(self.test, self.yardsticks)
+
+
+def _check_frames(wanted: NumberedFiles, other: NumberedFiles, what: str, cure: str) -> None:
+    for number in wanted.numbers:
+        if number not in other.numbers:
+            if not set(wanted.numbers) & set(other.numbers):
+                cure = "the two have no frame number in common: number them alike"
+            raise InputMissing(
+                f"no {what} for this frame", path=other.folder, frame=number, found=ranges(other.numbers), cure=cure
+            )
+
+
+def check_yardsticks(wanted: NumberedFiles, found: Mapping[int, ImageSequence]) -> None:
+    """Raise InputMissing where a yardstick lacks a frame that is wanted."""
+    for count, images in found.items():
+        what = f"yardstick of {counted(count, 'sample')}"
+        _check_frames(wanted, images, what, "capture it again, or take the folder away")
 
 
 def pair_up(
@@ -104,7 +121,7 @@ def pair_up(
             cure = "name the reference: cltaa compare TEST REFERENCE"
             raise UsageError("nothing to compare with: no folder reference/ in it", path=test, cure=cure)
         truth = open_pictures(reference, verify=verify, gaps=OnBreak.RESET, **reading)
-    comparison = Comparison(images, truth, capture)
+    comparison = Comparison(images, truth, capture, {} if capture is None else open_yardsticks(capture))
     comparison.check()
     return comparison
 
@@ -138,24 +155,26 @@ def truth_samples(reference: ImageSequence) -> int | None:
     raise DataError(what, path=path, expected="a positive int", found=repr(count), cure="capture the reference again")
 
 
-def yardsticks(folder: Path) -> dict[int, Path]:
-    """Folders ``reference-<n>/`` of a capture, the same frames drawn with n samples a pixel, by n."""
-    found = {path.name.removeprefix("reference-"): path for path in folder.glob("reference-*")}
-    return {int(count): path for count, path in found.items() if count.isdecimal()}
+def open_yardsticks(capture: Sequence) -> dict[int, ImageSequence]:
+    """Folders ``reference-<n>/`` of a capture, the same frames drawn with n samples a pixel, by n, fewest first.
+
+    Raises what opening images does, and DataError for another size.
+    """
+    named = {path.name.removeprefix("reference-"): path for path in capture.folder.glob("reference-*")}
+    folders = sorted((int(name), path) for name, path in named.items() if name.isdecimal())
+    found = {count: capture.open_supersampled(path) for count, path in folders}
+    for images in found.values():
+        check_same_size(capture, images)
+    return found
 
 
-def supersampling_curve(
-    comparison: Comparison, capture: Sequence, one_sample_mse: float, stops: float = 0.0
-) -> list[tuple[int, float]]:
+def supersampling_curve(comparison: Comparison, one_sample_mse: float, stops: float = 0.0) -> list[tuple[int, float]]:
     """Measured mean squared error against samples a pixel, from the folders ``reference-<n>/`` of a capture.
 
     It begins with the single samples; without an error is what was drawn as the truth itself was, which is left out.
-    Raises InputMissing and DataError where such a folder does not fit the capture.
     """
     curve = [(1, one_sample_mse)]
-    for count, folder in sorted(yardsticks(capture.folder).items()):
-        images = open_pictures(folder, verify=capture.verify)
-        check_same_size(capture, images)
+    for count, images in comparison.yardsticks.items():
         numbers = comparison.test.numbers
         errors = [light_mse(images.image(number), comparison.reference.image(number), stops) for number in numbers]
         if any(errors):
@@ -176,10 +195,9 @@ def equal_quality(comparison: Comparison, test_mse: float, one_sample_mse: float
 
     The errors are means of ``light_mse`` over the frames of the test. Raises UsageError where no capture is known.
     """
-    capture = comparison.capture
-    if capture is None:
+    if comparison.capture is None:
         raise UsageError("equal-quality samples need the capture", cure="give the captured sequence as the reference")
-    curve = supersampling_curve(comparison, capture, one_sample_mse, stops)
+    curve = supersampling_curve(comparison, one_sample_mse, stops)
     if falls(curve):
         bound = "at most" if test_mse > one_sample_mse else "at least" if test_mse < curve[-1][1] else None
         return EqualQuality(samples_on_curve(test_mse, curve), "measured", bound)

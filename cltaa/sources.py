@@ -121,11 +121,12 @@ class Sequence(NumberedFiles):
         folder = self.folder / "reference"
         if not folder.exists():
             return None
-        reference = self._open_reference(folder)
+        reference = self.open_supersampled(folder)
         check_same_size(self, reference)
         return reference
 
-    def _open_reference(self, folder: Path) -> ImageSequence:
+    def open_supersampled(self, folder: Path) -> ImageSequence:
+        """Open a folder with the truth of some frames, or with as many samples as a yardstick has, as they are."""
         return open_images(folder, verify=self.verify, gaps=OnBreak.RESET)
 
     @cached_property

@@ -18,7 +18,7 @@ from cltaa.bench.ladder import Variant
 from cltaa.bench.programs import Program, dearest_first, programs_needed
 from cltaa.bench.variant_errors import Task
 from cltaa.build import Build
-from cltaa.comparison import truth_of
+from cltaa.comparison import check_yardsticks, open_yardsticks, truth_of
 from cltaa.device_launcher import DeviceLauncher
 from cltaa.errors import DataError, ResourceError, UsageError
 from cltaa.kernel_files import kernel_folder
@@ -70,7 +70,9 @@ def bench_accuracy(
     """
     before, begun = load_average(), time.monotonic()
     for task in {task.sequence: task for task in tasks}.values():
-        truth_of(task.open())  # missed now, and not after the sequences before it
+        sequence = task.open()  # what lacks is missed now, and not after the sequences before it
+        truth_of(sequence)
+        check_yardsticks(sequence, open_yardsticks(sequence))
     pin_threads()
     launcher = DeviceLauncher(tasks[0].device)
     folders = list(dict.fromkeys(task.sequence for task in tasks))

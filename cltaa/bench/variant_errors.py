@@ -21,7 +21,7 @@ from PIL import Image as Pillow
 
 from cltaa.bench.ladder import Variant
 from cltaa.build import Build, Real, Storage
-from cltaa.comparison import truth_of, yardsticks
+from cltaa.comparison import open_yardsticks, truth_of
 from cltaa.display import Picture, to_picture
 from cltaa.frames import Frame, Image
 from cltaa.inputs.opening import open_measured
@@ -130,8 +130,7 @@ def run_task(task: Task) -> Errors:
 def yardstick_errors(sequence: Sequence, metrics: tuple[str, ...]) -> Iterator[tuple[int, dict[str, list[float]]]]:
     """Samples a pixel and errors a frame of each supersampled sequence there is; one sample is the capture itself."""
     truth = truth_of(sequence)
-    for samples, folder in sorted(({1: sequence.folder} | yardsticks(sequence.folder)).items()):
-        images = open_images(folder)
+    for samples, images in ({1: open_images(sequence.folder)} | open_yardsticks(sequence)).items():
         frames: dict[str, list[float]] = {name: [] for name in metrics}
         for number in sequence.numbers:
             pair = images.image(number), truth.image(number)

@@ -86,7 +86,8 @@ class ForeignSequence(Sequence):
         numbers = [number for number in self.numbers if first <= number <= last]
         return type(self)(self.folder, self.intake, numbers, strict=self._strict, verify=self.verify)
 
-    def _open_reference(self, folder: Path) -> ImageSequence:
+    def open_supersampled(self, folder: Path) -> ImageSequence:
+        """Open a folder with supersampled frames, read as these are."""
         from cltaa.inputs.pictures import open_pictures  # here: those are made of such sequences
 
         profile, assignments = self.intake.asked

@@ -127,6 +127,19 @@ def test_a_yardstick_that_measures_nothing_leaves_the_law(
     assert run_json(capsys, resolved, capture, "--metrics", "mse")["equal_quality_samples"]["method"] == "n^-1.5 law"
 
 
+def test_a_yardstick_that_lacks_frames_is_told_before_the_work(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, tmp_path: Path
+) -> None:
+    write_images(capture / "reference-4", list(open_images(resolved)), name="synthetic")
+    (capture / "reference-4" / "synthetic.0001.exr").unlink()
+    said = "frame 1: no yardstick of 4 samples for this frame (found 0, 2-3); capture it again, or take the folder away"
+    assert said in refusal(capsys, 66, resolved, capture)
+    assert main(["bench", "accuracy", str(capture), "-o", str(tmp_path / "report"), "--only", "reject"]) == 66
+    assert said in capsys.readouterr().err
+    found = run_json(capsys, resolved, capture, "--frames", "2-3", "--metrics", "mse")["equal_quality_samples"]
+    assert found == {"samples": pytest.approx(4, rel=1e-12), "method": "measured", "bound": None}
+
+
 @pytest.mark.parametrize("missing", [0, 1, 3])
 def test_frames_that_have_a_truth_are_judged_where_others_have_none(
     capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, missing: int
