@@ -129,8 +129,9 @@ def choose(device: str, budget_ms: float, width: int, height: int) -> Choice:
     noise = "; that machine was noisy, so times are rough" if remembered.noisy else ""
     why = (
         f"{best.variant.name}: {best.ms_per_megapixel * megapixels:.3g} of {budget_ms:.3g} ms a frame, "
-        f"{best.error:.3f} times the default's {remembered.metric}; the best of {len(fitting)} that fit of "
-        f"{len(remembered.candidates)}, measured {remembered.date} on {', '.join(remembered.sequences)}{noise}"
+        f"{best.error:.3f} times the {remembered.metric} of {remembered.candidates[0].variant.name}; "
+        f"the best of {len(fitting)} that fit of {len(remembered.candidates)}, measured {remembered.date} on "
+        f"{', '.join(remembered.sequences)}{noise}"
     )
     return Choice(variant=best.variant, why=why)
 

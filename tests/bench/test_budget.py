@@ -43,7 +43,7 @@ def test_the_least_error_that_fits() -> None:
     assert choose(DEVICE, 3.0, 1920, 1080).variant == fast
     why = choose(DEVICE, 20.0, 1920, 1080).why
     assert "10.4 of 20 ms" in why
-    assert "1.500 times the default's mse" in why
+    assert "1.500 times the mse of default" in why
     assert "best of 2 that fit of 3" in why
     assert "noisy" not in why
 
