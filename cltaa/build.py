@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.constants import CONSTANTS, WANDER_FRAMES, WHOLE_NUMBERS
+from cltaa.errors import UsageError, known
 from cltaa.params import HOST_CHOICES, Choices, GatherFit, HistoryOf, ThinSearch
 from cltaa.settings import KERNEL_SETTINGS, Settings
 
@@ -32,6 +33,14 @@ class Storage(StrEnum):
     HALF = "half"  # rounded to the nearest: an old history stands still within ulp / (2 weight) of its goal
     HALF_STOCHASTIC = "half-stochastic"  # rounded up or down at random: true on average, at the price of noise
     DOUBLE = "double"  # for the ladder of cltaa bench accuracy alone
+
+
+def storage_of(name: str) -> Storage:
+    """The storage of that name; raises UsageError, for kernels of no storage write beyond their memory."""
+    try:
+        return Storage(name)
+    except ValueError:
+        raise UsageError(f"no such storage {name}", cure=known(str(name), Storage, "storages")) from None
 
 
 HALVES = (Storage.HALF, Storage.HALF_STOCHASTIC)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.build import Build, Storage
+from cltaa.errors import UsageError
 from cltaa.layout import Layout
 
 WISH = "CLTAA_DEVICE"  # the variable that names a device where nothing else does
@@ -59,6 +60,8 @@ def storage_dtype(build: Build) -> Any:
 def launcher_for(device: str | int | Launcher | None) -> Launcher:
     """A launcher as it is, or that of ``--device`` or CLTAA_DEVICE: ``numpy``, or a wish for ``choose_device``."""
     if device is not None and not isinstance(device, str | int):
+        if not hasattr(device, "build"):
+            raise UsageError("no device", expected="its index, a part of its name, or numpy", found=repr(device))
         return device
     from cltaa.device_launcher import DeviceLauncher  # here: both know what a launcher is from this module
     from cltaa.numpy_launcher import NumpyLauncher

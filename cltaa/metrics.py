@@ -195,12 +195,18 @@ def measure(
 ) -> dict[str, float]:
     """Value of every metric (``DEFAULT_METRICS`` unless given) for one pair of images.
 
-    Raises DataError for sizes that differ and for NaN or infinity, with ``frame`` and the file's path in its text.
+    Raises DataError for sizes that differ, for bytes and greys, and for NaN or infinity, with ``frame`` and the file's
+    path in its text.
     """
     if test.shape != reference.shape:
         expected, found = list(reference.shape), list(test.shape)
         raise DataError("images differ in size", path=path, frame=frame, expected=expected, found=found)
     for name, image, file in (("image", test, path), ("reference", reference, truth_path)):
+        if image.dtype.kind != "f" or image.shape[2:] != (3,):
+            raise DataError(
+                f"the {name} is no linear light", path=file, frame=frame, expected="floats [H, W, 3]",
+                found=f"{image.dtype} {list(image.shape)}",
+            )  # fmt: skip
         bad = image.size - int(np.isfinite(image).sum())
         if bad:
             what = f"NaN or infinity in {counted(bad, 'value')} of the {name}"

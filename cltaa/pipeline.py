@@ -33,7 +33,7 @@ from cltaa.views import View
 
 def resolve_sequence(
     sequence: Sequence,
-    output: Path,
+    output: str | Path,
     resolver: Resolver,
     *,
     effects: frozenset[Effect] | Literal["auto", "all"] = "auto",
@@ -58,6 +58,7 @@ def resolve_sequence(
     ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
     what reading, resolving and writing raise; finished frames stay complete.
     """
+    output = Path(output)
     if output.resolve() == sequence.folder.resolve():
         raise UsageError("the output would overwrite the sequence", path=output, cure="name another folder with -o")
     check_lossless(compression)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import msgspec
+import numpy as np
 
 from cltaa.errors import DataError, UsageError, known
 from cltaa.file_content import read_text
@@ -70,7 +71,9 @@ def override(preset: Preset, values: Mapping[str, object], origin: str = "--set"
     for part in ("choices", "settings"):
         current = getattr(preset, part)
         merged = msgspec.to_builtins(current)
-        merged.update({key: value for key, value in values.items() if FIELDS[key] is type(current)})
+        for key, value in values.items():
+            if FIELDS[key] is type(current):
+                merged[key] = value.item() if isinstance(value, np.generic) else value
         try:
             parts[part] = msgspec.convert(merged, type(current), strict=False)
         except msgspec.ValidationError as error:

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import msgspec
 
 from cltaa.buffers import Buffers, LastRun
-from cltaa.build import HALVES, Build, Steps, Storage, Terms, edge_build, shared
+from cltaa.build import HALVES, Build, Steps, Storage, Terms, edge_build, shared, storage_of
+from cltaa.errors import UsageError
 from cltaa.frame_checks import check_frame
 from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame, Image
@@ -54,10 +55,12 @@ class Resolver:
         build: Build | None = None,
     ) -> None:
         self.every_step = every_step
+        if not isinstance(preset, str | Preset):
+            raise UsageError("no preset", expected="a name or a cltaa.Preset", found=repr(preset))
         self.preset = load_preset(preset) if isinstance(preset, str) else preset
         self._device = device
         self.launcher = launcher_for(device)
-        self._shape = build or Build(strict=strict, storage=storage)
+        self._shape = build or Build(strict=strict, storage=storage_of(storage))
         self._builds: dict[tuple[Choices, Settings, Steps], Build] = {}
         self._buffers: Buffers | None = None
         self._kept: KeptFrames | None = None

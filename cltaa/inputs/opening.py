@@ -14,12 +14,18 @@ from cltaa.sources import Sequence, open_capture
 
 
 def open_input(
-    folder: Path, *, profile: str = "auto", assignments: Many[str] = (), side_file: Path | None = None, **options: Any
+    folder: str | Path,
+    *,
+    profile: str = "auto",
+    assignments: Many[str] = (),
+    side_file: str | Path | None = None,
+    **options: Any,
 ) -> Sequence:
     """Open ``folder`` as its profile says; ``options`` are those of ``open_sequence``, whoever wrote the files.
 
     Raises what ``open_sequence`` and ``open_intake`` raise, and UsageError for what a resolve wrote.
     """
+    folder, side_file = Path(folder), None if side_file is None else Path(side_file)
     plain = not assignments and side_file is None
     if plain and profile in ("auto", "cltaa") and is_own(folder):
         return open_capture(folder, **options)

@@ -108,3 +108,11 @@ def test_a_misspelt_key_of_a_side_file_is_told_what_was_meant(tmp_path: Path) ->
     path.write_text(json.dumps({"frames": {str(number): {"view": [], "proj": []} for number in range(3)}}))
     with pytest.raises(DataError, match=r"found view, proj\)"):
         read_side_file(path)
+
+
+def test_folder_and_side_file_may_be_text(tmp_path: Path) -> None:
+    made = frames()
+    (tmp_path / "camera.txt").write_text(side_text(made))
+    write_blender(tmp_path / "shot", made)
+    sequence = open_input(f"{tmp_path}/shot", side_file=f"{tmp_path}/camera.txt")
+    assert sequence.frame(1).jitter_px == made[1].jitter_px

@@ -209,3 +209,9 @@ def test_what_is_missing_is_told_before_the_work(
     assert message.count("\n") == 1
     assert "pip install 'cltaa[" in message
     assert not (tmp_path / "OUT").exists()
+
+
+@pytest.mark.parametrize("image", [np.zeros((16, 16, 3), np.uint8), np.zeros((16, 16), np.float32)])
+def test_bytes_and_greys_are_no_linear_light(image: np.ndarray) -> None:
+    with pytest.raises(DataError, match=r"the image is no linear light \(expected floats \[H, W, 3\]"):
+        measure(image, image)

@@ -306,3 +306,10 @@ def test_unknown_names_are_refused() -> None:
         Resolver("nonsense")
     with pytest.raises(UsageError, match="no OpenCL device matches nonsense"):
         Resolver(device="nonsense")
+    assert override(load_preset(), {"gamma_still": np.float32(2)}).settings.gamma_still == 2.0
+    with pytest.raises(UsageError, match=r"no such storage halff; did you mean half\?"):
+        Resolver(storage="halff")  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match=r"no preset .*found 3"):
+        Resolver(3)  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match=r"no device .*found 1\.5"):
+        Resolver(device=1.5)  # type: ignore[arg-type]
