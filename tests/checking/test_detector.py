@@ -10,10 +10,13 @@ import pytest
 
 from cltaa.checking.detector import check_frames
 from cltaa.checking.finding import Finding
+from cltaa.checking.travel import check_structure, sound
+from cltaa.frames import Camera
+from cltaa.inputs.convert import FLIP_Z
 from cltaa_datasets.scenes import registered
 from tests.checking.conftest import Scene
 from tests.checking.mistakes import MISTAKES, full_motion
-from tests.sequence_factory import make_frame
+from tests.sequence_factory import make_camera, make_frame
 
 SCENES = [*(entry.name for entry in registered()), "orbit", "turntable"]
 FIRST = [(name, mistake.scenes[0]) for name, mistake in MISTAKES.items()]
@@ -65,12 +68,39 @@ def test_any_unit_of_depth_is_measured(factor: float, scene: Scene) -> None:
     assert finding.fix["depth"]["scale"] * factor == pytest.approx(1.0, abs=0.1)  # worst seen: 0.036
 
 
+def test_a_unit_of_depth_near_a_power_of_ten_is_that(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Centimetres, and not 0.95 of them, where none of the scales that are tried is nearer."""
+    monkeypatch.setattr("cltaa.checking.depth.SCALES", (0.0095,))
+    monkeypatch.setattr("cltaa.checking.depth.STEPS", ())
+    spoilt = [replace(frame, depth=np.asarray(frame.depth * 100, np.float32)) for frame in scene("corridor")]
+    (finding,) = [finding for finding in check_frames(spoilt) if finding.mistake]
+    assert finding.fix == {"depth": {"scale": 0.01}}
+
+
 def test_without_matrices_jitter_and_motion_are_still_checked(scene: Scene) -> None:
     frames = [replace(frame, camera=scene("occluder")[0].camera) for frame in full_motion(scene("occluder"))]
     assert mistakes(check_frames(frames, has_camera=False, has_depth=False)) == []
     for name in ("jitter-y-flipped", "motion-negated"):
         spoilt = MISTAKES[name].plant(frames)
         assert mistakes(check_frames(spoilt, has_camera=False, has_depth=False)) == [name]
+
+
+@pytest.mark.parametrize(("mistake", "name"), [("camera-late", "dolly"), ("jitter-late", "corridor")])
+def test_a_frame_late_is_a_step_late(mistake: str, name: str, scene: Scene) -> None:
+    """Where numbers lie apart and each continues the last."""
+    spoilt = MISTAKES[mistake].plant(scene(name))
+    apart = [replace(frame, index=5 * frame.index, step=5) for frame in spoilt]
+    assert mistakes(check_frames(apart)) == [mistake]
+
+
+def test_a_camera_that_stands_may_have_been_meant_in_several_ways() -> None:
+    """And nothing that moves tells which."""
+    camera = make_camera()
+    wrong = Camera(FLIP_Z @ camera.world_to_view, camera.view_to_clip)
+    (finding,), change = check_structure([make_frame(index, camera=wrong) for index in range(3)])
+    assert finding.name in ("camera-z-forward", "camera-mirrored")
+    assert change is not None
+    assert sound(make_frame(0, camera=wrong), change)
 
 
 def test_one_frame_is_no_error(scene: Scene) -> None:

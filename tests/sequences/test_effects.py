@@ -12,7 +12,7 @@ from cltaa.device_launcher import DeviceLauncher
 from cltaa.frames import Camera, Effect, Frame
 from cltaa.launch import Launcher
 from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.params import Reject
+from cltaa.params import Rectify, Reject
 from cltaa.planning import plan_frame, with_effects
 from cltaa.presets import load_preset, override, preset_names
 from cltaa.program import source_hash
@@ -101,6 +101,24 @@ def test_nothing_is_left_out_of_what_somebody_published(name: str, effects: froz
     plan = plan_frame(preset, make_frame(1, effects=effects), make_camera((1.0, 0.0, 5.0)))
     assert plan.choices == preset.choices
     assert plan.settings == preset.settings
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [Effect.CAMERA, Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.REACTIVE, Effect.EXPOSURE],
+)
+def test_what_may_change_anything_is_no_plain_mean(effect: Effect) -> None:
+    plain, held = (
+        plan_frame(DEFAULT, make_frame(1, effects=effects), STANDING).choices.rectify
+        for effects in (frozenset({Effect.HDR, Effect.CUT}), frozenset({effect}))
+    )
+    assert (plain, held) == (Rectify.NONE, DEFAULT.choices.rectify)
+
+
+def test_own_motion_is_not_read_where_the_preset_follows_the_camera_alone() -> None:
+    camera = override(DEFAULT, {"reproject": "camera"})
+    assert not plan_frame(camera, make_frame(1, motion=True), make_camera((1.0, 0.0, 5.0))).steps.own_motion
+    assert plan_frame(DEFAULT, make_frame(1, motion=True), make_camera((1.0, 0.0, 5.0))).steps.own_motion
 
 
 def test_named_effects_leave_the_others_out() -> None:
