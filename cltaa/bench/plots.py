@@ -18,7 +18,6 @@ from cltaa.timing import Clock
 
 FORMATS = ("svg", "png")
 DOTS_AN_INCH = 150
-NAME_WIDE, NAME_HIGH = 130, 9  # pixels that a name takes
 CROWDED = 1e3  # from this ratio of an axis's ends on only powers of ten are written
 FRONT, BEATEN, SAMPLES, LIMIT = "#0b62c4", "#a3a6ad", "#16784a", "#b4500a"
 
@@ -130,12 +129,15 @@ def _name_points(axes: Any, measured: MeasuredSequence, metric: str) -> None:
     axes.figure.canvas.draw()  # the scales are final from here on
     default = measured.cells[0].variant
     for cell in sorted(_drawn(measured, metric), key=lambda cell: (cell.variant != default, cell.errors[metric].mean)):
+        if metric in cell.dominated_by and cell.variant != default:
+            continue
         at = time_of(cell, measured.clock)[0], cell.errors[metric].mean
-        pixel = axes.transData.transform(at)
-        clear = all(abs(pixel[1] - y) > NAME_HIGH or abs(pixel[0] - x) > NAME_WIDE for x, y in taken)
-        if clear and (metric not in cell.dominated_by or cell.variant == default):
-            axes.annotate(cell.variant, at, textcoords="offset points", xytext=(5, 3), fontsize=6)
-            taken.append(pixel)
+        name = axes.annotate(cell.variant, at, textcoords="offset points", xytext=(5, 3), fontsize=6)
+        box = name.get_window_extent()
+        if any(box.overlaps(other) for other in taken):
+            name.remove()
+        else:
+            taken.append(box)
 
 
 def noise_lines(measured: MeasuredSequence, metric: str, weight: float) -> Iterator[tuple[float, str, str]]:
