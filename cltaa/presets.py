@@ -92,7 +92,10 @@ def preset_names() -> list[str]:
 def load_preset(name: str = "default") -> Preset:
     """The preset of that name; raises UsageError where there is none."""
     if name not in preset_names():
-        raise UsageError(f"unknown preset {name}", cure=known(name, preset_names(), "presets"))
+        cure = known(name, preset_names(), "presets")
+        if name.endswith(".toml"):
+            cure = f"cltaa resolve takes a file by --config; elsewhere a preset is named that lies in {_FOLDER}"
+        raise UsageError(f"unknown preset {name}", cure=cure)
     text = (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
     parsed = _parse(text, f"preset {name}", Preset(name=name, description=""))
     return msgspec.structs.replace(parsed, name=name)  # also where it begins with another

@@ -75,6 +75,11 @@ def test_half_output_saturates(tmp_path: Path) -> None:
         (["--set", "gama_still=1"], 64, r"unknown key gama_still; did you mean gamma_still\?"),
         (["--layers", "dpeth.Z"], 64, r"--layers: no such channel \(expected B G R Z, found dpeth.Z\)"),
         (["--preset", "nonsense"], 64, "unknown preset nonsense; known presets: .*default"),
+        (
+            ["--preset", "mine.toml"],
+            64,
+            r"unknown preset mine\.toml; cltaa resolve takes a file by --config; .*presets",
+        ),
         (["--set", "nonsense=1"], 64, "--set: unknown key nonsense; known keys: .*gamma_still"),
         (["--set", "gamma_still=-1"], 64, r"gamma_still has no such value \(expected 0 to 64, found -1\)"),
         (["--set", "frames_kept=7.5"], 64, r"frames_kept has .*\(expected 1 to 64 \(whole\), found 7.5\)"),
