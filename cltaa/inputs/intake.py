@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, field
@@ -27,15 +26,13 @@ from cltaa.frame_numbers import (
 )
 from cltaa.inputs.declared import Declared, declared_frames
 from cltaa.inputs.guess import guessed_profile, no_colour
+from cltaa.inputs.notes import notes_of
 from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.profile import Profile, load_profile
 from cltaa.inputs.profile_text import override
-from cltaa.inputs.roles import KEYS, Place, Roles, assign, describe, file_sets, shown_name, unnumbered
+from cltaa.inputs.roles import KEYS, Place, Roles, assign, describe, file_sets, shown_name
 from cltaa.inputs.side_file import Side, read_side_file
 from cltaa.numbered import check_size
-
-# What tools call vectors, in the name of a channel or of its file.
-MOTION_NAME = re.compile(r"mot(ion|vec)|veloc|vector|flow|(^|[._])mvs?($|[._])", re.IGNORECASE)
 
 
 @dataclass(slots=True)
@@ -131,9 +128,7 @@ def open_intake(
         chosen, reason, roles, sets, given, layouts, declared,
         {label: header.layout for label, header in first.items()}, gaps, on_resize, step, (profile, assignments),
     )  # fmt: skip
-    intake.notes += _notes(intake)
-    if left := unnumbered(folder):
-        intake.notes.append(f"no number: {', '.join(left)}; left out, for the name of a frame ends with its number")
+    intake.notes += notes_of(intake, folder)
     return intake
 
 
@@ -204,41 +199,6 @@ def _check_complete(folder: Path, declared: Mapping[int, Declared]) -> None:
         if 0 < len(without) < len(declared):
             cure = f"give it to every frame with --camera FILE, or to none with --input {section}.source=none"
             raise DataError(f"no {what} for frames {ranges(without)}", path=folder, cure=cure)
-
-
-def _notes(intake: Intake) -> list[str]:
-    notes = []
-    if not intake.has_camera:
-        kept = (
-            "motion vectors alone tell what moves" if "motion" in intake.roles else "the camera is taken to stand still"
-        )
-        notes.append(f"no matrices: {kept}; give them with --camera FILE")
-    if "depth" not in intake.roles:
-        notes.append("no depth: nothing is told apart by distance, and moving edges are less exact")
-    if "motion" not in intake.roles:
-        rest = (
-            "the camera's motion comes from depth and matrices" if intake.has_camera and "depth" in intake.roles else ""
-        )
-        notes.append(f"no motion vectors: {rest or 'whatever moves is rectified only'}{_may_be_motion(intake.unused)}")
-    elif intake.step > 1:
-        notes.append(
-            f"frames {intake.step} apart: vectors are taken to lead as far back; where they lead one back, "
-            "--input motion.channels='none none' leaves them out"
-        )
-    if not intake.has_jitter:
-        notes.append("no jitter: taken as none; if the pixels are jittered, cltaa check shows by how much")
-    return notes
-
-
-def _may_be_motion(names: Many[str]) -> str:
-    """How to take as motion what its name says it is; what its numbers mean is left to ``cltaa check``."""
-    like = [name for name in names if MOTION_NAME.search(name)]
-    if len(like) < 2:
-        return ""
-    letters = "ruxgvy"  # red or u or x is across; a third and a fourth are something else
-    across_first = sorted(like, key=lambda name: (len(name), f"{letters}{name[-1]}".lower().index(name[-1].lower())))
-    pair = " ".join(across_first[:2])
-    return f"; to take those in {pair}: --input motion.channels='{pair}', which cltaa check judges"
 
 
 def intake_lines(intake: Intake) -> Iterator[str]:

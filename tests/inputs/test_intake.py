@@ -228,6 +228,16 @@ def test_wrong_matrices_are_refused_for_a_resolve(tmp_path: Path) -> None:
     assert len(read(tmp_path, "camera.view_layout=column")) == 3
 
 
+@pytest.mark.parametrize("name", ["distance.R", "linearDepth.x", "view_Z", "ZDepthBuffer.x"])
+def test_a_channel_that_sounds_like_depth_is_pointed_out(name: str, tmp_path: Path) -> None:
+    others = {other: np.ones((4, 4), np.float32) for other in ("R", "G", "B", "N.Z", "position.Z")}
+    write_image(tmp_path / "a.0001.exr", {**others, name: np.full((4, 4), 3.0, np.float32)})
+    (line,) = [line for line in intake_lines(open_intake(tmp_path)) if line.startswith("no depth")]
+    told = f"--input depth.channels={name}"
+    assert line.endswith(f"{told}, which cltaa check judges")
+    assert read(tmp_path, told.split()[1])[0].depth[0, 0] == 3.0
+
+
 def test_a_colour_is_of_one_layer(tmp_path: Path) -> None:
     names = ["flow.R", "flow.G", "distance.R", "final.R", "final.G", "final.B"]
     write_image(tmp_path / "a.0001.exr", {name: np.ones((4, 4), np.float32) for name in names})
