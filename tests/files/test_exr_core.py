@@ -39,6 +39,12 @@ def _there() -> None:
     assert exr_core.core() is not None
 
 
+@pytest.fixture(autouse=True)
+def _threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As many on every machine: with one core the caller would decode."""
+    monkeypatch.setattr(OpenEXR, "global_thread_count", lambda: 3)
+
+
 def channels(kind: str) -> dict[str, Pixels]:
     """More of them than the library has room for without asking; names in another order than the file's."""
     random = np.random.default_rng(1)
