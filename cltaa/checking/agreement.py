@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cltaa.cameras import sky_closeness
-from cltaa.checking.alignment import LEAST_POINTS
+from cltaa.checking.alignment import LEAST_POINTS, fit_shift, residual_of
 from cltaa.checking.finding import Finding
 from cltaa.checking.gains import Affine, affine_maps
 from cltaa.checking.meanings import COMBINED
@@ -27,6 +27,7 @@ LEAST_MOTION_PX = 0.02  # of the camera, in the middle of the picture's points
 AGREE, DISAGREE = 0.1, 0.25  # middle difference over middle motion; a wrong jitter alone makes 0.05
 ALIKE = 0.01  # differences nearer than that decide nothing: the plainer reading is taken
 SCALES = (1.0, 0.01, 100.0, 0.1, 10.0, 0.001, 1000.0)  # of depth
+MOST_SEEN, SAME = 4000, 1.002  # points of a pair whose picture is looked at; mismatches nearer than that are alike
 LEAKS = (0.0, 1.0, -1.0)  # of the change of jitter, in the vectors
 
 
@@ -66,7 +67,31 @@ def check_agreement(shot: Shot) -> list[Finding]:
         return []
     nearest = min(reading.apart / reading.moved for reading in agreeing)
     alike = [reading for reading in agreeing if reading.apart / reading.moved < nearest + ALIKE]
-    return _findings(min(alike, key=lambda reading: reading.changes), declared, maps, len(pairs))
+    return _findings(_seen(alike, moving_pairs(shot), maps), declared, maps, len(pairs))
+
+
+def _seen(alike: Sequence[_Reading], pairs: Sequence[Pair], maps: dict[str, Affine]) -> _Reading:
+    """The plainest of readings that agree, of those of the vectors that the pictures bear out best.
+
+    Inverse matrices and vectors to the frame after agree as well as the right ones do, to the first order.
+    """
+    mismatch = {
+        kind: float(np.mean([_mismatch(pair, maps[kind[0]], kind[1]) for pair in pairs]))
+        for kind in {(reading.vectors, reading.leak) for reading in alike}
+    }
+    most = SAME * min(mismatch.values())
+    return min((r for r in alike if mismatch[r.vectors, r.leak] <= most), key=lambda reading: reading.changes)
+
+
+def _mismatch(pair: Pair, meant: Affine, leak: float) -> float:
+    """How badly the previous frame, fetched through the vectors, matches: by the declared jitter and by any shift."""
+    there = np.flatnonzero(np.isfinite(pair.own).all(0) & pair.usable)
+    there = there[:: max(1, -(-len(there) // MOST_SEEN))]
+    u, v = meant(pair.own[:, there]) - leak * pair.jitter_change[:, None]
+    x, y, now = pair.x[there] + u, pair.y[there] + v, pair.now[there]
+    right, down = pair.jitter_change
+    declared = residual_of(now, pair.before, x + right, y + down, pair.scale)
+    return declared + fit_shift(now, pair.before, x, y, pair.scale).residual
 
 
 def _sparse(pair: Pair) -> Pair:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from cltaa.cameras import is_still
 from cltaa.checking.finding import Finding
 from cltaa.checking.signal import Vector
 from cltaa.frames import Frame
@@ -43,12 +44,12 @@ def check_colour(frames: Sequence[Frame]) -> list[Finding]:
     return []
 
 
-def check_channels(frames: Sequence[Frame], *, has_depth: bool) -> list[Finding]:
+def check_channels(frames: Sequence[Frame], *, has_camera: bool, has_depth: bool) -> list[Finding]:
     """Find channels that hold one number only, or nothing that can be used."""
-    return [*_channels(frames, has_depth)]
+    return [*_channels(frames, has_camera, has_depth)]
 
 
-def _channels(frames: Sequence[Frame], has_depth: bool) -> Iterator[Finding]:
+def _channels(frames: Sequence[Frame], has_camera: bool, has_depth: bool) -> Iterator[Finding]:
     colour = np.stack([frame.colour for frame in frames])
     wrong = float((~np.isfinite(colour)).mean())
     if wrong:
@@ -69,7 +70,8 @@ def _channels(frames: Sequence[Frame], has_depth: bool) -> Iterator[Finding]:
         given = np.concatenate([v[np.isfinite(v).all(-1)] for v in vectors])
         if len(given) and not np.ptp(given, axis=0).any():
             text = f"every vector of {len(vectors)} frames is ({given[0, 0]:g}, {given[0, 1]:g})"
-            yield _channel("motion-constant", True, text, "motion")
+            rests = has_camera and not given.any() and all(is_still(f.camera, frames[0].camera) for f in frames)
+            yield _channel("motion-constant", not rests, text, "motion")
 
 
 def _channel(name: str, mistake: bool, evidence: str, channel: str) -> Finding:

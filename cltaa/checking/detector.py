@@ -39,7 +39,7 @@ def check_frames(
     A later check rests on an earlier one, so where the matrices or the depth are wrong the rest is looked at only as
     far as it does not need them.
     """
-    found = check_channels(frames, has_depth=has_depth) + check_colour(frames)
+    found = check_channels(frames, has_camera=has_camera, has_depth=has_depth) + check_colour(frames)
     if has_camera:
         structure, mend = check_structure(frames)
         found += structure
@@ -66,8 +66,10 @@ def check_frames(
             found += check_travel(shot) or (check_depth_scale(shot) if has_depth else [])
     shifts, anchored = measure_shifts(shot)
     if not any(finding.name.startswith(("camera-", "depth-")) and finding.mistake for finding in found):
-        found += check_motion(shot, shifts, anchored)
-        if not any(finding.name.startswith("motion-jittered") for finding in found):
+        wrong_vectors = check_motion(shot, shifts, anchored)
+        found += wrong_vectors
+        # Shifts that were measured through wrong vectors tell nothing of the jitter, nor do those that hold it.
+        if not any(not anchored or finding.name.startswith("motion-jittered") for finding in wrong_vectors):
             found += check_jitter(shot, shifts)
     return found
 

@@ -44,7 +44,7 @@ def test_vectors_of_pictures_that_lead_from_the_last_frame_are_named(name: str, 
     assert finding.fix == {"motion": {"scale": [-160.0, 90.0], "offset": [0.5, 0.5]}}
 
 
-@pytest.mark.parametrize("name", ["spinner", "starry", "everything"])
+@pytest.mark.parametrize("name", ["spinner", "starry", "everything", "smoke"])  # in smoke all of them are 0
 def test_right_vectors_in_every_pixel_raise_no_alarm(name: str, scene: Scene) -> None:
     assert mistakes(full_motion(scene(name))) == []
 
@@ -53,6 +53,17 @@ def test_matrices_unit_and_vectors_that_are_all_wrong_are_named_at_once(scene: S
     spoilt = then(full_motion, MISTAKES["motion-units-uv"].plant, VULKAN, MISTAKES["depth-scaled"].plant)
     found = mistakes(spoilt(scene("starry")))
     assert found == ["camera-inverse-y-flipped", "depth-scaled", "motion-units-uv"]
+
+
+@pytest.mark.parametrize("name", ["foliage", "pan"])
+def test_inverse_matrices_are_not_taken_for_vectors_to_the_next_frame(name: str, scene: Scene) -> None:
+    """The two agree as well; which of them it is the pictures say. A camera that goes level hides its y."""
+    found = mistakes(then(full_motion, MISTAKES["motion-units-uv"].plant, VULKAN)(scene(name)))
+    assert found == ["camera-inverse", "motion-units-uv"]
+
+
+def test_wrong_vectors_in_every_pixel_are_no_mistake_of_the_jitter(scene: Scene) -> None:
+    assert mistakes(then(full_motion, MISTAKES["motion-units-uv"].plant)(scene("zoom"))) == ["motion-units-uv"]
 
 
 def test_a_reversed_projection_tells_its_depth_before_the_matrices_are_right(scene: Scene) -> None:
