@@ -118,7 +118,8 @@ class Manifest:
             record = _parsed(line) or {}
             name = str(record.get("file", ""))
             # Never a way out of the folder, and no line of another program.
-            if name and Path(name).name == name and record.keys() == {"file", *Entry._fields}:
+            fields = {"file", *Entry._fields}  # those with a default are not in lines of before
+            if name and Path(name).name == name and fields - Entry._field_defaults.keys() <= record.keys() <= fields:
                 del record["file"]
                 self.entries[name] = Entry(**record)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cltaa.errors import DataError, StorageError
-from cltaa.manifest import NAME, Entry, Manifest, file_sha256, recorded_hashes
+from cltaa.manifest import NAME, Entry, Manifest, _line, file_sha256, recorded_hashes
 
 SETTINGS = {"preset": "default", "size": [37, 23]}
 
@@ -31,6 +31,14 @@ def test_what_was_appended_is_read_again(tmp_path: Path) -> None:
     assert all(again.vouches_for(tmp_path / name) for name in again.entries)
     assert not again.vouches_for(tmp_path / "a.0003.exr")
     assert all(json.loads(line) for line in (tmp_path / NAME).read_text().splitlines())  # for other tools
+
+
+def test_lines_of_before_that_know_of_one_file_alone_are_read(tmp_path: Path) -> None:
+    (tmp_path / NAME).write_bytes(
+        _line({"format": 1, "settings": {}})
+        + _line({"file": "a.0001.exr", "sha256": "0", "input_sha256": "1", "after": None})
+    )
+    assert Manifest(tmp_path).entries == {"a.0001.exr": Entry("0", "1", None)}
 
 
 def test_every_cut_of_the_file_leaves_whole_lines_only(tmp_path: Path) -> None:
