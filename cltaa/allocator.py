@@ -81,16 +81,17 @@ class KeptBlocks:
 KEPT_BLOCKS = KeptBlocks()
 
 
-def empty_image(shape: tuple[int, ...]) -> NDArray[np.float32]:
+def empty_image(shape: tuple[int, ...], dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
     """Planes like those of ``np.empty``, inside ``kept_memory`` in what earlier ones of the same size have left."""
-    return np.empty(shape, np.float32) if 4 * int(np.prod(shape)) < SMALLEST else mapped_image(shape)
+    small = np.dtype(dtype).itemsize * int(np.prod(shape)) < SMALLEST
+    return np.empty(shape, dtype) if small else mapped_image(shape, dtype)
 
 
-def mapped_image(shape: tuple[int, ...]) -> NDArray[np.float32]:
+def mapped_image(shape: tuple[int, ...], dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
     """The same of any size in a mapping of its own, which begins at a page."""
-    size = 4 * int(np.prod(shape))
-    pages = in_large_pages(size)
-    return np.asarray(Block(KEPT_BLOCKS.take(pages) or _mapped(pages)))[: size // 4].reshape(shape)
+    count = int(np.prod(shape))
+    pages = in_large_pages(np.dtype(dtype).itemsize * count)
+    return np.asarray(Block(KEPT_BLOCKS.take(pages) or _mapped(pages))).view(dtype)[:count].reshape(shape)
 
 
 def in_large_pages(size: int) -> int:

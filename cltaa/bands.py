@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.buffers import Buffers
+from cltaa.build import edge_build
 from cltaa.constants import PAD_X, PAD_Y
 from cltaa.device_launcher import DeviceLauncher
 from cltaa.errors import ResourceError, UsageError
@@ -72,12 +73,11 @@ class Band(Layout):
         above = PAD_Y - self.first
         return slice(self.taken.start + above, self.taken.stop + above)
 
-    def copied(self, buffer: Buffer) -> NDArray[np.float32]:
-        """A copy of the band's own rows of a buffer, [C, own rows, W] float32."""
+    def copied(self, buffer: Buffer, dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
+        """A copy of the band's own rows of a buffer, [C, own rows, W] ``dtype``."""
         rows = slice(PAD_Y, PAD_Y + self.own.stop - self.own.start)
         with buffer.mapped(write=False) as planes:
-            copy: NDArray[np.float32] = planes[:, rows, PAD_X : PAD_X + self.width].astype(np.float32)
-            return copy
+            return planes[:, rows, PAD_X : PAD_X + self.width].astype(dtype)
 
 
 class _Result(NamedTuple):
@@ -123,8 +123,8 @@ class BandedResolver(Resolver):
         self._rows = band_rows
 
     @one_thread
-    def resolve(self, frame: Frame) -> Image:
-        """The resolved colour of ``frame`` as ``Resolver.resolve`` gives it, in the frame's own memory."""
+    def resolve(self, frame: Frame, *, half: bool = False) -> NDArray[Any]:
+        """The resolved colour of ``frame`` as ``Resolver.resolve`` gives it; floats lie in the frame's own memory."""
         check_frame(frame)
         started = perf_counter()
         previous, build = self._begin(frame)
@@ -133,6 +133,8 @@ class BandedResolver(Resolver):
         record = frame_record(frame, previous, buffers.whole, self.plan)
         passes = Passes(self.launcher, self.plan, build, buffers, record)
         whole = _whole(frame, build.steps.alpha)
+        planes = 3 if frame.alpha is None else 4
+        halves = np.empty((planes if half else 0, frame.height, frame.width), np.float16)
         waiting: deque[_Result] = deque()  # rows that the bands below still take along as they came
         for first in range(0, frame.height, self._rows):
             band = buffers.layout = Band.of(buffers.whole, first, self._rows)
@@ -141,21 +143,28 @@ class BandedResolver(Resolver):
                 whole.store(waiting.popleft())
             record["first_row"], record["band_rows"] = first, self._rows
             passes.resolve()
+            rounded = passes.to_halves(buffers.output) if half else None
             self.launcher.finish()
-            planes = (buffers.output, buffers.output_count, buffers.closeness)
-            waiting.append(_Result(band, *(band.copied(buffer) for buffer in planes)))
+            if rounded is not None:
+                halves[:, band.own] = band.copied(rounded, np.float16)[:planes]
+            written = (buffers.output, buffers.output_count, buffers.closeness)
+            waiting.append(_Result(band, *(band.copied(buffer) for buffer in written)))
         for result in waiting:
             whole.store(result)
         _keep(whole, buffers)
         self._previous = Past.of(frame)
         self.times = Times(0.0, perf_counter() - started, 0.0)
+        if half:
+            return np.moveaxis(halves, 0, -1)
         if frame.alpha is None:
             return whole.colour
         return np.concatenate([whole.colour, frame.alpha[..., None]], axis=-1)
 
-    def reserve(self, width: int, height: int, *, alpha: bool) -> None:
+    def reserve(self, width: int, height: int, *, alpha: bool, half: bool = False) -> None:
         """Allocate memory for frames of a size, with or without alpha; the edges of bands are the host's."""
         self._fitting(Layout(width, height), alpha or self.every_step)
+        if half:
+            self.launcher.prepare("to_halves", edge_build(self.launcher.build(self._shape)))
 
     def _new_buffers(self, layout: Layout, alpha: bool) -> Buffers:
         band = Band.of(layout, 0, self._rows)

@@ -11,7 +11,6 @@ from cltaa.allocator import empty_image
 from cltaa.build import Build, Record, Steps, texel_planes
 from cltaa.constants import value
 from cltaa.errors import ResourceError
-from cltaa.frames import Image
 from cltaa.haloed import around
 from cltaa.launch import Buffer, Launcher
 from cltaa.layout import Layout
@@ -46,16 +45,17 @@ class Buffers:
         ``whole`` is the layout of what recurs, where ``layout`` is only that of a band of it.
         """
         self.layout, self.whole, self._launcher = layout, whole or layout, launcher
-        self._history_planes = 4 if alpha else 3
+        self.result_planes = 4 if alpha else 3
         self.closeness = self._planes(1)
-        self.output, self.output_count = self._planes(self._history_planes, dtype), self._planes(1)
-        self.history = self._planes(self._history_planes, dtype, self.whole)
+        self.output, self.output_count = self._planes(self.result_planes, dtype), self._planes(1)
+        self.history = self._planes(self.result_planes, dtype, self.whole)
         self.history_count, self.previous_closeness = self._planes(1, layout=whole), self._planes(1, layout=whole)
         self.channels: dict[str, Buffer] = {}  # of the frame: current, motion, alpha, reactive
         self._copies: dict[str, Buffer] = {}  # memory for those that were copied once
         self._dtype = dtype
         self._texels: list[Buffer] = []  # at 200 %: those that are read, and those that are written
         self._shown: dict[str, Buffer] = {}
+        self._halves: Buffer | None = None
         self.doubled = False  # whether the last frame left a history at 200 %
         self.marked = False  # whether the counts that the last frame left hold changes of light
 
@@ -65,7 +65,7 @@ class Buffers:
 
     def fit(self, layout: Layout, alpha: bool) -> bool:
         """True when these buffers serve a frame of that size, with or without alpha."""
-        return layout == self.whole and (4 if alpha else 3) == self._history_planes
+        return layout == self.whole and (4 if alpha else 3) == self.result_planes
 
     def bring(self, name: str, planes: NDArray[np.float32]) -> None:
         """Give the frame's channel of that name its planes [C, H, W], or [C, 1, 1] for all pixels.
@@ -92,7 +92,7 @@ class Buffers:
                 "the image is too large for a history at 200 %", found=f"{self.layout.width} x {self.layout.height}",
                 expected=f"at most {MOST_DOUBLED} texels with the halo", cure="take --preset default",
             )  # fmt: skip
-        planes = texel_planes(self._history_planes == 4)
+        planes = texel_planes(self.result_planes == 4)
         while len(self._texels) < 2:
             self._texels.append(self._planes(planes, self._dtype))
         return self._texels[0], self._texels[1]
@@ -102,25 +102,31 @@ class Buffers:
         allocated when first asked for."""
         if not self._shown:
             self._shown = {
-                "output": self._planes(self._history_planes, self._dtype),
+                "output": self._planes(self.result_planes, self._dtype),
                 "output_count": self._planes(1),
             }
         return self._shown
 
+    def halves(self) -> Buffer:
+        """What holds the result in halves, allocated when first asked for."""
+        if self._halves is None:
+            self._halves = self._planes(self.result_planes, np.float16)
+        return self._halves
+
     def written(self, doubled: bool) -> list[dict[str, Any]]:
         """What a resolve writes for the next frame, as ``extend_edges`` is given it."""
-        counted = {"planes": self._history_planes, "more": 1}
+        counted = {"planes": self.result_planes, "more": 1}
         images: list[dict[str, Any]] = [{"image": self.output, "floats": self.output_count, **counted}]
         if doubled:
-            planes = texel_planes(self._history_planes == 4)
+            planes = texel_planes(self.result_planes == 4)
             images.append({"image": self.texels()[1], "floats": None, "planes": planes, "more": 0})
         return images
 
-    def read(self, image: Buffer, alpha: bool) -> Image:
-        """The output, or what is ``shown`` in its place, as [H, W, 3 or 4] float32, planar in memory."""
+    def read(self, image: Buffer, alpha: bool, dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
+        """The output, what is ``shown`` in its place, or ``halves``, as [H, W, 3 or 4] ``dtype``, planar in memory."""
         with image.mapped(write=False) as planes:
             stored = self.layout.inside(planes)[: 4 if alpha else 3]
-            inside: NDArray[np.float32] = empty_image(stored.shape)
+            inside = empty_image(stored.shape, dtype)
             inside[...] = stored
         return np.moveaxis(inside, 0, -1)
 

@@ -135,7 +135,7 @@ def shared(build: Build) -> Build:
 
 
 def edge_build(build: Build) -> Build:
-    """That of ``extend_edges`` for the history and its counts: alike, whatever else decides the resolve."""
+    """That of ``extend_edges`` and ``to_halves``, which copy the result: alike, whatever else decides the resolve."""
     return Build(lanes=build.lanes, rows=build.rows, storage=build.storage)
 
 

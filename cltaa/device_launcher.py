@@ -126,6 +126,8 @@ class DeviceLauncher:
                 return (layout.rows, planes), (1, 1)
             items = 2 * layout.stride + 2 * PAD_X * layout.height
             return (-(-items // EDGE_GROUP) * EDGE_GROUP, planes), (EDGE_GROUP, 1)
+        if kernel == "to_halves" and build.lanes > 1:
+            return (1, layout.height), (1, 1)
         rows = build.rows if kernel in SLIDING else 1
         columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
         if build.columns > 1:

@@ -1,31 +1,39 @@
-"""Images in half precision: their channels, and how many of their pixels reach the largest half."""
+"""Resolved images as channels, and in half precision: how many of their pixels reach the largest half."""
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any
 
-from cltaa.allocator import empty_image
+import numpy as np
+from numpy.typing import NDArray
+
 from cltaa.constants import value
 from cltaa.exr_channels import Pixels
 from cltaa.frames import Image
 
+INFINITE, BELOW_ZERO = 0x7C00, 0x8000  # bits of an infinite half, and of the sign
 
-def image_channels(image: Image, *, half: bool = False, within: bool = False) -> dict[str, Pixels]:
-    """A resolved image [H, W, 3 or 4] as EXR channels R G B [A], in half (saturated to its range) or float32.
 
-    ``within`` says that none of its ``saturated_pixels`` is left, so that none need be limited.
+def image_channels(image: NDArray[Any]) -> dict[str, Pixels]:
+    """A resolved image [H, W, 3 or 4] as EXR channels R G B [A]."""
+    return {name: image[..., channel] for channel, name in enumerate("RGBA"[: image.shape[-1]])}
+
+
+def limit_halves(image: NDArray[np.float16]) -> int:
+    """Make the largest half of each infinite one of [H, W, 3 or 4], in place; returns the pixels that have such.
+
+    Those are the pixels that were cut: a result in halves is infinite from the largest half on.
     """
-    planes: dict[str, Pixels] = {name: image[..., channel] for channel, name in enumerate("RGBA"[: image.shape[-1]])}
-    if not half:
-        return planes
-    if within:
-        return {name: plane.astype(np.float16) for name, plane in planes.items()}
-    largest, limited = value("HALF_LIMIT"), empty_image(image.shape[:2])
-    return {name: np.clip(plane, -largest, largest, out=limited).astype(np.float16) for name, plane in planes.items()}
+    signed, bits = image.view(np.int16), image.view(np.uint16)
+    if signed.max() < INFINITE and bits.max() < INFINITE | BELOW_ZERO:  # as whole numbers the greatest of either sign
+        return 0
+    infinite = np.isinf(image)
+    bits -= infinite  # the half before it
+    return int(infinite.any(axis=-1).sum())
 
 
 def saturated_pixels(image: Image) -> int:
-    """Count the pixels of [H, W, 3 or 4] that halves cut: with a channel at 65504, the largest half, or beyond."""
+    """Count the pixels of floats [H, W, 3 or 4] that halves cut: with a channel at the largest half, 65504, or more."""
     largest = value("HALF_LIMIT")
     if -largest < float(image.min()) and float(image.max()) < largest:
         return 0

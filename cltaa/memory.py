@@ -105,7 +105,7 @@ def of_resolve(
     kept from frame to frame. Where channels are not decoded ``in_place``, what stands beside those of the frame until
     it is moved there is counted for one of the frames that are read at a time, since they seldom are in one step. In
     bands one frame at a time is in memory, its result in its place, and beside it the count of each pixel; nothing is
-    kept.
+    kept. Results are counted as floats: in halves each of whole images takes half, and one more is the device's.
     """
     plane, planes = REAL * width * height, 3 + alpha
     groups = [len(group) for group in GROUPS if group[0] in channels]

@@ -10,7 +10,7 @@ from cltaa.build import Build, Record, edge_build, settings_record, span_planes
 from cltaa.constants import SPANS
 from cltaa.frames import Frame
 from cltaa.kept_frames import KeptFrames
-from cltaa.launch import Launcher
+from cltaa.launch import Buffer, Launcher
 from cltaa.params import HistoryOf
 from cltaa.planning import Plan
 
@@ -76,6 +76,13 @@ class Passes:
         for written in self.buffers.written(self.buffers.doubled):
             given = {"frame": self.record, **written}
             self.launcher.run("extend_edges", edge_build(self.build), self.buffers.layout, given)
+
+    def to_halves(self, image: Buffer) -> Buffer:
+        """Round the result ``image``; returns the memory of the halves, infinite from the largest half on."""
+        halves = self.buffers.halves()
+        given = {"image": image, "halves": halves, "frame": self.record, "planes": self.buffers.result_planes}
+        self.launcher.run("to_halves", edge_build(self.build), self.buffers.layout, given)
+        return halves
 
     def _ready_counts(self) -> None:
         self.buffers.ready_counts(self.plan.choices, read=not self.record["reset"])

@@ -82,8 +82,8 @@ def resolve_sequence(
         if restart:
             checkpoints.clear()
         views = DebugViews(resolver, debug)
-        files = ResolvedFiles(folder, resolver, views, half=half, undeclared=sequence.undeclared)
-        run = _Run(sequence, files, checkpoints, resolver, effects, stop, layers)
+        files = ResolvedFiles(folder, resolver, views, undeclared=sequence.undeclared)
+        run = _Run(sequence, files, checkpoints, resolver, effects, stop, layers, half=half)
         try:
             run.resolve(compression, checkpoint_every)
         except DeviceLost:
@@ -109,9 +109,12 @@ class _Run:
         effects: frozenset[Effect] | Literal["auto", "all"],
         stop: Stop,
         layers: tuple[str, ...],
+        *,
+        half: bool,
     ) -> None:
         self._sequence, self._files, self._checkpoints = sequence, files, checkpoints
         self._resolver, self._effects, self._stop, self._layers = resolver, effects, stop, layers
+        self._half = half
         self._seconds: dict[str, list[float]] = {name: [] for name in StageTimes.__struct_fields__}
 
     def resolve(self, compression: str, checkpoint_every: int) -> None:
@@ -132,7 +135,7 @@ class _Run:
                 self._reserve(part)
             for done, number in enumerate(track(numbers, len(numbers), "resolving"), start=1):
                 read = next(frames)
-                image = self._resolver.resolve(with_effects(read.frame, self._effects))
+                image = self._resolver.resolve(with_effects(read.frame, self._effects), half=self._half)
                 if number in wanted:
                     self._files.write(writer, read, image)
                 self._resolver.release()
@@ -153,7 +156,7 @@ class _Run:
         """Let the resolver allocate what the first frame will need, while that is decoded."""
         wanted = isinstance(self._effects, str) or Effect.ALPHA in self._effects
         alpha = wanted and "alpha" in part.holds
-        self._resolver.reserve(part.width, part.height, alpha=alpha)
+        self._resolver.reserve(part.width, part.height, alpha=alpha, half=self._half)
 
     def _note(self, times: Times) -> None:
         for name, seconds in times._asdict().items():

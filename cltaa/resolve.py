@@ -7,13 +7,15 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from cltaa.buffers import Buffers, LastRun
 from cltaa.build import HALVES, Build, Steps, Storage, Terms, edge_build, shared, storage_of
 from cltaa.errors import UsageError
 from cltaa.frame_checks import check_frame
 from cltaa.frame_record import Past, frame_record
-from cltaa.frames import Frame, Image
+from cltaa.frames import Frame
 from cltaa.kept_frames import KeptFrames
 from cltaa.kernel_files import code_sha256
 from cltaa.launch import Buffer, Launcher, launcher_for, storage_dtype
@@ -122,15 +124,17 @@ class Resolver:
         kept.past = past.earlier
         return {**buffers.recurrent(), "kept": kept.planes}
 
-    def reserve(self, width: int, height: int, *, alpha: bool) -> None:
+    def reserve(self, width: int, height: int, *, alpha: bool, half: bool = False) -> None:
         """Do what every frame of a size needs, with or without alpha, while the first of them is still being read."""
         self._fitting(Layout(width, height), alpha or self.every_step)
-        self.launcher.prepare("extend_edges", edge_build(self.launcher.build(self._shape)))
+        for kernel in ("extend_edges", *(["to_halves"] if half else [])):
+            self.launcher.prepare(kernel, edge_build(self.launcher.build(self._shape)))
 
     @one_thread
-    def resolve(self, frame: Frame) -> Image:
+    def resolve(self, frame: Frame, *, half: bool = False) -> NDArray[Any]:
         """The resolved colour of ``frame``, [H, W, 3] float32, or [H, W, 4] where the frame has alpha.
 
+        With ``half`` float16, infinite where it is 65504 or beyond; ``halves.limit_halves`` limits that.
         Raises DataError where ``cltaa.frame_checks`` finds a frame wrong, and UsageError where another thread is in it.
         """
         check_frame(frame)
@@ -139,11 +143,13 @@ class Resolver:
         buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
         upload(frame, buffers, build.steps, self.preset.settings)
         uploaded = perf_counter()
-        self._run(frame, previous, build, buffers)
+        passes = self._run(frame, previous, build, buffers)
+        assert self.last is not None
+        output = self.last.arguments["output"]
+        result = passes.to_halves(output) if half else output
         self.launcher.finish()
         resolved = perf_counter()
-        assert self.last is not None
-        image = buffers.read(self.last.arguments["output"], frame.alpha is not None)
+        image = buffers.read(result, frame.alpha is not None, np.float16 if half else np.float32)
         self.times = Times(uploaded - started, resolved - uploaded, perf_counter() - resolved)
         self._previous = None  # an interrupt from here on leaves no history, rather than a half of one
         buffers.swap()
@@ -217,8 +223,8 @@ class Resolver:
         self._kept.go_back(previous)
         return self._kept
 
-    def _run(self, frame: Frame, previous: Past | None, build: Build, buffers: Buffers) -> None:
-        """Start the kernels of ``frame``, which ``buffers`` hold."""
+    def _run(self, frame: Frame, previous: Past | None, build: Build, buffers: Buffers) -> Passes:
+        """Start the kernels of ``frame``, which ``buffers`` hold; returns what started them."""
         assert self.plan is not None
         choices, record = self.plan.choices, frame_record(frame, previous, buffers.layout, self.plan)
         passes = Passes(self.launcher, self.plan, build, buffers, record)
@@ -233,6 +239,7 @@ class Resolver:
             self.last = passes.resolve()
         buffers.doubled = choices.history_of is HistoryOf.DOUBLED
         passes.extend_edges()
+        return passes
 
     def _beside(self, passes: Passes, frame: Frame, previous: Past | None) -> Passes:
         """Those of the recursive resolve that runs beside the spans of the past."""

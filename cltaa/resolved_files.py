@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cltaa.carried_over import merged
 from cltaa.debug import DebugViews
 from cltaa.exr_attributes import frame_attributes
 from cltaa.exr_channels import Pixels
-from cltaa.frames import Frame, Image
-from cltaa.halves import image_channels, saturated_pixels
+from cltaa.frames import Frame
+from cltaa.halves import image_channels, limit_halves, saturated_pixels
 from cltaa.output import DEBUG, OutputFolder
 from cltaa.reading import Read
 from cltaa.resolve import Resolver
@@ -19,15 +23,14 @@ from cltaa.streams import Writer
 class ResolvedFiles:
     """Writes results into ``folder`` under the names of their inputs, and counts what a user is to hear of.
 
-    ``half`` writes colours in half precision. ``undeclared`` are the attributes that no input declared and that are not
-    made up for a result.
+    ``undeclared`` are the attributes that no input declared and that are not made up for a result.
     """
 
     def __init__(
-        self, folder: OutputFolder, resolver: Resolver, debug: DebugViews, *, half: bool, undeclared: frozenset[str]
+        self, folder: OutputFolder, resolver: Resolver, debug: DebugViews, *, undeclared: frozenset[str]
     ) -> None:
         self.folder = folder
-        self._resolver, self._debug, self._half, self._undeclared = resolver, debug, half, undeclared
+        self._resolver, self._debug, self._undeclared = resolver, debug, undeclared
         self._numbers: set[int] = set()
         self._saturated: list[int] = []  # of each frame, from the threads that write
         self.repaired = 0  # pixels of the frames that were written whose colour was no usable number
@@ -42,8 +45,8 @@ class ResolvedFiles:
         """Pixels as bright as the largest half, once the writer is closed."""
         return sum(self._saturated)
 
-    def write(self, writer: Writer, read: Read, image: Image) -> None:
-        """Queue the result ``image`` [H, W, 3 or 4] of the frame that was ``read``, which was resolved last.
+    def write(self, writer: Writer, read: Read, image: NDArray[Any]) -> None:
+        """Queue the result ``image`` [H, W, 3 or 4], floats or halves, of the frame ``read`` and resolved last.
 
         Raises OutputError and StorageError, which may be those of an earlier image that was queued.
         """
@@ -57,13 +60,13 @@ class ResolvedFiles:
         self._numbers.add(read.frame.index)
         self.repaired += read.unusable
 
-    def _channels(self, image: Image) -> dict[str, Pixels]:
-        """The channels of a result, made by the thread that writes it."""
-        if not self._half and not self._resolver.keeps_halves:
-            return image_channels(image)
-        saturated = saturated_pixels(image)
-        self._saturated.append(saturated)
-        return image_channels(image, half=self._half, within=not saturated)
+    def _channels(self, image: NDArray[Any]) -> dict[str, Pixels]:
+        """The channels of a result, limited to what halves hold by the thread that writes it."""
+        if image.dtype == np.float16:
+            self._saturated.append(limit_halves(image))
+        elif self._resolver.keeps_halves:
+            self._saturated.append(saturated_pixels(image))
+        return image_channels(image)
 
 
 def resolved_attributes(frame: Frame, resolver: Resolver) -> dict[str, object]:

@@ -1,18 +1,34 @@
-// The numbers that the history is kept in: floats, doubles, halves rounded to the nearest, or halves rounded at random.
+// The numbers that the history is kept in: floats, doubles, halves rounded to the nearest, or halves rounded at random;
+// and halves as a file holds them.
 #include "real.h"
 
 #if !defined(STORAGE_HALF) || !defined(STORAGE_STOCHASTIC) || !defined(STORAGE_DOUBLE)
 #error "storage.h needs STORAGE_HALF, STORAGE_STOCHASTIC and STORAGE_DOUBLE from the prelude"
 #endif
 
-#if STORAGE_HALF
 typedef LANED(float) floats;
+#define TO_FLOATS PASTE(convert_, LANED(float))
+
+// Floats as halves, rounded to the nearest, to the even one of two; what is 65520 or more becomes infinite.
+#if LANES == 1
+STAGE void store_halves(__global half* p, floats v) { vstore_half_rte(v, 0, p); }
+#elif CONVERTS_HALVES
+typedef short16 loose_halves __attribute__((aligned(2)));
+STAGE void store_halves(__global half* p, floats v)
+{
+    enum { NEAREST_EVEN = 0 };
+    *(__global loose_halves*)p = __builtin_ia32_vcvtps2ph512_mask(v, NEAREST_EVEN, (short16)(0), (ushort)0xffff);
+}
+#else
+STAGE void store_halves(__global half* p, floats v) { PASTE(PASTE(vstore_half, LANES), _rte)(v, 0, p); }
+#endif
+
+#if STORAGE_HALF
 typedef LANED(int) ints;
 typedef LANED(uint) words;
 #define AS_INTS PASTE(as_, LANED(int))
 #define AS_FLOATS PASTE(as_, LANED(float))
 #define TO_INTS PASTE(PASTE(convert_, LANED(int)), _rtz)
-#define TO_FLOATS PASTE(convert_, LANED(float))
 #define TO_WORDS PASTE(convert_, LANED(uint))
 
 // Within the range of halves, and +0 rather than what would round to -0: on a GPU it arrives so (storable).
@@ -78,30 +94,21 @@ STAGE void store_history(history_out p, real v, int x, int y, frame_t frame)
 #elif !STORAGE_HALF
 STAGE real load_history(history_in p) { return load(p); }
 STAGE void store_history(history_out p, real v, int x, int y, frame_t frame) { store(p, v); }
-#elif LANES == 1
+#else
+#if LANES == 1
 STAGE real load_history(history_in p) { return vload_half(0, p); }
-STAGE void store_history(history_out p, real v, int x, int y, frame_t frame)
-{
-    vstore_half_rte(stored_half(v, x, y, frame), 0, p);
-}
 #elif CONVERTS_HALVES
-typedef short16 loose_halves __attribute__((aligned(2)));
 STAGE real load_history(history_in p)
 {
     enum { CURRENT_ROUNDING = 4 }; // of which nothing is seen: each half is a float
     const short16 halves = *(__global const loose_halves*)p;
     return __builtin_ia32_vcvtph2ps512_mask(halves, SPLAT(0.0), (ushort)0xffff, CURRENT_ROUNDING);
 }
-STAGE void store_history(history_out p, real v, int x, int y, frame_t frame)
-{
-    enum { NEAREST_EVEN = 0 };
-    *(__global loose_halves*)p
-        = __builtin_ia32_vcvtps2ph512_mask(stored_half(v, x, y, frame), NEAREST_EVEN, (short16)(0), (ushort)0xffff);
-}
 #else
 STAGE real load_history(history_in p) { return TO_REAL(PASTE(vload_half, LANES)(0, p)); }
+#endif
 STAGE void store_history(history_out p, real v, int x, int y, frame_t frame)
 {
-    PASTE(PASTE(vstore_half, LANES), _rte)(stored_half(v, x, y, frame), 0, p);
+    store_halves(p, stored_half(v, x, y, frame));
 }
 #endif

@@ -169,9 +169,9 @@ def _stages(folder: Path, sequence: Captured, resolver: Resolver, codec: str, ha
         steps: dict[str, Callable[[], object]] = {
             "read": partial(_read_all, sequence),
             "resolve": lambda: [
-                resolver.resolve(replace(held[index % len(held)], index=index)) for index in range(count)
+                resolver.resolve(replace(held[index % len(held)], index=index), half=half) for index in range(count)
             ],
-            "write": partial(_write, folder, image_channels(resolver.resolve(held[0]), half=half), codec, count),
+            "write": partial(_write, folder, image_channels(resolver.resolve(held[0], half=half)), codec, count),
             "whole": partial(resolve_sequence, sequence, folder / WHOLE, resolver, half=half, compression=codec),
         }
         for name, step in steps.items():

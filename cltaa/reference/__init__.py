@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from cltaa.reference import doubled, gathering, resolve, spans, stages, weigh_spans
+from cltaa.reference import doubled, gathering, resolve, spans, stages, to_halves, weigh_spans
 
 # Kernel name -> twin; called with (build, layout, **arguments by the kernel's own names).
 KERNELS: dict[str, Callable[..., Any]] = {
@@ -23,5 +23,6 @@ KERNELS: dict[str, Callable[..., Any]] = {
     "resolve_doubled": doubled.resolve_doubled,
     "sample_history": stages.sample_history_kernel,
     "surface_motion": stages.surface_motion_kernel,
+    "to_halves": to_halves.to_halves,
     "weigh_spans": weigh_spans.weigh_spans,
 }

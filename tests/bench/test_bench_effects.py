@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from cltaa.bench import effects as bench
 from cltaa.bench.effects import EffectRow, judge_effects, markdown
 from cltaa.exr_write import write_frame
-from cltaa.frames import Effect, Frame, Image
+from cltaa.frames import Effect, Frame
 from cltaa.numpy_launcher import NumpyLauncher
 from cltaa.resolve import Resolver
 from cltaa.sources import Sequence, open_sequence
@@ -55,8 +56,8 @@ def test_a_scene_that_calls_for_what_it_gets(tmp_path: Path) -> None:
 
 def test_a_step_that_changes_a_bit_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Tainted(Resolver):
-        def resolve(self, frame: Frame) -> Image:
-            image = super().resolve(frame)
+        def resolve(self, frame: Frame, *, half: bool = False) -> Any:
+            image = super().resolve(frame, half=half)
             return image + np.float32(2.0**-20 if self.every_step else 0.0)
 
     monkeypatch.setattr(bench, "Resolver", Tainted)

@@ -74,9 +74,9 @@ faults = []
 
 
 class Counting(Resolver):
-    def resolve(self, frame):
+    def resolve(self, frame, **options):
         faults.append(resource.getrusage(resource.RUSAGE_SELF).ru_minflt)
-        return super().resolve(frame)
+        return super().resolve(frame, **options)
 
 
 resolve_sequence(open_sequence(sys.argv[1]), Path(sys.argv[2]), Counting(), compression="none")

@@ -145,7 +145,7 @@ def test_restart_begins_anew(tmp_path: Path, whole: tuple[Path, dict[str, str]])
 def test_restart_forgets_the_state_after_other_inputs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A run that ends before its first checkpoint must not leave those of the run before it to the next."""
 
-    def refused(*_: Any) -> None:
+    def refused(*_: Any, **__: Any) -> None:
         raise DataError("wrong")
 
     folder, output = write_sequence(tmp_path / "in", FRAMES, width=9, height=7), tmp_path / "out"

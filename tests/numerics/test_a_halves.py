@@ -14,7 +14,7 @@ from cltaa.cli import main
 from cltaa.device_launcher import DeviceLauncher
 from cltaa.exr_read import read_image
 from cltaa.exr_write import write_frame
-from cltaa.halves import image_channels, saturated_pixels
+from cltaa.halves import limit_halves, saturated_pixels
 from tests.numerics.still_frames import accumulator, grey, still_frame
 from tests.sequence_factory import make_frame
 
@@ -66,13 +66,15 @@ def test_a4_a_pixel_is_counted_once_and_alpha_with_it() -> None:
     assert saturated_pixels(image) == 2
 
 
-@pytest.mark.parametrize("bright", [65503.99, -65503.99, 65520.0, -1e9])
-def test_a4_limiting_is_left_out_only_where_it_changes_no_bit(bright: float) -> None:
-    image = np.random.default_rng(3).normal(0.0, 100.0, (5, 7, 3)).astype(np.float32)
-    image[2, 3, 1] = bright
-    within = not saturated_pixels(image)
-    assert within == (abs(bright) < 65504)
-    found, limited = image_channels(image, half=True, within=within), image_channels(image, half=True)
-    assert {name: plane.tobytes() for name, plane in found.items()} == {
-        n: plane.tobytes() for n, plane in limited.items()
-    }
+@pytest.mark.parametrize(("bright", "limited"), [(np.inf, 65504.0), (-np.inf, -65504.0)])
+def test_a4_infinite_halves_are_limited_and_each_pixel_counted_once(bright: float, limited: float) -> None:
+    image = np.random.default_rng(3).normal(0.0, 100.0, (3, 5, 7)).astype(np.float16)
+    image[0, 1, 2], image[0, 1, 3] = 65504.0, -65504.0  # as floats they were less
+    seen = np.moveaxis(image, 0, -1)  # as results lie in memory
+    before = image.copy()
+    assert limit_halves(seen) == 0
+    assert image.tobytes() == before.tobytes()
+    image[:2, 2, 3], image[2, 4, 6] = bright, bright
+    before[:2, 2, 3], before[2, 4, 6] = limited, limited
+    assert limit_halves(seen) == 2
+    assert image.tobytes() == before.tobytes()

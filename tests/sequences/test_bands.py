@@ -70,6 +70,16 @@ def test_bands_with_every_channel_and_storage(storage: Storage, channels: dict[s
         assert np.array_equal(bits(banded.resolve(copied(frame))), bits(expected))
 
 
+@pytest.mark.parametrize("alpha", [False, True])
+def test_bands_in_halves(alpha: bool) -> None:
+    whole, banded = Resolver(), BandedResolver(band_rows=6)
+    for frame in frames(alpha=alpha):
+        frame.colour[5:9, 3] = 1e6
+        expected = whole.resolve(frame, half=True)
+        assert np.isinf(expected).any()
+        assert np.array_equal(bits(banded.resolve(copied(frame), half=True)), bits(expected))
+
+
 def test_bands_where_kernels_are_built_for_one_size(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planes of a band and of the history are of two sizes: a build that knew one would read the other wrongly."""
     monkeypatch.setattr(Device, "shape", property(lambda _: Shape(lanes=1, rows=5, group=(8, 1), one_size=True)))
@@ -153,10 +163,10 @@ def test_no_second_image_waits_beside_a_band(tmp_path: Path, monkeypatch: pytest
     there: list[int] = []
 
     class Looking(BandedResolver):
-        def resolve(self, frame: Frame) -> Any:
+        def resolve(self, frame: Frame, *, half: bool = False) -> Any:
             there.append(len(list(output.glob("*.exr"))))
             assert not KEPT_BLOCKS._users  # nor is one kept for what comes next
-            return super().resolve(frame)
+            return super().resolve(frame, half=half)
 
     def slowly(*given: Any, **named: Any) -> None:
         time.sleep(0.01)

@@ -16,7 +16,7 @@ from cltaa.build import Storage
 from cltaa.checkpoint import Checkpoints
 from cltaa.errors import DeviceLost, UsageError
 from cltaa.exr_write import write_frame, write_image
-from cltaa.frames import Effect, Frame, Image
+from cltaa.frames import Effect, Frame
 from cltaa.pipeline import resolve_sequence
 from cltaa.resolve import Resolver
 from cltaa.sources import open_sequence
@@ -53,15 +53,15 @@ class Watched(Resolver):
         self.reserved: list[bool] = []
         self.failing = failing
 
-    def reserve(self, width: int, height: int, *, alpha: bool) -> None:
+    def reserve(self, width: int, height: int, *, alpha: bool, half: bool = False) -> None:
         self.reserved.append(alpha)
-        super().reserve(width, height, alpha=alpha)
+        super().reserve(width, height, alpha=alpha, half=half)
 
-    def resolve(self, frame: Frame) -> Image:
+    def resolve(self, frame: Frame, *, half: bool = False) -> Any:
         failing, self.failing = self.failing, None if frame.index == 4 else self.failing
         if failing is not None and frame.index == 4:
             raise failing
-        return super().resolve(frame)
+        return super().resolve(frame, half=half)
 
 
 @pytest.mark.parametrize("effects", ["auto", "all", frozenset({Effect.ALPHA}), frozenset({Effect.CAMERA})])
@@ -139,9 +139,9 @@ def test_each_frame_is_let_go_once_it_is_resolved(tmp_path: Path) -> None:
     held: list[bool] = []
 
     class Holding(Resolver):
-        def resolve(self, frame: Any) -> Any:
+        def resolve(self, frame: Any, *, half: bool = False) -> Any:
             self.block = weakref.ref(block_of(frame.colour))
-            return super().resolve(frame)
+            return super().resolve(frame, half=half)
 
         def release(self) -> None:
             held.append(self.block() is not None)
