@@ -89,8 +89,9 @@ STAGE sampled sample_at(
 #endif
 }
 
-// A channel that was read between texels, no less than lobe_floor of the least of those around, or than that least
-// where it is negative: a highlight beside them takes as much off by the filter's negative lobes as it is bright.
+// A channel that was read between texels, no less than lobe_floor of the least of the nearest row of three, or than
+// that least where it is negative: a highlight beside them takes as much off by the filter's negative lobes as it is
+// bright. A half is no more than bilinear weights give where light is not negative.
 STAGE real above_lobes(real v, real least, settings_t settings)
 {
     return greater(lesser(K(settings.lobe_floor) * least, least), v);

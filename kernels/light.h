@@ -139,7 +139,7 @@ typedef struct
     paired a, b, c;
     boxed step;
     real level, levels; // its own, and with that of the row above
-    colour least, leasts; // of each channel of the history's texels, likewise
+    colour least; // of each channel of the history's texels
 } light_row;
 
 // What a work-item of a GPU keeps while it slides down: the row at the next pixel, and the texel of the history that is
@@ -150,7 +150,7 @@ typedef struct
     uint nearest;
 } kept_light;
 
-// What the nine texels say of a history: how many samples it counts for, and the least of each of their channels.
+// What the nine texels say of a history: the samples it counts for, and each channel's least of the nearest row.
 typedef struct
 {
     real count;
@@ -184,7 +184,6 @@ STAGE light_row light_of_row(boxed_row now, history_in history, nearest_t n, int
     row.step = (boxed) { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) };
     row.level = (absolute(now.left.a) + absolute(now.own.a)) + absolute(now.right.a);
     row.levels = SPLAT(0.0);
-    row.leasts = row.least;
     return row;
 }
 
@@ -196,7 +195,6 @@ STAGE light_row light_below(light_row above, light_row row)
     row.b.spreads = above.b.spread + row.b.spread;
     row.c.spreads = above.c.spread + row.c.spread;
     row.levels = above.level + row.level;
-    row.leasts = least_colour(above.least, row.least);
     return row;
 }
 
@@ -207,11 +205,11 @@ STAGE light_row light_above(plane_in current, history_in history, nearest_t n, i
     return light_below(above, light_of_row(read_boxed(current, x, y, frame), history, n, 0, frame));
 }
 
-// `held` samples of a history, divided by how much light changes, and holding that, beside the least of the nine texels
-// that tell it. The change: Student's t of the channel that changed most, with the sign of the first one, luminance,
-// and change_kept of what the frame before left. Its size over change_t divides, where that is more than 1. The jitter
-// moves all nine differences one way in one frame and another way in the next, light that changes goes on: so what the
-// jitter does stays small in the sum. `next` is the row below the pixel's.
+// `held` samples of a history, divided by how much light changes, and holding that, beside the least of the nearest row
+// of the nine texels that tell it. The change: Student's t of the channel that changed most, with the sign of the first
+// one, luminance, and change_kept of what the frame before left. Its size over change_t divides, where that is more
+// than 1. The jitter moves all nine differences one way in one frame and another way in the next, light that changes
+// goes on: so what the jitter does stays small in the sum. `next` is the row below the pixel's.
 STAGE lit history_in_light(real held, plane_in current, boxed_row next, history_in history, plane_in count, footprint f,
     int x, int y, frame_t frame, settings_t settings, kept_light* kept)
 {
@@ -239,5 +237,5 @@ STAGE lit history_in_light(real held, plane_in current, boxed_row next, history_
     const real before = kept_change(nearest_count(count, n, row_stride(frame)));
     const real change = (ta < SPLAT(0.0) ? -t : t) + K(settings.change_kept) * before;
     const real by = greater(quotient(absolute(change), SPLAT(settings.change_t)), SPLAT(1.0));
-    return (lit) { with_change(quotient(held, by), change), least_colour(centre.leasts, below.least) };
+    return (lit) { with_change(quotient(held, by), change), centre.least };
 }

@@ -95,7 +95,7 @@ def with_change_of(count: Array, other: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Lit:
-    """What nine texels say of a history: how many samples it counts for, and the least of each of their channels."""
+    """What nine texels say of a history: the samples it counts for, and each channel's least of the nearest row."""
 
     count: Array
     least: Colour
@@ -107,7 +107,10 @@ def least_colour(a: Colour, b: Colour) -> Colour:
 
 
 def above_lobes(v: Array, least: Array, settings: Record) -> Array:
-    """A channel read between texels, no less than ``lobe_floor`` of their least, or than that where it is negative."""
+    """A channel read between texels, no less than ``lobe_floor`` of the ``least`` of the nearest row of three.
+
+    Where that is negative no less than it. A half is no more than bilinear weights give where light is not negative.
+    """
     return greater(lesser(number(settings["lobe_floor"], v) * least, least), v)
 
 
@@ -123,7 +126,7 @@ def history_in_light(
     settings: Record,
 ) -> Lit:
     """``held`` [H, W] samples of a history, divided by how much light changes, and holding that, beside the least of
-    the nine texels that tell it.
+    the nearest row of the nine texels that tell it.
 
     The change is Student's t of the channel that changed most, negative where luminance falls, and ``change_kept`` of
     the change that the frame before left; its size over ``change_t`` divides, where it is more than 1. ``current`` [3,
@@ -145,12 +148,12 @@ def history_in_light(
         return light_difference(now, (r, g, b), build, frame), np.abs(now[0]), (r, g, b)
 
     rows: list[list[Paired]] = []
-    levels, leasts = [], []
+    levels, texels = [], []
     for j in (-1, 0, 1):
         (left, left_size, a), (own, own_size, b), (right, right_size, c) = (difference(i, j) for i in (-1, 0, 1))
         rows.append([pair_row(left[k], own[k], right[k]) for k in range(3)])
         levels.append((left_size + own_size) + right_size)
-        leasts.append(least_colour(least_colour(a, b), c))
+        texels.append((a, b, c))
     level = (levels[0] + levels[1]) + levels[2]
     floor = number(settings["change_floor"], level)
     least = floor * (level * constant("ONE_THIRD", level)) + constant("TINY", level)
@@ -160,4 +163,5 @@ def history_in_light(
     before = kept_change(history_count[row, column].astype(real))
     change = np.where(ta < number(0.0, level), -t, t) + number(settings["change_kept"], level) * before
     by = greater(np.abs(change) / number(settings["change_t"], level), number(1.0, level))
-    return Lit(with_change(held / by, change), least_colour(least_colour(leasts[0], leasts[1]), leasts[2]))
+    a, b, c = texels[1]
+    return Lit(with_change(held / by, change), least_colour(least_colour(a, b), c))

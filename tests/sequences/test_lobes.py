@@ -48,6 +48,16 @@ def test_it_takes_nothing_off_the_highlight() -> None:
     assert (held[brighter] == free[brighter]).all()
 
 
+def test_half_of_the_least_never_lifts_a_read_without_lobes() -> None:
+    # The nearest row has half of the weight at least, here beside a black texel of the other.
+    kept, free, lifted = (
+        after_a_highlight(WALL, np.float32(0.0), lobe_floor=floor, history_filter="bilinear")
+        for floor in (0.5, 0.0, 1.0)
+    )
+    assert (kept == free).all()
+    assert (lifted != free).any()
+
+
 def test_negative_light_may_be_as_low_as_it_was() -> None:
     plain = np.float32(-0.3)
     assert (after_a_highlight(plain, plain) == plain).all()
