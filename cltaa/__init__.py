@@ -14,28 +14,28 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cltaa.errors import CltaaError
     from cltaa.frames import Camera, Effect, Frame
-    from cltaa.params import Choices, Settings
-    from cltaa.presets import Preset, load_preset
-    from cltaa.resolve import Resolver
-    from cltaa.sequence_plan import plan
-    from cltaa.sources import Sequence, open_sequence
+    from cltaa.inspection.sequence_plan import plan
+    from cltaa.parameters.choices import Choices, Settings
+    from cltaa.parameters.presets import Preset, load_preset
+    from cltaa.resolve.resolver import Resolver
+    from cltaa.sequences.sources import Sequence, open_sequence
 
 __version__ = "0.1.0"
 
 # Public name -> module. Imported on first use, so that ``import cltaa`` loads neither OpenCL nor OpenEXR.
 _HOMES = {
     "Camera": "cltaa.frames",
-    "Choices": "cltaa.params",
+    "Choices": "cltaa.parameters.choices",
     "CltaaError": "cltaa.errors",
     "Effect": "cltaa.frames",
     "Frame": "cltaa.frames",
-    "Preset": "cltaa.presets",
-    "Resolver": "cltaa.resolve",
-    "Sequence": "cltaa.sources",
-    "Settings": "cltaa.params",
-    "load_preset": "cltaa.presets",
-    "open_sequence": "cltaa.sources",
-    "plan": "cltaa.sequence_plan",
+    "Preset": "cltaa.parameters.presets",
+    "Resolver": "cltaa.resolve.resolver",
+    "Sequence": "cltaa.sequences.sources",
+    "Settings": "cltaa.parameters.choices",
+    "load_preset": "cltaa.parameters.presets",
+    "open_sequence": "cltaa.sequences.sources",
+    "plan": "cltaa.inspection.sequence_plan",
 }
 
 __all__ = [

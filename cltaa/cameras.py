@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.exr_layout import Layout
+from cltaa.exr.layout import Layout
 from cltaa.frames import Camera, Matrix
 
 # Depth of the sky as closeness: 1/Z is exactly 0; -Z has no such value, so the farthest usable one stands for it.

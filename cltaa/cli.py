@@ -15,7 +15,7 @@ from cltaa.errors import CltaaError, InternalError, ResourceError, StorageError,
 from cltaa.interrupt import Stop, ends_at_once, ignore_signals, interrupts
 from cltaa.lazy import Entry, LazyGroup
 from cltaa.printable import printable
-from cltaa.views import are_views
+from cltaa.resolve.views import are_views
 
 # A module is imported when its command runs, and not to list it: ``cltaa resolve`` needs no OpenGL, ``cltaa capture``
 # no OpenCL, and ``cltaa --help`` neither.

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import msgspec
 
-from cltaa import kernel_cache
+from cltaa.devices import kernel_cache
+from cltaa.devices.unknown_cpu import cpu_facts, cpu_flags, cpu_name, level_of
 from cltaa.errors import UsageError
-from cltaa.unknown_cpu import cpu_facts, cpu_flags, cpu_name, level_of
 
 # A cold build of every kernel takes about 10 s on one core, 60 s on one that ten others want too; far beyond that a
 # probe hangs.

@@ -9,7 +9,7 @@ import numpy as np
 from cltaa.constants import PAD_X, PAD_Y
 from cltaa.errors import DataError, known
 from cltaa.frames import Camera, Effect, Frame, Matrix
-from cltaa.layout import Layout
+from cltaa.memory.layout import Layout
 
 # Kernels count the texels of a plane in 32 bits, and steps from one to another in 31.
 MOST_TEXELS = 2**31 - 1

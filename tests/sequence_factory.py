@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.exr_write import write_frame, write_image
+from cltaa.exr.write import write_frame, write_image
 from cltaa.frames import Camera, Effect, Frame, Image
 
 WIDTH, HEIGHT = 37, 23

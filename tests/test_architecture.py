@@ -22,11 +22,16 @@ SOURCES = sorted(path for folder in PACKAGES.values() for path in folder.rglob("
 # package -> what it must not import, at any depth of nesting
 FORBIDDEN = {
     "cltaa": {"cltaa_capture", "cltaa_datasets", "OpenGL", "pyrender"},
-    "cltaa_capture": {"pyopencl", "cltaa.device", "cltaa.program", "cltaa.resolve"},
+    "cltaa_capture": {"pyopencl", "cltaa.devices", "cltaa.resolve"},
     "cltaa_datasets": {"cltaa_capture", "OpenGL", "pyrender", "pyopencl"},
 }
+# The packages of cltaa in the order of its data: each imports only those before it. What lies beside them is for all.
+LAYERS = (
+    "memory", "files", "parameters", "exr", "sequences", "pictures", "inputs", "reference", "devices", "planning",
+    "resolve", "judging", "inspection", "checking", "tuning", "bench", "commands",
+)  # fmt: skip
 # The only modules that speak OpenCL.
-SPEAK_OPENCL = {TOP / "cltaa" / "device.py", TOP / "cltaa" / "program.py"}
+SPEAK_OPENCL = {TOP / "cltaa" / "devices" / "device.py", TOP / "cltaa" / "devices" / "program.py"}
 
 VAGUE_NAME = re.compile(r"(?i)(manager|helper|utils?$|utils?_|^common|_common|_misc|^misc)")
 LONGEST_MODULE, LONGEST_FUNCTION = 250, 40  # lines, docs/design.md
@@ -68,6 +73,22 @@ def test_only_commands_use_what_benchmarks_are_made_of(path: Path) -> None:
     # What both a benchmark and the rest need, as timing, lies beside both; only the command line knows of all.
     if not any(path.is_relative_to(PACKAGES["cltaa"] / name) for name in ("bench", "commands")):
         assert [name for name in imported(ast.parse(path.read_text())) if offences(name, {"cltaa.bench"})] == []
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_packages_import_what_comes_before_them(layer: str) -> None:
+    later = {f"cltaa.{name}" for name in LAYERS[LAYERS.index(layer) + 1 :]}
+    upwards = {
+        f"{name_of(path)}: {name}"
+        for path in (PACKAGES["cltaa"] / layer).rglob("*.py")
+        for name in imported(ast.parse(path.read_text()))
+        if offences(name, later)
+    }
+    assert upwards == set()
+
+
+def test_every_package_is_a_layer() -> None:
+    assert {path.parent.name for path in PACKAGES["cltaa"].glob("*/__init__.py")} == set(LAYERS)
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=name_of)

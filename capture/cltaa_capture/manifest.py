@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 from cltaa import __version__
-from cltaa.atomic import atomic_path, make_folder, remove_stale_temporaries
 from cltaa.errors import DataError, UsageError
-from cltaa.file_content import read_text
-from cltaa.manifest import CAPTURE, LARGEST_RECORD, RESTART_CURE, file_sha256
+from cltaa.files.atomic import atomic_path, make_folder, remove_stale_temporaries
+from cltaa.files.content import read_text
+from cltaa.files.manifest import CAPTURE, LARGEST_RECORD, RESTART_CURE, file_sha256
 
 REFERENCE = "reference"
 FORMAT = 1
@@ -92,7 +92,7 @@ class Manifest:
     """The finished files of one capture folder."""
 
     def __init__(self, folder: Path, settings: dict[str, Any], facts: dict[str, Any], *, restart: bool = False) -> None:
-        """Open or begin the manifest of ``folder``, which is this process' own (``cltaa.atomic.owned``).
+        """Open or begin the manifest of ``folder``, which is this process' own (``cltaa.files.atomic.owned``).
 
         ``settings`` decide the pixels: a folder begun with others is refused by a UsageError that names the
         difference, unless ``restart``, which deletes what the folder's own manifest began. ``facts`` are only noted.

@@ -12,12 +12,12 @@ from time import perf_counter
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from cltaa.atomic import make_folder, owned
 from cltaa.errors import CltaaError, ResourceError, UsageError
-from cltaa.exr_header import LARGEST_SIDE
-from cltaa.exr_write import write_frame, write_image
+from cltaa.exr.header import LARGEST_SIDE
+from cltaa.exr.write import write_frame, write_image
+from cltaa.files.atomic import make_folder, owned
+from cltaa.files.manifest import file_sha256
 from cltaa.frames import Effect, Frame, Image, format_effects
-from cltaa.manifest import file_sha256
 from cltaa.printable import counted
 from cltaa_capture.jitter import USUAL, jitter_sequence
 from cltaa_capture.manifest import REFERENCE, Manifest, code_sha256, versions

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import msgspec
 
-from cltaa.atomic import atomic_path, make_folder
 from cltaa.bench.accuracy_results import Accuracy, MeasuredSequence
 from cltaa.bench.accuracy_sequence import Progress, Timing, measure_sequence
 from cltaa.bench.distribution import build_all, path_of, run_all
@@ -17,11 +16,12 @@ from cltaa.bench.environment import environment, load_average, pin_threads, proc
 from cltaa.bench.ladder import Variant
 from cltaa.bench.programs import Program, dearest_first, programs_needed
 from cltaa.bench.variant_errors import Task
-from cltaa.build import Build
-from cltaa.comparison import check_yardsticks, open_yardsticks, truth_of
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.kernel_files import kernel_folder
 from cltaa.errors import DataError, ResourceError, UsageError
-from cltaa.kernel_files import kernel_folder
+from cltaa.files.atomic import atomic_path, make_folder
+from cltaa.judging.comparison import check_yardsticks, open_yardsticks, truth_of
+from cltaa.parameters.build import Build
 
 TIMES = "times"  # folder of what is finished of each sequence
 ERRORS_SHARE = 0.6  # of a limit of time, after which no error is begun and what is complete is timed

@@ -17,11 +17,11 @@ from cltaa.bench.accuracy_results import Accuracy
 from cltaa.bench.distribution import load
 from cltaa.bench.variant_errors import COUNT_WHITE, Task, png
 from cltaa.cameras import closeness
-from cltaa.comparison import truth_of
-from cltaa.display import to_picture
 from cltaa.frames import Frame, Image
-from cltaa.metrics import METRICS
-from cltaa.pictures import heat
+from cltaa.judging.comparison import truth_of
+from cltaa.judging.metrics import METRICS
+from cltaa.pictures.display import to_picture
+from cltaa.pictures.png import heat
 
 _FOLDER = resources.files("cltaa") / "bench" / "page"
 

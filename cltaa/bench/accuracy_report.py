@@ -9,13 +9,13 @@ from typing import Any
 
 import msgspec
 
-from cltaa.atomic import atomic_path
 from cltaa.bench.accuracy_csv import csv_text
 from cltaa.bench.accuracy_results import Accuracy
 from cltaa.bench.overview import table
 from cltaa.bench.plots import write_plots
 from cltaa.errors import DataError, InputMissing
-from cltaa.metrics import METRICS
+from cltaa.files.atomic import atomic_path
+from cltaa.judging.metrics import METRICS
 
 NAME = "accuracy.json"
 

@@ -10,7 +10,7 @@ import numpy as np
 from cltaa.bench.environment import Environment
 from cltaa.bench.ladder import Variant
 from cltaa.bench.variant_errors import Rounding
-from cltaa.metrics import mean
+from cltaa.judging.metrics import mean
 from cltaa.timing import Clock, Interval
 
 

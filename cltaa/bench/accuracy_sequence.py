@@ -15,12 +15,12 @@ from cltaa.bench.distribution import load
 from cltaa.bench.pareto import dominated_by
 from cltaa.bench.variant_errors import Task, yardstick_errors
 from cltaa.bench.variant_times import TURN, Ranking, jobs_of, ranking
-from cltaa.comparison import truth_of, truth_samples
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.equal_quality import STRATIFIED_EXPONENT
+from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.frames import format_effects
-from cltaa.metrics import METRICS
-from cltaa.sources import Sequence as Captured
+from cltaa.judging.comparison import truth_of, truth_samples
+from cltaa.judging.equal_quality import STRATIFIED_EXPONENT
+from cltaa.judging.metrics import METRICS
+from cltaa.sequences.sources import Sequence as Captured
 from cltaa.timing import Clock, Samples, measure
 
 Progress = Callable[[Iterable[Any], int, str, str], Iterable[Any]]

@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.build import Build, Real, Storage, settings_record
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.launch import storage_dtype
 from cltaa.errors import InternalError
-from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame, Image
-from cltaa.launch import storage_dtype
-from cltaa.layout import Layout
-from cltaa.params import Accumulate, Box, Choices, Dilation, Rectify, Reject, Settings
-from cltaa.presets import Preset
-from cltaa.resolve import Resolver
-from cltaa.timed_resolve import device_seconds
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Real, Storage, settings_record
+from cltaa.parameters.choices import Accumulate, Box, Choices, Dilation, Rectify, Reject, Settings
+from cltaa.parameters.presets import Preset
+from cltaa.resolve.frame_record import Past, frame_record
+from cltaa.resolve.resolver import Resolver
+from cltaa.resolve.timed_resolve import device_seconds
 from cltaa.timing import Job
 
 BASELINE = Preset(

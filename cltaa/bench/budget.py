@@ -9,11 +9,11 @@ from pathlib import Path
 
 import msgspec
 
-from cltaa.atomic import atomic_path, make_folder
 from cltaa.bench.accuracy_results import Accuracy, Cell
 from cltaa.bench.ladder import Variant
 from cltaa.errors import DataError, UsageError
-from cltaa.metrics import METRICS
+from cltaa.files.atomic import atomic_path, make_folder
+from cltaa.judging.metrics import METRICS
 from cltaa.printable import counted
 from cltaa.timing import Clock
 

@@ -19,13 +19,13 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from cltaa.atomic import atomic_path, make_folder
 from cltaa.bench.environment import processors
 from cltaa.bench.programs import Program
 from cltaa.bench.variant_errors import Errors, Task, opened, run_task
+from cltaa.devices.launch import WISH
 from cltaa.errors import DataError, ResourceError, UsageError
 from cltaa.extras import import_extra
-from cltaa.launch import WISH
+from cltaa.files.atomic import atomic_path, make_folder
 
 FOLDER = "tasks"
 RETRIES = 3  # of a task whose worker was lost

@@ -14,13 +14,13 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.launch import Launcher
 from cltaa.frames import Frame, format_effects
-from cltaa.launch import Launcher
-from cltaa.planning import Plan, with_effects
-from cltaa.presets import Preset
-from cltaa.resolve import Resolver
-from cltaa.sources import Sequence
+from cltaa.parameters.presets import Preset
+from cltaa.planning.frame_plan import Plan, with_effects
+from cltaa.resolve.resolver import Resolver
+from cltaa.sequences.sources import Sequence
 from cltaa.timing import Clock, Interval, Job, Samples, measure
 
 WAYS = PLANNED, EVERY, ALL = "as planned", "every step", "all effects"

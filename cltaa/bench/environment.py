@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from cltaa import __version__
-from cltaa.unknown_cpu import cpu_flags, cpu_name
+from cltaa.devices.unknown_cpu import cpu_flags, cpu_name
 
 # What of the CPU decides the speed of vector code, among its hundred flags.
 TELLING_FLAGS = ("sse4_2", "avx", "avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512_fp16", "asimd", "sve")

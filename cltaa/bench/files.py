@@ -14,24 +14,24 @@ from tempfile import TemporaryDirectory
 import msgspec
 import numpy as np
 
-from cltaa.allocator import kept_memory
-from cltaa.atomic import make_folder
 from cltaa.bench.environment import Environment, environment, load_average, processors
-from cltaa.build import Build
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.exr_channels import Pixels
-from cltaa.exr_read import read_image
-from cltaa.exr_write import write_image
-from cltaa.halves import image_channels
-from cltaa.kernel_files import kernel_folder
-from cltaa.openexr import OpenEXR
-from cltaa.output import OutputFolder, Source
-from cltaa.pipeline import resolve_sequence
-from cltaa.presets import Preset
-from cltaa.reading import reads
-from cltaa.resolve import Resolver
-from cltaa.sources import Sequence as Captured
-from cltaa.streams import ReadAhead, Writer
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.kernel_files import kernel_folder
+from cltaa.exr.channels import Pixels
+from cltaa.exr.openexr import OpenEXR
+from cltaa.exr.read import read_image
+from cltaa.exr.write import write_image
+from cltaa.files.atomic import make_folder
+from cltaa.memory.allocator import kept_memory
+from cltaa.parameters.build import Build
+from cltaa.parameters.presets import Preset
+from cltaa.resolve.halves import image_channels
+from cltaa.resolve.output import OutputFolder, Source
+from cltaa.resolve.pipeline import resolve_sequence
+from cltaa.resolve.reading import reads
+from cltaa.resolve.resolver import Resolver
+from cltaa.sequences.sources import Sequence as Captured
+from cltaa.sequences.streams import ReadAhead, Writer
 from cltaa.timing import Interval, Job, Progress, interval, measure
 
 # Those that lose nothing and that most programs read; zstd is new.

@@ -13,18 +13,18 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from cltaa.bands import BAND_ROWS, BandedResolver
 from cltaa.bench.environment import Environment, environment, load_average
 from cltaa.bench.frames import EFFECTS, Motion, camera_at
-from cltaa.build import Build, Steps, Storage
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.kernel_files import kernel_folder
+from cltaa.devices.launch import Buffer
 from cltaa.frames import Frame
-from cltaa.kernel_files import kernel_folder
-from cltaa.launch import Buffer
-from cltaa.memory import device_bytes
-from cltaa.presets import Preset
-from cltaa.resolve import Resolver
-from cltaa.timed_resolve import device_seconds
+from cltaa.parameters.build import Build, Steps, Storage
+from cltaa.parameters.presets import Preset
+from cltaa.planning.memory import device_bytes
+from cltaa.resolve.bands import BAND_ROWS, BandedResolver
+from cltaa.resolve.resolver import Resolver
+from cltaa.resolve.timed_resolve import device_seconds
 from cltaa.timing import Clock, Interval, Job, Progress, measure
 
 SIZES = (256, 512, 1024, 2048, 4096, 8192)
@@ -46,7 +46,7 @@ class Growth(msgspec.Struct, frozen=True, kw_only=True):
     least_ns: float
     ratio: Interval
     allocated: int  # bytes on the device
-    formula: int  # what cltaa.memory says
+    formula: int  # what cltaa.planning.memory says
 
 
 class GrowthBench(msgspec.Struct, frozen=True, kw_only=True):

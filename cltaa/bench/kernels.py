@@ -10,14 +10,14 @@ from cltaa.bench.baseline import BASELINE, BORDER, PlainPort, check_same, copy_j
 from cltaa.bench.environment import Environment, environment, load_average
 from cltaa.bench.frames import Motion, make_frames
 from cltaa.bench.shader import Shader
-from cltaa.build import Build, Storage
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.kernel_files import kernel_folder
 from cltaa.errors import CltaaError, InternalError, UsageError
 from cltaa.frames import Frame, Image
-from cltaa.kernel_files import kernel_folder
-from cltaa.presets import Preset
-from cltaa.resolve import Resolver
-from cltaa.timed_resolve import resolve_job
+from cltaa.parameters.build import Build, Storage
+from cltaa.parameters.presets import Preset
+from cltaa.resolve.resolver import Resolver
+from cltaa.resolve.timed_resolve import resolve_job
 from cltaa.timing import Clock, Interval, Job, Progress, Samples, measure, too_noisy
 
 CORE, COPY, ORACLE = "core", "copy", "oracle"

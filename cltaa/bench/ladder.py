@@ -1,7 +1,8 @@
 """The ladder: every variant of the resolve whose error and time ``cltaa bench accuracy`` measures.
 
-One step is changed at a time, so that each bar of the ablation has one cause; whatever is added to the choices or the
-storages of ``cltaa.params`` and ``cltaa.build`` is on the ladder by itself. ``combinations`` is the grid for the front.
+One step is changed at a time, so that each bar of the ablation has one cause; whatever is added to the choices
+(``cltaa.parameters.choices``) or the storages (``cltaa.parameters.build``) is on the ladder by itself. ``combinations``
+is the grid for the front.
 """
 
 from __future__ import annotations
@@ -12,11 +13,21 @@ from typing import Any
 
 import msgspec
 
-from cltaa.build import STORAGES, Build, Real, Storage
-from cltaa.launch import Launcher
-from cltaa.params import Accumulate, Box, Choices, Dilation, HistoryFilter, Neighbourhood, Rectify, Reject, Settings
-from cltaa.presets import Preset
-from cltaa.resolve import Resolver
+from cltaa.devices.launch import Launcher
+from cltaa.parameters.build import STORAGES, Build, Real, Storage
+from cltaa.parameters.choices import (
+    Accumulate,
+    Box,
+    Choices,
+    Dilation,
+    HistoryFilter,
+    Neighbourhood,
+    Rectify,
+    Reject,
+    Settings,
+)
+from cltaa.parameters.presets import Preset
+from cltaa.resolve.resolver import Resolver
 
 DEFAULT, PRESETS, COMBINATIONS = "default", "preset", "combination"
 

@@ -8,12 +8,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from cltaa.atomic import atomic_path
 from cltaa.bench.accuracy_results import Accuracy, Cell, MeasuredSequence
 from cltaa.bench.ladder import COMBINATIONS, DEFAULT, PRESETS
 from cltaa.bench.overview import overview_figure
 from cltaa.extras import import_extra
-from cltaa.metrics import METRICS
+from cltaa.files.atomic import atomic_path
+from cltaa.judging.metrics import METRICS
 from cltaa.timing import Clock
 
 FORMATS = ("svg", "png")

@@ -15,14 +15,14 @@ import numpy as np
 
 from cltaa.bench.variant_errors import Task
 from cltaa.bench.variant_times import enlargement
-from cltaa.build import Build
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.numpy_launcher import NumpyLauncher
+from cltaa.devices.program import source
 from cltaa.frames import Frame
-from cltaa.layout import Layout
-from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.program import source
-from cltaa.sources import Sequence as Captured
-from cltaa.timed_resolve import resolve_job, timed_numbers
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build
+from cltaa.resolve.timed_resolve import resolve_job, timed_numbers
+from cltaa.sequences.sources import Sequence as Captured
 
 
 class Program(msgspec.Struct, frozen=True, kw_only=True):

@@ -11,22 +11,22 @@ import msgspec
 import numpy as np
 
 from cltaa.bench.redrawn import redrawn_of
-from cltaa.comparison import truth_of, truth_samples
-from cltaa.correspondence import Mask
-from cltaa.detail import import_ndimage
-from cltaa.display import shown_light, to_display
-from cltaa.equal_quality import equal_quality_samples
+from cltaa.devices.launch import Launcher
 from cltaa.errors import DataError
 from cltaa.frames import Image
-from cltaa.launch import Launcher
-from cltaa.metrics import display_flip, display_ssim, mean, mse, named_metrics, psnr
-from cltaa.presets import Preset
+from cltaa.judging.comparison import truth_of, truth_samples
+from cltaa.judging.correspondence import Mask
+from cltaa.judging.detail import import_ndimage
+from cltaa.judging.equal_quality import equal_quality_samples
+from cltaa.judging.metrics import display_flip, display_ssim, mean, mse, named_metrics, psnr
+from cltaa.judging.video_scores import Sums, VideoScores
+from cltaa.parameters.presets import Preset
+from cltaa.pictures.display import shown_light, to_display
 from cltaa.progress import track
-from cltaa.resolve import Resolver
-from cltaa.sources import ImageSequence
-from cltaa.sources import Sequence as Captured
-from cltaa.streams import read_ahead
-from cltaa.video_scores import Sums, VideoScores
+from cltaa.resolve.resolver import Resolver
+from cltaa.sequences.sources import ImageSequence
+from cltaa.sequences.sources import Sequence as Captured
+from cltaa.sequences.streams import read_ahead
 
 ONE_SAMPLE = "one sample"  # what was captured, judged beside its resolves
 LEAST_FRESH = 100  # uncovered pixels for a score: with fewer, single samples at other places score 0.3 to 7

@@ -14,7 +14,7 @@ from cltaa.bench.redrawn import REDRAWN, redrawn_of
 from cltaa.child_command import run_cltaa
 from cltaa.errors import CltaaError, InputMissing, UsageError, known
 from cltaa.frames import Effect
-from cltaa.sources import Sequence, open_sequence
+from cltaa.sequences.sources import Sequence, open_sequence
 
 TRAIN, HELD_OUT, GIVEN = "train", "held-out", "given"
 MODEL = "file:"  # begins the name of a scene that is a model's path

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import msgspec
 
-from cltaa.atomic import atomic_path, make_folder
 from cltaa.bench.quality import Judged
 from cltaa.bench.redrawn import REDRAWN, redrawn_of
-from cltaa.kernel_files import code_sha256
-from cltaa.manifest import file_sha256, recorded_hashes
-from cltaa.presets import Preset
-from cltaa.sources import Sequence
+from cltaa.devices.kernel_files import code_sha256
+from cltaa.files.atomic import atomic_path, make_folder
+from cltaa.files.manifest import file_sha256, recorded_hashes
+from cltaa.parameters.presets import Preset
+from cltaa.sequences.sources import Sequence
 
 FORMAT = 2  # of the file and of the way to judge
 

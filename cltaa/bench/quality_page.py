@@ -7,10 +7,10 @@ import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from cltaa.atomic import atomic_path
 from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Column
 from cltaa.bench.quality_summary import DEFAULT, Row, Table, best_engine, highest_tier, ordered, published, score
 from cltaa.errors import DataError, InputMissing
+from cltaa.files.atomic import atomic_path
 
 BEGIN, END = "<!-- cltaa bench quality: begin -->", "<!-- cltaa bench quality: end -->"
 OVERVIEW = ("flip", "samples")  # the scores of the table that has a line a scene

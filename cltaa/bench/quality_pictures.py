@@ -9,18 +9,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cltaa.atomic import make_folder
 from cltaa.bench.quality import COLUMNS, ONE_SAMPLE
 from cltaa.bench.quality_summary import DEFAULT, Row, Table
-from cltaa.detail import import_ndimage
-from cltaa.display import Picture, to_picture
+from cltaa.devices.launch import Launcher
+from cltaa.files.atomic import make_folder
 from cltaa.frames import Image
-from cltaa.launch import Launcher
-from cltaa.pictures import GAP, error_map, label, write_png
-from cltaa.presets import Preset, load_preset, preset_names
+from cltaa.judging.detail import import_ndimage
+from cltaa.parameters.presets import Preset, load_preset, preset_names
+from cltaa.pictures.display import Picture, to_picture
+from cltaa.pictures.png import GAP, error_map, label, write_png
 from cltaa.progress import track
-from cltaa.resolve import Resolver
-from cltaa.sources import Sequence as Captured
+from cltaa.resolve.resolver import Resolver
+from cltaa.sequences.sources import Sequence as Captured
 
 SHARE = 4  # the crop's side is this part of the image's height
 ZOOM = 5

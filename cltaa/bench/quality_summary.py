@@ -11,8 +11,8 @@ import msgspec
 
 from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged
 from cltaa.bench.quality_cases import Case
-from cltaa.metrics import mean_psnr
-from cltaa.presets import Published, load_preset, preset_names
+from cltaa.judging.metrics import mean_psnr
+from cltaa.parameters.presets import Published, load_preset, preset_names
 
 DEFAULT = "default"
 LADDER = re.compile(r"t\d(-200)?")  # in the order of their names: t3, t3-200, t4

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from cltaa.numbered import check_same_size
-from cltaa.sources import ImageSequence, Sequence, open_images
+from cltaa.sequences.numbered import check_same_size
+from cltaa.sequences.sources import ImageSequence, Sequence, open_images
 
 REDRAWN = "again"  # folder of such a capture, inside the sequence's
 

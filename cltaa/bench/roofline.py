@@ -7,9 +7,9 @@ from pathlib import Path
 
 import msgspec
 
-from cltaa.atomic import atomic_path
 from cltaa.bench.kernels import COPY, KernelBench
 from cltaa.bench.plots import import_pyplot
+from cltaa.files.atomic import atomic_path
 
 # Additions, multiplications (a fused one: two), divisions, roots and comparisons that keep the greater or lesser, a
 # pixel: counted in the machine code of t2 that runs under uniform motion (PoCL 3.0, 16 lanes, 2026-11-21).

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from cltaa.bench.baseline import BASELINE
-from cltaa.build import Storage
 from cltaa.errors import DeviceMissing
 from cltaa.extras import import_extra
-from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Frame, Image
-from cltaa.layout import Layout
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Storage
+from cltaa.resolve.frame_record import Past, frame_record
 
 _FOLDER = resources.files("cltaa") / "bench"
 

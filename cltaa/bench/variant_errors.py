@@ -20,19 +20,19 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 
 from cltaa.bench.ladder import Variant
-from cltaa.build import Build, Real, Storage
-from cltaa.comparison import open_yardsticks, truth_of
-from cltaa.display import Picture, to_picture
+from cltaa.devices.kernel_files import code_sha256
+from cltaa.devices.launch import WISH, Buffer, Launcher, launcher_for
+from cltaa.devices.numpy_launcher import NumpyLauncher
 from cltaa.frames import Frame, Image
 from cltaa.inputs.opening import open_measured
-from cltaa.kernel_files import code_sha256
-from cltaa.launch import WISH, Buffer, Launcher, launcher_for
-from cltaa.layout import Layout
-from cltaa.metrics import METRICS, flip_map, measure
-from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.pictures import heat
-from cltaa.resolve import Resolver
-from cltaa.sources import Sequence, open_images
+from cltaa.judging.comparison import open_yardsticks, truth_of
+from cltaa.judging.metrics import METRICS, flip_map, measure
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Real, Storage
+from cltaa.pictures.display import Picture, to_picture
+from cltaa.pictures.png import heat
+from cltaa.resolve.resolver import Resolver
+from cltaa.sequences.sources import Sequence, open_images
 
 KEY_DIGITS = 16  # hexadecimal
 COUNT_WHITE = 32  # samples in the history that the picture of them shows white

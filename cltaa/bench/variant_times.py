@@ -12,10 +12,10 @@ import numpy as np
 from cltaa.bench.baseline import least_bytes
 from cltaa.bench.ladder import Variant
 from cltaa.bench.variant_errors import Task
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.frames import Frame, Image
-from cltaa.sources import Sequence as Captured
-from cltaa.timed_resolve import device_seconds, resolve_job, timed_frames
+from cltaa.resolve.timed_resolve import device_seconds, resolve_job, timed_frames
+from cltaa.sequences.sources import Sequence as Captured
 from cltaa.timing import Clock, Interval, Job, Samples, too_noisy_among
 
 CONTROL = "(A/A)"

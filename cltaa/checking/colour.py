@@ -10,7 +10,7 @@ from cltaa.cameras import is_still
 from cltaa.checking.finding import Finding
 from cltaa.checking.signal import Vector
 from cltaa.frames import Frame
-from cltaa.srgb import encoded
+from cltaa.pictures.srgb import encoded
 
 # In linear light a scene that is lit from outside reaches down to its dark paints in shade, some hundredths of its
 # white; the sRGB curve lifts these above a tenth (0.01 to 0.1, 0.05 to 0.25), and squeezes everything below 1.

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from cltaa.checking.finding import Finding
-from cltaa.exr_layout import LOSSLESS
-from cltaa.frame_numbers import ranges
+from cltaa.exr.layout import LOSSLESS
 from cltaa.inputs.intake import Intake
 from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.roles import shown_name
 from cltaa.printable import counted
+from cltaa.sequences.frame_numbers import ranges
 
 
 def check_files(intake: Intake) -> list[Finding]:

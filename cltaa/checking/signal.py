@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.display import LUMA
 from cltaa.frames import Image
+from cltaa.pictures.display import LUMA
 
 Vector = NDArray[np.float64]
 Points = tuple[NDArray[np.int64], NDArray[np.int64]]  # columns and rows

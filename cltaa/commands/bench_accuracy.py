@@ -13,7 +13,6 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from cltaa.atomic import make_folder
 from cltaa.bench.accuracy import bench_accuracy, build_programs, tasks_of
 from cltaa.bench.accuracy_page import page
 from cltaa.bench.accuracy_report import write_report
@@ -26,10 +25,11 @@ from cltaa.bench.plots import import_pyplot
 from cltaa.bench.variant_errors import Task
 from cltaa.commands.options import FILE_PATH, NAMES, PRESET, device_option, json_option, step_option
 from cltaa.commands.tables import print_table
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.errors import UsageError, known
-from cltaa.metrics import parse_metrics
-from cltaa.presets import load_preset, preset_names
+from cltaa.files.atomic import make_folder
+from cltaa.judging.metrics import parse_metrics
+from cltaa.parameters.presets import load_preset, preset_names
 from cltaa.printable import counted, json_of, printable, shown
 from cltaa.progress import track
 from cltaa.timing import Clock

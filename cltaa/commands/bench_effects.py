@@ -12,12 +12,12 @@ from cltaa.bench.effects import EffectRow, cells, judge_effects, line, markdown
 from cltaa.bench.quality_cases import check_scenes, known_scenes
 from cltaa.child_command import run_cltaa
 from cltaa.commands.options import FILE_PATH, PRESET, SIZE, device_option, json_option
+from cltaa.devices.launch import launcher_for
 from cltaa.errors import DataError
 from cltaa.frames import Frame
-from cltaa.launch import launcher_for
 from cltaa.printable import json_of
 from cltaa.progress import track
-from cltaa.sources import open_sequence
+from cltaa.sequences.sources import open_sequence
 
 
 @click.command("effects")

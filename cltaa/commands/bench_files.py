@@ -12,11 +12,11 @@ from cltaa.bench.files import CODECS, FilesBench, bench_files
 from cltaa.commands.options import FILE_PATH, FROM_1, NAMES, PRESET, device_option, json_option, step_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
-from cltaa.exr_layout import LOSSLESS
-from cltaa.presets import load_preset
+from cltaa.exr.layout import LOSSLESS
+from cltaa.parameters.presets import load_preset
 from cltaa.printable import counted, json_of
 from cltaa.progress import track
-from cltaa.sources import open_capture
+from cltaa.sequences.sources import open_capture
 from cltaa.timing import Interval
 
 

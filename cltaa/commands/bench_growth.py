@@ -6,14 +6,14 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from cltaa.bands import BAND_ROWS
 from cltaa.bench.growth import FLAT, REFERENCE, SIZES, GrowthBench, bench_growth
 from cltaa.commands.options import FROM_1, PRESET, device_option, json_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
-from cltaa.presets import load_preset
+from cltaa.parameters.presets import load_preset
 from cltaa.printable import json_of
 from cltaa.progress import track
+from cltaa.resolve.bands import BAND_ROWS
 
 
 @click.command("growth")

@@ -8,10 +8,10 @@ from rich.table import Table
 
 from cltaa.bench.frames import Motion
 from cltaa.bench.kernels import KernelBench, Row, Timing, bench_kernels
-from cltaa.build import STORAGES, Storage
 from cltaa.commands.options import PRESET, SIZE, device_option, json_option
 from cltaa.commands.tables import print_table
-from cltaa.presets import load_preset
+from cltaa.parameters.build import STORAGES, Storage
+from cltaa.parameters.presets import load_preset
 from cltaa.printable import json_of
 from cltaa.progress import track
 from cltaa.timing import Interval

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
-from cltaa.atomic import make_folder
 from cltaa.bench.accuracy_report import falling_metrics, merged, read_report, write_report
 from cltaa.bench.overview import table
 from cltaa.commands.options import FILE_PATH, json_option
 from cltaa.errors import UsageError
+from cltaa.files.atomic import make_folder
 from cltaa.printable import json_of
 
 

@@ -41,13 +41,13 @@ from cltaa.commands.options import (
     json_option,
     step_option,
 )
-from cltaa.comparison import truth_of, truth_samples
+from cltaa.devices.launch import Launcher, launcher_for
 from cltaa.errors import UsageError
 from cltaa.inputs.opening import open_measured
-from cltaa.launch import Launcher, launcher_for
-from cltaa.presets import Preset, load_preset, preset_names
+from cltaa.judging.comparison import truth_of, truth_samples
+from cltaa.parameters.presets import Preset, load_preset, preset_names
 from cltaa.printable import json_of
-from cltaa.sources import Sequence
+from cltaa.sequences.sources import Sequence
 
 NARROWEST = 160  # columns of the terminal, so that no number is cut off
 

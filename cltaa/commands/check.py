@@ -8,10 +8,10 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from cltaa.atomic import atomic_path, check_creatable
 from cltaa.checking.report import FRAMES, Report, check_folder, profile_options
 from cltaa.commands.options import FILE_PATH, input_options, json_option
 from cltaa.errors import DataError
+from cltaa.files.atomic import atomic_path, check_creatable
 from cltaa.inputs.profile_text import toml_text
 from cltaa.printable import counted, json_of, shown
 

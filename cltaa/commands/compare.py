@@ -10,19 +10,19 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from cltaa.atomic import make_folder
 from cltaa.commands.options import FILE_PATH, FRAME_RANGE, STOPS, input_options, json_option, verify_option
 from cltaa.commands.tables import print_table
-from cltaa.comparison import Comparison, equal_quality, pair_up
 from cltaa.errors import UsageError
-from cltaa.frame_numbers import even_step
-from cltaa.heat_maps import measure_map, stale_maps, write_map
-from cltaa.metrics import DEFAULT_METRICS, METRICS, Metric, mean, measure, parse_metrics
+from cltaa.files.atomic import make_folder
+from cltaa.judging.comparison import Comparison, equal_quality, pair_up
+from cltaa.judging.heat_maps import measure_map, stale_maps, write_map
+from cltaa.judging.metrics import DEFAULT_METRICS, METRICS, Metric, mean, measure, parse_metrics
+from cltaa.judging.same_scene import doubts
+from cltaa.judging.video_scores import SCORES, VideoScores
 from cltaa.printable import json_of, printable, shown
 from cltaa.progress import track
-from cltaa.same_scene import doubts
-from cltaa.streams import read_ahead
-from cltaa.video_scores import SCORES, VideoScores
+from cltaa.sequences.frame_numbers import even_step
+from cltaa.sequences.streams import read_ahead
 
 Values = dict[str, float]
 

@@ -13,17 +13,17 @@ from rich.table import Table
 
 from cltaa.child_command import call_cltaa
 from cltaa.commands.options import FILE_PATH, SCENE, SIZE, device_option, json_option
-from cltaa.equal_quality import equal_quality_samples
 from cltaa.errors import UsageError
 from cltaa.frames import Image
-from cltaa.metrics import METRICS, mean, measure, named_metrics
-from cltaa.outcome import Outcome
-from cltaa.pictures import side_by_side, write_image_png, write_png
-from cltaa.pipeline import resolve_sequence
+from cltaa.judging.equal_quality import equal_quality_samples
+from cltaa.judging.metrics import METRICS, mean, measure, named_metrics
+from cltaa.pictures.png import side_by_side, write_image_png, write_png
+from cltaa.pictures.video import import_av, write_side_by_side
 from cltaa.printable import counted, json_of, shown
-from cltaa.resolve import Resolver
-from cltaa.sources import ImageSequence, open_images, open_sequence
-from cltaa.video import import_av, write_side_by_side
+from cltaa.resolve.outcome import Outcome
+from cltaa.resolve.pipeline import resolve_sequence
+from cltaa.resolve.resolver import Resolver
+from cltaa.sequences.sources import ImageSequence, open_images, open_sequence
 
 SETTLED = 8  # frames after which the history is full enough to be judged
 FLIP_EVERY = 8  # FLIP takes longer than the resolve, so only every so many-th frame is judged by it

@@ -15,12 +15,12 @@ from cltaa.commands.options import FILE_PATH, PRESET, chosen_effects, input_opti
 from cltaa.errors import DataError
 from cltaa.inputs.description import Description, describe_input
 from cltaa.inputs.opening import is_own, open_input
-from cltaa.inspection import inspect_folder
-from cltaa.pixel_statistics import ChannelStatistics
+from cltaa.inspection.facts import Inspection
+from cltaa.inspection.findings import inspect_folder
 from cltaa.printable import counted, json_of, printable, shown
 from cltaa.progress import shown_progress
-from cltaa.sequence_facts import Inspection
-from cltaa.sources import Sequence
+from cltaa.sequences.pixel_statistics import ChannelStatistics
+from cltaa.sequences.sources import Sequence
 
 
 @click.command()
@@ -80,7 +80,7 @@ def inspect(
 
 def _plan(source: Sequence, preset: str, device: str | None, effects: str, as_json: bool) -> None:
     from cltaa.commands.plan_table import print_plan  # here: these load OpenCL, and a look at headers must not
-    from cltaa.sequence_plan import plan
+    from cltaa.inspection.sequence_plan import plan
 
     if source.notes:
         click.echo("\n".join(map(printable, source.notes)), err=True)

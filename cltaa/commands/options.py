@@ -109,7 +109,7 @@ class _WholeNumbers(_Tuple):
 
 # What lists the names is imported when a shell asks: no command needs it before it runs.
 def _presets() -> list[str]:
-    from cltaa.presets import preset_names
+    from cltaa.parameters.presets import preset_names
 
     return preset_names()
 
@@ -121,7 +121,7 @@ def _profiles() -> list[str]:
 
 
 def _kernels() -> list[str]:
-    from cltaa.kernel_files import kernel_names
+    from cltaa.devices.kernel_files import kernel_names
 
     return kernel_names()
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table
 
+from cltaa.inspection.sequence_plan import Section, SequencePlan
 from cltaa.printable import counted, shown
-from cltaa.sequence_plan import Section, SequencePlan
 
 
 def print_plan(plan: SequencePlan) -> None:

@@ -14,8 +14,8 @@ from rich.table import Table
 
 from cltaa.commands.options import PRESET, json_option
 from cltaa.errors import UsageError
-from cltaa.params import Choices, Settings
-from cltaa.presets import Preset, allowed, load_preset, preset_names
+from cltaa.parameters.choices import Choices, Settings
+from cltaa.parameters.presets import Preset, allowed, load_preset, preset_names
 from cltaa.printable import json_of
 
 

@@ -7,10 +7,6 @@ from pathlib import Path
 import click
 from msgspec.structs import replace
 
-from cltaa.bands import resolver_for
-from cltaa.build import STORAGES, Storage
-from cltaa.carried_over import carried_compression
-from cltaa.checkpoint import CHECKPOINT_EVERY
 from cltaa.commands.options import (
     FILE_PATH,
     FRAME_RANGE,
@@ -21,16 +17,20 @@ from cltaa.commands.options import (
     json_option,
     verify_option,
 )
+from cltaa.devices.launch import launcher_for
 from cltaa.errors import UsageError
-from cltaa.frame_numbers import OnBreak
 from cltaa.inputs.opening import open_input
-from cltaa.launch import launcher_for
-from cltaa.outcome import Outcome, stage_rows
-from cltaa.pipeline import resolve_sequence
-from cltaa.presets import Preset, load_config, load_preset, override
+from cltaa.parameters.build import STORAGES, Storage
+from cltaa.parameters.presets import Preset, load_config, load_preset, override
 from cltaa.printable import counted, json_of, printable, shown
-from cltaa.sources import Sequence
-from cltaa.views import View, parse_views
+from cltaa.resolve.bands import resolver_for
+from cltaa.resolve.carried_over import carried_compression
+from cltaa.resolve.checkpoint import CHECKPOINT_EVERY
+from cltaa.resolve.outcome import Outcome, stage_rows
+from cltaa.resolve.pipeline import resolve_sequence
+from cltaa.resolve.views import View, parse_views
+from cltaa.sequences.frame_numbers import OnBreak
+from cltaa.sequences.sources import Sequence
 
 
 @click.command(

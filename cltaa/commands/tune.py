@@ -7,16 +7,16 @@ from pathlib import Path
 
 import click
 
-from cltaa.atomic import atomic_path, check_creatable
 from cltaa.commands.options import FILE_PATH, PRESET, json_option, step_option
+from cltaa.devices.launch import launcher_for
 from cltaa.errors import UsageError
+from cltaa.files.atomic import atomic_path, check_creatable
 from cltaa.inputs.opening import open_measured
-from cltaa.launch import launcher_for
-from cltaa.presets import load_preset
+from cltaa.parameters.presets import load_preset
 from cltaa.printable import counted, json_of, printable
 from cltaa.progress import track
-from cltaa.tune import Tuned, preset_text, tune
-from cltaa.tune_goal import parse_goal
+from cltaa.tuning.goal import parse_goal
+from cltaa.tuning.search import Tuned, preset_text, tune
 
 
 @click.command("tune")

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from cltaa.frames import Camera, Image, Matrix
 from cltaa.inputs.profile import Cameras, Depth, DepthKind, Encoding, Jitter, Motion, Units
-from cltaa.srgb import decoded
+from cltaa.pictures.srgb import decoded
 
 Offset = tuple[float, float]
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cltaa.cameras import of_region
-from cltaa.exr_layout import Layout
+from cltaa.exr.layout import Layout
 from cltaa.frames import Camera, Matrix
 from cltaa.inputs.convert import Offset, jitter_px, mended_camera, standard_camera
 from cltaa.inputs.profile import Cameras, Profile

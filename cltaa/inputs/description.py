@@ -8,12 +8,12 @@ from pathlib import Path
 import msgspec
 
 from cltaa.errors import CltaaError
-from cltaa.exr_channels import frame_planes
-from cltaa.frame_numbers import ranges
+from cltaa.exr.channels import frame_planes
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import open_with_gaps
 from cltaa.inputs.roles import shown_name
-from cltaa.pixel_statistics import ChannelStatistics, pixel_problems
+from cltaa.sequences.frame_numbers import ranges
+from cltaa.sequences.pixel_statistics import ChannelStatistics, pixel_problems
 
 
 class Description(msgspec.Struct, kw_only=True):

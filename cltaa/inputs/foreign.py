@@ -14,18 +14,18 @@ import numpy as np
 
 from cltaa.cameras import of_region
 from cltaa.errors import DataError
-from cltaa.exr_attributes import MATRICES
-from cltaa.exr_channels import Pixels
+from cltaa.exr.attributes import MATRICES
+from cltaa.exr.channels import Pixels
+from cltaa.files.manifest import file_sha256, recorded_hashes
 from cltaa.frame_checks import check_camera
-from cltaa.frame_numbers import OnBreak, name_of
 from cltaa.frames import Camera, Effect, Frame, Image
-from cltaa.haloed import haloed
 from cltaa.inputs.convert import linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.intake import Intake, intake_lines
 from cltaa.inputs.parts import read_any_header, read_planes
 from cltaa.inputs.roles import KEYS
-from cltaa.manifest import file_sha256, recorded_hashes
-from cltaa.sources import CHANNEL_OF, NO_PIXELS, ImageSequence, Sequence
+from cltaa.memory.haloed import haloed
+from cltaa.sequences.frame_numbers import OnBreak, name_of
+from cltaa.sequences.sources import CHANNEL_OF, NO_PIXELS, ImageSequence, Sequence
 
 
 class ForeignSequence(Sequence):

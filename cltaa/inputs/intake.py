@@ -10,9 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from cltaa.errors import DataError, InputMissing, UsageError
-from cltaa.exr_layout import Layout
-from cltaa.exr_read import ImageHeader
-from cltaa.frame_numbers import (
+from cltaa.exr.layout import Layout
+from cltaa.exr.read import ImageHeader
+from cltaa.inputs.declared import Declared, declared_frames
+from cltaa.inputs.guess import guessed_profile, no_colour
+from cltaa.inputs.notes import notes_of
+from cltaa.inputs.parts import read_any_header
+from cltaa.inputs.profile import Profile, load_profile
+from cltaa.inputs.profile_text import override
+from cltaa.inputs.roles import KEYS, Place, Roles, assign, describe, file_sets, shown_name
+from cltaa.inputs.side_file import Side, read_side_file
+from cltaa.sequences.frame_numbers import (
     FrameRange,
     OnBreak,
     check_steps,
@@ -24,15 +32,7 @@ from cltaa.frame_numbers import (
     ranges,
     renumbered,
 )
-from cltaa.inputs.declared import Declared, declared_frames
-from cltaa.inputs.guess import guessed_profile, no_colour
-from cltaa.inputs.notes import notes_of
-from cltaa.inputs.parts import read_any_header
-from cltaa.inputs.profile import Profile, load_profile
-from cltaa.inputs.profile_text import override
-from cltaa.inputs.roles import KEYS, Place, Roles, assign, describe, file_sets, shown_name
-from cltaa.inputs.side_file import Side, read_side_file
-from cltaa.numbered import check_size
+from cltaa.sequences.numbered import check_size
 
 
 @dataclass(slots=True)

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from cltaa.errors import DataError, UsageError
-from cltaa.exr_channels import COLOUR
-from cltaa.exr_outline import read_layout
+from cltaa.exr.channels import COLOUR
+from cltaa.exr.outline import read_layout
 from cltaa.inputs.parts import read_any_header
-from cltaa.sources import Sequence, open_capture
+from cltaa.sequences.sources import Sequence, open_capture
 
 
 def open_input(

@@ -6,13 +6,13 @@ import struct
 from pathlib import Path
 
 from cltaa.errors import DataError
-from cltaa.exr_channels import Pixels
-from cltaa.exr_header import MULTI_PART
-from cltaa.exr_layout import Layout, shared_window
-from cltaa.exr_outline import parse_parts, read_outline
-from cltaa.exr_read import ImageHeader, open_content, read_header, read_image
-from cltaa.file_content import check_memory, file_size, open_regular, read_all
-from cltaa.openexr import OpenEXR
+from cltaa.exr.channels import Pixels
+from cltaa.exr.header import MULTI_PART
+from cltaa.exr.layout import Layout, shared_window
+from cltaa.exr.openexr import OpenEXR
+from cltaa.exr.outline import parse_parts, read_outline
+from cltaa.exr.read import ImageHeader, open_content, read_header, read_image
+from cltaa.files.content import check_memory, file_size, open_regular, read_all
 
 
 def read_any_header(path: Path, *, chunks: bool = True) -> ImageHeader:

@@ -6,8 +6,7 @@ from collections.abc import Sequence as Many
 from pathlib import Path
 from typing import Self
 
-from cltaa.exr_channels import COLOUR
-from cltaa.frame_numbers import FrameRange, OnBreak
+from cltaa.exr.channels import COLOUR
 from cltaa.frames import Image
 from cltaa.inputs.convert import linear_colour
 from cltaa.inputs.foreign import ForeignSequence
@@ -16,7 +15,8 @@ from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.profile import Encoding, Profile, load_profile
 from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import describe
-from cltaa.sources import ImageSequence, open_images
+from cltaa.sequences.frame_numbers import FrameRange, OnBreak
+from cltaa.sequences.sources import ImageSequence, open_images
 
 
 class ForeignImages(ImageSequence):

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from cltaa.errors import DataError, UsageError, known
-from cltaa.file_content import read_text
+from cltaa.files.content import read_text
 from cltaa.printable import counted
 
 LARGEST = 1 << 16  # bytes; every key with a comment takes a few thousand

@@ -7,12 +7,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from cltaa.below import captures_below, only_below
 from cltaa.errors import DataError
-from cltaa.frame_numbers import NUMBERED
+from cltaa.files.manifest import NAME as MANIFEST
 from cltaa.inputs.profile import Profile
-from cltaa.manifest import NAME as MANIFEST
-from cltaa.numbered import folder_missing, no_frames
+from cltaa.sequences.below import captures_below, only_below
+from cltaa.sequences.frame_numbers import NUMBERED
+from cltaa.sequences.numbered import folder_missing, no_frames
 
 REFERENCE = "reference"  # folders of this name, or that begin with it, hold truth and no input
 

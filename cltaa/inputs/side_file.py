@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.errors import DataError, closest
-from cltaa.file_content import read_text
+from cltaa.files.content import read_text
 from cltaa.frames import Matrix
 
 LARGEST = 1 << 28  # bytes; a frame takes less than 2000, so that a hundred thousand fit

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cltaa.build import Build, Record
-from cltaa.params import Accumulate, Negatives, Weighting
+from cltaa.parameters.build import Build, Record
+from cltaa.parameters.choices import Accumulate, Negatives, Weighting
 from cltaa.reference.colour import Colour, luminance
 from cltaa.reference.real import Array, constant, greater, lesser, number, outside_domain
 from cltaa.reference.sampling import between_texels

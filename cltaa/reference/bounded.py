@@ -18,9 +18,9 @@ from msgspec.structs import replace
 from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import NDArray
 
-from cltaa.build import HALVES, Build, Storage
 from cltaa.constants import value as value_of
-from cltaa.layout import Layout
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import HALVES, Build, Storage
 from cltaa.reference import KERNELS, digits
 from cltaa.reference.decision import Decision, Mask, Whole, decision
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from cltaa.build import Build
-from cltaa.params import BoxSpace, Tonemap
+from cltaa.parameters.build import Build
+from cltaa.parameters.choices import BoxSpace, Tonemap
 from cltaa.reference.real import Array, Mask, constant, greater, number, outside_domain
 
 Colour = tuple[Array, Array, Array]

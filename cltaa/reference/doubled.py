@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.build import Build, Record, texel_planes
 from cltaa.constants import PAD_X, PAD_Y
-from cltaa.layout import Layout
-from cltaa.params import Reject
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record, texel_planes
+from cltaa.parameters.choices import Reject
 from cltaa.reference.blend import storable_colour
 from cltaa.reference.colour import Colour, colour_outside_domain
 from cltaa.reference.history import History, same_surface

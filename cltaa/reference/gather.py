@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.build import Build, Record
-from cltaa.layout import Layout
-from cltaa.params import AlphaFrom, CurrentFilter, FilterUse, GatherFit, LightChange
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record
+from cltaa.parameters.choices import AlphaFrom, CurrentFilter, FilterUse, GatherFit, LightChange
 from cltaa.reference.blend import filtered_share, sample_share, storable_colour
 from cltaa.reference.colour import Colour, from_range
 from cltaa.reference.gather_fit import (

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cltaa.build import Build, Record
-from cltaa.layout import Layout
-from cltaa.params import GatherFit
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record
+from cltaa.parameters.choices import GatherFit
 from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.projection import Motion, pixel_grid
 from cltaa.reference.real import Array, Mask, constant, lesser, limit, number

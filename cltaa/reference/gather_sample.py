@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cltaa.build import Build, Record
-from cltaa.layout import Layout
-from cltaa.params import GatherFit, LightChange
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record
+from cltaa.parameters.choices import GatherFit, LightChange
 from cltaa.reference.blend import sample_share, share_difference
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.gather_fit import Gathered, Places, window

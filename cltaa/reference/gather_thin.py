@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.build import Build, Record
 from cltaa.constants import THIN_COLUMNS, THIN_FARTHER, THIN_ROWS, THIN_STEP
-from cltaa.layout import Layout
-from cltaa.params import ThinSearch
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record
+from cltaa.parameters.choices import ThinSearch
 from cltaa.reference.gather_sides import NEIGHBOURS, Layers, texels_beside
 from cltaa.reference.gather_track import KEPT_CLOSENESS, KEPT_MOTION, texel_at, untold
 from cltaa.reference.neighbourhood import Surface, usable_closeness

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.build import Build, Record, Steps
-from cltaa.params import GatherFit, Reject
+from cltaa.parameters.build import Build, Record, Steps
+from cltaa.parameters.choices import GatherFit, Reject
 from cltaa.reference.history import same_surface
 from cltaa.reference.neighbourhood import Surface, usable_closeness
 from cltaa.reference.projection import Motion

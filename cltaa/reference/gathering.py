@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from cltaa.build import Build, Record, kept_planes
 from cltaa.constants import WANDER_FRAMES
-from cltaa.layout import Layout
-from cltaa.params import GatherFit
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record, kept_planes
+from cltaa.parameters.choices import GatherFit
 from cltaa.reference.blend import sample_share
 from cltaa.reference.gather import add_side, gather_samples, in_front, resolve_gathered
 from cltaa.reference.gather_fit import Gathered, first_sample

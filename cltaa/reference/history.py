@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.build import Build, Record
-from cltaa.layout import Layout
-from cltaa.params import LightChange, Reject
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record
+from cltaa.parameters.choices import LightChange, Reject
 from cltaa.reference.colour import Colour, colour_outside_domain
 from cltaa.reference.history_filter import history_weights
 from cltaa.reference.light import above_lobes, history_in_light, history_in_range

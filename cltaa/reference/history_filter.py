@@ -7,8 +7,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cltaa.build import Build
-from cltaa.params import HistoryFilter
+from cltaa.parameters.build import Build
+from cltaa.parameters.choices import HistoryFilter
 from cltaa.reference.real import Array, number
 
 SIX_TAPS: Final = (HistoryFilter.LANCZOS_3,)

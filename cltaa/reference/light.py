@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.build import Build, Record
 from cltaa.constants import PAD_X, PAD_Y, value
-from cltaa.layout import Layout
-from cltaa.params import BoxSpace
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record
+from cltaa.parameters.choices import BoxSpace
 from cltaa.reference.colour import Colour, to_box_space, to_range
 from cltaa.reference.neighbourhood import spread_of_three
 from cltaa.reference.real import Array, constant, greater, lesser, number

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.build import Build, Record
 from cltaa.constants import PAD_X, PAD_Y
-from cltaa.layout import Layout
-from cltaa.params import Box, CurrentFilter, Dilation, Neighbourhood, Variance
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record
+from cltaa.parameters.choices import Box, CurrentFilter, Dilation, Neighbourhood, Variance
 from cltaa.reference.colour import Colour, from_box_space, to_box_space, to_range
 from cltaa.reference.other_moments import chosen_row, naive_window, share_of_one, weighted_window
 from cltaa.reference.real import Array, constant, greater, lesser, limit, number, outside_domain

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cltaa.build import Build
-from cltaa.params import Neighbourhood, Variance
+from cltaa.parameters.build import Build
+from cltaa.parameters.choices import Neighbourhood, Variance
 from cltaa.reference.real import Array, constant, number
 
 if TYPE_CHECKING:

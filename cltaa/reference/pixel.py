@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cltaa.build import Build, Record
 from cltaa.constants import PAD_X, PAD_Y
-from cltaa.layout import Layout
-from cltaa.params import AlphaFrom, AntiFlicker, Box, FilterUse, LightChange
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record
+from cltaa.parameters.choices import AlphaFrom, AntiFlicker, Box, FilterUse, LightChange
 from cltaa.reference.blend import (
     believed_count,
     blend,

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.build import Build, Real, Record
-from cltaa.layout import Layout
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Real, Record
 from cltaa.reference.neighbourhood import Row, read_row
 from cltaa.reference.pixel import Resolved
 from cltaa.reference.real import Array, constant

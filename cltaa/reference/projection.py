@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.build import Build, Record
-from cltaa.layout import Layout
-from cltaa.params import OffScreen
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record
+from cltaa.parameters.choices import OffScreen
 from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.real import Array, Mask, constant, number, outside_domain
 

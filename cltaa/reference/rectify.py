@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.build import Build, Record
-from cltaa.layout import Layout
-from cltaa.params import Accumulate, AntiFlicker, Box, Rectify
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record
+from cltaa.parameters.choices import Accumulate, AntiFlicker, Box, Rectify
 from cltaa.reference.colour import Colour, from_box_space, to_box_space
 from cltaa.reference.neighbourhood import Statistics
 from cltaa.reference.projection import Motion

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cltaa.build import Build, Real
 from cltaa.constants import PAD_X, PAD_Y
-from cltaa.layout import Layout
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Real
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.real import Array, greater, number, quiet
 

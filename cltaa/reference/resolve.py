@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cltaa.build import Build, Record
-from cltaa.layout import Layout
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record
 from cltaa.reference.history import sample_history
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.pixel import box_gamma, current_pixel, past_alpha, resolve_pixel

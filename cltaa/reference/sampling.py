@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.build import Build
 from cltaa.constants import PAD_X, PAD_Y
-from cltaa.layout import Layout
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build
 from cltaa.reference.history_filter import SIX_TAPS, Row, Weights, weigh, weigh_rows
 from cltaa.reference.projection import Motion
 from cltaa.reference.real import Array, Mask, number

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cltaa.build import Build, Record
 from cltaa.constants import CONSTANTS
-from cltaa.layout import Layout
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record
 from cltaa.reference.blend import sample_share
 from cltaa.reference.colour import Colour, colour_outside_domain
 from cltaa.reference.real import Array, constant, greater, lesser, limit, number

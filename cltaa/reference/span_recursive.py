@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cltaa.build import Build
-from cltaa.layout import Layout
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build
 from cltaa.reference.pixel import Resolved, drawn_towards
 from cltaa.reference.real import Array, constant, greater, lesser, limit, number
 

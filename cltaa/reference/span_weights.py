@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cltaa.build import Build, Record
 from cltaa.constants import CONSTANTS, PAD_X, PAD_Y, SHORT_SPAN, SPAN_REACH
-from cltaa.layout import Layout
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record
 from cltaa.reference.blend import sample_share
 from cltaa.reference.real import Array, constant, greater, lesser, number
 

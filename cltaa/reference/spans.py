@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.build import Build, Record, span_planes
 from cltaa.constants import MIDDLE_SPAN, SHORT_SPAN, SPANS, value
-from cltaa.layout import Layout
-from cltaa.params import AlphaFrom
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record, span_planes
+from cltaa.parameters.choices import AlphaFrom
 from cltaa.reference.blend import sample_share, share_difference, storable_colour
 from cltaa.reference.colour import Colour, colour_outside_domain, from_range, to_range
 from cltaa.reference.gather_fit import Gathered

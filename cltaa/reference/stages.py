@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from cltaa.build import Build, Record
-from cltaa.layout import Layout
-from cltaa.params import FilterUse
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record
+from cltaa.parameters.choices import FilterUse
 from cltaa.reference.colour import Colour
 from cltaa.reference.history import History, sample_history
 from cltaa.reference.neighbourhood import Statistics, Surface, current_sample, nearest_surface, neighbourhood_statistics

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.build import Build, Record, Storage
-from cltaa.layout import Layout
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record, Storage
 from cltaa.reference.real import Array, constant
 
 Words = NDArray[np.uint32]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cltaa.build import Build, Record
-from cltaa.layout import Layout
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record
 from cltaa.reference.real import Array, constant, quiet
 
 

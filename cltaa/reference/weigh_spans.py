@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.build import Build, Record, span_planes
 from cltaa.constants import SPANS
-from cltaa.layout import Layout
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record, span_planes
 from cltaa.reference.blend import storable_colour
 from cltaa.reference.pixel import Resolved
 from cltaa.reference.planes import real_type, store_resolved

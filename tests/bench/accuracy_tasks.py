@@ -9,7 +9,7 @@ import numpy as np
 
 from cltaa.bench.ladder import ladder
 from cltaa.bench.variant_errors import Task
-from cltaa.presets import load_preset
+from cltaa.parameters.presets import load_preset
 from tests.sequence_factory import write_images, write_sequence
 
 FRAMES = 4

@@ -14,9 +14,9 @@ import pytest
 
 from cltaa.bench.accuracy_report import read_report
 from cltaa.cli import main
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.exr_write import write_frame
-from cltaa.metrics import mean_psnr
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.exr.write import write_frame
+from cltaa.judging.metrics import mean_psnr
 from tests.bench.accuracy_tasks import FRAMES
 from tests.sequence_factory import make_frame, write_images, write_sequence
 

@@ -11,11 +11,11 @@ import pytest
 
 from cltaa.bench import effects as bench
 from cltaa.bench.effects import EffectRow, judge_effects, markdown
-from cltaa.exr_write import write_frame
+from cltaa.devices.numpy_launcher import NumpyLauncher
+from cltaa.exr.write import write_frame
 from cltaa.frames import Effect, Frame
-from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.resolve import Resolver
-from cltaa.sources import Sequence, open_sequence
+from cltaa.resolve.resolver import Resolver
+from cltaa.sequences.sources import Sequence, open_sequence
 from tests.sequence_factory import make_camera, make_frame
 
 

@@ -32,7 +32,7 @@ def test_every_compression_and_the_command(tmp_path: Path, capsys: pytest.Captur
 
 def test_nothing_is_deleted_within_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     deleted: list[Path] = []
-    monkeypatch.setattr("cltaa.output._clear", deleted.append)
+    monkeypatch.setattr("cltaa.resolve.output._clear", deleted.append)
     arguments = ["--compressions", "none", "--threads", "1", "--commands", "none", "--rounds", "3", "--json"]
     assert main(["bench", "files", str(write_sequence(tmp_path / "in", 2)), *arguments]) == 0
     assert deleted == []

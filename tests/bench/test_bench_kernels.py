@@ -12,13 +12,13 @@ import pytest
 from cltaa.bench.baseline import BASELINE, PlainPort, check_same, least_bytes
 from cltaa.bench.frames import SHIFT_PX, Motion, camera_at, make_frames
 from cltaa.bench.kernels import CONTROL, CORE, Contenders
-from cltaa.build import STORAGES, Storage
 from cltaa.cameras import displacement
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.errors import InternalError
 from cltaa.frames import Frame, Image
-from cltaa.presets import load_preset, override
-from cltaa.resolve import Resolver
+from cltaa.parameters.build import STORAGES, Storage
+from cltaa.parameters.presets import load_preset, override
+from cltaa.resolve.resolver import Resolver
 
 SIZE = ["--size", "72x40", "--rounds", "3"]
 

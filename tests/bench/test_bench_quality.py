@@ -20,15 +20,15 @@ from cltaa.bench.quality_pictures import write_pictures
 from cltaa.bench.quality_summary import best_engine, ordered, summarise
 from cltaa.bench.redrawn import REDRAWN
 from cltaa.cli import main
+from cltaa.devices.numpy_launcher import NumpyLauncher
 from cltaa.errors import DataError, InputMissing, UsageError
-from cltaa.exr_read import read_frame
+from cltaa.exr.read import read_frame
 from cltaa.frames import Frame
 from cltaa.inputs.opening import open_measured
-from cltaa.metrics import flip_map
-from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.presets import Published, load_preset, override
-from cltaa.sources import open_sequence
-from cltaa.video_scores import Sums, VideoScores
+from cltaa.judging.metrics import flip_map
+from cltaa.judging.video_scores import Sums, VideoScores
+from cltaa.parameters.presets import Published, load_preset, override
+from cltaa.sequences.sources import open_sequence
 from tests.inputs.foreign import frames as foreign_frames
 from tests.inputs.foreign import write_blender
 from tests.sequence_factory import write_images, write_sequence
@@ -106,7 +106,7 @@ def test_a_cell_is_kept_until_what_decides_it_changes(tmp_path: Path, monkeypatc
 def test_what_is_not_finite_counts_and_is_judged_as_black(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sequence = open_sequence(write_sequence(tmp_path / "capture", 3, reference=True))
     monkeypatch.setattr(
-        "cltaa.resolve.Resolver.resolve", lambda _self, frame: np.where(frame.colour > 2, np.nan, frame.colour)
+        "cltaa.resolve.resolver.Resolver.resolve", lambda _self, frame: np.where(frame.colour > 2, np.nan, frame.colour)
     )
     judged = judge_sequence(sequence, [load_preset()], NUMPY, settled=1)
     bad = sum(int((frame.colour > 2).sum()) for frame in sequence)
@@ -135,7 +135,7 @@ def test_what_appears_is_told_by_single_samples_drawn_elsewhere(
 
     monkeypatch.setattr("cltaa.bench.quality.VideoScores", AllAppears)
     monkeypatch.setattr("cltaa.bench.quality.LEAST_FRESH", least)
-    monkeypatch.setattr("cltaa.resolve.Resolver.resolve", lambda _self, frame: elsewhere[frame.index])
+    monkeypatch.setattr("cltaa.resolve.resolver.Resolver.resolve", lambda _self, frame: elsewhere[frame.index])
     judged = judge_sequence(open_sequence(folder), [load_preset()], NUMPY, settled=1)
     found = judged["default"].scores["uncovered"]
     assert found == (pytest.approx(1.0) if again and least == 1 else None)

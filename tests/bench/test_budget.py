@@ -12,11 +12,11 @@ from cltaa.bench.accuracy_results import Accuracy, Cell, MeasuredSequence, sprea
 from cltaa.bench.budget import Candidate, Remembered, choose, path_for, remember
 from cltaa.bench.environment import environment
 from cltaa.bench.ladder import Variant, ladder
-from cltaa.build import Storage
 from cltaa.cli import main
+from cltaa.devices.launch import launcher_for
 from cltaa.errors import DataError, UsageError
-from cltaa.launch import launcher_for
-from cltaa.presets import load_preset
+from cltaa.parameters.build import Storage
+from cltaa.parameters.presets import load_preset
 from cltaa.timing import Interval
 from tests.sequence_factory import write_sequence
 

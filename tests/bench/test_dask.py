@@ -19,7 +19,7 @@ from distributed import LocalCluster
 from cltaa.bench.accuracy import tasks_of
 from cltaa.bench.distribution import load, run_all
 from cltaa.bench.ladder import ladder
-from cltaa.presets import load_preset
+from cltaa.parameters.presets import load_preset
 
 if __name__ == "__main__":
     sequence, output, count = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])

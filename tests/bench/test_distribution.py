@@ -9,8 +9,8 @@ import pytest
 
 from cltaa.bench.distribution import load, path_of, run_all, save
 from cltaa.bench.variant_errors import Errors, Rounding
-from cltaa.build import Storage
 from cltaa.errors import DataError, InputMissing
+from cltaa.parameters.build import Storage
 from tests.bench.accuracy_tasks import task
 from tests.sequence_factory import write_sequence
 

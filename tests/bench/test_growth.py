@@ -16,21 +16,21 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from cltaa.allocator import LARGE_PAGE
-from cltaa.bands import BandedResolver
 from cltaa.bench.growth import rounds_of, square
-from cltaa.build import Steps, Storage
 from cltaa.cli import main
+from cltaa.devices.launch import Buffer
+from cltaa.devices.numpy_launcher import NumpyLauncher
+from cltaa.files.manifest import PIECE
 from cltaa.frames import Effect
-from cltaa.launch import Buffer
-from cltaa.manifest import PIECE
-from cltaa.memory import device_bytes
-from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.presets import load_preset, override
-from cltaa.resolve import Resolver
-from cltaa.sequence_plan import plan
-from cltaa.sources import open_sequence
-from cltaa.streams import AHEAD, BEHIND
+from cltaa.inspection.sequence_plan import plan
+from cltaa.memory.allocator import LARGE_PAGE
+from cltaa.parameters.build import Steps, Storage
+from cltaa.parameters.presets import load_preset, override
+from cltaa.planning.memory import device_bytes
+from cltaa.resolve.bands import BandedResolver
+from cltaa.resolve.resolver import Resolver
+from cltaa.sequences.sources import open_sequence
+from cltaa.sequences.streams import AHEAD, BEHIND
 from tests.sequence_factory import make_frame, write_sequence
 
 

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from cltaa.bench.accuracy_results import exponential_noise
 from cltaa.bench.ladder import COMBINATIONS, DEFAULT, PRESETS, ladder
 from cltaa.bench.pareto import dominated_by
-from cltaa.build import Real, Storage
-from cltaa.params import Box, Choices
-from cltaa.presets import Preset, load_preset
+from cltaa.parameters.build import Real, Storage
+from cltaa.parameters.choices import Box, Choices
+from cltaa.parameters.presets import Preset, load_preset
 from cltaa.timing import Sample, Samples
 
 

@@ -17,7 +17,7 @@ from cltaa.bench.overview import overall, table
 from cltaa.bench.plots import front_figure, write_plots
 from cltaa.bench.variant_errors import Rounding
 from cltaa.cli import main
-from cltaa.presets import load_preset
+from cltaa.parameters.presets import load_preset
 from cltaa.timing import Interval
 
 VARIANTS = ladder(load_preset())[:3]

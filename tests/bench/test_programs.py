@@ -12,14 +12,14 @@ from cltaa.bench.programs import Program, dearest_first, programs_needed, progra
 from cltaa.bench.variant_errors import run_task
 from cltaa.bench.variant_times import enlarged
 from cltaa.cli import main
-from cltaa.device import Device
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.exr_write import write_frame
-from cltaa.presets import load_preset, override
-from cltaa.resolve import Resolver
-from cltaa.shape import Shape
-from cltaa.sources import open_sequence
-from cltaa.timed_resolve import resolve_job, timed_frames
+from cltaa.devices.device import Device
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.shape import Shape
+from cltaa.exr.write import write_frame
+from cltaa.parameters.presets import load_preset, override
+from cltaa.resolve.resolver import Resolver
+from cltaa.resolve.timed_resolve import resolve_job, timed_frames
+from cltaa.sequences.sources import open_sequence
 from tests.bench.accuracy_tasks import task
 from tests.kernels.test_resolve import hard_frames
 from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame, write_sequence

@@ -9,7 +9,7 @@ import pytest
 from cltaa.bench.frames import Motion
 from cltaa.bench.kernels import bench_kernels
 from cltaa.bench.roofline import OPERATIONS, draw
-from cltaa.presets import load_preset
+from cltaa.parameters.presets import load_preset
 
 
 def test_every_contender_is_drawn(tmp_path: Path) -> None:

@@ -13,10 +13,10 @@ import pytest
 from cltaa.cli import main
 from cltaa.commands.tune import outcome_lines
 from cltaa.errors import UsageError
-from cltaa.presets import Preset, load_config, load_preset
-from cltaa.tune import Tuned, overfits, preset_text
-from cltaa.tune_goal import Goal, parse_goal
-from cltaa.tune_record import Record, Trial
+from cltaa.parameters.presets import Preset, load_config, load_preset
+from cltaa.tuning.goal import Goal, parse_goal
+from cltaa.tuning.record import Record, Trial
+from cltaa.tuning.search import Tuned, overfits, preset_text
 from tests.sequence_factory import write_sequence
 
 
@@ -62,7 +62,7 @@ def test_preset_text_is_toml_that_resolve_reads(name: str, tmp_path: Path) -> No
         goal=Goal(metric="mse", budget_ms=5.0), start=trial, best=trial, trials=3, reached=True, searched_on=['a "b"'],
         checked_on=["c"], gain=2.0, gain_elsewhere=1.0, overfits=True,
     )  # fmt: skip
-    from cltaa.presets import override
+    from cltaa.parameters.presets import override
 
     # Some are the values that a preset begins from, and not those of the default.
     wanted = override(base, {"rectify": "clip", "sample_limit": 31.7, "light_change": "ignore", "resample_cost": 1.5})
@@ -123,8 +123,8 @@ def test_the_search_begins_with_the_preset_as_it_is(
         tried.append(preset)
         return float(len(tried))  # the first is the best
 
-    monkeypatch.setattr("cltaa.tune.Bench.error", error)
-    monkeypatch.setattr("cltaa.tune.Bench.milliseconds", lambda *_: 1.0)
+    monkeypatch.setattr("cltaa.tuning.search.Bench.error", error)
+    monkeypatch.setattr("cltaa.tuning.search.Bench.milliseconds", lambda *_: 1.0)
     folder, output = write_sequence(tmp_path / "a", 2, reference=True), tmp_path / "t.toml"
     arguments = ["tune", str(folder), "--budget", "5ms", "--preset", "t1", "--trials", "2", "--device", "numpy"]
     assert main([*arguments, "-o", str(output)]) == 0
@@ -145,8 +145,8 @@ def test_a_search_that_was_interrupted_goes_on(
         tried.append(preset)
         return 1.0 + preset.settings.gamma_still
 
-    monkeypatch.setattr("cltaa.tune.Bench.error", error)
-    monkeypatch.setattr("cltaa.tune.Bench.milliseconds", lambda *_: 1.0)
+    monkeypatch.setattr("cltaa.tuning.search.Bench.error", error)
+    monkeypatch.setattr("cltaa.tuning.search.Bench.milliseconds", lambda *_: 1.0)
     folder, output = write_sequence(tmp_path / "a", 2, reference=True), tmp_path / "t.toml"
     arguments = ["tune", str(folder), "--budget", "5ms", "--device", "numpy", "--trials", "8", "-o", str(output)]
     assert main(arguments) == 130

@@ -8,9 +8,9 @@ import pytest
 
 from cltaa.bench.ladder import ladder
 from cltaa.bench.variant_errors import Task, run_task
-from cltaa.build import Real, Storage
 from cltaa.errors import InputMissing
-from cltaa.presets import load_preset, preset_names
+from cltaa.parameters.build import Real, Storage
+from cltaa.parameters.presets import load_preset, preset_names
 from tests.bench.accuracy_tasks import FRAMES, task
 from tests.sequence_factory import write_sequence
 

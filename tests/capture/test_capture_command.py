@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from cltaa.cli import main
-from cltaa.sources import open_sequence
+from cltaa.sequences.sources import open_sequence
 from cltaa_capture import osmesa
 from tests.capture.test_sequence import digests
 

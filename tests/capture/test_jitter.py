@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from cltaa.checking.jitter import LARGEST_MEAN_PX
 from cltaa.errors import UsageError
-from cltaa.presets import load_preset, preset_names
+from cltaa.parameters.presets import load_preset, preset_names
 from cltaa_capture.cli import capture
 from cltaa_capture.jitter import (
     LONGEST_LATTICE,

@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from cltaa.frames import Frame
-from cltaa.sources import open_sequence
+from cltaa.sequences.sources import open_sequence
 from cltaa_capture.sequence import Request, capture_sequence
 
 SLOW = {"dolly": 4.0, "halt": 4.0}  # frames a second, so that 8 frames see the camera change its speed

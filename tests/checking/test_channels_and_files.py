@@ -13,7 +13,7 @@ import pytest
 from cltaa.checking.colour import check_channels, check_colour
 from cltaa.checking.finding import Finding
 from cltaa.checking.report import check_folder
-from cltaa.exr_channels import Pixels
+from cltaa.exr.channels import Pixels
 from cltaa.frames import Frame
 from tests.sequence_factory import make_frame
 

@@ -13,8 +13,8 @@ from click.testing import CliRunner
 
 from cltaa.checking.report import check_folder
 from cltaa.cli import main, root
-from cltaa.exr_channels import Pixels
-from cltaa.exr_write import write_image
+from cltaa.exr.channels import Pixels
+from cltaa.exr.write import write_image
 from cltaa.inputs.opening import open_input
 from tests.checking.conftest import Scene
 from tests.checking.mistakes import MISTAKES, full_motion

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from cltaa.exr_write import write_frame
+from cltaa.exr.write import write_frame
 from cltaa.frames import Effect
-from cltaa.inspection import inspect_folder
+from cltaa.inspection.findings import inspect_folder
 from tests.checking.conftest import Scene
 from tests.checking.test_detector import SCENES
 

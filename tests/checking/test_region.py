@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from cltaa.checking.report import check_folder
-from cltaa.exr_attributes import frame_attributes
-from cltaa.exr_channels import frame_planes
-from cltaa.exr_write import write_image
+from cltaa.exr.attributes import frame_attributes
+from cltaa.exr.channels import frame_planes
+from cltaa.exr.write import write_image
 from cltaa.frames import Frame
 from tests.checking.conftest import Scene
 from tests.checking.mistakes import MISTAKES

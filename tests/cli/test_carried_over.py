@@ -9,7 +9,7 @@ import OpenEXR
 import pytest
 
 from cltaa.cli import main
-from cltaa.exr_read import read_header, read_image
+from cltaa.exr.read import read_header, read_image
 from cltaa.inputs.parts import read_any_header
 from tests.inputs.foreign import write_blender
 from tests.sequence_factory import make_frame, write_sequence

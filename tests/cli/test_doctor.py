@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from cltaa import doctor, kernel_cache
+from cltaa import doctor
+from cltaa.devices import kernel_cache
 
 
 def run_doctor(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:

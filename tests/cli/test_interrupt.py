@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from cltaa import cli, errors
-from cltaa.exr_read import read_image
+from cltaa.exr.read import read_image
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -45,7 +45,7 @@ import sys
 from pathlib import Path
 import numpy as np
 from cltaa import cli
-from cltaa.streams import Writer
+from cltaa.sequences.streams import Writer
 def work(*_, **__):
     noise = np.random.default_rng(0).random((1080, 1920), np.float32)
     with Writer() as writer:

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.allocator import mapped_image
-from cltaa.bands import BandedResolver
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.frames import Frame
-from cltaa.haloed import around, haloed
-from cltaa.layout import Layout
-from cltaa.resolve import Resolver
+from cltaa.memory.allocator import mapped_image
+from cltaa.memory.haloed import around, haloed
+from cltaa.memory.layout import Layout
+from cltaa.resolve.bands import BandedResolver
+from cltaa.resolve.resolver import Resolver
 from tests.sequence_factory import make_frame
 
 WIDTH, HEIGHT = 45, 27  # odd, and no multiple of any vector

@@ -8,8 +8,8 @@ import numpy as np
 import pyopencl as cl
 import pytest
 
-from cltaa import device as module
-from cltaa.device import Device
+from cltaa.devices import device as module
+from cltaa.devices.device import Device
 
 PIECE = 1000  # bytes; not a divisor of what is allocated
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from cltaa.bench.frames import Motion, make_frames
-from cltaa.build import Build, Steps, Storage, prelude
-from cltaa.device import Device, cpu_shape
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device import Device, cpu_shape
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.shape import CPU_4, CPU_8, CPU_16, INTEL_16, ITEMS_A_UNIT, Shape, shared_out
 from cltaa.frames import Image
-from cltaa.presets import load_preset
-from cltaa.resolve import Resolver
-from cltaa.shape import CPU_4, CPU_8, CPU_16, INTEL_16, ITEMS_A_UNIT, Shape, shared_out
+from cltaa.parameters.build import Build, Steps, Storage, prelude
+from cltaa.parameters.presets import load_preset
+from cltaa.resolve.resolver import Resolver
 
 INTEL, AMD = "GenuineIntel", "AuthenticAMD"  # as every version of PoCL has it from the CPU itself
 
@@ -35,7 +35,7 @@ def test_a_cpu_gets_the_shape_of_its_vectors_and_its_maker(width: int, vendor: s
 def test_no_more_lanes_than_the_compiler_s_target_has(
     width: int, known: int | None, shape: Shape, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cltaa.device.known_lanes", lambda: known)
+    monkeypatch.setattr("cltaa.devices.device.known_lanes", lambda: known)
     device = Device.__new__(Device)
     device.is_cpu = True
     device.cl_device = cast(Any, SimpleNamespace(vendor=AMD, native_vector_width_float=width))
@@ -78,8 +78,8 @@ def test_far_lines_come_into_the_first_cache_where_that_was_measured_to_pay(
 
 @pytest.mark.parametrize("storage", [Storage.FLOAT, Storage.HALF])
 def test_a_walk_along_rows_changes_no_bit(storage: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cltaa.shape.ITEMS_A_UNIT", 0)  # as few work-items as can be, on any number of cores
-    monkeypatch.setattr("cltaa.shape.FEW_UNITS", 10**6)
+    monkeypatch.setattr("cltaa.devices.shape.ITEMS_A_UNIT", 0)  # as few work-items as can be, on any number of cores
+    monkeypatch.setattr("cltaa.devices.shape.FEW_UNITS", 10**6)
     _, down = resolved(CPU_16, storage, monkeypatch)
     _, along = resolved(INTEL_16, storage, monkeypatch)
     assert np.array_equal(down.view(np.uint32), along.view(np.uint32))

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from cltaa import unknown_cpu
-from cltaa.unknown_cpu import LEVELS, cpu_flags, known_lanes, level_of, name_unknown_cpu
+from cltaa.devices import unknown_cpu
+from cltaa.devices.unknown_cpu import LEVELS, cpu_flags, known_lanes, level_of, name_unknown_cpu
 
 FLAGS = {level.name: level.flags for level in LEVELS}
 needs_linux = pytest.mark.skipif(
@@ -117,9 +117,9 @@ def test_flags_have_linux_s_names(
 RESOLVED_AT = """
 import sys, ctypes
 import numpy as np
-from cltaa import device, unknown_cpu
+from cltaa.devices import device, unknown_cpu
 from cltaa.bench.frames import Motion, make_frames
-from cltaa.resolve import Resolver
+from cltaa.resolve.resolver import Resolver
 level = next(level for level in unknown_cpu.LEVELS if level.name == sys.argv[1].encode())
 unknown_cpu.level_of = lambda flags: level
 resolver = Resolver()
@@ -142,7 +142,7 @@ def test_the_resolve_is_built_for_every_level_that_this_cpu_has(level: bytes, tm
 # A thread that maps and unmaps the page at which every word of the record points, as threads that free memory do.
 UNMAPPED_MEANWHILE = """
 import ctypes, mmap, threading
-from cltaa.unknown_cpu import name_unknown_cpu
+from cltaa.devices.unknown_cpu import name_unknown_cpu
 libc = ctypes.CDLL(None)
 libc.mmap.restype = ctypes.c_void_p
 libc.mmap.argtypes = [ctypes.c_void_p, ctypes.c_size_t] + [ctypes.c_int] * 3 + [ctypes.c_long]

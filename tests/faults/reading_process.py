@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from cltaa.errors import CltaaError
-from cltaa.exr_read import read_frame
+from cltaa.exr.read import read_frame
 from cltaa.frames import Frame
 
 HANG = 5.0  # seconds of processor time after which reading one small file counts as hanging

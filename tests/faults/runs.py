@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cltaa.cli import main
-from cltaa.exr_read import read_image
-from cltaa.manifest import file_sha256, recorded_hashes
+from cltaa.exr.read import read_image
+from cltaa.files.manifest import file_sha256, recorded_hashes
 from tests.sequence_factory import write_sequence
 
 FRAMES = 7  # with a checkpoint every 2 frames both slots are written and overwritten
@@ -116,7 +116,7 @@ HELD = """
 import itertools, os, sys, time
 from pathlib import Path
 from cltaa.cli import main
-from cltaa.manifest import Manifest
+from cltaa.files.manifest import Manifest
 
 append, numbers, parent = Manifest.append, itertools.count(), os.getppid()
 go, most = Path(sys.argv[1]), int(sys.argv[2])

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from cltaa import kernel_cache
 from cltaa.cli import main
+from cltaa.devices import kernel_cache
 from cltaa.errors import ResourceError
 from tests.faults.runs import (
     PATIENCE,
@@ -147,7 +147,7 @@ def test_who_builds_after_an_aborted_compiler_is_told(
     with kernel_cache.filling("a"):
         pass
     assert capfd.readouterr().err == ""
-    aborting = "import os; from cltaa.kernel_cache import filling\nwith filling('a'): os.abort()"
+    aborting = "import os; from cltaa.devices.kernel_cache import filling\nwith filling('a'): os.abort()"
     command = [sys.executable, "-c", aborting]
     assert subprocess.run(command, check=False, cwd=Path(__file__).parents[2]).returncode == -signal.SIGABRT
     with kernel_cache.filling("b"):

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.exr_read import read_image
-from cltaa.exr_write import write_frame
-from cltaa.manifest import file_sha256
-from cltaa.resolve import Resolver
+from cltaa.exr.read import read_image
+from cltaa.exr.write import write_frame
+from cltaa.files.manifest import file_sha256
+from cltaa.resolve.resolver import Resolver
 from tests.faults.runs import arguments, unprivileged
 from tests.sequence_factory import bits, make_frame, write_sequence
 

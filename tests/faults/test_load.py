@@ -66,9 +66,9 @@ def paired(one: Resolving, others: list[Resolving]) -> float:
 COUNTING = """
 import resource, sys
 from pathlib import Path
-from cltaa.pipeline import resolve_sequence
-from cltaa.resolve import Resolver
-from cltaa.sources import open_sequence
+from cltaa.resolve.pipeline import resolve_sequence
+from cltaa.resolve.resolver import Resolver
+from cltaa.sequences.sources import open_sequence
 
 faults = []
 

@@ -11,11 +11,11 @@ from typing import Any
 import pyopencl as cl
 import pytest
 
-from cltaa import device, device_launcher, program
 from cltaa.cli import main
+from cltaa.devices import device, device_launcher, program
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError
-from cltaa.presets import load_preset
-from cltaa.resolve import Resolver
+from cltaa.parameters.presets import load_preset
+from cltaa.resolve.resolver import Resolver
 from tests.faults.runs import check_after_fault, check_finished, digests, run
 from tests.faults.runs import on_first_device as arguments
 from tests.sequence_factory import make_frame
@@ -175,7 +175,7 @@ def test_no_memory_for_the_nth_buffer(
 def test_memory_limit_of_the_driver() -> None:
     """POCL_MEMORY_LIMIT=1 (GiB) and frames that need more: 75 before the first frame."""
     code = (
-        "import numpy as np\nfrom cltaa.device_launcher import DeviceLauncher\nlauncher = DeviceLauncher()\n"
+        "import numpy as np\nfrom cltaa.devices.device_launcher import DeviceLauncher\nlauncher = DeviceLauncher()\n"
         "launcher.allocate((3, 20000, 20000))\n"
     )
     done = subprocess.run(

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from cltaa.errors import DataError
-from cltaa.exr_read import read_frame, read_header
-from cltaa.exr_write import write_frame
+from cltaa.exr.read import read_frame, read_header
+from cltaa.exr.write import write_frame
 from cltaa.frames import Frame
 from tests.faults import reading_process
 from tests.sequence_factory import make_frame

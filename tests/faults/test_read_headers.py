@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from cltaa.exr_layout import COMPRESSIONS
-from cltaa.exr_write import write_frame
+from cltaa.exr.layout import COMPRESSIONS
+from cltaa.exr.write import write_frame
 from tests.faults import reading_process
 from tests.faults.exr_surgery import VERSION, Anatomy, channel, dissect, window
 from tests.faults.runs import PATIENCE

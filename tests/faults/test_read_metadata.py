@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from cltaa.errors import DataError
-from cltaa.exr_attributes import frame_attributes
-from cltaa.exr_read import read_frame
-from cltaa.exr_write import write_image
+from cltaa.exr.attributes import frame_attributes
+from cltaa.exr.read import read_frame
+from cltaa.exr.write import write_image
 from cltaa.frames import Camera, Matrix
-from cltaa.resolve import Resolver
+from cltaa.resolve.resolver import Resolver
 from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame
 
 NAN, INF, EYE = float("nan"), float("inf"), np.eye(4)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.exr_read import read_frame
-from cltaa.exr_write import write_frame
+from cltaa.exr.read import read_frame
+from cltaa.exr.write import write_frame
 from cltaa.frames import Effect, Frame, Image
-from cltaa.resolve import Resolver
+from cltaa.resolve.resolver import Resolver
 from tests.sequence_factory import bits, make_camera, make_frame
 
 HEIGHT, WIDTH, FRAMES = 40, 56, 4

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.exr_read import read_image
-from cltaa.exr_write import write_frame
-from cltaa.sources import open_sequence
+from cltaa.exr.read import read_image
+from cltaa.exr.write import write_frame
+from cltaa.sequences.sources import open_sequence
 from tests.sequence_factory import bits, make_frame, write_sequence
 
 NAMES = {

@@ -10,13 +10,13 @@ from typing import Any
 
 import pytest
 
-from cltaa.checkpoint import SLOTS
 from cltaa.cli import main
 from cltaa.errors import DataError
-from cltaa.exr_write import write_frame
-from cltaa.manifest import Manifest
-from cltaa.presets import load_preset
-from cltaa.resolve import Resolver
+from cltaa.exr.write import write_frame
+from cltaa.files.manifest import Manifest
+from cltaa.parameters.presets import load_preset
+from cltaa.resolve.checkpoint import SLOTS
+from cltaa.resolve.resolver import Resolver
 from tests.faults.runs import (
     FRAMES,
     PATIENCE,

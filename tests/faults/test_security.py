@@ -15,13 +15,13 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
-from cltaa.exr_attributes import frame_attributes
-from cltaa.exr_read import read_frame, read_image
-from cltaa.exr_write import write_image
-from cltaa.manifest import LARGEST_RECORD
-from cltaa.presets import load_config, load_preset
+from cltaa.exr.attributes import frame_attributes
+from cltaa.exr.read import read_frame, read_image
+from cltaa.exr.write import write_image
+from cltaa.files.manifest import LARGEST_RECORD
+from cltaa.parameters.presets import load_config, load_preset
 from cltaa.printable import printable
-from cltaa.sources import open_sequence
+from cltaa.sequences.sources import open_sequence
 from cltaa_datasets.gltf_file import GltfFile
 from cltaa_datasets.models import FORMATS
 from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_sequence
@@ -146,7 +146,7 @@ def test_file_that_is_cut_short_while_it_is_read(tmp_path: Path) -> None:
     path = tmp_path / "synthetic.0000.exr"
     code = (
         "import os, sys, threading\nfrom pathlib import Path\nfrom cltaa.errors import CltaaError\n"
-        "from cltaa.exr_read import read_frame\npath = Path(sys.argv[1])\ncontent = path.read_bytes()\ndone = False\n"
+        "from cltaa.exr.read import read_frame\npath = Path(sys.argv[1])\ncontent = path.read_bytes()\ndone = False\n"
         "def cut():\n    while not done:\n        os.truncate(path, 1000)\n        path.write_bytes(content)\n"
         "thread = threading.Thread(target=cut)\nthread.start()\n"
         "for _ in range(200):\n    try:\n        read_frame(path)\n    except CltaaError:\n        pass\n"

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from cltaa.atomic import atomic_path, make_folder, remove_stale_temporaries
 from cltaa.errors import OutputError
+from cltaa.files.atomic import atomic_path, make_folder, remove_stale_temporaries
 
 
 def test_order_of_the_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -66,7 +66,7 @@ def test_disk_errors(tmp_path: Path) -> None:
 KILLED = """
 import sys, time
 from pathlib import Path
-from cltaa.atomic import atomic_path
+from cltaa.files.atomic import atomic_path
 with atomic_path(Path(sys.argv[1])) as temporary:
     temporary.write_text("half")
     print("half", flush=True)

@@ -6,12 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-from cltaa.kernel_files import deciding_files
+from cltaa.devices.kernel_files import deciding_files
 
 # Everything that cltaa resolve may load to make a frame: of own files, of other tools', on a device and by NumPy.
 LOADED = """
 import sys
-import cltaa.pipeline, cltaa.bands, cltaa.inputs.foreign, cltaa.inputs.opening, cltaa.program, cltaa.reference
+import cltaa.resolve.pipeline, cltaa.resolve.bands, cltaa.inputs.foreign, cltaa.inputs.opening
+import cltaa.devices.program, cltaa.reference
 print(*(module.__file__ for name, module in sys.modules.items() if name.split(".")[0] == "cltaa"), sep="\\n")
 """
 

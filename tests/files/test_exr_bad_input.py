@@ -14,12 +14,12 @@ import OpenEXR
 import pytest
 
 from cltaa.errors import CltaaError, DataError, InputMissing, OutputError, StorageError
-from cltaa.exr_attributes import frame_attributes
-from cltaa.exr_channels import Pixels
-from cltaa.exr_header import TILED
-from cltaa.exr_read import read_colour, read_frame, read_header, read_image
-from cltaa.exr_tiles import MIP_MAP, RIP_MAP
-from cltaa.exr_write import write_frame, write_image
+from cltaa.exr.attributes import frame_attributes
+from cltaa.exr.channels import Pixels
+from cltaa.exr.header import TILED
+from cltaa.exr.read import read_colour, read_frame, read_header, read_image
+from cltaa.exr.tiles import MIP_MAP, RIP_MAP
+from cltaa.exr.write import write_frame, write_image
 from tests.faults.exr_surgery import dissect
 from tests.sequence_factory import HEIGHT, WIDTH, make_frame
 

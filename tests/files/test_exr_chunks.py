@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from cltaa.errors import DataError
-from cltaa.exr_chunks import Table, check_chunks
-from cltaa.exr_tiles import ONE_LEVEL, tile_sizes
+from cltaa.exr.chunks import Table, check_chunks
+from cltaa.exr.tiles import ONE_LEVEL, tile_sizes
 
 SIZE = 10  # bytes of the chunk
 

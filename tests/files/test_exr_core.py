@@ -19,15 +19,16 @@ import OpenEXR
 import pytest
 from numpy.typing import NDArray
 
-from cltaa import allocator, exr_core
 from cltaa.errors import DataError
-from cltaa.exr_layout import LOSSLESS, PIXEL_BYTES
-from cltaa.exr_outline import read_layout
-from cltaa.exr_read import read_frame, read_image
-from cltaa.exr_write import write_frame, write_image
-from cltaa.file_content import Copy
+from cltaa.exr import core as exr_core
+from cltaa.exr.layout import LOSSLESS, PIXEL_BYTES
+from cltaa.exr.outline import read_layout
+from cltaa.exr.read import read_frame, read_image
+from cltaa.exr.write import write_frame, write_image
+from cltaa.files.content import Copy
 from cltaa.frames import Frame
-from cltaa.haloed import empty_haloed
+from cltaa.memory import allocator
+from cltaa.memory.haloed import empty_haloed
 from tests.sequence_factory import bits, make_frame, special_values
 
 WIDTH, HEIGHT = 37, 301  # more rows than any chunk of scan lines has, and no multiple of them

@@ -12,14 +12,14 @@ import OpenEXR
 import pytest
 
 from cltaa.errors import DataError, UsageError
-from cltaa.exr_channels import Pixels
-from cltaa.exr_layout import COMPRESSION_NUMBERS, COMPRESSIONS, LOSSLESS
-from cltaa.exr_outline import read_layout
-from cltaa.exr_read import read_frame, read_header, read_image
-from cltaa.exr_write import write_frame, write_image
+from cltaa.exr.channels import Pixels
+from cltaa.exr.layout import COMPRESSION_NUMBERS, COMPRESSIONS, LOSSLESS
+from cltaa.exr.outline import read_layout
+from cltaa.exr.read import read_frame, read_header, read_image
+from cltaa.exr.write import write_frame, write_image
 from cltaa.frames import Camera, Frame
-from cltaa.haloed import around
-from cltaa.layout import Layout
+from cltaa.memory.haloed import around
+from cltaa.memory.layout import Layout
 from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame, special_values
 
 ARRAYS = ("colour", "depth", "motion", "alpha", "reactive", "object_id", "normal")

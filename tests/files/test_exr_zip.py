@@ -11,12 +11,13 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from cltaa import exr_zip, isal_core
-from cltaa.exr_channels import Pixels
-from cltaa.exr_header import place_of, read_headers
-from cltaa.exr_read import read_image
-from cltaa.exr_write import write_image
-from cltaa.isal_core import Bytes, Deflate, deflate_by_module, fast_deflate
+from cltaa.exr import isal_core
+from cltaa.exr import zip as exr_zip
+from cltaa.exr.channels import Pixels
+from cltaa.exr.header import place_of, read_headers
+from cltaa.exr.isal_core import Bytes, Deflate, deflate_by_module, fast_deflate
+from cltaa.exr.read import read_image
+from cltaa.exr.write import write_image
 
 ZIPS = pytest.mark.parametrize("compression", ["zip", "zips"])
 
@@ -50,7 +51,7 @@ def planes(height: int, width: int) -> dict[str, Pixels]:
 def written(path: Path, channels: dict[str, Pixels], packer: Deflate | None, **more: object) -> tuple[bytes, Path]:
     """The file's header, and the file, from ``write_image`` with that packer (None: OpenEXR's)."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cltaa.exr_write.fast_deflate", lambda: packer)
+        patch.setattr("cltaa.exr.write.fast_deflate", lambda: packer)
         write_image(path, channels, **more)  # type: ignore[arg-type]
     content = path.read_bytes()
     *_, end = read_headers(path, BytesIO(content))
@@ -105,7 +106,7 @@ def test_a_failure_to_pack_leaves_nothing_behind(tmp_path: Path, monkeypatch: py
     def fails(*_: object) -> int:
         raise MemoryError
 
-    monkeypatch.setattr("cltaa.exr_write.fast_deflate", lambda: fails)
+    monkeypatch.setattr("cltaa.exr.write.fast_deflate", lambda: fails)
     with pytest.raises(MemoryError):
         write_image(tmp_path / "a.exr", planes(50, 9))
     assert list(tmp_path.iterdir()) == []

@@ -9,10 +9,10 @@ from typing import BinaryIO
 
 import pytest
 
-from cltaa import file_content
-from cltaa.allocator import kept_memory
 from cltaa.errors import DataError
-from cltaa.file_content import Copy, Look, memory_limit, open_regular, read_all
+from cltaa.files import content as file_content
+from cltaa.files.content import Copy, Look, memory_limit, open_regular, read_all
+from cltaa.memory.allocator import kept_memory
 
 
 def unchecked(look: Look, size: int) -> None:
@@ -55,7 +55,7 @@ def test_two_files_at_once_lie_apart(tmp_path: Path) -> None:
 def test_file_that_ends_before_its_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a"
     path.write_bytes(b"12345")
-    monkeypatch.setattr("cltaa.file_content.file_size", lambda _: 6)
+    monkeypatch.setattr("cltaa.files.content.file_size", lambda _: 6)
     with kept_memory(4):
         with pytest.raises(DataError, match=r"a: the file changed while it was read"):
             copied(path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cltaa.frame_numbers import even_step, missing_from
+from cltaa.sequences.frame_numbers import even_step, missing_from
 
 
 @pytest.mark.parametrize(

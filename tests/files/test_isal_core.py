@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa import isal_core
-from cltaa.isal_core import Bytes, deflate, deflate_by_module, fast_deflate
+from cltaa.exr import isal_core
+from cltaa.exr.isal_core import Bytes, deflate, deflate_by_module, fast_deflate
 
 isal_zlib = pytest.importorskip("isal.isal_zlib")
 

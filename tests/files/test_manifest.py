@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cltaa.errors import DataError, StorageError
-from cltaa.manifest import NAME, Entry, Manifest, _line, file_sha256, recorded_hashes
+from cltaa.files.manifest import NAME, Entry, Manifest, _line, file_sha256, recorded_hashes
 
 SETTINGS = {"preset": "default", "size": [37, 23]}
 

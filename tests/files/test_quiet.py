@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from cltaa.errors import DataError
-from cltaa.exr_read import read_frame
-from cltaa.exr_write import write_frame
+from cltaa.exr.quiet import muted_output
+from cltaa.exr.read import read_frame
+from cltaa.exr.write import write_frame
 from cltaa.progress import track
-from cltaa.quiet import muted_output
 from tests.sequence_factory import make_frame
 
 PATIENCE = 300.0  # seconds after which a thread counts as hung
@@ -111,7 +111,7 @@ def test_progress_lines_come_now_and_then(capsys: pytest.CaptureFixture[str], mo
 
 PRINTING = """
 import sys, threading, time
-from cltaa.quiet import muted_output
+from cltaa.exr.quiet import muted_output
 
 class Slow:  # as a pipe whose reader is busy: other threads run while it takes the text
     def write(self, text):

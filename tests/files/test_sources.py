@@ -11,12 +11,12 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
-from cltaa.exr_read import read_image
-from cltaa.exr_write import write_frame, write_image
+from cltaa.exr.read import read_image
+from cltaa.exr.write import write_frame, write_image
+from cltaa.files.manifest import Entry, Manifest, file_sha256
 from cltaa.frames import Effect
 from cltaa.inputs.opening import open_input
-from cltaa.manifest import Entry, Manifest, file_sha256
-from cltaa.sources import open_images, open_sequence
+from cltaa.sequences.sources import open_images, open_sequence
 from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_images, write_sequence
 
 

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from cltaa.errors import DataError, OutputError
-from cltaa.exr_read import read_image
-from cltaa.sources import open_sequence
-from cltaa.streams import AHEAD, ReadAhead, Writer, read_ahead
+from cltaa.exr.read import read_image
+from cltaa.sequences.sources import open_sequence
+from cltaa.sequences.streams import AHEAD, ReadAhead, Writer, read_ahead
 from tests.sequence_factory import write_sequence
 
 PATIENCE = 300.0  # seconds after which a thread that should have ended counts as hung, on a machine however busy
@@ -300,7 +300,7 @@ def test_writer_waits_while_depth_images_are_unfinished(tmp_path: Path, monkeypa
         begun.append(path)
         gate.wait(PATIENCE)
 
-    monkeypatch.setattr("cltaa.streams.write_image", slow)
+    monkeypatch.setattr("cltaa.sequences.streams.write_image", slow)
     handed_over: list[int] = []
 
     def hand_over() -> None:
@@ -323,8 +323,8 @@ SCRIPT = """
 import sys, time
 from pathlib import Path
 import numpy as np
-from cltaa.sources import open_sequence
-from cltaa.streams import Writer, read_ahead
+from cltaa.sequences.sources import open_sequence
+from cltaa.sequences.streams import Writer, read_ahead
 frames, writer = read_ahead(open_sequence(sys.argv[1])), Writer()
 for frame in frames:
     writer.write(Path(sys.argv[2]) / f"{frame.index}.exr", {"Z": frame.depth})

@@ -11,15 +11,15 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from cltaa.exr_read import read_image
-from cltaa.exr_write import write_image
-from cltaa.zip_level import FASTEST, OPENEXRS_OWN, TIGHTEST, set_zip_level
+from cltaa.exr.read import read_image
+from cltaa.exr.write import write_image
+from cltaa.exr.zip_level import FASTEST, OPENEXRS_OWN, TIGHTEST, set_zip_level
 
 
 @pytest.fixture(autouse=True)
 def openexr_packs(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """As where there is no other packer; and the level of every other test afterwards."""
-    monkeypatch.setattr("cltaa.exr_write.fast_deflate", lambda: None)
+    monkeypatch.setattr("cltaa.exr.write.fast_deflate", lambda: None)
     yield
     set_zip_level(FASTEST)
 
@@ -41,7 +41,8 @@ def test_a_level_is_heeded_and_changes_no_pixel(tmp_path: Path) -> None:
 def test_openexr_packs_at_the_fastest_level(tmp_path: Path) -> None:
     fastest = size_at(FASTEST, tmp_path)
     code = (
-        "import sys; from pathlib import Path; from cltaa import exr_read, exr_write; a, b = map(Path, sys.argv[1:]); "
+        "import sys; from pathlib import Path; from cltaa.exr import read as exr_read, write as exr_write; "
+        "a, b = map(Path, sys.argv[1:]); "
     )
     code += "exr_write.fast_deflate = lambda: None; "
     code += "exr_write.write_image(b, exr_read.read_image(a)[0])"

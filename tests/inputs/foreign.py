@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 
-from cltaa.exr_channels import Pixels, frame_planes
-from cltaa.exr_write import write_image
+from cltaa.exr.channels import Pixels, frame_planes
+from cltaa.exr.write import write_image
 from cltaa.frames import Frame
 from tests.sequence_factory import make_camera, make_frame
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from click.testing import CliRunner
 
-from cltaa.build import Steps
 from cltaa.cli import root
 from cltaa.inputs.opening import open_input
-from cltaa.memory import of_sequence, of_whole_images
+from cltaa.parameters.build import Steps
+from cltaa.planning.memory import of_sequence, of_whole_images
 from tests.inputs.foreign import write_blender, write_parts
 from tests.sequence_factory import make_frame
 

@@ -12,13 +12,13 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
-from cltaa.exr_channels import Pixels
-from cltaa.exr_write import write_image
+from cltaa.exr.channels import Pixels
+from cltaa.exr.write import write_image
 from cltaa.frames import Camera, Frame
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import intake_lines, open_intake
 from cltaa.inputs.opening import open_input
-from cltaa.sources import Sequence
+from cltaa.sequences.sources import Sequence
 from tests.inputs.foreign import frames, side_text, write_blender, write_colour, write_own, write_parts
 from tests.sequence_factory import make_camera, write_sequence
 

@@ -12,18 +12,18 @@ import pytest
 from cltaa.cameras import displacement
 from cltaa.cli import main
 from cltaa.errors import DataError
-from cltaa.exr_attributes import frame_attributes
-from cltaa.exr_channels import frame_planes
-from cltaa.exr_layout import Window
-from cltaa.exr_read import read_frame, read_header, read_image
-from cltaa.exr_write import write_image
-from cltaa.frame_numbers import OnBreak
+from cltaa.exr.attributes import frame_attributes
+from cltaa.exr.channels import frame_planes
+from cltaa.exr.layout import Window
+from cltaa.exr.read import read_frame, read_header, read_image
+from cltaa.exr.write import write_image
 from cltaa.frames import Frame
 from cltaa.inputs.convert import ray_length
 from cltaa.inputs.opening import open_input
-from cltaa.pipeline import resolve_sequence
-from cltaa.presets import load_preset
-from cltaa.resolve import Resolver
+from cltaa.parameters.presets import load_preset
+from cltaa.resolve.pipeline import resolve_sequence
+from cltaa.resolve.resolver import Resolver
+from cltaa.sequences.frame_numbers import OnBreak
 from tests.inputs.foreign import side_text, write_parts
 from tests.sequence_factory import make_camera, make_frame, write_images
 

@@ -13,14 +13,14 @@ import pytest
 from PIL import Image as Pillow
 
 from cltaa.cli import main
-from cltaa.equal_quality import equal_quality_samples
 from cltaa.errors import InputMissing
-from cltaa.exr_write import write_frame, write_image
-from cltaa.manifest import file_sha256
-from cltaa.metrics import light_mse, mean, measure
-from cltaa.sources import open_images, open_sequence
-from cltaa.srgb import encoded
-from cltaa.video_scores import VideoScores
+from cltaa.exr.write import write_frame, write_image
+from cltaa.files.manifest import file_sha256
+from cltaa.judging.equal_quality import equal_quality_samples
+from cltaa.judging.metrics import light_mse, mean, measure
+from cltaa.judging.video_scores import VideoScores
+from cltaa.pictures.srgb import encoded
+from cltaa.sequences.sources import open_images, open_sequence
 from tests.inputs.foreign import frames as foreign_frames
 from tests.inputs.foreign import write_blender
 from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame, write_images, write_sequence

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from cltaa.display import luma, shown_light, to_display, to_picture
 from cltaa.errors import DataError, OutputError
-from cltaa.pictures import GAP, error_map, heat, label, side_by_side, write_image_png, write_png
+from cltaa.pictures.display import luma, shown_light, to_display, to_picture
+from cltaa.pictures.png import GAP, error_map, heat, label, side_by_side, write_image_png, write_png
 from tests.sequence_factory import special_values
 
 FLOAT32_ULP = 2.0**-23  # of values in [0.5, 1)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.equal_quality import STRATIFIED_EXPONENT, equal_quality_samples, samples_on_curve
 from cltaa.errors import DataError
+from cltaa.judging.equal_quality import STRATIFIED_EXPONENT, equal_quality_samples, samples_on_curve
 
 PIXELS, FRAMES, TRUTH_SIDE = 400, 30, 200
 

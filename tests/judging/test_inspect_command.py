@@ -12,7 +12,7 @@ import OpenEXR
 import pytest
 
 from cltaa.cli import main
-from cltaa.exr_write import write_frame
+from cltaa.exr.write import write_frame
 from cltaa.frames import Camera, Effect, Frame
 from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame, write_images, write_sequence
 

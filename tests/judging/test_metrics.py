@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.display import to_display
 from cltaa.errors import DataError, UsageError
 from cltaa.frames import Image
-from cltaa.metrics import METRICS, flip_map, light_mse, mean, measure, mse, parse_metrics, psnr, ssim
+from cltaa.judging.metrics import METRICS, flip_map, light_mse, mean, measure, mse, parse_metrics, psnr, ssim
+from cltaa.pictures.display import to_display
 from tests.sequence_factory import write_sequence
 
 HIGHER = [metric for metric in METRICS.values() if metric.higher_is_better]
@@ -172,7 +172,7 @@ def test_mean_over_frames() -> None:
 def test_flips_threads_do_not_spin() -> None:
     code = (
         "import os, sys, numpy as np\n"
-        "from cltaa.metrics import flip_map\n"
+        "from cltaa.judging.metrics import flip_map\n"
         "assert 'flip_evaluator' not in sys.modules\n"
         "flip_map(np.zeros((8, 8, 3), np.float32), np.ones((8, 8, 3), np.float32))\n"
         "print(os.environ['OMP_WAIT_POLICY'])"

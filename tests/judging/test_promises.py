@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cltaa.exr_write import write_frame
+from cltaa.exr.write import write_frame
 from cltaa.frames import Effect, Frame
-from cltaa.inspection import inspect_folder
-from cltaa.sequence_facts import Inspection
+from cltaa.inspection.facts import Inspection
+from cltaa.inspection.findings import inspect_folder
 from tests.sequence_factory import make_camera, make_frame
 
 CHANGING = "camera, exposure, motion, reactive, shading, uncover"

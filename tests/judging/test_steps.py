@@ -12,11 +12,11 @@ import pytest
 from cltaa.bench.ladder import ladder
 from cltaa.bench.variant_errors import Task, run_task
 from cltaa.cli import main
-from cltaa.exr_read import read_colour
-from cltaa.exr_write import write_frame
-from cltaa.presets import load_preset
-from cltaa.sources import open_sequence
-from cltaa.timed_resolve import timed_frames, timed_numbers
+from cltaa.exr.read import read_colour
+from cltaa.exr.write import write_frame
+from cltaa.parameters.presets import load_preset
+from cltaa.resolve.timed_resolve import timed_frames, timed_numbers
+from cltaa.sequences.sources import open_sequence
 from tests.sequence_factory import make_frame, write_images, write_sequence
 
 STEP, COUNT = 7, 5

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.display import to_picture
 from cltaa.errors import DataError, OutputError, UsageError
 from cltaa.frames import Image
-from cltaa.pictures import GAP
-from cltaa.video import open_video, rate_of, write_side_by_side, write_video
+from cltaa.pictures.display import to_picture
+from cltaa.pictures.png import GAP
+from cltaa.pictures.video import open_video, rate_of, write_side_by_side, write_video
 from tests.sequence_factory import write_sequence
 
 # 8-bit limited-range YCbCr has 219 steps of luma and 224 of chroma for 255 of RGB, so a flat colour is off by about

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.display import to_display
 from cltaa.frames import Frame, Image
-from cltaa.video_scores import SCORES, VideoScores
+from cltaa.judging.video_scores import SCORES, VideoScores
+from cltaa.pictures.display import to_display
 from tests.sequence_factory import make_camera, make_frame
 
 WIDTH, HEIGHT, FRAMES = 96, 64, 10
@@ -112,8 +112,8 @@ def perfect(_index: int, truth: Display) -> Display:
     return truth
 
 
-# float32 colour, decoded and encoded again, moves a display value by 1e-7; what the least squares of cltaa.detail take
-# for rounding is 1e-5 (the root of RANK) of a detail below 0.5.
+# float32 colour, decoded and encoded again, moves a display value by 1e-7; what the least squares of
+# cltaa.judging.detail take for rounding is 1e-5 (the root of RANK) of a detail below 0.5.
 QUIET = 5e-6
 
 

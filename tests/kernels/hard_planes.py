@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cltaa.constants import SPANS
 from cltaa.constants import value as value_of
-from cltaa.layout import Layout
+from cltaa.memory.layout import Layout
 from tests.sequence_factory import SPECIAL_BITS
 
 Planes = dict[str, NDArray[Any]]

@@ -9,13 +9,13 @@ from typing import get_type_hints
 import numpy as np
 import pytest
 
-from cltaa.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Real, Storage, prelude
-from cltaa.device import Device
+from cltaa.devices.device import Device
+from cltaa.devices.shape import INTEL_16
 from cltaa.frames import Camera, Frame
-from cltaa.params import Choices
-from cltaa.presets import load_preset, override
-from cltaa.resolve import Resolver
-from cltaa.shape import INTEL_16
+from cltaa.parameters.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Real, Storage, prelude
+from cltaa.parameters.choices import Choices
+from cltaa.parameters.presets import load_preset, override
+from cltaa.resolve.resolver import Resolver
 from tests.sequence_factory import bits, make_frame, special_values
 
 # Every choice that shapes a kernel, with the kind of its values.
@@ -84,8 +84,8 @@ OF_ROWS = (
 def test_same_bits_along_rows(name: str, choice: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Work-items that walk along rows of three columns, as they do of sixteen on Intel's CPUs; 70 pixels are nine."""
     monkeypatch.setattr(Device, "shape", INTEL_16._replace(lanes=8, columns=3))
-    monkeypatch.setattr("cltaa.shape.ITEMS_A_UNIT", 0)
-    monkeypatch.setattr("cltaa.shape.FEW_UNITS", 10**6)
+    monkeypatch.setattr("cltaa.devices.shape.ITEMS_A_UNIT", 0)
+    monkeypatch.setattr("cltaa.devices.shape.FEW_UNITS", 10**6)
     assert differing({name: choice, "fresh_blur": 0.5}, list(hard_frames(count=2)), 8, 7) == 0
 
 

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.build import Build, Steps, Storage
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.launch import storage_dtype
-from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.params import Choices, HistoryFilter, Reject
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.launch import storage_dtype
+from cltaa.devices.numpy_launcher import NumpyLauncher
+from cltaa.parameters.build import Build, Steps, Storage
+from cltaa.parameters.choices import Choices, HistoryFilter, Reject
 from tests.kernels.hard_planes import Planes, padded, storable
 from tests.kernels.stage_chain import Work, chain_work, differing, run_stage
 

@@ -13,9 +13,10 @@ import msgspec
 import pyopencl as cl
 import pytest
 
-from cltaa.build import Build, Steps, Terms
-from cltaa.device import POCL, Device, devices
-from cltaa.params import (
+from cltaa.devices.device import POCL, Device, devices
+from cltaa.devices.program import source
+from cltaa.parameters.build import Build, Steps, Terms
+from cltaa.parameters.choices import (
     Box,
     Choices,
     Dilation,
@@ -27,7 +28,6 @@ from cltaa.params import (
     Variance,
     Weighting,
 )
-from cltaa.program import source
 
 BARE = Steps(camera_motion=False, own_motion=False, orthographic=False, exposure=False, alpha=False, reactive=False)
 PLAIN = Choices(rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE, weighting=Weighting.NONE)

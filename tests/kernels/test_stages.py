@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.build import Build, settings_record
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.frame_record import Past, frame_record
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.launch import Buffer
 from cltaa.frames import Effect
-from cltaa.launch import Buffer
-from cltaa.presets import load_preset, override
-from cltaa.resolve import Resolver
+from cltaa.parameters.build import Build, settings_record
+from cltaa.parameters.presets import load_preset, override
+from cltaa.resolve.frame_record import Past, frame_record
+from cltaa.resolve.resolver import Resolver
 from tests.kernels.test_resolve import hard_frames
 from tests.sequence_factory import bits
 

@@ -7,14 +7,14 @@ from functools import cache
 import pytest
 from msgspec.structs import replace
 
-from cltaa.build import Build, Terms
-from cltaa.device import Device
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.params import Settings
-from cltaa.presets import load_preset
-from cltaa.resolve import Resolver
-from cltaa.shape import LEAST_ROWS, NVIDIA, Shape
+from cltaa.devices.device import Device
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.numpy_launcher import NumpyLauncher
+from cltaa.devices.shape import LEAST_ROWS, NVIDIA, Shape
+from cltaa.parameters.build import Build, Terms
+from cltaa.parameters.choices import Settings
+from cltaa.parameters.presets import load_preset
+from cltaa.resolve.resolver import Resolver
 from tests.kernels.hard_planes import Planes
 from tests.kernels.stage_chain import ALL_STEPS, Work, differing, hard_work, run_stage
 from tests.sequence_factory import make_frame

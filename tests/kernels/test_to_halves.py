@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.build import FRAME_DTYPE, Build, Storage
 from cltaa.constants import PAD_X, PAD_Y
-from cltaa.device import Device
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device import Device
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.launch import Launcher, storage_dtype
+from cltaa.devices.numpy_launcher import NumpyLauncher
+from cltaa.devices.shape import Shape
 from cltaa.frames import Effect
-from cltaa.halves import limit_halves, saturated_pixels
-from cltaa.launch import Launcher, storage_dtype
-from cltaa.layout import Layout
-from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.resolve import Resolver
-from cltaa.shape import Shape
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import FRAME_DTYPE, Build, Storage
+from cltaa.resolve.halves import limit_halves, saturated_pixels
+from cltaa.resolve.resolver import Resolver
 from tests.kernels.stage_chain import UNWRITTEN
 from tests.sequence_factory import bits, make_camera, make_frame, special_values
 

@@ -15,14 +15,14 @@ import pyopencl as cl
 import pytest
 from msgspec.structs import replace
 
-from cltaa.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Steps, Storage
-from cltaa.device import POCL
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.launch import storage_dtype
-from cltaa.layout import Layout
-from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.params import HOST_CHOICES, Choices
-from cltaa.settings import HOST_SETTINGS, Settings
+from cltaa.devices.device import POCL
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.launch import storage_dtype
+from cltaa.devices.numpy_launcher import NumpyLauncher
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Steps, Storage
+from cltaa.parameters.choices import HOST_CHOICES, Choices
+from cltaa.parameters.settings import HOST_SETTINGS, Settings
 from tests.kernels.stage_chain import (
     ALL_STEPS,
     FUSED,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
 
 
 @pytest.fixture(scope="session")

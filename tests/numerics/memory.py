@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from cltaa.build import Build, Storage
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.launch import Buffer
-from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.presets import load_preset, override
-from cltaa.resolve import Resolver
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.launch import Buffer
+from cltaa.devices.numpy_launcher import NumpyLauncher
+from cltaa.parameters.build import Build, Storage
+from cltaa.parameters.presets import load_preset, override
+from cltaa.resolve.resolver import Resolver
 from tests.kernels.hard_planes import padded
 from tests.kernels.stage_chain import ALL_STEPS, WRITES, Work, chain_work, differing, run_stage, variants
 from tests.kernels.test_resolve import hard_frames

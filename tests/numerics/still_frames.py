@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.buffers import fill
-from cltaa.build import Storage
+from cltaa.devices.launch import Launcher
 from cltaa.frames import Effect, Frame, Image
-from cltaa.launch import Launcher
-from cltaa.presets import Preset, load_preset, override
-from cltaa.resolve import Resolver
+from cltaa.parameters.build import Storage
+from cltaa.parameters.presets import Preset, load_preset, override
+from cltaa.resolve.buffers import fill
+from cltaa.resolve.resolver import Resolver
 from tests.sequence_factory import make_camera
 
 UNIT_ROUNDOFF = 2.0**-24  # of float32

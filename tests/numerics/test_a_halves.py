@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cltaa.build import Storage
 from cltaa.cli import main
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.exr_read import read_image
-from cltaa.exr_write import write_frame
-from cltaa.halves import limit_halves, saturated_pixels
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.exr.read import read_image
+from cltaa.exr.write import write_frame
+from cltaa.parameters.build import Storage
+from cltaa.resolve.halves import limit_halves, saturated_pixels
 from tests.numerics.still_frames import accumulator, grey, still_frame
 from tests.sequence_factory import make_frame
 

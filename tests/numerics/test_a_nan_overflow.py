@@ -10,19 +10,19 @@ import msgspec
 import numpy as np
 import pytest
 
-from cltaa.build import Build, Steps
 from cltaa.constants import value
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.numpy_launcher import NumpyLauncher
+from cltaa.devices.program import Kernel, source_hash
 from cltaa.errors import InternalError
 from cltaa.frames import Effect, Frame, Image
-from cltaa.layout import Layout
-from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.params import Box, Choices, GatherFit, HistoryOf, LightChange, Neighbourhood
-from cltaa.presets import load_preset, override
-from cltaa.program import Kernel, source_hash
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Steps
+from cltaa.parameters.choices import Box, Choices, GatherFit, HistoryOf, LightChange, Neighbourhood
+from cltaa.parameters.presets import load_preset, override
 from cltaa.reference.projection import Motion, on_screen
 from cltaa.reference.sampling import footprint_of
-from cltaa.resolve import Resolver
+from cltaa.resolve.resolver import Resolver
 from tests.kernels.hard_planes import padded
 from tests.kernels.stage_chain import chain_work, differing, hard_work, run_stage
 from tests.kernels.test_resolve import turned

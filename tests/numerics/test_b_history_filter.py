@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.build import Build, Steps, settings_record
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.frame_record import Past, frame_record
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.launch import Launcher
 from cltaa.frames import Frame
-from cltaa.launch import Launcher
-from cltaa.layout import Layout
-from cltaa.params import Choices, HistoryFilter, Reject, Settings
-from cltaa.presets import load_preset, override
-from cltaa.resolve import Resolver
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Steps, settings_record
+from cltaa.parameters.choices import Choices, HistoryFilter, Reject, Settings
+from cltaa.parameters.presets import load_preset, override
+from cltaa.resolve.frame_record import Past, frame_record
+from cltaa.resolve.resolver import Resolver
 from tests.kernels.hard_planes import padded
 from tests.kernels.stage_chain import Work, run_stage
 from tests.numerics.still_frames import CAMERA, UNIT_ROUNDOFF, grey, still_frame, unfiltered

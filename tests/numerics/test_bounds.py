@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from cltaa.build import Build, Storage
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.params import Accumulate
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.parameters.build import Build, Storage
+from cltaa.parameters.choices import Accumulate
 from cltaa.reference.bounded import Bounded
 from cltaa.reference.decision import Decision
 from cltaa.reference.real import greater

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.build import Build, Steps, settings_record
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.frame_record import Past, frame_record
-from cltaa.layout import Layout
-from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.params import BoxSpace, Choices, Neighbourhood, Settings, Variance
-from cltaa.resolve import Resolver
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.numpy_launcher import NumpyLauncher
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Steps, settings_record
+from cltaa.parameters.choices import BoxSpace, Choices, Neighbourhood, Settings, Variance
+from cltaa.resolve.frame_record import Past, frame_record
+from cltaa.resolve.resolver import Resolver
 from tests.kernels.hard_planes import padded, tiles
 from tests.kernels.stage_chain import Work, run_stage
 from tests.numerics.still_frames import CAMERA, UNIT_ROUNDOFF, accumulator, grey, still_frame

@@ -32,8 +32,8 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.constants import value as value_of
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.params import Box, BoxSpace, Rectify
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.parameters.choices import Box, BoxSpace, Rectify
 from tests.numerics.still_frames import UNIT_ROUNDOFF
 from tests.numerics.test_c_statistics import box_space
 from tests.numerics.test_d_rectification import BOXES, SETTINGS, Planes, random_boxes, rectified

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.build import Build, Steps, settings_record
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.frame_record import Past, frame_record
-from cltaa.layout import Layout
-from cltaa.params import Box, BoxSpace, Choices, Rectify, Settings
-from cltaa.presets import load_preset, override
-from cltaa.resolve import Resolver
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Steps, settings_record
+from cltaa.parameters.choices import Box, BoxSpace, Choices, Rectify, Settings
+from cltaa.parameters.presets import load_preset, override
+from cltaa.resolve.frame_record import Past, frame_record
+from cltaa.resolve.resolver import Resolver
 from tests.kernels.hard_planes import padded
 from tests.kernels.stage_chain import Work, run_stage
 from tests.numerics.still_frames import CAMERA, UNIT_ROUNDOFF, grey, still_frame

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.build import Build, Storage, settings_record
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.frames import Image
-from cltaa.params import Box, Rectify, Settings
-from cltaa.presets import override
+from cltaa.parameters.build import Build, Storage, settings_record
+from cltaa.parameters.choices import Box, Rectify, Settings
+from cltaa.parameters.presets import override
 from cltaa.reference.blend import blend, luminance_weight
-from cltaa.resolve import Resolver
+from cltaa.resolve.resolver import Resolver
 from tests.numerics.still_frames import UNIT_ROUNDOFF, accumulator, grey, last_of, looped, still_frame, unfiltered
 from tests.sequence_factory import bits
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.build import Storage
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.layout import Layout
-from cltaa.numpy_launcher import NumpyLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.numpy_launcher import NumpyLauncher
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Storage
 from cltaa.reference.storage import stochastic_half, storage_dither
 from tests.numerics.still_frames import UNIT_ROUNDOFF, accumulator, grey, last_of, still_frame
 from tests.sequence_factory import bits

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cltaa.build import Storage
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.frames import Effect
-from cltaa.presets import override
-from cltaa.resolve import Resolver
+from cltaa.parameters.build import Storage
+from cltaa.parameters.presets import override
+from cltaa.resolve.resolver import Resolver
 from tests.numerics.still_frames import still_frame, unfiltered
 from tests.sequence_factory import bits, make_frame
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from cltaa.build import Build, Real
 from cltaa.frames import Frame
-from cltaa.resolve import Resolver
+from cltaa.parameters.build import Build, Real
+from cltaa.resolve.resolver import Resolver
 from tests.kernels.test_resolve import turned
 from tests.sequence_factory import make_frame
 

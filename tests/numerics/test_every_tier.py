@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.frames import Effect, Frame, Image
-from cltaa.params import Box, HistoryOf, LightChange
-from cltaa.presets import load_preset, override
-from cltaa.resolve import Resolver
+from cltaa.parameters.choices import Box, HistoryOf, LightChange
+from cltaa.parameters.presets import load_preset, override
+from cltaa.resolve.resolver import Resolver
 from tests.kernels.test_resolve import hard_frames, turned
 from tests.numerics.still_frames import still_frame
 from tests.sequence_factory import bits, make_frame

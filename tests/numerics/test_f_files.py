@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from cltaa.cli import main
 from cltaa.errors import DataError
-from cltaa.exr_attributes import frame_attributes
-from cltaa.exr_read import read_frame
-from cltaa.exr_write import write_frame, write_image
+from cltaa.exr.attributes import frame_attributes
+from cltaa.exr.read import read_frame
+from cltaa.exr.write import write_frame, write_image
 from cltaa.frames import Camera
 from tests.numerics.exact_cameras import perspective, rotation, view_at
 from tests.sequence_factory import HEIGHT, WIDTH, make_frame

@@ -12,10 +12,10 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.cli import main
-from cltaa.exr_write import write_frame
+from cltaa.exr.write import write_frame
 from cltaa.frames import Camera, Effect
-from cltaa.presets import load_preset, override
-from cltaa.resolve import Resolver
+from cltaa.parameters.presets import load_preset, override
+from cltaa.resolve.resolver import Resolver
 from tests.numerics.exact_cameras import perspective
 from tests.sequence_factory import make_frame
 

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.build import Build, Steps, settings_record
 from cltaa.cameras import displacement
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.frame_record import Past, frame_record
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.launch import Launcher
+from cltaa.devices.numpy_launcher import NumpyLauncher
 from cltaa.frames import Camera, Frame
-from cltaa.launch import Launcher
-from cltaa.layout import Layout
-from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.params import Choices, Dilation, Settings
-from cltaa.presets import override
-from cltaa.resolve import Resolver
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Steps, settings_record
+from cltaa.parameters.choices import Choices, Dilation, Settings
+from cltaa.parameters.presets import override
+from cltaa.resolve.frame_record import Past, frame_record
+from cltaa.resolve.resolver import Resolver
 from tests.kernels.hard_planes import padded
 from tests.kernels.stage_chain import Work, run_stage
 from tests.numerics.exact_cameras import displacement_of, orthographic, perspective, rotation, view_at

@@ -17,14 +17,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cltaa.build import Build, prelude
-from cltaa.device import POCL, devices
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device import POCL, devices
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.numpy_launcher import NumpyLauncher
 from cltaa.frames import Frame, Image
-from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.params import HistoryFilter
-from cltaa.presets import load_preset, override
-from cltaa.resolve import Resolver
+from cltaa.parameters.build import Build, prelude
+from cltaa.parameters.choices import HistoryFilter
+from cltaa.parameters.presets import load_preset, override
+from cltaa.resolve.resolver import Resolver
 from tests.kernels.hard_planes import Planes
 from tests.kernels.stage_chain import ALL_STEPS, WRITES, chain_work, differing, run_stage
 from tests.kernels.test_twins import CutUp

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cltaa.build import Build
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.launch import Launcher
-from cltaa.numpy_launcher import NumpyLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.launch import Launcher
+from cltaa.devices.numpy_launcher import NumpyLauncher
+from cltaa.parameters.build import Build
 from tests.kernels.stage_chain import ALL_STEPS, STAGES, WRITES, differing, run_stage
 from tests.numerics.golden import FOLDER, LAYOUT, read_table, read_work
 

@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.build import HALVES, Build
-from cltaa.device_launcher import DeviceLauncher
-from cltaa.launch import Launcher
-from cltaa.numpy_launcher import NumpyLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.launch import Launcher
+from cltaa.devices.numpy_launcher import NumpyLauncher
+from cltaa.parameters.build import HALVES, Build
 from cltaa.reference.bounded import with_bounds
 from tests.kernels.hard_planes import Planes
 from tests.kernels.stage_chain import ALL_STEPS, WRITES, Work, arguments_of, chain_work, run_stage, variants

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.build import Build, Real
 from cltaa.constants import PAD_X, PAD_Y, SPANS
 from cltaa.constants import value as value_of
+from cltaa.parameters.build import Build, Real
 from cltaa.reference.gather import gather_samples
 from cltaa.reference.gather_fit import Gathered
 from cltaa.reference.gather_sides import layers_of

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from cltaa.params import HistoryOf
-from cltaa.presets import load_preset, preset_names
+from cltaa.parameters.choices import HistoryOf
+from cltaa.parameters.presets import load_preset, preset_names
 
 
 def test_the_default_is_tier_three() -> None:

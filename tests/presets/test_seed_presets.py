@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from cltaa.frames import Effect, Frame, Image
-from cltaa.presets import preset_names
-from cltaa.resolve import Resolver
+from cltaa.parameters.presets import preset_names
+from cltaa.resolve.resolver import Resolver
 from tests.presets.transcriptions import babylon, simvx, vireo
 from tests.presets.transcriptions.graphics import Array
 from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from cltaa.allocator import KEPT_BLOCKS, LARGEST, SMALLEST, empty_image, kept_memory, mapped_from
+from cltaa.memory.allocator import KEPT_BLOCKS, LARGEST, SMALLEST, empty_image, kept_memory, mapped_from
 
 
 @pytest.mark.parametrize(("width", "height"), [(1920, 1080), (2048, 1152), (3840, 2160), (7680, 4320), (16384, 16384)])

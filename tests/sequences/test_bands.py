@@ -11,22 +11,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.allocator import KEPT_BLOCKS
-from cltaa.bands import BandedResolver, band_rows_for, resolver_for
-from cltaa.build import Steps, Storage
-from cltaa.checkpoint import Checkpoints
 from cltaa.cli import main
-from cltaa.device import Device
+from cltaa.devices.device import Device
+from cltaa.devices.shape import Shape
 from cltaa.errors import UsageError
-from cltaa.exr_write import write_image
+from cltaa.exr.write import write_image
+from cltaa.files.manifest import Manifest
 from cltaa.frames import Frame
-from cltaa.manifest import Manifest
-from cltaa.memory import Memory, device_bytes, of_resolve, of_whole_images
-from cltaa.pipeline import resolve_sequence
-from cltaa.presets import load_preset
-from cltaa.resolve import Resolver
-from cltaa.shape import Shape
-from cltaa.sources import open_sequence
+from cltaa.memory.allocator import KEPT_BLOCKS
+from cltaa.parameters.build import Steps, Storage
+from cltaa.parameters.presets import load_preset
+from cltaa.planning.memory import Memory, device_bytes, of_resolve, of_whole_images
+from cltaa.resolve.bands import BandedResolver, band_rows_for, resolver_for
+from cltaa.resolve.checkpoint import Checkpoints
+from cltaa.resolve.pipeline import resolve_sequence
+from cltaa.resolve.resolver import Resolver
+from cltaa.sequences.sources import open_sequence
 from tests.sequence_factory import bits, make_camera, make_frame, special_values, write_sequence
 
 ROWS = (1, 2, 3, 4, 5, 7, 8, 22, 23, 24, 100)
@@ -117,7 +117,7 @@ def test_numpy_has_no_bands() -> None:
 
 
 def test_only_large_images_are_banded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cltaa.bands.memory_limit", lambda: 24 * 10**9)
+    monkeypatch.setattr("cltaa.resolve.bands.memory_limit", lambda: 24 * 10**9)
     assert band_rows_for(whole_images(3840, 2160)) == 0
     assert band_rows_for(whole_images(7680, 4320)) == 0
     assert band_rows_for(whole_images(16384, 16384)) > 0
@@ -136,7 +136,7 @@ def test_bands_begin_where_the_formula_says(tmp_path: Path, monkeypatch: pytest.
     sequence = open_sequence(write_sequence(tmp_path / "in", 2))
     whole = of_whole_images(sequence).whole
     for memory, banded in ((whole, False), (whole - 1, True)):
-        monkeypatch.setattr("cltaa.bands.memory_limit", lambda memory=memory: memory)
+        monkeypatch.setattr("cltaa.resolve.bands.memory_limit", lambda memory=memory: memory)
         assert isinstance(resolver_for(load_preset("default"), None, sequence), BandedResolver) == banded
 
 
@@ -147,7 +147,7 @@ def test_a_preset_that_keeps_frames_has_no_bands(
     command = ["resolve", str(write_sequence(tmp_path / "in", 2)), "-o", str(tmp_path / "out"), "--preset", "t5"]
     assert main([*command, "--band-rows", "6"]) == 64
     assert "preset t5 keeps frames, so it resolves whole images only; leave --band-rows out" in capsys.readouterr().err
-    monkeypatch.setattr("cltaa.bands.memory_limit", lambda: 10**5)
+    monkeypatch.setattr("cltaa.resolve.bands.memory_limit", lambda: 10**5)
     assert main(command) == 75
     said = capsys.readouterr().err
     assert "37 x 23 pixels are too many for preset t5, which keeps frames, so it resolves whole images only" in said
@@ -172,7 +172,7 @@ def test_no_second_image_waits_beside_a_band(tmp_path: Path, monkeypatch: pytest
         time.sleep(0.01)
         write_image(*given, **named)
 
-    monkeypatch.setattr("cltaa.streams.write_image", slowly)
+    monkeypatch.setattr("cltaa.sequences.streams.write_image", slowly)
     folder = write_sequence(tmp_path / "in", 4, width=9, height=7)
     resolve_sequence(open_sequence(folder), output, Looking(band_rows=4))
     assert there == [0, 1, 2, 3]

@@ -9,20 +9,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.bands import BandedResolver
-from cltaa.build import Build, Steps, settings_record
-from cltaa.checkpoint import Checkpoints
 from cltaa.constants import PAD_X, PAD_Y
-from cltaa.debug import DebugViews
 from cltaa.frames import Effect, Frame
-from cltaa.layout import Layout
-from cltaa.params import BoxSpace, Choices, LightChange, Settings
-from cltaa.planning import plan_frame
-from cltaa.presets import load_preset, override
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Steps, settings_record
+from cltaa.parameters.choices import BoxSpace, Choices, LightChange, Settings
+from cltaa.parameters.presets import load_preset, override
+from cltaa.planning.frame_plan import plan_frame
 from cltaa.reference.light import history_in_light, kept_change, with_change, with_change_of
 from cltaa.reference.sampling import Footprint
-from cltaa.resolve import Resolver
-from cltaa.views import View
+from cltaa.resolve.bands import BandedResolver
+from cltaa.resolve.checkpoint import Checkpoints
+from cltaa.resolve.debug import DebugViews
+from cltaa.resolve.resolver import Resolver
+from cltaa.resolve.views import View
 from tests.kernels.hard_planes import padded
 from tests.sequence_factory import make_camera, make_frame
 

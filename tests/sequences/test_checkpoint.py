@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cltaa.build import Storage
-from cltaa.checkpoint import SLOTS, Checkpoints
 from cltaa.frames import Frame, Image
-from cltaa.resolve import Resolver
+from cltaa.parameters.build import Storage
+from cltaa.resolve.checkpoint import SLOTS, Checkpoints
+from cltaa.resolve.resolver import Resolver
 from tests.sequence_factory import bits, make_frame
 
 KEY = "of these settings"

@@ -11,14 +11,14 @@ import pytest
 from PIL import Image as Pillow
 
 from cltaa.cli import main
-from cltaa.debug import COLOURS, DebugViews, Reason, view_picture
 from cltaa.errors import UsageError
-from cltaa.exr_read import read_image
+from cltaa.exr.read import read_image
 from cltaa.frames import Effect, Frame, Image
-from cltaa.presets import Preset, load_preset, override
-from cltaa.resolve import Resolver
-from cltaa.sources import open_images
-from cltaa.views import View, are_views, parse_views
+from cltaa.parameters.presets import Preset, load_preset, override
+from cltaa.resolve.debug import COLOURS, DebugViews, Reason, view_picture
+from cltaa.resolve.resolver import Resolver
+from cltaa.resolve.views import View, are_views, parse_views
+from cltaa.sequences.sources import open_images
 from tests.sequence_factory import bits, make_camera, make_frame, write_sequence
 from tests.sequences.test_resolver import panned
 

@@ -10,21 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.bands import BandedResolver
-from cltaa.buffers import Buffers
-from cltaa.build import Storage
-from cltaa.checkpoint import Checkpoints
-from cltaa.current_filter import axis_masses
+from cltaa.devices.launch import Buffer
+from cltaa.devices.numpy_launcher import NumpyLauncher
 from cltaa.errors import ResourceError, UsageError
 from cltaa.frames import Effect, Frame
-from cltaa.launch import Buffer
-from cltaa.layout import Layout
-from cltaa.memory import device_bytes
-from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.params import HistoryOf, Settings
-from cltaa.planning import plan_frame
-from cltaa.presets import Preset, load_preset, override
-from cltaa.resolve import Resolver
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Storage
+from cltaa.parameters.choices import HistoryOf, Settings
+from cltaa.parameters.presets import Preset, load_preset, override
+from cltaa.planning.frame_plan import plan_frame
+from cltaa.planning.memory import device_bytes
+from cltaa.resolve.bands import BandedResolver
+from cltaa.resolve.buffers import Buffers
+from cltaa.resolve.checkpoint import Checkpoints
+from cltaa.resolve.current_filter import axis_masses
+from cltaa.resolve.resolver import Resolver
 from tests.kernels.test_resolve import differing, hard_frames
 from tests.sequence_factory import bits, make_camera, make_frame
 

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cltaa.device_launcher import DeviceLauncher
+from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.devices.launch import Launcher
+from cltaa.devices.numpy_launcher import NumpyLauncher
+from cltaa.devices.program import source_hash
 from cltaa.frames import Camera, Effect, Frame
-from cltaa.launch import Launcher
-from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.params import Rectify, Reject
-from cltaa.planning import plan_frame, with_effects
-from cltaa.presets import load_preset, override, preset_names
-from cltaa.program import source_hash
-from cltaa.resolve import Resolver
+from cltaa.parameters.choices import Rectify, Reject
+from cltaa.parameters.presets import load_preset, override, preset_names
+from cltaa.planning.frame_plan import plan_frame, with_effects
+from cltaa.resolve.resolver import Resolver
 from tests.sequence_factory import make_camera, make_frame
 
 DEFAULT = load_preset("default")
@@ -169,7 +169,7 @@ def test_what_does_not_gather_runs_the_program_of_the_default(name: str, monkeyp
 
     program, image = run("default")
     assert run("t4") == (program, image)
-    monkeypatch.setattr("cltaa.resolve.shared", lambda build: build)
+    monkeypatch.setattr("cltaa.resolve.resolver.shared", lambda build: build)
     other, alone = run("t4")
     assert other != program
     assert alone == image

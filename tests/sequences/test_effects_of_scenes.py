@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cltaa.frames import Frame
-from cltaa.resolve import Resolver
+from cltaa.resolve.resolver import Resolver
 from cltaa_capture.jitter import jitter_sequence
 from cltaa_datasets.scenes import registered
 from tests.built_scenes import built

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.build import Build, settings_record
-from cltaa.frame_record import Past, frame_record
 from cltaa.frames import Effect, Frame
-from cltaa.layout import Layout
-from cltaa.params import BoxSpace, Choices, Settings
-from cltaa.planning import plan_frame
-from cltaa.presets import Preset, load_preset, override
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, settings_record
+from cltaa.parameters.choices import BoxSpace, Choices, Settings
+from cltaa.parameters.presets import Preset, load_preset, override
+from cltaa.planning.frame_plan import plan_frame
 from cltaa.reference.neighbourhood import Statistics
 from cltaa.reference.projection import Motion
 from cltaa.reference.rectify import rectify
-from cltaa.resolve import Resolver
+from cltaa.resolve.frame_record import Past, frame_record
+from cltaa.resolve.resolver import Resolver
 from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame
 
 CAMERA = frozenset({Effect.CAMERA, Effect.SKY})

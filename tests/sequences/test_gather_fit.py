@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cltaa.frames import Camera, Effect, Frame
-from cltaa.presets import Preset, load_preset, override
-from cltaa.resolve import Resolver
+from cltaa.parameters.presets import Preset, load_preset, override
+from cltaa.resolve.resolver import Resolver
 from tests.kernels.test_resolve import differing, hard_frames
 from tests.sequence_factory import make_camera, make_frame
 

@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cltaa.build import Build, Steps, settings_record
-from cltaa.frame_record import frame_record
 from cltaa.frames import Effect, Frame
-from cltaa.layout import Layout
-from cltaa.params import Settings
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Steps, settings_record
+from cltaa.parameters.choices import Settings
 from cltaa.reference import gather
 from cltaa.reference.gather_fit import Gathered
 from cltaa.reference.gather_sides import Layers, layers_of, side_of, sides_of, two_surfaces
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.planes import read_rows
-from cltaa.resolve import Resolver
+from cltaa.resolve.frame_record import frame_record
+from cltaa.resolve.resolver import Resolver
 from tests.kernels.hard_planes import padded
 from tests.kernels.test_resolve import differing
 from tests.sequence_factory import make_camera, make_frame

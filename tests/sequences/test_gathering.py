@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from cltaa.frames import Effect, Frame
-from cltaa.params import HistoryOf, Rectify
-from cltaa.planning import plan_frame
-from cltaa.presets import Preset, load_preset, override
-from cltaa.resolve import Resolver
+from cltaa.parameters.choices import HistoryOf, Rectify
+from cltaa.parameters.presets import Preset, load_preset, override
+from cltaa.planning.frame_plan import plan_frame
+from cltaa.resolve.resolver import Resolver
 from tests.kernels.test_resolve import differing, hard_frames
 from tests.sequence_factory import bits, make_camera, make_frame
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cltaa.frames import Effect, Frame, Image
-from cltaa.presets import load_preset, override
-from cltaa.resolve import Resolver
+from cltaa.parameters.presets import load_preset, override
+from cltaa.resolve.resolver import Resolver
 from tests.sequence_factory import make_camera, make_frame
 
 WIDTH, HEIGHT = 24, 16

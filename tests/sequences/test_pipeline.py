@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.allocator import Block
-from cltaa.build import Storage
-from cltaa.checkpoint import Checkpoints
 from cltaa.errors import DeviceLost, UsageError
-from cltaa.exr_write import write_frame, write_image
+from cltaa.exr.write import write_frame, write_image
 from cltaa.frames import Effect, Frame
-from cltaa.pipeline import resolve_sequence
-from cltaa.resolve import Resolver
-from cltaa.sources import open_sequence
+from cltaa.memory.allocator import Block
+from cltaa.parameters.build import Storage
+from cltaa.resolve.checkpoint import Checkpoints
+from cltaa.resolve.pipeline import resolve_sequence
+from cltaa.resolve.resolver import Resolver
+from cltaa.sequences.sources import open_sequence
 from tests.sequence_factory import make_frame, write_sequence
 
 FRAMES = 7
@@ -94,7 +94,7 @@ def test_a_device_that_is_lost_is_opened_once_more(tmp_path: Path) -> None:
 def test_the_film_shows_the_frames_of_this_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Though the folder holds more."""
     shown: list[tuple[int, ...]] = []
-    monkeypatch.setattr("cltaa.pipeline.write_video", lambda _, images, **__: shown.append(images.numbers))
+    monkeypatch.setattr("cltaa.resolve.pipeline.write_video", lambda _, images, **__: shown.append(images.numbers))
     sequence = open_sequence(write_sequence(tmp_path / "in", FRAMES, width=16, height=16))
     for part in (sequence, sequence.select(0, 2)):
         resolve_sequence(part, tmp_path / "out", Resolver(device="numpy"), preview=tmp_path / "film.mp4")
@@ -127,7 +127,7 @@ def test_times_hold_the_last_image_too(tmp_path: Path, monkeypatch: pytest.Monke
         time.sleep(0.05)
         write_image(*given, **named)
 
-    monkeypatch.setattr("cltaa.streams.write_image", slowly)
+    monkeypatch.setattr("cltaa.sequences.streams.write_image", slowly)
     sequence = open_sequence(write_sequence(tmp_path / "in", 1, width=9, height=7))
     seconds = resolve_sequence(sequence, tmp_path / "out", Resolver(device="numpy")).seconds
     assert 0.05 <= seconds.write <= seconds.whole

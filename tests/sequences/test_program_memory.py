@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cltaa import memory
-from cltaa.memory import PROGRAM, program_bytes
+from cltaa.planning import memory
+from cltaa.planning.memory import PROGRAM, program_bytes
 
 DRIVER = 32 * 2**20  # bytes
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cltaa.frames import Frame
-from cltaa.presets import load_preset, override
-from cltaa.resolve import Resolver
+from cltaa.parameters.presets import load_preset, override
+from cltaa.resolve.resolver import Resolver
 from tests.sequence_factory import bits
 from tests.sequences.test_spans import WIDTH, lit
 

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cltaa.devices.numpy_launcher import NumpyLauncher
 from cltaa.errors import DataError, UsageError
 from cltaa.frames import Camera, Effect, Frame
-from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.one_thread import INSIDE
-from cltaa.presets import load_preset, override
-from cltaa.resolve import Resolver
-from cltaa.sources import open_sequence
+from cltaa.parameters.presets import load_preset, override
+from cltaa.resolve.one_thread import INSIDE
+from cltaa.resolve.resolver import Resolver
+from cltaa.sequences.sources import open_sequence
 from tests.sequence_factory import bits, make_camera, make_frame, write_sequence
 
 STILL = frozenset({Effect.SKY})

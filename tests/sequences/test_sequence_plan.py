@@ -9,13 +9,13 @@ import pytest
 
 import cltaa
 from cltaa.cli import main
-from cltaa.estimates import LIGHT
-from cltaa.exr_write import write_frame
+from cltaa.exr.write import write_frame
 from cltaa.frames import Effect
-from cltaa.params import LightChange
-from cltaa.planning import plan_frame, toggled
-from cltaa.presets import load_preset
-from cltaa.sequence_plan import SequencePlan
+from cltaa.inspection.sequence_plan import SequencePlan
+from cltaa.parameters.choices import LightChange
+from cltaa.parameters.presets import load_preset
+from cltaa.planning.estimates import LIGHT
+from cltaa.planning.frame_plan import plan_frame, toggled
 from tests.sequence_factory import make_camera, make_frame
 
 WALK = (0, 1, 2, 2, 2, 3, 4)  # steps of the camera: it stands on frames 3 and 4; frame 5 is a cut

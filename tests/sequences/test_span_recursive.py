@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cltaa.presets import load_preset, override
+from cltaa.parameters.presets import load_preset, override
 from cltaa.reference.span_recursive import recursive_share
-from cltaa.resolve import Resolver
+from cltaa.resolve.resolver import Resolver
 from tests.sequence_factory import bits
 from tests.sequences.test_spans import declared
 

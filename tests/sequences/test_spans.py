@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cltaa.build import Build
 from cltaa.frames import Effect, Frame
-from cltaa.params import HistoryOf, LightChange, Rectify
-from cltaa.planning import plan_frame
-from cltaa.presets import load_preset, override
+from cltaa.parameters.build import Build
+from cltaa.parameters.choices import HistoryOf, LightChange, Rectify
+from cltaa.parameters.presets import load_preset, override
+from cltaa.planning.frame_plan import plan_frame
 from cltaa.reference.real import Array
-from cltaa.resolve import Resolver
+from cltaa.resolve.resolver import Resolver
 from tests.kernels.test_resolve import hard_frames
 from tests.sequence_factory import bits, make_camera, make_frame
 

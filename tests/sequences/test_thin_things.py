@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cltaa.frames import Effect, Frame
-from cltaa.resolve import Resolver
+from cltaa.resolve.resolver import Resolver
 from tests.sequence_factory import make_camera, make_frame
 from tests.sequences.test_gather_fit import gathering
 

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.build import Build
 from cltaa.constants import CONSTANTS
+from cltaa.devices.numpy_launcher import NumpyLauncher
 from cltaa.frames import Effect, Frame
-from cltaa.layout import Layout
-from cltaa.numpy_launcher import NumpyLauncher
-from cltaa.presets import load_preset, override
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build
+from cltaa.parameters.presets import load_preset, override
 from cltaa.reference.real import Array
 from cltaa.reference.span_recursive import recursive_share
-from cltaa.resolve import Resolver
+from cltaa.resolve.resolver import Resolver
 from tests.sequence_factory import bits, make_camera, make_frame
 
 WIDTH, HEIGHT = 40, 30

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cltaa.build import FRAME_DTYPE, Build, Steps, settings_record
 from cltaa.constants import SPAN_REACH, SPANS
-from cltaa.layout import Layout
-from cltaa.params import Settings
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import FRAME_DTYPE, Build, Steps, settings_record
+from cltaa.parameters.choices import Settings
 from cltaa.reference.real import Array
 from cltaa.reference.span_now import held_by_now, moved_to_now
 from cltaa.reference.span_weights import around, drift_of, drifts_of, t_of, trust

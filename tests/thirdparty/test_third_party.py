@@ -18,7 +18,7 @@ from cltaa.cli import main
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import intake_lines, open_intake
 from cltaa.inputs.opening import open_input
-from cltaa.sources import open_images
+from cltaa.sequences.sources import open_images
 
 HERE = Path(__file__).parent
 RECORDED = HERE / "recorded"

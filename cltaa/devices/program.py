@@ -1,0 +1,96 @@
+"""OpenCL programs: source assembled from ``kernels/``, built once, arguments bound by name."""
+
+from __future__ import annotations
+
+import hashlib
+import warnings
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+
+from cltaa.devices.kernel_cache import save_log
+from cltaa.devices.kernel_files import kernel_folder, kernel_names
+from cltaa.errors import InternalError, UsageError, known
+from cltaa.parameters.build import Build, prelude
+
+
+def _pasted(name: str, seen: set[str]) -> list[str]:
+    path = kernel_folder() / name
+    if not path.is_file():
+        raise UsageError(f"unknown kernel {path.stem}", cure=known(path.stem, kernel_names(), "kernels"))
+    lines = [f'#line 1 "{name}"']
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        if line.startswith("#include"):
+            included = line.split('"')[1]
+            if included not in seen:
+                seen.add(included)
+                lines.extend(_pasted(included, seen))
+                lines.append(f'#line {number + 1} "{name}"')
+        else:
+            lines.append(line)
+    return lines
+
+
+@cache
+def source(kernel: str, build: Build) -> str:
+    """The whole text of a kernel as the compiler sees it: prelude, then the file with its includes pasted."""
+    return prelude(build) + "\n".join(_pasted(f"{kernel}.cl", set())) + "\n"
+
+
+def source_hash(kernel: str, build: Build) -> str:
+    """SHA-256 of text and flags: what a result depends on, beside the device."""
+    return hashlib.sha256("\0".join([source(kernel, build), *build.flags()]).encode()).hexdigest()
+
+
+class Kernel:
+    """One built kernel; call ``enqueue`` with its arguments by name."""
+
+    def __init__(self, context: cl.Context, name: str, build: Build) -> None:
+        self.name, self.build = name, build
+        try:
+            with warnings.catch_warnings():
+                # Some drivers print remarks for every build; -Werror has made errors of the warnings among them.
+                warnings.simplefilter("ignore", cl.CompilerWarning)
+                program = cl.Program(context, source(name, build)).build(options=list(build.flags()))
+        except cl.RuntimeError as error:
+            lines = [line for line in str(error).splitlines() if "error" in line] or str(error).splitlines()
+            log = save_log(Path(name).name, str(error), source(name, build))
+            told = f"the whole log and text: {log}; " if log else ""
+            raise InternalError(
+                f"kernel {name} does not build: {lines[0].strip() if lines else 'no build log'}",
+                cure=f"{told}check the driver and its kernel cache with: cltaa doctor",
+            ) from error
+        # A kernel's function is its file's name and _kernel, so that stage functions can have the plain name.
+        self._kernel = cl.Kernel(program, f"{Path(name).name}_kernel")
+        # The way for numbers and structs that pyopencl's own calls take; ``set_arg`` first tries all that they are not.
+        self._set_bytes = getattr(self._kernel, "_set_arg_buf", self._kernel.set_arg)
+        # Their names, in order.
+        self.arguments: list[str] = [
+            str(self._kernel.get_arg_info(index, cl.kernel_arg_info.NAME)) for index in range(self._kernel.num_args)
+        ]
+
+    def enqueue(
+        self,
+        queue: cl.CommandQueue,
+        size: tuple[int, ...],
+        group: tuple[int, ...] | None,
+        arguments: Mapping[str, Any],
+    ) -> cl.Event:
+        """Start the kernel over ``size`` work-items in groups of ``group``; raises InternalError for a wrong name."""
+        if arguments.keys() != set(self.arguments):
+            raise InternalError(
+                f"kernel {self.name}: arguments do not match",
+                expected=", ".join(self.arguments),
+                found=", ".join(arguments),
+            )
+        for index, name in enumerate(self.arguments):
+            value = arguments[name]
+            if isinstance(value, int | np.integer):
+                value = np.int32(value)
+            given_by_value = isinstance(value, np.ndarray | np.generic)
+            (self._set_bytes if given_by_value else self._kernel.set_arg)(index, value)
+        return cl.enqueue_nd_range_kernel(queue, self._kernel, size, group)

@@ -1,0 +1,134 @@
+"""The header of an EXR frame: what a Frame says besides its pixels, as attributes, and back, with every check.
+
+Matrices in a file are laid out as Imath lays them out, standard and own alike: a row vector times the matrix, the
+translation in the last row. In memory they are NumPy's row-major matrices for column vectors, so each is transposed
+once on the way out and once on the way in.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from cltaa.cameras import of_region
+from cltaa.errors import DataError
+from cltaa.exr.layout import Layout
+from cltaa.frame_checks import check_camera, check_numbers
+from cltaa.frames import Camera, Effect, Frame, Matrix, format_effects, parse_effects
+
+# World to camera of the EXR standard is left-handed with +z the viewing direction; OpenGL views along -z.
+_FLIP_Z = np.diag([1.0, 1.0, -1.0, 1.0])
+# Clip space (x right, y up, -1..1) to the standard's NDC: (0, 0) upper left, (1, 1) lower right, depth 0..1.
+_CLIP_TO_NDC = np.array([[0.5, 0, 0, 0.5], [0, -0.5, 0, 0.5], [0, 0, 0.5, 0.5], [0, 0, 0, 1.0]])
+# The attributes that hold matrices, all of them of the whole display window.
+MATRICES = frozenset({"worldToCamera", "worldToNDC", "cltaa:worldToView", "cltaa:viewToClip"})
+# Attributes that describe the file and not the picture: OpenEXR writes them itself.
+STRUCTURAL = frozenset({"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "tiles", "type"})
+_FRAME_NUMBER = re.compile(r"(?:.*\.)?([0-9]{1,9})", re.DOTALL)
+
+
+def frame_attributes(frame: Frame) -> dict[str, object]:
+    """Return the attributes of a frame's header; raises DataError for matrices or numbers that mean nothing."""
+    view, clip = frame.camera.world_to_view, frame.camera.view_to_clip
+    check_camera(frame.camera, path=frame.path, frame=frame.index)
+    check_numbers(frame.jitter_px, frame.exposure, path=frame.path, frame=frame.index)
+    standard = {"worldToCamera": _FLIP_Z @ view, "worldToNDC": _CLIP_TO_NDC @ clip @ view}
+    if max(float(np.abs(matrix).max()) for matrix in standard.values()) > np.finfo(np.float32).max:
+        cure = "move the scene nearer to the origin"
+        raise DataError("matrix does not fit float32", path=frame.path, frame=frame.index, cure=cure)
+    attributes: dict[str, object] = {
+        **{name: np.ascontiguousarray(matrix.T, dtype=np.float32) for name, matrix in standard.items()},
+        "cltaa:worldToView": np.ascontiguousarray(view.T, dtype=np.float64),
+        "cltaa:viewToClip": np.ascontiguousarray(clip.T, dtype=np.float64),
+        "cltaa:jitterPx": np.array(frame.jitter_px, dtype=np.float64),
+        "cltaa:frame": int(frame.index),
+        "cltaa:cut": int(frame.cut),
+        "cltaa:exposure": float(frame.exposure),
+        "cltaa:scene": frame.scene,
+    }
+    if frame.effects is not None:
+        attributes["cltaa:effects"] = format_effects(frame.effects)
+    return attributes
+
+
+class FrameHeader:
+    """The attributes of one frame's header, read one by one; every problem is a DataError that names the attribute.
+
+    ``camera`` is that of the picture, which may be a region of the display window.
+    """
+
+    def __init__(self, path: Path, attributes: Mapping[str, object], layout: Layout) -> None:
+        """Keep ``attributes`` as the OpenEXR module gives them."""
+        self._path, self._attributes = path, attributes
+        self.index = self._integer("cltaa:frame", default=frame_number(path) or 0)
+        cut = self._integer("cltaa:cut", default=0)
+        if cut not in (0, 1):
+            raise self._wrong("cltaa:cut", "0 or 1", cut)
+        self.cut = bool(cut)
+        jitter = self._numbers("cltaa:jitterPx", (2,))
+        self.jitter_px = (float(jitter[0]), float(jitter[1]))
+        self.exposure = self._exposure()
+        check_numbers(self.jitter_px, self.exposure, path=path, frame=self.index)
+        whole = Camera(
+            world_to_view=np.ascontiguousarray(self._numbers("cltaa:worldToView", (4, 4)).T),
+            view_to_clip=np.ascontiguousarray(self._numbers("cltaa:viewToClip", (4, 4)).T),
+        )
+        check_camera(whole, path=path, frame=self.index)
+        self.camera = of_region(whole, layout)
+        self.scene = self._text("cltaa:scene") or ""
+        self.effects = self._effects()
+
+    def _integer(self, name: str, *, default: int) -> int:
+        value = self._attributes.get(name, default)
+        if not isinstance(value, int):
+            raise self._wrong(name, "an int", value)
+        return value
+
+    def _exposure(self) -> float:
+        value = self._attributes.get("cltaa:exposure", 1.0)
+        if isinstance(value, np.ndarray) and value.shape == (1,):  # a double arrives as an array of one
+            value = float(value[0])
+        if not isinstance(value, float):
+            raise self._wrong("cltaa:exposure", "a double", value)
+        return value
+
+    def _numbers(self, name: str, shape: tuple[int, ...]) -> Matrix:
+        value = self._attributes.get(name)
+        kind = "V2d" if shape == (2,) else "M44d"
+        if value is None:
+            cure = "capture it with cltaa, or add the attribute"
+            raise DataError("attribute is missing", path=self._path, expected=f"{name} ({kind})", cure=cure)
+        if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype != np.float64:
+            raise self._wrong(name, kind, value)
+        return value
+
+    def _text(self, name: str) -> str | None:
+        value = self._attributes.get(name)
+        if value is not None and not isinstance(value, str):
+            raise self._wrong(name, "a string", value)
+        return value
+
+    def _effects(self) -> frozenset[Effect] | None:
+        text = self._text("cltaa:effects")
+        if text is None:
+            return None
+        try:
+            return parse_effects(text)
+        except ValueError as error:
+            raise self._wrong("cltaa:effects", f"names out of {', '.join(Effect)}", text) from error
+
+    def _wrong(self, name: str, expected: str, value: object) -> DataError:
+        if isinstance(value, np.ndarray):
+            found = f"{value.dtype}{list(value.shape)}"
+        else:  # an attribute of a type that OpenEXR does not know can fail even to print itself
+            found = repr(value) if isinstance(value, (str, int, float)) else type(value).__name__
+        return DataError(f"attribute {name} is wrong", path=self._path, expected=expected, found=found)
+
+
+def frame_number(path: Path) -> int | None:
+    """Return the number in ``<name>.<frame>.exr``, or None where the name holds none."""
+    match = _FRAME_NUMBER.fullmatch(path.stem)
+    return int(match[1]) if match else None

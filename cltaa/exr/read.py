@@ -1,0 +1,168 @@
+"""EXR files in: frames with everything a resolve needs, and plain images.
+
+Reading checks the file (``cltaa.exr.outline``) before OpenEXR sees it, its SHA-256
+(``cltaa.files.content``) where one is known, and the header (``cltaa.exr.attributes``) before a number is used, so that
+wrong input ends in one DataError or InputMissing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.errors import DataError
+from cltaa.exr import core as exr_core
+from cltaa.exr.attributes import STRUCTURAL, FrameHeader
+from cltaa.exr.channels import COLOUR, GROUPS, Pixels, check_float_channels, frame_channels
+from cltaa.exr.layout import Layout
+from cltaa.exr.openexr import OpenEXR
+from cltaa.exr.outline import parse_layout, read_outline
+from cltaa.exr.quiet import muted_output
+from cltaa.files.content import Copy, check_memory, file_size, open_regular, read_all
+from cltaa.frames import Frame, Image
+from cltaa.memory.allocator import empty_image
+from cltaa.memory.haloed import empty_haloed
+
+
+@dataclass(frozen=True, slots=True)
+class ImageHeader:
+    """A file's layout and its attributes by name, as the OpenEXR module gives them, read without its pixels."""
+
+    layout: Layout
+    attributes: dict[str, object]
+
+
+def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
+    """Read one frame; ``colour`` [H, W, 3] and the others are views of planes with a halo (``cltaa.memory.haloed``).
+
+    Half-precision channels are widened exactly, but half depth is refused. Channels with other names are left alone.
+    ``sha256`` is what the file's content must have, in hexadecimal. Raises InputMissing, DataError, StorageError and
+    ResourceError as in the module's text.
+    """
+    with _loaded(path, sha256) as (layout, content):
+        names = frame_channels(layout)
+        size = (layout.height, layout.width)
+        # Each group in a block of its own: what is freed fits what is needed next.
+        groups = {group: empty_haloed(len(group), *size) for group in GROUPS if group[0] in names}
+        planes: dict[str, NDArray[Any]] = {"Z": empty_image(size)}  # which no device takes as it is
+        if "id" in layout.channels:  # which stay uint32: float32 would merge neighbours above 2^24
+            planes["id"] = empty_image(size).view(np.uint32)
+        planes |= {name: plane for group, stack in groups.items() for name, plane in zip(group, stack, strict=True)}
+        header = FrameHeader(path, _decode_into(layout, content, planes), layout)
+    parts = {group[0]: np.moveaxis(stack, 0, -1) for group, stack in groups.items()}
+    return Frame(
+        index=header.index,
+        colour=parts["R"],
+        depth=planes["Z"],
+        camera=header.camera,
+        jitter_px=header.jitter_px,
+        motion=parts.get("backward.u"),
+        alpha=parts["A"][..., 0] if "A" in parts else None,
+        reactive=parts["reactive"][..., 0] if "reactive" in parts else None,
+        object_id=cast(Image | None, planes.get("id")),
+        normal=parts.get("N.X"),
+        cut=header.cut,
+        exposure=header.exposure,
+        scene=header.scene,
+        effects=header.effects,
+        path=path,
+    )
+
+
+def read_image(path: Path, *, sha256: str | None = None) -> tuple[dict[str, Pixels], dict[str, object]]:
+    """Read every channel ``[H, W]`` in its own type, and the attributes that describe the picture; errors as above."""
+    with _loaded(path, sha256) as loaded:
+        pixels, attributes = _decode(*loaded)
+    return pixels, {name: value for name, value in attributes.items() if name not in STRUCTURAL}
+
+
+def read_header(path: Path, *, chunks: bool = True) -> ImageHeader:
+    """Read a file's layout and attributes without decoding pixels.
+
+    Every chunk is known to be inside the file, unless ``chunks`` says that they are nobody's concern.
+    """
+    with open_regular(path) as file:
+        layout = parse_layout(path, file) if chunks else read_outline(path, file).layout
+        file.seek(0)
+        return ImageHeader(layout, _open(layout, file, header_only=True)[1])
+
+
+def read_colour(path: Path, *, sha256: str | None = None) -> Image:
+    """Read R G B only, as a [H, W, 3] float32 view of a planar block; errors and ``sha256`` as ``read_frame``."""
+    with _loaded(path, sha256) as (layout, content):
+        check_float_channels(layout, COLOUR)
+        pixels, _ = _decode(layout, content)
+    return np.moveaxis(np.stack([pixels[name] for name in COLOUR]).astype(np.float32, copy=False), 0, -1)
+
+
+@contextmanager
+def _loaded(path: Path, sha256: str | None) -> Iterator[tuple[Layout, Copy]]:
+    """Check the headers, read the whole file, and check in memory what is decoded from there.
+
+    Its content goes at the end of the block: of a large picture little fits into memory twice.
+    """
+    with open_regular(path) as file:
+        outline = read_outline(path, file)
+        layout = outline.layout
+        size = file_size(file)
+        check_memory(path, size)
+        content = read_all(path, file, sha256, outline.check_chunks)
+    with content:
+        # Beside the pixels stands the packed file first, and then the one channel that is being moved into the frame.
+        check_memory(path, layout.decoded_bytes + max(size, 4 * layout.width * layout.height))
+        yield layout, content
+
+
+def _decode(layout: Layout, content: BinaryIO | Copy) -> tuple[dict[str, Pixels], dict[str, object]]:
+    file, attributes = _open(layout, content, header_only=False)
+    channels = {name: channel.pixels for name, channel in file.channels().items()}
+    shape = (layout.height, layout.width)
+    if set(channels) != set(layout.channels) or any(plane.shape != shape for plane in channels.values()):
+        raise DataError("the file changed while it was read", path=layout.path, cure="run again")
+    return channels, attributes
+
+
+def _decode_into(layout: Layout, content: Copy, planes: Mapping[str, NDArray[Any]]) -> dict[str, object]:
+    """Decode those channels of a file into planes [H, W] of float32 or uint32; returns the attributes."""
+    if exr_core.decode(content, layout, planes):
+        return _open(layout, content, header_only=True)[1]
+    pixels, attributes = _decode(layout, content)
+    for name, plane in planes.items():
+        plane[...] = pixels.pop(name)
+    return attributes
+
+
+def _open(layout: Layout, content: BinaryIO | Copy, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:
+    file = open_content(layout.path, content, header_only=header_only)
+    return file, {name: _scalar(value) for name, value in file.header().items()}
+
+
+def open_content(path: Path, content: BinaryIO | Copy, *, header_only: bool) -> OpenEXR.File:
+    """Let OpenEXR decode an open file whose layout was checked; ``path`` is its name in messages. Raises DataError."""
+    # By the name of the descriptor: the file's own need not be UTF-8, and what OpenEXR itself prints would hold it raw.
+    # Not as a stream: OpenEXR's threads would take hundreds of turns a frame with the interpreter to read from one.
+    name = f"/proc/self/fd/{content.fileno()}"
+    try:
+        # Separate channels: the merging of R, G and B in the module had memory errors, and loses mixed types.
+        with muted_output():
+            file = OpenEXR.File(name, separate_channels=True, header_only=header_only)
+        if not file.parts:  # the module's way of saying that decoding failed
+            raise DataError("the pixels are damaged", path=path, cure="write the file again")
+        file.header()  # whose texts must be UTF-8
+    except (RuntimeError, ValueError, TypeError) as error:  # UnicodeDecodeError is a ValueError
+        said = str(error).replace(name, "it")
+        raise DataError(f"OpenEXR cannot read it: {said}", path=path, cure="write the file again") from error
+    return file
+
+
+def _scalar(value: object) -> object:
+    """Undo the array of one that a double arrives as."""
+    if isinstance(value, np.ndarray) and value.shape == (1,) and value.dtype == np.float64:
+        return float(value[0])
+    return value

@@ -1,0 +1,68 @@
+"""Whether two sequences that are compared show the same: what their headers and records say, never their pixels.
+
+Two pictures of one size may be of anything, and a bad resolve of the right scene can be further from the truth than a
+picture of another. So nothing is guessed: where the files do not say what they show, nothing is said.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cltaa.files.manifest import Manifest
+from cltaa.inputs.parts import read_any_header
+from cltaa.judging.comparison import Comparison
+from cltaa.printable import printable
+from cltaa.sequences.numbered import NumberedFiles
+
+VIEW = "cltaa:worldToView"
+PRIMARIES = "chromaticities"  # of red, green, blue and white, x and y each
+SAME_PRIMARIES = 1e-3  # they are commonly stated in three digits
+SAME_VIEW = 1e-6  # of the largest number of the two matrices; a still camera's are equal to the bit
+
+
+def doubts(comparison: Comparison) -> list[str]:
+    """Why A may not show what B shows, for a reader, the weightiest alone; empty where nothing speaks against it.
+
+    Raises what reading a header and a manifest raises.
+    """
+    if comparison.of_itself:
+        return []
+    test = comparison.test
+    other: NumberedFiles = comparison.reference if comparison.capture is None else comparison.capture
+    number = test.first if test.first in other.numbers else other.first
+    ours, theirs = (read_any_header(path).attributes for path in (test.path(test.first), other.path(number)))
+    scenes = [str(attributes.get("cltaa:scene", "")) for attributes in (ours, theirs)]
+    if all(scenes) and scenes[0] != scenes[1]:
+        return [f"A shows scene {printable(scenes[0])} and B scene {printable(scenes[1])}"]
+    views = [attributes.get(VIEW) for attributes in (ours, theirs)]
+    if test.first == number and _differ(*views):
+        return [f"A and B are seen by different cameras in frame {number}"]
+    truth = read_any_header(comparison.reference.path(comparison.reference.first)).attributes
+    if _other_primaries(ours.get(PRIMARIES), truth.get(PRIMARIES)):
+        return ["A and B state different primaries (attribute chromaticities), and neither is converted"]
+    if comparison.capture is not None and _of_other_frames(test, comparison.capture):
+        return [
+            "A was resolved from other frames than those of B: from another seed or jitter, or before a new capture"
+        ]
+    return []
+
+
+def _differ(one: object, other: object) -> bool:
+    """True where both are matrices, and not the same."""
+    if not (isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and one.shape == other.shape):
+        return False
+    return bool(np.abs(one - other).max() > SAME_VIEW * max(np.abs(one).max(), np.abs(other).max()))
+
+
+def _other_primaries(one: object, other: object) -> bool:
+    """True where both are stated, and not the same."""
+    if not (isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other)):
+        return False
+    return bool(np.abs(np.subtract(one, other)).max() > SAME_PRIMARIES)
+
+
+def _of_other_frames(test: NumberedFiles, capture: NumberedFiles) -> bool:
+    """True where the manifest of a resolve names another input than the capture records, for the first frame."""
+    entry = Manifest(test.folder).entries.get(test.path(test.first).name)
+    recorded = capture.sha256(test.first) if test.first in capture.numbers else None
+    return entry is not None and recorded is not None and entry.input_sha256 != recorded

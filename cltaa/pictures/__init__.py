@@ -1,0 +1,1 @@
+"""From linear colour to what a person looks at: the display curve, PNG files and films."""

@@ -1,0 +1,154 @@
+"""How much memory a resolve takes: counted in planes, so that it is known before anything is allocated."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from cltaa.constants import SPANS
+from cltaa.devices.launch import storage_dtype
+from cltaa.exr import zip as exr_zip
+from cltaa.exr.channels import GROUPS
+from cltaa.exr.openexr import OpenEXR
+from cltaa.files.manifest import PIECE
+from cltaa.memory.allocator import SMALLEST, in_large_pages
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Steps, Storage, kept_planes, span_planes, texel_planes
+from cltaa.sequences.sources import Sequence
+from cltaa.sequences.streams import AHEAD, BEHIND
+
+REAL = 4  # bytes of a float
+FRAMES = 1 + AHEAD  # in work, and those that are decoded or being decoded
+RESULTS = 1 + BEHIND  # just made, and those that wait to be written or are being written
+# Blocks of the size of what it works on that each thread that packs or unpacks holds: packed, unpacked, between the
+# two. Seen with 2 and 16 threads of OpenEXR: 2.5 to 3.1.
+BLOCKS = 3
+# Interpreter, libraries and driver: the peak of a resolve of 16 x 16 pixels with built kernels, PoCL 3.0, 2026-11-21,
+# and what of it is no file's (2026-11-22). Kernels that have to be built first take 100 to 190 MB more, and keep them.
+PROGRAM, ALLOCATED = 102_000_000, 38_000_000
+STATUS = Path("/proc/self/status")
+
+
+def device_bytes(
+    width: int,
+    height: int,
+    steps: Steps,
+    storage: Storage = Storage.FLOAT,
+    *,
+    band_rows: int = 0,
+    frames_kept: int = 0,
+    doubled: bool = False,
+    spans: bool = False,
+    shared: bool = False,
+) -> int:
+    """Bytes of the planes on the device, halos included.
+
+    Per texel and in floats: the frame holds 4 (R G B, closeness), and 2, 1 and 1 more for own motion, alpha and
+    reactive; what recurs holds count and closeness; the result its count. Both hold 3 or, with alpha, 4 planes of
+    ``storage``. In bands the frame and its result are ``band_rows`` high. A ring holds ``frames_kept`` frames and one;
+    ``spans`` of them, where they are weighed, hold their planes too, and what is shown is then not what recurs. A
+    history at 200 % (``doubled``) holds twice four texels of colour, alpha and count in ``storage``. Where the device
+    has the host's memory (``shared``) the channels of the frame are read where they are, but for closeness.
+    """
+    whole = Layout(width, height)
+    band = Layout(width, band_rows) if band_rows else whole
+    stored = int(np.dtype(storage_dtype(Build(storage=storage))).itemsize)
+    colour = (3 + steps.alpha) * stored
+    texels = 2 * texel_planes(steps.alpha) * stored if doubled else 0
+    frame = REAL * (1 if shared else 4 + 2 * steps.own_motion + steps.alpha + steps.reactive)
+    ring = REAL * kept_planes(steps) * (frames_kept + 1) if frames_kept else 0
+    ring += REAL * (SPANS * span_planes(steps) + 2) + colour if spans else 0
+    return (frame + colour + REAL) * band.plane + (colour + 2 * REAL + texels + ring) * whole.plane
+
+
+class Memory(msgspec.Struct, frozen=True, kw_only=True):
+    """Bytes that ``cltaa resolve`` takes at its peak; on a CPU the planes of the device are the process's too."""
+
+    device: int
+    frames: int
+    results: int
+    reading: int  # packed files, and planes that stand beside those of their frames while they are decoded
+    packing: int  # what the threads that unpack hold of each file that is read, those that pack, and those that hash
+    program: int = PROGRAM
+
+    @property
+    def whole(self) -> int:
+        """All of it together."""
+        return self.device + self.frames + self.results + self.reading + self.packing + self.program
+
+
+def program_bytes() -> int:
+    """Bytes that this process takes without planes: what it allocates, and the pages of files that it has touched.
+
+    With the device the drivers of every OpenCL platform are loaded that is installed, and those may be large.
+    """
+    try:
+        status = STATUS.read_text(encoding="utf-8")
+    except OSError:  # another system than Linux
+        return PROGRAM
+    return ALLOCATED + 1024 * sum(
+        int(kilobytes) for kilobytes in re.findall(r"^Rss(?:File|Shmem):\s+(\d+)", status, re.M)
+    )
+
+
+def of_resolve(
+    width: int, height: int, channels: Collection[str], file: int, chunk: int, device: int, *, alpha: bool,
+    banded: bool = False, in_place: bool = False,
+) -> Memory:  # fmt: skip
+    """Memory of a resolve of frames in float ``channels``, whose packed files have ``file`` bytes.
+
+    ``chunk`` is what a chunk of such a file unpacks to. Memory of packed files, of groups of planes and of results is
+    kept from frame to frame. Where channels are not decoded ``in_place``, what stands beside those of the frame until
+    it is moved there is counted for one of the frames that are read at a time, since they seldom are in one step. In
+    bands one frame at a time is in memory, its result in its place, and beside it the count of each pixel; nothing is
+    kept. Results are counted as floats: in halves each of whole images takes half, and one more is the device's.
+    """
+    plane, planes = REAL * width * height, 3 + alpha
+    groups = [len(group) for group in GROUPS if group[0] in channels]
+    frame = sum(in_large_pages(REAL * count * Layout(width, height).plane) for count in groups)
+    frame += (len(channels) - sum(groups)) * plane
+    image = planes * plane if planes * plane < SMALLEST else in_large_pages(planes * plane)
+    frames, results, decoded = (1, 0, 1) if banded else (FRAMES, RESULTS, AHEAD)
+    beside = 0 if banded or in_place else plane * sum(groups)
+    unpacking = (1 if in_place else decoded) * OpenEXR.global_thread_count() * BLOCKS * chunk
+    packing = exr_zip.THREADS * BLOCKS * planes * REAL * width * min(exr_zip.ROWS, height)
+    return Memory(
+        device=device, frames=frames * frame, results=plane if banded else results * image,
+        reading=file if banded else AHEAD * file + beside,
+        packing=unpacking + packing + (1 if banded else BEHIND) * PIECE,
+    )  # fmt: skip
+
+
+def of_sequence(
+    sequence: Sequence,
+    steps: Steps,
+    *,
+    band_rows: int = 0,
+    frames_kept: int = 0,
+    doubled: bool = False,
+    spans: bool = False,
+    shared: bool = False,
+) -> Memory:
+    """Memory of a resolve of ``sequence`` with ``steps``: whole images, or bands of ``band_rows`` rows."""
+    width, height = sequence.width, sequence.height
+    return of_resolve(
+        width, height, max((layout.channels for layout in sequence.layouts.values()), key=len),
+        max(sequence.path(number).stat().st_size for number in sequence.numbers),
+        max(layout.chunk_bytes for layout in sequence.layouts.values()),
+        device_bytes(
+            width, height, steps, band_rows=band_rows, frames_kept=frames_kept, doubled=doubled, spans=spans,
+            shared=shared and not band_rows,
+        ),
+        alpha=steps.alpha, banded=bool(band_rows), in_place=sequence.in_place,
+    )  # fmt: skip
+
+
+def of_whole_images(sequence: Sequence, *, doubled: bool = False) -> Memory:
+    """Memory of a resolve of ``sequence`` over whole images, with each step that its channels allow; no frames kept."""
+    holds = sequence.holds
+    steps = Steps(own_motion="motion" in holds, alpha="alpha" in holds, reactive="reactive" in holds)
+    return of_sequence(sequence, steps, doubled=doubled)

@@ -1,0 +1,188 @@
+"""Device memory of a resolve: the planes of the frame that arrives, of the history, and of the result."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.constants import value
+from cltaa.devices.launch import Buffer, Launcher
+from cltaa.errors import ResourceError
+from cltaa.memory.allocator import empty_image
+from cltaa.memory.haloed import around
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Build, Record, Steps, texel_planes
+from cltaa.parameters.choices import Choices, HistoryOf, LightChange
+
+# Kernels step in 31 bits over the four planes of a channel at 200 %.
+MOST_DOUBLED = 2**29 - 1
+
+# Those of a float but its sign and the last ones, which hold a change of light.
+_COUNT_BITS = 0x7FFFFFFF & ~int(value("KEPT_CHANGES"))
+
+
+class LastRun(NamedTuple):
+    """What the fused kernel was given for the last frame; its memory holds that until the next one.
+
+    The arguments of a resolve that gathers samples have ``kept``, its ring of frames, among them.
+    """
+
+    build: Build
+    layout: Layout
+    arguments: dict[str, Any]
+
+
+class Buffers:
+    """Device memory of one image size; history and output, and closeness now and then, change places each frame."""
+
+    def __init__(
+        self, launcher: Launcher, layout: Layout, alpha: bool, dtype: Any, whole: Layout | None = None
+    ) -> None:
+        """``alpha`` adds a plane to the history, ``dtype`` is the number that the history is kept in.
+
+        ``whole`` is the layout of what recurs, where ``layout`` is only that of a band of it.
+        """
+        self.layout, self.whole, self._launcher = layout, whole or layout, launcher
+        self.result_planes = 4 if alpha else 3
+        self.closeness = self._planes(1)
+        self.output, self.output_count = self._planes(self.result_planes, dtype), self._planes(1)
+        self.history = self._planes(self.result_planes, dtype, self.whole)
+        self.history_count, self.previous_closeness = self._planes(1, layout=whole), self._planes(1, layout=whole)
+        self.channels: dict[str, Buffer] = {}  # of the frame: current, motion, alpha, reactive
+        self._copies: dict[str, Buffer] = {}  # memory for those that were copied once
+        self._dtype = dtype
+        self._texels: list[Buffer] = []  # at 200 %: those that are read, and those that are written
+        self._shown: dict[str, Buffer] = {}
+        self._halves: Buffer | None = None
+        self.doubled = False  # whether the last frame left a history at 200 %
+        self.marked = False  # whether the counts that the last frame left hold changes of light
+
+    def _planes(self, count: int, dtype: Any = np.float32, layout: Layout | None = None) -> Buffer:
+        layout = layout or self.layout
+        return self._launcher.allocate((count, layout.rows, layout.stride), dtype)
+
+    def fit(self, layout: Layout, alpha: bool) -> bool:
+        """True when these buffers serve a frame of that size, with or without alpha."""
+        return layout == self.whole and (4 if alpha else 3) == self.result_planes
+
+    def bring(self, name: str, planes: NDArray[np.float32]) -> None:
+        """Give the frame's channel of that name its planes [C, H, W], or [C, 1, 1] for all pixels.
+
+        Those that lie as the kernels read them are taken where they are, on a device that can; others are copied.
+        """
+        whole = around(planes, self.layout) if self._launcher.shares_memory else None
+        if whole is not None:
+            self.layout.extend_edges(whole)
+            self.channels[name] = self._launcher.take(whole)
+            return
+        if name not in self._copies:
+            self._copies[name] = self._planes(len(planes))
+        fill(self._copies[name], self.layout, planes)
+        self.channels[name] = self._copies[name]
+
+    def texels(self) -> tuple[Buffer, Buffer]:
+        """The history at 200 % that is read and the one that is written, allocated when first asked for.
+
+        Raises ResourceError where a channel of it has more texels than kernels can step over.
+        """
+        if self.layout.plane > MOST_DOUBLED:
+            raise ResourceError(
+                "the image is too large for a history at 200 %", found=f"{self.layout.width} x {self.layout.height}",
+                expected=f"at most {MOST_DOUBLED} texels with the halo", cure="take --preset default",
+            )  # fmt: skip
+        planes = texel_planes(self.result_planes == 4)
+        while len(self._texels) < 2:
+            self._texels.append(self._planes(planes, self._dtype))
+        return self._texels[0], self._texels[1]
+
+    def shown(self) -> dict[str, Buffer]:
+        """What takes the place of the output and its counts where the next frame reads another image than is shown;
+        allocated when first asked for."""
+        if not self._shown:
+            self._shown = {
+                "output": self._planes(self.result_planes, self._dtype),
+                "output_count": self._planes(1),
+            }
+        return self._shown
+
+    def halves(self) -> Buffer:
+        """What holds the result in halves, allocated when first asked for."""
+        if self._halves is None:
+            self._halves = self._planes(self.result_planes, np.float16)
+        return self._halves
+
+    def written(self, doubled: bool) -> list[dict[str, Any]]:
+        """What a resolve writes for the next frame, as ``extend_edges`` is given it."""
+        counted = {"planes": self.result_planes, "more": 1}
+        images: list[dict[str, Any]] = [{"image": self.output, "floats": self.output_count, **counted}]
+        if doubled:
+            planes = texel_planes(self.result_planes == 4)
+            images.append({"image": self.texels()[1], "floats": None, "planes": planes, "more": 0})
+        return images
+
+    def read(self, image: Buffer, alpha: bool, dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
+        """The output, what is ``shown`` in its place, or ``halves``, as [H, W, 3 or 4] ``dtype``, planar in memory."""
+        with image.mapped(write=False) as planes:
+            stored = self.layout.inside(planes)[: 4 if alpha else 3]
+            inside = empty_image(stored.shape, dtype)
+            inside[...] = stored
+        return np.moveaxis(inside, 0, -1)
+
+    def swap(self) -> None:
+        """What was written becomes what is read."""
+        self.history, self.output = self.output, self.history
+        self.history_count, self.output_count = self.output_count, self.history_count
+        self.closeness, self.previous_closeness = self.previous_closeness, self.closeness
+        self._texels.reverse()
+
+    def ready_counts(self, choices: Choices, *, read: bool) -> None:
+        """Ready the counts for a frame of those choices, which does or does not read them.
+
+        Where it tests light and the last frame did not, their last bits are no change of light (``light.h``).
+        """
+        tests = choices.history_of is HistoryOf.RESULT and choices.light_change is not LightChange.IGNORE
+        if tests and read and not self.marked:
+            self._clear_changes()
+        self.marked = tests
+
+    def _clear_changes(self) -> None:
+        with self.history_count.mapped(write=False) as counts:
+            cleared = counts.view(np.uint32) & np.uint32(_COUNT_BITS)
+        with self.history_count.mapped(write=True) as counts:
+            counts[...] = cleared.view(np.float32)
+
+    def arguments(self, frame: Record, settings: Record, steps: Steps) -> dict[str, Any]:
+        """What every kernel that resolves is given beside what recurs."""
+        return {
+            "current": self.channels["current"],
+            "closeness": self.closeness,
+            "motion": self.channels["motion"] if steps.own_motion else None,
+            "alpha": self.channels["alpha"] if steps.alpha else None,
+            "reactive": self.channels["reactive"] if steps.reactive else None,
+            "output": self.output,
+            "output_count": self.output_count,
+            "frame": frame,
+            "settings": settings,
+        }
+
+    def recurrent(self) -> dict[str, Buffer]:
+        """The memory that the next frame reads beside its own input, by name; valid until the next ``swap``."""
+        return {
+            "history": self.history,
+            "history_count": self.history_count,
+            "previous_closeness": self.previous_closeness,
+        }
+
+    def doubling(self) -> dict[str, Buffer]:
+        """The same, and what is written, of a resolve with a history at 200 %."""
+        texels, texels_out = self.texels()
+        return {"previous_closeness": self.previous_closeness, "texels": texels, "texels_out": texels_out}
+
+
+def fill(buffer: Buffer, layout: Layout, planes: NDArray[np.float32]) -> None:
+    """Copy planes [C, H, W] into a buffer and repeat their edge into its halo."""
+    with buffer.mapped(write=True) as target:
+        layout.inside(target)[: len(planes)] = planes
+        layout.extend_edges(target)

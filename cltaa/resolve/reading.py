@@ -1,0 +1,42 @@
+"""The frames of a sequence with all that a resolve has to know of their files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import NamedTuple
+
+from cltaa.files.manifest import file_sha256
+from cltaa.frames import Frame
+from cltaa.resolve.carried_over import CarriedOver, carried_over
+from cltaa.resolve.output import Source
+from cltaa.sequences.pixel_statistics import unusable_pixels
+from cltaa.sequences.sources import Sequence
+
+
+class Read(NamedTuple):
+    """A frame, what vouches for its input, its unusable pixels, and what its output carries over."""
+
+    frame: Frame
+    source: Source
+    unusable: int
+    carried: CarriedOver
+
+
+def reads(sequence: Sequence, before: int | None, layers: tuple[str, ...]) -> Iterator[Callable[[], Read]]:
+    """A task for each frame of a sequence, in any thread; ``before`` is the frame that the first one continues."""
+    for number in sequence.numbers:
+        yield partial(_read, sequence, number, before, layers)
+        before = number
+
+
+def _read(sequence: Sequence, number: int, before: int | None, layers: tuple[str, ...]) -> Read:
+    frame, path = sequence.frame(number), sequence.path(number)
+    # What was verified while it was read need not be hashed again.
+    digest = sequence.sha256(number) or file_sha256(path)
+    return Read(
+        frame,
+        Source(digest, before, sequence.beside_sha256(number)),
+        unusable_pixels(frame.colour),
+        carried_over(path, layers),
+    )

@@ -1,0 +1,1 @@
+"""The search for the settings with the least error within a time, or the least time for an error."""
