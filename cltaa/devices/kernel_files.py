@@ -9,7 +9,7 @@ from pathlib import Path
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
-# What a resolve loads, the modules beside these packages apart; tests/files/test_deciding_files.py looks after it.
+# What a resolve loads, the modules beside these packages apart; tests/devices/test_deciding_files.py looks after it.
 _DECIDING = (
     "devices", "exr", "files", "inputs", "memory", "parameters", "pictures", "planning", "reference", "resolve",
     "sequences",

@@ -11,7 +11,7 @@ from cltaa.exr.channels import Pixels
 from cltaa.exr.read import read_frame, read_image
 from cltaa.exr.write import write_frame, write_image
 from cltaa.frames import Frame
-from tests.files.test_exr_bad_input import refusal
+from tests.exr.test_bad_input import refusal
 from tests.sequence_factory import HEIGHT, WIDTH, bits, make_frame
 
 REQUIRED = ("R", "G", "B", "Z")

@@ -8,8 +8,8 @@ import pytest
 from cltaa.parameters.presets import load_preset, override
 from cltaa.reference.span_recursive import recursive_share
 from cltaa.resolve.resolver import Resolver
+from tests.resolve.test_spans import declared
 from tests.sequence_factory import bits
-from tests.sequences.test_spans import declared
 
 
 def test_beside_the_spans_runs_the_resolve_of_the_default() -> None:

@@ -10,8 +10,8 @@ import pytest
 from cltaa.frames import Frame
 from cltaa.parameters.presets import load_preset, override
 from cltaa.resolve.resolver import Resolver
+from tests.resolve.test_spans import WIDTH, lit
 from tests.sequence_factory import bits
-from tests.sequences.test_spans import WIDTH, lit
 
 
 def test_each_of_the_latest_frames_is_told_the_frame_that_repeats_it() -> None:

@@ -19,8 +19,8 @@ from cltaa.resolve.debug import COLOURS, DebugViews, Reason, view_picture
 from cltaa.resolve.resolver import Resolver
 from cltaa.resolve.views import View, are_views, parse_views
 from cltaa.sequences.sources import open_images
+from tests.resolve.test_resolver import panned
 from tests.sequence_factory import bits, make_camera, make_frame, write_sequence
-from tests.sequences.test_resolver import panned
 
 ALL = tuple(View)
 

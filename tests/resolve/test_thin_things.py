@@ -9,8 +9,8 @@ import pytest
 
 from cltaa.frames import Effect, Frame
 from cltaa.resolve.resolver import Resolver
+from tests.resolve.test_gather_fit import gathering
 from tests.sequence_factory import make_camera, make_frame
-from tests.sequences.test_gather_fit import gathering
 
 
 def wire(index: int) -> Frame:

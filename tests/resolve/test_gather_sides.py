@@ -20,8 +20,8 @@ from cltaa.resolve.frame_record import frame_record
 from cltaa.resolve.resolver import Resolver
 from tests.kernels.hard_planes import padded
 from tests.kernels.test_resolve import differing
+from tests.resolve.test_gather_fit import gathering
 from tests.sequence_factory import make_camera, make_frame
-from tests.sequences.test_gather_fit import gathering
 
 
 def bar_before_stripes(index: int, x: int) -> Frame:
