@@ -124,6 +124,8 @@ def _print_problems(console: Console, problems: list[str], *, looked: bool = Tru
 
 
 def _facts_of_reading(found: Description) -> list[tuple[str, str]]:
+    if not found.profile:
+        return [("folder", found.folder)]
     return [
         ("profile", f"{found.profile}: {found.reason}"),
         ("frames", f"{found.frames}: {found.first} to {found.last}, {found.size}"),

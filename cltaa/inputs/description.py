@@ -10,27 +10,33 @@ import msgspec
 from cltaa.errors import CltaaError
 from cltaa.exr.channels import frame_planes
 from cltaa.inputs.foreign import ForeignSequence
-from cltaa.inputs.intake import open_with_gaps
-from cltaa.inputs.roles import shown_name
-from cltaa.sequences.frame_numbers import ranges
+from cltaa.inputs.intake import Intake, open_with_gaps
+from cltaa.inputs.parts import read_any_header
+from cltaa.inputs.roles import file_sets, shown_name
+from cltaa.sequences.frame_numbers import OnBreak, ranges
+from cltaa.sequences.numbered import check_size
 from cltaa.sequences.pixel_statistics import ChannelStatistics, pixel_problems
+from cltaa.sequences.problems import Problems
 
 
 class Description(msgspec.Struct, kw_only=True):
-    """Profile and why, frames, the channels of each role, the channels of none, and what is missing."""
+    """Profile and why, frames, the channels of each role, the channels of none, and what is missing.
+
+    All but ``folder`` and ``problems`` is empty where the files that can be read make no sequence.
+    """
 
     folder: str
-    profile: str
-    reason: str
-    first: int
-    last: int
-    frames: int
-    width: int
-    height: int
-    size: str  # and of a region of the display window, which
-    channels: dict[str, list[str]]
-    unused: list[str]
-    notes: list[str]
+    profile: str = ""
+    reason: str = ""
+    first: int = 0
+    last: int = 0
+    frames: int = 0
+    width: int = 0
+    height: int = 0
+    size: str = "unknown"  # and of a region of the display window, which
+    channels: dict[str, list[str]] = {}
+    unused: list[str] = []
+    notes: list[str] = []
     statistics: dict[str, ChannelStatistics] = {}  # of what a resolve takes, by the channels of cltaa's own files
     problems: list[str] = []
 
@@ -45,37 +51,72 @@ def describe_input(
     pixels: bool = False,
     advance: Callable[[int, int], None] | None = None,
 ) -> Description:
-    """Decide how ``folder`` is read, and say so; raises what ``open_with_gaps`` raises.
+    """Decide how ``folder`` is read, and say so; damaged files are left out of that, and listed.
 
     With ``pixels`` every frame is read and converted as for a resolve, and what is wrong with it is listed, not raised.
-    ``advance(done, total)`` is called after every frame.
+    ``advance(done, total)`` is called after each frame. Raises as ``open_with_gaps``, where no file is damaged.
     """
-    intake = open_with_gaps(folder, profile=profile, assignments=assignments, side_file=side_file, step=step)
+    wrong, damaged = Problems(), dict[Path, int]()
+    for files in (sets := file_sets(folder)).values():
+        for number, path in files.items():
+            try:
+                read_any_header(path)
+            except CltaaError as error:
+                wrong.add(number, error)
+                damaged[path] = number
+    if len(damaged) == sum(map(len, sets.values())):
+        return Description(folder=str(folder), problems=wrong.lines)
+    try:
+        intake = open_with_gaps(
+            folder, profile=profile, assignments=assignments, side_file=side_file, step=step, damaged=damaged,
+            on_resize=OnBreak.RESET,
+        )  # fmt: skip
+    except CltaaError as error:
+        if not damaged:
+            raise
+        return Description(folder=str(folder), problems=[*wrong.lines, str(error)])
+    found = _described(folder, intake)
+    _check_sizes(intake, wrong)
+    if pixels:
+        _look(found, ForeignSequence(folder, intake, sorted(intake.declared)), wrong, advance)
+    missing = [f"frames missing: {ranges(intake.missing)}"] if intake.missing else []
+    found.problems = [*missing, *wrong.lines, *pixel_problems(found.statistics)]
+    return found
+
+
+def _described(folder: Path, intake: Intake) -> Description:
     numbers = sorted(intake.declared)
     size = intake.layouts[numbers[0]]
     several = len(intake.sets) > 1
-    found = Description(
+    return Description(
         folder=str(folder), profile=intake.profile.name, reason=intake.reason, first=numbers[0], last=numbers[-1],
         frames=len(numbers), width=size.width, height=size.height, size=size.size,
         channels={role: [shown_name(place, several) for place in places] for role, places in intake.roles.items()},
         unused=intake.unused, notes=intake.notes,
-        problems=[f"frames missing: {ranges(intake.missing)}"] if intake.missing else [],
     )  # fmt: skip
-    if pixels:
-        _look(found, ForeignSequence(folder, intake, numbers), advance)
-    return found
 
 
-def _look(found: Description, sequence: ForeignSequence, advance: Callable[[int, int], None] | None) -> None:
+def _check_sizes(intake: Intake, wrong: Problems) -> None:
+    """Add to what is ``wrong`` the frames of another size than the first."""
+    first = intake.layouts[min(intake.layouts)]
+    for number, layout in intake.layouts.items():
+        try:
+            check_size(layout, first, number, OnBreak.ERROR)
+        except CltaaError as error:
+            wrong.add(number, error)
+
+
+def _look(
+    found: Description, sequence: ForeignSequence, wrong: Problems, advance: Callable[[int, int], None] | None
+) -> None:
     for done, number in enumerate(sequence.numbers, start=1):
         try:
             planes = frame_planes(sequence.frame(number), sequence.path(number))
         except CltaaError as error:
-            found.problems.append(str(error))
+            wrong.add(number, error)
             planes = {}
         for channel, plane in planes.items():
             if channel != "Z" or "depth" in sequence.intake.roles:  # else it is filled in
                 found.statistics.setdefault(channel, ChannelStatistics()).add(plane)
         if advance is not None:
             advance(done, found.frames)
-    found.problems += pixel_problems(found.statistics)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from cltaa.errors import DataError, InputMissing, UsageError
@@ -51,6 +52,7 @@ class Intake:
     on_resize: OnBreak = OnBreak.ERROR
     step: int = 1  # how far frame numbers lie apart
     asked: tuple[str, Many[str]] = ("auto", ())  # profile and assignments, for a truth beside the frames
+    damaged: Collection[int] = ()  # frames of which a file was left out, for it cannot be read
     notes: list[str] = field(default_factory=list)  # what is missing, and what is done without it
 
     @property
@@ -61,7 +63,7 @@ class Intake:
     @property
     def missing(self) -> list[int]:
         """Numbers of frames that are not there, with all of their files, between the first and the last."""
-        return missing_from(sorted(self.declared), self.step)
+        return [number for number in missing_from(sorted(self.declared), self.step) if number not in self.damaged]
 
     @property
     def unused(self) -> list[str]:
@@ -86,14 +88,15 @@ def open_intake(
     on_resize: OnBreak = OnBreak.ERROR,
     frames: FrameRange | None = None,
     step: int = 1,
+    damaged: Mapping[Path, int] = MappingProxyType({}),
 ) -> Intake:
     """Decide how ``folder`` is read, from its headers; raises InputMissing, DataError or UsageError.
 
     ``gaps`` and ``on_resize`` say whether a frame may be missing (in any of the files that are read) and whether sizes
     may differ; ``frames`` are the numbers of the first and the last one to take, both included, and no other counts.
-    ``step`` is how far numbers lie apart.
+    ``step`` is how far numbers lie apart. Files that are ``damaged``, and of which frame, are left out.
     """
-    gaps, on_resize, sets = on_break(gaps), on_break(on_resize), file_sets(folder)
+    gaps, on_resize, sets = on_break(gaps), on_break(on_resize), file_sets(folder, damaged)
     first = {label: read_any_header(files[min(files)]) for label, files in sets.items()}
     channels = {label: tuple(header.layout.channels) for label, header in first.items()}
     attributes: dict[str, object] = {}
@@ -127,6 +130,7 @@ def open_intake(
     intake = Intake(
         chosen, reason, roles, sets, given, layouts, declared,
         {label: header.layout for label, header in first.items()}, gaps, on_resize, step, (profile, assignments),
+        frozenset(damaged.values()),
     )  # fmt: skip
     intake.notes += notes_of(intake, folder)
     return intake
@@ -136,9 +140,10 @@ def open_with_gaps(folder: Path, **reading: Any) -> Intake:
     """As ``open_intake``, to look at a sequence in which frames may be missing, unless it is for want of a step."""
     intake = open_intake(folder, **reading, gaps=OnBreak.RESET)
     missing = intake.missing
-    apart = even_step(sorted(intake.declared))
+    first, last = min(intake.declared), max(intake.declared)
+    apart = even_step(sorted({*intake.declared, *(number for number in intake.damaged if first < number < last)}))
     if missing and apart != intake.step:
-        path = intake.sets[intake.roles["colour"][0].files][min(intake.declared)]
+        path = intake.sets[intake.roles["colour"][0].files][first]
         raise frame_missing(renumbered(path, missing[0]), missing[0], apart)
     return intake
 

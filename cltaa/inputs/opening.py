@@ -6,7 +6,7 @@ from collections.abc import Sequence as Many
 from pathlib import Path
 from typing import Any
 
-from cltaa.errors import DataError, UsageError
+from cltaa.errors import CltaaError, DataError, UsageError
 from cltaa.exr.channels import COLOUR
 from cltaa.exr.outline import read_layout
 from cltaa.inputs.parts import read_any_header
@@ -55,11 +55,16 @@ def open_measured(folder: Path, *, step: int = 1) -> Sequence:
 
 
 def is_own(folder: Path) -> bool:
-    """True unless the first file plainly is somebody else's: errors of cltaa's own files are told by its own reader."""
+    """True unless the first file that can be read plainly is somebody else's, or where there is none but in subfolders.
+
+    Errors of cltaa's own files are told by its own reader.
+    """
     files = sorted(folder.glob("*.exr")) if folder.is_dir() else []
     if not files:
         return not folder.is_dir() or not any(folder.glob("*/*.exr"))
-    try:
-        return "cltaa:worldToView" in read_any_header(files[0]).attributes
-    except DataError:
-        return True
+    for file in files:
+        try:
+            return "cltaa:worldToView" in read_any_header(file).attributes
+        except CltaaError:
+            continue
+    return True

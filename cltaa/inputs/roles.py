@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -40,10 +40,11 @@ def unnumbered(folder: Path) -> list[str]:
     ]
 
 
-def file_sets(folder: Path) -> dict[str, dict[int, Path]]:
+def file_sets(folder: Path, without: Container[Path] = ()) -> dict[str, dict[int, Path]]:
     """The numbered files of a folder and its subfolders by name: ``beauty.0001.exr`` or ``beauty/x.0001.exr``.
 
     Subfolders with truth are left out, and those that a resolve wrote: what came of a sequence is no part of it.
+    So are the files ``without``.
     Raises InputMissing where there is none, or none but captures in folders of their own.
     """
     if not folder.is_dir():
@@ -55,7 +56,7 @@ def file_sets(folder: Path) -> dict[str, dict[int, Path]]:
     files = sorted([*folder.glob("*.exr"), *(path for path in folder.glob("*/*.exr") if _is_input(path.parent))])
     for path in files:
         match = NUMBERED.fullmatch(path.name)
-        if match is None or path.name[0] == ".":
+        if match is None or path.name[0] == "." or path in without:
             continue
         label = f"{path.parent.name}/{match['name']}" if path.parent != folder else match["name"]
         numbers = sets.setdefault(label, {})

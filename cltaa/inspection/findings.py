@@ -14,9 +14,10 @@ from cltaa.exr.read import ImageHeader, read_header, read_image
 from cltaa.files.manifest import recorded_hashes
 from cltaa.inspection.facts import Inspection, describe_headers, describe_layouts, describe_reference, size_of
 from cltaa.inspection.promises import Witness
-from cltaa.sequences.frame_numbers import even_step, one_range, ranges
+from cltaa.sequences.frame_numbers import even_step, one_range
 from cltaa.sequences.numbered import numbered_files
 from cltaa.sequences.pixel_statistics import ChannelStatistics, needless_channels, pixel_problems
+from cltaa.sequences.problems import Problems
 from cltaa.sequences.sources import RESOLVED
 
 
@@ -36,7 +37,7 @@ def inspect_folder(
     recorded = _recorded(folder, result.problems) if pixels else {}
     layouts: dict[int, Layout] = {}
     headers: dict[int, FrameHeader] = {}
-    witness, wrong = Witness(), dict[object, tuple[str, list[int]]]()
+    witness, wrong = Witness(), Problems()
     for done, (number, path) in enumerate(sorted(paths.items()), start=1):
         try:
             header = read_header(path)
@@ -51,11 +52,11 @@ def inspect_folder(
                 if not result.resolved_by:
                     witness.look(headers[number], channels)
         except CltaaError as error:
-            wrong.setdefault(_kind(error), (str(error), []))[1].append(number)
+            wrong.add(number, error)
         result.disk_bytes += size_of(path)
         if advance is not None:
             advance(done, len(paths))
-    result.problems += [_with_others(text, numbers[1:]) for text, numbers in wrong.values()]
+    result.problems += wrong.lines
     describe_layouts(result, layouts)
     if headers:
         describe_headers(result, headers)
@@ -92,12 +93,3 @@ def _check_channels(header: ImageHeader) -> None:
         check_float_channels(header.layout, COLOUR)
     else:
         frame_channels(header.layout)
-
-
-def _kind(error: CltaaError) -> object:
-    """The same for what is wrong in the same way with another frame."""
-    return error.what, error.channel, str(error.expected), str(error.found)
-
-
-def _with_others(problem: str, others: list[int]) -> str:
-    return f"{problem}; the same in frame{'s' * (len(others) > 1)} {ranges(others)}" if others else problem

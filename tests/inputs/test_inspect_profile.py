@@ -9,10 +9,11 @@ import numpy as np
 from click.testing import CliRunner
 
 from cltaa.cli import root
+from cltaa.exr.write import write_image
 from cltaa.inputs.opening import open_input
 from cltaa.parameters.build import Steps
 from cltaa.planning.memory import of_sequence, of_whole_images
-from tests.inputs.foreign import write_blender, write_parts
+from tests.inputs.foreign import write_blender, write_colour, write_parts
 from tests.sequence_factory import make_frame
 
 BLENDER = Path(__file__).parents[1] / "thirdparty" / "recorded" / "blender"
@@ -82,3 +83,56 @@ def test_memory_counts_what_another_tools_frames_hold() -> None:
     source = open_input(BLENDER)
     assert source.holds == {"motion"}
     assert of_whole_images(source) == of_sequence(source, Steps(own_motion=True, alpha=False, reactive=False))
+
+
+def truncate(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-9])
+
+
+def problems(folder: Path, *more: str) -> list[str]:
+    done = CliRunner().invoke(root, ["inspect", str(folder), "--json", *more])
+    assert (done.exit_code, done.stderr) == (65, "")
+    found: list[str] = json.loads(done.stdout)["problems"]
+    return found
+
+
+def test_every_damaged_file_of_another_tool_is_listed(tmp_path: Path) -> None:
+    folder = write_blender(tmp_path, [make_frame(number, width=40 if number == 5 else 37) for number in range(1, 9)])
+    for number in (1, 2, 6):
+        truncate(folder / f"shot.{number:04d}.exr")
+    (folder / "shot.0004.exr").write_bytes(b"")
+    (folder / "shot.0007.exr").unlink()
+    for more in ([], ["--profile", "blender"]):
+        missing, truncated, empty, size = problems(folder, *more)
+        assert missing == "frames missing: 7"
+        assert "shot.0001.exr: the file is truncated" in truncated
+        assert truncated.endswith("the same in frames 2, 6")
+        assert "shot.0004.exr: the file is empty" in empty
+        assert "shot.0005.exr frame 5: size differs (expected 37 x 23, found 40 x 23)" in size
+
+
+def test_damage_in_files_beside_the_colour_is_listed(tmp_path: Path) -> None:
+    for frame in (make_frame(number) for number in (1, 2, 3)):
+        write_colour(tmp_path / "beauty", [frame])
+        (tmp_path / "depth").mkdir(exist_ok=True)
+        write_image(tmp_path / "depth" / f"depth.{frame.index:04d}.exr", {"Z": frame.depth})
+    truncate(tmp_path / "beauty" / "picture.0002.exr")
+    truncate(tmp_path / "depth" / "depth.0003.exr")
+    (found,) = problems(tmp_path)
+    assert "picture.0002.exr: the file is truncated" in found
+    assert found.endswith("the same in frame 3")
+
+
+def test_what_is_wrong_with_all_of_another_tools_files_hides_no_damage(tmp_path: Path) -> None:
+    write_colour(tmp_path, [make_frame(number) for number in (1, 2, 3)])
+    truncate(tmp_path / "picture.0003.exr")
+    asked = ("--input", "depth.channels=Zed")
+    damage, asked_for = problems(tmp_path, *asked)
+    assert "picture.0003.exr: the file is truncated" in damage
+    assert "no such channels" in asked_for
+    words = CliRunner().invoke(root, ["inspect", str(tmp_path), *asked]).stdout
+    assert words.count("✗") == 2
+    for path in tmp_path.iterdir():
+        path.write_bytes(b"")
+    (found,) = problems(tmp_path, *asked)
+    assert found.endswith("the same in frames 2-3")
