@@ -130,15 +130,20 @@ def _facts_of_reading(found: Description) -> list[tuple[str, str]]:
         ("profile", f"{found.profile}: {found.reason}"),
         ("frames", f"{found.frames}: {found.first} to {found.last}, {found.size}"),
         *((role, " ".join(channels)) for role, channels in found.channels.items()),
+        *([("exposure", _range(found.exposures))] if found.exposures != (1.0, 1.0) else []),
+        *([("cuts", ", ".join(map(str, found.cuts)))] if found.cuts else []),
         ("also there", " ".join(found.unused) or "nothing"),
         *(("without", note) for note in found.notes),
     ]
 
 
+def _range(found: tuple[float, float]) -> str:
+    return f"{found[0]:g}" if found[0] == found[1] else f"{found[0]:g} to {found[1]:g}"
+
+
 def _facts(found: Inspection) -> list[tuple[str, str]]:
     kinds = sorted(set(found.channels.values()))
     by_kind = (f"{' '.join(n for n, k in found.channels.items() if k == kind)} ({kind})" for kind in kinds)
-    darkest, brightest = found.exposures
     return [
         ("sequence", f"{found.name} in {found.folder}"),
         ("scene", found.scene or "not named"),
@@ -150,7 +155,7 @@ def _facts(found: Inspection) -> list[tuple[str, str]]:
         ("jitter", _jitter(found)),
         ("camera", _camera(found)),
         ("cuts", ", ".join(map(str, found.cuts)) or "none"),
-        ("exposure", f"{darkest:g}" if darkest == brightest else f"{darkest:g} to {brightest:g}"),
+        ("exposure", _range(found.exposures)),
         ("reference", _reference(found)),
         ("on disk", f"{_size(found.disk_bytes)}, {found.compression or 'unknown compression'}"),
     ]

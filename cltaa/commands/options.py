@@ -163,7 +163,7 @@ def input_options(command: Command) -> Command:
     for option in (
         step_option,
         click.option("--camera", type=FILE_PATH, metavar="FILE",
-                     help="Matrices and jitter of each frame: .json, .csv or text (docs/inputs.md)."),
+                     help="Matrices, jitter, exposure and cuts of each frame: .json, .csv or text (docs/inputs.md)."),
         click.option("--input", "inputs", multiple=True, metavar="SECTION.KEY=VALUE",
                      help="One key of the profile, such as motion.scale=1,-1; may be repeated."),
         click.option("--profile", type=PROFILE, metavar="NAME", default="auto", show_default=True,

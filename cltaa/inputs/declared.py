@@ -1,4 +1,4 @@
-"""Matrices and jitter of every frame, from attributes or a side file, mended as the profile says."""
+"""Matrices, jitter, exposure and cuts of every frame, from attributes or a side file, mended as the profile says."""
 
 from __future__ import annotations
 
@@ -22,6 +22,8 @@ class Declared(NamedTuple):
 
     camera: Camera | None
     jitter_px: Offset | None
+    exposure: float | None
+    cut: bool
 
 
 def declared_frames(
@@ -47,8 +49,21 @@ def declared_frames(
             layout = layouts[number]
             whole = mended_camera(*pair, profile.camera, jitter or (0.0, 0.0), *layout.display_size)
             camera = of_region(whole, layout)
-        frames[number] = Declared(camera, jitter)
+        frames[number] = Declared(camera, jitter, *_exposure_and_cut(attributes[number], side.get(number)))
     return frames
+
+
+def _exposure_and_cut(attributes: Attributes, side: Side | None) -> tuple[float | None, bool]:
+    exposure, cut = (None, None) if side is None else (side.exposure, side.cut)
+    if exposure is None:
+        exposure = _number(attributes.get("cltaa:exposure"))
+    return exposure, attributes.get("cltaa:cut") == 1 if cut is None else cut
+
+
+def _number(value: object) -> float | None:
+    if isinstance(value, np.ndarray) and value.shape == (1,):
+        value = float(value[0])
+    return float(value) if isinstance(value, int | float) else None
 
 
 def _jitter(profile: Profile, attributes: Attributes, side: Side | None) -> Offset | None:

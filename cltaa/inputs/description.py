@@ -37,6 +37,8 @@ class Description(msgspec.Struct, kw_only=True):
     channels: dict[str, list[str]] = {}
     unused: list[str] = []
     notes: list[str] = []
+    exposures: tuple[float, float] = (1.0, 1.0)  # smallest and largest
+    cuts: list[int] = []
     statistics: dict[str, ChannelStatistics] = {}  # of what a resolve takes, by the channels of cltaa's own files
     problems: list[str] = []
 
@@ -87,12 +89,14 @@ def describe_input(
 def _described(folder: Path, intake: Intake) -> Description:
     numbers = sorted(intake.declared)
     size = intake.layouts[numbers[0]]
+    exposures = [1.0 if known.exposure is None else known.exposure for known in intake.declared.values()]
     several = len(intake.sets) > 1
     return Description(
         folder=str(folder), profile=intake.profile.name, reason=intake.reason, first=numbers[0], last=numbers[-1],
         frames=len(numbers), width=size.width, height=size.height, size=size.size,
         channels={role: [shown_name(place, several) for place in places] for role, places in intake.roles.items()},
-        unused=intake.unused, notes=intake.notes,
+        unused=intake.unused, notes=intake.notes, exposures=(min(exposures), max(exposures)),
+        cuts=[number for number in numbers if intake.declared[number].cut],
     )  # fmt: skip
 
 

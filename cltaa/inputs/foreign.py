@@ -119,14 +119,14 @@ class ForeignSequence(Sequence):
     def outline(self, number: int) -> Frame:
         """A frame of which only the header was read: the channels that it has are there, and empty."""
         layout = self.layouts[number]
-        camera = self.intake.declared[number].camera or of_region(still_camera(*layout.display_size), layout)
+        declared = self.intake.declared[number]
+        camera = declared.camera or of_region(still_camera(*layout.display_size), layout)
         if self._strict:
             check_camera(camera, path=self.path(number), frame=number)
-        attributes = self.intake.attributes[number]
         empty: dict[str, Any] = dict.fromkeys(self.holds, NO_PIXELS)
         return Frame(
             index=number, colour=NO_PIXELS, depth=NO_PIXELS, camera=camera, jitter_px=self._jitter(number, number),
-            cut=attributes.get("cltaa:cut") == 1, exposure=_number(attributes.get("cltaa:exposure"), 1.0),
+            cut=declared.cut, exposure=1.0 if declared.exposure is None else declared.exposure,
             path=self.path(number), step=self.step, **empty,
         )  # fmt: skip
 
@@ -140,12 +140,15 @@ class ForeignSequence(Sequence):
         return self._hash_of(self.path(number))
 
     def beside_sha256(self, number: int) -> str | None:
-        """Return the SHA-256 of a frame's other files and of what is declared: matrices, its jitter and that before."""
+        """Return the SHA-256 of a frame's other files and of what is declared, the last frame's jitter included."""
         sets = {place.files for places in self.intake.roles.values() for place in places}
         beside = sorted({self.intake.sets[files][number] for files in sets} - {self.path(number)})
-        told = _numbers(self.intake.declared[number].camera)
+        declared = self.intake.declared[number]
+        told = _numbers(declared.camera)
         if self.intake.has_jitter:
             told += [*self._jitter(number, number), *self._jitter(number - self.step, number)]
+        if declared.exposure is not None or declared.cut:
+            told += [declared.exposure or 1.0, declared.cut]
         if not beside and not told:
             return None
         return hashlib.sha256(msgspec.json.encode([*map(file_sha256, beside), told])).hexdigest()
@@ -194,9 +197,3 @@ def _numbers(camera: Camera | None) -> list[float]:
 
 def _only(plane: Image | None) -> Image | None:
     return None if plane is None else plane[..., 0]
-
-
-def _number(value: object, default: float) -> float:
-    if isinstance(value, np.ndarray) and value.shape == (1,):
-        value = float(value[0])
-    return float(value) if isinstance(value, int | float) else default

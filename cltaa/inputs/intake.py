@@ -196,13 +196,14 @@ def _side_of(path: Path, numbers: Many[int]) -> dict[int, Side]:
 
 
 def _check_complete(folder: Path, declared: Mapping[int, Declared]) -> None:
-    """Raise DataError where some frames have matrices or a jitter and others have none: the camera would jump."""
-    for what, section, without in (
-        ("matrices", "camera", [number for number, known in declared.items() if known.camera is None]),
-        ("jitter", "jitter", [number for number, known in declared.items() if known.jitter_px is None]),
+    """Raise DataError where some frames have matrices, jitter or exposure and others have none: it would jump."""
+    for what, otherwise, without in (
+        ("matrices", "with --input camera.source=none", [n for n, known in declared.items() if known.camera is None]),
+        ("jitter", "with --input jitter.source=none", [n for n, known in declared.items() if known.jitter_px is None]),
+        ("exposure", "of them", [n for n, known in declared.items() if known.exposure is None]),
     ):
         if 0 < len(without) < len(declared):
-            cure = f"give it to every frame with --camera FILE, or to none with --input {section}.source=none"
+            cure = f"give it to every frame with --camera FILE, or to none {otherwise}"
             raise DataError(f"no {what} for frames {ranges(without)}", path=folder, cure=cure)
 
 

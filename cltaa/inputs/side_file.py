@@ -1,7 +1,8 @@
-"""Matrices and jitter from a file beside the pictures: JSON, CSV or plain text, exact doubles in each.
+"""Matrices, jitter, exposure and cuts from a file beside the pictures: JSON, CSV or text, exact doubles in each.
 
-A frame has ``world_to_view`` and ``view_to_clip`` (row-major, column vectors, un-jittered; docs/conventions.md) and
-``jitter_px``; each may be left out. Every format writes doubles with 17 digits, so that none is rounded.
+A frame has ``world_to_view`` and ``view_to_clip`` (row-major, column vectors, un-jittered; docs/conventions.md),
+``jitter_px``, ``exposure`` and ``cut``; each may be left out. Every format writes doubles with 17 digits,
+so that none is rounded.
 """
 
 from __future__ import annotations
@@ -17,10 +18,12 @@ import numpy as np
 
 from cltaa.errors import DataError, closest
 from cltaa.files.content import read_text
+from cltaa.frame_checks import EXPOSURE_STOPS
 from cltaa.frames import Matrix
+from cltaa.printable import counted
 
 LARGEST = 1 << 28  # bytes; a frame takes less than 2000, so that a hundred thousand fit
-KEYS = {"world_to_view": 16, "view_to_clip": 16, "jitter_px": 2}
+KEYS = {"world_to_view": 16, "view_to_clip": 16, "jitter_px": 2, "exposure": 1, "cut": 1}
 
 
 class Side(NamedTuple):
@@ -29,6 +32,8 @@ class Side(NamedTuple):
     world_to_view: Matrix | None
     view_to_clip: Matrix | None
     jitter_px: tuple[float, float] | None
+    exposure: float | None = None
+    cut: bool | None = None
 
 
 def read_side_file(path: Path) -> dict[int, Side]:
@@ -42,14 +47,14 @@ def read_side_file(path: Path) -> dict[int, Side]:
         for name, meant in unknown.items():
             if name in values and meant is not None and meant not in values:
                 raise DataError(f"unknown key {name}", path=path, frame=number, cure=f"did you mean {meant}?")
-        found[number] = Side(*(_numbers(path, number, name, values.get(name)) for name in KEYS))  # type: ignore[arg-type]
+        found[number] = _side(path, number, values)
     if not found:
         raise DataError("the side file names no frame", path=path)
     for number, side in found.items():
         if (side.world_to_view is None) != (side.view_to_clip is None):
             raise DataError("world_to_view and view_to_clip belong together", path=path, frame=number)
     if all(value is None for side in found.values() for value in side):
-        what, keys = "no frame has a camera or a jitter", ", ".join(KEYS)
+        what, keys = "no frame has a camera, a jitter, an exposure or a cut", ", ".join(KEYS)
         raise DataError(what, path=path, expected=keys, found=", ".join([*unknown][:9]) or None)
     return found
 
@@ -64,7 +69,9 @@ def _json(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
 
 
 def _csv(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
-    """Columns ``frame``, ``world_to_view.0`` to ``.15``, ``view_to_clip.0`` to ``.15``, ``jitter_px.0`` and ``.1``.
+    """Columns ``frame``, ``world_to_view.0`` to ``.15``, ``view_to_clip.0`` to ``.15``, ``jitter_px.0`` and ``.1``, ...
+
+    Columns of other names are passed on without what is in them.
 
     With semicolons between them, as spreadsheets of many countries write, decimals may have commas.
     """
@@ -73,11 +80,8 @@ def _csv(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
         text = text.replace(",", ".")
     for line, row in enumerate(csv.DictReader(text.splitlines(), delimiter=delimiter), start=2):
         try:
-            values = {
-                name: [row[f"{name}.{place}"] for place in range(count)]
-                for name, count in KEYS.items()
-                if f"{name}.0" in row
-            }
+            names = {re.sub(r"\.[0-9]+$", "", column) for column in row if column} - {"frame"}
+            values = {name: _columns(row, name) if name in KEYS else () for name in sorted(names)}
             yield int(row["frame"]), values
         except (KeyError, TypeError, ValueError) as error:
             raise DataError(f"line {line}: {error} is missing or no number", path=path) from None
@@ -103,7 +107,32 @@ def _text(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
         yield number, values
 
 
-def _numbers(path: Path, frame: int, name: str, given: Any) -> Matrix | tuple[float, float] | None:
+def _columns(row: Mapping[str, str], name: str) -> list[str]:
+    """The numbers of one key, in columns that are counted where it has several."""
+    count = KEYS[name]
+    return [row[name]] if count == 1 and name in row else [row[f"{name}.{place}"] for place in range(count)]
+
+
+def _side(path: Path, frame: int, values: Mapping[str, Any]) -> Side:
+    """What is said about one frame; raises DataError for what cannot be."""
+    view, clip, jitter, exposures, cuts = (_numbers(path, frame, name, values.get(name)) for name in KEYS)
+    side = Side(
+        None if view is None else view.reshape(4, 4),
+        None if clip is None else clip.reshape(4, 4),
+        None if jitter is None else (float(jitter[0]), float(jitter[1])),
+        None if exposures is None else float(exposures[0]),
+        None if cuts is None else bool(cuts[0]),
+    )
+    if side.exposure is not None and not 2.0**-EXPOSURE_STOPS <= side.exposure <= 2.0**EXPOSURE_STOPS:
+        expected = f"a positive factor within {EXPOSURE_STOPS:g} stops of 1"
+        raise DataError("exposure is wrong", path=path, frame=frame, expected=expected, found=side.exposure)
+    if cuts is not None and cuts[0] not in (0, 1):
+        raise DataError("cut is wrong", path=path, frame=frame, expected="0 or 1", found=cuts[0])
+    return side
+
+
+def _numbers(path: Path, frame: int, name: str, given: Any) -> Matrix | None:
+    """The numbers of one key, in a row."""
     if given is None:
         return None
     try:
@@ -111,5 +140,6 @@ def _numbers(path: Path, frame: int, name: str, given: Any) -> Matrix | tuple[fl
     except (ValueError, TypeError):
         numbers = np.empty(0)
     if len(numbers) != KEYS[name] or not np.isfinite(numbers).all():
-        raise DataError(f"{name} is wrong", path=path, frame=frame, expected=f"{KEYS[name]} finite numbers")
-    return (float(numbers[0]), float(numbers[1])) if KEYS[name] == 2 else numbers.reshape(4, 4)
+        expected = counted(KEYS[name], "finite number")
+        raise DataError(f"{name} is wrong", path=path, frame=frame, expected=expected)
+    return numbers

@@ -37,6 +37,14 @@ def test_it_prints_a_table_and_takes_a_side_file() -> None:
     assert "without" not in done.stdout
 
 
+def test_exposure_and_cuts_of_a_side_file_are_shown(tmp_path: Path) -> None:
+    side = tmp_path / "camera.csv"
+    side.write_text("frame,exposure,cut\n" + "".join(f"{n},{n / 2},{int(n == 4)}\n" for n in range(1, 7)))
+    done = CliRunner().invoke(root, ["inspect", str(BLENDER), "--camera", str(side)])
+    rows = dict(line.split(None, 1) for line in done.stdout.splitlines() if line.split()[1:])
+    assert (rows["exposure"].strip(), rows["cuts"].strip()) == ("0.5 to 3", "4")
+
+
 def test_the_plan_of_another_tools_files_is_that_of_their_resolve() -> None:
     arguments = ["inspect", str(BLENDER), "--plan", "--device", "numpy", "--json"]
     done = CliRunner().invoke(root, arguments)

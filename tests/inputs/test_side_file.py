@@ -116,3 +116,46 @@ def test_folder_and_side_file_may_be_text(tmp_path: Path) -> None:
     write_blender(tmp_path / "shot", made)
     sequence = open_input(f"{tmp_path}/shot", side_file=f"{tmp_path}/camera.txt")
     assert sequence.frame(1).jitter_px == made[1].jitter_px
+
+
+@pytest.mark.parametrize("suffix", ["json", "csv", "txt"])
+def test_exposure_and_cut_of_a_side_file_reach_the_frames(suffix: str, tmp_path: Path) -> None:
+    """Over those in the files' headers, and part of what a result that is gone on with was made of."""
+    made, side = frames(), tmp_path / f"camera.{suffix}"
+    told = {0: (1.0, 0), 1: (0.25, 1), 2: (2.0, 0)}
+    side.write_text(
+        {
+            "json": json.dumps({"frames": {n: {"exposure": e, "cut": bool(c)} for n, (e, c) in told.items()}}),
+            "csv": "frame,exposure,cut\n" + "".join(f"{n},{e},{c}\n" for n, (e, c) in told.items()),
+            "txt": "".join(f"frame {n}\nexposure {e}\ncut {c}\n" for n, (e, c) in told.items()),
+        }[suffix]
+    )
+    write_blender(tmp_path / "shot", made)
+    sequence = open_input(tmp_path / "shot", side_file=side)
+    assert [(frame.exposure, frame.cut) for frame in sequence] == [(e, c == 1) for e, c in told.values()]
+    before = sequence.beside_sha256(1)
+    side.write_text(side.read_text().replace("0.25", "0.5"))
+    assert open_input(tmp_path / "shot", side_file=side).beside_sha256(1) != before
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({0: {"exposure": 1}, 1: {"exposure": 2}}, "no exposure for frames 2; give it to every frame"),
+        ({n: {"exposure": -(2**n)} for n in range(3)}, "frame 0: exposure is wrong .*positive factor.*found -1"),
+        ({n: {"exposure": 1, "cut": 2} for n in range(3)}, "frame 0: cut is wrong .*0 or 1, found 2"),
+        ({n: {"expsoure": 1, "cut": 0} for n in range(3)}, "unknown key expsoure; did you mean exposure?"),
+    ],
+)
+def test_exposures_that_cannot_be(given: dict[int, dict[str, float]], message: str, tmp_path: Path) -> None:
+    (tmp_path / "camera.json").write_text(json.dumps({"frames": given}))
+    write_blender(tmp_path / "shot", frames())
+    with pytest.raises(DataError, match=message):
+        open_input(tmp_path / "shot", side_file=tmp_path / "camera.json")
+
+
+def test_a_misspelt_column_is_told_what_was_meant(tmp_path: Path) -> None:
+    path = tmp_path / "camera.csv"
+    path.write_text("frame,jitter_px.0,jitter_px.1,expsoure,note\n1,0,0,2,night\n")
+    with pytest.raises(DataError, match=r"frame 1: unknown key expsoure; did you mean exposure\?"):
+        read_side_file(path)
