@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
+from urllib.parse import quote
 
 import numpy as np
 
@@ -65,7 +66,9 @@ def write_pictures(
         write_png(path, _magnified(crop))
         stale.remove(preset.name)
         link = os.path.relpath(path, path.parent if page is None else page.parent)
-        texts[preset.name] = f"{caption(row, preset.name, crop.frame)}\n\n![{preset.name}]({Path(link).as_posix()})"
+        texts[preset.name] = (
+            f"{caption(row, preset.name, crop.frame)}\n\n![{preset.name}]({quote(Path(link).as_posix())})"
+        )
     for name in stale:
         (output / f"{name}.png").unlink(missing_ok=True)
     return texts

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+import time
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
 
 import msgspec
 
 from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged
 from cltaa.bench.quality_cases import Case
+from cltaa.judging.comparison import truth_of, truth_samples
 from cltaa.judging.metrics import mean_psnr
-from cltaa.parameters.presets import Published, load_preset, preset_names
+from cltaa.parameters.presets import Preset, Published, load_preset, preset_names
+from cltaa.sequences.sources import Sequence as Captured
 
 DEFAULT = "default"
 LADDER = re.compile(r"t\d(-200)?")  # in the order of their names: t3, t3-200, t4
@@ -151,3 +155,24 @@ def ordered(names: Iterable[str]) -> list[str]:
         return next((place for place, found in enumerate(groups) if found), len(groups)), name
 
     return sorted(names, key=rank)
+
+
+def about_of(table: Table, sequences: Collection[Captured], settled: int, presets: Sequence[Preset]) -> str:
+    """What was judged, as the sequences themselves have it: some may not be as the options say."""
+    devices = sorted({judged.device for row in table.rows for judged in row.presets.values()})
+    splits = Counter(row.split for row in table.rows)
+    counts = " and ".join(f"{count} {split}" for split, count in splits.items())
+    sizes = _either(f"{sequence.width} × {sequence.height}" for sequence in sequences)
+    frames = _either(len(sequence) for sequence in sequences)
+    jitters = _either(sequence.sequence_json.get("settings", {}).get("jitter") for sequence in sequences)
+    truths = _either(truth_samples(truth_of(sequence)) for sequence in sequences)
+    files = [preset.description for preset in presets if preset.name not in preset_names()]
+    return (
+        f"{counts} sequences, {sizes}, {frames} frames, jitter {jitters}, judged from frame {settled} on, "
+        f"truth of {truths} samples a pixel; {time.strftime('%Y-%m-%d', time.gmtime())}, "
+        f"{'; '.join([*devices, *files])}."
+    )
+
+
+def _either(values: Iterable[object]) -> str:
+    return " or ".join("unknown" if value is None else str(value) for value in dict.fromkeys(values))

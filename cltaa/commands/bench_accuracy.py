@@ -29,7 +29,7 @@ from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.errors import UsageError, known
 from cltaa.files.atomic import make_folder
 from cltaa.judging.metrics import parse_metrics
-from cltaa.parameters.presets import load_preset, preset_names
+from cltaa.parameters.presets import Preset, load_preset, preset_names, preset_of
 from cltaa.printable import counted, json_of, printable, shown
 from cltaa.progress import track
 from cltaa.timing import Clock
@@ -40,6 +40,7 @@ from cltaa.timing import Clock
 @click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder of the report.")
 @device_option
 @click.option("--preset", type=PRESET, default="default", show_default=True, help="Preset that the steps depart from.")
+@click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
 @click.option(
     "--only",
     type=NAMES,
@@ -76,6 +77,7 @@ def accuracy(
     output: Path,
     device: str | None,
     preset: str,
+    config: Path | None,
     only: tuple[str, ...],
     named: tuple[str, ...],
     full: bool,
@@ -103,7 +105,8 @@ def accuracy(
     both need are built first by those processes, each once.
     """
     names = tuple(metric.name for metric in parse_metrics(metrics))
-    tasks = tasks_of(sequences, chosen_variants(preset, only, named, full=full), device, names, rounding_frames, step)
+    variants = chosen_variants(preset_of(preset, config), only, named, full=full)
+    tasks = tasks_of(sequences, variants, device, names, rounding_frames, step)
     if build_only:
         launcher = DeviceLauncher(device)
         count = build_programs(tasks, launcher, pixels=pixels, jobs=jobs, until=math.inf, progress=_progress)
@@ -131,9 +134,9 @@ def accuracy(
         click.echo(f"look at {printable(output / 'index.html')}")
 
 
-def chosen_variants(preset: str, groups: Sequence[str], named: Sequence[str] = (), *, full: bool) -> list[Variant]:
+def chosen_variants(preset: Preset, groups: Sequence[str], named: Sequence[str] = (), *, full: bool) -> list[Variant]:
     """The ladder from that preset, or the named groups and variants of it; raises UsageError for one that is not."""
-    every = ladder(load_preset(preset), [load_preset(name) for name in preset_names()], full=full)
+    every = ladder(preset, [load_preset(name) for name in preset_names()], full=full)
     if not groups and not named:
         return every
     kinds, names = {variant.group for variant in every}, {variant.name for variant in every}

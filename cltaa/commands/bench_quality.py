@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections import Counter
-from collections.abc import Collection, Iterable
 from pathlib import Path
 
 import click
@@ -29,7 +26,8 @@ from cltaa.bench.quality_cases import (
 from cltaa.bench.quality_cells import Cells
 from cltaa.bench.quality_page import check_page, markdown, write_page, written
 from cltaa.bench.quality_pictures import write_pictures
-from cltaa.bench.quality_summary import Table, ordered, score, summarise
+from cltaa.bench.quality_presets import chosen_presets
+from cltaa.bench.quality_summary import Table, about_of, ordered, score, summarise
 from cltaa.commands.options import (
     ALL_SCENES,
     FILE_PATH,
@@ -44,8 +42,7 @@ from cltaa.commands.options import (
 from cltaa.devices.launch import Launcher, launcher_for
 from cltaa.errors import UsageError
 from cltaa.inputs.opening import open_measured
-from cltaa.judging.comparison import truth_of, truth_samples
-from cltaa.parameters.presets import Preset, load_preset, preset_names
+from cltaa.parameters.presets import Preset
 from cltaa.printable import json_of
 from cltaa.sequences.sources import Sequence
 
@@ -70,6 +67,9 @@ NARROWEST = 160  # columns of the terminal, so that no number is cut off
     help="A captured sequence with its truth, beside the scenes or in their place; repeatable.",
 )
 @click.option("--preset", "presets", type=PRESET, multiple=True, metavar="NAME", help="Repeatable.  [default: all]")
+@click.option("--config", "configs", type=FILE_PATH, multiple=True, metavar="FILE",
+              help="TOML file of parameters, over the default or what it names, as for cltaa resolve; beside the "
+              "presets or in their place; repeatable.")  # fmt: skip
 @device_option
 @click.option("--size", type=SIZE, default="320x180", show_default=True, help="Pixels of a capture.")
 @click.option("--frames", default=64, show_default=True, type=click.IntRange(min=2), help="Frames of a capture.")
@@ -113,6 +113,7 @@ def quality(
     scenes: tuple[str, ...],
     folders: tuple[Path, ...],
     presets: tuple[str, ...],
+    configs: tuple[Path, ...],
     device: str | None,
     size: tuple[int, int],
     frames: int,
@@ -139,7 +140,7 @@ def quality(
     import_judges()  # this and the next before what may take hours
     if page is not None:
         check_page(page)
-    chosen = [load_preset(name) for name in presets or preset_names()]
+    chosen = chosen_presets(presets, configs)
     shape = Shape(*size, frames, samples, still_samples, jitter)
     seeds = dict.fromkeys(train, TRAIN) | dict.fromkeys(held_out, HELD_OUT)
     cases = [(Case(folder.name, GIVEN, folder), 0) for folder in folders]
@@ -158,7 +159,7 @@ def quality(
     texts: dict[str, str] = {}
     if pictures is not None:
         texts = write_pictures(table, sequences, chosen, pictures, page, launcher)
-    about = _about(table, sequences.values(), settled)
+    about = about_of(table, sequences.values(), settled, chosen)
     if page is not None:
         write_page(page, markdown(table, about, texts))
     if as_json:
@@ -201,25 +202,6 @@ def _judge(
             cells.put(name, wanted[name], judged)
             found[name] = judged
     return {name: judged for name, judged in found.items() if judged is not None}
-
-
-def _about(table: Table, sequences: Collection[Sequence], settled: int) -> str:
-    """What was judged, as the sequences themselves have it: some may not be as the options say."""
-    devices = sorted({judged.device for row in table.rows for judged in row.presets.values()})
-    splits = Counter(row.split for row in table.rows)
-    counts = " and ".join(f"{count} {split}" for split, count in splits.items())
-    sizes = _either(f"{sequence.width} × {sequence.height}" for sequence in sequences)
-    frames = _either(len(sequence) for sequence in sequences)
-    jitters = _either(sequence.sequence_json.get("settings", {}).get("jitter") for sequence in sequences)
-    truths = _either(truth_samples(truth_of(sequence)) for sequence in sequences)
-    return (
-        f"{counts} sequences, {sizes}, {frames} frames, jitter {jitters}, judged from frame {settled} on, "
-        f"truth of {truths} samples a pixel; {time.strftime('%Y-%m-%d', time.gmtime())}, {'; '.join(devices)}."
-    )
-
-
-def _either(values: Iterable[object]) -> str:
-    return " or ".join("unknown" if value is None else str(value) for value in dict.fromkeys(values))
 
 
 def _print(table: Table) -> None:

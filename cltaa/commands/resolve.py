@@ -21,7 +21,7 @@ from cltaa.devices.launch import launcher_for
 from cltaa.errors import UsageError
 from cltaa.inputs.opening import open_input
 from cltaa.parameters.build import STORAGES, Storage
-from cltaa.parameters.presets import Preset, load_config, load_preset, override
+from cltaa.parameters.presets import Preset, override, preset_of
 from cltaa.printable import counted, json_of, printable, shown
 from cltaa.resolve.bands import resolver_for
 from cltaa.resolve.carried_over import carried_compression
@@ -119,7 +119,7 @@ def resolve(
     )  # fmt: skip
     if source.notes:
         click.echo("\n".join(map(printable, source.notes)), err=True)
-    settings, kept = chosen_preset(preset, config, assignments), Storage(storage)
+    settings, kept = _assigned(preset_of(preset, config), assignments), Storage(storage)
     if budget_ms is not None:
         if preset != "default" or config is not None:
             raise UsageError("--budget-ms chooses the preset itself", cure="leave out --preset and --config")
@@ -149,14 +149,6 @@ def _refuse_more(ctx: click.Context) -> None:
     if ctx.args:
         views = f"; --debug takes views: {', '.join(View)}" if ctx.find_root().params.get("debug") else ""
         ctx.fail(f"Got unexpected extra argument{'s' * (len(ctx.args) > 1)} ({' '.join(ctx.args)}){views}")
-
-
-def chosen_preset(name: str, config: Path | None, assignments: tuple[str, ...]) -> Preset:
-    """The preset of that name with a TOML file over it and ``KEY=VALUE`` assignments over both, named after all."""
-    preset = load_preset(name)
-    if config is not None:
-        preset = load_config(config, preset)
-    return _assigned(preset, assignments)
 
 
 def within_budget(

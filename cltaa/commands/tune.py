@@ -12,7 +12,7 @@ from cltaa.devices.launch import launcher_for
 from cltaa.errors import UsageError
 from cltaa.files.atomic import atomic_path, check_creatable
 from cltaa.inputs.opening import open_measured
-from cltaa.parameters.presets import load_preset
+from cltaa.parameters.presets import preset_of
 from cltaa.printable import counted, json_of, printable
 from cltaa.progress import track
 from cltaa.tuning.goal import parse_goal
@@ -29,6 +29,7 @@ from cltaa.tuning.search import Tuned, preset_text, tune
 @click.option("--check", "checked", multiple=True, type=FILE_PATH, metavar="SEQUENCE",
               help="Only check the outcome on this one; repeatable.  [default: the last SEQUENCE]")  # fmt: skip
 @click.option("--preset", type=PRESET, default="default", show_default=True, help="Where the search begins.")
+@click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
 @click.option("--trials", default=40, show_default=True, type=click.IntRange(min=2), help="Settings to try.")
 @click.option("--seed", default=0, show_default=True, help="Of the search.")
 @click.option("--device", metavar="NAME", help="OpenCL device, or numpy.")
@@ -44,6 +45,7 @@ def command(
     metric: str,
     checked: tuple[Path, ...],
     preset: str,
+    config: Path | None,
     trials: int,
     seed: int,
     device: str | None,
@@ -68,7 +70,7 @@ def command(
         [open_measured(path, step=step) for path in checked],
         goal,
         launcher_for(device),
-        base=load_preset(preset),
+        base=preset_of(preset, config),
         trials=trials,
         seed=seed,
         output=output,

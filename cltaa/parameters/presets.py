@@ -94,7 +94,8 @@ def load_preset(name: str = "default") -> Preset:
     if name not in preset_names():
         cure = known(name, preset_names(), "presets")
         if name.endswith(".toml"):
-            cure = f"cltaa resolve takes a file by --config; elsewhere a preset is named that lies in {_FOLDER}"
+            takers = "resolve, tune, bench accuracy and bench quality take a file by --config"
+            cure = f"cltaa {takers}; elsewhere a preset is named that lies in {_FOLDER}"
         raise UsageError(f"unknown preset {name}", cure=cure)
     text = (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
     parsed = _parse(text, f"preset {name}", Preset(name=name, description=""))
@@ -105,6 +106,12 @@ def load_config(path: Path, base: Preset) -> Preset:
     """``base`` with the keys of a TOML file over it, and so named; its optional key ``preset`` names another base."""
     parsed = _parse(read_text(path, "a TOML file", LARGEST_CONFIG), str(path), base)
     return msgspec.structs.replace(parsed, name=f"{path.name} over {parsed.name}")
+
+
+def preset_of(name: str, config: Path | None) -> Preset:
+    """The preset of that name, with a TOML file over it where one is given; raises what reading either raises."""
+    preset = load_preset(name)
+    return preset if config is None else load_config(config, preset)
 
 
 def _parse(text: str, origin: str, base: Preset) -> Preset:

@@ -69,6 +69,16 @@ def test_frames_without_error_are_measured_and_read_again(tmp_path: Path, capsys
     assert found.p5 == found.frames[2] < found.mean < found.p95 == math.inf
 
 
+def test_steps_depart_from_a_file_over_a_preset(
+    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine.toml").write_text("blend_weight = 0.25\n")
+    arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path / "out"), "--device", "numpy", "--task", "0"]
+    arguments += ["--preset", "t1", "--config", str(tmp_path / "mine.toml"), "--rounding-frames", "0"]
+    assert main(arguments) == 0
+    assert capsys.readouterr().err.startswith("task 0: mine.toml over t1 over ")
+
+
 def test_two_sequences_of_one_name_are_refused(
     sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

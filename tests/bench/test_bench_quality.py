@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -241,6 +242,39 @@ def test_a_given_sequence_is_told_as_it_is(capsys: pytest.CaptureFixture[str], t
     found = json.loads(capsys.readouterr().out)
     assert found["about"] in text
     assert found["definitions"].keys() == found["rows"][0]["presets"]["t1"]["scores"].keys()
+
+
+def test_a_file_is_judged_as_a_preset_is(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """In place of cltaa's or beside them, under its own name; a cell of it counts until the file says otherwise."""
+    folder, mine = write_sequence(tmp_path / "shot", 3, reference=True), tmp_path / "my own.toml"
+    mine.write_text('preset = "karis"\nblend_weight = 0.3\n', encoding="utf-8")
+    arguments = ["bench", "quality", "--sequence", str(folder), "--settled", "1", "--work", str(tmp_path / "work")]
+    arguments += ["--device", "numpy", "--config", str(mine), "--pictures", str(tmp_path / "pictures")]
+
+    def judged(*more: str) -> Any:
+        assert main([*arguments, *more, "--json"]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    alone = judged()
+    assert [*alone["rows"][0]["presets"]] == [ONE_SAMPLE, mine.name]
+    assert alone["about"].endswith("; my own.toml over karis.")
+    wanted = override(load_preset("karis"), {"blend_weight": 0.3})
+    expected = judge_sequence(open_sequence(folder), [wanted], NUMPY, settled=1)["karis"]
+    assert alone["rows"][0]["presets"][mine.name]["scores"] == expected.scores
+    page = tmp_path / "page.md"
+    page.write_text(f"{BEGIN}\n{END}\n", encoding="utf-8")
+    beside = judged("--preset", "karis", "--page", str(page))
+    assert beside["rows"][0]["presets"].keys() == {ONE_SAMPLE, "karis", mine.name}
+    assert [(duel["preset"], duel["against"]) for duel in beside["duels"]] == [(mine.name, "karis")]
+    text = page.read_text(encoding="utf-8")
+    assert "![my own.toml](pictures/my%20own.toml.png)" in text
+    mine.write_text('preset = "karis"\n', encoding="utf-8")
+    scores = judged("--preset", "karis")["rows"][0]["presets"]
+    assert scores[mine.name] == scores["karis"]
+    (tmp_path / "other").mkdir()
+    other = Path(shutil.copy(mine, tmp_path / "other"))
+    assert main([*arguments, "--config", str(other)]) == 64
+    assert f"{other}: two presets of one name" in capsys.readouterr().err
 
 
 def test_presets_stand_in_their_families() -> None:

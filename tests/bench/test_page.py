@@ -11,6 +11,7 @@ from cltaa.bench.accuracy import tasks_of
 from cltaa.bench.accuracy_page import page
 from cltaa.bench.accuracy_results import Accuracy
 from cltaa.commands.bench_accuracy import chosen_variants
+from cltaa.parameters.presets import load_preset
 from tests.bench.tiny_report import PRESET
 
 
@@ -41,7 +42,7 @@ def test_no_name_can_end_the_script(report: Path) -> None:
     folder = report.parent / "seq"
     nasty = "<!--<script></script><script>window.broken = 1</script>"
     measured = msgspec.structs.replace(result.sequences[0], effects=nasty)
-    variants = chosen_variants(PRESET, ("arithmetic", "build"), full=False)
+    variants = chosen_variants(load_preset(PRESET), ("arithmetic", "build"), full=False)
     tasks = tasks_of([folder], variants, None, ("mse", "flip"), 2)
     text = page(msgspec.structs.replace(result, sequences=[measured]), tasks, report)
     assert text.count("</script") == 2

@@ -78,7 +78,7 @@ def test_half_output_saturates(tmp_path: Path) -> None:
         (
             ["--preset", "mine.toml"],
             64,
-            r"unknown preset mine\.toml; cltaa resolve takes a file by --config; .*presets",
+            r"unknown preset mine\.toml; cltaa resolve, .* take a file by --config; .*presets",
         ),
         (["--set", "nonsense=1"], 64, "--set: unknown key nonsense; known keys: .*gamma_still"),
         (["--set", "gamma_still=-1"], 64, r"gamma_still has no such value \(expected 0 to 64, found -1\)"),

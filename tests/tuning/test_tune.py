@@ -13,7 +13,7 @@ import pytest
 from cltaa.cli import main
 from cltaa.commands.tune import outcome_lines
 from cltaa.errors import UsageError
-from cltaa.parameters.presets import Preset, load_config, load_preset
+from cltaa.parameters.presets import Preset, load_config, load_preset, override
 from cltaa.tuning.goal import Goal, parse_goal
 from cltaa.tuning.record import Record, Trial
 from cltaa.tuning.search import Tuned, overfits, preset_text
@@ -62,8 +62,6 @@ def test_preset_text_is_toml_that_resolve_reads(name: str, tmp_path: Path) -> No
         goal=Goal(metric="mse", budget_ms=5.0), start=trial, best=trial, trials=3, reached=True, searched_on=['a "b"'],
         checked_on=["c"], gain=2.0, gain_elsewhere=1.0, overfits=True,
     )  # fmt: skip
-    from cltaa.parameters.presets import override
-
     # Some are the values that a preset begins from, and not those of the default.
     wanted = override(base, {"rectify": "clip", "sample_limit": 31.7, "light_change": "ignore", "resample_cost": 1.5})
     path = tmp_path / "tuned.toml"
@@ -131,6 +129,11 @@ def test_the_search_begins_with_the_preset_as_it_is(
     assert "nothing better" in capsys.readouterr().out
     assert tried[0] == load_preset("t1")
     assert load_config(output, load_preset()).deciding() == load_preset("t1").deciding()
+    (tmp_path / "mine.toml").write_text("blend_weight = 0.25\n")
+    tried.clear()
+    assert main([*arguments, "--config", str(tmp_path / "mine.toml"), "-o", str(output)]) == 0
+    assert tried[0].deciding() == override(load_preset("t1"), {"blend_weight": 0.25}).deciding()
+    assert load_config(output, load_preset()).deciding() == tried[0].deciding()
 
 
 def test_a_search_that_was_interrupted_goes_on(
