@@ -1,8 +1,8 @@
 """The folder where PoCL keeps built kernels: private, looked at before use, a kernel built by one process at a time.
 
-PoCL's compiler ends the whole process, uncatchably, where the disk of its cache is full, fails with an unrelated
-message where the folder cannot be written, and is not safe when several processes fill the folder at once
-(github.com/pocl/pocl/issues/1480). Each of the three has to be ruled out beforehand.
+PoCL's compiler ends the whole process, uncatchably, where the disk of its cache is full or a file may not grow (ulimit
+-f), fails with an unrelated message where the folder cannot be written, and is not safe when several processes fill the
+folder at once (github.com/pocl/pocl/issues/1480). Each of these has to be ruled out beforehand.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import os
+import resource
 import shutil
 import sys
 import tempfile
@@ -22,6 +23,8 @@ from cltaa.errors import DeviceMissing, ResourceError
 
 # One kernel takes well under 1 MB, all that a device ever needs about 10 MB; what else fills the disk needs room too.
 LEAST_FREE = 64 * 2**20  # bytes
+# The largest file that a kernel needs is its text with all macros replaced, about 1.5 MB.
+LEAST_FILE = 4 * 2**20  # bytes
 NEVER_ENDED = (
     "cltaa: the last process that built this kernel was killed, or ended by the driver's compiler; if this one ends "
     "as well, use --device numpy or another OpenCL driver, and see: cltaa doctor"
@@ -40,22 +43,36 @@ def cache_folder() -> Path:
 def check_cache() -> int:
     """Return the bytes that are free where kernels are kept.
 
-    Raises DeviceMissing where the folder cannot be written and ResourceError where there is too little room.
+    Raises DeviceMissing where the folder cannot be written and ResourceError where there is too little room, or where
+    files may not grow as large as a kernel's.
     """
     folder = cache_folder()
-    try:
+    with _written(folder):
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             free = shutil.disk_usage(folder).free
-    except OSError as error:
-        what = f"the kernel cache cannot be written: {error.strerror}"
-        raise DeviceMissing(what, path=folder, cure=CURE) from error
     if free < LEAST_FREE:
         raise ResourceError(
             "too little room for built kernels", path=folder,
             expected=f"{LEAST_FREE / 1e6:.0f} MB", found=f"{free / 1e6:.0f} MB free", cure=CURE,
         )  # fmt: skip
+    most = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    if most != resource.RLIM_INFINITY and most < LEAST_FILE:
+        raise ResourceError(
+            "files may not grow large enough for built kernels", path=folder, expected=f"{LEAST_FILE / 1e6:.1f} MB",
+            found=f"at most {most / 1e6:.1f} MB", cure="the shell limits the size of a file: ulimit -f unlimited",
+        )  # fmt: skip
     return free
+
+
+@contextmanager
+def _written(folder: Path) -> Iterator[None]:
+    """Tell what the system says of a cache's ``folder`` as DeviceMissing."""
+    try:
+        yield
+    except OSError as error:
+        what = f"the kernel cache cannot be written: {error.strerror}"
+        raise DeviceMissing(what, path=folder, cure=CURE) from error
 
 
 @contextmanager
@@ -72,8 +89,10 @@ def filling(kernel: str) -> Iterator[None]:
             return
         check_cache()
         locks = cache_folder() / "locks"
-        locks.mkdir(exist_ok=True)
-        with (locks / kernel).open("a+") as lock:
+        with _written(cache_folder()):
+            locks.mkdir(exist_ok=True)
+            file = (locks / kernel).open("a+")
+        with file as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             in_doubt = os.fstat(lock.fileno()).st_size > 0
             if in_doubt:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pyopencl as cl
 
-from cltaa.devices.kernel_cache import save_log
+from cltaa.devices.kernel_cache import cache_folder, save_log
 from cltaa.devices.kernel_files import kernel_folder, kernel_names
 from cltaa.errors import InternalError, UsageError, known
 from cltaa.parameters.build import Build, prelude
@@ -57,13 +57,16 @@ class Kernel:
                 warnings.simplefilter("ignore", cl.CompilerWarning)
                 program = cl.Program(context, source(name, build)).build(options=list(build.flags()))
         except cl.RuntimeError as error:
-            lines = [line for line in str(error).splitlines() if "error" in line] or str(error).splitlines()
+            said = (line.strip() for line in str(error).splitlines() if not line.startswith("(options:"))  # -Werror
+            reason = next((line for line in said if "error" in line), None)
             log = save_log(Path(name).name, str(error), source(name, build))
             told = f"the whole log and text: {log}; " if log else ""
-            raise InternalError(
-                f"kernel {name} does not build: {lines[0].strip() if lines else 'no build log'}",
-                cure=f"{told}check the driver and its kernel cache with: cltaa doctor",
-            ) from error
+            cure = f"{told}check the driver and its kernel cache with: cltaa doctor"
+            if reason is None:
+                other = f"if parts of the kernel cache {cache_folder()} are another user's"
+                cure += f"; {other}, set POCL_CACHE_DIR to a folder of your own"
+            what = f"kernel {name} does not build: {reason or 'the compiler gave no reason'}"
+            raise InternalError(what, cure=cure) from error
         # A kernel's function is its file's name and _kernel, so that stage functions can have the plain name.
         self._kernel = cl.Kernel(program, f"{Path(name).name}_kernel")
         # The way for numbers and structs that pyopencl's own calls take; ``set_arg`` first tries all that they are not.

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import os
 import random
+import shlex
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -46,6 +48,41 @@ def test_cache_of_another_owner(tmp_path: Path, on_device: tuple[Path, dict[str,
     code, said = unprivileged(arguments(on_device[0], tmp_path / "out"), POCL_CACHE_DIR=str(tmp_path / "cache"))
     assert code == 69, said
     assert f"{tmp_path / 'cache'}: the kernel cache cannot be written: Permission denied" in said
+
+
+def test_locks_of_another_owner(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
+    (tmp_path / "cache" / "locks").mkdir(parents=True)
+    (tmp_path / "cache" / "locks").chmod(0o555)
+    code, said = unprivileged(arguments(on_device[0], tmp_path / "out"), POCL_CACHE_DIR=str(tmp_path / "cache"))
+    assert code == 69, said
+    assert f"{tmp_path / 'cache'}: the kernel cache cannot be written: Permission denied; free some space there" in said
+
+
+def test_kernels_of_another_owner(tmp_path: Path, on_device: tuple[Path, dict[str, str]]) -> None:
+    """The compiler fails without a word where it cannot make the folder of a kernel."""
+    for name in map("".join, product("ABCDEFGHIJKLMNOP", repeat=2)):  # PoCL's way to write a byte
+        (tmp_path / "cache" / name).mkdir(parents=True)
+        (tmp_path / "cache" / name).chmod(0o555)
+    code, said = unprivileged(arguments(on_device[0], tmp_path / "out"), POCL_CACHE_DIR=str(tmp_path / "cache"))
+    assert code == 70, said
+    assert "does not build: the compiler gave no reason; " in said
+    assert (
+        f"if parts of the kernel cache {tmp_path / 'cache'} are another user's, set POCL_CACHE_DIR to a folder" in said
+    )
+
+
+def test_a_limit_on_the_size_of_files_is_seen_before_the_compiler_aborts(
+    tmp_path: Path, on_device: tuple[Path, dict[str, str]]
+) -> None:
+    """In blocks of 512 or 1024 bytes, as the shell has it: room for a frame, and none for the text of a kernel."""
+    command = shlex.join([sys.executable, "-m", "cltaa", *arguments(on_device[0], tmp_path / "out")])
+    done = subprocess.run(
+        ["sh", "-c", f"ulimit -f 1000; exec {command}"], env=os.environ | {"POCL_CACHE_DIR": str(tmp_path / "cache")},
+        capture_output=True, text=True, timeout=PATIENCE, check=False,
+    )  # fmt: skip
+    assert done.returncode == 75, done.stderr
+    assert "files may not grow large enough for built kernels (expected 4.2 MB, found at most " in done.stderr
+    assert "the shell limits the size of a file: ulimit -f unlimited" in done.stderr
 
 
 def test_full_cache_is_seen_before_the_compiler_aborts(
