@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -123,6 +124,12 @@ def compare(
 def _video_scores(comparison: Comparison, stops: float) -> VideoScores:
     if comparison.capture is None:
         raise UsageError("--video needs the capture", cure="give the captured sequence as B, or alone as A")
+    if comparison.region is not None:
+        expected, found = (images.layouts[images.first].size for images in (comparison.reference, comparison.test))
+        raise UsageError(
+            "--video judges whole pictures only", path=comparison.test.folder, expected=expected, found=found,
+            cure="leave --video out for a region",
+        )  # fmt: skip
     apart = even_step(comparison.test.numbers)
     if apart > 1 and comparison.capture.step == 1:
         raise UsageError(
@@ -141,6 +148,7 @@ def _measure_all(
 ) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     capture = comparison.capture
+    part = np.s_[:, :] if capture is None else comparison.part_of(capture)
     with read_ahead(comparison.pairs()) as pairs:
         for number, test, reference in track(pairs, len(comparison.test), "comparing"):
             path, truth_path = comparison.test.path(number), comparison.truth_path(number)
@@ -156,9 +164,9 @@ def _measure_all(
                 sample = capture.frame(number)
                 images = [test]
                 if not comparison.of_itself:
-                    images.append(sample.colour)
+                    images.append(sample.colour[part])
                     rows[-1]["one_sample"] = measure(
-                        sample.colour, reference, metrics, stops, path=sample.path, frame=number
+                        images[-1], reference, metrics, stops, path=sample.path, frame=number
                     )
                 if video is not None:
                     rows[-1]["video"] = video.add(sample, reference, images)[0].scores()

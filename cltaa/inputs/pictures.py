@@ -15,7 +15,7 @@ from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.profile import Encoding, Profile, load_profile
 from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import describe
-from cltaa.sequences.frame_numbers import FrameRange, OnBreak
+from cltaa.sequences.frame_numbers import NUMBERED, FrameRange, OnBreak, name_of
 from cltaa.sequences.sources import ImageSequence, open_images
 
 
@@ -34,7 +34,8 @@ class ForeignImages(ImageSequence):
     def notes(self) -> list[str]:
         """Profile and why, and the channels that are the colour."""
         intake = self.sequence.intake
-        return [f"profile {intake.profile.name}: {intake.reason}", describe({"colour": intake.roles["colour"]})]
+        channels = describe({"colour": intake.roles["colour"]}, len(intake.sets) > 1)
+        return [f"profile {intake.profile.name}: {intake.reason}", channels]
 
     def image(self, number: int) -> Image:
         """Read the colour of one frame number, [H, W, 3] linear float32."""
@@ -96,8 +97,10 @@ def _own(images: ImageSequence) -> bool:
 
 
 def _of_another(path: Path) -> bool:
-    """True for a folder whose first file has its colour under other names, or in a part."""
+    """True for a folder of files of several names, or whose first has its colour under other names, or in a part."""
     files = sorted(path.glob("*.exr")) if path.is_dir() else []
     if not files:
         return False
+    if len({name_of(file) for file in files if NUMBERED.fullmatch(file.name)}) > 1:
+        return True
     return not set(COLOUR) <= read_any_header(files[0]).layout.channels.keys()

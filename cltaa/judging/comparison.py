@@ -42,12 +42,10 @@ class Comparison:
         """What is judged where the two show different regions of one display window; else None, for all."""
         return shared_region(self.test, self.reference)
 
-    @property
-    def _parts(self) -> tuple[Part, Part]:
-        """Rows and columns of a test and of its reference that are judged."""
-        if self.region is None:
-            return np.s_[:, :], np.s_[:, :]
-        return self.test.shows(self.region), self.reference.shows(self.region)
+    def part_of(self, images: NumberedFiles) -> Part:
+        """Rows and columns of an image of the test, its reference, the capture or a yardstick that are judged."""
+        region = self.region
+        return np.s_[:, :] if region is None else images.shows(region)
 
     @property
     def _two_images(self) -> bool:
@@ -56,9 +54,9 @@ class Comparison:
 
     def pairs(self) -> Iterator[tuple[int, Image, Image]]:
         """Yield frame number, test and reference [H, W, 3], linear; raises DataError for a file that is wrong."""
+        mine, truth = self.part_of(self.test), self.part_of(self.reference)
         for number in self.test.numbers:
             other = self.reference.first if self._two_images else number
-            mine, truth = self._parts
             yield number, self.test.image(number)[mine], self.reference.image(other)[truth]
 
     def truth_path(self, number: int) -> Path:
@@ -67,7 +65,7 @@ class Comparison:
 
     def check(self) -> None:
         """Raise DataError for sizes that differ and InputMissing for a frame that one of the others has not."""
-        if self.capture is not None or self.region is None:
+        if self.region is None:
             check_same_size(self.test, self.reference)
         if self._two_images:
             return
@@ -176,7 +174,11 @@ def supersampling_curve(comparison: Comparison, one_sample_mse: float, stops: fl
     curve = [(1, one_sample_mse)]
     for count, images in comparison.yardsticks.items():
         numbers = comparison.test.numbers
-        errors = [light_mse(images.image(number), comparison.reference.image(number), stops) for number in numbers]
+        part, truth = comparison.part_of(images), comparison.part_of(comparison.reference)
+        errors = [
+            light_mse(images.image(number)[part], comparison.reference.image(number)[truth], stops)
+            for number in numbers
+        ]
         if any(errors):
             curve.append((count, sum(errors) / len(errors)))
     return curve

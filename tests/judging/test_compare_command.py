@@ -379,3 +379,61 @@ def test_another_scene_is_told_by_what_files_say(capsys: pytest.CaptureFixture[s
     assert warnings(capsys, tmp_path / "elsewhere", made) == ["A shows scene spinner and B scene synthetic"]
     assert warnings(capsys, tmp_path / "moved", made) == ["A and B are seen by different cameras in frame 0"]
     assert "resolved from other frames than those of B" in warnings(capsys, resolved, other_seed)[0]
+
+
+def write_region(folder: Path, images: list[np.ndarray]) -> Path:
+    """All but two columns on the left and a row below of ``images``, with their place in the display window."""
+    folder.mkdir()
+    windows = ((2, 0, WIDTH - 1, HEIGHT - 2), (0, 0, WIDTH - 1, HEIGHT - 1))
+    for number, image in enumerate(images):
+        planes = {name: np.ascontiguousarray(image[:-1, 2:, place]) for place, name in enumerate("RGB")}
+        write_image(folder / f"a.{number:04d}.exr", planes, windows=windows)
+    return folder
+
+
+def test_a_region_is_judged_against_the_same_region_of_a_capture(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, tmp_path: Path
+) -> None:
+    """Beside its single samples and its yardsticks there."""
+    sequence, halfway = open_sequence(capture), open_images(resolved)
+    assert sequence.reference is not None
+    for number, truth in enumerate(sequence.reference):
+        for samples, share in ((2, 0.7), (16, 0.1)):
+            image = truth + np.float32(share) * (sequence.frame(number).colour - truth)
+            image[:, :2] = 7  # beside the region
+            planes = {name: np.ascontiguousarray(image[..., place]) for place, name in enumerate("RGB")}
+            folder = capture / f"reference-{samples}"
+            folder.mkdir(exist_ok=True)
+            write_image(folder / f"synthetic.{number:04d}.exr", planes)
+    part = write_region(tmp_path / "part", list(halfway))
+    found = run_json(capsys, part, capture)
+    truths = [image[:-1, 2:] for image in sequence.reference]
+    singles = [frame.colour[:-1, 2:] for frame in sequence]
+    expected = mean(measure(sample, truth) for sample, truth in zip(singles, truths, strict=True))
+    assert found["mean_one_sample"] == pytest.approx(expected, rel=1e-12)
+    # Errors fall with the square of the share: half of it lies between 0.7 of two samples and 0.1 of sixteen.
+    assert found["equal_quality_samples"]["method"] == "measured"
+    assert 2 < found["equal_quality_samples"]["samples"] < 16
+    assert "--video judges whole pictures only" in refusal_after_note(capsys, part, capture, "--video")
+
+
+def refusal_after_note(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
+    """The last line on standard error of what is refused."""
+    assert main(["compare", *map(str, arguments)]) == 64
+    return capsys.readouterr().err.splitlines()[-1]
+
+
+def test_buffers_of_several_names_in_one_folder_are_read_by_a_profile(
+    capsys: pytest.CaptureFixture[str], capture: Path, tmp_path: Path
+) -> None:
+    dump = tmp_path / "dump"
+    dump.mkdir()
+    for frame in open_sequence(capture):
+        planes = {name: np.ascontiguousarray(frame.colour[..., place]) for place, name in enumerate("RGB")}
+        write_image(dump / f"color.{frame.index:04d}.exr", planes)
+        write_image(dump / f"depth.{frame.index:04d}.exr", {"R": np.ascontiguousarray(frame.depth)})
+    assert main(["compare", str(dump), str(capture), "--json"]) == 0
+    said = capsys.readouterr()
+    found = json.loads(said.out)
+    assert found["mean"] == found["mean_one_sample"]
+    assert "colour color.R color.G color.B" in said.err
