@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.devices.kernel_files import code_sha256
-from cltaa.devices.launch import Buffer, Launcher, launcher_for, storage_dtype
+from cltaa.devices.launch import Launcher, launcher_for
 from cltaa.errors import UsageError
 from cltaa.frame_checks import check_frame
 from cltaa.frames import Frame
@@ -22,9 +22,9 @@ from cltaa.parameters.presets import Preset, load_preset
 from cltaa.planning.frame_plan import Plan, plan_frame, recursive
 from cltaa.resolve.buffers import Buffers, LastRun
 from cltaa.resolve.frame_record import Past, frame_record
-from cltaa.resolve.kept_frames import KeptFrames
 from cltaa.resolve.one_thread import one_thread
 from cltaa.resolve.passes import Passes
+from cltaa.resolve.recurrent import Recurrent
 from cltaa.resolve.upload import upload
 
 
@@ -36,7 +36,7 @@ class Times(NamedTuple):
     read_back: float
 
 
-class Resolver:
+class Resolver(Recurrent):
     """Accumulates a sequence frame by frame.
 
     ``preset`` is a name or a Preset; ``device`` is None (first OpenCL device), a part of a device's name, its index,
@@ -56,6 +56,7 @@ class Resolver:
         every_step: bool = False,
         build: Build | None = None,
     ) -> None:
+        super().__init__()
         self.every_step = every_step
         if not isinstance(preset, str | Preset):
             raise UsageError("no preset", expected="a name or a cltaa.Preset", found=repr(preset))
@@ -64,16 +65,9 @@ class Resolver:
         self.launcher = launcher_for(device)
         self._shape = build or Build(strict=strict, storage=storage_of(storage))
         self._builds: dict[tuple[Choices, Settings, Steps], Build] = {}
-        self._buffers: Buffers | None = None
-        self._kept: KeptFrames | None = None
-        self._previous: Past | None = None
         self.plan: Plan | None = None
         self.last: LastRun | None = None
         self.times = Times(0.0, 0.0, 0.0)
-
-    def reset(self) -> None:
-        """Forget the history: the next frame starts a new one."""
-        self._previous = None
 
     @property
     def keeps_halves(self) -> bool:
@@ -93,36 +87,6 @@ class Resolver:
         """Open the device again after it was lost, without a history; raises what opening it raises."""
         self._buffers, self._kept, self._previous = None, None, None
         self.launcher, self._builds = launcher_for(self._device), {}
-
-    def recurrent(self) -> tuple[Past, dict[str, Buffer]]:
-        """What the next frame depends on: facts about the last one, and the memory that holds its result.
-
-        Raises ValueError before the first frame and after ``reset``.
-        """
-        if self._previous is None or self._buffers is None:
-            raise ValueError("there is no history")
-        memory, past = self._buffers.recurrent(), replace(self._previous, marked=self._buffers.marked)
-        if self._buffers.doubled:
-            return replace(past, doubled=True), {**memory, "texels": self._buffers.texels()[0]}
-        if self._kept is None:
-            return past, memory
-        return replace(past, earlier=self._kept.past), {**memory, "kept": self._kept.planes}
-
-    def restore(self, past: Past) -> dict[str, Buffer]:
-        """Go on after ``past``; returns the memory to fill with what ``recurrent`` gave then, by the same names."""
-        layout = Layout(past.shape[1], past.shape[0])
-        buffers = self._allocate(layout, past.alpha or self.every_step)
-        self._previous, self._kept = past, None
-        buffers.doubled, buffers.marked = past.doubled, past.marked
-        if past.doubled:
-            return {**buffers.recurrent(), "texels": buffers.texels()[0]}
-        if not past.earlier:
-            return buffers.recurrent()
-        every = self.every_step
-        steps = Steps(own_motion=past.own_motion or every, alpha=past.alpha or every, reactive=past.reactive or every)
-        kept = self._ring(past, layout, steps)
-        kept.past = past.earlier
-        return {**buffers.recurrent(), "kept": kept.planes}
 
     def reserve(self, width: int, height: int, *, alpha: bool, half: bool = False) -> None:
         """Do what every frame of a size needs, with or without alpha, while the first of them is still being read."""
@@ -199,29 +163,6 @@ class Resolver:
             decided = {"choices": plan.choices, "steps": plan.steps, "terms": Terms.of(plan.settings)}
             self._builds[decided_by] = self.launcher.build(shared(msgspec.structs.replace(self._shape, **decided)))
         return self._builds[decided_by]
-
-    def _fitting(self, layout: Layout, alpha: bool) -> Buffers:
-        """Memory for images of a size: what there is, where that fits."""
-        if self._buffers is None or not self._buffers.fit(layout, alpha):
-            return self._allocate(layout, alpha)
-        return self._buffers
-
-    def _allocate(self, layout: Layout, alpha: bool) -> Buffers:
-        self._buffers = None  # released before the new ones are allocated
-        self._buffers = self._new_buffers(layout, alpha)
-        return self._buffers
-
-    def _new_buffers(self, layout: Layout, alpha: bool) -> Buffers:
-        return Buffers(self.launcher, layout, alpha, storage_dtype(self._shape))
-
-    def _ring(self, previous: Past | None, layout: Layout, steps: Steps) -> KeptFrames:
-        """The ring of kept frames for this frame; it holds none where there is no predecessor."""
-        count = self.preset.settings.frames_kept
-        if self._kept is None or not self._kept.fit(layout, count, steps):
-            self._kept = None  # released before the new one is allocated
-            self._kept = KeptFrames(self.launcher, layout, count, steps)
-        self._kept.go_back(previous)
-        return self._kept
 
     def _run(self, frame: Frame, previous: Past | None, build: Build, buffers: Buffers) -> Passes:
         """Start the kernels of ``frame``, which ``buffers`` hold; returns what started them."""
