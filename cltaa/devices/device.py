@@ -22,6 +22,7 @@ import pyopencl as cl
 
 from cltaa.devices.kernel_cache import check_cache, filling
 from cltaa.devices.launch import WISH
+from cltaa.devices.one_process import OneProcess
 from cltaa.devices.shape import CPU_4, CPU_8, CPU_16, GPU, INTEL_16, NVIDIA, Shape
 from cltaa.devices.unknown_cpu import known_lanes, name_unknown_cpu
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError, UsageError
@@ -82,7 +83,7 @@ def choose_device(wish: str | None = None) -> cl.Device:
     return matching[0]
 
 
-class Memory:
+class Memory(OneProcess):
     """A buffer on the device that the host fills or reads through ``mapped``.
 
     On devices that share the host's memory mapping copies nothing; on others a pinned copy is moved by ``mapped``.
@@ -146,7 +147,7 @@ class Memory:
         return array  # type: ignore[no-any-return]
 
 
-class Device:
+class Device(OneProcess):
     """One OpenCL device with its context and queue, and how the kernels are shaped for it."""
 
     def __init__(self, wish: str | None = None) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cltaa.constants import PAD_X
 from cltaa.devices.launch import Buffer
+from cltaa.devices.one_process import OneProcess
 from cltaa.devices.shape import in_place, shared_out
 from cltaa.memory.layout import Layout
 from cltaa.parameters.build import Build
@@ -22,7 +23,7 @@ SLIDING = frozenset({"resolve", "resolve_doubled", "gather", "gather_spans"})  #
 EDGE_GROUP = 256  # work-items of a group of extend_edges on a GPU
 
 
-class DeviceLauncher:
+class DeviceLauncher(OneProcess):
     """Runs kernels on an OpenCL device, building each once."""
 
     def __init__(self, wish: str | None = None) -> None:

@@ -14,6 +14,7 @@ import pyopencl as cl
 
 from cltaa.devices.kernel_cache import cache_folder, save_log
 from cltaa.devices.kernel_files import kernel_folder, kernel_names
+from cltaa.devices.one_process import OneProcess
 from cltaa.errors import InternalError, UsageError, known
 from cltaa.parameters.build import Build, prelude
 
@@ -46,7 +47,7 @@ def source_hash(kernel: str, build: Build) -> str:
     return hashlib.sha256("\0".join([source(kernel, build), *build.flags()]).encode()).hexdigest()
 
 
-class Kernel:
+class Kernel(OneProcess):
     """One built kernel; call ``enqueue`` with its arguments by name."""
 
     def __init__(self, context: cl.Context, name: str, build: Build) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, NoReturn, SupportsIndex, overload
 
 import msgspec
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from cltaa.devices.kernel_files import code_sha256
 from cltaa.devices.launch import Launcher, launcher_for
+from cltaa.devices.one_process import OneProcess, no_copy
 from cltaa.errors import UsageError
 from cltaa.frame_checks import check_frame
 from cltaa.frames import Frame
@@ -69,6 +70,19 @@ class Resolver(Recurrent):
         self.last: LastRun | None = None
         self.times = Times(0.0, 0.0, 0.0)
 
+    def __copy__(self) -> NoReturn:
+        """Refuse: the copy's results would go where the history of this one is."""
+        raise UsageError(
+            "a copy of a resolver would write to the same memory",
+            cure="make another one, or take copy.deepcopy on NumPy",
+        )
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
+        """What ``pickle`` and ``copy.deepcopy`` ask for; raises UsageError where a device is held."""
+        if isinstance(self.launcher, OneProcess):
+            raise no_copy(self)
+        return super().__reduce_ex__(protocol)
+
     @property
     def keeps_halves(self) -> bool:
         """True where the history is kept in halves."""
@@ -93,6 +107,15 @@ class Resolver(Recurrent):
         self._fitting(Layout(width, height), alpha or self.every_step)
         for kernel in ("extend_edges", *(["to_halves"] if half else [])):
             self.launcher.prepare(kernel, edge_build(self.launcher.build(self._shape)))
+
+    @overload
+    def resolve(self, frame: Frame, *, half: Literal[False] = False) -> NDArray[np.float32]: ...
+
+    @overload
+    def resolve(self, frame: Frame, *, half: Literal[True]) -> NDArray[np.float16]: ...
+
+    @overload
+    def resolve(self, frame: Frame, *, half: bool) -> NDArray[np.float32] | NDArray[np.float16]: ...
 
     @one_thread
     def resolve(self, frame: Frame, *, half: bool = False) -> NDArray[Any]:

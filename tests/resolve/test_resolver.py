@@ -6,10 +6,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread, get_ident
-from typing import Any
+from typing import Any, assert_type
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from cltaa.devices.numpy_launcher import NumpyLauncher
 from cltaa.errors import DataError, UsageError
@@ -227,7 +228,7 @@ def test_what_a_program_says_of_a_frame_is_checked_as_what_a_file_says(changes: 
 
 def test_what_is_no_frame_is_told_in_a_line() -> None:
     with pytest.raises(DataError, match=r"no frame \(expected a cltaa.Frame, found \[23, 37, 3\]\)"):
-        Resolver(device="numpy").resolve(still_frame(0).colour)  # type: ignore[arg-type]
+        Resolver(device="numpy").resolve(still_frame(0).colour)  # type: ignore[call-overload]
 
 
 def test_a_second_thread_in_one_resolver_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -313,3 +314,17 @@ def test_unknown_names_are_refused() -> None:
         Resolver(3)  # type: ignore[arg-type]
     with pytest.raises(UsageError, match=r"no device .*found 1\.5"):
         Resolver(device=1.5)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("half", [False, True])
+def test_a_type_checker_knows_what_a_result_is_made_of(half: bool) -> None:
+    """``assert_type`` is for mypy, which looks at these files too (sh scripts/check)."""
+    resolver, frame = Resolver(device="numpy"), still_frame(0)
+    floats = assert_type(resolver.resolve(frame), NDArray[np.float32])
+    halves = assert_type(resolver.resolve(frame, half=True), NDArray[np.float16])
+    either = assert_type(resolver.resolve(frame, half=half), NDArray[np.float32] | NDArray[np.float16])
+    assert [image.dtype for image in (floats, halves, either)] == [
+        np.float32,
+        np.float16,
+        (np.float32, np.float16)[half],
+    ]
