@@ -65,7 +65,7 @@ def _overview(table: Table, scenes: Mapping[str, list[Row]]) -> Iterable[str]:
     if not shown:
         return
     columns = [column for column in COLUMNS if column.name in OVERVIEW]
-    yield "Published are the presets of articles and engines, the best of them in each cell by itself."
+    yield "*Published*: the best preset of an article or an engine, cell by cell."
     heads = [
         f"{column.name} {'↑' if column.higher_is_better else '↓'} {title}" for column in columns for title in shown
     ]
@@ -91,7 +91,7 @@ def _anchor(heading: str) -> str:
 
 
 def _means(table: Table) -> Iterable[str]:
-    yield "PSNR by way of the mean squared error, samples by the geometric mean, all else by the arithmetic mean."
+    yield "PSNR is averaged as mean squared error, samples by the geometric mean, all else by the arithmetic mean."
     yield _grid({name: [table.means[split][name] for split in table.means] for name in ordered(_names(table))})
     yield _splits(table.means)
 
@@ -108,12 +108,12 @@ def _duels(table: Table) -> Iterable[str]:
         lines.append(
             f"| {duel.preset} | {duel.against} | {duel.better} of {duel.sequences} | {flip} | {psnr} | {losses} |"
         )
-    yield "Better: lower FLIP and higher PSNR, both."
+    yield "*Better*: both lower FLIP and higher PSNR."
     yield "\n".join(lines)
     for split, means in table.means.items():
         engine = best_engine(means)
         if engine is not None and DEFAULT in means:
-            yield f"Best of the engines' by mean FLIP ({split}): {engine}."
+            yield f"Best engine's preset by mean FLIP ({split}): {engine}."
 
 
 def _scene_table(rows: list[Row]) -> str:

@@ -317,7 +317,7 @@ def test_the_table_marks_the_best_resolve_and_says_who_lost() -> None:
     assert "| **-0.100** |" in text
     assert "| 0.000 |" in text
     assert "| default | bevy | 0 of 1 | 1.0000 : 1.0000 | 30.00 : 1.00 | a (train) |" in text
-    assert "Best of the engines' by mean FLIP (train): bevy." in text
+    assert "Best engine's preset by mean FLIP (train): bevy." in text
     shown = "<details><summary><b>bevy.</b> caption</summary>\n\n![bevy](bevy.png)\n\n</details>"
     assert text.endswith(f"{shown}\n\n<b>t5.</b> The same.")
 
