@@ -6,7 +6,7 @@ The meaning of every word here is fixed in ``docs/conventions.md``.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
@@ -47,7 +47,7 @@ def format_effects(effects: Iterable[Effect]) -> str:
     return ",".join(sorted(effects))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False, slots=True)
 class Camera:
     """Un-jittered camera, float64, row-major, column vectors: ``clip = view_to_clip @ world_to_view @ p``."""
 
@@ -60,7 +60,7 @@ class Camera:
         return bool(self.view_to_clip[3, 2] == 0.0)
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
 class Frame:
     """One captured frame: arrays ``[H, W]`` or ``[H, W, C]``, row 0 at the top, linear scene-referred float32.
 
@@ -73,6 +73,8 @@ class Frame:
     ``alpha``, ``reactive``, ``object_id``  [H, W] or None
     ``effects``  the declared effects, or None where the sequence declares nothing
     ``step``     how far the number of the frame before it lies below ``index``
+
+    A frame is equal to itself alone, as a camera is: compare arrays by NumPy.
     """
 
     index: int
@@ -90,7 +92,7 @@ class Frame:
     scene: str = ""
     effects: frozenset[Effect] | None = None
     step: int = 1
-    path: Path | None = field(default=None, compare=False)
+    path: Path | None = None
 
     @property
     def height(self) -> int:
