@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.exr.layout import Layout
-from cltaa.frames import Camera, Matrix
+from cltaa.frames import Camera
 
 # Depth of the sky as closeness: 1/Z is exactly 0; -Z has no such value, so the farthest usable one stands for it.
 SKY_PERSPECTIVE = 0.0
 SKY_ORTHOGRAPHIC = -(2.0**50)
 
-_XYW = np.array([0, 1, 3])  # rows of a matrix over clip space
+Rows = list[list[float]]  # of a matrix
+Three = tuple[float, float, float]
+Four = tuple[float, float, float, float]
+_NONE = [0.0] * 4
 
 
 class Displacement(NamedTuple):
@@ -76,45 +80,76 @@ def displacement(camera: Camera, previous: Camera, width: int, height: int) -> D
 
     With p = (px, py, closeness, 1) the previous position is (p_xy + D_xy p) / (1 + D_w p).
     """
-    if is_still(camera, previous):
-        return Displacement(np.zeros((3, 4)), np.zeros(4))
-    view = _view_position(camera, 2.0 / width, -2.0 / height)
-    moved = _relative_change(camera, previous) @ view
-    # Each part is a difference before anything is multiplied: what does not change leaves exactly nothing behind.
-    zoomed = (previous.view_to_clip - camera.view_to_clip) @ view
-    rows = previous.view_to_clip @ moved + zoomed
-    rows[0] *= width / 2.0
-    rows[1] *= -height / 2.0
-    return Displacement(rows[_XYW], moved[2] if camera.orthographic else np.zeros(4))
+    *rows, closer = displacement_rows(camera, previous, width, height)
+    return Displacement(np.array(rows), np.array(closer))
 
 
-def _view_position(camera: Camera, ndc_x: float, ndc_y: float) -> Matrix:
-    """Homogeneous view-space position as a linear function of (px, py, closeness, 1), [4, 4]; NDC = ndc_x px, ndc_y py.
+def displacement_rows(camera: Camera, previous: Camera, width: int, height: int) -> Rows:
+    """The three rows of ``displacement`` and the change of closeness, [4][4], in plain Python.
+
+    A frame waits for these few numbers, and after its kernels nothing of NumPy and LAPACK is in a cache.
+    """
+    now, then = camera.view_to_clip.tolist(), previous.view_to_clip.tolist()
+    here, there = camera.world_to_view.tolist(), previous.world_to_view.tolist()
+    if now == then and here == there:
+        return [_NONE] * 4
+    parallel = now[3][2] == 0.0
+    view = _view_position(now, 2.0 / width, -2.0 / height, parallel=parallel)
+    moved = [[_dot(row, by) for by in view] for row in _relative_change(here[:3], there[:3])]
+    moved_by = list(zip(*moved, _NONE, strict=True))
+    rows: Rows = []
+    for row, scale in ((0, width / 2.0), (1, -height / 2.0), (3, 1.0)):
+        # Each part is a difference before anything is multiplied: what does not change leaves exactly nothing behind.
+        before, zoomed = then[row], [one - other for one, other in zip(then[row], now[row], strict=True)]
+        both = zip(moved_by, view, strict=True)
+        rows.append([scale * (_dot(before, by_move) + _dot(zoomed, by)) for by_move, by in both])
+    return [*rows, moved[2] if parallel else _NONE]
+
+
+def _view_position(clip: Rows, ndc_x: float, ndc_y: float, *, parallel: bool) -> list[Four]:
+    """Homogeneous view-space position by px, by py, by closeness and by 1, [4][4]; NDC = ndc_x px, ndc_y py.
 
     Perspective: the position divided by depth, (ray, -1) with w = closeness. Orthographic: the position itself, w = 1.
     """
-    (xx, xy, xz, x1), (yx, yy, yz, y1), *_ = camera.view_to_clip.tolist()
-    if xy == yx == 0.0:
-        xx, yy = 1.0 / xx, 1.0 / yy
-        by_z, by_1 = (xx * xz, yy * yz), (xx * x1, yy * y1)
-    else:
-        across = np.linalg.inv(camera.view_to_clip[:2, :2])
-        (xx, xy), (yx, yy) = across.tolist()
-        by_z, by_1 = ((across @ camera.view_to_clip[:2, column]).tolist() for column in (2, 3))
-    x, y = (xx * ndc_x, xy * ndc_y), (yx * ndc_x, yy * ndc_y)
-    if camera.orthographic:
-        return np.array(
-            [[*x, -by_z[0], -by_1[0]], [*y, -by_z[1], -by_1[1]], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
-        )
-    return np.array([[*x, -by_1[0], by_z[0]], [*y, -by_1[1], by_z[1]], [0.0, 0.0, 0.0, -1.0], [0.0, 0.0, 1.0, 0.0]])
+    (xx, xy, xz, x1), (yx, yy, yz, y1), *_ = clip
+    size = xx * yy - xy * yx
+    xx, xy, yx, yy = yy / size, -xy / size, -yx / size, xx / size
+    by_x, by_y = (xx * ndc_x, yx * ndc_x, 0.0, 0.0), (xy * ndc_y, yy * ndc_y, 0.0, 0.0)
+    by_z, by_1 = (xx * xz + xy * yz, yx * xz + yy * yz), (xx * x1 + xy * y1, yx * x1 + yy * y1)
+    if parallel:
+        return [by_x, by_y, (-by_z[0], -by_z[1], 1.0, 0.0), (-by_1[0], -by_1[1], 0.0, 1.0)]
+    return [by_x, by_y, (-by_1[0], -by_1[1], 0.0, 1.0), (*by_z, -1.0, 0.0)]
 
 
-def _relative_change(camera: Camera, previous: Camera) -> Matrix:
-    """What takes a position seen by ``camera`` to ``previous``, minus the identity; world positions never appear."""
-    now, then = camera.world_to_view[:3, :3], previous.world_to_view[:3, :3]
-    change = np.zeros((4, 4))
-    change[:3, :3] = (then - now) @ np.linalg.inv(now)
-    views = np.array((camera.world_to_view, previous.world_to_view))
-    towards = np.linalg.solve(views[:, :3, :3], views[:, :3, 3:])  # the world's origin, seen from each of the two
-    change[:3, 3] = then @ (towards[1, :, 0] - towards[0, :, 0])
+def _relative_change(now: Rows, then: Rows) -> list[Four]:
+    """What takes a position as the view ``now`` [3][4] has it to ``then``, minus the identity, [3][4].
+
+    World positions never appear.
+    """
+    (here, inverse), (there, _) = _origin(now), _origin(then)
+    apart = (there[0] - here[0], there[1] - here[1], there[2] - here[2], 0.0)
+    change: list[Four] = []
+    for before, after in zip(then, now, strict=True):
+        x, y, z = before[0] - after[0], before[1] - after[1], before[2] - after[2]
+        by_x, by_y, by_z = (x * p + y * q + z * r for p, q, r in inverse)
+        change.append((by_x, by_y, by_z, _dot(before, apart)))
     return change
+
+
+def _origin(view: Rows) -> tuple[list[float], list[Three]]:
+    """Where the world's origin lies beside a camera of ``view`` [3][4], along the world's axes; and the columns of the
+    inverse of its first three columns."""
+    (a, b, c, x), (d, e, f, y), (g, h, i, z) = view
+    first = (e * i - f * h, f * g - d * i, d * h - e * g)
+    second = (c * h - b * i, a * i - c * g, b * g - a * h)
+    third = (b * f - c * e, c * d - a * f, a * e - b * d)
+    size = a * first[0] + b * first[1] + c * first[2]
+    inverse = [(p / size, q / size, r / size) for p, q, r in (first, second, third)]
+    return [p * x + q * y + r * z for p, q, r in zip(*inverse, strict=True)], inverse
+
+
+def _dot(one: Sequence[float], other: Four) -> float:
+    """In doubles, from the left, whatever the machine: a BLAS sums otherwise on each."""
+    a, b, c, d = one
+    x, y, z, w = other
+    return a * x + b * y + c * z + d * w

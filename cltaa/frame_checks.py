@@ -15,6 +15,7 @@ from cltaa.memory.layout import Layout
 MOST_TEXELS = 2**31 - 1
 OPTIONAL = ("motion", "alpha", "reactive")  # channels that a frame need not have
 INVERSE_TOLERANCE = 1e-6  # largest |M inv(M) - I|; a sound camera 10^6 m from the origin stays below 1e-9
+LARGEST_SCALE = 1e100  # of a determinant of a matrix, either way: cameras divide by it, and their numbers end at 1e308
 LARGEST_JITTER = 2.0  # pixels; beyond it the number is no sub-pixel offset but another unit
 EXPOSURE_STOPS = 32.0  # largest |log2(exposure)|; from starlight to the sun's disc is about 30 stops
 WHOLE = "a whole number from 1 on"
@@ -146,7 +147,15 @@ def check_camera(camera: Camera, *, path: Path | None = None, frame: int | None 
     view, clip = camera.world_to_view, camera.view_to_clip
     _check_row("worldToView", view[3], ([0, 0, 0, 1],), path, frame)
     _check_row("viewToClip", clip[3], ([0, 0, -1, 0], [0, 0, 0, 1]), path, frame)
-    if np.linalg.det(view[:3, :3]) < 0:
+    with np.errstate(over="ignore"):
+        size, across = (float(np.linalg.det(part)) for part in (view[:3, :3], clip[:2, :2]))
+    for name, scale in (("worldToView", abs(size)), ("viewToClip", abs(across))):
+        if not 1 / LARGEST_SCALE <= scale <= LARGEST_SCALE:
+            raise DataError(
+                f"matrix cltaa:{name} scales beyond use", path=path, frame=frame, found=f"{scale:.3g}",
+                expected=f"a determinant from {1 / LARGEST_SCALE:g} to {LARGEST_SCALE:g}", cure="use another unit",
+            )  # fmt: skip
+    if size < 0:
         raise DataError(
             "matrix cltaa:worldToView mirrors the world", path=path, frame=frame,
             expected="right-handed view space, -z forward", cure="flip its z row",

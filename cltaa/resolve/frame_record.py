@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from cltaa.cameras import Displacement, displacement, is_still, sky_closeness
+from cltaa.cameras import displacement_rows, is_still, sky_closeness
 from cltaa.frames import Camera, Frame
 from cltaa.memory.layout import Layout
-from cltaa.parameters.build import FRAME_DTYPE, FRAME_FIELDS, Record
-from cltaa.parameters.choices import Choices, CurrentFilter, FilterUse, OnCameraMove, RayThrough
+from cltaa.parameters.build import FRAME_DTYPE, Record
+from cltaa.parameters.choices import Choices, CurrentFilter, FilterUse, HistoryOf, OnCameraMove, RayThrough
 from cltaa.planning.frame_plan import Plan
 from cltaa.resolve.current_filter import axis_masses, axis_weights
 
@@ -54,28 +54,25 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan
     Without a ``plan`` the current filter has no weights.
     """
     earlier: Camera = frame.camera if previous is None else previous.camera
-    moved: Displacement = displacement(frame.camera, earlier, layout.width, layout.height)
-    by_row = zip("xywz", (*moved.rows.tolist(), moved.closeness.tolist()), strict=True)
-    origin = frame.jitter_px if plan is None or plan.choices.ray_through is not RayThrough.CENTRE else (0.0, 0.0)
-    values: dict[str, float] = {
-        "width": layout.width, "height": layout.height, "stride": layout.stride,
-        "reset": int(previous is None),
-        "number": frame.index % 2**31,
-        "origin_x": 0.5 + origin[0] - layout.width / 2.0,
-        "origin_y": 0.5 + origin[1] - layout.height / 2.0,
-        **{row + column: value for row, values in by_row for column, value in zip("xyq1", values, strict=True)},
-        "sky_closeness": sky_closeness(frame.camera),
-        "exposure_ratio": 1.0 if previous is None else frame.exposure / previous.exposure,
-        "jitter_x": frame.jitter_px[0], "jitter_y": frame.jitter_px[1],
-    }  # fmt: skip
+    moved = displacement_rows(frame.camera, earlier, layout.width, layout.height)
+    across, down = frame.jitter_px
+    x, y = (across, down) if plan is None or plan.choices.ray_through is not RayThrough.CENTRE else (0.0, 0.0)
+    ratio = 1.0 if previous is None else frame.exposure / previous.exposure
+    weights: tuple[float, ...] = (0.0,) * 4
+    masses = weights
     if plan is not None:
         choices = plan.choices
         if previous is None and not frame.cut and choices.filter_use is FilterUse.FEW:
             # A first frame is what was drawn, to the bit. After a cut it is one of a film, and as aliased as that.
             choices = msgspec.structs.replace(choices, current_filter=CurrentFilter.NONE)
-        weights = [w for jitter in frame.jitter_px for w in axis_weights(jitter, choices, plan.settings)]
-        values |= zip(("left_weight", "right_weight", "above_weight", "below_weight"), weights, strict=True)
-        masses = [m for jitter in frame.jitter_px for m in axis_masses(jitter, plan.settings)]
-        values |= zip(("left_mass", "right_mass", "upper_mass", "lower_mass"), masses, strict=True)
-    # One call for all of them: a frame waits for this.
-    return np.array(tuple(values.get(name, 0) for name in FRAME_FIELDS), FRAME_DTYPE)
+        weights = (*axis_weights(across, choices, plan.settings), *axis_weights(down, choices, plan.settings))
+        if choices.history_of is HistoryOf.DOUBLED:
+            masses = (*axis_masses(across, plan.settings), *axis_masses(down, plan.settings))
+    # In the order of FRAME_FIELDS, and by one call: a frame waits for this, and a name for each costs a third of it.
+    values = (
+        layout.width, layout.height, layout.stride, 0, 0, int(previous is None), frame.index % 2**31,
+        0.5 + x - layout.width / 2.0, 0.5 + y - layout.height / 2.0,
+        *moved[0], *moved[1], *moved[2], *moved[3],
+        sky_closeness(frame.camera), ratio, across, down, 0, 0, *weights, *masses,
+    )  # fmt: skip
+    return np.array(values, FRAME_DTYPE)

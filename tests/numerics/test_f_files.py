@@ -53,6 +53,9 @@ def broken(name: str, change: Callable[[NDArray[np.float64]], object]) -> dict[s
         ("worldToView", lambda m: m.T, "has a wrong last row.*check whether it is transposed"),
         ("viewToClip", lambda m: m.T, "has a wrong last row.*check whether it is transposed"),
         ("worldToView", lambda m: np.diag([1, 1, -1, 1]) @ m, "mirrors the world.*flip its z row"),
+        ("worldToView", lambda m: np.diag([1e-110, 1e-110, 1e-110, 1]) @ m, "scales beyond use.*another unit"),
+        ("worldToView", lambda m: np.diag([1e110, 1e110, 1e110, 1]) @ m, "scales beyond use.*found inf"),
+        ("viewToClip", lambda m: np.diag([1e-170, 1e-170, 1, 1]) @ m, "scales beyond use.*found 0"),
     ],
 )
 def test_f7_a_wrong_matrix_is_named_with_the_test_that_it_failed(
