@@ -90,8 +90,7 @@ def _look(intake: Intake, folder: Path, frames: int) -> list[Finding]:
     """What files and pixels say under one reading."""
     numbers = sorted(intake.declared)[:frames]
     sequence = ForeignSequence(folder, intake, numbers, strict=False)
-    if "depth" not in intake.roles:
-        sequence.refuse_result()
+    sequence.refuse_result()
     read = [sequence.frame(number) for number in track(numbers, len(numbers), "reading")]
     known = {"has_depth": "depth" in intake.roles, "has_camera": intake.has_camera, "has_jitter": intake.has_jitter}
     return check_files(intake) + check_frames(read, sequence.layouts[numbers[0]].display_size, **known)

@@ -10,7 +10,7 @@ from cltaa.errors import CltaaError, DataError, UsageError
 from cltaa.exr.channels import COLOUR
 from cltaa.exr.outline import read_layout
 from cltaa.inputs.parts import read_any_header
-from cltaa.sequences.sources import Sequence, open_capture
+from cltaa.sequences.sources import RESOLVED, Sequence, open_capture
 
 
 def open_input(
@@ -34,7 +34,9 @@ def open_input(
 
     verify = options.pop("verify", True)
     intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file, **options)
-    return ForeignSequence(folder, intake, sorted(intake.declared), verify=verify)
+    sequence = ForeignSequence(folder, intake, sorted(intake.declared), verify=verify)
+    sequence.refuse_result()
+    return sequence
 
 
 def open_measured(folder: Path, *, step: int = 1) -> Sequence:
@@ -57,14 +59,14 @@ def open_measured(folder: Path, *, step: int = 1) -> Sequence:
 def is_own(folder: Path) -> bool:
     """True unless the first file that can be read plainly is somebody else's, or where there is none but in subfolders.
 
-    Errors of cltaa's own files are told by its own reader.
+    Errors of cltaa's own files are told by its own reader; what a resolve wrote is its own, whatever layers it kept.
     """
     files = sorted(folder.glob("*.exr")) if folder.is_dir() else []
     if not files:
         return not folder.is_dir() or not any(folder.glob("*/*.exr"))
     for file in files:
         try:
-            return "cltaa:worldToView" in read_any_header(file).attributes
+            return not {"cltaa:worldToView", RESOLVED}.isdisjoint(read_any_header(file).attributes)
         except CltaaError:
             continue
     return True

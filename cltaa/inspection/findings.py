@@ -44,7 +44,8 @@ def inspect_folder(
             layouts[number] = header.layout
             result.resolved_by = str(header.attributes.get(RESOLVED, ""))
             _check_channels(header)
-            headers[number] = FrameHeader(path, header.attributes, header.layout)
+            if not result.resolved_by or "cltaa:jitterPx" in header.attributes:  # other tools' files may have none
+                headers[number] = FrameHeader(path, header.attributes, header.layout)
             if pixels:
                 channels = read_image(path, sha256=recorded.get(path.name))[0]
                 for channel, plane in channels.items():

@@ -202,8 +202,7 @@ def open_sequence(
 def open_capture(folder: str | Path, **options: Any) -> Sequence:
     """Open a folder as ``open_sequence`` does, for a resolve: raises UsageError for the results of one."""
     sequence = open_sequence(folder, **options)
-    if "Z" not in sequence.layouts[sequence.first].channels:
-        sequence.refuse_result()
+    sequence.refuse_result()
     return sequence
 
 
