@@ -26,18 +26,25 @@ def falling_metrics(result: Accuracy) -> list[str]:
 
 
 def write_report(
-    result: Accuracy, output: Path, pictured: int | None = None, pages: Mapping[str, str] | None = None
-) -> None:
-    """Write the numbers as JSON and CSV, the plots, of several sequences a table over all of them, and ``pages``, texts
-    by file name, into the folder ``output``. ``pictured`` sequences, the first ones, have plots of their own.
+    result: Accuracy,
+    output: Path,
+    pictured: int | None = None,
+    pages: Mapping[str, str] | None = None,
+    *,
+    of_one: bool = False,
+) -> str:
+    """Write the numbers as JSON and CSV, the plots, a table over all sequences, and ``pages``, texts by file name, into
+    the folder ``output``; returns the table, empty where none is written.
 
-    Plots and tables that an earlier report left there and this one has not are deleted. Raises OutputError,
-    StorageError, and UsageError without matplotlib.
+    There is one of several sequences, ``of_one`` too, if a metric falls with the error. ``pictured`` sequences, the
+    first ones, have plots of their own. Plots and tables that an earlier report left there and this one has not are
+    deleted. Raises OutputError, StorageError, and UsageError without matplotlib.
     """
     texts = {NAME: msgspec.json.encode(result).decode(), "accuracy.csv": csv_text(result), **(pages or {})}
     falling = falling_metrics(result)
-    if len(result.sequences) > 1 and falling:
-        texts["overview.md"] = table(result, falling)
+    whole = table(result, falling) if falling and (of_one or len(result.sequences) > 1) else ""
+    if whole:
+        texts["overview.md"] = whole
     for name, text in texts.items():
         with atomic_path(output / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
@@ -45,6 +52,7 @@ def write_report(
     for pattern in ("front-*", "steps-*", "overview.*"):  # of sequences that an earlier report here had
         for path in {*output.glob(pattern)} - written:
             path.unlink()
+    return whole
 
 
 def read_report(folder: Path) -> Accuracy:

@@ -7,7 +7,6 @@ from pathlib import Path
 import click
 
 from cltaa.bench.accuracy_report import falling_metrics, merged, read_report, write_report
-from cltaa.bench.overview import table
 from cltaa.commands.options import FILE_PATH, json_option
 from cltaa.errors import UsageError
 from cltaa.files.atomic import make_folder
@@ -27,10 +26,8 @@ def overview(reports: tuple[Path, ...], output: Path, pictured: int, as_json: bo
     each on a card of its own, measured some of the sequences.
     """
     result = merged([(folder, read_report(folder)) for folder in reports])
-    falling = falling_metrics(result)
-    if not falling:
+    if not falling_metrics(result):
         raise UsageError("no error to compare by: no metric that falls with it", found=", ".join(result.metrics))
     make_folder(output)
-    text = table(result, falling)
-    write_report(result, output, pictured, {"overview.md": text})
+    text = write_report(result, output, pictured, of_one=True)
     click.echo(json_of(result) if as_json else text, nl=as_json)

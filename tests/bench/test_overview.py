@@ -139,6 +139,8 @@ def test_reports_of_one_device_become_one(tmp_path: Path, capsys: pytest.Capture
     assert main(["bench", "overview", *folders, "-o", str(tmp_path / "few"), "--pictured", "1"]) == 0
     fronts = {path.name for path in (tmp_path / "few").glob("front-*.svg")}
     assert fronts == {"front-one.svg"}
+    assert main(["bench", "overview", folders[0], "-o", str(tmp_path / "alone")]) == 0
+    assert (tmp_path / "alone" / "overview.md").read_text() == table(one, ["mse"])
 
 
 def test_reports_that_cannot_be_one_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
