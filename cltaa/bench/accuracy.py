@@ -20,7 +20,9 @@ from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.devices.kernel_files import kernel_folder
 from cltaa.errors import DataError, ResourceError, UsageError
 from cltaa.files.atomic import atomic_path, make_folder
+from cltaa.inputs.opening import AS_EVER, Reading, is_own, readings
 from cltaa.judging.comparison import check_yardsticks, open_yardsticks, truth_of
+from cltaa.judging.decided_by import stamps
 from cltaa.parameters.build import Build
 
 TIMES = "times"  # folder of what is finished of each sequence
@@ -33,22 +35,31 @@ def tasks_of(
     device: str | None,
     metrics: tuple[str, ...],
     rounding: int,
-    step: int = 1,
+    reading: Reading = AS_EVER,
 ) -> list[Task]:
     """Every variant over every sequence, in a fixed order: what ``--list`` prints and ``--task`` counts.
 
-    Raises UsageError for two sequences of one name.
+    ``reading`` is for all of them (``readings``). Raises UsageError for two sequences of one name, and what opening
+    another tool's raises.
     """
     named: dict[str, Path] = {}
     for folder in folders:
         if named.setdefault(folder.name, folder) != folder:
             what, cure = "two sequences of one name, which plots and rows go by", "rename one of the folders"
             raise UsageError(what, path=folder, found=named[folder.name], cure=cure)
-    return [
-        Task(sequence=str(folder), variant=variant, device=device, metrics=metrics, rounding_frames=rounding, step=step)
-        for folder in folders
-        for variant in variants
-    ]
+    tasks = []
+    for folder, how in readings(folders, reading).items():
+        # Another tool's files have no record that tells one rendering from the next, nor their reading from another.
+        other = not is_own(folder) or how != Reading(step=how.step)
+        files = stamps(how.open(folder)) if other else ""
+        tasks += [
+            Task(
+                sequence=str(folder), variant=variant, device=device, metrics=metrics, rounding_frames=rounding,
+                reading=how, files=files,
+            )
+            for variant in variants
+        ]  # fmt: skip
+    return tasks
 
 
 def bench_accuracy(

@@ -189,15 +189,15 @@ def judge_sequence(
     resolvers = {preset.name: Resolver(preset, launcher) for preset in presets}
     tallies = {name: _Tally() for name in (ONE_SAMPLE, *resolvers)}
     video = VideoScores(len(tallies))
-    with read_ahead(zip(sequence, reference, strict=True)) as pairs:
-        for frame, truth in track(pairs, len(sequence), f"judging {sequence.folder.name}"):
+    with read_ahead((place, frame, reference.image(frame.index)) for place, frame in enumerate(sequence)) as read:
+        for place, frame, truth in track(read, len(sequence), f"judging {sequence.folder.name}"):
             outputs = [frame.colour, *(resolver.resolve(frame)[..., :3] for resolver in resolvers.values())]
             repaired = [tally.repaired(image) for tally, image in zip(tallies.values(), outputs, strict=True)]
             shown, images = _Shown.of(truth), _Shown.of_each(repaired)
-            judged = frame.index - sequence.first >= settled
+            judged = place >= settled
             sums = video.add_shown(frame, shown.display, [image.display for image in images], judged=judged)
             if judged:
-                flip = (sequence.last - frame.index) % flip_every == 0
+                flip = (len(sequence) - 1 - place) % flip_every == 0
                 different = {id(image): image for image in images}
                 marks = {key: _Marks.of(image, shown, video.fresh, flip=flip) for key, image in different.items()}
                 for tally, image, score in zip(tallies.values(), images, sums, strict=True):

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
 from pathlib import Path
 
 import msgspec
 
 from cltaa.bench.quality import Judged
-from cltaa.bench.redrawn import REDRAWN, redrawn_of
+from cltaa.bench.redrawn import redrawn_of
 from cltaa.devices.kernel_files import code_sha256
 from cltaa.files.atomic import atomic_path, make_folder
-from cltaa.files.manifest import file_sha256, recorded_hashes
+from cltaa.judging.decided_by import content_sha256
 from cltaa.parameters.presets import Preset
 from cltaa.sequences.sources import Sequence
 
@@ -22,7 +21,7 @@ FORMAT = 2  # of the file and of the way to judge
 class Cell(msgspec.Struct, kw_only=True):
     """One cell: what was judged, by which code, and the outcome."""
 
-    inputs: str  # SHA-256 over sequence, truth, REDRAWN, preset, judged frames and FORMAT
+    inputs: str  # SHA-256 over sequence and how it is read, truth, REDRAWN, preset, judged frames and FORMAT
     code: str  # of the kernels and the package
     judged: Judged
 
@@ -34,9 +33,11 @@ class Cells:
         self, folder: Path, sequence: Sequence, settled: int, flip_every: int, *, any_code: bool = False
     ) -> None:
         self._folder, self._any_code = make_folder(folder), any_code
+        redrawn = redrawn_of(sequence)
+        files = content_sha256(sequence, [] if redrawn is None else [redrawn])
         # A step of 1 goes unsaid, so that cells of before it was known still count.
         step = "" if sequence.step == 1 else f" step {sequence.step}"
-        self._base = f"{FORMAT} {settled} {flip_every} {sequence_sha256(sequence)}{step}"
+        self._base = f"{FORMAT} {settled} {flip_every} {files}{step}"
 
     def get(self, name: str, preset: Preset | None) -> Judged | None:
         """The cell of a preset (None: of the single samples), or None where it must be measured."""
@@ -61,20 +62,3 @@ class Cells:
         if preset is not None and preset.published:  # else it goes unsaid, as a step of 1 does
             what += b" published"
         return hashlib.sha256(self._base.encode() + what).hexdigest()
-
-
-def sequence_sha256(sequence: Sequence) -> str:
-    """One SHA-256 over the frames, the truth and REDRAWN, from what their capture recorded, else from the files."""
-    recorded = recorded_hashes(sequence.folder)
-    paths: Iterable[Path] = sequence.paths
-    if sequence.reference is not None:
-        paths = (*paths, *sequence.reference.paths)
-    redrawn = redrawn_of(sequence)
-    if redrawn is not None:
-        recorded |= {f"{REDRAWN}/{name}": found for name, found in recorded_hashes(redrawn.folder).items()}
-        paths = (*paths, *redrawn.paths)
-    digest = hashlib.sha256()
-    for path in paths:
-        name = path.relative_to(sequence.folder).as_posix()
-        digest.update(f"{name} {recorded.get(name) or file_sha256(path)}\n".encode())
-    return digest.hexdigest()

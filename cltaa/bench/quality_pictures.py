@@ -101,9 +101,9 @@ def _candidates(sequence: Captured, resolvers: Mapping[str, Resolver], preset: s
     reference = sequence.reference
     assert reference is not None
     ndimage, half = import_ndimage(), side // 2
-    for frame in sequence:
+    for place, frame in enumerate(sequence):
         outputs = {name: resolver.resolve(frame)[..., :3] for name, resolver in resolvers.items()}
-        if frame.index - sequence.first < len(sequence) // 2:
+        if place < len(sequence) // 2:
             continue
         truth = reference.image(frame.index)
         excess = error_map(outputs[preset], truth)

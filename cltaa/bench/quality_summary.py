@@ -166,9 +166,11 @@ def about_of(table: Table, sequences: Collection[Captured], settled: int, preset
     frames = _either(len(sequence) for sequence in sequences)
     jitters = _either(sequence.sequence_json.get("settings", {}).get("jitter") for sequence in sequences)
     truths = _either(truth_samples(truth_of(sequence)) for sequence in sequences)
+    profiles = list(dict.fromkeys(each.reading["profile"]["name"] for each in sequences if "profile" in each.reading))
+    read = f", read by profile {' or '.join(profiles)}" if profiles else ""
     files = [preset.description for preset in presets if preset.name not in preset_names()]
     return (
-        f"{counts} sequences, {sizes}, {frames} frames, jitter {jitters}, judged from frame {settled} on, "
+        f"{counts} sequences, {sizes}, {frames} frames{read}, jitter {jitters}, judged from frame {settled} on, "
         f"truth of {truths} samples a pixel; {time.strftime('%Y-%m-%d', time.gmtime())}, "
         f"{'; '.join([*devices, *files])}."
     )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from cltaa.errors import InputMissing
+from cltaa.sequences.frame_numbers import ranges
 from cltaa.sequences.numbered import check_same_size
-from cltaa.sequences.sources import ImageSequence, Sequence, open_images
+from cltaa.sequences.sources import ImageSequence, Sequence
 
 REDRAWN = "again"  # folder of such a capture, inside the sequence's
 
@@ -16,6 +18,10 @@ def redrawn_of(sequence: Sequence) -> ImageSequence | None:
     folder = sequence.folder / REDRAWN
     if not folder.is_dir():
         return None
-    again = open_images(folder, verify=sequence.verify)
+    again = sequence.open_supersampled(folder)
     check_same_size(sequence, again)
+    for number in sequence.numbers:
+        if number not in again.numbers:
+            what, cure = "this frame was not drawn again", "draw them all again, or take the folder away"
+            raise InputMissing(what, path=folder, frame=number, found=ranges(again.numbers), cure=cure)
     return again.select(sequence.first, sequence.last)

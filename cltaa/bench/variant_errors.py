@@ -24,7 +24,7 @@ from cltaa.devices.kernel_files import code_sha256
 from cltaa.devices.launch import WISH, Buffer, Launcher, launcher_for
 from cltaa.devices.numpy_launcher import NumpyLauncher
 from cltaa.frames import Frame, Image
-from cltaa.inputs.opening import open_measured
+from cltaa.inputs.opening import AS_EVER, Reading
 from cltaa.judging.comparison import open_yardsticks, truth_of
 from cltaa.judging.metrics import METRICS, flip_map, measure
 from cltaa.memory.layout import Layout
@@ -32,7 +32,7 @@ from cltaa.parameters.build import Build, Real, Storage
 from cltaa.pictures.display import Picture, to_picture
 from cltaa.pictures.png import heat
 from cltaa.resolve.resolver import Resolver
-from cltaa.sequences.sources import Sequence, open_images
+from cltaa.sequences.sources import Sequence
 
 KEY_DIGITS = 16  # hexadecimal
 COUNT_WHITE = 32  # samples in the history that the picture of them shows white
@@ -46,11 +46,12 @@ class Task(msgspec.Struct, frozen=True, kw_only=True):
     device: str | None
     metrics: tuple[str, ...]
     rounding_frames: int  # of the first frames; 0 leaves that axis out
-    step: int = 1  # how far frame numbers lie apart
+    reading: Reading = AS_EVER
+    files: str = ""  # what vouches for the files of another tool, which record nothing, and for how they are read
 
     def open(self) -> Sequence:
         """The sequence."""
-        return open_measured(Path(self.sequence), step=self.step)
+        return self.reading.open(Path(self.sequence))
 
     def key(self) -> str:
         """What the result depends on, as a name for its file: another sequence or other code has another key."""
@@ -130,10 +131,11 @@ def run_task(task: Task) -> Errors:
 def yardstick_errors(sequence: Sequence, metrics: tuple[str, ...]) -> Iterator[tuple[int, dict[str, list[float]]]]:
     """Samples a pixel and errors a frame of each supersampled sequence there is; one sample is the capture itself."""
     truth = truth_of(sequence)
-    for samples, images in ({1: open_images(sequence.folder)} | open_yardsticks(sequence)).items():
+    for samples, images in ({1: None} | open_yardsticks(sequence)).items():
         frames: dict[str, list[float]] = {name: [] for name in metrics}
         for number in sequence.numbers:
-            pair = images.image(number), truth.image(number)
+            image = sequence.frame(number).colour if images is None else images.image(number)
+            pair = image, truth.image(number)
             for name, value in measure(*pair, [METRICS[name] for name in metrics], frame=number).items():
                 frames[name].append(value)
         yield samples, frames

@@ -23,11 +23,12 @@ from cltaa.bench.distribution import run_all
 from cltaa.bench.ladder import Variant, ladder
 from cltaa.bench.plots import import_pyplot
 from cltaa.bench.variant_errors import Task
-from cltaa.commands.options import FILE_PATH, NAMES, PRESET, device_option, json_option, step_option
+from cltaa.commands.options import FILE_PATH, NAMES, PRESET, device_option, json_option, measured_options, open_each
 from cltaa.commands.tables import print_table
 from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.errors import UsageError, known
 from cltaa.files.atomic import make_folder
+from cltaa.inputs.opening import Reading
 from cltaa.judging.metrics import parse_metrics
 from cltaa.parameters.presets import Preset, load_preset, preset_names, preset_of
 from cltaa.printable import counted, json_of, printable, shown
@@ -70,7 +71,7 @@ from cltaa.timing import Clock
               help="Sequences, the first ones, whose frames the page shows and that are plotted.")  # fmt: skip
 @click.option("--list", "listed", is_flag=True, help="Print one command line a task, for a render farm, and stop.")
 @click.option("--task", "number", type=click.IntRange(min=0), metavar="K", help="Do task K of that list, and stop.")
-@step_option
+@measured_options
 @json_option
 def accuracy(
     sequences: tuple[Path, ...],
@@ -93,12 +94,13 @@ def accuracy(
     pictured: int,
     listed: bool,
     number: int | None,
-    step: int,
+    reading: Reading,
     as_json: bool,
 ) -> None:
     """Measure error and time of every variant of the resolve over each SEQUENCE, and write a report.
 
-    A SEQUENCE is a capture with its truth: cltaa capture SCENE -o DIR --reference 256 --yardstick 2,4,8,16,32,64.
+    A SEQUENCE is a capture with its truth: cltaa capture SCENE -o DIR --reference 256 --yardstick 2,4,8,16,32,64; or
+    frames of another tool with theirs in a folder reference/ (docs/inputs.md).
     Errors are measured in two axes: against the truth, and against the same algorithm in float64. Finished tasks are
     kept in the output folder: the same command again, or with other --jobs, goes on where the last one stopped.
     Timing is always done here, by this process, in shuffled rounds, after all errors; with --jobs the programs that
@@ -106,7 +108,7 @@ def accuracy(
     """
     names = tuple(metric.name for metric in parse_metrics(metrics))
     variants = chosen_variants(preset_of(preset, config), only, named, full=full)
-    tasks = tasks_of(sequences, variants, device, names, rounding_frames, step)
+    tasks = tasks_of(sequences, variants, device, names, rounding_frames, reading)
     if build_only:
         launcher = DeviceLauncher(device)
         count = build_programs(tasks, launcher, pixels=pixels, jobs=jobs, until=math.inf, progress=_progress)
@@ -119,7 +121,8 @@ def accuracy(
     if number is not None:
         _run_one(tasks, number, output)
         return
-    import_pyplot()  # told before the work, not after it
+    import_pyplot()  # this and what is read how are told before the work, not after it
+    open_each(sequences, reading)
     result = bench_accuracy(
         tasks, output, rounds=rounds, patience=patience, pixels=pixels, jobs=jobs, dask=dask, time_limit=time_limit,
         progress=_progress,

@@ -37,11 +37,12 @@ from cltaa.commands.options import (
     SIZE,
     device_option,
     json_option,
-    step_option,
+    measured_options,
+    open_each,
 )
 from cltaa.devices.launch import Launcher, launcher_for
 from cltaa.errors import UsageError
-from cltaa.inputs.opening import open_measured
+from cltaa.inputs.opening import Reading
 from cltaa.parameters.presets import Preset
 from cltaa.printable import json_of
 from cltaa.sequences.sources import Sequence
@@ -64,7 +65,7 @@ NARROWEST = 160  # columns of the terminal, so that no number is cut off
     multiple=True,
     type=FILE_PATH,
     metavar="DIR",
-    help="A captured sequence with its truth, beside the scenes or in their place; repeatable.",
+    help="A sequence with its truth in reference/, also another tool's, beside scenes or in their place; repeatable.",
 )
 @click.option("--preset", "presets", type=PRESET, multiple=True, metavar="NAME", help="Repeatable.  [default: all]")
 @click.option("--config", "configs", type=FILE_PATH, multiple=True, metavar="FILE",
@@ -107,7 +108,7 @@ NARROWEST = 160  # columns of the terminal, so that no number is cut off
     metavar="DIR",
     help="Write a picture of each preset's worst place beside the truth.",
 )
-@step_option
+@measured_options
 @json_option
 def quality(
     scenes: tuple[str, ...],
@@ -128,7 +129,7 @@ def quality(
     any_code: bool,
     page: Path | None,
     pictures: Path | None,
-    step: int,
+    reading: Reading,
     as_json: bool,
 ) -> None:
     """Judge presets on sequences with a truth: PSNR, SSIM, FLIP, equal-quality samples and the faults in time.
@@ -146,7 +147,7 @@ def quality(
     cases = [(Case(folder.name, GIVEN, folder), 0) for folder in folders]
     if scenes or not folders:
         cases += _planned(scenes, seeds, shape, work)
-    sequences = _opened(folders, settled, step)
+    sequences = _opened(folders, settled, reading)
     launcher = launcher_for(device)  # one for all sequences, so that each kernel is built once
     judged: list[tuple[Case, dict[str, Judged]]] = []
     for number, (case, seed) in enumerate(cases, start=1):
@@ -169,16 +170,18 @@ def quality(
         _print(table)
 
 
-def _opened(folders: tuple[Path, ...], settled: int, step: int) -> dict[str, Sequence]:
+def _opened(folders: tuple[Path, ...], settled: int, reading: Reading) -> dict[str, Sequence]:
     """The sequences that are there, by the names of their folders; what cannot be judged is told before the work."""
-    opened: dict[str, Sequence] = {}
+    named: dict[str, Path] = {}
     for folder in folders:
-        if folder.name in opened:
+        if folder.name in named:
             what, cure = "two sequences of one name, which cells and rows go by", "rename one of the folders"
-            raise UsageError(what, path=folder, found=opened[folder.name].folder, cure=cure)
-        opened[folder.name] = open_measured(folder, step=step)
-        check_judged(opened[folder.name], settled)
-    return opened
+            raise UsageError(what, path=folder, found=named[folder.name], cure=cure)
+        named[folder.name] = folder
+    opened = open_each(folders, reading)
+    for sequence in opened.values():
+        check_judged(sequence, settled)
+    return {folder.name: sequence for folder, sequence in opened.items()}
 
 
 def _planned(scenes: tuple[str, ...], seeds: dict[int, str], shape: Shape, work: Path) -> list[tuple[Case, int]]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import wraps
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 from click.shell_completion import CompletionItem
@@ -14,6 +15,11 @@ from click.shell_completion import CompletionItem
 from cltaa.errors import UsageError, known
 from cltaa.frame_checks import EXPOSURE_STOPS
 from cltaa.frames import Effect, parse_effects
+from cltaa.printable import printable
+
+if TYPE_CHECKING:
+    from cltaa.inputs.opening import Reading
+    from cltaa.sequences.sources import Sequence
 
 Command = Callable[..., Any]
 ALL_SCENES = "all"  # every scene of cltaa scenes
@@ -171,6 +177,30 @@ def input_options(command: Command) -> Command:
     ):  # fmt: skip
         command = option(command)
     return command
+
+
+def measured_options(command: Command) -> Command:
+    """Add the options of ``input_options`` as one argument ``reading``, for a command that measures on sequences."""
+
+    @wraps(command)
+    def read(*, profile: str, inputs: tuple[str, ...], camera: Path | None, step: int, **others: Any) -> Any:
+        from cltaa.inputs.opening import Reading
+
+        file = None if camera is None else str(camera)
+        return command(reading=Reading(profile=profile, inputs=inputs, camera=file, step=step), **others)
+
+    return input_options(read)
+
+
+def open_each(folders: Iterable[Path], reading: Reading) -> dict[Path, Sequence]:
+    """Open sequences as they are asked to be read; says on standard error what was decided about another tool's."""
+    from cltaa.inputs.opening import readings
+
+    opened = {folder: how.open(folder) for folder, how in readings(folders, reading).items()}
+    for folder, sequence in opened.items():
+        if sequence.notes:
+            click.echo(printable(f"{folder}: {'; '.join(sequence.notes)}"), err=True)
+    return opened
 
 
 def chosen_effects(text: str) -> frozenset[Effect] | Literal["auto", "all"]:

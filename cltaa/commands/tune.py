@@ -7,11 +7,11 @@ from pathlib import Path
 
 import click
 
-from cltaa.commands.options import FILE_PATH, PRESET, json_option, step_option
+from cltaa.commands.options import FILE_PATH, PRESET, json_option, measured_options, open_each
 from cltaa.devices.launch import launcher_for
 from cltaa.errors import UsageError
 from cltaa.files.atomic import atomic_path, check_creatable
-from cltaa.inputs.opening import open_measured
+from cltaa.inputs.opening import Reading
 from cltaa.parameters.presets import preset_of
 from cltaa.printable import counted, json_of, printable
 from cltaa.progress import track
@@ -36,7 +36,7 @@ from cltaa.tuning.search import Tuned, preset_text, tune
 @click.option(
     "-o", "--output", required=True, type=FILE_PATH, help="TOML file to write; use it with cltaa resolve --config."
 )
-@step_option
+@measured_options
 @json_option
 def command(
     sequences: tuple[Path, ...],
@@ -50,14 +50,15 @@ def command(
     seed: int,
     device: str | None,
     output: Path,
-    step: int,
+    reading: Reading,
     as_json: bool,
 ) -> None:
     """Search for the settings with the least error within a time, or the least time for an error.
 
-    Every SEQUENCE is a capture with its truth. The outcome is measured on sequences that the search never saw, and
-    said to over-fit where less than half of the gain is left there. A search that was interrupted goes on when the same
-    command is given again, also with more --trials.
+    Every SEQUENCE is a capture with its truth, or frames of another tool with theirs in a folder reference/
+    (docs/inputs.md). The outcome is measured on sequences that the search never saw, and said to over-fit where less
+    than half of the gain is left there. A search that was interrupted goes on when the same command is given again,
+    also with more --trials.
     """
     goal = parse_goal(budget, target, metric)
     if not checked and len(sequences) > 1:
@@ -65,9 +66,10 @@ def command(
     if {path.resolve() for path in sequences} & {path.resolve() for path in checked}:
         raise UsageError("a sequence is both searched and checked on", cure="name another one with --check")
     check_creatable(output)
+    opened = open_each([*sequences, *checked], reading)
     tuned, found = tune(
-        [open_measured(path, step=step) for path in sequences],
-        [open_measured(path, step=step) for path in checked],
+        [opened[path] for path in sequences],
+        [opened[path] for path in checked],
         goal,
         launcher_for(device),
         base=preset_of(preset, config),

@@ -55,6 +55,16 @@ class ForeignSequence(Sequence):
         return super().reading | {"profile": msgspec.to_builtins(self.intake.profile)} | without
 
     @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file that frames are read from."""
+        return tuple(path for number in self.numbers for path in sorted(self._files(number)))
+
+    @property
+    def told(self) -> list[float]:
+        """Matrices, jitter, exposure and cuts of every frame, as files or a side file declare them."""
+        return [value for number in self.numbers for value in self._told(number)]
+
+    @property
     def attributes(self) -> Mapping[str, object]:
         """Attributes of the first frame's header, as its files hold them."""
         return self.intake.attributes[self.first]
@@ -141,17 +151,26 @@ class ForeignSequence(Sequence):
 
     def beside_sha256(self, number: int) -> str | None:
         """Return the SHA-256 of a frame's other files and of what is declared, the last frame's jitter included."""
+        beside = sorted(self._files(number) - {self.path(number)})
+        told = self._told(number)
+        if not beside and not told:
+            return None
+        return hashlib.sha256(msgspec.json.encode([*map(file_sha256, beside), told])).hexdigest()
+
+    def _files(self, number: int) -> set[Path]:
+        """The files that a frame is read from."""
         sets = {place.files for places in self.intake.roles.values() for place in places}
-        beside = sorted({self.intake.sets[files][number] for files in sets} - {self.path(number)})
+        return {self.intake.sets[files][number] for files in sets}
+
+    def _told(self, number: int) -> list[float]:
+        """What is declared of a frame: matrices, its jitter and that before, exposure and cut."""
         declared = self.intake.declared[number]
         told = _numbers(declared.camera)
         if self.intake.has_jitter:
             told += [*self._jitter(number, number), *self._jitter(number - self.step, number)]
         if declared.exposure is not None or declared.cut:
             told += [declared.exposure or 1.0, declared.cut]
-        if not beside and not told:
-            return None
-        return hashlib.sha256(msgspec.json.encode([*map(file_sha256, beside), told])).hexdigest()
+        return told
 
     def _hash_of(self, path: Path) -> str | None:
         """The SHA-256 that is recorded for a file, if one is and it is to be verified."""

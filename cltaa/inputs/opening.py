@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from collections.abc import Sequence as Many
 from pathlib import Path
 from typing import Any
 
-from cltaa.errors import CltaaError, DataError, UsageError
-from cltaa.exr.channels import COLOUR
-from cltaa.exr.outline import read_layout
+import msgspec
+
+from cltaa.errors import CltaaError, UsageError
 from cltaa.inputs.parts import read_any_header
+from cltaa.printable import counted
 from cltaa.sequences.sources import RESOLVED, Sequence, open_capture
+
+PLACE = "{}"  # in the name of a file that each of several sequences has: its folder
 
 
 def open_input(
@@ -39,21 +43,43 @@ def open_input(
     return sequence
 
 
-def open_measured(folder: Path, *, step: int = 1) -> Sequence:
-    """Open a sequence that presets are measured on: laid out as cltaa's own, since no profile is asked for.
+class Reading(msgspec.Struct, frozen=True, kw_only=True):
+    """How the files of a sequence are read: the options of ``open_input`` as words, for a task elsewhere too."""
 
-    Raises UsageError for one that is not, and what ``open_capture`` raises.
+    profile: str = "auto"
+    inputs: tuple[str, ...] = ()
+    camera: str | None = None  # the side file
+    step: int = 1
+
+    def open(self, folder: Path) -> Sequence:
+        """Open a folder so; raises what ``open_input`` raises."""
+        return open_input(
+            folder, profile=self.profile, assignments=self.inputs, side_file=self.camera, step=self.step
+        )  # fmt: skip
+
+    def within(self, folder: Path) -> Reading:
+        """The same, with the folder in place of ``{}`` in the names of its files."""
+        camera = None if self.camera is None else self.camera.replace(PLACE, str(folder))
+        return msgspec.structs.replace(self, profile=self.profile.replace(PLACE, str(folder)), camera=camera)
+
+
+AS_EVER = Reading()  # cltaa's own as they are, another tool's by what their headers say
+
+
+def readings(folders: Iterable[Path], asked: Reading) -> dict[Path, Reading]:
+    """How each of several folders is read where all are asked for alike.
+
+    What is asked for speaks of other tools' files: among those, cltaa's own are read as ever. Raises UsageError where
+    one side file would speak of several.
     """
-    files = sorted(folder.glob("*.exr")) if folder.is_dir() else []
-    if files and not is_own(folder):
-        try:
-            laid_out = {*COLOUR, "Z"} <= read_layout(files[0]).channels.keys()
-        except DataError:
-            laid_out = False
-        if not laid_out:
-            cure = "resolve it with each preset and compare: cltaa resolve, cltaa compare (docs/inputs.md)"
-            raise UsageError("only what is laid out as cltaa's own is measured on", path=folder, cure=cure)
-    return open_capture(folder, step=step)
+    folders = list(dict.fromkeys(folders))
+    spoken_of = [folder for folder in folders if not is_own(folder)] or folders
+    if len(spoken_of) > 1 and asked.camera is not None and PLACE not in asked.camera:
+        cure = f"write {PLACE} for the folder of each: --camera '{PLACE}/{Path(asked.camera).name}'"
+        what = "--camera is of one sequence"
+        raise UsageError(what, path=asked.camera, found=counted(len(spoken_of), "sequence"), cure=cure)
+    own = Reading(step=asked.step)
+    return {folder: asked.within(folder) if folder in spoken_of else own for folder in folders}
 
 
 def is_own(folder: Path) -> bool:

@@ -16,7 +16,7 @@ from cltaa.timing import Job
 def timed_numbers(sequence: Sequence) -> list[int]:
     """The numbers of the last two frames of which the later goes on from the earlier: what is timed of a sequence."""
     numbers = list(sequence.numbers)
-    last = next((n for n in reversed(numbers[1:]) if not sequence.frame_header(n).cut), numbers[-1])
+    last = next((n for n in reversed(numbers[1:]) if not sequence.outline(n).cut), numbers[-1])
     return [number for number in numbers if last - sequence.step <= number <= last]
 
 

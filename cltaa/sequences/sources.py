@@ -61,6 +61,16 @@ class Sequence(NumberedFiles):
         return {} if self.step == 1 else {"step": self.step}
 
     @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file that frames are read from."""
+        return self.paths
+
+    @property
+    def told(self) -> list[float]:
+        """Matrices, jitter and such of every frame, where they may stand beside its files; own ones: none do."""
+        return []
+
+    @property
     def undeclared(self) -> frozenset[str]:
         """Attributes of a frame's header that its files do not declare and the reader filled in; own ones: none."""
         return frozenset()

@@ -16,6 +16,7 @@ import msgspec
 from cltaa.devices.kernel_files import code_sha256
 from cltaa.errors import StorageError, room_cure
 from cltaa.files.content import read_text
+from cltaa.judging.decided_by import stamps
 from cltaa.sequences.sources import Sequence
 
 LARGEST = 1 << 26  # bytes; a trial takes 500
@@ -30,13 +31,8 @@ class Trial(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def key_of(*decided: object, sequences: Collection[Sequence]) -> str:
-    """A hash of everything that decides what a trial finds: what was asked for, the code and the files."""
-    files = [
-        [(str(path.resolve()), path.stat().st_size, path.stat().st_mtime_ns) for path in sequence.paths]
-        for sequence in sequences
-    ]
-    steps = [sequence.step for sequence in sequences]
-    return hashlib.sha256(msgspec.json.encode([*decided, code_sha256(), files, steps])).hexdigest()
+    """A hash of everything that decides what a trial finds: what was asked for, the code, files and their reading."""
+    return hashlib.sha256(msgspec.json.encode([*decided, code_sha256(), *map(stamps, sequences)])).hexdigest()
 
 
 class Record:

@@ -22,16 +22,13 @@ from cltaa.bench.quality_summary import best_engine, ordered, summarise
 from cltaa.bench.redrawn import REDRAWN
 from cltaa.cli import main
 from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.errors import DataError, InputMissing
 from cltaa.exr.read import read_frame
 from cltaa.frames import Frame
-from cltaa.inputs.opening import open_measured
 from cltaa.judging.metrics import flip_map
 from cltaa.judging.video_scores import Sums, VideoScores
 from cltaa.parameters.presets import Published, load_preset, override
 from cltaa.sequences.sources import open_sequence
-from tests.inputs.foreign import frames as foreign_frames
-from tests.inputs.foreign import write_blender
 from tests.sequence_factory import write_images, write_sequence
 
 NUMPY = NumpyLauncher()
@@ -156,22 +153,6 @@ def test_a_sequence_must_have_a_truth_and_settle(tmp_path: Path) -> None:
         judge_sequence(open_sequence(write_sequence(tmp_path / "a", 3)), [], NUMPY)
     with pytest.raises(DataError, match=r"over before it is judged \(expected more than 3 frames, found 3\)"):
         judge_sequence(open_sequence(write_sequence(tmp_path / "b", 3, reference=True)), [], NUMPY, settled=3)
-
-
-@pytest.mark.parametrize("command", [["quality", "--sequence"], ["accuracy"]])
-def test_frames_of_another_tool_are_told_where_they_are_judged(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: list[str]
-) -> None:
-    write_blender(tmp_path / "shot", foreign_frames(2))
-    work = "--work" if command[0] == "quality" else "-o"
-    assert main(["bench", *command, str(tmp_path / "shot"), work, str(tmp_path / "work")]) == 64
-    said = capsys.readouterr().err
-    told = "only what is laid out as cltaa's own is measured on; resolve it with each preset"
-    assert f"{tmp_path / 'shot'}: {told}" in said
-    plain = write_images(tmp_path / "plain", [frame.colour for frame in foreign_frames(2)])
-    with pytest.raises(UsageError, match="laid out as cltaa's own"):  # no depth
-        open_measured(plain)
-    assert len(open_measured(write_sequence(tmp_path / "own", 2))) == 2
 
 
 def test_scenes_in_which_nothing_changes_get_the_better_truth(tmp_path: Path) -> None:

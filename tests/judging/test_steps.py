@@ -14,6 +14,7 @@ from cltaa.bench.variant_errors import Task, run_task
 from cltaa.cli import main
 from cltaa.exr.read import read_colour
 from cltaa.exr.write import write_frame
+from cltaa.inputs.opening import Reading
 from cltaa.parameters.presets import load_preset
 from cltaa.resolve.timed_resolve import timed_frames, timed_numbers
 from cltaa.sequences.sources import open_sequence
@@ -66,15 +67,18 @@ def test_quality_is_that_of_the_same_frames(
         "--preset",
         "t2",
         "--settled",
-        "1",
+        "2",
         "--flip-every",
-        "9",
+        str(STEP),
         "--work",
         tmp_path / "work",
         "--device",
         "numpy",
     )
     expected = found(capsys, "bench", "quality", "--sequence", plain, *common)["rows"][0]["presets"]
+    write_images(
+        stepped / "reference", [make_frame(9).colour], name="synthetic", first=STEP + 1
+    )  # more than is asked for
     (row,) = found(capsys, "bench", "quality", "--sequence", stepped, "--step", str(STEP), *common)["rows"]
     scores = row["presets"]
     for name, judged in expected.items():
@@ -86,7 +90,14 @@ def test_quality_is_that_of_the_same_frames(
 def test_accuracy_is_that_of_the_same_frames(plain: Path, stepped: Path) -> None:
     variant = ladder(load_preset())[0]
     tasks = [
-        Task(sequence=str(folder), variant=variant, device="numpy", metrics=("mse",), rounding_frames=0, step=step)
+        Task(
+            sequence=str(folder),
+            variant=variant,
+            device="numpy",
+            metrics=("mse",),
+            rounding_frames=0,
+            reading=Reading(step=step),
+        )
         for folder, step in ((plain, 1), (stepped, STEP))
     ]
     expected, errors = (run_task(task).frames for task in tasks)
