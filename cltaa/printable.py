@@ -37,6 +37,12 @@ def counted(number: int, thing: str) -> str:
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
+def bytes_of(count: float) -> str:
+    """Return a count of bytes in the unit that suits it: ``1.5 kB``, ``12.0 GB``."""
+    unit, name = next((u, n) for u, n in ((1e9, "GB"), (1e6, "MB"), (0.0, "kB")) if count >= u)
+    return f"{count / (unit or 1e3):.1f} {name}"
+
+
 def json_of(value: Any) -> str:
     """Return a struct, or what JSON has a form for, as every ``--json`` prints it: indented, in ASCII.
 

@@ -17,7 +17,7 @@ from cltaa.inputs.description import Description, describe_input
 from cltaa.inputs.opening import is_own, open_input
 from cltaa.inspection.facts import Inspection
 from cltaa.inspection.findings import inspect_folder
-from cltaa.printable import counted, json_of, printable, shown
+from cltaa.printable import bytes_of, counted, json_of, printable, shown
 from cltaa.progress import shown_progress
 from cltaa.sequences.pixel_statistics import ChannelStatistics
 from cltaa.sequences.sources import Sequence
@@ -157,12 +157,8 @@ def _facts(found: Inspection) -> list[tuple[str, str]]:
         ("cuts", ", ".join(map(str, found.cuts)) or "none"),
         ("exposure", _range(found.exposures)),
         ("reference", _reference(found)),
-        ("on disk", f"{_size(found.disk_bytes)}, {found.compression or 'unknown compression'}"),
+        ("on disk", f"{bytes_of(found.disk_bytes)}, {found.compression or 'unknown compression'}"),
     ]
-
-
-def _size(count: int) -> str:
-    return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{count / 1e3:.1f} kB"
 
 
 def _camera(found: Inspection) -> str:

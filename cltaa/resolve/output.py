@@ -82,7 +82,7 @@ class OutputFolder:
         beside = entry.beside_sha256, sequence.beside_sha256(number)
         for what, expected, found in (
             ("the input is not the one that this frame was made from", entry.input_sha256, file_sha256(source)),
-            ("its other files, matrices or jitter are not those that it was made from", *beside),
+            ("its other files, matrices, jitter or exposure are not those that it was made from", *beside),
             ("another frame lies before this one than did", entry.after, before),
         ):
             if expected != found:

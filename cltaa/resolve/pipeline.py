@@ -25,6 +25,7 @@ from cltaa.resolve.output import OutputFolder, sequence_settings
 from cltaa.resolve.reading import reads
 from cltaa.resolve.resolved_files import ResolvedFiles
 from cltaa.resolve.resolver import Resolver, Times
+from cltaa.resolve.room import Room
 from cltaa.resolve.views import View
 from cltaa.sequences.frame_numbers import OnBreak
 from cltaa.sequences.sources import Sequence, open_images
@@ -126,6 +127,7 @@ class _Run:
         numbers = [n for n in self._sequence.numbers if (after is None or n > after) and n <= missing[-1]]
         wanted = frozenset(missing)
         part = self._sequence.select(numbers[0], numbers[-1])
+        room = Room(self._files.folder.folder, len(self._files.sizes) + len(missing))
         started = time.perf_counter()
         in_turn = isinstance(self._resolver, BandedResolver)  # so large that no second image waits beside it
         tasks = reads(part, after, self._layers)
@@ -138,6 +140,7 @@ class _Run:
                 image = self._resolver.resolve(with_effects(read.frame, self._effects), half=self._half)
                 if number in wanted:
                     self._files.write(writer, read, image)
+                    room.look(self._files.sizes)
                 self._resolver.release()
                 self._note(self._resolver.times)
                 if self._stop.requested or done % checkpoint_every == 0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from cltaa.frames import Frame
 from cltaa.resolve.carried_over import merged
 from cltaa.resolve.debug import DebugViews
 from cltaa.resolve.halves import image_channels, limit_halves, saturated_pixels
-from cltaa.resolve.output import DEBUG, OutputFolder
+from cltaa.resolve.output import DEBUG, OutputFolder, Source
 from cltaa.resolve.reading import Read
 from cltaa.resolve.resolver import Resolver
 from cltaa.sequences.streams import Writer
@@ -32,6 +33,7 @@ class ResolvedFiles:
         self.folder = folder
         self._resolver, self._debug, self._undeclared = resolver, debug, undeclared
         self._numbers: set[int] = set()
+        self.sizes: list[int] = []  # bytes of each file that is finished
         self._saturated: list[int] = []  # of each frame, from the threads that write
         self.repaired = 0  # pixels of the frames that were written whose colour was no usable number
 
@@ -54,11 +56,15 @@ class ResolvedFiles:
         views = self._debug.write(self.folder.folder / DEBUG, read.frame.index)
         path = self.folder.folder / read.frame.path.name
         attributes = merged(read.carried, resolved_attributes(read.frame, self._resolver), self._undeclared)
-        finish = partial(self.folder.finish, path, read.source)
+        finish = partial(self._finish, path, read.source)
         kept, windows = read.carried.channels, read.carried.windows
         writer.write(path, lambda: {**kept, **self._channels(image), **views}, attributes, then=finish, windows=windows)
         self._numbers.add(read.frame.index)
         self.repaired += read.unusable
+
+    def _finish(self, path: Path, source: Source) -> None:
+        self.folder.finish(path, source)
+        self.sizes.append(path.stat().st_size)
 
     def _channels(self, image: NDArray[Any]) -> dict[str, Pixels]:
         """The channels of a result, limited to what halves hold by the thread that writes it."""

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from cltaa.cli import main
+from cltaa.resolve.room import Room
 from tests.faults.runs import (
     PATIENCE,
     arguments,
@@ -82,3 +85,26 @@ def test_folder_that_is_deleted_during_the_run(tmp_path: Path) -> None:
     assert not output.exists()
     assert main(arguments(folder, output)) == 0
     check_finished(output, whole)
+
+
+@pytest.mark.parametrize(("free", "told"), [(1000, True), (10**9, False)])
+def test_a_disk_that_will_not_do_is_told_before_it_is_full(
+    free: int, told: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once, as soon as some files show how large they are; and the run goes on, for it is a guess."""
+    folder, whole = prepare(tmp_path, 12, width=64, height=36)
+    capsys.readouterr()
+    monkeypatch.setattr("cltaa.resolve.room.shutil.disk_usage", lambda _: SimpleNamespace(free=free))
+    assert main(arguments(folder, tmp_path / "out")) == 0
+    said = capsys.readouterr().err
+    assert said.count("frames left will take about") == told
+    if told:
+        size = (tmp_path / "out").rglob("*.exr").__next__().stat().st_size
+        found = re.search(r"([0-9]+) frames left will take about ([0-9.]+) kB, 1.0 kB are free", said)
+        assert found is not None
+        assert float(found[2]) * 1e3 == pytest.approx(int(found[1]) * size, rel=0.1)
+    check_finished(tmp_path / "out", whole)
+
+
+def test_a_folder_that_is_gone_is_told_by_what_is_written_into_it(tmp_path: Path) -> None:
+    Room(tmp_path / "gone", 9).look([1, 1])

@@ -144,7 +144,9 @@ def test_a_sequence_that_grows_is_gone_on_with(tmp_path: Path, capsys: pytest.Ca
         assert first.get(path.name, other.stat().st_mtime_ns) == other.stat().st_mtime_ns
     side.write_text(side_text([replace(frame, jitter_px=(0.0, 0.25)) for frame in made]))
     assert resolved(tmp_path / "grown", "--camera", str(side)) == 65
-    assert "its other files, matrices or jitter are not those that it was made from" in capsys.readouterr().err
+    assert (
+        "its other files, matrices, jitter or exposure are not those that it was made from" in capsys.readouterr().err
+    )
     assert resolved(tmp_path / "grown") == 64  # no camera at all is another reading
 
 
