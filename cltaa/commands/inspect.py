@@ -34,6 +34,7 @@ from cltaa.sequences.sources import Sequence
 @click.option("--preset", type=PRESET, default="default", show_default=True, help="With --plan: whose steps.")
 @click.option("--device", metavar="NAME", help="With --plan: where; its index or a part of its name.")
 @click.option("--effects", default="auto", show_default=True, help="With --plan: auto (as declared), all, or names.")
+@click.option("--half", is_flag=True, help="With --plan: of results in half precision, which take less memory.")
 @input_options
 @json_option
 @click.pass_context
@@ -45,6 +46,7 @@ def inspect(
     preset: str,
     device: str | None,
     effects: str,
+    half: bool,
     profile: str,
     inputs: tuple[str, ...],
     camera: Path | None,
@@ -59,7 +61,7 @@ def inspect(
     """
     reading: dict[str, Any] = {"profile": profile, "assignments": inputs, "side_file": camera, "step": step}
     if planned:
-        _plan(open_input(folder, **reading), preset, device, effects, as_json)
+        _plan(open_input(folder, **reading), preset, device, effects, half, as_json)
         return
     named = bool(inputs) or camera is not None or profile not in ("auto", "cltaa")
     found: Inspection | Description
@@ -78,13 +80,13 @@ def inspect(
         ctx.exit(DataError.exit_code)
 
 
-def _plan(source: Sequence, preset: str, device: str | None, effects: str, as_json: bool) -> None:
+def _plan(source: Sequence, preset: str, device: str | None, effects: str, half: bool, as_json: bool) -> None:
     from cltaa.commands.plan_table import print_plan  # here: these load OpenCL, and a look at headers must not
     from cltaa.inspection.sequence_plan import plan
 
     if source.notes:
         click.echo("\n".join(map(printable, source.notes)), err=True)
-    found = plan(source, preset, device, effects=chosen_effects(effects))
+    found = plan(source, preset, device, effects=chosen_effects(effects), half=half)
     if as_json:
         click.echo(json_of(found))
     else:

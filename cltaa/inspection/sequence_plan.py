@@ -66,11 +66,12 @@ def plan(
     *,
     effects: Effects = "auto",
     rounds: int = ROUNDS,
+    half: bool = False,
 ) -> SequencePlan:
     """Say which steps of ``preset`` run on which frames of ``sequence`` and why, from its headers alone.
 
     With ``rounds`` each step is also timed on ``device``, on and off in turn, on two frames of the sequence; 0 reads no
-    pixels. Raises what opening the device and reading raise.
+    pixels. ``half`` counts the memory of results in halves. Raises what opening the device and reading raise.
     """
     resolver = Resolver(preset, device, every_step=True)
     sections: list[Section] = []
@@ -94,12 +95,12 @@ def plan(
     kernels = len({(planned.choices, planned.steps) for planned in plans})
     return SequencePlan(
         folder=str(sequence.folder), preset=resolver.preset.name, device=resolver.launcher.description,
-        kernels=kernels, sections=sections, memory=memory(sequence, resolver, plans),
+        kernels=kernels, sections=sections, memory=memory(sequence, resolver, plans, half=half),
     )  # fmt: skip
 
 
-def memory(sequence: Sequence, resolver: Resolver, plans: list[Plan]) -> Memory:
-    """What a resolve of ``sequence`` takes at its peak, in bands where it would run in bands."""
+def memory(sequence: Sequence, resolver: Resolver, plans: list[Plan], *, half: bool = False) -> Memory:
+    """What a resolve of ``sequence`` takes at its peak, in bands where it would run in bands, ``half`` to halves."""
     preset, shared = resolver.preset, resolver.launcher.shares_memory
     used = {name: any(getattr(each.steps, name) for each in plans) for name in Steps.__struct_fields__}
     histories = {each.choices.history_of for each in plans}
@@ -109,7 +110,7 @@ def memory(sequence: Sequence, resolver: Resolver, plans: list[Plan]) -> Memory:
     spans = kept and any(each.choices.light_change is LightChange.SPANS for each in plans)
     steps = Steps(**used)
     found = of_sequence(
-        sequence, steps, band_rows=rows, frames_kept=frames_kept, doubled=doubled, spans=spans, shared=shared
+        sequence, steps, band_rows=rows, frames_kept=frames_kept, doubled=doubled, spans=spans, shared=shared, half=half
     )
     return msgspec.structs.replace(found, program=program_bytes())
 

@@ -21,7 +21,7 @@ from cltaa.parameters.build import Build, Steps, Storage, kept_planes, span_plan
 from cltaa.sequences.sources import Sequence
 from cltaa.sequences.streams import AHEAD, BEHIND
 
-REAL = 4  # bytes of a float
+REAL, HALF = 4, 2  # bytes of a float, and of a half
 FRAMES = 1 + AHEAD  # in work, and those that are decoded or being decoded
 RESULTS = 1 + BEHIND  # just made, and those that wait to be written or are being written
 # Blocks of the size of what it works on that each thread that packs or unpacks holds: packed, unpacked, between the
@@ -44,6 +44,7 @@ def device_bytes(
     doubled: bool = False,
     spans: bool = False,
     shared: bool = False,
+    half: bool = False,
 ) -> int:
     """Bytes of the planes on the device, halos included.
 
@@ -52,7 +53,8 @@ def device_bytes(
     ``storage``. In bands the frame and its result are ``band_rows`` high. A ring holds ``frames_kept`` frames and one;
     ``spans`` of them, where they are weighed, hold their planes too, and what is shown is then not what recurs. A
     history at 200 % (``doubled``) holds twice four texels of colour, alpha and count in ``storage``. Where the device
-    has the host's memory (``shared``) the channels of the frame are read where they are, but for closeness.
+    has the host's memory (``shared``) the channels of the frame are read where they are, but for closeness. A result in
+    halves (``half``) is there beside the one that it is made from.
     """
     whole = Layout(width, height)
     band = Layout(width, band_rows) if band_rows else whole
@@ -62,7 +64,8 @@ def device_bytes(
     frame = REAL * (1 if shared else 4 + 2 * steps.own_motion + steps.alpha + steps.reactive)
     ring = REAL * kept_planes(steps) * (frames_kept + 1) if frames_kept else 0
     ring += REAL * (SPANS * span_planes(steps) + 2) + colour if spans else 0
-    return (frame + colour + REAL) * band.plane + (colour + 2 * REAL + texels + ring) * whole.plane
+    halves = HALF * (3 + steps.alpha) if half else 0
+    return (frame + colour + halves + REAL) * band.plane + (colour + 2 * REAL + texels + ring) * whole.plane
 
 
 class Memory(msgspec.Struct, frozen=True, kw_only=True):
@@ -97,27 +100,30 @@ def program_bytes() -> int:
 
 def of_resolve(
     width: int, height: int, channels: Collection[str], file: int, chunk: int, device: int, *, alpha: bool,
-    banded: bool = False, in_place: bool = False,
+    banded: bool = False, in_place: bool = False, half: bool = False,
 ) -> Memory:  # fmt: skip
     """Memory of a resolve of frames in float ``channels``, whose packed files have ``file`` bytes.
 
     ``chunk`` is what a chunk of such a file unpacks to. Memory of packed files, of groups of planes and of results is
     kept from frame to frame. Where channels are not decoded ``in_place``, what stands beside those of the frame until
     it is moved there is counted for one of the frames that are read at a time, since they seldom are in one step. In
-    bands one frame at a time is in memory, its result in its place, and beside it the count of each pixel; nothing is
-    kept. Results are counted as floats: in halves each of whole images takes half, and one more is the device's.
+    bands one frame at a time is in memory, its result in its place, and beside it the count of each pixel, and the
+    result in halves where that is what is written (``half``); nothing is kept.
     """
     plane, planes = REAL * width * height, 3 + alpha
     groups = [len(group) for group in GROUPS if group[0] in channels]
     frame = sum(in_large_pages(REAL * count * Layout(width, height).plane) for count in groups)
     frame += (len(channels) - sum(groups)) * plane
-    image = planes * plane if planes * plane < SMALLEST else in_large_pages(planes * plane)
-    frames, results, decoded = (1, 0, 1) if banded else (FRAMES, RESULTS, AHEAD)
+    number = HALF if half else REAL
+    image = planes * number * width * height
+    if not banded and image >= SMALLEST:
+        image = in_large_pages(image)
+    frames, results, decoded = (1, plane + half * image, 1) if banded else (FRAMES, RESULTS * image, AHEAD)
     beside = 0 if banded or in_place else plane * sum(groups)
     unpacking = (1 if in_place else decoded) * OpenEXR.global_thread_count() * BLOCKS * chunk
-    packing = exr_zip.THREADS * BLOCKS * planes * REAL * width * min(exr_zip.ROWS, height)
+    packing = exr_zip.THREADS * BLOCKS * planes * number * width * min(exr_zip.ROWS, height)
     return Memory(
-        device=device, frames=frames * frame, results=plane if banded else results * image,
+        device=device, frames=frames * frame, results=results,
         reading=file if banded else AHEAD * file + beside,
         packing=unpacking + packing + (1 if banded else BEHIND) * PIECE,
     )  # fmt: skip
@@ -132,8 +138,12 @@ def of_sequence(
     doubled: bool = False,
     spans: bool = False,
     shared: bool = False,
+    half: bool = False,
 ) -> Memory:
-    """Memory of a resolve of ``sequence`` with ``steps``: whole images, or bands of ``band_rows`` rows."""
+    """Memory of a resolve of ``sequence`` with ``steps``: whole images, or bands of ``band_rows`` rows.
+
+    With ``half`` it writes halves; the rest as ``device_bytes``.
+    """
     width, height = sequence.width, sequence.height
     return of_resolve(
         width, height, max((layout.channels for layout in sequence.layouts.values()), key=len),
@@ -141,9 +151,9 @@ def of_sequence(
         max(layout.chunk_bytes for layout in sequence.layouts.values()),
         device_bytes(
             width, height, steps, band_rows=band_rows, frames_kept=frames_kept, doubled=doubled, spans=spans,
-            shared=shared and not band_rows,
+            shared=shared and not band_rows, half=half,
         ),
-        alpha=steps.alpha, banded=bool(band_rows), in_place=sequence.in_place,
+        alpha=steps.alpha, banded=bool(band_rows), in_place=sequence.in_place, half=half,
     )  # fmt: skip
 
 

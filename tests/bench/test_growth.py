@@ -18,6 +18,7 @@ import pytest
 
 from cltaa.bench.growth import rounds_of, square
 from cltaa.cli import main
+from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.devices.launch import Buffer
 from cltaa.devices.numpy_launcher import NumpyLauncher
 from cltaa.files.manifest import PIECE
@@ -45,15 +46,35 @@ class Counting(NumpyLauncher):
         return super().allocate(shape, dtype)
 
 
+class CountingDevice(DeviceLauncher):
+    """The same of a device."""
+
+    allocated = 0
+
+    def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
+        self.allocated += int(np.prod(shape)) * np.dtype(dtype).itemsize
+        return super().allocate(shape, dtype)
+
+
+@pytest.mark.parametrize("half", [False, True])
 @pytest.mark.parametrize("storage", list(Storage))
 @pytest.mark.parametrize("channels", [{}, {"motion": True}, {"alpha": True, "reactive": True}], ids=str)
-def test_what_is_allocated_is_what_the_formula_says(storage: Storage, channels: dict[str, bool]) -> None:
+def test_what_is_allocated_is_what_the_formula_says(storage: Storage, channels: dict[str, bool], half: bool) -> None:
     launcher = Counting()
     resolver = Resolver(device=launcher, storage=storage)
     for index in range(2):
-        resolver.resolve(make_frame(index, width=50, height=31, effects=None, **channels))  # type: ignore[arg-type]
+        frame = make_frame(index, width=50, height=31, effects=None, **channels)  # type: ignore[arg-type]
+        resolver.resolve(frame, half=half)
     assert resolver.plan is not None
-    assert launcher.allocated == device_bytes(50, 31, resolver.plan.steps, storage)
+    assert launcher.allocated == device_bytes(50, 31, resolver.plan.steps, storage, half=half)
+
+
+def test_bands_take_the_halves_of_one_on_the_device() -> None:
+    launcher = CountingDevice()
+    resolver = BandedResolver(device=launcher, band_rows=16)
+    resolver.resolve(make_frame(0, width=50, height=31, alpha=True), half=True)
+    assert resolver.plan is not None
+    assert launcher.allocated == device_bytes(50, 31, resolver.plan.steps, band_rows=16, half=True)
 
 
 @pytest.mark.parametrize("alpha", [False, True])
@@ -142,15 +163,30 @@ def test_the_plan_of_a_sequence_says_its_memory(tmp_path: Path) -> None:
     assert memory.packing == threads + BEHIND * PIECE
 
 
+def test_the_plan_counts_results_in_halves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_sequence(tmp_path / "in", 2, width=50, height=31)
+    told = []
+    for more in ([], ["--half"]):
+        assert main(["inspect", str(folder), "--plan", "--device", "numpy", "--json", *more]) == 0
+        told.append(json.loads(capsys.readouterr().out)["memory"])
+    floats, halves = told
+    assert halves["device"] - floats["device"] == 3 * 2 * (64 + 32) * (31 + 8)  # where the kernel leaves them
+    assert halves["results"] == floats["results"] // 2 == (1 + BEHIND) * 3 * 2 * 50 * 31
+    assert halves["packing"] < floats["packing"]
+    assert [halves[name] - floats[name] for name in ("frames", "reading")] == [0, 0]
+
+
 @pytest.mark.big
+@pytest.mark.parametrize("half", [False, True])
 @pytest.mark.parametrize("motion", [False, True])
-def test_the_peak_is_what_the_formula_says(tmp_path: Path, motion: bool) -> None:
+def test_the_peak_is_what_the_formula_says(tmp_path: Path, motion: bool, half: bool) -> None:
     folder = write_sequence(tmp_path / "in", 10, width=1920, height=1080, motion=motion)
     resolve = ["resolve", str(folder), "-o", str(tmp_path / "out"), "--restart", "--device", "pthread"]
+    resolve += ["--half"] * half
     command = [sys.executable, "-m", "cltaa.cli", *resolve]
     peak_of(command)  # which builds the kernels
     # How far the two that are read at once overlap is chance.
-    assert peak_of(command) == pytest.approx(plan(open_sequence(folder), rounds=0).memory.whole, rel=0.10)
+    assert peak_of(command) == pytest.approx(plan(open_sequence(folder), rounds=0, half=half).memory.whole, rel=0.10)
 
 
 def peak_of(command: list[str]) -> int:
