@@ -180,16 +180,21 @@ def input_options(command: Command) -> Command:
 
 
 def measured_options(command: Command) -> Command:
-    """Add the options of ``input_options`` as one argument ``reading``, for a command that measures on sequences."""
+    """Add ``--truth`` and ``input_options`` as one argument ``reading``, for a command that measures on sequences."""
 
     @wraps(command)
-    def read(*, profile: str, inputs: tuple[str, ...], camera: Path | None, step: int, **others: Any) -> Any:
+    def read(*, camera: Path | None, truth: Path | None, **others: Any) -> Any:
         from cltaa.inputs.opening import Reading
 
-        file = None if camera is None else str(camera)
-        return command(reading=Reading(profile=profile, inputs=inputs, camera=file, step=step), **others)
+        files: dict[str, Any] = {"camera": camera and str(camera), "truth": truth and str(truth)}
+        told = {name: others.pop(name) for name in ("profile", "inputs", "step")}
+        return command(reading=Reading(**told, **files), **others)
 
-    return input_options(read)
+    truth = click.option(
+        "--truth", type=FILE_PATH, metavar="DIR",
+        help="Where the truth is, as B of cltaa compare.  [default: reference/ of each sequence]",
+    )  # fmt: skip
+    return input_options(truth(read))
 
 
 def open_each(folders: Iterable[Path], reading: Reading) -> dict[Path, Sequence]:

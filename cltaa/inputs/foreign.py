@@ -94,7 +94,9 @@ class ForeignSequence(Sequence):
         """Return the frames ``first`` to ``last``, both included."""
         self.path(first), self.path(last)
         numbers = [number for number in self.numbers if first <= number <= last]
-        return type(self)(self.folder, self.intake, numbers, strict=self._strict, verify=self.verify)
+        selected = type(self)(self.folder, self.intake, numbers, strict=self._strict, verify=self.verify)
+        selected.truth_folder = self.truth_folder
+        return selected
 
     def open_supersampled(self, folder: Path) -> ImageSequence:
         """Open a folder with supersampled frames, read as these are."""

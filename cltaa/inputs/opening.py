@@ -49,18 +49,24 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
     profile: str = "auto"
     inputs: tuple[str, ...] = ()
     camera: str | None = None  # the side file
+    truth: str | None = None  # its folder, or that of a capture that holds one; None: reference/ of the sequence
     step: int = 1
 
     def open(self, folder: Path) -> Sequence:
         """Open a folder so; raises what ``open_input`` raises."""
-        return open_input(
+        sequence = open_input(
             folder, profile=self.profile, assignments=self.inputs, side_file=self.camera, step=self.step
         )  # fmt: skip
+        if self.truth is not None:
+            within = Path(self.truth) / "reference"
+            sequence.truth_folder = within if within.is_dir() else Path(self.truth)
+        return sequence
 
     def within(self, folder: Path) -> Reading:
         """The same, with the folder in place of ``{}`` in the names of its files."""
-        camera = None if self.camera is None else self.camera.replace(PLACE, str(folder))
-        return msgspec.structs.replace(self, profile=self.profile.replace(PLACE, str(folder)), camera=camera)
+        named = {"profile": self.profile, "camera": self.camera, "truth": self.truth}
+        placed = {key: name and name.replace(PLACE, str(folder)) for key, name in named.items()}
+        return msgspec.structs.replace(self, **placed)
 
 
 AS_EVER = Reading()  # cltaa's own as they are, another tool's by what their headers say

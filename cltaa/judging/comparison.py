@@ -137,7 +137,7 @@ def truth_of(sequence: Sequence) -> ImageSequence:
         sequence.refuse_result()
         cure = (
             "capture it with --reference 256, best also --yardstick 2,4,8,16,32,64; or render it there yourself, with"
-            " many samples a pixel and the names of the frames"
+            " many samples a pixel and the names of the frames; or say by --truth DIR where it is"
         )
         raise InputMissing("no truth to measure against", path=sequence.folder / "reference", cure=cure)
     return sequence.reference

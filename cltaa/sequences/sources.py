@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -54,6 +54,8 @@ class Sequence(NumberedFiles):
     ``effects`` is what the first header declares, or None where it declares nothing; ``reference`` is the truth that
     lies in ``reference/``, or None; ``sequence_json`` is what ``sequence.json`` says about the capture, or empty.
     """
+
+    truth_folder: Path | None = None  # where the truth lies, if not in ``reference/``
 
     @property
     def reading(self) -> dict[str, Any]:
@@ -128,8 +130,8 @@ class Sequence(NumberedFiles):
 
     def known_reference(self) -> ImageSequence | None:
         """The truth of those frames that have one, or None; raises DataError where it is of another size."""
-        folder = self.folder / "reference"
-        if not folder.exists():
+        folder = self.truth_folder or self.folder / "reference"
+        if self.truth_folder is None and not folder.exists():
             return None
         reference = self.open_supersampled(folder)
         check_same_size(self, reference)
@@ -143,6 +145,12 @@ class Sequence(NumberedFiles):
     def sequence_json(self) -> dict[str, Any]:
         """Content of ``sequence.json``, or an empty dict where there is none."""
         return read_capture_record(self.folder)
+
+    def select(self, first: int, last: int) -> Self:
+        """Return the frames ``first`` to ``last``, both included; raises UsageError unless these two are there."""
+        selected = super().select(first, last)
+        selected.truth_folder = self.truth_folder
+        return selected
 
     def frame_header(self, number: int) -> FrameHeader:
         """Camera, jitter, cut and exposure of one frame number, checked, read without its pixels."""

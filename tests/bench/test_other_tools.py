@@ -24,6 +24,7 @@ from cltaa.parameters.presets import load_preset
 from cltaa.resolve.timed_resolve import timed_numbers
 from cltaa.tuning.record import key_of
 from tests.inputs.foreign import frames, side_text, write_blender, write_own
+from tests.sequence_factory import write_sequence
 
 COUNT = 4
 VARIANTS = ladder(load_preset("t2"))[:1]
@@ -126,6 +127,31 @@ def test_what_is_asked_for_speaks_of_other_tools_files(own: Path, shot: Path, tm
     ):
         readings([own, shot, other], Reading(camera="side.txt"))
     assert readings([own, shot], Reading(camera="side.txt"))[shot] == Reading(camera="side.txt")
+
+
+def test_a_truth_may_lie_elsewhere(own: Path, shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In a folder of its own or that of a capture; numbers and sizes are held against the frames', as ever."""
+    camera = ["--camera", str(shot / "camera.txt")]
+    expected, _ = judged(capsys, shot, tmp_path / "work", *camera)
+    (shot / "reference").rename(tmp_path / "truth")
+    arguments = ["bench", "quality", "--sequence", str(shot), "--preset", "t2", "--work", str(tmp_path / "work")]
+    assert main([*arguments, *camera]) == 66
+    assert "say by --truth DIR where it is" in capsys.readouterr().err
+    for place in (str(tmp_path / "truth"), "{}/../truth", str(own)):
+        found, _ = judged(capsys, shot, tmp_path / "work", *camera, "--truth", place)
+        assert found["rows"] == expected["rows"]
+    reading = Reading(camera=camera[1], truth=str(tmp_path / "truth"))
+    (task,) = tasks_of([shot], VARIANTS, "numpy", ("mse",), 0, reading)
+    (other,) = tasks_of([shot], VARIANTS, "numpy", ("mse",), 0, Reading(camera=camera[1], truth=str(own)))
+    assert task.key() != other.key()
+    assert run_task(task).frames == run_task(other).frames
+    assert reading.open(shot).select(1, 2).reference is not None
+    for wrong, code, words in (
+        (tmp_path / "nowhere", 66, f"{tmp_path / 'nowhere'}"),
+        (write_sequence(tmp_path / "late", COUNT, first=2), 66, "the reference of this frame is missing"),
+    ):
+        assert main([*arguments, *camera, "--truth", str(wrong)]) == code
+        assert words in capsys.readouterr().err
 
 
 def test_tune_reads_by_a_profile(shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
