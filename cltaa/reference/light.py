@@ -13,7 +13,7 @@ from cltaa.memory.layout import Layout
 from cltaa.parameters.build import Build, Record
 from cltaa.parameters.choices import BoxSpace
 from cltaa.reference.colour import Colour, to_box_space, to_range
-from cltaa.reference.neighbourhood import spread_of_three
+from cltaa.reference.moments import spread_of_three
 from cltaa.reference.real import Array, constant, greater, lesser, number
 from cltaa.reference.repair import repaired_planes
 from cltaa.reference.sampling import Footprint

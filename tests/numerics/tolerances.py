@@ -20,7 +20,7 @@ from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.devices.launch import Launcher
 from cltaa.devices.numpy_launcher import NumpyLauncher
 from cltaa.parameters.build import HALVES, Build
-from cltaa.reference.bounded import with_bounds
+from cltaa.reference.with_bounds import with_bounds
 from tests.kernels.hard_planes import Planes
 from tests.kernels.stage_chain import ALL_STEPS, WRITES, Work, arguments_of, chain_work, run_stage, variants
 from tests.numerics.units import OUTPUTS, STORED, Output, U
