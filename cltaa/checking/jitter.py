@@ -1,7 +1,8 @@
 """Whether the declared jitter is that of the pixels: sign, axes, scale, phase, presence, mean.
 
-What lies still moves on the pixel grid by minus the change of jitter; between two frames its measured shift must be
-the declared change. A least-squares map from one to the other names the mistake.
+What lies still moves on the pixel grid by minus the change of jitter. Before a camera that stands the likeness of all
+samples says which jitter they were taken with; else the measured shift between two frames must be the declared change, and
+a least-squares map from one to the other names the mistake.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from cltaa.checking.alignment import Fit
 from cltaa.checking.finding import Finding
 from cltaa.checking.gains import left_over, linear_fix, linear_maps, regress
+from cltaa.checking.likeness import Likeness, declared_jitter, measure_likeness
 from cltaa.checking.shots import Shot
 from cltaa.checking.signal import Vector
 from cltaa.printable import counted
@@ -22,38 +24,88 @@ LEAST_SHIFT_PX = 0.1  # root mean square; less is no jitter
 MOST_LEFT_PX = 0.45  # root mean square; where more is left, jitter is not what moved the picture
 CLEARLY_BETTER = 0.85  # what is left under another map, over what is left as declared
 LARGEST_MEAN_PX = 0.15  # a centred jitter of at least 8 samples stays below, even where the period is cut
+CLEARLY_SCALED = 0.6  # what is left under half or twice, over what is left without: aliasing makes shifts too small
 DELAYS = (-2, -1, 1, 2)
+CLEARLY_SCALED_SCATTER = 0.9  # of the likeness, likewise; 0.92 is the least seen where the whole one is right
+MOST_SCATTER = 0.45  # of the likeness; where more is left over, distance is not what makes samples differ
+CLEARLY_SMOOTHER = 0.87  # scatter under another map of the same size, over that as declared
 
 
 def check_jitter(shot: Shot, shifts: Sequence[Fit | None]) -> list[Finding]:
     """Findings about the declared jitter, given the shift measured for each pair (None: not measurable)."""
     found = _mean(shot)
+    likeness = measure_likeness(shot) if np.ptp(declared_jitter(shot.frames), axis=0).any() else None
+    judged = None if likeness is None else _by_likeness(shot, likeness)
+    return found + (_by_shifts(shot, shifts) if judged is None else judged)
+
+
+def _by_likeness(shot: Shot, likeness: Likeness) -> list[Finding] | None:
+    """What a camera that stands shows; None where it shows nothing."""
+    declared = declared_jitter(shot.frames)
+    maps = linear_maps(*shot.window) | {"absent": np.zeros((2, 2))}
+    scatter = {name: likeness.scatter(declared @ matrix.T) for name, matrix in maps.items()}
+    best = _plainest(scatter, CLEARLY_SCALED_SCATTER)
+    by_delay = {delay: _delayed(shot, declared, delay) for delay in DELAYS}
+    late = min(by_delay, key=lambda delay: likeness.scatter(by_delay[delay]))
+    known = np.isfinite(by_delay[late])
+    left = likeness.scatter(by_delay[late])
+    plain, other = (likeness.scatter(np.where(known, declared @ maps[name].T, np.nan)) for name in ("", best))
+    if left < min(MOST_SCATTER, CLEARLY_SMOOTHER * min(plain, other)):
+        evidence = f"differences of all samples are a function of distance but for {left:.0%} with the jitter of "
+        evidence += f"{_frames(late)}, {plain:.0%} as declared"
+        return [_late(late, evidence, left, plain)]
+    if scatter[best] > MOST_SCATTER:
+        return None
+    if scatter[best] > CLEARLY_SMOOTHER * scatter[""]:
+        return []
+    evidence = f"differences of all samples are a function of distance but for {scatter[best]:.0%} so, "
+    evidence += f"{scatter['']:.0%} as declared, over {counted(len(declared), 'frame')}"
+    what, fix = _meaning(best, maps[best])
+    return [_finding(_key(best), what, evidence, scatter[best], scatter[""], fix)]
+
+
+def _delayed(shot: Shot, declared: Vector, delay: int) -> Vector:
+    """The jitter of the frames ``delay`` later, [n, 2]; NaN where there is none."""
+    by_index = {frame.index: jitter for frame, jitter in zip(shot.frames, declared, strict=False)}
+    nothing = np.full(2, np.nan)
+    return np.array([by_index.get(f.index + delay * f.step, nothing) for f in shot.frames[: len(declared)]])
+
+
+def _by_shifts(shot: Shot, shifts: Sequence[Fit | None]) -> list[Finding]:
     known = [place for place, fit in enumerate(shifts) if fit is not None]
     if len(known) < LEAST_PAIRS:
-        return found
+        return []
     measured = np.array([shifts[place].shift for place in known])  # type: ignore[union-attr]
     declared = np.array([shot.pairs[place].jitter_change for place in known])
     weights = _weights([shifts[place] for place in known])  # type: ignore[misc]
     present = float(np.sqrt((measured**2).sum(1).mean()))
     if not declared.any():
-        return found + _undeclared(shot, measured, present)
+        return _undeclared(shot, measured, present)
     as_declared = left_over(measured, declared, np.eye(2), weights)
     maps = linear_maps(*shot.window) | {"absent": np.zeros((2, 2))}
     left = {name: left_over(measured, declared, matrix, weights) for name, matrix in maps.items()}
-    best = min(left, key=lambda name: left[name])
+    best = _plainest(left, CLEARLY_SCALED)
     delay, delayed = _best_delay(shot, known, measured, weights)
     if delayed < CLEARLY_BETTER * min(left[best], as_declared) and left[best] > LEAST_SHIFT_PX:
         evidence = f"shifts of {len(known)} pairs fit the jitter of {_frames(delay)} to {delayed:.2f} px rms, "
         evidence += f"as declared only to {as_declared:.2f} px"
-        what = f"the jitter declared for a frame is that of {_frames(delay)}"
-        return [*found, _finding("jitter-late", what, evidence, delayed, as_declared, {"delay": delay})]
+        return [_late(delay, evidence, delayed, as_declared)]
     if not best or as_declared < LEAST_SHIFT_PX or left[best] > min(CLEARLY_BETTER * as_declared, MOST_LEFT_PX):
-        return found
+        return []
     gain = regress(measured, declared, weights).matrix
     evidence = f"measured shift = [[{gain[0, 0]:.3g}, {gain[0, 1]:.3g}], [{gain[1, 0]:.3g}, {gain[1, 1]:.3g}]] x "
     evidence += f"declared change over {len(known)} pairs; {left[best]:.2f} px rms left, {as_declared:.2f} as declared"
     what, fix = _meaning(best, maps[best])
-    return [*found, _finding(_key(best), what, evidence, left[best], as_declared, fix)]
+    return [_finding(_key(best), what, evidence, left[best], as_declared, fix)]
+
+
+def _plainest(left: dict[str, float], clearly: float) -> str:
+    """The map that leaves least, one of half or twice the size only where it is far better than that without."""
+    best = min(left, key=lambda name: left[name])
+    if not best.startswith("scaled"):
+        return best
+    whole = min((name for name in left if not name.startswith("scaled")), key=lambda name: left[name])
+    return best if left[best] < clearly * left[whole] else whole
 
 
 def _weights(fits: Sequence[Fit]) -> Vector:
@@ -142,6 +194,11 @@ def _finding(name: str, what: str, evidence: str, left: float, declared: float, 
     return Finding(
         name=name, mistake=True, confidence=confidence, what=what, evidence=evidence, fix={"jitter": fix}
     )  # fmt: skip
+
+
+def _late(delay: int, evidence: str, left: float, declared: float) -> Finding:
+    what = f"the jitter declared for a frame is that of {_frames(delay)}"
+    return _finding("jitter-late", what, evidence, left, declared, {"delay": delay})
 
 
 def _key(best: str) -> str:

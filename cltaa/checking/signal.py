@@ -18,12 +18,18 @@ MOST_POINTS = 60_000  # points looked at in a frame; more only cost time
 
 def register_signal(colour: Image) -> NDArray[np.float32]:
     """The band of ``colour`` [H, W, 3] that carries position: [H, W] float32, zero mean locally."""
+    squeezed = squeezed_light(colour)
+    return np.subtract(blur(squeezed, FINE_PX), blur(squeezed, COARSE_PX), dtype=np.float32)
+
+
+def squeezed_light(colour: Image) -> NDArray[np.float32]:
+    """Luminance of ``colour`` [H, W, 3] squeezed into 0 to 1, [H, W] float32."""
     finite = np.nan_to_num(colour.astype(np.float32), nan=0.0, posinf=65504.0, neginf=0.0)
     light: NDArray[np.float32] = np.maximum(finite @ LUMA, np.float32(0))
     # Compressed by its own middle: bright spots do not outweigh the rest, and exposure cancels.
     middle = float(np.median(light[light > 0])) if (light > 0).any() else 1.0
     squeezed: NDArray[np.float32] = light / (light + np.float32(middle))
-    return np.subtract(blur(squeezed, FINE_PX), blur(squeezed, COARSE_PX), dtype=np.float32)
+    return squeezed
 
 
 def blur(image: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
