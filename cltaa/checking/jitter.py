@@ -1,8 +1,8 @@
 """Whether the declared jitter is that of the pixels: sign, axes, scale, phase, presence, mean.
 
 What lies still moves on the pixel grid by minus the change of jitter. Before a camera that stands the likeness of all
-samples says which jitter they were taken with; else the measured shift between two frames must be the declared change, and
-a least-squares map from one to the other names the mistake.
+samples says which jitter they were taken with; else the measured shift between two frames must be the declared change,
+and a least-squares map from one to the other names the mistake.
 """
 
 from __future__ import annotations

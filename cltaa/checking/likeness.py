@@ -1,8 +1,8 @@
 """How alike two samples are by how far apart they were taken: a judge of jitter that aliasing does not bias.
 
-One sample a pixel of fine patterns is locked to the grid, so that a measured shift comes out too small, or with the wrong
-sign. Where the camera stands no shift is needed: any two pixels of any two frames are two samples of one picture, a
-whole number of pixels and the change of jitter apart, and they differ the more the farther that is (the variogram of
+One sample a pixel of fine patterns is locked to the grid, so that a measured shift comes out too small, or with the
+wrong sign. Where the camera stands no shift is needed: any two pixels of any two frames are two samples of one picture,
+a whole number of pixels and the change of jitter apart, and they differ the more the farther that is (the variogram of
 Matheron, 1963, Principles of geostatistics). The whole pixels anchor the scale: under the right jitter the mean
 differences are a smooth function of the distance, under a wrong one they scatter about it.
 """
@@ -57,7 +57,7 @@ class Likeness(NamedTuple):
 
 
 def measure_likeness(shot: Shot) -> Likeness | None:
-    """The likeness of all frames of a camera that stands, at what rests; None where it moves, or nothing can be seen."""
+    """The likeness of all frames of a camera that stands, at what rests; None where it moves or nothing is seen."""
     frames = shot.frames[:MOST_FRAMES]
     stands = all(is_still(frame.camera, frames[0].camera) for frame in frames)
     if not (shot.has_camera and stands and 0 < len(shot.pairs) == len(shot.frames) - 1):  # no cut, no gap
