@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -125,15 +125,40 @@ def results(chosen: list[Mutation]) -> Iterator[tuple[Mutation, str, str]]:
             file.write_text(text, encoding="utf-8")
 
 
-def main() -> None:
+def chosen_by(parts: Sequence[str]) -> list[Mutation]:
+    """The faults whose description holds one of ``parts``, or whose file is meant by it; all of them without any.
+
+    Raises SystemExit for parts that choose nothing.
+    """
+    names = {part: Path(part).resolve().relative_to(TOP).as_posix() for part in parts if _is_in_tree(part)}
+
+    def is_meant(mutation: Mutation, part: str) -> bool:
+        return part in mutation.fault or part in mutation.file or mutation.file == names.get(part)
+
+    idle = [part for part in parts if not any(is_meant(mutation, part) for mutation in MUTATIONS)]
+    if idle:
+        raise SystemExit(f"no fault and no file of one holds {', '.join(idle)}; see --list")
+    return [mutation for mutation in MUTATIONS if not parts or any(is_meant(mutation, part) for part in parts)]
+
+
+def _is_in_tree(part: str) -> bool:
+    return Path(part).resolve().is_relative_to(TOP)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table; exit with 1 where a mutation lives."""
     parser = argparse.ArgumentParser(prog="scripts/mutate", description=__doc__)
-    parser.add_argument("parts", nargs="*", default=[""], help="only faults whose description holds one of these texts")
-    parts = parser.parse_args().parts
-    chosen = [mutation for mutation in MUTATIONS if any(part in mutation.fault for part in parts)]
+    told = "only faults whose description or file holds one of these texts (resolve.h, kernels/resolve.h)"
+    parser.add_argument("parts", nargs="*", metavar="PART", help=told)
+    parser.add_argument("--list", action="store_true", help="say which faults these are, and put none in")
+    given = parser.parse_args(arguments)
+    chosen = chosen_by(given.parts)
+    if given.list:
+        print("| fault | file |\n|---|---|", *(f"| {each.fault} | {each.file} |" for each in chosen), sep="\n")
+        return
     rotten = [mutation.fault for mutation in MUTATIONS if occurrences(mutation) != 1]
-    if rotten or not chosen:
-        raise SystemExit(f"text not found exactly once: {'; '.join(rotten)}" if rotten else f"no fault holds {parts}")
+    if rotten:
+        raise SystemExit(f"text not found exactly once: {'; '.join(rotten)}")
     living = []
     print("| fault | file | noticed by bits | noticed by values |\n|---|---|---|---|", flush=True)
     for mutation, bits, values in results(chosen):

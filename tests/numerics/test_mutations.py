@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.numerics.memory import EDITS, PLANTED
-from tests.numerics.mutations import MUTATIONS, Mutation, occurrences
+from tests.numerics.mutations import MUTATIONS, TOP, Mutation, chosen_by, main, occurrences
 
 
 @pytest.mark.parametrize(
@@ -30,3 +30,27 @@ def test_the_page_lists_every_fault() -> None:
     rows = re.findall(r"^\| (.+?) \| ((?:kernels|cltaa)/\S+) \|", listed[1], re.MULTILINE)
     assert sorted(rows) == sorted((mutation.fault, mutation.file) for mutation in MUTATIONS)
     assert f"The table holds {len(rows)} faults." in listed[1]
+
+
+@pytest.mark.parametrize(
+    ("part", "file"),
+    [
+        ("variance as the mean of squares", "kernels/moments.h"),
+        ("moments.h", "kernels/moments.h"),
+        ("kernels/moments.h", "kernels/moments.h"),
+        ("./kernels/moments.h", "kernels/moments.h"),
+        (str(TOP / "kernels" / "moments.h"), "kernels/moments.h"),
+    ],
+)
+def test_faults_are_chosen_by_description_or_file(part: str, file: str, capsys: pytest.CaptureFixture[str]) -> None:
+    chosen = chosen_by([part])
+    assert chosen
+    assert {mutation.file for mutation in chosen} == {file}
+    assert chosen_by([]) == MUTATIONS
+    main(["--list", part])
+    assert capsys.readouterr().out.splitlines()[2:] == [f"| {each.fault} | {each.file} |" for each in chosen]
+
+
+def test_parts_that_choose_no_fault_are_named() -> None:
+    with pytest.raises(SystemExit, match=r"^no fault and no file of one holds nowhere.h; see --list$"):
+        chosen_by(["moments.h", "nowhere.h"])
