@@ -164,6 +164,9 @@ class Context:
 def open_context(backend: str = "auto") -> Context:
     """Open an off-screen OpenGL context and make it current; raises DeviceMissing where there is none."""
     chosen = choose_backend(backend)
+    if sys.flags.optimize:
+        cure = "run it without python -O and without the variable PYTHONOPTIMIZE"
+        raise DeviceMissing("no off-screen OpenGL: pyrender opens it in assertions, which -O leaves out", cure=cure)
     try:
         _mend_pyrender(chosen)
         platform = _started(_egl_platforms() if chosen == "egl" else [_osmesa_platform()])

@@ -229,6 +229,8 @@ def no_frames(folder: Path, files: Iterable[Path]) -> InputMissing:
     cure = f"number the frames, as in {Path(names[0]).stem}.0001.exr" if names else None
     if any(re.search(r"(^|[._-])-[0-9]+\.exr$", name) for name in names):
         cure = "numbers below 0 are not read: number the frames from 0 or 1 on"
+    elif any(re.search(r"[0-9]{10,}\.exr$", name) for name in names):
+        cure = "numbers have nine digits at most: number the frames from 0 or 1 on"
     found = ", ".join(names)
     if not names:
         below = sequences_below(folder)

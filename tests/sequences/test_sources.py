@@ -72,7 +72,8 @@ def test_names_of_other_tools(tmp_path: Path, pattern: str, name: str) -> None:
     ("name", "cure"),
     [
         *((name, "numbers below 0 are not read") for name in ("shot.-001.exr", "shot_-001.exr", "-001.exr")),
-        *((name, "number the frames, as in shot.") for name in ("shot.0123456789.exr", "shot.exr")),
+        ("shot.0123456789.exr", "numbers have nine digits at most"),
+        ("shot.exr", "number the frames, as in shot."),
     ],
 )
 def test_what_is_no_frame_number(tmp_path: Path, name: str, cure: str) -> None:
