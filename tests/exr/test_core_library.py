@@ -1,0 +1,94 @@
+"""The library that decodes straight into planes: used where it means what is expected, and nowhere else."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from cltaa.exr import core as exr_core
+from cltaa.exr.layout import PIXEL_BYTES
+from cltaa.exr.read import read_frame
+from cltaa.exr.write import write_frame, write_image
+from tests.exr.decoding import HEIGHT, WIDTH, channels, decode
+from tests.sequence_factory import bits, make_frame
+
+pytestmark = pytest.mark.usefixtures("three_threads")
+
+
+@pytest.mark.parametrize("fill", [0x55, 0xAA])
+def test_a_pipeline_is_as_long_as_the_library_s(tmp_path: Path, fill: int) -> None:
+    """A longer one of the library's would be written over what lies behind ours."""
+    write_frame(tmp_path / "a.exr", make_frame(0))
+    core, ours = exr_core.core(), ctypes.sizeof(exr_core._Pipeline)
+    assert core is not None
+    context, chunk = ctypes.c_void_p(), exr_core._Chunk()
+    assert core.long.exr_start_read(ctypes.byref(context), bytes(tmp_path / "a.exr"), None) == 0
+    assert core.quick.exr_read_scanline_chunk_info(context, 0, 0, ctypes.byref(chunk)) == 0
+    memory = (ctypes.c_uint8 * (2 * ours))(*[fill] * (2 * ours))
+    exr_core._Pipeline.from_buffer(memory).pipe_size = ours
+    both = (context, 0, ctypes.byref(chunk), ctypes.byref(memory))
+    assert core.quick.exr_decoding_initialize(*both) == 0
+    assert max(place for place, byte in enumerate(memory) if byte != fill) == ours - 1
+    core.quick.exr_decoding_destroy(context, ctypes.byref(memory))
+    core.long.exr_finish(ctypes.byref(context))
+
+
+def frame_by(core: Callable[[], Any], path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    with monkeypatch.context() as patch:
+        patch.setattr(exr_core, "core", core)
+        return read_frame(path)
+
+
+def test_without_the_library_frames_are_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.0003.exr"
+    write_frame(path, make_frame(3, motion=True, alpha=True, reactive=True, object_id=True, normal=True))
+    here, without = frame_by(exr_core.core, path, monkeypatch), frame_by(lambda: None, path, monkeypatch)
+    for name in ("colour", "depth", "motion", "alpha", "reactive", "object_id", "normal"):
+        np.testing.assert_array_equal(bits(getattr(here, name)), bits(getattr(without, name)), err_msg=name)
+        assert getattr(here, name).strides == getattr(without, name).strides
+
+
+def test_a_library_of_another_version_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    for other in ((3, 4), (3, 6), (4, 5)):
+        monkeypatch.setattr(exr_core, "VERSION", other)
+        assert exr_core.core.__wrapped__() is None
+    monkeypatch.setattr(OpenEXR, "__file__", "/nowhere.so")
+    assert exr_core.core.__wrapped__() is None
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("start_y", 1), ("width", WIDTH + 1), ("height", 0), ("height", HEIGHT + 1)]
+)
+def test_a_library_that_means_other_chunks_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, value: int
+) -> None:
+    """As one would whose structures are laid out in another way: more rows than are left would go behind a plane."""
+    write_image(tmp_path / "a.exr", channels("float32"))
+    library = exr_core.core()
+    assert library is not None
+
+    class Other:
+        def __getattr__(self, called: str) -> Any:
+            return getattr(library.quick, called)  # type: ignore[union-attr]
+
+        def exr_read_scanline_chunk_info(self, context: Any, part: int, y: int, chunk: Any) -> int:
+            failed: int = library.quick.exr_read_scanline_chunk_info(context, part, y, chunk)  # type: ignore[union-attr]
+            setattr(chunk._obj, name, value)
+            return failed
+
+    other: Any = Other()
+    monkeypatch.setattr(exr_core, "core", lambda: library._replace(quick=other))
+    assert decode(tmp_path / "a.exr") is None
+
+
+def test_a_library_that_means_other_channels_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As one would whose structures are laid out in another way."""
+    write_image(tmp_path / "a.exr", channels("float32"))
+    monkeypatch.setitem(PIXEL_BYTES, "float", 2)
+    assert decode(tmp_path / "a.exr") is None
