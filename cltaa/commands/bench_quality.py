@@ -42,7 +42,7 @@ from cltaa.commands.options import (
 )
 from cltaa.devices.launch import Launcher, launcher_for
 from cltaa.errors import UsageError
-from cltaa.inputs.opening import Reading
+from cltaa.inputs.opening import AS_EVER, Reading
 from cltaa.parameters.presets import Preset
 from cltaa.printable import json_of
 from cltaa.sequences.sources import Sequence
@@ -147,6 +147,12 @@ def quality(
     cases = [(Case(folder.name, GIVEN, folder), 0) for folder in folders]
     if scenes or not folders:
         cases += _planned(scenes, seeds, shape, work)
+    if reading != AS_EVER and not folders:
+        what, cure = (
+            "profile, input, camera, step, truth and effects are of frames that are there",
+            "name them: --sequence",
+        )
+        raise UsageError(what, cure=cure)
     sequences = _opened(folders, settled, reading)
     launcher = launcher_for(device)  # one for all sequences, so that each kernel is built once
     judged: list[tuple[Case, dict[str, Judged]]] = []
@@ -165,7 +171,8 @@ def quality(
         write_page(page, markdown(table, about, texts))
     if as_json:
         definitions = {column.name: column.title for column in COLUMNS}
-        click.echo(json_of({"about": about, "definitions": definitions} | msgspec.to_builtins(table)))
+        read = {name: sequence.notes for name, sequence in sequences.items() if sequence.notes}
+        click.echo(json_of({"about": about, "definitions": definitions, "read": read} | msgspec.to_builtins(table)))
     else:
         _print(table)
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from cltaa.sequences.sources import Sequence
 
 Command = Callable[..., Any]
+EFFECTS_HELP = "auto (as declared), all, or a comma-separated list."
 ALL_SCENES = "all"  # every scene of cltaa scenes
 DIGITS = "[0-9]{1,20}"  # of a whole number: Python refuses to read one of thousands
 
@@ -180,21 +181,23 @@ def input_options(command: Command) -> Command:
 
 
 def measured_options(command: Command) -> Command:
-    """Add ``--truth`` and ``input_options`` as one argument ``reading``, for a command that measures on sequences."""
+    """Add ``--truth``, ``--effects`` and ``input_options``, all as one argument ``reading``, to what measures."""
 
     @wraps(command)
     def read(*, camera: Path | None, truth: Path | None, **others: Any) -> Any:
         from cltaa.inputs.opening import Reading
 
+        chosen_effects(others["effects"])  # a name that is none is told here
         files: dict[str, Any] = {"camera": camera and str(camera), "truth": truth and str(truth)}
-        told = {name: others.pop(name) for name in ("profile", "inputs", "step")}
+        told = {name: others.pop(name) for name in ("profile", "inputs", "effects", "step")}
         return command(reading=Reading(**told, **files), **others)
 
     truth = click.option(
         "--truth", type=FILE_PATH, metavar="DIR",
         help="Where the truth is, as B of cltaa compare.  [default: reference/ of each sequence]",
     )  # fmt: skip
-    return input_options(truth(read))
+    effects = click.option("--effects", default="auto", show_default=True, help=EFFECTS_HELP)
+    return input_options(effects(truth(read)))
 
 
 def open_each(folders: Iterable[Path], reading: Reading) -> dict[Path, Sequence]:

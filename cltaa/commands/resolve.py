@@ -8,6 +8,7 @@ import click
 from msgspec.structs import replace
 
 from cltaa.commands.options import (
+    EFFECTS_HELP,
     FILE_PATH,
     FRAME_RANGE,
     NAMES,
@@ -46,9 +47,7 @@ from cltaa.sequences.sources import Sequence
 @click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
 @click.option("--set", "assignments", multiple=True, metavar="KEY=VALUE", help="One parameter; may be repeated.")
 @click.option("--device", help="Part of an OpenCL device's name, its index, or numpy.  [default: first, GPUs first]")
-@click.option(
-    "--effects", default="auto", show_default=True, help="auto (as declared), all, or a comma-separated list."
-)
+@click.option("--effects", default="auto", show_default=True, help=EFFECTS_HELP)
 @click.option("--frames", type=FRAME_RANGE, help="Only these frames, both included.")
 @click.option("--preview", type=FILE_PATH, help="Also write the result as an MP4, as fast as it was captured.")
 @click.option("--half", is_flag=True, help="Write half-precision EXRs (values saturate at 65504).")

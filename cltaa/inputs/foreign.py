@@ -18,7 +18,7 @@ from cltaa.exr.attributes import MATRICES
 from cltaa.exr.channels import Pixels
 from cltaa.files.manifest import file_sha256, recorded_hashes
 from cltaa.frame_checks import check_camera
-from cltaa.frames import Camera, Effect, Frame, Image
+from cltaa.frames import Camera, Effect, Frame, Image, format_effects
 from cltaa.inputs.convert import linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.intake import Intake, intake_lines
 from cltaa.inputs.parts import read_any_header, read_planes
@@ -27,15 +27,26 @@ from cltaa.memory.haloed import haloed
 from cltaa.sequences.frame_numbers import OnBreak, name_of
 from cltaa.sequences.sources import CHANNEL_OF, NO_PIXELS, ImageSequence, Sequence
 
+EFFECT_OF = {"motion": Effect.MOTION, "alpha": Effect.ALPHA, "reactive": Effect.REACTIVE}  # what a channel is there for
+
 
 class ForeignSequence(Sequence):
     """A ``Sequence`` whose frames are converted while they are read; ``strict`` False lets wrong matrices pass."""
 
     def __init__(
-        self, folder: Path, intake: Intake, numbers: Many[int], *, strict: bool = True, verify: bool = True
+        self,
+        folder: Path,
+        intake: Intake,
+        numbers: Many[int],
+        *,
+        strict: bool = True,
+        verify: bool = True,
+        effects: frozenset[Effect] | None = None,
     ) -> None:
-        """Take what ``open_intake`` decided."""
-        self.intake, self._strict = intake, strict
+        """Take what ``open_intake`` decided; ``effects`` are declared for it, and channels of no other are read."""
+        self.intake, self._strict, self._declared = intake, strict, effects
+        left_out = set() if effects is None else {role for role, effect in EFFECT_OF.items() if effect not in effects}
+        self._roles = {role: places for role, places in intake.roles.items() if role not in left_out}
         self._hashes: dict[Path, dict[str, str]] = {}
         main = intake.sets[intake.roles["colour"][0].files]
         self.folder, self.name = folder, name_of(main[numbers[0]])
@@ -45,14 +56,15 @@ class ForeignSequence(Sequence):
 
     @property
     def effects(self) -> frozenset[Effect] | None:
-        """Nothing is declared, so every step is on."""
-        return None
+        """What was declared for it; its files declare nothing, so that every step is on."""
+        return self._declared
 
     @property
     def reading(self) -> dict[str, Any]:
         """The profile, and where nothing tells a camera or a jitter that so it is."""
         without = {"undeclared": sorted(self.undeclared)}
-        return super().reading | {"profile": msgspec.to_builtins(self.intake.profile)} | without
+        declared = {} if self._declared is None else {"effects": sorted(self._declared)}
+        return super().reading | {"profile": msgspec.to_builtins(self.intake.profile)} | without | declared
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -78,7 +90,8 @@ class ForeignSequence(Sequence):
     @property
     def notes(self) -> list[str]:
         """What was decided about its files, line by line."""
-        return list(intake_lines(self.intake))
+        declared = [] if self._declared is None else [f"effects {format_effects(self._declared) or 'none'}, as asked"]
+        return [*intake_lines(self.intake), *declared]
 
     @property
     def in_place(self) -> bool:
@@ -88,14 +101,16 @@ class ForeignSequence(Sequence):
     @property
     def holds(self) -> frozenset[str]:
         """Which of motion, alpha and reactive its frames have: all or none, as the profile finds their channels."""
-        return frozenset(CHANNEL_OF.keys() & self.intake.roles.keys())
+        return frozenset(CHANNEL_OF.keys() & self._roles.keys())
 
     def select(self, first: int, last: int) -> Self:
         """Return the frames ``first`` to ``last``, both included."""
         self.path(first), self.path(last)
         numbers = [number for number in self.numbers if first <= number <= last]
-        selected = type(self)(self.folder, self.intake, numbers, strict=self._strict, verify=self.verify)
-        selected.truth_folder = self.truth_folder
+        selected = type(self)(
+            self.folder, self.intake, numbers, strict=self._strict, verify=self.verify, effects=self._declared
+        )  # fmt: skip
+        selected.truth = self.truth
         return selected
 
     def open_supersampled(self, folder: Path) -> ImageSequence:
@@ -111,7 +126,7 @@ class ForeignSequence(Sequence):
 
     def frame(self, number: int) -> Frame:
         """Read and convert one frame."""
-        profile, planes, outline = self.intake.profile, self._planes(number, self.intake.roles), self.outline(number)
+        profile, planes, outline = self.intake.profile, self._planes(number, self._roles), self.outline(number)
         colour = linear_colour(planes["colour"], profile.colour.encoding)
         depth = np.full(colour.shape[:2], np.inf, np.float32)
         if "depth" in planes:
@@ -139,7 +154,7 @@ class ForeignSequence(Sequence):
         return Frame(
             index=number, colour=NO_PIXELS, depth=NO_PIXELS, camera=camera, jitter_px=self._jitter(number, number),
             cut=declared.cut, exposure=1.0 if declared.exposure is None else declared.exposure,
-            path=self.path(number), step=self.step, **empty,
+            path=self.path(number), step=self.step, effects=self._declared, **empty,
         )  # fmt: skip
 
     def _jitter(self, number: int, otherwise: int) -> tuple[float, float]:
@@ -161,7 +176,7 @@ class ForeignSequence(Sequence):
 
     def _files(self, number: int) -> set[Path]:
         """The files that a frame is read from."""
-        sets = {place.files for places in self.intake.roles.values() for place in places}
+        sets = {place.files for places in self._roles.values() for place in places}
         return {self.intake.sets[files][number] for files in sets}
 
     def _told(self, number: int) -> list[float]:

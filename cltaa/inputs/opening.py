@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 from collections.abc import Sequence as Many
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
 from cltaa.errors import CltaaError, UsageError
+from cltaa.frames import Effect, format_effects, parse_effects
 from cltaa.inputs.parts import read_any_header
 from cltaa.printable import counted
+from cltaa.sequences.frame_numbers import OnBreak
 from cltaa.sequences.sources import RESOLVED, Sequence, open_capture
 
 PLACE = "{}"  # in the name of a file that each of several sequences has: its folder
@@ -23,14 +25,17 @@ def open_input(
     profile: str = "auto",
     assignments: Many[str] = (),
     side_file: str | Path | None = None,
+    effects: frozenset[Effect] | Literal["auto", "all"] = "auto",
     **options: Any,
 ) -> Sequence:
     """Open ``folder`` as its profile says; ``options`` are those of ``open_sequence``, whoever wrote the files.
 
+    ``effects`` are declared in place of what the files declare; ``all`` declares nothing, so that every step is on.
+
     Raises what ``open_sequence`` and ``open_intake`` raise, and UsageError for what a resolve wrote.
     """
     folder, side_file = Path(folder), None if side_file is None else Path(side_file)
-    plain = not assignments and side_file is None
+    plain = not assignments and side_file is None and effects == "auto"
     if plain and profile in ("auto", "cltaa") and is_own(folder):
         return open_capture(folder, **options)
     from cltaa.inputs.foreign import ForeignSequence  # here: a run over cltaa's own files starts without
@@ -38,7 +43,11 @@ def open_input(
 
     verify = options.pop("verify", True)
     intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file, **options)
-    sequence = ForeignSequence(folder, intake, sorted(intake.declared), verify=verify)
+    declared = None if isinstance(effects, str) else effects
+    if declared is not None and "motion" in intake.roles and not intake.has_camera and Effect.MOTION not in declared:
+        what, cure = "without matrices the vectors alone tell what moves", "declare motion too, or give --camera FILE"
+        raise UsageError(what, path=folder, found=f"effects {format_effects(declared) or 'none'}", cure=cure)
+    sequence = ForeignSequence(folder, intake, sorted(intake.declared), verify=verify, effects=declared)
     sequence.refuse_result()
     return sequence
 
@@ -50,16 +59,23 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
     inputs: tuple[str, ...] = ()
     camera: str | None = None  # the side file
     truth: str | None = None  # its folder, or that of a capture that holds one; None: reference/ of the sequence
+    effects: str = "auto"  # or all, or a comma-separated list
     step: int = 1
 
     def open(self, folder: Path) -> Sequence:
         """Open a folder so; raises what ``open_input`` raises."""
+        named: Any = self.effects if self.effects in ("auto", "all") else parse_effects(self.effects)
         sequence = open_input(
-            folder, profile=self.profile, assignments=self.inputs, side_file=self.camera, step=self.step
+            folder, profile=self.profile, assignments=self.inputs, side_file=self.camera, step=self.step, effects=named
         )  # fmt: skip
         if self.truth is not None:
+            from cltaa.inputs.pictures import open_pictures  # here, as above
+
             within = Path(self.truth) / "reference"
-            sequence.truth_folder = within if within.is_dir() else Path(self.truth)
+            sequence.truth = open_pictures(
+                within if within.is_dir() else Path(self.truth), gaps=OnBreak.RESET, profile=self.profile,
+                assignments=self.inputs,
+            )  # fmt: skip
         return sequence
 
     def within(self, folder: Path) -> Reading:

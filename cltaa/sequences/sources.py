@@ -55,7 +55,7 @@ class Sequence(NumberedFiles):
     lies in ``reference/``, or None; ``sequence_json`` is what ``sequence.json`` says about the capture, or empty.
     """
 
-    truth_folder: Path | None = None  # where the truth lies, if not in ``reference/``
+    truth: ImageSequence | None = None  # where it was given, and is not that in ``reference/``
 
     @property
     def reading(self) -> dict[str, Any]:
@@ -130,10 +130,10 @@ class Sequence(NumberedFiles):
 
     def known_reference(self) -> ImageSequence | None:
         """The truth of those frames that have one, or None; raises DataError where it is of another size."""
-        folder = self.truth_folder or self.folder / "reference"
-        if self.truth_folder is None and not folder.exists():
+        folder, reference = self.folder / "reference", self.truth
+        if reference is None and not folder.exists():
             return None
-        reference = self.open_supersampled(folder)
+        reference = reference or self.open_supersampled(folder)
         check_same_size(self, reference)
         return reference
 
@@ -149,7 +149,7 @@ class Sequence(NumberedFiles):
     def select(self, first: int, last: int) -> Self:
         """Return the frames ``first`` to ``last``, both included; raises UsageError unless these two are there."""
         selected = super().select(first, last)
-        selected.truth_folder = self.truth_folder
+        selected.truth = self.truth
         return selected
 
     def frame_header(self, number: int) -> FrameHeader:

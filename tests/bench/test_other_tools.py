@@ -18,7 +18,8 @@ from cltaa.bench.redrawn import REDRAWN
 from cltaa.bench.variant_errors import run_task, yardstick_errors
 from cltaa.cli import main
 from cltaa.errors import UsageError
-from cltaa.frames import Frame
+from cltaa.exr.write import write_frame
+from cltaa.frames import Frame, parse_effects
 from cltaa.inputs.opening import Reading, readings
 from cltaa.parameters.presets import load_preset
 from cltaa.resolve.timed_resolve import timed_numbers
@@ -152,6 +153,33 @@ def test_a_truth_may_lie_elsewhere(own: Path, shot: Path, tmp_path: Path, capsys
     ):
         assert main([*arguments, *camera, "--truth", str(wrong)]) == code
         assert words in capsys.readouterr().err
+
+
+def test_declared_effects_are_those_of_a_capture(
+    made: list[Frame], shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No other tool declares them, and with every step on a resolve is another one: luminance weights, for one."""
+    declared = "camera,uncover"
+    (tmp_path / "capture").mkdir()
+    for number, frame in enumerate(made):
+        capture = replace(frame, motion=None, effects=parse_effects(declared))
+        write_frame(tmp_path / "capture" / f"capture.{number:04d}.exr", capture)
+    camera = ["--camera", str(shot / "camera.txt")]
+    truth = ["--truth", str(shot)]
+    named, _ = judged(capsys, shot, tmp_path / "work", *camera)
+    expected, _ = judged(capsys, tmp_path / "capture", tmp_path / "work", *truth)
+    found, said = judged(capsys, shot, tmp_path / "work", *camera, "--effects", declared)
+    assert found["rows"][0]["presets"] == expected["rows"][0]["presets"]
+    assert found["rows"] != named["rows"]
+    assert f"effects {declared}, as asked" in said
+    assert f"effects {declared}, as asked" in found["read"]["shot"]
+    everything, _ = judged(capsys, tmp_path / "capture", tmp_path / "work", *truth, "--effects", "all")
+    assert everything["rows"][0]["presets"]["t2"] != expected["rows"][0]["presets"]["t2"]
+    arguments = ["bench", "quality", "--sequence", str(shot), "--preset", "t2", "--work", str(tmp_path / "work")]
+    assert main([*arguments, "--effects", declared]) == 64
+    assert "without matrices the vectors alone tell what moves" in capsys.readouterr().err
+    assert main([*arguments[:2], "--scene", "occluder", "--effects", declared]) == 64
+    assert "are of frames that are there; name them: --sequence" in capsys.readouterr().err
 
 
 def test_tune_reads_by_a_profile(shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
