@@ -47,6 +47,11 @@ def format_effects(effects: Iterable[Effect]) -> str:
     return ",".join(sorted(effects))
 
 
+def name_effects(effects: frozenset[Effect] | None) -> str:
+    """What a message calls declared effects, or None for nothing declared."""
+    return "nothing declared" if effects is None else format_effects(effects) or "no effect"
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Camera:
     """Un-jittered camera, float64, row-major, column vectors: ``clip = view_to_clip @ world_to_view @ p``."""

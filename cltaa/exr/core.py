@@ -9,7 +9,7 @@ to say what is wrong: tiles, damaged files, a library of another version or with
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from ctypes import (
     CDLL,
@@ -174,29 +174,31 @@ def _decode(picture: _Picture, left: Iterator[int]) -> bool:
     (long, quick), context, layout = picture.file.core, picture.file.context, picture.layout
     chunk, pipeline, begun = _Chunk(), _Pipeline(pipe_size=sizeof(_Pipeline)), False
     both = (context, 0, byref(chunk), byref(pipeline))
+    top, width, height = layout.data_window[1], layout.width, layout.height
+    targets: _Targets | None = None
     try:
         for row in left:
-            y = layout.data_window[1] + row
-            if quick.exr_read_scanline_chunk_info(context, 0, y, byref(chunk)):
+            if quick.exr_read_scanline_chunk_info(context, 0, top + row, both[2]):
                 return False
-            if (chunk.start_y, chunk.width) != (y, layout.width) or not 0 < chunk.height <= layout.height - row:
+            if (chunk.start_y, chunk.width) != (top + row, width) or not 0 < chunk.height <= height - row:
                 return False
             if (quick.exr_decoding_update if begun else quick.exr_decoding_initialize)(*both):
                 return False
-            first, begun = not begun, True
-            if first and not _understood(pipeline, layout):
+            first, begun = targets is None, True
+            if targets is None:
+                if not _understood(pipeline, layout):
+                    return False
+                targets = _Targets(pipeline, picture.places)
+            if not targets.set(row):
                 return False
-            for number, place in enumerate(picture.places):
-                if place is not None:
-                    _point(pipeline.channels[number], place, row)
-            if first and quick.exr_decoding_choose_default_routines(context, 0, byref(pipeline)):
+            if first and quick.exr_decoding_choose_default_routines(context, 0, both[3]):
                 return False
-            if long.exr_decoding_run(context, 0, byref(pipeline)):
+            if long.exr_decoding_run(context, 0, both[3]):
                 return False
         return True
     finally:
         if begun:
-            quick.exr_decoding_destroy(context, byref(pipeline))
+            quick.exr_decoding_destroy(context, both[3])
 
 
 def _understood(pipeline: _Pipeline, layout: Layout) -> bool:
@@ -209,7 +211,21 @@ def _understood(pipeline: _Pipeline, layout: Layout) -> bool:
     return list(found.items()) == sorted(meant.items())
 
 
-def _point(channel: _Channel, place: _Place, row: int) -> None:
-    channel.user_bytes_per_element, channel.user_data_type = NUMBER, place.kind
-    channel.user_pixel_stride, channel.user_line_stride = NUMBER, place.line
-    channel.decode_to_ptr = place.address + row * place.line
+class _Targets:
+    """Where the channels of a pipeline go, by a few steps a chunk: all of them hold the interpreter."""
+
+    def __init__(self, pipeline: _Pipeline, places: Sequence[_Place | None]) -> None:
+        self._wanted: list[tuple[_Channel, _Place]] = []
+        for channel, place in zip(pipeline.channels[: pipeline.channel_count], places, strict=True):
+            if place is not None:
+                channel.user_bytes_per_element, channel.user_data_type = NUMBER, place.kind
+                channel.user_pixel_stride, channel.user_line_stride = NUMBER, place.line
+                self._wanted.append((channel, place))
+
+    def set(self, row: int) -> bool:
+        """Let the chunk from ``row`` on go there; False where the library did not keep what it was told before."""
+        for channel, place in self._wanted:
+            if channel.user_line_stride != place.line:
+                return False
+            channel.decode_to_ptr = place.address + row * place.line
+        return True

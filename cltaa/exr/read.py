@@ -45,6 +45,11 @@ def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
     ``sha256`` is what the file's content must have, in hexadecimal. Raises InputMissing, DataError, StorageError and
     ResourceError as in the module's text.
     """
+    return read_frame_and_header(path, sha256=sha256)[0]
+
+
+def read_frame_and_header(path: Path, *, sha256: str | None = None) -> tuple[Frame, ImageHeader]:
+    """The same, and the header of its file, which was parsed for it."""
     with _loaded(path, sha256) as (layout, content):
         names = frame_channels(layout)
         size = (layout.height, layout.width)
@@ -54,8 +59,13 @@ def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
         if "id" in layout.channels:  # which stay uint32: float32 would merge neighbours above 2^24
             planes["id"] = empty_image(size).view(np.uint32)
         planes |= {name: plane for group, stack in groups.items() for name, plane in zip(group, stack, strict=True)}
-        header = FrameHeader(path, _decode_into(layout, content, planes), layout)
+        attributes = _decode_into(layout, content, planes)
     parts = {group[0]: np.moveaxis(stack, 0, -1) for group, stack in groups.items()}
+    return _frame(FrameHeader(path, attributes, layout), parts, planes, path), ImageHeader(layout, attributes)
+
+
+def _frame(header: FrameHeader, parts: Mapping[str, Image], planes: Mapping[str, NDArray[Any]], path: Path) -> Frame:
+    """The frame of a header, with groups of channels by the first of each, and all channels by their names."""
     return Frame(
         index=header.index,
         colour=parts["R"],

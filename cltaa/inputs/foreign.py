@@ -16,6 +16,7 @@ from cltaa.cameras import of_region
 from cltaa.errors import DataError
 from cltaa.exr.attributes import MATRICES
 from cltaa.exr.channels import Pixels
+from cltaa.exr.read import ImageHeader
 from cltaa.files.manifest import file_sha256, recorded_hashes
 from cltaa.frame_checks import check_camera
 from cltaa.frames import Camera, Effect, Frame, Image, format_effects
@@ -142,6 +143,10 @@ class ForeignSequence(Sequence):
             )
         alpha, reactive = _only(planes.get("alpha")), _only(planes.get("reactive"))
         return replace(outline, colour=colour, depth=depth, motion=motion, alpha=alpha, reactive=reactive)
+
+    def frame_and_header(self, number: int) -> tuple[Frame, ImageHeader | None]:
+        """A frame, and no header: it may be made of several files, or of one with several parts."""
+        return self.frame(number), None
 
     def outline(self, number: int) -> Frame:
         """A frame of which only the header was read: the channels that it has are there, and empty."""

@@ -11,6 +11,7 @@ from cltaa.errors import UsageError
 from cltaa.exr.attributes import MATRICES
 from cltaa.exr.channels import Pixels
 from cltaa.exr.layout import LOSSLESS, Windows
+from cltaa.exr.read import ImageHeader
 from cltaa.inputs.parts import read_any_header, read_planes
 from cltaa.sequences.sources import Sequence
 
@@ -26,12 +27,12 @@ class CarriedOver(NamedTuple):
     windows: Windows
 
 
-def carried_over(path: Path, layers: tuple[str, ...]) -> CarriedOver:
+def carried_over(path: Path, layers: tuple[str, ...], header: ImageHeader | None = None) -> CarriedOver:
     """Read what is carried over from ``path``: every attribute, and the channels whose names match one of ``layers``.
 
-    Raises what reading raises.
+    ``header`` is that of the file, where it is known. Raises what reading raises.
     """
-    header = read_any_header(path, chunks=False)  # the frame is read beside it
+    header = header or read_any_header(path, chunks=False)  # the frame is read beside it
     attributes = {name: value for name, value in header.attributes.items() if name not in _OF_THE_FILE}
     channels: dict[str, Pixels] = {}
     if layers:

@@ -18,9 +18,9 @@ from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.exr import core as exr_core
 from cltaa.exr.attributes import FrameHeader
 from cltaa.exr.channels import check_float_channels
-from cltaa.exr.read import ImageHeader, read_colour, read_frame, read_header
+from cltaa.exr.read import ImageHeader, read_colour, read_frame_and_header, read_header
 from cltaa.files.manifest import read_capture_record, recorded_hashes
-from cltaa.frames import Effect, Frame, Image
+from cltaa.frames import Effect, Frame, Image, name_effects
 from cltaa.sequences.frame_numbers import NUMBERED, FrameRange, OnBreak, even_step, frame_missing, name_of
 from cltaa.sequences.numbered import NumberedFiles, check_same_size, numbered_files
 
@@ -170,17 +170,21 @@ class Sequence(NumberedFiles):
 
     def frame(self, number: int) -> Frame:
         """Read one frame by its number; raises DataError where header and sequence disagree."""
-        frame = read_frame(self.path(number), sha256=self.sha256(number))
+        return self.frame_and_header(number)[0]
+
+    def frame_and_header(self, number: int) -> tuple[Frame, ImageHeader | None]:
+        """The same, and the header of its file, or None where a frame is made of several files."""
+        frame, header = read_frame_and_header(self.path(number), sha256=self.sha256(number))
         if frame.index != number:
             raise DataError(
                 "the file name and attribute cltaa:frame disagree", path=frame.path,
                 expected=number, found=frame.index, cure="give the file its own number again",
             )  # fmt: skip
         if frame.effects != self.effects:
-            expected, found = _names(self.effects), _names(frame.effects)
+            expected, found = name_effects(self.effects), name_effects(frame.effects)
             what = "declares other effects than the first frame"
             raise DataError(what, path=frame.path, frame=number, expected=expected, found=found)
-        return frame if self.step == 1 else replace(frame, step=self.step)
+        return frame if self.step == 1 else replace(frame, step=self.step), header
 
     def __iter__(self) -> Iterator[Frame]:
         """Read the frames one after another."""
@@ -244,7 +248,3 @@ def open_images(
     for layout in images.layouts.values():
         check_float_channels(layout, ("R", "G", "B"))
     return images
-
-
-def _names(effects: frozenset[Effect] | None) -> str:
-    return "nothing declared" if effects is None else ",".join(sorted(effects)) or "no effect"

@@ -92,3 +92,24 @@ def test_a_library_that_means_other_channels_is_not_used(tmp_path: Path, monkeyp
     write_image(tmp_path / "a.exr", channels("float32"))
     monkeypatch.setitem(PIXEL_BYTES, "float", 2)
     assert decode(tmp_path / "a.exr") is None
+
+
+def test_a_library_that_forgets_where_rows_go_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is set for the first chunk of a pipeline is to stand for the others."""
+    write_image(tmp_path / "a.exr", channels("float32"))
+    library = exr_core.core()
+    assert library is not None
+
+    class Other:
+        def __getattr__(self, called: str) -> Any:
+            return getattr(library.quick, called)  # type: ignore[union-attr]
+
+        def exr_decoding_update(self, context: Any, part: int, chunk: Any, pipeline: Any) -> int:
+            failed: int = library.quick.exr_decoding_update(context, part, chunk, pipeline)  # type: ignore[union-attr]
+            pipeline._obj.channels[0].user_line_stride = 0
+            return failed
+
+    other: Any = Other()
+    monkeypatch.setattr(exr_core, "core", lambda: library._replace(quick=other))
+    monkeypatch.setattr(OpenEXR, "global_thread_count", lambda: 1)
+    assert decode(tmp_path / "a.exr") is None

@@ -19,7 +19,7 @@ from cltaa.parameters.build import Storage
 from cltaa.resolve.checkpoint import Checkpoints
 from cltaa.resolve.pipeline import resolve_sequence
 from cltaa.resolve.resolver import Resolver
-from cltaa.sequences.sources import open_sequence
+from cltaa.sequences.sources import Sequence, open_sequence
 from tests.sequence_factory import make_frame, write_sequence
 
 FRAMES = 7
@@ -164,3 +164,20 @@ def block_of(array: Any) -> Block:
         array = array.base
     assert isinstance(array, Block)
     return array
+
+
+def test_the_header_of_an_input_is_parsed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a result carries over is what was read, and hashed, with its frame; the same as the file says."""
+    sequence = open_sequence(write_sequence(tmp_path / "in", FRAMES, width=9, height=7))
+    with monkeypatch.context() as patch:
+        whole = Sequence.frame_and_header
+        patch.setattr(Sequence, "frame_and_header", lambda self, number: (whole(self, number)[0], None))
+        resolve_sequence(sequence, tmp_path / "twice", Resolver(device="numpy"))
+
+    def again(path: Path, **_: object) -> None:
+        raise AssertionError(f"{path} was opened again")
+
+    monkeypatch.setattr("cltaa.resolve.carried_over.read_any_header", again)
+    resolve_sequence(sequence, tmp_path / "once", Resolver(device="numpy"))
+    for path in sequence.paths:
+        assert (tmp_path / "once" / path.name).read_bytes() == (tmp_path / "twice" / path.name).read_bytes()
