@@ -170,6 +170,7 @@ def check_judged(sequence: Captured, settled: int) -> ImageSequence:
         raise DataError(
             "the sequence is over before it is judged", path=sequence.folder,
             expected=f"more than {settled} frames", found=len(sequence),
+            cure="capture more, or judge sooner: --settled 0",
         )  # fmt: skip
     return reference
 

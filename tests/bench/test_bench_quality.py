@@ -151,7 +151,9 @@ def test_flip_judges_every_so_many_frames(tmp_path: Path) -> None:
 def test_a_sequence_must_have_a_truth_and_settle(tmp_path: Path) -> None:
     with pytest.raises(InputMissing, match=r"no truth to measure against.*render it there yourself"):
         judge_sequence(open_sequence(write_sequence(tmp_path / "a", 3)), [], NUMPY)
-    with pytest.raises(DataError, match=r"over before it is judged \(expected more than 3 frames, found 3\)"):
+    with pytest.raises(
+        DataError, match=r"over before it is judged \(expected more than 3 frames, found 3\); .*--settled 0"
+    ):
         judge_sequence(open_sequence(write_sequence(tmp_path / "b", 3, reference=True)), [], NUMPY, settled=3)
 
 

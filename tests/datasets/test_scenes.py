@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from cltaa.cli import main
 from cltaa.errors import UsageError
 from cltaa.frames import Effect
 from cltaa_datasets import textures
+from cltaa_datasets.registry import SCENES
 from cltaa_datasets.scene import AlphaMode, Instant, Material, Perspective, Scene, Sky
 from cltaa_datasets.scenes import build_scene, registered
 from tests.built_scenes import built
@@ -140,3 +143,22 @@ def test_an_instant_looks_like_itself_and_notices_every_change() -> None:
     ]
     for change in changes:
         assert not now.looks_like(replace(now, **change)), list(change)
+
+
+def test_the_scene_of_the_page_is_drawn_and_keeps_its_promises(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What docs/capture.md gives to start from runs as it stands."""
+    page = (Path(__file__).parents[2] / "docs" / "capture.md").read_text()
+    (module,) = re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    try:
+        exec(compile(module, "docs/capture.md", "exec"), {})
+        command = ["capture", "pendulum", "-o", str(tmp_path / "p"), "--frames", "4", "--size", "160x90"]
+        assert main(command) == 0
+        capsys.readouterr()
+        assert main(["inspect", str(tmp_path / "p"), "--pixels", "--json"]) == 0
+    finally:
+        SCENES.pop("pendulum", None)
+    found = json.loads(capsys.readouterr().out)
+    assert (found["problems"], found["idle"]) == ([], [])
+    assert found["effects"] == ["motion", "sky", "uncover"]

@@ -1,6 +1,6 @@
 """The registry of scenes: name -> what it shows, the effects it calls for, and the function that builds it.
 
-To add a scene: write a module here with a function ``stage(seed)`` under ``@register(...)``, and import it below.
+To add a scene: write a module here with a function of the seed under ``@register(...)``, and import it below.
 """
 
 from __future__ import annotations
