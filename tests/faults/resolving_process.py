@@ -4,6 +4,7 @@ a line of JSON, a ``Turn``: ``python -m tests.faults.resolving_process SIDE``.""
 from __future__ import annotations
 
 import os
+import select
 import subprocess
 import sys
 import time
@@ -55,21 +56,26 @@ class Resolving:
         assert self.process.stdout is not None
         return msgspec.json.decode(self.process.stdout.readline(), type=Turn)
 
+    def has_answered(self, within: float) -> bool:
+        """Whether an answer is there, or comes within so many seconds."""
+        assert self.process.stdout is not None
+        return bool(select.select([self.process.stdout], [], [], within)[0])
+
     def resolve(self, frames: int) -> Turn:
-        """Both."""
+        """Ask for them, and wait."""
         self.ask(frames)
         return self.answer()
 
 
 @contextmanager
-def resolving(side: int) -> Iterator[Resolving]:
-    """Start one that resolves square frames; it ends with the block."""
+def resolving(side: int, ends: int = 0) -> Iterator[Resolving]:
+    """Start one that resolves square frames; it ends with the block, with ``ends`` for its exit code."""
     command = [sys.executable, "-m", "tests.faults.resolving_process", str(side)]
     with subprocess.Popen(command, cwd=TOP, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         yield Resolving(process)
         assert process.stdin is not None
         process.stdin.close()
-        assert process.wait(PATIENCE) == 0
+        assert process.wait(PATIENCE) == ends
 
 
 def main(side: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import statistics
 import subprocess
 import sys
@@ -21,6 +22,7 @@ FRESH, ROUNDS, TURN = 5, 400, 4  # processes to compare with, how often each has
 # Processor time over that of processes that have just begun. Of those over each other 0.98 to 1.02 was seen, 12 times
 # (2026-11-23, two cores at load 10); 60 turns of 16 frames give 0.88 to 1.17.
 ALIKE = 1.05
+PATIENCE = 120.0  # seconds that three small frames may take, which no machine takes for them
 
 
 def check_held(settled: Turn, ended: Turn) -> None:
@@ -114,10 +116,33 @@ def timed(workers: list[Resolving], frames: int) -> float:
 
 @pytest.mark.big
 def test_eight_processes_have_the_throughput_of_one() -> None:
-    """Paired rounds: 8 processes with 20 frames each against one with 160, ratio of the times."""
+    """Paired rounds: 8 processes with 20 frames each against one with 160, ratio of the times.
+
+    One process does not fill the cores, so that eight are faster (1.3 to 1.8 times, docs/reliability.md): less than 0.9
+    is for threads that spin where they should wait, or memory that runs out. Processes that wait for one another would
+    still have the throughput of one; that is for the test below.
+    """
     with ExitStack() as stack:
         workers = [stack.enter_context(resolving(512)) for _ in range(8)]
         timed(workers, 3)  # builds
         ratios = [timed(workers[:1], 160) / timed(workers, 20) for _ in range(7)]
     print(f"throughput of 8 over that of 1: {statistics.median(ratios):.3f}, {[f'{ratio:.2f}' for ratio in ratios]}")
     assert statistics.median(ratios) >= 0.9
+
+
+def test_a_process_that_stands_still_holds_up_no_other() -> None:
+    """Stopped at moments of its frames, where it would hold whatever two processes could wait for each other by."""
+    with resolving(64) as other, resolving(64, ends=-signal.SIGKILL) as stopped:
+        stopped.resolve(3)
+        stopped.ask(1_000_000)
+        try:
+            for pause in np.random.default_rng(0).uniform(0.0, 0.02, 8):
+                time.sleep(pause)
+                stopped.process.send_signal(signal.SIGSTOP)
+                other.ask(3)
+                assert other.has_answered(within=PATIENCE)
+                other.answer()
+                stopped.process.send_signal(signal.SIGCONT)
+            assert not stopped.has_answered(within=0.0)  # it was at work all the time
+        finally:
+            stopped.process.kill()
