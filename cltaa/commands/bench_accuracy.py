@@ -23,7 +23,16 @@ from cltaa.bench.distribution import run_all
 from cltaa.bench.ladder import Variant, ladder
 from cltaa.bench.plots import import_pyplot
 from cltaa.bench.variant_errors import Task
-from cltaa.commands.options import FILE_PATH, NAMES, PRESET, device_option, json_option, measured_options, open_each
+from cltaa.commands.options import (
+    FILE_PATH,
+    FOLDER,
+    NAMES,
+    PRESET,
+    device_option,
+    json_option,
+    measured_options,
+    open_each,
+)
 from cltaa.commands.tables import print_table
 from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.errors import UsageError, known
@@ -37,7 +46,7 @@ from cltaa.timing import Clock
 
 
 @click.command("accuracy")
-@click.argument("sequences", nargs=-1, required=True, type=FILE_PATH, metavar="SEQUENCE...")
+@click.argument("sequences", nargs=-1, required=True, type=FOLDER, metavar="SEQUENCE...")
 @click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder of the report.")
 @device_option
 @click.option("--preset", type=PRESET, default="default", show_default=True, help="Preset that the steps depart from.")

@@ -31,6 +31,7 @@ from cltaa.bench.quality_summary import Table, about_of, ordered, score, summari
 from cltaa.commands.options import (
     ALL_SCENES,
     FILE_PATH,
+    FOLDER,
     FROM_0,
     PRESET,
     SCENES,
@@ -63,7 +64,7 @@ NARROWEST = 160  # columns of the terminal, so that no number is cut off
     "--sequence",
     "folders",
     multiple=True,
-    type=FILE_PATH,
+    type=FOLDER,
     metavar="DIR",
     help="A sequence with its truth in reference/, also another tool's, beside scenes or in their place; repeatable.",
 )

@@ -36,6 +36,14 @@ class _FilePath(click.Path):
         return super().convert(value, param, ctx)
 
 
+class _Folder(_FilePath):
+    """A folder that tables and plots name by the last word of its path: of ``.`` and ``..`` they need the whole one."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        folder: Path = super().convert(value, param, ctx)
+        return folder.absolute().resolve() if folder.name in ("", "..") else folder
+
+
 class _Stops(click.FloatRange):
     """Stops of exposure within what a picture can have; not NaN, which lies within every range."""
 
@@ -142,7 +150,7 @@ def _scenes() -> list[str]:
 PRESET, PROFILE = _Name(_presets), _Name(_profiles, or_file=True)
 KERNEL, SCENE = _Name(_kernels), _Name(_scenes)
 SCENES = _Name(lambda: [ALL_SCENES, *_scenes()])  # or all of them
-FILE_PATH = _FilePath(path_type=Path)
+FILE_PATH, FOLDER = _FilePath(path_type=Path), _Folder(path_type=Path)
 SIZE, FRAME_RANGE, NAMES = _Size(), _FrameRange(), _Names()
 FROM_0, FROM_1, FROM_2 = (_WholeNumbers(least) for least in range(3))  # lists of whole numbers
 STOPS = _Stops(-EXPOSURE_STOPS, EXPOSURE_STOPS)

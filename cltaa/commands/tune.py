@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from cltaa.commands.options import FILE_PATH, PRESET, json_option, measured_options, open_each
+from cltaa.commands.options import FILE_PATH, FOLDER, PRESET, json_option, measured_options, open_each
 from cltaa.devices.launch import launcher_for
 from cltaa.errors import UsageError
 from cltaa.files.atomic import atomic_path, check_creatable
@@ -20,13 +20,13 @@ from cltaa.tuning.search import Tuned, preset_text, tune
 
 
 @click.command("tune")
-@click.argument("sequences", nargs=-1, required=True, type=FILE_PATH, metavar="SEQUENCE...")
+@click.argument("sequences", nargs=-1, required=True, type=FOLDER, metavar="SEQUENCE...")
 @click.option(
     "--budget", metavar="TIME", help="Least error within this time a frame, as 5ms; the kernels' time counts."
 )
 @click.option("--target", metavar="METRIC=VALUE", help="Least time with at most this error, as flip=0.02.")
 @click.option("--metric", default="mse", show_default=True, help="What is minimised within a --budget.")
-@click.option("--check", "checked", multiple=True, type=FILE_PATH, metavar="SEQUENCE",
+@click.option("--check", "checked", multiple=True, type=FOLDER, metavar="SEQUENCE",
               help="Only check the outcome on this one; repeatable.  [default: the last SEQUENCE]")  # fmt: skip
 @click.option("--preset", type=PRESET, default="default", show_default=True, help="Where the search begins.")
 @click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")

@@ -77,6 +77,14 @@ def test_quality_is_that_of_the_same_frames(
     assert (tmp_path / "pictures" / "t2.png").is_file()
 
 
+def test_a_folder_that_one_stands_in_has_its_name(
+    shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(shot)
+    found, _ = judged(capsys, Path(), tmp_path / "work", "--camera", "camera.txt")
+    assert (found["rows"][0]["key"], found["rows"][0]["scene"]) == ("shot", "shot")
+
+
 def test_what_is_kept_counts_for_one_way_of_reading(shot: Path, tmp_path: Path) -> None:
     """Whatever is otherwise: a profile of the same name, the side file, a frame or the truth that was rendered anew."""
     profile, side = tmp_path / "shot.toml", shot / "camera.txt"
