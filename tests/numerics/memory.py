@@ -114,11 +114,13 @@ def run_everything() -> int:
         assert differing(work, run_stage("resolve", shaped, work, launcher), expected) == 0, lanes
         launches += 1
     gathering = override(load_preset(), {"history_of": "samples", "frames_kept": 2})
-    for preset, storage in [*((load_preset(), storage) for storage in Storage), (gathering, Storage.FLOAT)]:
+    sequences = [(load_preset(), storage, SIZES[0]) for storage in Storage]
+    sequences += [(load_preset(), Storage.FLOAT, size) for size in SIZES[1:]] + [(gathering, Storage.FLOAT, SIZES[0])]
+    for preset, storage, size in sequences:
         for lanes in LANES:
             ours = Resolver(preset, launcher, build=Build(strict=True, storage=storage, lanes=lanes, rows=3))
             theirs = Resolver(preset, "numpy", storage=storage)
-            for frame in hard_frames(9, 7, 4):
+            for frame in hard_frames(*size, 4):
                 half = bool(frame.index % 2)
                 one, other = ours.resolve(frame, half=half), theirs.resolve(frame, half=half)
                 assert (bits(one) == bits(other)).all(), (preset, storage, lanes)
