@@ -26,7 +26,7 @@ from cltaa.parameters.choices import (
     Reject,
     Settings,
 )
-from cltaa.parameters.presets import Preset
+from cltaa.parameters.presets import Preset, Published
 from cltaa.resolve.resolver import Resolver
 
 DEFAULT, PRESETS, COMBINATIONS = "default", "preset", "combination"
@@ -54,11 +54,15 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
     real: Real = Real.FLOAT
     strict: bool = False
     relaxed: bool = False
+    published: Published = Published.NO
 
     @property
     def preset(self) -> Preset:
-        """Choices and settings under the variant's name."""
-        return Preset(name=self.name, description=self.group, choices=self.choices, settings=self.settings)
+        """Choices and settings under the variant's name, published if what it departs from is."""
+        return Preset(
+            name=self.name, description=self.group, published=self.published, choices=self.choices,
+            settings=self.settings,
+        )  # fmt: skip
 
     def resolver(self, device: str | Launcher | None) -> Resolver:
         """A new resolver of this variant."""
@@ -73,7 +77,7 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
 
 def base_variant(preset: Preset) -> Variant:
     """The variant from which every step of the ladder departs."""
-    return Variant(name=preset.name, group=DEFAULT, choices=preset.choices, settings=preset.settings)
+    return _as_it_is(preset, DEFAULT)
 
 
 def steps(base: Variant) -> Iterator[Variant]:
@@ -135,12 +139,14 @@ def combinations(base: Variant) -> Iterator[Variant]:
 def ladder(base: Preset, presets: Iterable[Preset] = (), *, full: bool = False) -> list[Variant]:
     """The default, its steps, the other presets and, if ``full``, the combinations."""
     first = base_variant(base)
-    others = [
-        Variant(name=preset.name, group=PRESETS, choices=preset.choices, settings=preset.settings)
-        for preset in presets
-        if preset.name != base.name
-    ]
+    others = [_as_it_is(preset, PRESETS) for preset in presets if preset.name != base.name]
     return [first, *steps(first), *others, *(combinations(first) if full else ())]
+
+
+def _as_it_is(preset: Preset, group: str) -> Variant:
+    return Variant(
+        name=preset.name, group=group, choices=preset.choices, settings=preset.settings, published=preset.published
+    )
 
 
 def _changed(

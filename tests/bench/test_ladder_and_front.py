@@ -15,7 +15,7 @@ from cltaa.bench.ladder import COMBINATIONS, DEFAULT, PRESETS, ladder
 from cltaa.bench.pareto import dominated_by
 from cltaa.parameters.build import Real, Storage
 from cltaa.parameters.choices import Box, Choices
-from cltaa.parameters.presets import Preset, load_preset
+from cltaa.parameters.presets import Preset, Published, load_preset
 from cltaa.timing import Sample, Samples
 
 
@@ -30,6 +30,14 @@ def test_every_choice_and_storage_is_a_rung() -> None:
     assert {rung.storage for rung in rungs} == set(Storage)
     assert {rung.real for rung in rungs} == set(Real)
     assert any(rung.strict for rung in rungs)
+
+
+def test_what_is_published_is_measured_as_published() -> None:
+    """The plan leaves nothing out of it, nor of a step from it, whatever a sequence declares."""
+    rungs = ladder(load_preset("karis"), [load_preset("default"), load_preset("fsr3-native")], full=True)
+    own = [rung for rung in rungs if rung.name == "default"]
+    assert [rung.preset.published for rung in own] == [Published.NO]
+    assert {rung.preset.published for rung in rungs if rung not in own} == {Published.ENGINE}
 
 
 def test_a_step_changes_one_thing() -> None:
