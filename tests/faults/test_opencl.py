@@ -76,7 +76,7 @@ class Failing:
 
 # Where a driver may say that its device is gone: owner and name of the call, and whether data are copied to the host.
 CALLS = {
-    "run": (cl, "enqueue_nd_range_kernel", False),
+    "run": (program, "start_kernel", False),
     "map": (cl, "enqueue_map_buffer", False),
     "unmap": (cl.MemoryMap, "release", False),
     "wait": (cl.CommandQueue, "finish", False),
