@@ -72,6 +72,7 @@ class MeasuredSequence(msgspec.Struct, frozen=True, kw_only=True):
     clock: Clock = Clock.DEVICE  # that times are ranked by
     rounds: int = 0  # of timing, as many as it took
     timed_pixels: int = 0  # of the enlarged frame
+    profile: str = ""  # that another tool's files were read by
 
 
 class Accuracy(msgspec.Struct, frozen=True, kw_only=True):

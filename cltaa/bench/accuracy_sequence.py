@@ -83,6 +83,7 @@ def measure_sequence(
         clock=found.clock,
         rounds=len(samples.by_job[default.name]),
         timed_pixels=pixels,
+        profile=captured.reading.get("profile", {}).get("name", ""),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from collections.abc import Sequence as Many
 from enum import StrEnum
 from itertools import pairwise
@@ -96,6 +96,15 @@ def missing_from(numbers: Many[int], step: int) -> list[int]:
 def no_such_frame(folder: Path, number: int, numbers: Many[int]) -> UsageError:
     """The error for a frame that was asked for and is none of the sorted ``numbers``."""
     return UsageError("no such frame", path=folder, frame=number, expected=ranges(numbers))
+
+
+def no_truth(path: Path, number: int, wanted: Iterable[int], there: Collection[int]) -> InputMissing:
+    """The error for a frame without its truth, which has the numbers ``there``."""
+    cure = "capture it again, or render it"
+    if not set(wanted) & set(there):
+        cure = "the two have no frame number in common: number them alike"
+    what = "the reference of this frame is missing"
+    return InputMissing(what, path=path, frame=number, found=ranges(there), cure=cure)
 
 
 def frame_missing(path: Path, number: int, apart: int = 1) -> InputMissing:

@@ -14,14 +14,14 @@ from typing import Any, Self
 
 import numpy as np
 
-from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.errors import DataError, UsageError
 from cltaa.exr import core as exr_core
 from cltaa.exr.attributes import FrameHeader
 from cltaa.exr.channels import check_float_channels
 from cltaa.exr.read import ImageHeader, read_colour, read_frame_and_header, read_header
 from cltaa.files.manifest import read_capture_record, recorded_hashes
 from cltaa.frames import Effect, Frame, Image, name_effects
-from cltaa.sequences.frame_numbers import NUMBERED, FrameRange, OnBreak, even_step, frame_missing, name_of
+from cltaa.sequences.frame_numbers import NUMBERED, FrameRange, OnBreak, even_step, frame_missing, name_of, no_truth
 from cltaa.sequences.numbered import NumberedFiles, check_same_size, numbered_files
 
 NO_PIXELS = np.empty((0, 0), np.float32)
@@ -124,8 +124,7 @@ class Sequence(NumberedFiles):
             return None
         for number in self.numbers:
             if number not in reference.layouts:
-                missing, cure = reference.folder / self.path(number).name, "capture it again, or render it"
-                raise InputMissing("the reference of this frame is missing", path=missing, frame=number, cure=cure)
+                raise no_truth(reference.folder / self.path(number).name, number, self.numbers, reference.numbers)
         return reference.select(self.first, self.last)
 
     def known_reference(self) -> ImageSequence | None:

@@ -157,7 +157,8 @@ def test_a_truth_may_lie_elsewhere(own: Path, shot: Path, tmp_path: Path, capsys
     assert reading.open(shot).select(1, 2).reference is not None
     for wrong, code, words in (
         (tmp_path / "nowhere", 66, f"{tmp_path / 'nowhere'}"),
-        (write_sequence(tmp_path / "late", COUNT, first=2), 66, "the reference of this frame is missing"),
+        (write_sequence(tmp_path / "late", COUNT, first=2), 66, "is missing (found 2-5); capture it again"),
+        (write_sequence(tmp_path / "away", COUNT, first=9), 66, "no frame number in common: number them alike"),
     ):
         assert main([*arguments, *camera, "--truth", str(wrong)]) == code
         assert words in capsys.readouterr().err
@@ -238,5 +239,6 @@ def test_accuracy_in_words_and_pictures(shot: Path, tmp_path: Path, capsys: pyte
     said = capsys.readouterr()
     (measured,) = json.loads(said.out)["sequences"]
     assert [yard["samples"] for yard in measured["yardstick"]] == [1, 2]
+    assert measured["profile"] == "blender"
     assert f"{shot}: profile blender: " in said.err
     assert "data:image" in (tmp_path / "index.html").read_text()

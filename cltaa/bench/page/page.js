@@ -340,7 +340,7 @@ function drawOverview() {
 
 function drawAll() {
   const measured = current(), where = report.environment;
-  $("where").textContent = `${measured.name}: ${measured.frames.length} frames, ${measured.width} × ${measured.height}, ${measured.effects.replaceAll(",", ", ") || "no effects declared"}. ` +
+  $("where").textContent = `${measured.name}: ${measured.frames.length} frames, ${measured.width} × ${measured.height}, ${measured.effects.replaceAll(",", ", ") || "no effects declared"}${measured.profile ? `, read by profile ${measured.profile}` : ""}. ` +
     `${where.device}${where.units ? `, ${where.units} compute units` : ""}; ${where.cpu}, ${where.cores} core${where.cores === 1 ? "" : "s"}, load ${where.load_before} to ${where.load_after}; ${where.date} UTC; kernels ${where.kernels_sha256.slice(0, 12)}.` +
     (report.missing.length ? ` Not finished in time, and left out: ${report.missing.join(", ")}.` : "");
   $("noise").hidden = !measured.noisy && measured.clock !== "processor";
