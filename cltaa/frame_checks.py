@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ MOST_TEXELS = 2**31 - 1
 OPTIONAL = ("motion", "alpha", "reactive")  # channels that a frame need not have
 INVERSE_TOLERANCE = 1e-6  # largest |M inv(M) - I|; a sound camera 10^6 m from the origin stays below 1e-9
 LARGEST_SCALE = 1e100  # of a determinant of a matrix, either way: cameras divide by it, and their numbers end at 1e308
+CAMERAS_KEPT = 64  # that were found sound: those of a frame, and of all that are read, resolved and written beside it
 LARGEST_JITTER = 2.0  # pixels; beyond it the number is no sub-pixel offset but another unit
 EXPOSURE_STOPS = 32.0  # largest |log2(exposure)|; from starlight to the sun's disc is about 30 stops
 WHOLE = "a whole number from 1 on"
@@ -134,6 +137,21 @@ def check_camera(camera: Camera, *, path: Path | None = None, frame: int | None 
     The last row of the projection must give w = distance along the view axis (perspective) or w = 1 (orthographic):
     that is positive for every point in front, and false for a matrix that was transposed by mistake.
     """
+    matrices = camera.world_to_view, camera.view_to_clip
+    if all(isinstance(matrix, np.ndarray) and matrix.shape == (4, 4) and matrix.dtype == float for matrix in matrices):
+        with suppress(DataError):  # which says nothing of file and frame
+            _check_again(*(matrix.tobytes() for matrix in matrices))
+            return
+    _check_camera(camera, path, frame)
+
+
+@lru_cache(maxsize=CAMERAS_KEPT)
+def _check_again(view: bytes, clip: bytes) -> None:
+    """Look once at what is asked of a frame when it is read, when it is resolved, and when its result is written."""
+    _check_camera(Camera(*(np.frombuffer(matrix).reshape(4, 4) for matrix in (view, clip))), None, None)
+
+
+def _check_camera(camera: Camera, path: Path | None, frame: int | None) -> None:
     for name, matrix in (("worldToView", camera.world_to_view), ("viewToClip", camera.view_to_clip)):
         attribute = f"matrix cltaa:{name}"
         if not isinstance(matrix, np.ndarray) or matrix.shape != (4, 4) or not _is_real(matrix):

@@ -15,9 +15,10 @@ from cltaa.errors import DataError
 from cltaa.exr.attributes import frame_attributes
 from cltaa.exr.read import read_frame
 from cltaa.exr.write import write_frame, write_image
+from cltaa.frame_checks import check_camera
 from cltaa.frames import Camera
 from tests.numerics.exact_cameras import perspective, rotation, view_at
-from tests.sequence_factory import HEIGHT, WIDTH, make_frame
+from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame
 
 TURN = rotation((0.3, 1.0, -0.2), 25.0)
 
@@ -71,6 +72,16 @@ def test_f7_a_sound_camera_at_ten_thousand_kilometres_passes(tmp_path: Path) -> 
     camera = Camera(view_at(np.array([6e6, -5e6, 6e6]), TURN), perspective(1.6))
     write_frame(tmp_path / "a.0000.exr", make_frame(camera=camera))
     assert np.array_equal(read_frame(tmp_path / "a.0000.exr").camera.world_to_view, camera.world_to_view)
+
+
+def test_f7_what_becomes_of_a_sound_camera_is_looked_at_again() -> None:
+    camera = make_camera()
+    for _ in range(2):
+        check_camera(camera)
+    camera.world_to_view[2] *= -1
+    for _ in range(2):
+        with pytest.raises(DataError, match=r"shot\.0007\.exr.*frame 7.*mirrors the world"):
+            check_camera(camera, path=Path("shot.0007.exr"), frame=7)
 
 
 def test_f8_half_motion_is_as_wrong_as_halves_are(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
