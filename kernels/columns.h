@@ -1,6 +1,6 @@
 // Columns side by side. A work-item that walks along rows, COLUMNS segments at a time, keeps of each column what the
 // next row needs of the two above it: in memory, a field an array, so that a compiler leaves out each that is not read.
-#include "history.h"
+#include "pixel.h"
 
 #if !defined(COLUMNS)
 #error "columns.h needs COLUMNS from the prelude"
@@ -32,4 +32,45 @@ STAGE int another_index(int i)
     __asm("" : "+r"(i));
 #endif
     return i;
+}
+
+// Whether a segment is still under way while the next one is read. What follows its history is a long chain of
+// divisions where samples are weighed, and a CPU looks no further ahead than some hundred instructions that wait. So
+// the chain is done in three parts, each among what the next segment begins with. Without weights it is too short for
+// that.
+#define TWO_UNDER_WAY (COLUMNS > 1 && WEIGHTING != WEIGHTING_NONE)
+
+typedef struct
+{
+    pixel_t p;
+    history_t h;
+    rectification r;
+    colour past, current; // rectified history, and the sample that is blended with it
+    real count; // of the history
+    int x, y;
+} segment_t;
+
+// As it stands once its history is known.
+STAGE segment_t rectify_segment(
+    pixel_t p, history_t h, motion_t m, plane_in alpha, int x, int y, frame_t frame, settings_t settings)
+{
+    segment_t s = { p, h, rectify(h.rgb, p.filtered, p.near, m, box_gamma(m, settings), frame, settings) };
+    s.past = rectified(h, s.r);
+    if (ALPHA)
+        s.h.alpha = past_alpha(alpha + texel_offset(frame, x, y), h.alpha, frame);
+    s.x = x;
+    s.y = y;
+    return s;
+}
+
+STAGE void weigh_segment(segment_t* s, settings_t settings)
+{
+    s->count = believed_samples(s->p, s->h, s->r, settings);
+    s->current = sample_beside(s->p, s->h.valid, s->count, settings);
+}
+
+STAGE void finish_segment(segment_t s, history_out output, plane_out output_count, frame_t frame, settings_t settings)
+{
+    const resolved out = blend_pixel(s.p, s.h, s.r, s.past, s.current, s.count, settings);
+    store_resolved(output, output_count, out, s.x, s.y, frame);
 }

@@ -60,8 +60,30 @@ STAGE sampled sample_planes(history_in history, plane_in previous_closeness, foo
     return v;
 }
 
-STAGE sampled sample_at(
-    history_in history, plane_in count, plane_in previous_closeness, footprint f, int y, frame_t frame, kept_rows* kept)
+// The footprint of a segment of displacement m, and whether it moves as the one above it, where rows are kept.
+STAGE footprint find_footprint(motion_t m, mask valid, uint at, frame_t frame, kept_rows* kept, int* alike)
+{
+    *alike = 0;
+    if (!(CAMERA_MOTION || OWN_MOTION))
+        return own_texel(at);
+#if KEEPS_ROWS && LANES > 1
+    const real u = valid ? m.u : SPLAT(0.0), v = valid ? m.v : SPLAT(0.0);
+    if (moves_the_same(kept, u, v)) {
+        const footprint f = footprint_below(kept, at, row_stride(frame));
+        kept->at = f.at;
+        *alike = 1;
+        return f;
+    }
+    const footprint f = footprint_of(m, valid, at, frame);
+    *alike = moves_alike(kept, f, u, v, row_stride(frame));
+    return f;
+#else
+    return footprint_of(m, valid, at, frame);
+#endif
+}
+
+STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_closeness, footprint f, int alike, int y,
+    frame_t frame, kept_rows* kept)
 {
     const size_t plane = history_plane_size(frame);
     if (!OWN_PLACE | (COLUMNS > 1))
@@ -71,8 +93,7 @@ STAGE sampled sample_at(
     const colour slid = slide_history(kept, history, count, f, plane, row_stride(frame), &counted);
     return sample_planes(history, previous_closeness, f, kept->wx, kept->wy, slid, counted, frame);
 #elif KEEPS_ROWS
-    if (moves_alike(kept, f, row_stride(frame))) {
-        f.at = kept->at;
+    if (alike) {
         f.fx = kept->fx;
         f.fy = kept->fy;
         f.lanes = LANES_ALIKE;
@@ -106,8 +127,9 @@ STAGE history_t sample_history(plane_in current, boxed_row next, history_in hist
     history_t h;
     const motion_t seen = motion_to_edge(m, LANE_INDEX + K(x), SPLAT(y), frame);
     h.valid = on_screen(seen, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
-    const footprint f = CAMERA_MOTION || OWN_MOTION ? footprint_of(seen, h.valid, at, frame) : own_texel(at);
-    const sampled v = sample_at(history, count, previous_closeness, f, y, frame, kept);
+    int alike;
+    const footprint f = find_footprint(seen, h.valid, at, frame, kept, &alike);
+    const sampled v = sample_at(history, count, previous_closeness, f, alike, y, frame, kept);
     h.rgb = v.rgb;
     h.count = v.count;
     h.valid = h.valid & !colour_outside_domain(h.rgb);

@@ -117,15 +117,27 @@ STAGE real believed_samples(pixel_t p, history_t h, rectification r, settings_t 
     return REACTIVE ? count * (SPLAT(1.0) - p.reactivity) : count;
 }
 
-// The pixel blended with its rectified history of `count` samples, or begun anew where there is none.
-STAGE resolved resolve_beside(pixel_t p, history_t h, rectification r, real count, settings_t settings)
+// The history of a pixel, moved into its box.
+STAGE colour rectified(history_t h, rectification r)
 {
-    colour current = p.filtered;
     const colour past = { h.rgb.r + r.change.r, h.rgb.g + r.change.g, h.rgb.b + r.change.b };
-    if (FILTER_USE == FILTER_USE_FEW_SAMPLES) {
-        const real share = h.valid ? fading_share(reciprocal(count + K(1.0)), settings) : SPLAT(1.0);
-        current = drawn_towards(p.own, current, filtered_share(share, current, settings));
-    }
+    return past;
+}
+
+// What is blended with a history of `count` samples: the pixel's own sample, or the filtered one.
+STAGE colour sample_beside(pixel_t p, mask valid, real count, settings_t settings)
+{
+    if (FILTER_USE != FILTER_USE_FEW_SAMPLES)
+        return p.filtered;
+    const real share = valid ? fading_share(reciprocal(count + K(1.0)), settings) : SPLAT(1.0);
+    return drawn_towards(p.own, p.filtered, filtered_share(share, p.filtered, settings));
+}
+
+// The pixel's sample `current` blended with its rectified history `past` of `count` samples, or begun anew where there
+// is none.
+STAGE resolved blend_pixel(
+    pixel_t p, history_t h, rectification r, colour past, colour current, real count, settings_t settings)
+{
     const real y = FILTER_USE == FILTER_USE_FEW_SAMPLES ? luminance_4(current) : p.luminance,
                past_y = luminance_4(past);
     real weight = weight_of_sample(count, y, past_y, p.reactivity, r.unrest, settings);
@@ -150,6 +162,11 @@ STAGE resolved resolve_beside(pixel_t p, history_t h, rectification r, real coun
     if (LIGHT_CHANGE != LIGHT_CHANGE_IGNORE)
         out.count = with_change_of(out.count, h.count, h.valid);
     return out;
+}
+
+STAGE resolved resolve_beside(pixel_t p, history_t h, rectification r, real count, settings_t settings)
+{
+    return blend_pixel(p, h, r, rectified(h, r), sample_beside(p, h.valid, count, settings), count, settings);
 }
 
 STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t settings)

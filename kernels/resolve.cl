@@ -4,27 +4,33 @@
 #include "ahead.h"
 #include "columns.h"
 
-// Resolves the segment at (x, y), whose row is `centre`; returns the row below.
+// Reads the segment at (x, y), whose row is `centre`, and resolves it; returns the row below. TWO_UNDER_WAY: it is left
+// in `under_way`, and what was left there before is finished meanwhile.
 STAGE row_t resolve_segment(row_t above, row_t centre, plane_in current, plane_in closeness, plane_in motion,
     plane_in alpha, plane_in reactive, history_in history, plane_in history_count, plane_in previous_closeness,
-    history_out output, plane_out output_count, int x, int y, frame_t frame, settings_t settings, kept_rows* kept)
+    history_out output, plane_out output_count, int x, int y, frame_t frame, settings_t settings, kept_rows* kept,
+    segment_t* under_way)
 {
     fetch_frame(current, closeness, motion, x, y, frame);
     const row_t below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
     const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
     const surface s = nearest_surface(above, centre, below, settings);
+    if (TWO_UNDER_WAY)
+        weigh_segment(under_way, settings);
     const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
 #if OWN_PLACE && COLUMNS <= 1
     // Not beside the frame's: more would be asked for at a time than can be under way.
     fetch_history(history, history_count, previous_closeness, history_offset(frame, x, y), frame);
 #endif
-    history_t h = sample_history(
+    const history_t h = sample_history(
         current, below.texels, history, history_count, previous_closeness, m, s, x, y, frame, settings, kept);
-    const rectification r = rectify(h.rgb, p.filtered, p.near, m, box_gamma(m, settings), frame, settings);
-    if (ALPHA)
-        h.alpha = past_alpha(alpha + texel_offset(frame, x, y), h.alpha, frame);
-    const resolved out = resolve_pixel(p, h, r, settings);
-    store_resolved(output, output_count, out, x, y, frame);
+    if (TWO_UNDER_WAY)
+        finish_segment(*under_way, output, output_count, frame, settings);
+    *under_way = rectify_segment(p, h, m, alpha, x, y, frame, settings);
+    if (!TWO_UNDER_WAY) {
+        weigh_segment(under_way, settings);
+        finish_segment(*under_way, output, output_count, frame, settings);
+    }
     return below;
 }
 
@@ -41,6 +47,8 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
     const int segments = (frame.width + LANES - 1) / LANES, item = (int)get_global_id(0),
               items = (int)get_global_size(0);
     const int begin = segments * item / items, count = segments * (item + 1) / items - begin;
+    if (count == 0 || first >= end)
+        return;
     ROW_MEMBERS(COLUMN_ARRAYS)
     kept_rows kept[COLUMNS];
     ROLLED
@@ -52,17 +60,23 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
         ROW_MEMBERS(KEEP_COLUMN)
         kept[i] = nothing_kept();
     }
+    // Nothing yet: what it stores is stored again.
+    segment_t under_way = { .x = begin * LANES, .y = first };
     for (int y = first; y < last; ++y) {
         ROLLED
         for (int i = 0; i < count; ++i) {
             row_t above = { 0 }, centre = { 0 };
             ROW_MEMBERS(TAKE_COLUMN)
-            const row_t below
-                = resolve_segment(above, centre, current, closeness, motion, alpha, reactive, history, history_count,
-                    previous_closeness, output, output_count, (begin + i) * LANES, y, frame, settings, &kept[i]);
+            const row_t below = resolve_segment(above, centre, current, closeness, motion, alpha, reactive, history,
+                history_count, previous_closeness, output, output_count, (begin + i) * LANES, y, frame, settings,
+                &kept[i], &under_way);
             const int to = another_index(i);
             ROW_MEMBERS(KEEP_COLUMN)
         }
+    }
+    if (TWO_UNDER_WAY) {
+        weigh_segment(&under_way, settings);
+        finish_segment(under_way, output, output_count, frame, settings);
     }
 #else
     const int x = (int)get_global_id(0) * LANES;
@@ -77,9 +91,10 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
         centre = read_next_row(above, current, closeness, motion, x, y, frame);
     }
     kept_rows kept = nothing_kept();
+    segment_t under_way;
     for (int y = first; y < last; ++y) {
         const row_t below = resolve_segment(above, centre, current, closeness, motion, alpha, reactive, history,
-            history_count, previous_closeness, output, output_count, x, y, frame, settings, &kept);
+            history_count, previous_closeness, output, output_count, x, y, frame, settings, &kept, &under_way);
         above = centre;
         centre = below;
     }

@@ -73,10 +73,11 @@ def test_same_bits_for_every_choice(name: str, choice: str) -> None:
     assert differing({name: choice, "fresh_blur": 0.5}, list(hard_frames()), 8, 7) == 0
 
 
-# What decides which members of a row the next rows need, and how history is read while rows change.
+# What decides which members of a row the next rows need, how history is read while rows change, and what is left of a
+# segment for later while the next one is read.
 OF_ROWS = (
-    "box", "box_space", "current_filter", "dilation", "filter_use", "history_filter", "light_change", "neighbourhood",
-    "rectify", "reject", "variance",
+    "accumulate", "anti_flicker", "box", "box_space", "current_filter", "dilation", "filter_use", "history_filter",
+    "light_change", "neighbourhood", "rectify", "reject", "variance", "weighting",
 )  # fmt: skip
 
 
