@@ -44,6 +44,14 @@ class _Folder(_FilePath):
         return folder.absolute().resolve() if folder.name in ("", "..") else folder
 
 
+class _Milliseconds(click.FloatRange):
+    """A time above 0, with its unit, as ``cltaa tune --budget`` has it, or without."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        number: Any = value.removesuffix("ms") if isinstance(value, str) else value
+        return super().convert(number, param, ctx)
+
+
 class _Stops(click.FloatRange):
     """Stops of exposure within what a picture can have; not NaN, which lies within every range."""
 
@@ -153,6 +161,7 @@ SCENES = _Name(lambda: [ALL_SCENES, *_scenes()])  # or all of them
 FILE_PATH, FOLDER = _FilePath(path_type=Path), _Folder(path_type=Path)
 SIZE, FRAME_RANGE, NAMES = _Size(), _FrameRange(), _Names()
 FROM_0, FROM_1, FROM_2 = (_WholeNumbers(least) for least in range(3))  # lists of whole numbers
+MILLISECONDS = _Milliseconds(min=0.0, min_open=True)
 STOPS = _Stops(-EXPOSURE_STOPS, EXPOSURE_STOPS)
 
 verify_option = click.option(

@@ -11,6 +11,7 @@ from cltaa.commands.options import (
     EFFECTS_HELP,
     FILE_PATH,
     FRAME_RANGE,
+    MILLISECONDS,
     NAMES,
     PRESET,
     chosen_effects,
@@ -57,7 +58,7 @@ from cltaa.sequences.sources import Sequence
               "* for anything.  [default: all of other tools' files]")  # fmt: skip
 @click.option("--storage", type=click.Choice([kind.value for kind in STORAGES]), default=Storage.FLOAT.value,
               show_default=True, help="Number that the history is kept in.")  # fmt: skip
-@click.option("--budget-ms", type=click.FloatRange(min=0.0, min_open=True), metavar="MS",
+@click.option("--budget-ms", type=MILLISECONDS, metavar="MS",
               help="Take what cltaa bench accuracy found best on this device within MS a frame.")  # fmt: skip
 @click.option("--strict", is_flag=True, help="Kernels that match the NumPy oracle bit for bit.")
 @input_options

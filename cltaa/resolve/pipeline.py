@@ -10,6 +10,7 @@ from typing import Any, Literal
 from cltaa.errors import DeviceLost, UsageError
 from cltaa.exr.layout import check_lossless
 from cltaa.files.atomic import owned
+from cltaa.files.manifest import REFERENCE
 from cltaa.frames import Effect
 from cltaa.interrupt import Stop, stop_signals
 from cltaa.memory.allocator import kept_memory
@@ -60,8 +61,7 @@ def resolve_sequence(
     what reading, resolving and writing raise; finished frames stay complete.
     """
     output = Path(output)
-    if output.resolve() == sequence.folder.resolve():
-        raise UsageError("the output would overwrite the sequence", path=output, cure="name another folder with -o")
+    _refuse_place(output, sequence)
     check_lossless(compression)
     check_layers(sequence, layers)
     options: dict[str, Any] = {"effects": effects if isinstance(effects, str) else sorted(effects), "half": half}
@@ -96,6 +96,15 @@ def resolve_sequence(
     if preview is not None:
         write_video(preview, open_images(output, gaps=OnBreak.RESET).select(sequence.first, sequence.last), rate=rate)
     return outcome
+
+
+def _refuse_place(output: Path, sequence: Sequence) -> None:
+    """Raise UsageError for the sequence's own folder, and for one in it in which its truth is looked for."""
+    cure, place, folder = "name another folder with -o", output.resolve(), sequence.folder.resolve()
+    if place == folder:
+        raise UsageError("the output would overwrite the sequence", path=output, cure=cure)
+    if place.parent == folder and REFERENCE.fullmatch(place.name):
+        raise UsageError("the output would be taken for the truth of the sequence", path=output, cure=cure)
 
 
 class _Run:

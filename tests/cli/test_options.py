@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 import pytest
 
-from cltaa.commands.options import FRAME_RANGE, FROM_0, FROM_2, NAMES, SIZE
+from cltaa.commands.options import FRAME_RANGE, FROM_0, FROM_2, MILLISECONDS, NAMES, SIZE
 
 
 @pytest.mark.parametrize(
@@ -44,3 +44,8 @@ def test_what_is_understood(kind: click.ParamType[tuple[object, ...]], text: str
 def test_what_is_refused(kind: click.ParamType[tuple[object, ...]], text: str) -> None:
     with pytest.raises(click.BadParameter, match=text):
         kind.convert(text, None, None)
+
+
+def test_a_time_may_have_its_unit() -> None:
+    """As that of ``cltaa tune --budget`` has."""
+    assert [MILLISECONDS.convert(text, None, None) for text in ("5ms", "0.5 ms", "5")] == [5.0, 0.5, 5.0]
