@@ -21,7 +21,7 @@ from cltaa.commands.options import (
 )
 from cltaa.devices.launch import launcher_for
 from cltaa.errors import UsageError
-from cltaa.inputs.opening import open_input
+from cltaa.inputs.opening import check_declared, open_input
 from cltaa.parameters.build import STORAGES, Storage
 from cltaa.parameters.presets import Preset, override, preset_of
 from cltaa.printable import counted, json_of, printable, shown
@@ -119,6 +119,8 @@ def resolve(
     )  # fmt: skip
     if source.notes:
         click.echo("\n".join(map(printable, source.notes)), err=True)
+    declared = chosen_effects(effects)
+    check_declared(source, declared)
     settings, kept = _assigned(preset_of(preset, config), assignments), Storage(storage)
     if budget_ms is not None:
         if preset != "default" or config is not None:
@@ -129,7 +131,7 @@ def resolve(
         source,
         output,
         resolver,
-        effects=chosen_effects(effects),
+        effects=declared,
         half=half,
         compression=compression or carried_compression(source),
         preview=preview,

@@ -10,12 +10,14 @@ from typing import Any, Literal
 import msgspec
 
 from cltaa.errors import CltaaError, UsageError
+from cltaa.exr.attributes import MATRICES
 from cltaa.frames import Effect, format_effects, parse_effects
 from cltaa.inputs.parts import read_any_header
 from cltaa.printable import counted
 from cltaa.sequences.frame_numbers import OnBreak
 from cltaa.sequences.sources import RESOLVED, Sequence, open_capture
 
+Declared = frozenset[Effect] | Literal["auto", "all"]  # as the files declare, nothing, or these
 PLACE = "{}"  # in the name of a file that each of several sequences has: its folder
 
 
@@ -25,7 +27,7 @@ def open_input(
     profile: str = "auto",
     assignments: Many[str] = (),
     side_file: str | Path | None = None,
-    effects: frozenset[Effect] | Literal["auto", "all"] = "auto",
+    effects: Declared = "auto",
     **options: Any,
 ) -> Sequence:
     """Open ``folder`` as its profile says; ``options`` are those of ``open_sequence``, whoever wrote the files.
@@ -43,13 +45,20 @@ def open_input(
 
     verify = options.pop("verify", True)
     intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file, **options)
-    declared = None if isinstance(effects, str) else effects
-    if declared is not None and "motion" in intake.roles and not intake.has_camera and Effect.MOTION not in declared:
-        what, cure = "without matrices the vectors alone tell what moves", "declare motion too, or give --camera FILE"
-        raise UsageError(what, path=folder, found=f"effects {format_effects(declared) or 'none'}", cure=cure)
-    sequence = ForeignSequence(folder, intake, sorted(intake.declared), verify=verify, effects=declared)
+    sequence = ForeignSequence(folder, intake, sorted(intake.declared), verify=verify)
     sequence.refuse_result()
-    return sequence
+    check_declared(sequence, effects)
+    if isinstance(effects, str):
+        return sequence
+    return ForeignSequence(folder, intake, sorted(intake.declared), verify=verify, effects=effects)
+
+
+def check_declared(sequence: Sequence, effects: Declared) -> None:
+    """Raise UsageError where declared effects would leave out vectors that alone tell what moves."""
+    without = "motion" in sequence.holds and not sequence.undeclared.isdisjoint(MATRICES)
+    if not isinstance(effects, str) and Effect.MOTION not in effects and without:
+        what, cure = "without matrices the vectors alone tell what moves", "declare motion too, or give --camera FILE"
+        raise UsageError(what, path=sequence.folder, found=f"effects {format_effects(effects) or 'none'}", cure=cure)
 
 
 class Reading(msgspec.Struct, frozen=True, kw_only=True):

@@ -186,9 +186,24 @@ def test_declared_effects_are_those_of_a_capture(
     assert everything["rows"][0]["presets"]["t2"] != expected["rows"][0]["presets"]["t2"]
     arguments = ["bench", "quality", "--sequence", str(shot), "--preset", "t2", "--work", str(tmp_path / "work")]
     assert main([*arguments, "--effects", declared]) == 64
-    assert "without matrices the vectors alone tell what moves" in capsys.readouterr().err
+    expected = capsys.readouterr().err
+    assert "without matrices the vectors alone tell what moves (found effects camera,uncover)" in expected
+    assert main(["resolve", str(shot), "-o", str(tmp_path / "out"), "--effects", declared]) == 64
+    assert expected in capsys.readouterr().err
     assert main([*arguments[:2], "--scene", "occluder", "--effects", declared]) == 64
     assert "are of frames that are there; name them: --sequence" in capsys.readouterr().err
+
+
+def test_frames_that_were_drawn_again_are_complete(
+    shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (shot / REDRAWN / f"shot.{COUNT - 1:04d}.exr").unlink()
+    arguments = ["bench", "quality", "--sequence", str(shot), "--preset", "t2", "--settled", "1", "--device", "numpy"]
+    assert main([*arguments, "--work", str(tmp_path / "work")]) == 66
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.endswith(
+        "frame 3: this frame was not drawn again (found 0-2); draw them all again, or take the folder away"
+    )
 
 
 def test_tune_reads_by_a_profile(shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
