@@ -64,16 +64,17 @@ def read_channels(path: Path, value: bytes) -> dict[str, str]:
     return channels
 
 
-def place_of(content: bytes, attribute: str) -> int:
-    """Where the value of an attribute stands in a file of one part; IndexError where there is no such attribute."""
+def places_of(content: bytes) -> dict[str, slice]:
+    """Where the value of each attribute stands in a file of one part; raises IndexError where it is cut off."""
+    places: dict[str, slice] = {}
     place = 8
     while content[place] != 0:
         name, place = _name(content, place)
         _, place = _name(content, place)  # of its type
-        if name == attribute:
-            return place + 4
-        place += 4 + struct.unpack_from("<i", content, place)[0]
-    raise IndexError(f"no attribute {attribute}")
+        start = place + 4
+        place = start + struct.unpack_from("<i", content, place)[0]
+        places[name] = slice(start, place)
+    return places
 
 
 @contextmanager

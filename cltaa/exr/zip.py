@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.exr.header import place_of, read_headers
+from cltaa.exr.header import places_of, read_headers
 from cltaa.exr.isal_core import Bytes, Deflate
+from cltaa.exr.like_header import like_earlier
 from cltaa.exr.openexr import OpenEXR
 
 # Threads take turns with the interpreter between the steps of their work: so a few of them with much each
@@ -93,13 +94,18 @@ def _header(
     path: Path, header: Mapping[str, Any], channels: Mapping[str, NDArray[Any]], first: Any, last: Any
 ) -> bytes:
     """What stands in the file before the table of chunks: that of a file of the first row, but for the last row."""
-    row, file = np.array([first, [last[0], first[1]]], np.int32), BytesIO()
-    windows = {"displayWindow": (first, last), **header, "dataWindow": tuple(row)}
-    OpenEXR.File(windows, {name: plane[:1] for name, plane in channels.items()}).write(file)
-    *_, end = read_headers(path, file)
-    content = file.getvalue()
-    window = place_of(content, "dataWindow")
-    return content[: window + 12] + struct.pack("<i", last[1]) + content[window + 16 : end]
+
+    def write() -> bytes:
+        row, file = np.array([first, [last[0], first[1]]], np.int32), BytesIO()
+        windows = {"displayWindow": (first, last), **header, "dataWindow": tuple(row)}
+        OpenEXR.File(windows, {name: plane[:1] for name, plane in channels.items()}).write(file)
+        *_, end = read_headers(path, file)
+        content = file.getvalue()
+        window = places_of(content)["dataWindow"].start
+        return content[: window + 12] + struct.pack("<i", last[1]) + content[window + 16 : end]
+
+    kinds = tuple((name, plane.dtype.str) for name, plane in channels.items())
+    return like_earlier(header, (kinds, *map(int, (*first, *last))), write)
 
 
 def _pack(planes: list[Bytes], top: int, rows_a_chunk: int, deflate: Deflate, row: int) -> Packed:

@@ -8,13 +8,12 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
-import OpenEXR
 import pytest
 
 from cltaa.exr import isal_core
 from cltaa.exr import zip as exr_zip
 from cltaa.exr.channels import Pixels
-from cltaa.exr.header import place_of, read_headers
+from cltaa.exr.header import read_headers
 from cltaa.exr.isal_core import Bytes, Deflate, deflate_by_module, fast_deflate
 from cltaa.exr.read import read_image
 from cltaa.exr.write import write_image
@@ -126,11 +125,3 @@ def test_packed_rows_wait_in_bounded_number(monkeypatch: pytest.MonkeyPatch) -> 
         time.sleep(0.002)
         assert len(begun) <= row + 1 + 3
     assert list(packed) == []
-
-
-def test_place_of_an_attribute_that_is_not_there() -> None:
-    file = BytesIO()
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    OpenEXR.File(header, {"Y": np.zeros((1, 1), np.float32)}).write(file)
-    with pytest.raises(IndexError, match="no attribute owner"):
-        place_of(file.getvalue(), "owner")
