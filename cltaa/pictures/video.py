@@ -102,11 +102,16 @@ def check_film(path: Path, sequence: NumberedFiles) -> None:
         raise UsageError("a film of frames of several sizes", path=path, cure="leave --preview out")
 
 
-def rate_of(attributes: Mapping[str, object], record: Mapping[str, Any]) -> Fraction:
+def rate_of(attributes: Mapping[str, object], record: Mapping[str, Any], step: int = 1) -> Fraction:
     """Frames a second to show a sequence with: attribute ``framesPerSecond``, else the ``fps`` of its capture, else 24.
 
-    ``record`` is what ``sequence.json`` says. What is no rate that a player takes counts as nothing.
+    ``record`` is what ``sequence.json`` says. What is no rate that a player takes counts as nothing. Of frames whose
+    numbers are ``step`` apart fewer are shown, so that things move as fast.
     """
+    return max(Fraction(RATES[0]), _whole_rate(attributes, record) / step)
+
+
+def _whole_rate(attributes: Mapping[str, object], record: Mapping[str, Any]) -> Fraction:
     settings = record.get("settings")
     told: Any = attributes.get("framesPerSecond", settings.get("fps") if isinstance(settings, dict) else None)
     try:

@@ -76,7 +76,7 @@ def resolve_sequence(
     keeping = kept_memory(4 * sequence.width * sequence.height, images=not isinstance(resolver, BandedResolver))
     with keeping, owned(output), stop_signals() as stop:
         if preview is not None:
-            rate = rate_of(sequence.attributes, sequence.sequence_json)
+            rate = rate_of(sequence.attributes, sequence.sequence_json, sequence.step)
             check_film(preview, sequence)  # now that the output is there, which may be the film's folder too
         folder = OutputFolder(output, settings, restart=restart)
         checkpoints = Checkpoints(output, folder.key)

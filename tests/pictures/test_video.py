@@ -14,11 +14,12 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.errors import DataError, OutputError, UsageError
+from cltaa.exr.write import write_frame
 from cltaa.frames import Image
 from cltaa.pictures.display import to_picture
 from cltaa.pictures.png import GAP
 from cltaa.pictures.video import open_video, rate_of, write_side_by_side, write_video
-from tests.sequence_factory import write_sequence
+from tests.sequence_factory import make_frame, write_sequence
 
 # 8-bit limited-range YCbCr has 219 steps of luma and 224 of chroma for 255 of RGB, so a flat colour is off by about
 # one step of each (255/219 * 0.5 + 1.57 * 255/224 * 0.5 = 1.5); the encoder adds as much again (3 was observed).
@@ -130,6 +131,8 @@ def test_memory_does_not_grow_with_the_frames(tmp_path: Path) -> None:
 )
 def test_rate(attributes: dict[str, object], record: dict[str, Any], rate: Fraction) -> None:
     assert rate_of(attributes, record) == rate
+    assert rate_of(attributes, record, step=7) == Fraction(rate) / 7
+    assert rate_of(attributes, record, step=1000) == 1
 
 
 def test_the_film_of_a_resolve_is_as_fast_as_its_capture(tmp_path: Path) -> None:
@@ -138,3 +141,8 @@ def test_the_film_of_a_resolve_is_as_fast_as_its_capture(tmp_path: Path) -> None
     command = ["resolve", str(folder), "-o", str(tmp_path / "out"), "--device", "numpy", "--preview", str(film)]
     assert main(command) == 0
     assert frames_of(film)[1][2] == 30
+    for number in (2, 1):  # 0, 7 and 14: things move as fast
+        (folder / f"synthetic.000{number}.exr").unlink()
+        write_frame(folder / f"synthetic.{7 * number:04d}.exr", make_frame(7 * number))
+    assert main([*command, "--step", "7", "--restart"]) == 0
+    assert frames_of(film)[1][2] == Fraction(30, 7)
