@@ -102,9 +102,10 @@ def _by_shifts(shot: Shot, shifts: Sequence[Fit | None]) -> list[Finding]:
 def _plainest(left: dict[str, float], clearly: float) -> str:
     """The map that leaves least, one of half or twice the size only where it is far better than that without."""
     best = min(left, key=lambda name: left[name])
-    if not best.startswith("scaled"):
+    halves = ("scaled", "units-ndc")
+    if not best.startswith(halves):
         return best
-    whole = min((name for name in left if not name.startswith("scaled")), key=lambda name: left[name])
+    whole = min((name for name in left if not name.startswith(halves)), key=lambda name: left[name])
     return best if left[best] < clearly * left[whole] else whole
 
 

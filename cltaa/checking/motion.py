@@ -20,6 +20,8 @@ from cltaa.checking.vectors import Observed, explanations, fit_model
 
 CLEARLY_BETTER, BETTER = 0.8, 0.93  # residual of the winner over that of the declaration
 CLEARLY_NEARER = 0.45  # squared distance from the model, likewise
+LARGEST_RESIDUAL = 0.445  # of the winner: 0.42 is the most seen of vectors that are right, 0.467 the least of chance
+ALIKE = 1.03  # residuals over the least; among such the plainest is taken, as of half the vectors and all of them
 LEAST_EFFECT_PX = 0.08  # a mistake that moves the vectors by less is not worth a word
 MOST_POINTS = 8000  # looked at for each of two dozen maps; more only cost time
 LEAST_LEAK = 0.5  # of the change of jitter
@@ -33,9 +35,10 @@ def check_motion(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> li
     width, height = shot.window
     maps = affine_maps(width, height)
     scores = {name: _score(scenes, meant) for name, meant in maps.items()}
-    best = min(scores, key=lambda name: scores[name].mean())
+    best = _plainest({name: float(score.mean()) for name, score in scores.items()})
     declared, winner = scores[""], scores[best]
-    ratio = float(winner.mean() / declared.mean()) if (winner < declared).mean() > 0.7 else 1.0
+    wins = winner.mean() < LARGEST_RESIDUAL and (winner < declared).mean() > 0.7
+    ratio = float(winner.mean() / declared.mean()) if wins else 1.0
     coarse = [_named(best, maps[best], declared, winner)] if best else []
     if best and ratio < CLEARLY_BETTER:
         return coarse
@@ -45,6 +48,14 @@ def check_motion(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> li
     if best and ratio < 1.0 and anchored and not finer and _borne_out(scenes, maps[best]):
         return coarse
     return finer
+
+
+def _plainest(residuals: Mapping[str, float]) -> str:
+    """Of the maps whose residual is about the least, the one of the fewest words."""
+    most = ALIKE * min(residuals.values())
+    return min(
+        (name for name in residuals if residuals[name] <= most), key=lambda name: (len(name.split()), residuals[name])
+    )
 
 
 def _borne_out(scenes: Sequence[Observed], meant: Affine) -> bool:

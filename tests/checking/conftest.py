@@ -40,6 +40,21 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     return capture
 
 
+@pytest.fixture(scope="session")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    """Frames of a scene, 16 of 96 x 54."""
+    folder = tmp_path_factory.mktemp("small")
+
+    @cache
+    def capture(name: str) -> list[Frame]:
+        capture_sequence(
+            Request(name, folder / name, frames=16, width=96, height=54, jitter="halton:8", fps=12, seed=1)
+        )
+        return list(open_sequence(folder / name))
+
+    return capture
+
+
 def _model(folder: Path) -> Path:
     """Write a heap of boxes with coloured corners."""
     path = folder / "boxes.glb"
