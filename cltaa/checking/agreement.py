@@ -113,18 +113,18 @@ def _compared(pairs: Sequence[Pair], camera: str, scale: float, maps: dict[str, 
         pair.camera_motion(change(pair.frame.camera), change(pair.previous.camera), pair.closeness / scale)
         for pair in pairs
     ]
-    moved = float(np.mean([_middle(motion) for motion in motions]))
+    moved = float(np.mean([middle_length(motion) for motion in motions]))
     for name, meant in maps.items():
         vectors = [meant(pair.own) for pair in pairs]
         for leak in LEAKS:
             apart = [
-                _middle(own - leak * pair.jitter_change[:, None] - motion)
+                middle_length(own - leak * pair.jitter_change[:, None] - motion)
                 for pair, own, motion in zip(pairs, vectors, motions, strict=True)
             ]
             yield _Reading(camera, scale, name, leak, float(np.mean(apart)), moved)
 
 
-def _middle(vectors: Vector) -> float:
+def middle_length(vectors: Vector) -> float:
     """The middle length of those of ``vectors`` [2, n] that are numbers; infinite where there is none."""
     known = vectors[:, np.isfinite(vectors).all(0)]
     return float(np.median(np.hypot(*known))) if known.size else np.inf

@@ -5,23 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from cltaa.checking.agreement import check_agreement
-from cltaa.checking.alignment import LEAST_POINTS, Fit, fit_shift
 from cltaa.checking.colour import check_channels, check_colour
 from cltaa.checking.depth import check_depth, check_depth_scale, tell_device
 from cltaa.checking.finding import Finding
 from cltaa.checking.jitter import check_jitter
-from cltaa.checking.motion import check_motion
-from cltaa.checking.shots import Pair, Shot
-from cltaa.checking.travel import check_projection_jitter, check_structure, check_travel
+from cltaa.checking.motion import LEAST_EFFECT_PX, check_motion
+from cltaa.checking.shifts import measure_shifts
+from cltaa.checking.shots import Shot
+from cltaa.checking.travel import check_projection_jitter, check_structure, check_travel, check_upside_down
 from cltaa.frames import Frame
-
-Mask = NDArray[np.bool_]
-
-LARGEST_RESIDUAL = 0.6  # above it the pictures do not match and a shift means nothing
 
 
 def check_frames(
@@ -51,6 +47,7 @@ def check_frames(
         found += check_depth(frames)
     window = window or (frames[0].width, frames[0].height)
     shot = Shot(frames, window, has_camera=has_camera, has_depth=has_depth, has_jitter=has_jitter)
+    found = [_excused(shot, finding) if finding.name == "motion-constant" else finding for finding in found]
     two_planes = ("depth-inverse", "depth-device")
     found = [tell_device(shot, finding) if finding.name in two_planes else finding for finding in found]
     wrong_depth = any(finding.name.startswith("depth-") for finding in found)
@@ -63,7 +60,7 @@ def check_frames(
             return found + agreed  # the rest is looked at once it is read so
         if not wrong_depth:
             # A wrong camera and a wrong scale of depth both spoil the parallax; the camera's mistakes are the cruder.
-            found += check_travel(shot) or (check_depth_scale(shot) if has_depth else [])
+            found += check_travel(shot) or check_upside_down(shot) or (check_depth_scale(shot) if has_depth else [])
     shifts, anchored = measure_shifts(shot)
     if not any(finding.name.startswith(("camera-", "depth-")) and finding.mistake for finding in found):
         wrong_vectors = check_motion(shot, shifts, anchored)
@@ -74,23 +71,11 @@ def check_frames(
     return found
 
 
-def measure_shifts(shot: Shot) -> tuple[list[Fit | None], bool]:
-    """The shift that jitter gave the picture, for each pair, and whether it was measured without the motion channel."""
-    anchors = [_anchor(pair) for pair in shot.pairs]
-    anchored = shot.has_camera and bool(anchors) and all(anchor.sum() >= 4 * LEAST_POINTS for anchor in anchors)
-    masks = anchors if anchored else [pair.usable for pair in shot.pairs]
-    return [_shift(pair, mask, anchored) for pair, mask in zip(shot.pairs, masks, strict=True)], anchored
-
-
-def _anchor(pair: Pair) -> Mask:
-    return pair.usable & ~pair.moving
-
-
-def _shift(pair: Pair, there: Mask, anchored: bool) -> Fit | None:
-    motion = pair.camera_motion() if anchored else pair.declared_motion()
-    there = there & np.isfinite(motion).all(0)
-    if there.sum() < LEAST_POINTS:
-        return None
-    x, y = pair.x[there] + motion[0, there], pair.y[there] + motion[1, there]
-    fit = fit_shift(pair.now[there], pair.before, x, y, pair.scale)
-    return fit if fit.residual < LARGEST_RESIDUAL else None
+def _excused(shot: Shot, finding: Finding) -> Finding:
+    """No mistake where matrices and depth say the same, as of a plane that the camera moves along."""
+    if not (shot.has_camera and shot.has_depth and shot.pairs):
+        return finding
+    apart = np.concatenate([np.abs(pair.own - pair.camera_motion()) for pair in shot.pairs], axis=1)
+    apart = apart[:, np.isfinite(apart).all(0)]
+    alike = apart.size > 0 and float(np.median(apart)) < LEAST_EFFECT_PX
+    return msgspec.structs.replace(finding, mistake=False) if alike else finding

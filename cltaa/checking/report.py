@@ -12,6 +12,8 @@ import msgspec
 from cltaa.checking.detector import check_frames
 from cltaa.checking.files import check_files
 from cltaa.checking.finding import Finding
+from cltaa.checking.shots import Shot
+from cltaa.checking.untold import untold
 from cltaa.inputs.correction import correct
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import Intake, intake_lines, open_with_gaps
@@ -24,12 +26,16 @@ ROUNDS = 6  # of looking and reading again: matrices, depth, its unit, vectors a
 
 
 class Report(msgspec.Struct, kw_only=True):
-    """What ``cltaa check`` found; ``options`` reads the sequence right, ``profile`` is the same as data."""
+    """What ``cltaa check`` found; ``options`` reads the sequence right, ``profile`` is the same as data.
+
+    ``untold`` are conventions that could be wrong without a trace in these frames.
+    """
 
     folder: str
     frames: int
     reading: list[str]
     findings: list[Finding]
+    untold: list[str]
     options: str
     profile: dict[str, Any]
 
@@ -58,7 +64,8 @@ def check_folder(
     base, findings = load_profile(name), list[Finding]()
     for _ in range(ROUNDS):
         known = {finding.name for finding in findings}
-        found = [finding for finding in _look(intake, folder, frames) if finding.name not in known]
+        seen, shot = _look(intake, folder, frames)
+        found = [finding for finding in seen if finding.name not in known]
         findings += [_with_option(finding, intake.profile) for finding in found]
         mended = intake.profile
         for finding in found:
@@ -71,7 +78,7 @@ def check_folder(
     options = f"{profile_options(name, side_file, step)} {option_text(changes)}".strip()
     report = Report(
         folder=str(folder), frames=min(frames, len(first.declared)), reading=[*intake_lines(first)], findings=findings,
-        options=options, profile=msgspec.to_builtins(mended),
+        untold=untold(shot), options=options, profile=msgspec.to_builtins(mended),
     )  # fmt: skip
     return report, mended
 
@@ -86,14 +93,20 @@ def profile_options(profile: str, side_file: Path | None, step: int) -> str:
     return shlex.join(words)
 
 
-def _look(intake: Intake, folder: Path, frames: int) -> list[Finding]:
-    """What files and pixels say under one reading."""
+def _look(intake: Intake, folder: Path, frames: int) -> tuple[list[Finding], Shot]:
+    """What files and pixels say under one reading, and the frames so read."""
     numbers = sorted(intake.declared)[:frames]
     sequence = ForeignSequence(folder, intake, numbers, strict=False)
     sequence.refuse_result()
     read = [sequence.frame(number) for number in track(numbers, len(numbers), "reading")]
-    known = {"has_depth": "depth" in intake.roles, "has_camera": intake.has_camera, "has_jitter": intake.has_jitter}
-    return check_files(intake) + check_frames(read, sequence.layouts[numbers[0]].display_size, **known)
+    known = Shot(
+        read, sequence.layouts[numbers[0]].display_size, has_depth="depth" in intake.roles,
+        has_camera=intake.has_camera, has_jitter=intake.has_jitter,
+    )  # fmt: skip
+    found = check_frames(
+        read, known.window, has_depth=known.has_depth, has_camera=known.has_camera, has_jitter=known.has_jitter
+    )
+    return check_files(intake) + found, known
 
 
 def _with_option(finding: Finding, profile: Profile) -> Finding:

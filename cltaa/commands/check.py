@@ -69,6 +69,8 @@ def _print(report: Report, options: str) -> None:
         console.print(f"    {shown(finding.evidence)}", style="dim", soft_wrap=True, highlight=False)
         if finding.option:
             console.print(f"    {shown(finding.option)}", soft_wrap=True, highlight=False)
+    for line in report.untold:
+        console.print(f"[yellow]?[/] cannot tell {shown(line)}", soft_wrap=True, highlight=False)
     if not report.mistakes:
         console.print(f"[green]✓[/] no mistake found in {counted(report.frames, 'frame')}", highlight=False)
     elif any(finding.fix for finding in report.mistakes):

@@ -1,0 +1,115 @@
+"""What a sequence cannot tell of its own conventions, so that nobody takes the check's silence for a yes.
+
+A mistake that changes nothing here may change the next shot that is read by the same profile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from cltaa.cameras import is_still
+from cltaa.checking.agreement import DISAGREE, LEAST_MOTION_PX, middle_length
+from cltaa.checking.gains import left_over, linear_maps
+from cltaa.checking.jitter import LEAST_PAIRS, MOST_SCATTER
+from cltaa.checking.likeness import declared_jitter, measure_likeness
+from cltaa.checking.meanings import MEANINGS
+from cltaa.checking.motion import LEAST_EFFECT_PX
+from cltaa.checking.shifts import measure_shifts
+from cltaa.checking.shots import COVERED, Pair, Shot
+from cltaa.checking.signal import Vector
+from cltaa.checking.travel import CLEARLY_BETTER, MOST_PAIRS, camera_residual, moving_pairs
+
+MOST = 0.95  # quantile of the points: a few near the edge move by more under any mistake
+LARGEST_LEFT = 0.5  # of the jitter's own change: shifts that are farther from it confirm nothing
+WHAT = {"inverse": "their direction", "y-flipped": "their y"}
+UNIT = 2.0  # of depth
+
+
+def untold(shot: Shot) -> list[str]:
+    """One line for each convention that could be wrong and this check would not name it in these frames."""
+    return [*_camera(shot), *_motion(shot), *_jitter(shot)]
+
+
+def _camera(shot: Shot) -> Iterator[str]:
+    if not (shot.has_camera and shot.pairs):
+        return
+    pairs = moving_pairs(shot)
+    if not pairs:
+        yield "matrices: their direction, their y, a delay; and the unit of depth: the camera stands"
+        return
+    hidden = []
+    for name, what in WHAT.items():
+        change = MEANINGS[name].change
+        wrong = [pair.camera_motion(change(pair.frame.camera), change(pair.previous.camera)) for pair in pairs]
+        if not _shows(pairs, wrong):
+            hidden.append(what)
+    both = [(one, two) for one, two in zip(shot.pairs[1:], shot.pairs, strict=False) if _moves(one) or _moves(two)]
+    late = [one.camera_motion(two.frame.camera, two.previous.camera) for one, two in both]
+    if not _shows([one for one, _ in both], late):
+        hidden.append("a delay")
+    if hidden:
+        yield f"matrices: {', '.join(hidden)}: the pictures match about as well either way"
+    if shot.has_depth and not shot.frames[0].camera.orthographic:
+        nearer = [pair.camera_motion(closeness=UNIT * pair.closeness) for pair in pairs]
+        if not _shows(pairs, nearer):
+            yield "the unit of depth: the pictures match about as well with others"
+
+
+def _shows(pairs: Sequence[Pair], wrong: Sequence[Vector]) -> bool:
+    """True where the check would name a mistake that makes these motions [2, n] of the right ones."""
+    if all(_far(pair, motion) for pair, motion in zip(pairs, wrong, strict=True)):
+        return True  # from the vectors that fill the picture
+    chosen = slice(None, None, max(1, len(pairs) // MOST_PAIRS))
+    right = [camera_residual(pair, pair.camera_motion()) for pair in pairs[chosen]]
+    spoilt = [camera_residual(pair, motion) for pair, motion in zip(pairs[chosen], wrong[chosen], strict=True)]
+    return bool(np.mean(right) <= CLEARLY_BETTER * np.mean(spoilt))
+
+
+def _far(pair: Pair, wrong: Vector) -> bool:
+    """True where vectors fill the picture and the wrong motion lies far from the right one at most points."""
+    if np.isfinite(pair.own).all(0).mean() < COVERED:
+        return False
+    right = pair.camera_motion()
+    return middle_length(wrong - right) > DISAGREE * max(middle_length(wrong), LEAST_MOTION_PX)
+
+
+def _moves(pair: Pair) -> bool:
+    return not is_still(pair.frame.camera, pair.previous.camera)
+
+
+def _motion(shot: Shot) -> Iterator[str]:
+    """Signs and sizes of vectors that are too short, or all of one direction."""
+    own = [pair.own[:, pair.moving & pair.usable] for pair in shot.pairs if pair.frame.motion is not None]
+    own = [vectors for vectors in own if vectors.size]
+    if not any(pair.frame.motion is not None for pair in shot.pairs):
+        return
+    longest = max((float(np.quantile(np.hypot(*vectors), MOST)) for vectors in own), default=0.0)
+    if longest < LEAST_EFFECT_PX:
+        yield f"the vectors' sign, axes and unit: none is longer than {LEAST_EFFECT_PX:g} px"
+        return
+    names = {"x-negated": "the sign of x", "y-flipped": "the sign of y"}
+    maps = linear_maps(*shot.window)
+    for name, what in names.items():
+        change = maps[name] - np.eye(2)
+        if max(float(np.sqrt(((change @ vectors) ** 2).sum(0).mean())) for vectors in own) < LEAST_EFFECT_PX:
+            yield f"the vectors: {what}: nothing moves that way"
+
+
+def _jitter(shot: Shot) -> Iterator[str]:
+    declared = declared_jitter(shot.frames)
+    if not np.ptp(declared, axis=0).any():
+        return
+    likeness = measure_likeness(shot)
+    if likeness is not None and likeness.scatter(declared) <= MOST_SCATTER:
+        return
+    shifts, _ = measure_shifts(shot)
+    known = [place for place, fit in enumerate(shifts) if fit is not None]
+    if len(known) >= LEAST_PAIRS:
+        measured = np.array([fit.shift for fit in shifts if fit is not None])
+        change = np.array([shot.pairs[place].jitter_change for place in known])
+        ones = np.ones(len(known))
+        if left_over(measured, change, np.eye(2), ones) < LARGEST_LEFT * left_over(0 * change, change, np.eye(2), ones):
+            return
+    yield "the jitter: its sign, axes and size: nothing that rests shows it clearly"

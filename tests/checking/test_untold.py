@@ -1,0 +1,123 @@
+"""What the check says that it cannot tell, and the y of a projection that nothing but its sign gives away."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from cltaa.checking.detector import check_frames
+from cltaa.checking.shots import Shot
+from cltaa.checking.untold import untold
+from cltaa.cli import root
+from cltaa.frames import Camera, Frame
+from tests.checking.conftest import Scene
+from tests.checking.mistakes import FLIP_Y, MISTAKES, full_motion
+from tests.inputs.foreign import write_own
+from tests.sequence_factory import make_frame
+
+STANDS = "matrices: their direction, their y, a delay; and the unit of depth: the camera stands"
+
+
+def mistakes(frames: list[Frame]) -> list[str]:
+    return [finding.name for finding in check_frames(frames) if finding.mistake]
+
+
+def told(frames: list[Frame]) -> list[str]:
+    return untold(Shot(frames, (frames[0].width, frames[0].height)))
+
+
+def rows_up(frames: list[Frame]) -> list[Frame]:
+    """The same pictures with the last row first, as a buffer of OpenGL is read."""
+    return [
+        replace(
+            frame, colour=frame.colour[::-1].copy(), depth=frame.depth[::-1].copy(), motion=None, object_id=None,
+            jitter_px=(frame.jitter_px[0], -frame.jitter_px[1]),
+        )
+        for frame in frames
+    ]  # fmt: skip
+
+
+def turned(frame: Frame) -> Frame:
+    return replace(frame, camera=Camera(frame.camera.world_to_view, FLIP_Y @ frame.camera.view_to_clip))
+
+
+@pytest.mark.parametrize("name", ["still", "pan"])
+def test_a_projection_that_turns_the_picture_over_is_named_where_no_motion_tells(name: str, scene: Scene) -> None:
+    assert mistakes(MISTAKES["camera-y-flipped"].plant(scene(name))) == ["camera-y-flipped"]
+
+
+def test_a_picture_whose_rows_go_up_is_named_by_its_motion(scene: Scene) -> None:
+    assert mistakes(rows_up(scene("orbit"))) == ["camera-y-flipped"]
+
+
+def test_a_projection_that_turns_such_a_picture_over_is_right(scene: Scene) -> None:
+    assert mistakes([turned(frame) for frame in rows_up(scene("orbit"))]) == []
+
+
+def test_a_picture_whose_rows_go_up_before_a_level_camera_is_said_to_be_untold(scene: Scene) -> None:
+    frames = rows_up(scene("corridor"))
+    assert mistakes(frames) == []
+    (line,) = [line for line in told(frames) if line.startswith("matrices: ")]
+    assert "their y" in line
+
+
+@pytest.mark.parametrize(
+    ("name", "hidden", "shown"),
+    [
+        ("still", [STANDS], []),
+        ("corridor", ["their y", "a delay"], ["direction", "unit of depth", "the jitter"]),
+        ("pan", ["their y", "unit of depth"], []),
+        ("orbit", [], ["their y", "direction"]),
+        ("occluder", ["the sign of y"], ["the sign of x", "none is longer"]),
+        ("spinner", [], ["the sign of"]),
+    ],
+)
+def test_what_is_untold(name: str, hidden: list[str], shown: list[str], scene: Scene) -> None:
+    text = "\n".join(told(scene(name)))
+    assert [words for words in hidden if words not in text] == []
+    assert [words for words in shown if words in text] == []
+
+
+@pytest.mark.parametrize("name", ["corridor", "pan", "orbit"])
+@pytest.mark.parametrize("mistake", ["camera-inverse", "depth-scaled"])
+def test_what_is_not_named_is_said_to_be_untold(mistake: str, name: str, scene: Scene) -> None:
+    words = {"camera-inverse": "their direction", "depth-scaled": "the unit of depth"}[mistake]
+    named = mistakes(MISTAKES[mistake].plant(scene(name))) == [mistake]
+    assert named != any(words in line for line in told(scene(name)))
+
+
+def test_vectors_that_fill_the_picture_tell_the_direction_of_matrices(small: Scene) -> None:
+    assert any("their direction" in line for line in told(small("far_off")))
+    assert not any("their direction" in line for line in told(full_motion(small("far_off"))))
+
+
+def test_vectors_that_say_nothing_are_untold(scene: Scene) -> None:
+    assert any("the vectors' sign, axes and unit" in line for line in told(full_motion(scene("still"))))
+
+
+def test_jitter_that_nothing_shows_is_untold(scene: Scene) -> None:
+    flat = [replace(frame, colour=np.full_like(frame.colour, 0.5)) for frame in scene("still")]
+    assert any(line.startswith("the jitter") for line in told(flat))
+    assert not any(line.startswith("the jitter") for line in told(scene("still")))
+    assert not any(line.startswith("the jitter") for line in told([replace(f, jitter_px=(0.0, 0.0)) for f in flat]))
+
+
+def test_a_plane_that_the_camera_moves_along_has_one_vector(small: Scene) -> None:
+    frames = full_motion(small("charts_drift"))
+    assert mistakes(frames) == []
+    assert "motion-constant" in mistakes(MISTAKES["motion-negated"].plant(frames))
+
+
+def test_one_frame_tells_nothing_and_is_no_error() -> None:
+    assert told([make_frame(0)]) == []
+
+
+def test_it_is_printed(scene: Scene, tmp_path: Path) -> None:
+    write_own(tmp_path, scene("still"))
+    done = CliRunner().invoke(root, ["check", str(tmp_path)])
+    assert f"? cannot tell {STANDS}" in done.stdout
+    assert done.exit_code == 0
