@@ -143,7 +143,7 @@ def test_a_kernel_writes_its_pixels_and_at_most_the_rest_of_a_segment(kernel: st
         assert set(columns) <= set(range(first, first + -work.layout.width % lanes)), name
 
 
-@pytest.mark.parametrize("lanes", [1, 8])  # columns and texels of the halo, a row of it a work-item
+@pytest.mark.parametrize("lanes", [1, 8, 16])  # columns and texels of the halo, rows of it, whole lines of them
 @pytest.mark.parametrize("storage", list(Storage))
 @pytest.mark.parametrize("size", [(33, 9), (64, 3), (1, 1)])
 def test_edges_are_extended_as_the_twin_extends_them(size: tuple[int, int], storage: Storage, lanes: int) -> None:
