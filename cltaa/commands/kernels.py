@@ -29,7 +29,9 @@ def kernels(show: str | None, preset: str, lanes: str, strict: bool, as_json: bo
 
     build = Build(choices=load_preset(preset).choices, steps=Steps(), lanes=int(lanes), rows=32, strict=strict)
     if show is not None:
-        click.echo(source(show, build), nl=False)
+        text = source(show, build)
+        told = {"kernel": show, "flags": list(build.flags()), "hash": source_hash(show, build), "text": text}
+        click.echo(json_of(told) if as_json else text, nl=as_json)
         return
     hashes = {name: source_hash(name, build) for name in kernel_names()}
     if as_json:

@@ -22,18 +22,22 @@ from cltaa.printable import json_of
 @click.command("presets")
 @click.argument("name", required=False, type=PRESET)
 @click.option("--against", type=PRESET, help="Print only what NAME sets otherwise than this preset does.")
-@click.option("--parameters", is_flag=True, help="List every parameter with its range, unit and meaning.")
+@click.option("--parameters", is_flag=True,
+              help="List every parameter with its range, unit and meaning, and what NAME sets it to.")  # fmt: skip
 @json_option
 def presets(name: str | None, against: str | None, parameters: bool, as_json: bool) -> None:
     """List the presets; with NAME, print that one as TOML for cltaa resolve --config."""
     if against is not None:
+        if parameters:
+            raise UsageError("--against and --parameters are two lists", cure="leave one of them out")
         if name is None:
             raise UsageError("--against compares with a preset", expected="cltaa presets NAME --against OTHER")
         rows = difference(load_preset(name), load_preset(against))
         click.echo(json_of(rows) if as_json else _toml_over(load_preset(against), rows), nl=as_json)
     elif parameters:
-        rows = parameter_rows()
-        click.echo(json_of(rows)) if as_json else _print_parameters(rows)
+        chosen = None if name is None else load_preset(name)
+        rows = parameter_rows(chosen)
+        click.echo(json_of(rows)) if as_json else _print_parameters(rows, chosen)
     elif name is not None:
         preset = load_preset(name)
         click.echo(json_of(preset) if as_json else _toml(preset), nl=as_json)
@@ -43,15 +47,20 @@ def presets(name: str | None, against: str | None, parameters: bool, as_json: bo
         click.echo(json_of(rows)) if as_json else _print_presets(listed)
 
 
-def parameter_rows() -> list[dict[str, Any]]:
-    """One row a parameter, from its declaration."""
+def parameter_rows(preset: Preset | None = None) -> list[dict[str, Any]]:
+    """One row a parameter, from its declaration, and with the value that a preset gives it."""
     rows: list[dict[str, Any]] = []
+    values: dict[str, Any] = {}
+    if preset is not None:
+        values = msgspec.to_builtins(preset.choices) | msgspec.to_builtins(preset.settings)
     for struct in (Choices, Settings):
         hints: dict[str, Any] = get_type_hints(struct, include_extras=True)
         for field in msgspec.structs.fields(struct):
             hint = hints[field.name]
             default = f"{field.default:g}" if struct is Settings else field.default
             row: dict[str, Any] = {"parameter": field.name, "default": default}
+            if preset is not None:
+                row["value"] = values[field.name]
             if struct is Settings:
                 (meta,) = hint.__metadata__
                 extra = meta.extra
@@ -100,15 +109,22 @@ def _print_presets(presets: list[Preset]) -> None:
     Console().print(table)
 
 
-def _print_parameters(rows: list[dict[str, Any]]) -> None:
+def _print_parameters(rows: list[dict[str, Any]], preset: Preset | None) -> None:
     """A paragraph each: a table of four columns leaves the text a few letters a line in a terminal of usual width."""
     console = Console(highlight=False)
-    console.print(
-        "What each is where a preset does not set it (and what it can be); what one sets: cltaa presets NAME\n"
-    )
+    if preset is None:
+        sets = "cltaa presets NAME --parameters"
+        console.print(f"What each is where a preset does not set it (and what it can be); what one sets: {sets}\n")
+    else:
+        console.print(f"What each is in {escape(preset.name)} (and what it can be)\n")
     for row in rows:
         text = {name: escape(value) for name, value in row.items() if isinstance(value, str)}
-        console.print(f"[bold]{text['parameter']}[/] = {text['default']}  [dim]({text['values']})[/]")
+        value = text["default"] if preset is None else escape(_written(row["value"]))
+        console.print(f"[bold]{text['parameter']}[/] = {value}  [dim]({text['values']})[/]")
         console.print(Padding(text["meaning"], (0, 0, 0, 4)))
         for value, meaning in row.get("value_meanings", {}).items():
             console.print(Padding(f"[dim]{value}:[/] {escape(meaning)}", (0, 0, 0, 8)))
+
+
+def _written(value: str | float) -> str:
+    return value if isinstance(value, str) else f"{value:g}"

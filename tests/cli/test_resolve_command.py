@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -183,6 +184,21 @@ def test_every_parameter_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert told["on_camera_move"] == {}  # its words say it all
 
 
+def test_every_parameter_of_a_preset_is_listed_with_what_it_sets(capsys: pytest.CaptureFixture[str]) -> None:
+    preset = load_preset("karis")
+    assert main(["presets", "karis", "--parameters", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    found = {row["parameter"]: row["value"] for row in rows}
+    assert found == {**msgspec.to_builtins(preset.choices), **msgspec.to_builtins(preset.settings)}
+    assert found != {row["parameter"]: row["default"] for row in rows}
+    assert main(["presets", "karis", "--parameters"]) == 0
+    said = capsys.readouterr().out
+    assert f"rectify = {preset.choices.rectify.value}  (none, clamp" in said
+    assert f"blend_weight = {preset.settings.blend_weight:g}  (" in said
+    assert main(["presets", "karis", "--parameters", "--against", "t2"]) == 64
+    assert "--against and --parameters are two lists" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("columns", ["40", "80", "200"])
 def test_parameters_are_readable_in_any_terminal(
     columns: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -205,4 +221,9 @@ def test_kernel_text_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     text = capsys.readouterr().out
     assert "__kernel void resolve_kernel" in text
     assert "typedef struct {" in text
+    assert main(["kernels", "--show", "resolve", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["kernel"], told["text"]) == ("resolve", text)
+    assert main(["kernels", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["kernels"]["resolve"] == told["hash"]
     assert main(["kernels", "--show", "nonsense"]) == 64
