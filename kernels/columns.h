@@ -34,12 +34,9 @@ STAGE int another_index(int i)
     return i;
 }
 
-// Whether a segment is still under way while the next one is read. What follows its history is a long chain of
-// divisions where samples are weighed, and a CPU looks no further ahead than some hundred instructions that wait. So
-// the chain is done in three parts, each among what the next segment begins with. Without weights it is too short for
-// that.
-#define TWO_UNDER_WAY (COLUMNS > 1 && WEIGHTING != WEIGHTING_NONE)
-
+// A segment that is still under way while the next one is read, TWO_UNDER_WAY. What follows its history is a long chain
+// of divisions, and a CPU looks no further ahead than some hundred instructions that wait. So the chain is done in
+// three parts, each among what the next segment begins with.
 typedef struct
 {
     pixel_t p;
