@@ -20,6 +20,7 @@ os.environ.setdefault("PYOPENCL_NO_CACHE", "1")
 
 import pyopencl as cl
 
+from cltaa.devices.free_calls import map_memory, unmap_memory
 from cltaa.devices.kernel_cache import check_cache, filling
 from cltaa.devices.launch import WISH
 from cltaa.devices.one_process import OneProcess
@@ -118,14 +119,13 @@ class Memory(OneProcess):
         """The contents as an array, for writing all of it (``write``) or for reading."""
         queue = self._device.queue
         if self._device.shares_memory:
-            flags = cl.map_flags.WRITE if write else cl.map_flags.READ
             with device_errors(self._device):
-                array, _ = cl.enqueue_map_buffer(queue, self.buffer, flags, 0, self.shape, self.dtype)
+                array = map_memory(queue, self.buffer, self.size, write=write)
             try:
-                yield array
+                yield array.view(self.dtype).reshape(self.shape)
             finally:
                 with device_errors(self._device):
-                    array.base.release(queue)
+                    unmap_memory(queue, self.buffer, array)
             return
         if self._staging is None:
             self._staging = self._pinned()

@@ -5,14 +5,14 @@ from __future__ import annotations
 import hashlib
 import warnings
 from collections.abc import Mapping
-from ctypes import CDLL, Array, byref, c_int, c_size_t, c_uint, c_void_p
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyopencl as cl
 
+from cltaa.devices.free_calls import start_kernel
 from cltaa.devices.kernel_cache import cache_folder, save_log
 from cltaa.devices.kernel_files import kernel_folder, kernel_names
 from cltaa.devices.one_process import OneProcess
@@ -46,40 +46,6 @@ def source(kernel: str, build: Build) -> str:
 def source_hash(kernel: str, build: Build) -> str:
     """SHA-256 of text and flags: what a result depends on, beside the device."""
     return hashlib.sha256("\0".join([source(kernel, build), *build.flags()]).encode()).hexdigest()
-
-
-def start_kernel(
-    queue: cl.CommandQueue, kernel: cl.Kernel, size: tuple[int, ...], group: tuple[int, ...] | None
-) -> cl.Event:
-    """Enqueue a kernel whose arguments are set, without the interpreter; raises what pyopencl raises.
-
-    pyopencl's own call holds it, while a CPU's driver wakes the threads that work: where cores are busy these push
-    aside the thread that woke them, and every other one waits for the interpreter until a core is free again.
-    """
-    enqueue = _enqueue()
-    if enqueue is not None:
-        event = c_void_p()
-        sizes = _in_c(size), None if group is None else _in_c(group)
-        if not enqueue(queue.int_ptr, kernel.int_ptr, len(size), None, *sizes, 0, None, byref(event)) and event.value:
-            return cl.Event.from_int_ptr(event.value, False)
-    return cl.enqueue_nd_range_kernel(queue, kernel, size, group)  # which says what is wrong
-
-
-@lru_cache(maxsize=64)
-def _in_c(size: tuple[int, ...]) -> Array[c_size_t]:
-    return (c_size_t * len(size))(*size)
-
-
-@cache
-def _enqueue() -> Any | None:
-    """OpenCL's own function, through the library that pyopencl has loaded; None where it cannot be reached."""
-    try:
-        function = CDLL(cl._cl.__file__).clEnqueueNDRangeKernel
-    except (OSError, AttributeError, TypeError):
-        return None
-    memory = (c_void_p,) * 3
-    function.argtypes, function.restype = (c_void_p, c_void_p, c_uint, *memory, c_uint, c_void_p, c_void_p), c_int
-    return function
 
 
 class Kernel(OneProcess):
