@@ -11,6 +11,7 @@ import numpy as np
 from cltaa.checking.agreement import check_agreement
 from cltaa.checking.colour import check_channels, check_colour
 from cltaa.checking.depth import check_depth, check_depth_scale, tell_device
+from cltaa.checking.exposure import check_exposure
 from cltaa.checking.finding import Finding
 from cltaa.checking.jitter import check_jitter
 from cltaa.checking.motion import LEAST_EFFECT_PX, check_motion
@@ -35,7 +36,8 @@ def check_frames(
     A later check rests on an earlier one, so where the matrices or the depth are wrong the rest is looked at only as
     far as it does not need them.
     """
-    found = check_channels(frames, has_camera=has_camera, has_depth=has_depth) + check_colour(frames)
+    found = check_channels(frames, has_camera=has_camera, has_depth=has_depth)
+    found += check_colour(frames) + check_exposure(frames)
     if has_camera:
         structure, mend = check_structure(frames)
         found += structure
