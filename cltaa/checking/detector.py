@@ -67,8 +67,8 @@ def check_frames(
     if not any(finding.name.startswith(("camera-", "depth-")) and finding.mistake for finding in found):
         wrong_vectors = check_motion(shot, shifts, anchored)
         found += wrong_vectors
-        # Shifts that were measured through wrong vectors tell nothing of the jitter, nor do those that hold it.
-        if not any(not anchored or finding.name.startswith("motion-jittered") for finding in wrong_vectors):
+        # Shifts that were measured through wrong vectors tell nothing of the jitter.
+        if anchored or not wrong_vectors:
             found += check_jitter(shot, shifts)
     return found
 

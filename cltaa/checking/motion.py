@@ -24,6 +24,7 @@ LARGEST_RESIDUAL = 0.445  # of the winner: 0.42 is the most seen of vectors that
 ALIKE = 1.03  # residuals over the least; among such the plainest is taken, as of half the vectors and all of them
 LEAST_EFFECT_PX = 0.08  # a mistake that moves the vectors by less is not worth a word
 MOST_POINTS = 8000  # looked at for each of two dozen maps; more only cost time
+LEAST_PAIRS = 6  # of them four second differences are left, for two gains an axis
 LEAST_LEAK = 0.5  # of the change of jitter
 
 
@@ -31,11 +32,13 @@ def check_motion(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> li
     """Findings about the motion channel; ``shifts`` were measured without it where ``anchored``."""
     scenes = _scenes(shot, shifts, anchored)
     if not any(scene.own.any() for scene in scenes):
-        return []
+        return _resting_leak(shot)
     width, height = shot.window
     maps = affine_maps(width, height)
     scores = {name: _score(scenes, meant) for name, meant in maps.items()}
     best = _plainest({name: float(score.mean()) for name, score in scores.items()})
+    if _effect(scenes, maps[best]) < LEAST_EFFECT_PX:
+        best = ""
     declared, winner = scores[""], scores[best]
     wins = winner.mean() < LARGEST_RESIDUAL and (winner < declared).mean() > 0.7
     ratio = float(winner.mean() / declared.mean()) if wins else 1.0
@@ -58,15 +61,17 @@ def _plainest(residuals: Mapping[str, float]) -> str:
     )
 
 
+def _effect(scenes: Sequence[Observed], meant: Affine) -> float:
+    """Root mean square of what the mistake does to the vectors, in pixels."""
+    return float(np.mean([np.sqrt(((meant(scene.own) - scene.own) ** 2).sum(0).mean()) for scene in scenes]))
+
+
 def _borne_out(scenes: Sequence[Observed], meant: Affine) -> bool:
     """True where the model, started from the vectors that are meant, stays there.
 
     From fractions of a picture, which say that nothing moves, it never comes so far.
     """
     vectors = [meant(scene.own) for scene in scenes]
-    effect = [np.sqrt(((own - scene.own) ** 2).sum(0).mean()) for own, scene in zip(vectors, scenes, strict=True)]
-    if float(np.mean(effect)) < LEAST_EFFECT_PX:
-        return False
     model = fit_model([scene._replace(own=own) for own, scene in zip(vectors, scenes, strict=True)])
     declared, no_leak = np.asarray(np.linalg.inv(meant.matrix), np.float64), np.zeros((2, 2))
     return model.distance(np.eye(2), no_leak) < CLEARLY_NEARER * model.distance(declared, no_leak)
@@ -152,9 +157,11 @@ def _resting_leak(shot: Shot) -> list[Finding]:
     """Jitter left in vectors that cover the whole picture: what resting pixels declare follows the jitter."""
     pairs = [pair for pair in shot.pairs if (np.isfinite(pair.own).all(0) & pair.usable).mean() >= COVERED]
     change = np.array([pair.jitter_change for pair in pairs])
-    if len(pairs) < 4 or not change.any():
+    if len(pairs) < LEAST_PAIRS or not change.any():
         return []
-    fit = regress(np.array([_resting(pair) for pair in pairs]), change, np.ones(len(pairs)))
+    # By second differences: what fills the picture moves on smoothly, and jitter goes to and fro.
+    resting, change = (np.diff(of, n=2, axis=0) for of in (np.array([_resting(pair) for pair in pairs]), change))
+    fit = regress(resting, change, np.ones(len(change)))
     gain = float(np.trace(fit.matrix)) / 2.0
     spread = float(np.sqrt((change**2).sum(1).mean()))
     if abs(gain) < LEAST_LEAK or fit.left > 0.5 * spread:
