@@ -82,9 +82,12 @@ def _csv(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
         try:
             names = {re.sub(r"\.[0-9]+$", "", column) for column in row if column} - {"frame"}
             values = {name: _columns(row, name) if name in KEYS else () for name in sorted(names)}
-            yield int(row["frame"]), values
-        except (KeyError, TypeError, ValueError) as error:
-            raise DataError(f"line {line}: {error} is missing or no number", path=path) from None
+            number = row["frame"]
+        except (KeyError, TypeError) as error:
+            raise DataError(f"line {line}: {error} is missing", path=path) from None
+        if not re.fullmatch(r" *-?[0-9]{1,9}(\.0*)? *", number or ""):  # 1.0: a column that a table took for floats
+            raise DataError(f"line {line}: frame is no whole number", path=path, found=number)
+        yield int(float(number)), values
 
 
 def _text(path: Path, text: str) -> Iterator[tuple[int, Mapping[str, Any]]]:

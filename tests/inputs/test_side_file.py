@@ -159,3 +159,18 @@ def test_a_misspelt_column_is_told_what_was_meant(tmp_path: Path) -> None:
     path.write_text("frame,jitter_px.0,jitter_px.1,expsoure,note\n1,0,0,2,night\n")
     with pytest.raises(DataError, match=r"frame 1: unknown key expsoure; did you mean exposure\?"):
         read_side_file(path)
+
+
+@pytest.mark.parametrize(("frame", "number"), [("7", 7), (" 7", 7), ("7.0", 7), ("-7.", -7)])
+def test_frames_that_a_table_took_for_floats_are_whole(frame: str, number: int, tmp_path: Path) -> None:
+    path = tmp_path / "camera.csv"
+    path.write_text(f"frame,exposure\n{frame},2\n")
+    assert read_side_file(path)[number].exposure == 2
+
+
+@pytest.mark.parametrize("frame", ["7.5", "x", "nan", "", "1e9999"])
+def test_a_frame_that_is_no_number_is_told(frame: str, tmp_path: Path) -> None:
+    path = tmp_path / "camera.csv"
+    path.write_text(f"frame,exposure\n{frame},2\n")
+    with pytest.raises(DataError, match="line 2: frame is no whole number"):
+        read_side_file(path)
