@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cltaa_datasets.scene import AlphaMode, Material, Scene, Sky, Sun, Texture
+from cltaa_datasets.scene import AlphaMode, Lamp, Material, Scene, Sky, Sun, Texture
 from tests.capture.analytic_scenes import HEIGHT, LENS, WHITE, WIDTH, drawing, instant, place, quad, scene
 
 # llvmpipe moves vertices to multiples of 1/256 pixel (GL_SUBPIXEL_BITS = 8) before it decides what they cover.
@@ -158,3 +158,13 @@ def test_sky_is_a_direction_behind_everything() -> None:
     assert drawn.colour[0, 0, 2] > drawn.colour[HEIGHT // 4, 0, 2] > 0.0
     assert np.isposinf(drawn.depth[0]).all()
     assert abs(drawn.depth[HEIGHT // 2, WIDTH // 2] / 3.0 - 1.0) <= 8 * 2.0**-24  # as test_render_geometry derives
+
+
+def test_light_from_the_eye_is_finite_at_every_pixel() -> None:
+    # The half-way vector is the one to the eye, and by rounding their product passes 1 at some of the pixels.
+    glossy = Material(base_colour=(0.8, 0.4, 0.2, 1.0), roughness=0.3)
+    now = instant(place(0.0, 0.0, -4.0), lens=LENS, lights=(Lamp((0.0, 0.0, 0.0), (9.0, 9.0, 9.0)),), sky=Sky())
+    with drawing(scene(lambda _: now, (quad(9.0), glossy)), 256, 256) as renderer:
+        colour = renderer.draw(now, now, (0.0, 0.0)).colour
+    assert np.isfinite(colour).all()
+    assert colour[..., :3].min() > 0.0

@@ -69,6 +69,12 @@ struct Surface {
     float roughness;
 };
 
+// Schlick's weight of grazing light. Rounding lifts the cosine of two unit vectors above 1, and pow of less than 0 is NaN.
+float grazing(float cosine)
+{
+    return pow(max(1.0 - cosine, 0.0), 5.0);
+}
+
 // Light of one direction reflected to the eye: Lambert + GGX with Smith's joint shadowing (Heitz 2014).
 vec3 reflected(Surface s, vec3 to_light, vec3 irradiance)
 {
@@ -86,7 +92,7 @@ vec3 reflected(Surface s, vec3 to_light, vec3 irradiance)
     float spread = nh * nh * (a2 - 1.0) + 1.0;
     float distribution = a2 / (PI * spread * spread);
     float visibility = 0.5 / (nl * sqrt(nv * nv * (1.0 - a2) + a2) + nv * sqrt(nl * nl * (1.0 - a2) + a2));
-    vec3 fresnel = s.f0 + (1.0 - s.f0) * pow(1.0 - vh, 5.0);
+    vec3 fresnel = s.f0 + (1.0 - s.f0) * grazing(vh);
     return ((1.0 - fresnel) * s.diffuse / PI + fresnel * distribution * visibility) * irradiance * nl;
 #endif
 }
@@ -99,7 +105,7 @@ vec3 reflected_sky(Surface s)
     return s.diffuse * ambient;
 #else
     float nv = max(dot(s.normal, s.to_eye), MIN_COSINE);
-    vec3 fresnel = s.f0 + (max(vec3(1.0 - s.roughness), s.f0) - s.f0) * pow(1.0 - nv, 5.0);
+    vec3 fresnel = s.f0 + (max(vec3(1.0 - s.roughness), s.f0) - s.f0) * grazing(nv);
     vec3 mirrored = sky.ambient * sky_radiance(reflect(-s.to_eye, s.normal));
     return (1.0 - fresnel) * s.diffuse * ambient + fresnel * mix(mirrored, ambient, s.roughness);
 #endif
