@@ -47,6 +47,7 @@ def measure_sequence(
 ) -> MeasuredSequence:
     """Time the variants of ``tasks``, whose errors lie in ``output``, and put both together."""
     default, metrics = tasks[0].variant, tasks[0].metrics
+    yardstick = _yardstick(captured, metrics, captured.width * captured.height * 1e-6)  # refuses what is no light
     jobs, pixels, moved, stages = jobs_of(captured, tasks, launcher, timing.pixels)
     megapixels = pixels * 1e-6
 
@@ -63,7 +64,6 @@ def measure_sequence(
     )
     found = ranked(samples)
     cells = [_cell(task, output, samples, default.name, found.clock, megapixels) for task in tasks]
-    yardstick = _yardstick(captured, metrics, captured.width * captured.height * 1e-6)
     one = _one_sample(yardstick)
     return MeasuredSequence(
         name=captured.folder.name,

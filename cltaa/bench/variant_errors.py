@@ -129,14 +129,22 @@ def run_task(task: Task) -> Errors:
 
 
 def yardstick_errors(sequence: Sequence, metrics: tuple[str, ...]) -> Iterator[tuple[int, dict[str, list[float]]]]:
-    """Samples a pixel and errors a frame of each supersampled sequence there is; one sample is the capture itself."""
-    truth = truth_of(sequence)
+    """Samples a pixel and errors a frame of each supersampled sequence there is; one sample is the capture itself.
+
+    What is not finite in the capture is black, as in the table of ``cltaa bench quality``: a resolve mends such texels,
+    so that they may well be there. Raises DataError for NaN or infinity in a supersampled image or the truth.
+    """
+    truth, chosen = truth_of(sequence), [METRICS[name] for name in metrics]
     for samples, images in ({1: None} | open_yardsticks(sequence)).items():
         frames: dict[str, list[float]] = {name: [] for name in metrics}
         for number in sequence.numbers:
-            image = sequence.frame(number).colour if images is None else images.image(number)
-            pair = image, truth.image(number)
-            for name, value in measure(*pair, [METRICS[name] for name in metrics], frame=number).items():
+            if images is None:
+                colour, path = sequence.frame(number).colour, sequence.path(number)
+                image: Image = np.where(np.isfinite(colour), colour, np.float32(0))
+            else:
+                image, path = images.image(number), images.path(number)
+            pair, truth_path = (image, truth.image(number)), truth.path(number)
+            for name, value in measure(*pair, chosen, path=path, truth_path=truth_path, frame=number).items():
                 frames[name].append(value)
         yield samples, frames
 

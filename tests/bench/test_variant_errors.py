@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cltaa.bench.ladder import ladder
-from cltaa.bench.variant_errors import Task, run_task
-from cltaa.errors import InputMissing
+from cltaa.bench.variant_errors import Task, run_task, yardstick_errors
+from cltaa.errors import DataError, InputMissing
+from cltaa.exr.read import read_frame
+from cltaa.exr.write import write_frame
 from cltaa.parameters.build import Real, Storage
 from cltaa.parameters.presets import load_preset, preset_names
 from tests.bench.accuracy_tasks import FRAMES, task
-from tests.sequence_factory import write_sequence
+from tests.sequence_factory import write_images, write_sequence
 
 
 def test_rounding_is_that_of_the_numbers(sequence: Path) -> None:
@@ -60,3 +63,23 @@ def test_error_is_that_against_the_truth(sequence: Path) -> None:
 def test_a_sequence_without_truth_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputMissing, match="no truth to measure against"):
         run_task(task(write_sequence(tmp_path / "bare", 2)))
+
+
+def test_a_texel_that_a_resolve_mends_is_black_in_the_yardstick(tmp_path: Path) -> None:
+    folders = write_sequence(tmp_path / "nan", 2, reference=True), write_sequence(tmp_path / "black", 2, reference=True)
+    for folder, value in zip(folders, (np.nan, 0.0), strict=True):
+        path = folder / "synthetic.0001.exr"
+        frame = read_frame(path)
+        frame.colour[5, 7] = value
+        write_frame(path, frame)
+    broken, black = (list(yardstick_errors(task(folder).open(), ("mse",))) for folder in folders)
+    assert broken == black
+
+
+def test_a_yardstick_that_is_not_finite_is_refused_by_name(tmp_path: Path) -> None:
+    folder = write_sequence(tmp_path / "capture", 2, reference=True)
+    bad = np.full((23, 37, 3), 0.3, np.float32)
+    bad[5, 7] = np.inf
+    write_images(folder / "reference-2", [bad, bad], name="synthetic")
+    with pytest.raises(DataError, match=r"reference-2/synthetic\.0000\.exr frame 0: NaN or infinity in 3 values"):
+        list(yardstick_errors(task(folder).open(), ("mse",)))
