@@ -16,7 +16,7 @@ import numpy as np
 from cltaa.cameras import sky_closeness
 from cltaa.checking.alignment import LEAST_POINTS, fit_shift, residual_of
 from cltaa.checking.finding import Finding
-from cltaa.checking.gains import Affine, affine_maps
+from cltaa.checking.gains import Affine, affine_maps, spoken
 from cltaa.checking.meanings import COMBINED
 from cltaa.checking.shots import COVERED, Pair, Shot
 from cltaa.checking.signal import Vector
@@ -142,7 +142,7 @@ def _findings(best: _Reading, declared: _Reading, maps: dict[str, Affine], pairs
         what = f"depth and matrices have different units: depth times {best.scale:g} fits"
         made.append(("depth-scaled", what, {"depth": {"scale": best.scale}}))
     if best.vectors:
-        what = f"the motion vectors are {best.vectors.replace('-', ' ')}"
+        what = f"the motion vectors are {spoken(best.vectors)}"
         made.append((f"motion-{best.vectors.replace(' ', '-')}", what, {"motion": maps[best.vectors].fix}))
     return [
         Finding(name=name, mistake=True, confidence=confidence, what=what, evidence=evidence, fix=fix)

@@ -8,6 +8,12 @@ import numpy as np
 
 from cltaa.checking.signal import Vector
 
+_SPOKEN = {
+    "negated": "of the other sign", "x-negated": "of the other sign in x", "y-flipped": "of the other sign in y",
+    "scaled-0.5": "twice the right size", "scaled-2": "half the right size", "swapped": "y before x",
+    "units-uv": "fractions of the picture", "units-ndc": "halves of the picture, y up",
+    "centred-on-half": "around 0.5", "uv": "in fractions of the picture", "ndc": "in halves of the picture, y up",
+}  # fmt: skip
 _SIGNS = {"": (1.0, 1.0), "negated": (-1.0, -1.0), "x-negated": (-1.0, 1.0), "y-flipped": (1.0, -1.0)}
 
 
@@ -25,6 +31,11 @@ def linear_maps(width: int, height: int) -> dict[str, Vector]:
         maps[f"units-ndc {sign}".strip()] = np.diag(np.multiply(factors, (width / 2, -height / 2)))
         maps[f"swapped {sign}".strip()] = np.diag(factors) @ np.array([[0.0, 1.0], [1.0, 0.0]])
     return maps
+
+
+def spoken(name: str) -> str:
+    """What the declared numbers are, if the map of this name makes the true ones of them."""
+    return ", ".join(_SPOKEN[word] for word in name.split())
 
 
 class Affine(NamedTuple):

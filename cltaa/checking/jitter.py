@@ -13,7 +13,7 @@ import numpy as np
 
 from cltaa.checking.alignment import Fit
 from cltaa.checking.finding import Finding
-from cltaa.checking.gains import left_over, linear_fix, linear_maps, regress
+from cltaa.checking.gains import left_over, linear_fix, linear_maps, regress, spoken
 from cltaa.checking.likeness import Likeness, declared_jitter, measure_likeness
 from cltaa.checking.shots import Shot
 from cltaa.checking.signal import Vector
@@ -209,4 +209,4 @@ def _key(best: str) -> str:
 def _meaning(best: str, matrix: Vector) -> tuple[str, dict[str, object]]:
     if best == "absent":
         return "jitter is declared but the pixels are not jittered", {"source": "none"}
-    return f"the declared jitter is {best.replace('-', ' ')}", linear_fix(matrix)
+    return f"the declared jitter is {spoken(best)}", linear_fix(matrix)

@@ -13,7 +13,7 @@ import numpy as np
 
 from cltaa.checking.alignment import LEAST_POINTS, Fit, fit_shift, residual_of
 from cltaa.checking.finding import Finding
-from cltaa.checking.gains import Affine, affine_maps, linear_fix, linear_maps, regress
+from cltaa.checking.gains import Affine, affine_maps, linear_fix, linear_maps, regress, spoken
 from cltaa.checking.shots import COVERED, Pair, Shot
 from cltaa.checking.signal import Vector
 from cltaa.checking.vectors import Observed, explanations, fit_model
@@ -113,7 +113,7 @@ def _named(best: str, meant: Affine, declared: Vector, winner: Vector) -> Findin
     return Finding(
         name="motion-" + best.replace(" ", "-"), mistake=True,
         confidence=float(np.clip(1.0 - (winner.mean() / declared.mean()) ** 2, 0.3, 0.99)),
-        what=f"the motion vectors are {best.replace('-', ' ')}",
+        what=f"the motion vectors are {spoken(best)}",
         evidence=f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, better in {wins} of "
         f"{len(declared)} pairs",
         fix={"motion": meant.fix},
@@ -140,7 +140,7 @@ def _finer(scenes: Sequence[Observed], maps: Mapping[str, Vector]) -> list[Findi
         Finding(
             name="motion-" + best.replace(" ", "-"), mistake=True,
             confidence=float(np.clip(1.0 - distances[best] / distances[""], 0.3, 0.99)),
-            what="the vectors contain the change of jitter" if jittered else f"the vectors are {best}",
+            what="the vectors contain the change of jitter" if jittered else f"the motion vectors are {spoken(best)}",
             evidence=f"true vectors = {gain} x declared + {leak} x change of jitter, over {len(scenes)} pairs",
             fix={"motion": fix},
         )

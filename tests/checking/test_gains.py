@@ -1,0 +1,17 @@
+"""Names of linear maps, and what is said of numbers that they mend."""
+
+from __future__ import annotations
+
+from cltaa.checking.gains import affine_maps, linear_maps, spoken
+
+
+def test_every_map_is_said_in_words_of_its_own() -> None:
+    names = [name for name in affine_maps(160, 90) if name]
+    assert len({spoken(name) for name in names}) == len(names)
+    assert set(linear_maps(160, 90)) <= {"", *names}
+
+
+def test_what_is_said_of_numbers_that_must_be_halved() -> None:
+    """True = 0.5 x declared, so that the declared are twice the right size."""
+    assert linear_maps(160, 90)["scaled-0.5 y-flipped"].tolist() == [[0.5, 0.0], [0.0, -0.5]]
+    assert spoken("scaled-0.5 y-flipped") == "twice the right size, of the other sign in y"
