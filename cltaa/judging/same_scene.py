@@ -13,6 +13,7 @@ from cltaa.inputs.parts import read_any_header
 from cltaa.judging.comparison import Comparison
 from cltaa.printable import printable
 from cltaa.sequences.numbered import NumberedFiles
+from cltaa.sequences.sources import RESOLVED
 
 VIEW = "cltaa:worldToView"
 PRIMARIES = "chromaticities"  # of red, green, blue and white, x and y each
@@ -25,6 +26,9 @@ def doubts(comparison: Comparison) -> list[str]:
 
     Raises what reading a header and a manifest raises.
     """
+    truth = read_any_header(comparison.reference.path(comparison.reference.first)).attributes
+    if comparison.capture is not None and RESOLVED in truth:
+        return [f"the truth of B, {printable(comparison.reference.folder)}, was written by a resolve: capture it again"]
     if comparison.of_itself:
         return []
     test = comparison.test
@@ -37,7 +41,6 @@ def doubts(comparison: Comparison) -> list[str]:
     views = [attributes.get(VIEW) for attributes in (ours, theirs)]
     if test.first == number and _differ(*views):
         return [f"A and B are seen by different cameras in frame {number}"]
-    truth = read_any_header(comparison.reference.path(comparison.reference.first)).attributes
     if _other_primaries(ours.get(PRIMARIES), truth.get(PRIMARIES)):
         return ["A and B state different primaries (attribute chromaticities), and neither is converted"]
     if comparison.capture is not None and _of_other_frames(test, comparison.capture):

@@ -437,3 +437,14 @@ def test_buffers_of_several_names_in_one_folder_are_read_by_a_profile(
     found = json.loads(said.out)
     assert found["mean"] == found["mean_one_sample"]
     assert "colour color.R color.G color.B" in said.err
+
+
+def test_a_truth_that_a_resolve_wrote_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    capture = write_sequence(tmp_path / "capture", 2)
+    assert main(["resolve", str(capture), "-o", str(tmp_path / "out"), "--device", "numpy"]) == 0
+    capsys.readouterr()
+    shutil.copytree(tmp_path / "out", capture / "reference")
+    for arguments in ([capture], [tmp_path / "out", capture]):
+        (warning,) = run_json(capsys, *arguments)["warnings"]
+        assert "reference, was written by a resolve: capture it again" in warning
+    assert run_json(capsys, tmp_path / "out", capture / "reference")["warnings"] == []  # two resolves
