@@ -125,7 +125,8 @@ def accuracy(
         return
     make_folder(output)
     if listed:
-        click.echo("\n".join(command_lines(len(tasks))))
+        lines = command_lines(len(tasks))
+        click.echo(json_of(lines) if as_json else "\n".join(lines))
         return
     if number is not None:
         _run_one(tasks, number, output)
@@ -164,7 +165,7 @@ def chosen_variants(preset: Preset, groups: Sequence[str], named: Sequence[str] 
 
 def command_lines(count: int) -> list[str]:
     """This command line once for each of ``count`` tasks."""
-    words = [word for word in sys.argv[1:] if word != "--list"]
+    words = [word for word in sys.argv[1:] if word not in ("--list", "--json")]
     return [f"{shlex.join(['cltaa', *words])} --task {number}" for number in range(count)]
 
 

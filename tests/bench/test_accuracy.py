@@ -100,6 +100,9 @@ def test_a_render_farm_gets_one_line_a_task(
     assert [line.split()[-2:] for line in lines] == [["--task", "0"], ["--task", "1"]]
     assert all(line.startswith("cltaa bench accuracy ") for line in lines)
     assert "--list" not in lines[0]
+    monkeypatch.setattr("sys.argv", ["cltaa", *arguments, "--list", "--json"])
+    assert main([*arguments, "--list", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == lines
     assert main(lines[1].split()[1:]) == 0
     assert len(list((tmp_path / "tasks").iterdir())) == 1
     assert main([*arguments, "--task", "2"]) == 64
