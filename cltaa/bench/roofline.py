@@ -7,8 +7,8 @@ from pathlib import Path
 
 import msgspec
 
+from cltaa.bench.accuracy.plots import import_pyplot
 from cltaa.bench.kernels import COPY, KernelBench
-from cltaa.bench.plots import import_pyplot
 from cltaa.files.atomic import atomic_path
 
 # Additions, multiplications (a fused one: two), divisions, roots and comparisons that keep the greater or lesser, a

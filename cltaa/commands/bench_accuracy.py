@@ -13,16 +13,16 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from cltaa.bench.accuracy import bench_accuracy, build_programs, tasks_of
-from cltaa.bench.accuracy_page import page
-from cltaa.bench.accuracy_report import write_report
-from cltaa.bench.accuracy_results import Accuracy, MeasuredSequence
-from cltaa.bench.accuracy_sequence import cost
-from cltaa.bench.budget import remember
-from cltaa.bench.distribution import run_all
-from cltaa.bench.ladder import Variant, ladder
-from cltaa.bench.plots import import_pyplot
-from cltaa.bench.variant_errors import Task
+from cltaa.bench.accuracy.budget import remember
+from cltaa.bench.accuracy.distribution import run_all
+from cltaa.bench.accuracy.html_page import page
+from cltaa.bench.accuracy.ladder import Variant, ladder
+from cltaa.bench.accuracy.measurement import bench_accuracy, build_programs, tasks_of
+from cltaa.bench.accuracy.plots import import_pyplot
+from cltaa.bench.accuracy.report import write_report
+from cltaa.bench.accuracy.results import Accuracy, MeasuredSequence
+from cltaa.bench.accuracy.sequence import cost
+from cltaa.bench.accuracy.variant_errors import Task
 from cltaa.commands.options import (
     FILE_PATH,
     FOLDER,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from cltaa.bench.accuracy_report import falling_metrics, merged, read_report, write_report
+from cltaa.bench.accuracy.report import falling_metrics, merged, read_report, write_report
 from cltaa.commands.options import FILE_PATH, json_option
 from cltaa.errors import UsageError
 from cltaa.files.atomic import make_folder

@@ -10,8 +10,7 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table as Grid
 
-from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged, check_judged, import_judges, judge_sequence
-from cltaa.bench.quality_cases import (
+from cltaa.bench.quality.cases import (
     GIVEN,
     HELD_OUT,
     TRAIN,
@@ -23,11 +22,12 @@ from cltaa.bench.quality_cases import (
     open_case,
     planned,
 )
-from cltaa.bench.quality_cells import Cells
-from cltaa.bench.quality_page import check_page, markdown, write_page, written
-from cltaa.bench.quality_pictures import write_pictures
-from cltaa.bench.quality_presets import chosen_presets
-from cltaa.bench.quality_summary import Table, about_of, ordered, score, summarise
+from cltaa.bench.quality.cells import Cells
+from cltaa.bench.quality.judge import COLUMNS, ONE_SAMPLE, Judged, check_judged, import_judges, judge_sequence
+from cltaa.bench.quality.markdown_page import check_page, markdown, write_page, written
+from cltaa.bench.quality.pictures import write_pictures
+from cltaa.bench.quality.presets import chosen_presets
+from cltaa.bench.quality.summary import Table, about_of, ordered, score, summarise
 from cltaa.commands.options import (
     ALL_SCENES,
     FILE_PATH,

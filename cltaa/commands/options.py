@@ -150,7 +150,7 @@ def _kernels() -> list[str]:
 
 
 def _scenes() -> list[str]:
-    from cltaa.bench.quality_cases import known_scenes
+    from cltaa.bench.quality.cases import known_scenes
 
     return [*known_scenes()]
 

@@ -157,7 +157,7 @@ def within_budget(
     budget_ms: float, device: str | None, size: tuple[int, int], assignments: tuple[str, ...]
 ) -> tuple[Preset, Storage]:
     """What the last measurement on the device found best within the time; says which and why on standard error."""
-    from cltaa.bench.budget import choose  # here: it loads all that measures
+    from cltaa.bench.accuracy.budget import choose  # here: it loads all that measures
 
     choice = choose(launcher_for(device).description, budget_ms, *size)
     click.echo(choice.why, err=True)

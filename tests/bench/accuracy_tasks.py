@@ -7,8 +7,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from cltaa.bench.ladder import ladder
-from cltaa.bench.variant_errors import Task
+from cltaa.bench.accuracy.ladder import ladder
+from cltaa.bench.accuracy.variant_errors import Task
 from cltaa.parameters.presets import load_preset
 from tests.sequence_factory import write_images, write_sequence
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cltaa.bench.accuracy_report import read_report
+from cltaa.bench.accuracy.report import read_report
 from cltaa.cli import main
 from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.exr.write import write_frame
@@ -129,7 +129,7 @@ def test_a_limit_of_time_leaves_whole_sequences_out(
     assert "no sequence was finished within 1e-09 s" in capsys.readouterr().err
     assert main(["bench", "accuracy", str(other), *options, "--jobs", "2"]) == 0
     assert json.loads(capsys.readouterr().out)["missing"] == []
-    monkeypatch.setattr("cltaa.bench.accuracy.ERRORS_SHARE", 0.0)  # no error is begun
+    monkeypatch.setattr("cltaa.bench.accuracy.measurement.ERRORS_SHARE", 0.0)  # no error is begun
     both = ["bench", "accuracy", str(sequence), str(other), *options]
     assert main([*both, "--time-limit", "600"]) == 0
     result = json.loads(capsys.readouterr().out)
@@ -142,6 +142,8 @@ def test_a_limit_of_time_leaves_whole_sequences_out(
     assert again["sequences"][1] == result["sequences"][0]
     assert again["environment"]["units"] == DeviceLauncher(None).device.cl_device.max_compute_units
     before = set((tmp_path / "out" / "times").iterdir())
-    monkeypatch.setattr("cltaa.bench.accuracy.processors", lambda: 77)  # what was timed on others is no answer here
+    monkeypatch.setattr(
+        "cltaa.bench.accuracy.measurement.processors", lambda: 77
+    )  # what was timed on others is no answer here
     assert main(both) == 0
     assert len(set((tmp_path / "out" / "times").iterdir()) - before) == 2

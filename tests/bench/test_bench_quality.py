@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged, judge_sequence
-from cltaa.bench.quality_cases import HELD_OUT, TRAIN, Case, Shape, planned
-from cltaa.bench.quality_cells import Cells
-from cltaa.bench.quality_page import BEGIN, END, markdown, write_page
-from cltaa.bench.quality_pictures import write_pictures
-from cltaa.bench.quality_summary import best_engine, ordered, summarise
-from cltaa.bench.redrawn import REDRAWN
+from cltaa.bench.quality.cases import HELD_OUT, TRAIN, Case, Shape, planned
+from cltaa.bench.quality.cells import Cells
+from cltaa.bench.quality.judge import COLUMNS, ONE_SAMPLE, Judged, judge_sequence
+from cltaa.bench.quality.markdown_page import BEGIN, END, markdown, write_page
+from cltaa.bench.quality.pictures import write_pictures
+from cltaa.bench.quality.redrawn import REDRAWN
+from cltaa.bench.quality.summary import best_engine, ordered, summarise
 from cltaa.cli import main
 from cltaa.devices.numpy_launcher import NumpyLauncher
 from cltaa.errors import DataError, InputMissing
@@ -94,7 +94,7 @@ def test_a_cell_is_kept_until_what_decides_it_changes(tmp_path: Path, monkeypatc
     assert Cells(tmp_path / "cells", other, 1, 4).get("default", preset) is None
     theirs = msgspec.structs.replace(preset, published=Published.ENGINE)  # the plan leaves nothing out of it
     assert Cells(tmp_path / "cells", sequence, 1, 4).get("default", theirs) is None
-    monkeypatch.setattr("cltaa.bench.quality_cells.code_sha256", lambda: "another version")
+    monkeypatch.setattr("cltaa.bench.quality.cells.code_sha256", lambda: "another version")
     assert Cells(tmp_path / "cells", sequence, 1, 4).get("default", preset) is None
     assert Cells(tmp_path / "cells", sequence, 1, 4, any_code=True).get("default", preset) == judged
     (tmp_path / "cells" / "default.json").write_text("{", encoding="utf-8")
@@ -131,8 +131,8 @@ def test_what_appears_is_told_by_single_samples_drawn_elsewhere(
             self.fresh = np.ones(frame.depth.shape, np.bool_)
             return sums
 
-    monkeypatch.setattr("cltaa.bench.quality.VideoScores", AllAppears)
-    monkeypatch.setattr("cltaa.bench.quality.LEAST_FRESH", least)
+    monkeypatch.setattr("cltaa.bench.quality.judge.VideoScores", AllAppears)
+    monkeypatch.setattr("cltaa.bench.quality.judge.LEAST_FRESH", least)
     monkeypatch.setattr("cltaa.resolve.resolver.Resolver.resolve", lambda _self, frame: elsewhere[frame.index])
     judged = judge_sequence(open_sequence(folder), [load_preset()], NUMPY, settled=1)
     found = judged["default"].scores["uncovered"]

@@ -8,10 +8,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cltaa.bench.accuracy_results import Accuracy, Cell, MeasuredSequence, spread
-from cltaa.bench.budget import Candidate, Remembered, choose, path_for, remember
+from cltaa.bench.accuracy.budget import Candidate, Remembered, choose, path_for, remember
+from cltaa.bench.accuracy.ladder import Variant, ladder
+from cltaa.bench.accuracy.results import Accuracy, Cell, MeasuredSequence, spread
 from cltaa.bench.environment import environment
-from cltaa.bench.ladder import Variant, ladder
 from cltaa.cli import main
 from cltaa.devices.launch import launcher_for
 from cltaa.errors import DataError, UsageError

@@ -16,9 +16,9 @@ SCRIPT = """
 import json, os, signal, sys
 from pathlib import Path
 from distributed import LocalCluster
-from cltaa.bench.accuracy import tasks_of
-from cltaa.bench.distribution import load, run_all
-from cltaa.bench.ladder import ladder
+from cltaa.bench.accuracy.measurement import tasks_of
+from cltaa.bench.accuracy.distribution import load, run_all
+from cltaa.bench.accuracy.ladder import ladder
 from cltaa.parameters.presets import load_preset
 
 if __name__ == "__main__":

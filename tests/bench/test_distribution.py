@@ -7,8 +7,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cltaa.bench.distribution import load, path_of, run_all, save
-from cltaa.bench.variant_errors import Errors, Rounding
+from cltaa.bench.accuracy.distribution import load, path_of, run_all, save
+from cltaa.bench.accuracy.variant_errors import Errors, Rounding
 from cltaa.errors import DataError, InputMissing
 from cltaa.parameters.build import Storage
 from tests.bench.accuracy_tasks import task

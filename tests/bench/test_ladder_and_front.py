@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cltaa.bench.accuracy_results import exponential_noise
-from cltaa.bench.ladder import COMBINATIONS, DEFAULT, PRESETS, ladder
-from cltaa.bench.pareto import dominated_by
+from cltaa.bench.accuracy.ladder import COMBINATIONS, DEFAULT, PRESETS, ladder
+from cltaa.bench.accuracy.pareto import dominated_by
+from cltaa.bench.accuracy.results import exponential_noise
 from cltaa.parameters.build import Real, Storage
 from cltaa.parameters.choices import Box, Choices
 from cltaa.parameters.presets import Preset, Published, load_preset

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.bench.accuracy import tasks_of
-from cltaa.bench.ladder import ladder
-from cltaa.bench.quality import Judged
-from cltaa.bench.quality_cells import Cells
-from cltaa.bench.redrawn import REDRAWN
-from cltaa.bench.variant_errors import run_task, yardstick_errors
+from cltaa.bench.accuracy.ladder import ladder
+from cltaa.bench.accuracy.measurement import tasks_of
+from cltaa.bench.accuracy.variant_errors import run_task, yardstick_errors
+from cltaa.bench.quality.cells import Cells
+from cltaa.bench.quality.judge import Judged
+from cltaa.bench.quality.redrawn import REDRAWN
 from cltaa.cli import main
 from cltaa.errors import UsageError
 from cltaa.exr.write import write_frame

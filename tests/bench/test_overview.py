@@ -9,13 +9,13 @@ import msgspec
 import pytest
 from matplotlib import pyplot
 
-from cltaa.bench.accuracy_report import read_report, write_report
-from cltaa.bench.accuracy_results import Accuracy, Cell, MeasuredSequence, spread
+from cltaa.bench.accuracy.ladder import ladder
+from cltaa.bench.accuracy.overview import overall, table
+from cltaa.bench.accuracy.plots import front_figure, write_plots
+from cltaa.bench.accuracy.report import read_report, write_report
+from cltaa.bench.accuracy.results import Accuracy, Cell, MeasuredSequence, spread
+from cltaa.bench.accuracy.variant_errors import Rounding
 from cltaa.bench.environment import Environment
-from cltaa.bench.ladder import ladder
-from cltaa.bench.overview import overall, table
-from cltaa.bench.plots import front_figure, write_plots
-from cltaa.bench.variant_errors import Rounding
 from cltaa.cli import main
 from cltaa.parameters.presets import load_preset
 from cltaa.timing import Interval

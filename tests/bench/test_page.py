@@ -7,9 +7,9 @@ from pathlib import Path
 
 import msgspec
 
-from cltaa.bench.accuracy import tasks_of
-from cltaa.bench.accuracy_page import page
-from cltaa.bench.accuracy_results import Accuracy
+from cltaa.bench.accuracy.html_page import page
+from cltaa.bench.accuracy.measurement import tasks_of
+from cltaa.bench.accuracy.results import Accuracy
 from cltaa.commands.bench_accuracy import chosen_variants
 from cltaa.parameters.presets import load_preset
 from tests.bench.tiny_report import PRESET

@@ -10,7 +10,7 @@ import msgspec
 import pytest
 from PIL import Image as Pillow
 
-from cltaa.bench.accuracy_results import Accuracy
+from cltaa.bench.accuracy.results import Accuracy
 from tests.bench.browser import Browser, choose, missing
 from tests.bench.tiny_report import PRESET
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cltaa.bench.programs import Program, dearest_first, programs_needed, programs_of
-from cltaa.bench.variant_errors import run_task
-from cltaa.bench.variant_times import enlarged
+from cltaa.bench.accuracy.programs import Program, dearest_first, programs_needed, programs_of
+from cltaa.bench.accuracy.variant_errors import run_task
+from cltaa.bench.accuracy.variant_times import enlarged
 from cltaa.cli import main
 from cltaa.devices.device import Device
 from cltaa.devices.device_launcher import DeviceLauncher
@@ -47,7 +47,7 @@ def test_what_is_built_first_is_all_that_is_run(
     run = set[Program]()
     for each in every:
         launcher = DeviceLauncher(None)
-        monkeypatch.setattr("cltaa.bench.variant_errors.opened", lambda _, own=launcher: own)
+        monkeypatch.setattr("cltaa.bench.accuracy.variant_errors.opened", lambda _, own=launcher: own)
         run_task(each)
         frames = [enlarged(frame, 2) for frame in timed_frames(open_sequence(folder))]
         resolve_job("timed", each.variant.resolver(launcher), frames)

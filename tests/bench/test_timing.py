@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cltaa.bench.variant_times import CONTROL, ranking
+from cltaa.bench.accuracy.variant_times import CONTROL, ranking
 from cltaa.timing import (
     FEWEST_RUNS,
     MOST_RUNS,

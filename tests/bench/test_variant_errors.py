@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cltaa.bench.ladder import ladder
-from cltaa.bench.variant_errors import Task, run_task, yardstick_errors
+from cltaa.bench.accuracy.ladder import ladder
+from cltaa.bench.accuracy.variant_errors import Task, run_task, yardstick_errors
 from cltaa.errors import DataError, InputMissing
 from cltaa.exr.read import read_frame
 from cltaa.exr.write import write_frame

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from cltaa.bench.ladder import ladder
-from cltaa.bench.variant_errors import Task, run_task
+from cltaa.bench.accuracy.ladder import ladder
+from cltaa.bench.accuracy.variant_errors import Task, run_task
 from cltaa.cli import main
 from cltaa.exr.read import read_colour
 from cltaa.exr.write import write_frame

@@ -13,8 +13,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from cltaa.bench.variant_errors import Task
-from cltaa.bench.variant_times import enlargement
+from cltaa.bench.accuracy.variant_errors import Task
+from cltaa.bench.accuracy.variant_times import enlargement
 from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.devices.numpy_launcher import NumpyLauncher
 from cltaa.devices.program import source

@@ -13,9 +13,9 @@ import msgspec
 import numpy as np
 from PIL import Image as Pillow
 
-from cltaa.bench.accuracy_results import Accuracy
-from cltaa.bench.distribution import load
-from cltaa.bench.variant_errors import COUNT_WHITE, Task, png
+from cltaa.bench.accuracy.distribution import load
+from cltaa.bench.accuracy.results import Accuracy
+from cltaa.bench.accuracy.variant_errors import COUNT_WHITE, Task, png
 from cltaa.cameras import closeness
 from cltaa.frames import Frame, Image
 from cltaa.judging.comparison import truth_of
@@ -23,7 +23,7 @@ from cltaa.judging.metrics import METRICS
 from cltaa.pictures.display import to_picture
 from cltaa.pictures.png import heat
 
-_FOLDER = resources.files("cltaa") / "bench" / "page"
+_FOLDER = resources.files("cltaa") / "bench" / "accuracy" / "page"
 
 
 def page(result: Accuracy, tasks: Sequence[Task], output: Path, pictured: int | None = None) -> str:

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cltaa.bench.accuracy.ladder import Variant
+from cltaa.bench.accuracy.variant_errors import Task
 from cltaa.bench.baseline import least_bytes
-from cltaa.bench.ladder import Variant
-from cltaa.bench.variant_errors import Task
 from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.frames import Frame, Image
 from cltaa.resolve.timed_resolve import device_seconds, resolve_job, timed_frames

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import msgspec
 
-from cltaa.bench.quality import Judged
-from cltaa.bench.redrawn import redrawn_of
+from cltaa.bench.quality.judge import Judged
+from cltaa.bench.quality.redrawn import redrawn_of
 from cltaa.devices.kernel_files import code_sha256
 from cltaa.files.atomic import atomic_path, make_folder
 from cltaa.judging.decided_by import content_sha256

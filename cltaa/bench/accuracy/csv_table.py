@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 
-from cltaa.bench.accuracy_results import Accuracy
+from cltaa.bench.accuracy.results import Accuracy
 
 FIXED = (
     "sequence", "variant", "group", "ms_per_megapixel", "low", "high", "ratio", "ratio_low", "ratio_high", "noisy",

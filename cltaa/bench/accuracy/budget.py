@@ -9,8 +9,8 @@ from pathlib import Path
 
 import msgspec
 
-from cltaa.bench.accuracy_results import Accuracy, Cell
-from cltaa.bench.ladder import Variant
+from cltaa.bench.accuracy.ladder import Variant
+from cltaa.bench.accuracy.results import Accuracy, Cell
 from cltaa.errors import DataError, UsageError
 from cltaa.files.atomic import atomic_path, make_folder
 from cltaa.judging.metrics import METRICS

@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from cltaa.bench.redrawn import REDRAWN, redrawn_of
+from cltaa.bench.quality.redrawn import REDRAWN, redrawn_of
 from cltaa.child_command import run_cltaa
 from cltaa.errors import CltaaError, InputMissing, UsageError, known
 from cltaa.frames import Effect

@@ -9,10 +9,10 @@ from typing import Any
 
 import msgspec
 
-from cltaa.bench.accuracy_csv import csv_text
-from cltaa.bench.accuracy_results import Accuracy
-from cltaa.bench.overview import table
-from cltaa.bench.plots import write_plots
+from cltaa.bench.accuracy.csv_table import csv_text
+from cltaa.bench.accuracy.overview import table
+from cltaa.bench.accuracy.plots import write_plots
+from cltaa.bench.accuracy.results import Accuracy
 from cltaa.errors import DataError, InputMissing
 from cltaa.files.atomic import atomic_path
 from cltaa.judging.metrics import METRICS

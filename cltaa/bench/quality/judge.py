@@ -10,7 +10,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from cltaa.bench.redrawn import redrawn_of
+from cltaa.bench.quality.redrawn import redrawn_of
 from cltaa.devices.launch import Launcher
 from cltaa.errors import DataError
 from cltaa.frames import Image

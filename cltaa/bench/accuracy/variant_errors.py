@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Pillow
 
-from cltaa.bench.ladder import Variant
+from cltaa.bench.accuracy.ladder import Variant
 from cltaa.devices.kernel_files import code_sha256
 from cltaa.devices.launch import WISH, Buffer, Launcher, launcher_for
 from cltaa.devices.numpy_launcher import NumpyLauncher

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import msgspec
 
-from cltaa.bench.accuracy_results import Accuracy, MeasuredSequence
-from cltaa.bench.accuracy_sequence import Progress, Timing, measure_sequence
-from cltaa.bench.distribution import build_all, path_of, run_all
+from cltaa.bench.accuracy.distribution import build_all, path_of, run_all
+from cltaa.bench.accuracy.ladder import Variant
+from cltaa.bench.accuracy.programs import Program, dearest_first, programs_needed
+from cltaa.bench.accuracy.results import Accuracy, MeasuredSequence
+from cltaa.bench.accuracy.sequence import Progress, Timing, measure_sequence
+from cltaa.bench.accuracy.variant_errors import Task
 from cltaa.bench.environment import environment, load_average, pin_threads, processors
-from cltaa.bench.ladder import Variant
-from cltaa.bench.programs import Program, dearest_first, programs_needed
-from cltaa.bench.variant_errors import Task
 from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.devices.kernel_files import kernel_folder
 from cltaa.errors import DataError, ResourceError, UsageError

@@ -7,8 +7,8 @@ import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Column
-from cltaa.bench.quality_summary import DEFAULT, Row, Table, best_engine, highest_tier, ordered, published, score
+from cltaa.bench.quality.judge import COLUMNS, ONE_SAMPLE, Column
+from cltaa.bench.quality.summary import DEFAULT, Row, Table, best_engine, highest_tier, ordered, published, score
 from cltaa.errors import DataError, InputMissing
 from cltaa.files.atomic import atomic_path
 

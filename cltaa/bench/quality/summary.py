@@ -11,8 +11,8 @@ from functools import cache
 
 import msgspec
 
-from cltaa.bench.quality import COLUMNS, ONE_SAMPLE, Judged
-from cltaa.bench.quality_cases import Case
+from cltaa.bench.quality.cases import Case
+from cltaa.bench.quality.judge import COLUMNS, ONE_SAMPLE, Judged
 from cltaa.judging.comparison import truth_of, truth_samples
 from cltaa.judging.metrics import mean_psnr
 from cltaa.parameters.presets import Preset, Published, load_preset, preset_names

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from cltaa.bench.accuracy_results import Accuracy, Cell, MeasuredSequence
-from cltaa.bench.ladder import COMBINATIONS, DEFAULT, PRESETS
-from cltaa.bench.overview import overview_figure
+from cltaa.bench.accuracy.ladder import COMBINATIONS, DEFAULT, PRESETS
+from cltaa.bench.accuracy.overview import overview_figure
+from cltaa.bench.accuracy.results import Accuracy, Cell, MeasuredSequence
 from cltaa.extras import import_extra
 from cltaa.files.atomic import atomic_path
 from cltaa.judging.metrics import METRICS

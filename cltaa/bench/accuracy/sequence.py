@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from cltaa.bench.accuracy_results import Cell, MeasuredSequence, Yardstick, exponential_noise, spread
+from cltaa.bench.accuracy.distribution import load
+from cltaa.bench.accuracy.pareto import dominated_by
+from cltaa.bench.accuracy.results import Cell, MeasuredSequence, Yardstick, exponential_noise, spread
+from cltaa.bench.accuracy.variant_errors import Task, yardstick_errors
+from cltaa.bench.accuracy.variant_times import TURN, Ranking, jobs_of, ranking
 from cltaa.bench.baseline import copy_job
-from cltaa.bench.distribution import load
-from cltaa.bench.pareto import dominated_by
-from cltaa.bench.variant_errors import Task, yardstick_errors
-from cltaa.bench.variant_times import TURN, Ranking, jobs_of, ranking
 from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.frames import format_effects
 from cltaa.judging.comparison import truth_of, truth_samples

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
-from cltaa.bench.accuracy_results import Accuracy, Cell, MeasuredSequence
+from cltaa.bench.accuracy.results import Accuracy, Cell, MeasuredSequence
 from cltaa.timing import Interval
 
 MOST = 2.0  # times the default's error at which the colours end, both ways

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
+from cltaa.bench.accuracy.ladder import Variant
+from cltaa.bench.accuracy.variant_errors import Rounding
 from cltaa.bench.environment import Environment
-from cltaa.bench.ladder import Variant
-from cltaa.bench.variant_errors import Rounding
 from cltaa.judging.metrics import mean
 from cltaa.timing import Clock, Interval
 

@@ -10,8 +10,8 @@ from urllib.parse import quote
 
 import numpy as np
 
-from cltaa.bench.quality import COLUMNS, ONE_SAMPLE
-from cltaa.bench.quality_summary import DEFAULT, Row, Table
+from cltaa.bench.quality.judge import COLUMNS, ONE_SAMPLE
+from cltaa.bench.quality.summary import DEFAULT, Row, Table
 from cltaa.devices.launch import Launcher
 from cltaa.files.atomic import make_folder
 from cltaa.frames import Image

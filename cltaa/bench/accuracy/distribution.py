@@ -19,9 +19,9 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from cltaa.bench.accuracy.programs import Program
+from cltaa.bench.accuracy.variant_errors import Errors, Task, opened, run_task
 from cltaa.bench.environment import processors
-from cltaa.bench.programs import Program
-from cltaa.bench.variant_errors import Errors, Task, opened, run_task
 from cltaa.devices.launch import WISH
 from cltaa.errors import DataError, ResourceError, UsageError
 from cltaa.extras import import_extra
