@@ -87,6 +87,12 @@ def _residuals(pairs: Sequence[Pair], scale: float) -> Vector:
     return np.array([camera_residual(pair, pair.camera_motion(closeness=pair.closeness / scale)) for pair in pairs])
 
 
+def tells_kind(frames: Sequence[Frame]) -> bool:
+    """True where planes in view lie aslant, so that 1/Z and Z differ over them."""
+    frames = frames[:MOST_FRAMES]
+    return "reciprocal" in _flat_shares(frames, [frame.depth.astype(np.float64) for frame in frames])
+
+
 def _flat_shares(frames: Sequence[Frame], depth: Sequence[Plane]) -> dict[str, dict[str, float]]:
     """Share of pixels on planes under each other reading and under planar depth, where the two differ."""
     flat: dict[str, list[NDArray[np.bool_]]] = {"planar": [], "ray": [], "reciprocal": []}

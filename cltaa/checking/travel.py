@@ -38,14 +38,20 @@ def check_structure(frames: Sequence[Frame]) -> tuple[list[Finding], Change | No
         return [], None
     able = [name for name, meant in MEANINGS.items() if all(sound(frame, meant.change) for frame in frames)]
     if able:
-        name = min(able, key=lambda name: _mismatch(frames, MEANINGS[name].change)) if len(able) > 1 else able[0]
+        mismatch = {name: _mismatch(frames, MEANINGS[name].change) if len(able) > 1 else 0.0 for name in able}
+        name = min(able, key=lambda name: mismatch[name])
+        alike = [other for other in able if other != name and CLEARLY_BETTER * mismatch[other] <= mismatch[name]]
         what, fix = MEANINGS[name]
         row = " ".join(f"{number:g}" for number in wrong[0].camera.world_to_view[3])
         clip = " ".join(f"{number:g}" for number in wrong[0].camera.view_to_clip[3])
         evidence = f"last rows {row} and {clip} as read, of a camera only when {name.replace('-', ' ')}"
+        if alike:
+            evidence += f"; or {', '.join(alike)}, under which the pictures match about as well"
+        confidence = 0.95 / (1 + len(alike))
         finding = Finding(
-            name=f"camera-{name}", mistake=True, confidence=0.95, what=what, evidence=evidence, fix={"camera": fix}
-        )
+            name=f"camera-{name}", mistake=True, confidence=confidence, what=what, evidence=evidence,
+            fix={"camera": fix},
+        )  # fmt: skip
         return [finding], MEANINGS[name].change
     evidence = f"frame {wrong[0].index}: neither as read nor transposed, inverted or flipped"
     what = "the matrices are no camera"
@@ -140,7 +146,7 @@ def check_upside_down(shot: Shot) -> list[Finding]:
 
 def _late(shot: Shot, pairs: Sequence[Pair]) -> Iterator[tuple[str, tuple[str, dict[str, object], Vector]]]:
     cameras = {frame.index: frame.camera for frame in shot.frames}
-    for delay, name in ((-1, "early"), (1, "late")):
+    for delay, name in ((1, "late"), (-1, "early")):  # of two that fit alike the first is taken: writers lag
         scores = []
         for pair in pairs:
             later = delay * pair.frame.step

