@@ -209,9 +209,15 @@ def _print(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
     if "video" in result:
         _print_video(console, result)
     if "equal_quality_samples" in result:
-        equal = result["equal_quality_samples"]
-        bound = f"{equal['bound']} " if equal["bound"] else ""
-        console.print(f"equal-quality samples: {bound}[bold]{equal['samples']:.1f}[/] a pixel ({equal['method']})")
+        _print_equal_quality(console, result["equal_quality_samples"])
+
+
+def _print_equal_quality(console: Console, equal: dict[str, Any]) -> None:
+    if math.isinf(equal["samples"]):  # no number of samples errs as little as nothing
+        console.print("equal-quality samples: no number, for A equals its truth up to white", highlight=False)
+        return
+    bound = f"{equal['bound']} " if equal["bound"] else ""
+    console.print(f"equal-quality samples: {bound}[bold]{equal['samples']:.1f}[/] a pixel ({equal['method']})")
 
 
 def _print_video(console: Console, result: dict[str, Any]) -> None:

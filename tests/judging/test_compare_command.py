@@ -188,6 +188,16 @@ def test_table(capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path
     assert "comparing: 4 of 4 frames" in captured.err
 
 
+def test_a_result_equal_to_an_exact_truth_has_no_samples_and_says_so(
+    capsys: pytest.CaptureFixture[str], capture: Path
+) -> None:
+    command = ["compare", str(capture / "reference"), str(capture), "--metrics", "mse"]
+    assert main(command) == 0
+    assert "equal-quality samples: no number, for A equals its truth up to white\n" in capsys.readouterr().out
+    assert main([*command, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["equal_quality_samples"]["samples"] is None
+
+
 @pytest.mark.parametrize("metrics", ["psnr", "psnr,flip"])
 def test_heat_maps(
     capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, tmp_path: Path, metrics: str
