@@ -90,10 +90,15 @@ def open_video(path: Path, rate: Fraction | int = USUAL_RATE) -> Iterator[Video]
             raise StorageError(f"encoding failed: {error}", path=path, cure="check the free space") from error
 
 
-def check_film(path: Path, sequence: NumberedFiles) -> None:
-    """Tell before the work what would stop a film of ``sequence`` after it; raises UsageError and OutputError."""
+def check_film(path: Path, sequence: NumberedFiles, output: Path) -> None:
+    """Tell before the work what would stop a film of ``sequence`` after it; raises UsageError and OutputError.
+
+    A film in a folder that is not there before ``output`` is made, with its parents, is not tried here.
+    """
     import_av()
-    check_creatable(path)
+    folder, made = path.parent.resolve(), output.resolve()
+    if folder.is_dir() or folder not in (made, *made.parents):
+        check_creatable(path)
     if path.suffix.lower() not in SUFFIXES:
         raise UsageError(
             "a film is an MP4", path=path, expected=" or ".join(SUFFIXES), found=path.suffix or "no suffix"

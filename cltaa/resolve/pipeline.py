@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from cltaa.errors import DeviceLost, UsageError
 from cltaa.exr.layout import check_lossless
-from cltaa.files.atomic import owned
+from cltaa.files.atomic import check_creatable, owned
 from cltaa.files.manifest import REFERENCE
 from cltaa.frames import Effect
 from cltaa.interrupt import Stop, stop_signals
@@ -73,11 +73,13 @@ def resolve_sequence(
         options["layers"] = list(layers)
     resolver.every_step = resolver.every_step or effects == "all"
     settings = {**resolver.settings(), **options, "compression": compression, **sequence_settings(sequence)}
+    if preview is not None:
+        check_film(preview, sequence, output)
+        rate = rate_of(sequence.attributes, sequence.sequence_json, sequence.step)
     keeping = kept_memory(4 * sequence.width * sequence.height, images=not isinstance(resolver, BandedResolver))
     with keeping, owned(output), stop_signals() as stop:
         if preview is not None:
-            rate = rate_of(sequence.attributes, sequence.sequence_json, sequence.step)
-            check_film(preview, sequence)  # now that the output is there, which may be the film's folder too
+            check_creatable(preview)  # again, now that the output is there, which may be the film's folder
         folder = OutputFolder(output, settings, restart=restart)
         checkpoints = Checkpoints(output, folder.key)
         if restart:
