@@ -8,12 +8,13 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cltaa.errors import DataError, UsageError
+from cltaa.errors import CltaaError, DataError, UsageError
+from cltaa.exr.read import read_header
 from cltaa.files.atomic import remove_stale_temporaries
 from cltaa.files.manifest import NAME, RESTART_CURE, Entry, Manifest, file_sha256
 from cltaa.progress import track
 from cltaa.resolve.views import View
-from cltaa.sequences.sources import Sequence
+from cltaa.sequences.sources import RESOLVED, Sequence
 
 DEBUG = "debug"  # folder of the pictures of debug views
 CODE = "code_sha256"  # the key of the settings that says which code
@@ -38,8 +39,10 @@ class Source(NamedTuple):
 class OutputFolder:
     """Which frames are finished, by what settings they were made, and their hashes. Use it inside ``atomic.owned``."""
 
-    def __init__(self, folder: Path, settings: Mapping[str, Any], *, restart: bool = False) -> None:
+    def __init__(self, folder: Path, settings: Mapping[str, Any], *, preset: str = "", restart: bool = False) -> None:
         """Begin the folder, or go on with it; ``restart`` deletes what its manifest lists first.
+
+        ``preset`` is what the preset is called, which decides nothing and is named where another is refused.
 
         A folder that was begun and in which nothing was finished is begun anew: a run that was refused at its first
         frame does not stand in the way of one with mended options.
@@ -59,8 +62,30 @@ class OutputFolder:
         if begun is None or (begun != asked and not images and not self.manifest.entries):
             self.manifest.begin(asked)
         else:
-            _refuse_difference(begun, asked, self.manifest.path)
+            self._refuse_difference(begun, asked, preset)
         self.key = hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
+
+    def _refuse_difference(self, begun: Mapping[str, Any], asked: Mapping[str, Any], preset: str) -> None:
+        before, now, path = dict(_flat(begun)), dict(_flat(asked)), self.manifest.path
+        # What was asked for before the code, and the build last, which follows from both.
+        for key in sorted(before.keys() | now.keys(), key=lambda key: (key.startswith("build."), key == CODE, key)):
+            if before.get(key) == now.get(key):
+                continue
+            if key == CODE:  # 64 digits tell nobody anything
+                raise UsageError("was begun with another version of cltaa's code", path=path, cure=RESTART_CURE)
+            earlier = self._preset_begun_with() if key.startswith("preset.") else preset
+            what = f"preset {earlier}, not {preset}:" if earlier not in ("", preset) else "another"
+            raise UsageError(
+                f"was begun with {what} {key}", path=path,
+                expected=before.get(key, "none"), found=now.get(key, "none"), cure=RESTART_CURE,
+            )  # fmt: skip
+
+    def _preset_begun_with(self) -> str:
+        """What the first finished image says of its preset, empty where none can tell: the manifest has no names."""
+        try:
+            return str(read_header(self.folder / min(self.manifest.entries)).attributes.get(RESOLVED, ""))
+        except (CltaaError, ValueError):  # nothing is finished, or it is not there or damaged now
+            return ""
 
     def missing(self, sequence: Sequence) -> list[int]:
         """Return the frames that are not finished, after a look at every file of those that are.
@@ -108,20 +133,6 @@ def _clear(folder: Path) -> None:
         for path in (folder / DEBUG).glob(f"{view}.*.png"):
             path.unlink()
     (folder / NAME).unlink(missing_ok=True)
-
-
-def _refuse_difference(begun: Mapping[str, Any], asked: Mapping[str, Any], path: Path) -> None:
-    before, now = dict(_flat(begun)), dict(_flat(asked))
-    # What was asked for before the code, and the build last, which follows from both.
-    for key in sorted(before.keys() | now.keys(), key=lambda key: (key.startswith("build."), key == CODE, key)):
-        if before.get(key) == now.get(key):
-            continue
-        if key == CODE:  # 64 digits tell nobody anything
-            raise UsageError("was begun with another version of cltaa's code", path=path, cure=RESTART_CURE)
-        raise UsageError(
-            f"was begun with another {key}", path=path,
-            expected=before.get(key, "none"), found=now.get(key, "none"), cure=RESTART_CURE,
-        )  # fmt: skip
 
 
 def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -80,7 +80,7 @@ def resolve_sequence(
     with keeping, owned(output), stop_signals() as stop:
         if preview is not None:
             check_creatable(preview)  # again, now that the output is there, which may be the film's folder
-        folder = OutputFolder(output, settings, restart=restart)
+        folder = OutputFolder(output, settings, preset=resolver.preset.name, restart=restart)
         checkpoints = Checkpoints(output, folder.key)
         if restart:
             checkpoints.clear()

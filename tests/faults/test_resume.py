@@ -117,19 +117,43 @@ def test_other_settings_device_and_inputs_are_refused_by_name(
     gamma = load_preset().settings.gamma_still
     other = gamma + 0.25
     for more, difference in (
-        (["--set", f"gamma_still={other}"], f"preset.settings.gamma_still (expected {gamma}, found {other})"),
-        (["--device", "0"], "device (expected NumPy (float32 oracle), found "),
-        (["--half"], "half (expected False, found True)"),
-        (["--effects", "all"], "effects (expected auto, found all)"),
-        (["--storage", "half"], "build.storage (expected float, found half)"),
-        (["--frames", "1-6"], "first_frame (expected 0, found 1)"),
+        (
+            ["--set", f"gamma_still={other}"],
+            f"preset default, not default with gamma_still={other}: "
+            f"preset.settings.gamma_still (expected {gamma}, found {other})",
+        ),
+        (["--preset", "t2"], "preset default, not t2: preset.choices."),
+        (["--device", "0"], "another device (expected NumPy (float32 oracle), found "),
+        (["--half"], "another half (expected False, found True)"),
+        (["--effects", "all"], "another effects (expected auto, found all)"),
+        (["--storage", "half"], "another build.storage (expected float, found half)"),
+        (["--frames", "1-6"], "another first_frame (expected 0, found 1)"),
     ):
         assert main([*arguments(folder, output), *more]) == 64
-        assert f"was begun with another {difference}" in capsys.readouterr().err
+        assert f"was begun with {difference}" in capsys.readouterr().err
     write_frame(folder / "synthetic.0001.exr", make_frame(1, width=9, height=7, motion=True, seed=1))
     assert main(arguments(folder, output)) == 65
     assert "synthetic.0001.exr frame 1: the input is not the one" in capsys.readouterr().err
     assert check_after_fault(output, expected) == kept
+
+
+def test_a_preset_whose_name_nothing_tells_is_refused_by_what_differs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, output, config = (
+        write_sequence(tmp_path / "in", 2, width=9, height=7),
+        tmp_path / "out",
+        tmp_path / "a.toml",
+    )
+    command = [*arguments(folder, output), "--config", str(config)]
+    config.write_text("gamma_still = 2")
+    assert main(command) == 0
+    config.write_text("gamma_still = 3")
+    assert main(command) == 64  # the same name, of another content
+    assert "was begun with another preset.settings.gamma_still (expected 2.0, found 3.0)" in capsys.readouterr().err
+    (output / "synthetic.0000.exr").write_bytes(b"damaged")
+    assert main([*arguments(folder, output)]) == 64
+    assert "was begun with another preset.settings.gamma_still (expected 2.0" in capsys.readouterr().err
 
 
 def test_restart_begins_anew(tmp_path: Path, whole: tuple[Path, dict[str, str]]) -> None:
