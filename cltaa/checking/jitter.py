@@ -26,7 +26,6 @@ CLEARLY_BETTER = 0.85  # what is left under another map, over what is left as de
 LARGEST_MEAN_PX = 0.15  # a centred jitter of at least 8 samples stays below, even where the period is cut
 CLEARLY_SCALED = 0.6  # what is left under half or twice, over what is left without: aliasing makes shifts too small
 DELAYS = (-2, -1, 1, 2)
-CLEARLY_SCALED_SCATTER = 0.9  # of the likeness, likewise; 0.92 is the least seen where the whole one is right
 MOST_SCATTER = 0.45  # of the likeness; where more is left over, distance is not what makes samples differ
 CLEARLY_SMOOTHER = 0.87  # scatter under another map of the same size, over that as declared
 
@@ -44,7 +43,7 @@ def _by_likeness(shot: Shot, likeness: Likeness) -> list[Finding] | None:
     declared = declared_jitter(shot.frames)
     maps = linear_maps(*shot.window) | {"absent": np.zeros((2, 2))}
     scatter = {name: likeness.scatter(declared @ matrix.T) for name, matrix in maps.items()}
-    best = _plainest(scatter, CLEARLY_SCALED_SCATTER)
+    best = min(scatter, key=lambda name: scatter[name])
     by_delay = {delay: _delayed(shot, declared, delay) for delay in DELAYS}
     late = min(by_delay, key=lambda delay: likeness.scatter(by_delay[delay]))
     known = np.isfinite(by_delay[late])
@@ -84,7 +83,7 @@ def _by_shifts(shot: Shot, shifts: Sequence[Fit | None]) -> list[Finding]:
     as_declared = left_over(measured, declared, np.eye(2), weights)
     maps = linear_maps(*shot.window) | {"absent": np.zeros((2, 2))}
     left = {name: left_over(measured, declared, matrix, weights) for name, matrix in maps.items()}
-    best = _plainest(left, CLEARLY_SCALED)
+    best = _plainest(left)
     delay, delayed = _best_delay(shot, known, measured, weights)
     if delayed < CLEARLY_BETTER * min(left[best], as_declared) and left[best] > LEAST_SHIFT_PX:
         evidence = f"shifts of {len(known)} pairs fit the jitter of {_frames(delay)} to {delayed:.2f} px rms, "
@@ -99,14 +98,14 @@ def _by_shifts(shot: Shot, shifts: Sequence[Fit | None]) -> list[Finding]:
     return [_finding(_key(best), what, evidence, left[best], as_declared, fix)]
 
 
-def _plainest(left: dict[str, float], clearly: float) -> str:
+def _plainest(left: dict[str, float]) -> str:
     """The map that leaves least, one of half or twice the size only where it is far better than that without."""
     best = min(left, key=lambda name: left[name])
     halves = ("scaled", "units-ndc")
     if not best.startswith(halves):
         return best
     whole = min((name for name in left if not name.startswith(halves)), key=lambda name: left[name])
-    return best if left[best] < clearly * left[whole] else whole
+    return best if left[best] < CLEARLY_SCALED * left[whole] else whole
 
 
 def _weights(fits: Sequence[Fit]) -> Vector:

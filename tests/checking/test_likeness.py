@@ -33,6 +33,10 @@ def test_patterns_finer_than_a_pixel_tell_mistakes(mistake: str, small: Scene) -
     assert mistakes(MISTAKES[mistake].plant(small("morphing"))) == [mistake]
 
 
+def test_glints_of_few_frames_are_not_taken_for_half_a_jitter(small: Scene) -> None:
+    assert mistakes(MISTAKES["jitter-negated"].plant(small("glints")[:8])) == ["jitter-negated"]
+
+
 @pytest.mark.parametrize("mistake", ["motion-negated", "motion-y-flipped", "motion-units-uv"])
 def test_slow_vectors_are_not_taken_for_half_of_them(mistake: str, small: Scene) -> None:
     """Half of the right vectors matches as well, where all are half a pixel long."""

@@ -83,6 +83,11 @@ def test_nor_is_it_missed(size: float, found: list[str]) -> None:
     assert judged(0.0 * OFFSETS, size * OFFSETS) == found
 
 
+def test_shifts_that_fine_patterns_shorten_are_not_taken_for_half_a_jitter() -> None:
+    assert judged(OFFSETS, -0.7 * OFFSETS) == ["jitter-negated"]
+    assert judged(OFFSETS, -0.5 * OFFSETS) == ["jitter-scaled-0.5-negated"]
+
+
 def drifting(speed: float, declared: float) -> list[Frame]:
     """Waves whose right half moves right by up to ``speed`` pixels a frame, where vectors say up to ``declared``."""
     y, x = np.mgrid[:72, :128].astype(np.float64)
