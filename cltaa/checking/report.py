@@ -20,6 +20,7 @@ from cltaa.inputs.intake import Intake, intake_lines, open_with_gaps
 from cltaa.inputs.profile import Profile, load_profile
 from cltaa.inputs.profile_text import assignments_of, differences, option_text
 from cltaa.progress import track
+from cltaa.sequences.frame_numbers import FrameRange
 
 FRAMES = 12  # looked at unless asked otherwise: 11 pairs tell a gain of jitter to a few hundredths
 ROUNDS = 6  # of looking and reading again: matrices, depth, its unit, vectors and jitter, then nothing
@@ -51,20 +52,23 @@ def check_folder(
     profile: str = "auto",
     assignments: Sequence[str] = (),
     side_file: Path | None = None,
-    frames: int = FRAMES,
+    frames: int | FrameRange = FRAMES,
     step: int = 1,
 ) -> tuple[Report, Profile]:
-    """Check the first ``frames`` frames of ``folder``, read as ``profile`` says; also return the profile that mends it.
+    """Check some frames of ``folder``, read as ``profile`` says; also return the profile that mends it.
 
-    What is wrong is read again as it is right, since a wrong depth hides a wrong jitter. Raises what opening
+    ``frames`` is how many from the first on, or the numbers of the first and the last, both included: then no other
+    counts. What is wrong is read again as it is right, since a wrong depth hides a wrong jitter. Raises what opening
     and reading raise.
     """
-    first = intake = open_with_gaps(folder, profile=profile, assignments=assignments, side_file=side_file, step=step)
+    count, only = (frames, None) if isinstance(frames, int) else (None, frames)
+    reading: dict[str, Any] = {"side_file": side_file, "step": step, "frames": only}
+    first = intake = open_with_gaps(folder, profile=profile, assignments=assignments, **reading)
     name = profile if profile != "auto" else intake.profile.name
     base, findings = load_profile(name), list[Finding]()
     for _ in range(ROUNDS):
         known = {finding.name for finding in findings}
-        seen, shot = _look(intake, folder, frames)
+        seen, shot = _look(intake, folder, count)
         found = [finding for finding in seen if finding.name not in known]
         findings += [_with_option(finding, intake.profile) for finding in found]
         mended = intake.profile
@@ -74,10 +78,10 @@ def check_folder(
         if mended == intake.profile:
             break
         again = assignments_of(changes)
-        intake = open_with_gaps(folder, profile=name, assignments=again, side_file=side_file, step=step)
+        intake = open_with_gaps(folder, profile=name, assignments=again, **reading)
     options = f"{profile_options(name, side_file, step)} {option_text(changes)}".strip()
     report = Report(
-        folder=str(folder), frames=min(frames, len(first.declared)), reading=[*intake_lines(first)], findings=findings,
+        folder=str(folder), frames=len(shot.frames), reading=[*intake_lines(first)], findings=findings,
         untold=untold(shot), options=options, profile=msgspec.to_builtins(mended),
     )  # fmt: skip
     return report, mended
@@ -93,9 +97,9 @@ def profile_options(profile: str, side_file: Path | None, step: int) -> str:
     return shlex.join(words)
 
 
-def _look(intake: Intake, folder: Path, frames: int) -> tuple[list[Finding], Shot]:
+def _look(intake: Intake, folder: Path, count: int | None) -> tuple[list[Finding], Shot]:
     """What files and pixels say under one reading, and the frames so read."""
-    numbers = sorted(intake.declared)[:frames]
+    numbers = sorted(intake.declared)[:count]
     sequence = ForeignSequence(folder, intake, numbers, strict=False)
     sequence.refuse_result()
     read = [sequence.frame(number) for number in track(numbers, len(numbers), "reading")]

@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 
 from cltaa.checking.report import FRAMES, Report, check_folder, profile_options
-from cltaa.commands.options import FILE_PATH, input_options, json_option
+from cltaa.commands.options import FILE_PATH, SOME_FRAMES, input_options, json_option
 from cltaa.errors import DataError
 from cltaa.files.atomic import atomic_path, check_creatable
 from cltaa.inputs.profile_text import toml_text
@@ -19,8 +19,9 @@ from cltaa.printable import counted, json_of, shown
 @click.command()
 @click.argument("sequence", type=FILE_PATH)
 @input_options
-@click.option("--frames", type=click.IntRange(min=1), default=FRAMES, show_default=True, metavar="N",
-              help="Look at the first N frames; 8 or more tell the jitter's mistakes apart.")  # fmt: skip
+@click.option("--frames", type=SOME_FRAMES, default=FRAMES, show_default=True,
+              help="Only these frames, both included, or the first N; "
+              "8 or more tell the jitter's mistakes apart.")  # fmt: skip
 @click.option("--fix", type=FILE_PATH, metavar="FILE.toml",
               help="Write a profile that reads the sequence right.")  # fmt: skip
 @json_option
@@ -32,7 +33,7 @@ def check(
     inputs: tuple[str, ...],
     camera: Path | None,
     step: int,
-    frames: int,
+    frames: int | tuple[int, int],
     fix: Path | None,
     as_json: bool,
 ) -> None:

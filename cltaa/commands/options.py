@@ -106,6 +106,16 @@ class _FrameRange(_Tuple):
         return int(match[1]), int(match[2] or match[1])
 
 
+class _SomeFrames(_FrameRange):
+    """The same, or a number of frames from the first on."""
+
+    name = "N|FIRST-LAST"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        counted = re.fullmatch(DIGITS, str(value))
+        return click.IntRange(min=1).convert(value, param, ctx) if counted else super().convert(value, param, ctx)
+
+
 class _Names(_Tuple):
     """A comma-separated list; spaces around its names and empty ones count as nothing."""
 
@@ -159,7 +169,7 @@ PRESET, PROFILE = _Name(_presets), _Name(_profiles, or_file=True)
 KERNEL, SCENE = _Name(_kernels), _Name(_scenes)
 SCENES = _Name(lambda: [ALL_SCENES, *_scenes()])  # or all of them
 FILE_PATH, FOLDER = _FilePath(path_type=Path), _Folder(path_type=Path)
-SIZE, FRAME_RANGE, NAMES = _Size(), _FrameRange(), _Names()
+SIZE, FRAME_RANGE, SOME_FRAMES, NAMES = _Size(), _FrameRange(), _SomeFrames(), _Names()
 FROM_0, FROM_1, FROM_2 = (_WholeNumbers(least) for least in range(3))  # lists of whole numbers
 MILLISECONDS = _Milliseconds(min=0.0, min_open=True)
 STOPS = _Stops(-EXPOSURE_STOPS, EXPOSURE_STOPS)

@@ -57,6 +57,23 @@ def test_the_options_that_are_printed_are_the_ones_that_mend(scene: Scene, tmp_p
     assert main(["check", str(tmp_path), *report["options"].split()]) == 0
 
 
+def test_frames_are_so_many_or_from_one_to_another(scene: Scene, tmp_path: Path) -> None:
+    """A frame that is missing before those that are asked for is nobody's mistake."""
+    write_own(tmp_path, scene("still"))
+    files = sorted(tmp_path.glob("*.exr"))
+    numbers = [int(path.name.split(".")[-2]) for path in files]
+    files[1].unlink()
+    for given, looked_at, found in (
+        (f"{numbers[2]}-{numbers[6]}", 5, []),
+        (f"{numbers[0]}-{numbers[6]}", 6, ["frames-missing"]),
+        ("5", 5, ["frames-missing"]),
+    ):
+        done = CliRunner().invoke(root, ["check", str(tmp_path), "--frames", given, "--json"])
+        report = json.loads(done.stdout)
+        assert [finding["name"] for finding in report["findings"] if finding["mistake"]] == found
+        assert report["frames"] == looked_at
+
+
 def test_what_a_wrong_depth_hides_is_found_too(scene: Scene, tmp_path: Path) -> None:
     """Depth of half the size leaves so much behind that a flipped jitter is not seen; both are mended."""
     flipped = MISTAKES["jitter-y-flipped"].plant(scene("corridor"))

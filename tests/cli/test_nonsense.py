@@ -85,6 +85,8 @@ CASES: list[tuple[str, int, str]] = [
     ("check empty", MISSING, "no frames"),
     ("check ''", USAGE, "the name is empty"),
     ("check seq --frames 0", USAGE, "not in the range"),
+    ("check seq --frames 1-", USAGE, "'1-' is no range of frames, such as 8-47 or 12"),
+    ("check seq --frames 1-9", WRONG, "frame 9: no such frame (expected 0-2)"),
     ("check seq --fix empty", OUTPUT, "empty: this is a folder"),
     ("profiles nonsense", WRONG, "nonsense"),
     ("compare nowhere", MISSING, "nowhere: the file is missing"),
