@@ -23,11 +23,11 @@ from cltaa.bench.accuracy.report import write_report
 from cltaa.bench.accuracy.results import Accuracy, MeasuredSequence
 from cltaa.bench.accuracy.sequence import cost
 from cltaa.bench.accuracy.variant_errors import Task
+from cltaa.commands.names import METRIC_LIST, PRESET
 from cltaa.commands.options import (
     FILE_PATH,
     FOLDER,
     NAMES,
-    PRESET,
     device_option,
     json_option,
     measured_options,
@@ -60,7 +60,8 @@ from cltaa.timing import Clock
 )
 @click.option("--variant", "named", multiple=True, metavar="NAME", help="Only these variants, beside those of --only.")
 @click.option("--full", is_flag=True, help="Also every combination of the choices that cost time, for the front.")
-@click.option("--metrics", default="mse,flip", show_default=True, help="Errors against the truth; see cltaa compare.")
+@click.option("--metrics", type=METRIC_LIST, default="mse,flip", show_default=True, metavar="LIST",
+              help="Errors against the truth; see cltaa compare.")  # fmt: skip
 @click.option("--rounding-frames", default=8, show_default=True, type=click.IntRange(min=0),
               help="Frames that are also resolved in float64, by NumPy, to measure rounding; 0 for none.")  # fmt: skip
 @click.option("--rounds", default=15, show_default=True, type=click.IntRange(min=3), help="Rounds of timing, at least.")

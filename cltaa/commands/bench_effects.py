@@ -11,7 +11,8 @@ from rich.console import Console
 from cltaa.bench.effects import EffectRow, cells, judge_effects, line, markdown
 from cltaa.bench.quality.cases import check_scenes, known_scenes
 from cltaa.child_command import run_cltaa
-from cltaa.commands.options import FILE_PATH, PRESET, SIZE, device_option, json_option
+from cltaa.commands.names import PRESET
+from cltaa.commands.options import FILE_PATH, SIZE, device_option, json_option
 from cltaa.devices.launch import launcher_for
 from cltaa.errors import DataError
 from cltaa.frames import Frame

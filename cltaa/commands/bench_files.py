@@ -9,7 +9,8 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.bench.files import CODECS, FilesBench, bench_files
-from cltaa.commands.options import FILE_PATH, FROM_1, NAMES, PRESET, device_option, json_option, step_option
+from cltaa.commands.names import PRESET
+from cltaa.commands.options import FILE_PATH, FROM_1, NAMES, device_option, json_option, step_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
 from cltaa.exr.layout import LOSSLESS

@@ -7,7 +7,8 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.bench.growth import FLAT, REFERENCE, SIZES, GrowthBench, bench_growth
-from cltaa.commands.options import FROM_1, PRESET, device_option, json_option
+from cltaa.commands.names import PRESET
+from cltaa.commands.options import FROM_1, device_option, json_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
 from cltaa.parameters.presets import load_preset

@@ -8,7 +8,8 @@ from rich.table import Table
 
 from cltaa.bench.frames import Motion
 from cltaa.bench.kernels import KernelBench, Row, Timing, bench_kernels
-from cltaa.commands.options import PRESET, SIZE, device_option, json_option
+from cltaa.commands.names import PRESET
+from cltaa.commands.options import SIZE, device_option, json_option
 from cltaa.commands.tables import print_table
 from cltaa.parameters.build import STORAGES, Storage
 from cltaa.parameters.presets import load_preset

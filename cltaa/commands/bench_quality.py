@@ -28,13 +28,11 @@ from cltaa.bench.quality.markdown_page import check_page, markdown, write_page, 
 from cltaa.bench.quality.pictures import write_pictures
 from cltaa.bench.quality.presets import chosen_presets
 from cltaa.bench.quality.summary import Table, about_of, ordered, score, summarise
+from cltaa.commands.names import ALL_SCENES, PRESET, SCENES
 from cltaa.commands.options import (
-    ALL_SCENES,
     FILE_PATH,
     FOLDER,
     FROM_0,
-    PRESET,
-    SCENES,
     SIZE,
     device_option,
     json_option,

@@ -11,6 +11,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from cltaa.commands.names import METRIC_LIST
 from cltaa.commands.options import FILE_PATH, FRAME_RANGE, STOPS, input_options, json_option, verify_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
@@ -34,6 +35,7 @@ Values = dict[str, float]
 @click.option(
     "--metrics",
     "metric_names",
+    type=METRIC_LIST,
     default=",".join(DEFAULT_METRICS),
     show_default=True,
     metavar="LIST",

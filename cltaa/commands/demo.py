@@ -12,7 +12,8 @@ from rich.console import Console
 from rich.table import Table
 
 from cltaa.child_command import call_cltaa
-from cltaa.commands.options import FILE_PATH, SCENE, SIZE, device_option, json_option
+from cltaa.commands.names import SCENE
+from cltaa.commands.options import FILE_PATH, SIZE, device_option, json_option
 from cltaa.errors import UsageError
 from cltaa.frames import Image
 from cltaa.judging.equal_quality import equal_quality_samples

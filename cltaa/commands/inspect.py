@@ -11,7 +11,8 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from cltaa.commands.options import FILE_PATH, PRESET, chosen_effects, input_options, json_option
+from cltaa.commands.names import PRESET
+from cltaa.commands.options import FILE_PATH, chosen_effects, input_options, json_option
 from cltaa.errors import DataError
 from cltaa.inputs.description import Description, describe_input
 from cltaa.inputs.opening import is_own, open_input

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import click
 
-from cltaa.commands.options import KERNEL, PRESET, json_option
+from cltaa.commands.names import KERNEL, PRESET
+from cltaa.commands.options import json_option
 from cltaa.devices.kernel_files import kernel_names
 from cltaa.parameters.build import Build, Steps
 from cltaa.parameters.presets import load_preset

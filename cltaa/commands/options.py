@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
-from click.shell_completion import CompletionItem
 
+from cltaa.commands.names import PROFILE
 from cltaa.errors import UsageError, known
 from cltaa.frame_checks import EXPOSURE_STOPS
 from cltaa.frames import Effect, parse_effects
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 Command = Callable[..., Any]
 EFFECTS_HELP = "auto (as declared), all, or a comma-separated list."
-ALL_SCENES = "all"  # every scene of cltaa scenes
 DIGITS = "[0-9]{1,20}"  # of a whole number: Python refuses to read one of thousands
 
 
@@ -60,19 +59,6 @@ class _Stops(click.FloatRange):
         if math.isnan(stops):
             self.fail("no number", param, ctx)
         return stops
-
-
-class _Name(click.ParamType[str]):
-    """A name that a shell completes; what it stands for is looked up where it is used."""
-
-    name = "name"
-
-    def __init__(self, listed: Callable[[], list[str]], *, or_file: bool = False) -> None:
-        self._listed, self._or_file = listed, or_file
-
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        found = [CompletionItem(name) for name in self._listed() if name.startswith(incomplete)]
-        return found or [CompletionItem(incomplete, type="file")] * self._or_file
 
 
 class _Tuple(click.ParamType[tuple[Any, ...]]):
@@ -140,34 +126,6 @@ class _WholeNumbers(_Tuple):
         return tuple(map(int, numbers))
 
 
-# What lists the names is imported when a shell asks: no command needs it before it runs.
-def _presets() -> list[str]:
-    from cltaa.parameters.presets import preset_names
-
-    return preset_names()
-
-
-def _profiles() -> list[str]:
-    from cltaa.inputs.profile import profile_names
-
-    return ["auto", *profile_names()]
-
-
-def _kernels() -> list[str]:
-    from cltaa.devices.kernel_files import kernel_names
-
-    return kernel_names()
-
-
-def _scenes() -> list[str]:
-    from cltaa.bench.quality.cases import known_scenes
-
-    return [*known_scenes()]
-
-
-PRESET, PROFILE = _Name(_presets), _Name(_profiles, or_file=True)
-KERNEL, SCENE = _Name(_kernels), _Name(_scenes)
-SCENES = _Name(lambda: [ALL_SCENES, *_scenes()])  # or all of them
 FILE_PATH, FOLDER = _FilePath(path_type=Path), _Folder(path_type=Path)
 SIZE, FRAME_RANGE, SOME_FRAMES, NAMES = _Size(), _FrameRange(), _SomeFrames(), _Names()
 FROM_0, FROM_1, FROM_2 = (_WholeNumbers(least) for least in range(3))  # lists of whole numbers

@@ -12,7 +12,8 @@ from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
 
-from cltaa.commands.options import PRESET, json_option
+from cltaa.commands.names import PRESET
+from cltaa.commands.options import json_option
 from cltaa.errors import UsageError
 from cltaa.parameters.choices import Choices, Settings
 from cltaa.parameters.presets import Preset, allowed, load_preset, preset_names

@@ -6,7 +6,8 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from cltaa.commands.options import PROFILE, json_option
+from cltaa.commands.names import PROFILE
+from cltaa.commands.options import json_option
 from cltaa.inputs.profile import load_profile, profile_names
 from cltaa.inputs.profile_text import toml_text
 from cltaa.printable import json_of

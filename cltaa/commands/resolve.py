@@ -7,13 +7,13 @@ from pathlib import Path
 import click
 from msgspec.structs import replace
 
+from cltaa.commands.names import ASSIGNMENT, PRESET, VIEW_LIST
 from cltaa.commands.options import (
     EFFECTS_HELP,
     FILE_PATH,
     FRAME_RANGE,
     MILLISECONDS,
     NAMES,
-    PRESET,
     chosen_effects,
     input_options,
     json_option,
@@ -46,7 +46,9 @@ from cltaa.sequences.sources import Sequence
     "--preset", type=PRESET, default="default", show_default=True, help="Named settings; list them with: cltaa presets"
 )
 @click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
-@click.option("--set", "assignments", multiple=True, metavar="KEY=VALUE", help="One parameter; may be repeated.")
+@click.option(
+    "--set", "assignments", type=ASSIGNMENT, multiple=True, metavar="KEY=VALUE", help="One parameter; may be repeated."
+)
 @click.option("--device", help="Part of an OpenCL device's name, its index, or numpy.  [default: first, GPUs first]")
 @click.option("--effects", default="auto", show_default=True, help=EFFECTS_HELP)
 @click.option("--frames", type=FRAME_RANGE, help="Only these frames, both included.")
@@ -72,7 +74,7 @@ from cltaa.sequences.sources import Sequence
 @click.option("--restart", is_flag=True, help="Begin the output folder anew, whatever it was begun with.")
 @click.option("--checkpoint", type=click.IntRange(min=1), default=CHECKPOINT_EVERY, show_default=True,
               metavar="N", help="Save the state every N frames, for a run that goes on after a kill.")  # fmt: skip
-@click.option("--debug", "views", default="", metavar="LIST",
+@click.option("--debug", "views", type=VIEW_LIST, default="", metavar="LIST",
               help=f"Also show what was decided at each pixel, as EXR layers and PNGs: {', '.join(View)}.")  # fmt: skip
 @json_option
 @click.pass_context

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import click
 
-from cltaa.commands.options import FILE_PATH, FOLDER, PRESET, json_option, measured_options, open_each
+from cltaa.commands.names import PRESET
+from cltaa.commands.options import FILE_PATH, FOLDER, json_option, measured_options, open_each
 from cltaa.devices.launch import launcher_for
 from cltaa.errors import UsageError
 from cltaa.files.atomic import atomic_path, check_creatable

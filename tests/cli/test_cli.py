@@ -85,6 +85,13 @@ def test_completion_script(shell: str) -> None:
         ("cltaa bench quality --scene spi", "spinner"),
         ("cltaa bench quality --scene al", "all"),
         ("cltaa demo --scene spi", "spinner"),
+        ("cltaa resolve x --set gamma_s", "gamma_still="),
+        ("cltaa resolve x --set history_of=sam", "history_of=samples"),
+        ("cltaa resolve x --debug rej", "reject"),
+        ("cltaa resolve x --debug count,mo", "count,motion"),
+        ("cltaa compare x --metrics al", "all"),
+        ("cltaa compare x --metrics mse,ps", "mse,psnr"),
+        ("cltaa bench accuracy --metrics flip,flip-h", "flip,flip-hdr"),
     ],
 )
 def test_completion_of_a_name(words: str, completed: str) -> None:
@@ -92,6 +99,17 @@ def test_completion_of_a_name(words: str, completed: str) -> None:
     assert f"plain,{completed}" in done.stdout.splitlines()
     beginning = words.split()[-1]
     assert all(line.startswith(f"plain,{beginning}") for line in done.stdout.splitlines())
+
+
+def test_what_a_list_has_is_not_completed_again_and_a_number_has_no_words() -> None:
+    for words, completed in (
+        ("cltaa resolve x --debug reject,clip,", {"plain,reject,clip,count", "plain,reject,clip,motion"}),
+        ("cltaa compare x --metrics mse,al", set()),  # all stands alone
+        ("cltaa resolve x --set gamma_still=1", set()),
+        ("cltaa resolve x --set nonsense=", set()),
+    ):
+        done = run(_CLTAA_COMPLETE="bash_complete", COMP_WORDS=words, COMP_CWORD=str(words.count(" ")))
+        assert (done.returncode, set(done.stdout.split())) == (0, completed)
 
 
 def test_completion_of_a_command() -> None:
