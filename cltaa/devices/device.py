@@ -27,6 +27,7 @@ from cltaa.devices.one_process import OneProcess
 from cltaa.devices.shape import CPU_4, CPU_8, CPU_16, GPU, INTEL_16, NVIDIA, Shape
 from cltaa.devices.unknown_cpu import known_lanes, name_unknown_cpu
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError, UsageError
+from cltaa.memory.allocator import LARGE_PAGE, bytes_in_large_pages
 
 POCL = "Portable Computing Language"  # the platform's name
 INTEL = "Intel"  # in what a device calls its vendor; the vendor's number is PoCL's own since version 4
@@ -97,12 +98,16 @@ class Memory(OneProcess):
         self._staging: NDArray[Any] | None = None
         if planes is not None:
             with _memory_errors(self.size, device):
-                given = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
-                self.buffer = cl.Buffer(device.context, given, hostbuf=planes)
+                read_there = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
+                self.buffer = cl.Buffer(device.context, read_there, hostbuf=planes)
             return
         flags = cl.mem_flags.READ_WRITE
         with _memory_errors(self.size, device):
-            if device.shares_memory:
+            if device.is_cpu and self.size >= LARGE_PAGE:
+                # What PoCL allocates lies in pages of 4 KiB, and a kernel goes through a dozen planes at once.
+                given = bytes_in_large_pages(self.size)
+                self.buffer = cl.Buffer(device.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=given)
+            elif device.shares_memory:
                 self.buffer = cl.Buffer(device.context, flags | cl.mem_flags.ALLOC_HOST_PTR, self.size)
             else:
                 self.buffer = cl.Buffer(device.context, flags, self.size)
@@ -214,7 +219,7 @@ def cpu_shape(width: int, vendor: str) -> Shape:
 def _memory_errors(needed: int, device: Device) -> Iterator[None]:
     try:
         yield
-    except (cl.MemoryError, cl.RuntimeError, cl.LogicError) as error:
+    except (MemoryError, cl.MemoryError, cl.RuntimeError, cl.LogicError) as error:
         largest, whole = device.cl_device.max_mem_alloc_size, device.cl_device.global_mem_size
         raise ResourceError(
             f"not enough memory on {device.description}",

@@ -94,19 +94,31 @@ def mapped_image(shape: tuple[int, ...], dtype: type[np.floating[Any]] = np.floa
     return np.asarray(Block(KEPT_BLOCKS.take(pages) or _mapped(pages))).view(dtype)[:count].reshape(shape)
 
 
+def bytes_in_large_pages(size: int) -> NDArray[np.uint8]:
+    """Bytes in a mapping of their own, in as many large pages as they fill: no more memory than they are."""
+    memory = _anonymous(in_large_pages(size))
+    if hasattr(mmap, "MADV_HUGEPAGE") and size >= LARGE_PAGE:
+        memory.madvise(mmap.MADV_HUGEPAGE, 0, size // LARGE_PAGE * LARGE_PAGE)
+    return np.frombuffer(memory, np.uint8)[:size]
+
+
 def in_large_pages(size: int) -> int:
     """Bytes that a mapping for ``size`` of them takes."""
     return -(-size // LARGE_PAGE) * LARGE_PAGE
 
 
 def _mapped(size: int) -> mmap.mmap:
-    try:
-        memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
-    except OSError as error:
-        raise MemoryError(f"no {size} bytes") from error
+    memory = _anonymous(size)
     if hasattr(mmap, "MADV_HUGEPAGE"):
         memory.madvise(mmap.MADV_HUGEPAGE)
     return memory
+
+
+def _anonymous(size: int) -> mmap.mmap:
+    try:
+        return mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    except OSError as error:
+        raise MemoryError(f"no {size} bytes") from error
 
 
 class Block:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import mmap
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +13,7 @@ import pytest
 
 from cltaa.devices import device as module
 from cltaa.devices.device import Device
+from cltaa.memory.allocator import LARGE_PAGE
 
 PIECE = 1000  # bytes; not a divisor of what is allocated
 
@@ -30,3 +34,27 @@ def test_zeros_reach_the_end_of_a_buffer_though_only_its_beginning_is_filled(mon
     assert filled == [PIECE]
     with memory.mapped(write=False) as held:
         assert (held == 0x0707).all()
+
+
+@pytest.mark.skipif(not Path("/proc/self/smaps").exists(), reason="only Linux tells how memory is mapped")
+def test_planes_on_a_cpu_lie_in_as_many_large_pages_as_they_fill() -> None:
+    device = Device()
+    if not device.is_cpu:
+        pytest.skip("the memory of a GPU is its driver's")
+    size = 3 * LARGE_PAGE + 4096
+    memory = device.allocate((size // 4,))
+    with memory.mapped(write=False) as held:
+        address = held.ctypes.data
+    assert address % mmap.PAGESIZE == 0
+    assert [wants_large_pages(address + offset) for offset in (0, 3 * LARGE_PAGE - 1, size - 1)] == [True, True, False]
+
+
+def wants_large_pages(address: int) -> bool:
+    """Whether the mapping that holds ``address`` is flagged so (proc(5), smaps)."""
+    inside = False
+    for line in Path("/proc/self/smaps").read_text(encoding="utf-8").splitlines():
+        if bounds := re.match(r"([0-9a-f]+)-([0-9a-f]+) ", line):
+            inside = int(bounds[1], 16) <= address < int(bounds[2], 16)
+        elif inside and line.startswith("VmFlags:"):
+            return "hg" in line.split()
+    return False
