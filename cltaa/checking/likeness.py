@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cltaa.cameras import is_still
-from cltaa.checking.alignment import LEAST_POINTS
+from cltaa.checking.shifts import LEAST_ANCHORS
 from cltaa.checking.shots import Shot
 from cltaa.checking.signal import Vector, squeezed_light
 from cltaa.frames import Frame
@@ -63,7 +63,7 @@ def measure_likeness(shot: Shot) -> Likeness | None:
     if not (shot.has_camera and stands and 0 < len(shot.pairs) == len(shot.frames) - 1):  # no cut, no gap
         return None
     rows, columns = _resting(shot)
-    if len(rows) < 4 * LEAST_POINTS:
+    if len(rows) < LEAST_ANCHORS:
         return None
     lights = [squeezed_light(frame.colour) for frame in frames]
     scale = max(2.0 * float(np.std([light[rows, columns] for light in lights])), 1e-6)

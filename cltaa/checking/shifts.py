@@ -10,13 +10,14 @@ from cltaa.checking.shots import Pair, Shot
 
 Mask = NDArray[np.bool_]
 
+LEAST_ANCHORS = 4 * LEAST_POINTS  # that rest in a pair; on fewer the whole picture says more
 LARGEST_RESIDUAL = 0.6  # above it the pictures do not match and a shift means nothing
 
 
 def measure_shifts(shot: Shot) -> tuple[list[Fit | None], bool]:
     """The shift that jitter gave the picture, for each pair, and whether it was measured without the motion channel."""
     anchors = [_anchor(pair) for pair in shot.pairs]
-    anchored = shot.has_camera and bool(anchors) and all(anchor.sum() >= 4 * LEAST_POINTS for anchor in anchors)
+    anchored = shot.has_camera and bool(anchors) and all(anchor.sum() >= LEAST_ANCHORS for anchor in anchors)
     masks = anchors if anchored else [pair.usable for pair in shot.pairs]
     return [_shift(pair, mask, anchored) for pair, mask in zip(shot.pairs, masks, strict=True)], anchored
 

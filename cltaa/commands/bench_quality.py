@@ -16,6 +16,7 @@ from cltaa.bench.quality.cases import (
     TRAIN,
     Case,
     Shape,
+    by_name,
     capture,
     check_scenes,
     known_scenes,
@@ -178,12 +179,7 @@ def quality(
 
 def _opened(folders: tuple[Path, ...], settled: int, reading: Reading) -> dict[str, Sequence]:
     """The sequences that are there, by the names of their folders; what cannot be judged is told before the work."""
-    named: dict[str, Path] = {}
-    for folder in folders:
-        if folder.name in named:
-            what, cure = "two sequences of one name, which cells and rows go by", "rename one of the folders"
-            raise UsageError(what, path=folder, found=named[folder.name], cure=cure)
-        named[folder.name] = folder
+    by_name(folders, "sequences")
     opened = open_each(folders, reading)
     for sequence in opened.values():
         check_judged(sequence, settled)

@@ -91,15 +91,12 @@ def mapped_image(shape: tuple[int, ...], dtype: type[np.floating[Any]] = np.floa
     """The same of any size in a mapping of its own, which begins at a page."""
     count = int(np.prod(shape))
     pages = in_large_pages(np.dtype(dtype).itemsize * count)
-    return np.asarray(Block(KEPT_BLOCKS.take(pages) or _mapped(pages))).view(dtype)[:count].reshape(shape)
+    return np.asarray(Block(KEPT_BLOCKS.take(pages) or _mapped(pages, pages))).view(dtype)[:count].reshape(shape)
 
 
 def bytes_in_large_pages(size: int) -> NDArray[np.uint8]:
     """Bytes in a mapping of their own, in as many large pages as they fill: no more memory than they are."""
-    memory = _anonymous(in_large_pages(size))
-    if hasattr(mmap, "MADV_HUGEPAGE") and size >= LARGE_PAGE:
-        memory.madvise(mmap.MADV_HUGEPAGE, 0, size // LARGE_PAGE * LARGE_PAGE)
-    return np.frombuffer(memory, np.uint8)[:size]
+    return np.frombuffer(_mapped(in_large_pages(size), size // LARGE_PAGE * LARGE_PAGE), np.uint8)[:size]
 
 
 def in_large_pages(size: int) -> int:
@@ -107,18 +104,15 @@ def in_large_pages(size: int) -> int:
     return -(-size // LARGE_PAGE) * LARGE_PAGE
 
 
-def _mapped(size: int) -> mmap.mmap:
-    memory = _anonymous(size)
-    if hasattr(mmap, "MADV_HUGEPAGE"):
-        memory.madvise(mmap.MADV_HUGEPAGE)
-    return memory
-
-
-def _anonymous(size: int) -> mmap.mmap:
+def _mapped(size: int, large: int) -> mmap.mmap:
+    """A mapping of ``size`` bytes, the first ``large`` of them in large pages."""
     try:
-        return mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+        memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
     except OSError as error:
         raise MemoryError(f"no {size} bytes") from error
+    if hasattr(mmap, "MADV_HUGEPAGE") and large:
+        memory.madvise(mmap.MADV_HUGEPAGE, 0, large)
+    return memory
 
 
 class Block:

@@ -62,6 +62,25 @@ def test_a_library_of_another_version_is_not_used(monkeypatch: pytest.MonkeyPatc
     assert exr_core.core.__wrapped__() is None
 
 
+def spoil(monkeypatch: pytest.MonkeyPatch, function: str, afterwards: Callable[..., None]) -> None:
+    """Have the library do something more at the end of one of its functions, with the same arguments."""
+    library = exr_core.core()
+    assert library is not None
+    quick = library.quick
+
+    class Other:
+        def __getattr__(self, called: str) -> Any:
+            return spoilt if called == function else getattr(quick, called)
+
+    def spoilt(*arguments: Any) -> int:
+        failed: int = getattr(quick, function)(*arguments)
+        afterwards(*arguments)
+        return failed
+
+    other: Any = Other()
+    monkeypatch.setattr(exr_core, "core", lambda: library._replace(quick=other))
+
+
 @pytest.mark.parametrize(
     ("name", "value"), [("start_y", 1), ("width", WIDTH + 1), ("height", 0), ("height", HEIGHT + 1)]
 )
@@ -70,20 +89,11 @@ def test_a_library_that_means_other_chunks_is_not_used(
 ) -> None:
     """As one would whose structures are laid out in another way: more rows than are left would go behind a plane."""
     write_image(tmp_path / "a.exr", channels("float32"))
-    library = exr_core.core()
-    assert library is not None
 
-    class Other:
-        def __getattr__(self, called: str) -> Any:
-            return getattr(library.quick, called)  # type: ignore[union-attr]
+    def other_rows(_context: Any, _part: int, _y: int, chunk: Any) -> None:
+        setattr(chunk._obj, name, value)
 
-        def exr_read_scanline_chunk_info(self, context: Any, part: int, y: int, chunk: Any) -> int:
-            failed: int = library.quick.exr_read_scanline_chunk_info(context, part, y, chunk)  # type: ignore[union-attr]
-            setattr(chunk._obj, name, value)
-            return failed
-
-    other: Any = Other()
-    monkeypatch.setattr(exr_core, "core", lambda: library._replace(quick=other))
+    spoil(monkeypatch, "exr_read_scanline_chunk_info", other_rows)
     assert decode(tmp_path / "a.exr") is None
 
 
@@ -97,19 +107,10 @@ def test_a_library_that_means_other_channels_is_not_used(tmp_path: Path, monkeyp
 def test_a_library_that_forgets_where_rows_go_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is set for the first chunk of a pipeline is to stand for the others."""
     write_image(tmp_path / "a.exr", channels("float32"))
-    library = exr_core.core()
-    assert library is not None
 
-    class Other:
-        def __getattr__(self, called: str) -> Any:
-            return getattr(library.quick, called)  # type: ignore[union-attr]
+    def forgets(_context: Any, _part: int, _chunk: Any, pipeline: Any) -> None:
+        pipeline._obj.channels[0].user_line_stride = 0
 
-        def exr_decoding_update(self, context: Any, part: int, chunk: Any, pipeline: Any) -> int:
-            failed: int = library.quick.exr_decoding_update(context, part, chunk, pipeline)  # type: ignore[union-attr]
-            pipeline._obj.channels[0].user_line_stride = 0
-            return failed
-
-    other: Any = Other()
-    monkeypatch.setattr(exr_core, "core", lambda: library._replace(quick=other))
+    spoil(monkeypatch, "exr_decoding_update", forgets)
     monkeypatch.setattr(OpenEXR, "global_thread_count", lambda: 1)
     assert decode(tmp_path / "a.exr") is None

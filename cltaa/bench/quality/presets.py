@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from cltaa.errors import UsageError
+from cltaa.bench.quality.cases import by_name
 from cltaa.parameters.presets import Preset, load_config, load_preset, preset_names
 
 
@@ -18,12 +18,7 @@ def chosen_presets(names: Sequence[str], configs: Sequence[Path]) -> list[Preset
     Raises UsageError for two files of one name, and what ``load_preset`` and ``load_config`` raise.
     """
     chosen = [load_preset(name) for name in dict.fromkeys(names) or (() if configs else preset_names())]
-    files: dict[str, Path] = {}
-    for path in configs:
-        if path.name in files:
-            what, cure = "two presets of one name, which cells and rows go by", "rename one of the files"
-            raise UsageError(what, path=path, found=files[path.name], cure=cure)
-        files[path.name] = path
+    for name, path in by_name(configs, "presets").items():
         over = load_config(path, load_preset())
-        chosen.append(msgspec.structs.replace(over, name=path.name, description=over.name))
+        chosen.append(msgspec.structs.replace(over, name=name, description=over.name))
     return chosen
