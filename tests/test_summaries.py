@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 TOP = Path(__file__).parents[1]
-QUALITY = "docs/quality.md"
+QUALITY, SCENES = "docs/quality.md", "docs/quality-scenes.md"
 ENGINES = ("karis", "playdead", "godot", "filament", "bevy", "intel", "fsr3-native")
 ARTICLES = (
     "vireo-article", "vireo-source", "simvx", "babylon-accumulate", "babylon-disable-on-camera-move",
@@ -56,7 +56,8 @@ def means() -> dict[str, Row]:
 @cache
 def scenes() -> dict[str, dict[str, Row]]:
     """Scene -> preset -> scores of both seeds."""
-    parts = re.split(r"^#### (.+)\n", page(QUALITY).partition("### Each scene")[2], flags=re.MULTILINE)
+    tables_of_scenes = page(SCENES).partition("## Each preset's worst")[0]
+    parts = re.split(r"^## (.+)\n", tables_of_scenes, flags=re.MULTILINE)
     return {
         name: {row["preset"]: row for row in table(text, "psnr")}
         for name, text in zip(parts[1::2], parts[2::2], strict=True)

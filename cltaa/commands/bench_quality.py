@@ -25,7 +25,7 @@ from cltaa.bench.quality.cases import (
 )
 from cltaa.bench.quality.cells import Cells
 from cltaa.bench.quality.judge import COLUMNS, ONE_SAMPLE, Judged, check_judged, import_judges, judge_sequence
-from cltaa.bench.quality.markdown_page import check_page, markdown, write_page, written
+from cltaa.bench.quality.markdown_page import check_pages, write_pages, written
 from cltaa.bench.quality.pictures import write_pictures
 from cltaa.bench.quality.presets import chosen_presets
 from cltaa.bench.quality.summary import Table, about_of, ordered, score, summarise
@@ -101,7 +101,9 @@ NARROWEST = 160  # columns of the terminal, so that no number is cut off
     help="Folder of captures and finished cells.",
 )
 @click.option("--any-code", is_flag=True, help="Keep cells that other versions of the code measured.")
-@click.option("--page", type=FILE_PATH, help="Markdown page to put the table into, between its marks.")
+@click.option("--page", type=FILE_PATH, metavar="PAGE.md",
+              help="Markdown page to put the table into, between its marks; each scene goes to PAGE-scenes.md beside "
+              "it.")  # fmt: skip
 @click.option(
     "--pictures",
     type=FILE_PATH,
@@ -140,7 +142,7 @@ def quality(
     """
     import_judges()  # this and the next before what may take hours
     if page is not None:
-        check_page(page)
+        check_pages(page)
     chosen = chosen_presets(presets, configs)
     shape = Shape(*size, frames, samples, still_samples, jitter)
     seeds = dict.fromkeys(train, TRAIN) | dict.fromkeys(held_out, HELD_OUT)
@@ -168,7 +170,7 @@ def quality(
         texts = write_pictures(table, sequences, chosen, pictures, page, launcher)
     about = about_of(table, sequences.values(), settled, chosen)
     if page is not None:
-        write_page(page, markdown(table, about, texts))
+        write_pages(page, table, about, texts)
     if as_json:
         definitions = {column.name: column.title for column in COLUMNS}
         read = {name: sequence.notes for name, sequence in sequences.items() if sequence.notes}

@@ -1,4 +1,4 @@
-"""The table as Markdown, put between two marks of a page that is otherwise written by hand."""
+"""The table as Markdown, between two marks of a page that is written by hand, and of one beside it for each scene."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from urllib.parse import quote
 
 from cltaa.bench.quality.judge import COLUMNS, ONE_SAMPLE, Column
-from cltaa.bench.quality.summary import DEFAULT, Row, Table, best_engine, highest_tier, ordered, published, score
+from cltaa.bench.quality.summary import DEFAULT, Row, Table, best_engine, contenders, ordered, published, score
 from cltaa.errors import DataError, InputMissing
 from cltaa.files.atomic import atomic_path
 
@@ -16,18 +17,36 @@ BEGIN, END = "<!-- cltaa bench quality: begin -->", "<!-- cltaa bench quality: e
 OVERVIEW = ("flip", "samples")  # the scores of the table that has a line a scene
 
 
-def write_page(path: Path, text: str) -> None:
-    """Replace what stands between the marks of a page; raises what ``check_page`` does."""
-    before, after = check_page(path)
-    with atomic_path(path) as temporary:
-        temporary.write_text(f"{before}{BEGIN}\n\n{text.strip()}\n\n{END}{after}", encoding="utf-8")
+def scenes_page(page: Path) -> Path:
+    """The page beside a page that holds each scene's own table: ``quality-scenes.md`` beside ``quality.md``."""
+    return page.with_name(f"{page.stem}-scenes{page.suffix}")
 
 
-def check_page(path: Path) -> tuple[str, str]:
-    """What stands before and behind the marks of a page; raises InputMissing without it, DataError without marks."""
+def write_pages(page: Path, table: Table, about: str, pictures: Mapping[str, str] | None = None) -> None:
+    """Replace what stands between the marks of a page and of that beside it, which is begun where there is none.
+
+    ``pictures`` is what ``write_pictures`` returns. Raises what ``check_pages`` does.
+    """
+    beside = scenes_page(page)
+    for path, text in ((beside, scenes(table, about, pictures)), (page, summary(table, about, beside.name))):
+        before, after = _around(path, page)
+        with atomic_path(path) as temporary:
+            temporary.write_text(f"{before}{BEGIN}\n\n{text.strip()}\n\n{END}{after}", encoding="utf-8")
+
+
+def check_pages(page: Path) -> None:
+    """That both can be written; raises InputMissing without ``page``, DataError where one has no marks."""
+    for path in (page, scenes_page(page)):
+        _around(path, page)
+
+
+def _around(path: Path, page: Path) -> tuple[str, str]:
+    """What stands before and behind the marks of ``page``, or of that beside it."""
     try:
         before, begin, rest = path.read_text(encoding="utf-8").partition(BEGIN)
     except FileNotFoundError:
+        if path != page:
+            return f"# Each scene of {page.name}\n\n", "\n"
         cure = f"write a page that holds {BEGIN} and {END}"
         raise InputMissing("no page to put the table into", path=path, cure=cure) from None
     _, end, after = rest.partition(END)
@@ -36,15 +55,19 @@ def check_page(path: Path) -> tuple[str, str]:
     return before, after
 
 
-def markdown(table: Table, about: str, pictures: Mapping[str, str] | None = None) -> str:
-    """The whole text: how it was made, means, who beats whom, scenes and pictures, those collapsed."""
+def summary(table: Table, about: str, beside: str) -> str:
+    """What is to be seen at once: how it was made, means, who beats whom, a line a scene that leads to ``beside``."""
     parts = [about, "### Means over sequences", *_means(table), "### Who beats whom", *_duels(table)]
-    scenes = {scene: [row for row in table.rows if row.scene == scene] for scene in _titles(table)}
-    parts += ["### Each scene", *_overview(table, scenes)]
-    for scene, rows in scenes.items():
-        parts += [f"#### {scene}", _collapsed("all presets and scores", _scene_table(rows))]
+    return "\n\n".join([*parts, "### Each scene", *_overview(table, beside)])
+
+
+def scenes(table: Table, about: str, pictures: Mapping[str, str] | None = None) -> str:
+    """Each scene's table, and each preset at its worst; all collapsed."""
+    parts = [about]
+    for scene, rows in _by_scene(table).items():
+        parts += [f"## {scene}", _collapsed("all presets and scores", _scene_table(rows))]
     if pictures:
-        parts.append("### Each preset's worst")
+        parts.append("## Each preset's worst")
         for name, text in pictures.items():
             caption, _, picture = text.partition("\n\n")
             line = f"<b>{name}.</b> {caption}"
@@ -56,21 +79,19 @@ def _collapsed(summary: str, text: str) -> str:
     return f"<details><summary>{summary}</summary>\n\n{text}\n\n</details>"
 
 
-def _overview(table: Table, scenes: Mapping[str, list[Row]]) -> Iterable[str]:
-    """A line a scene, with a link to its table: the best published preset beside the default and the highest tier."""
+def _overview(table: Table, beside: str) -> Iterable[str]:
+    """A line a scene, with a link to its table: the best published preset, then those that are held against it."""
     names = _names(table)
-    shown: dict[str, list[str]] = {"best published": [name for name in names if published(name)]}
-    shown |= {name: [name] for name in names if name in (DEFAULT, highest_tier(names))}
-    shown = {title: group for title, group in shown.items() if group}
-    if not shown:
-        return
+    shown = {name: [name] for name in contenders(names)}
+    if others := [name for name in names if published(name)]:
+        yield "*Published*: the best preset of an article or an engine, cell by cell."
+        shown = {"best published": others} | shown
     columns = [column for column in COLUMNS if column.name in OVERVIEW]
-    yield "*Published*: the best preset of an article or an engine, cell by cell."
     heads = [
         f"{column.name} {'↑' if column.higher_is_better else '↓'} {title}" for column in columns for title in shown
     ]
     lines = [f"| scene | {' | '.join(heads)} |", "|---|" + "---:|" * len(heads)]
-    for scene, rows in scenes.items():
+    for scene, rows in _by_scene(table).items():
         cells = []
         for column in columns:
             groups = [
@@ -80,7 +101,7 @@ def _overview(table: Table, scenes: Mapping[str, list[Row]]) -> Iterable[str]:
             leaders = [_best(column, ({column.name: group[n]} for group in groups)) for n in range(len(rows))]
             for group in groups:
                 cells.append(" / ".join(_cell(v, column, best) for v, best in zip(group, leaders, strict=True)))
-        lines.append(f"| [{scene}](#{_anchor(scene)}) | {' | '.join(cells)} |")
+        lines.append(f"| [{scene}]({quote(beside)}#{_anchor(scene)}) | {' | '.join(cells)} |")
     yield "\n".join(lines)
     yield _splits(table.means)
 
@@ -164,8 +185,9 @@ def written(value: float | None, column: Column) -> str:
     return "–" if value is None else "∞" if math.isinf(value) else format(value, column.form)
 
 
-def _titles(table: Table) -> list[str]:
-    return list(dict.fromkeys(row.scene for row in table.rows))
+def _by_scene(table: Table) -> dict[str, list[Row]]:
+    titles = dict.fromkeys(row.scene for row in table.rows)
+    return {title: [row for row in table.rows if row.scene == title] for title in titles}
 
 
 def _names(table: Table) -> list[str]:

@@ -63,8 +63,7 @@ def summarise(judged: Iterable[tuple[Case, Mapping[str, Judged]]]) -> Table:
         for split in splits
     }
     others = [name for name in names if published(name)]
-    ours = [name for name in names if name in (DEFAULT, highest_tier(names)) or _is_new(name)]
-    duels = [_duel(rows, one, other) for one in sorted(ours, key=lambda name: name != DEFAULT) for other in others]
+    duels = [_duel(rows, one, other) for one in contenders(names) for other in others]
     return Table(rows=rows, means=means, duels=duels)
 
 
@@ -74,14 +73,17 @@ def published(name: str) -> Published:
     return load_preset(name).published if name in preset_names() else Published.NO
 
 
-def _is_new(name: str) -> bool:
-    """Whether a preset is neither of the ladder nor published: whoever adds one wants to know what it beats."""
-    return not (published(name) or LADDER.fullmatch(name) or name in (DEFAULT, ONE_SAMPLE))
+def contenders(names: Collection[str]) -> list[str]:
+    """What is held against the published ones: the default, the last of the ladder, and all that is neither.
 
+    Whoever adds a preset wants to know what it beats.
+    """
+    highest = max(filter(LADDER.fullmatch, names), default=None)
 
-def highest_tier(names: Iterable[str]) -> str | None:
-    """The last of the ladder, or None where none of it was judged."""
-    return max(filter(LADDER.fullmatch, names), default=None)
+    def contends(name: str) -> bool:
+        return name in (DEFAULT, highest) or not (published(name) or LADDER.fullmatch(name) or name == ONE_SAMPLE)
+
+    return sorted(filter(contends, names), key=lambda name: name != DEFAULT)
 
 
 def best_engine(means: Mapping[str, Mapping[str, float | None]]) -> str | None:
