@@ -19,7 +19,7 @@ OPTIONAL = ("motion", "alpha", "reactive")  # channels that a frame need not hav
 INVERSE_TOLERANCE = 1e-6  # largest |M inv(M) - I|; a sound camera 10^6 m from the origin stays below 1e-9
 LARGEST_SCALE = 1e100  # of a determinant of a matrix, either way: cameras divide by it, and their numbers end at 1e308
 CAMERAS_KEPT = 64  # that were found sound: those of a frame, and of all that are read, resolved and written beside it
-LARGEST_JITTER = 2.0  # pixels; beyond it the number is no sub-pixel offset but another unit
+LARGEST_JITTER = 2.0  # pixels; from it on no sample may lie within a filter's reach, and the number is in another unit
 EXPOSURE_STOPS = 32.0  # largest |log2(exposure)|; from starlight to the sun's disc is about 30 stops
 WHOLE = "a whole number from 1 on"
 _EFFECTS = frozenset(Effect)
@@ -200,11 +200,11 @@ def check_numbers(
     jitter_px: tuple[float, float], exposure: float, *, path: Path | None = None, frame: int | None = None
 ) -> None:
     """Raise DataError unless the jitter is two numbers of a pixel or so and the exposure one that light can have."""
-    sound = _is_real(jitter_px) and np.shape(jitter_px) == (2,) and np.abs(jitter_px).max() <= LARGEST_JITTER
+    sound = _is_real(jitter_px) and np.shape(jitter_px) == (2,) and np.abs(jitter_px).max() < LARGEST_JITTER
     if not sound:  # NaN too
         raise DataError(
             "attribute cltaa:jitterPx is no jitter", path=path, frame=frame,
-            expected=f"two numbers of at most {LARGEST_JITTER:g} pixels", found=jitter_px,
+            expected=f"two numbers of less than {LARGEST_JITTER:g} pixels", found=jitter_px,
         )  # fmt: skip
     if not 2.0**-EXPOSURE_STOPS <= exposure <= 2.0**EXPOSURE_STOPS:
         raise DataError(

@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 
 from cltaa.cli import main
 from cltaa.exr.write import write_frame
+from cltaa.errors import DataError
+from cltaa.frame_checks import LARGEST_JITTER
 from cltaa.frames import Camera, Effect
+from cltaa.parameters.choices import CurrentFilter
 from cltaa.parameters.presets import load_preset, override
 from cltaa.resolve.resolver import Resolver
 from tests.numerics.exact_cameras import perspective
@@ -90,3 +93,14 @@ def test_f9_a_biased_sequence_is_reported(tmp_path: Path, capsys: pytest.Capture
             write_frame(tmp_path / name / f"a.{index:04d}.exr", make_frame(index, jitter_px=jitter))
         main(["inspect", str(tmp_path / name)])
         assert ("jitter is not centred" in " ".join(capsys.readouterr().out.split())) == (name == "raw")
+
+
+@pytest.mark.parametrize("kind", list(CurrentFilter))
+def test_f9_the_largest_jitter_leaves_a_filter_a_sample(kind: CurrentFilter) -> None:
+    """At 2 pixels the nearest of three samples is one pixel away, where two of the filters are 0."""
+    resolver = Resolver(override(load_preset(), {"current_filter": kind.value, "filter_use": "always"}), "numpy")
+    largest = float(np.nextafter(LARGEST_JITTER, 0.0))
+    for index, jitter in enumerate([(largest, -largest), (-1.0, 1.0)]):
+        assert np.isfinite(resolver.resolve(make_frame(index, jitter_px=jitter))).all()
+    with pytest.raises(DataError, match="no jitter"):
+        resolver.resolve(make_frame(2, jitter_px=(0.0, LARGEST_JITTER)))

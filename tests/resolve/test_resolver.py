@@ -195,7 +195,7 @@ def test_what_is_no_picture_is_told_before_it_is_resolved(name: str, spoilt: Cal
         ({"camera": Camera(np.full((4, 4), np.nan), make_camera().view_to_clip)}, "cltaa:worldToView holds NaN"),
         ({"camera": Camera(np.eye(3), make_camera().view_to_clip)}, r"is no 4 x 4 matrix \(found \[3, 3\]\)"),
         ({"camera": Camera([[1.0]], make_camera().view_to_clip)}, r"is no 4 x 4 matrix \(found list\)"),  # type: ignore[arg-type]
-        ({"jitter_px": (40.0, 0.0)}, r"no jitter \(expected two numbers of at most 2 pixels, found \(40.0, 0.0\)\)"),
+        ({"jitter_px": (40.0, 0.0)}, r"no jitter \(expected two numbers of less than 2 pixels, found \(40.0, 0.0\)\)"),
         ({"camera": Camera(np.eye(4).astype(object), make_camera().view_to_clip)}, "no 4 x 4 matrix .*found object"),
         ({"camera": Camera(np.eye(4) + 0j, make_camera().view_to_clip)}, "no 4 x 4 matrix .*found complex128"),  # type: ignore[arg-type]
         ({"jitter_px": (0.1, 0.2, 0.3)}, "no jitter"),
