@@ -1,4 +1,4 @@
-"""Writes frames the way other tools do, without any of the checks that cltaa's own writer makes."""
+"""Writes frames the way other tools do, without any of the checks that cltaa's own writer makes, and reads them."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ import OpenEXR
 from cltaa.exr.channels import Pixels, frame_planes
 from cltaa.exr.write import write_image
 from cltaa.frames import Frame
+from cltaa.inputs.foreign import ForeignSequence
+from cltaa.inputs.opening import open_input
 from tests.sequence_factory import make_camera, make_frame
 
 
@@ -95,3 +97,10 @@ def write_colour(folder: Path, made: list[Frame], name: str = "picture", rows: i
         channels = {channel: np.ascontiguousarray(frame.colour[:rows, :, i]) for i, channel in enumerate("RGB")}
         write_image(folder / f"{name}.{frame.index:04d}.exr", channels)
     return folder
+
+
+def read(folder: Path, *assignments: str, profile: str = "auto", side: Path | None = None) -> list[Frame]:
+    """The frames of a folder as a resolve gets them."""
+    sequence = open_input(folder, profile=profile, assignments=assignments, side_file=side)
+    assert isinstance(sequence, ForeignSequence)
+    return list(sequence)

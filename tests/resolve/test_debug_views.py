@@ -19,7 +19,7 @@ from cltaa.resolve.debug import COLOURS, DebugViews, Reason, view_picture
 from cltaa.resolve.resolver import Resolver
 from cltaa.resolve.views import View, are_views, parse_views
 from cltaa.sequences.sources import open_images
-from tests.resolve.test_resolver import panned
+from tests.resolve.standing import panned
 from tests.sequence_factory import bits, make_camera, make_frame, write_sequence
 
 ALL = tuple(View)

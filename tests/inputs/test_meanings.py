@@ -1,0 +1,89 @@
+"""What the numbers of other writers mean: kinds of depth, units of motion, layouts of matrices."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cltaa.errors import DataError
+from cltaa.frames import Camera, Frame
+from tests.inputs.foreign import frames, read, write_own, write_parts
+from tests.sequence_factory import make_camera
+
+
+def depth_as(stored: Callable[[np.ndarray, Frame], np.ndarray], folder: Path) -> list[Frame]:
+    made = frames(2)
+    spoilt = [replace(f, depth=stored(f.depth.astype(np.float64), f).astype(np.float32)) for f in made]
+    write_own(folder, spoilt)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("kind", "stored"),
+    [
+        ("inverse", lambda z, _: 1 / z),
+        ("device", lambda z, _: (10.0 - 1 / z) / (10.0 - 0.01)),
+        ("device-reversed", lambda z, _: (1 / z - 0.01) / (10.0 - 0.01)),
+    ],
+)
+def test_kinds_of_depth(kind: str, stored: Callable[[np.ndarray, Frame], np.ndarray], tmp_path: Path) -> None:
+    made = depth_as(stored, tmp_path)
+    given = [] if kind == "inverse" else ["depth.near=0.1", "depth.far=100"]
+    for ours, theirs in zip(made, read(tmp_path, f"depth.kind={kind}", *given), strict=True):
+        finite = np.isfinite(ours.depth)
+        # One rounding of the stored number, and 1 / (1 - d) multiplies it by Z / near.
+        worst = 2.0**-24 * (4 + ours.depth[finite].max() / 0.1)
+        np.testing.assert_allclose(theirs.depth[finite], ours.depth[finite], rtol=worst)
+
+
+def test_units_signs_and_jitter_of_motion(tmp_path: Path) -> None:
+    made = frames()
+    height, width = made[0].colour.shape[:2]
+    stored = []
+    for place, frame in enumerate(made):
+        change = np.subtract(frame.jitter_px, made[max(place - 1, 0)].jitter_px)
+        assert frame.motion is not None
+        vectors = (frame.motion + change) / (width / 2, -height / 2)
+        stored.append(replace(frame, motion=(vectors[..., ::-1] * -1 + 0.5).astype(np.float32)))
+    write_own(tmp_path, stored)
+    keys = ("motion.units=ndc", "motion.scale=-1,-1", "motion.offset=0.5,0.5", "motion.swap=true", "motion.jittered=1")
+    for ours, theirs in zip(made, read(tmp_path, *keys), strict=True):
+        assert theirs.motion is not None
+        assert ours.motion is not None
+        # Stored near 0.5: half an ulp there, 2^-25, is worth width / 2 of it in pixels.
+        np.testing.assert_allclose(theirs.motion, ours.motion, rtol=0, atol=2.0**-24 * width)
+
+
+def test_standard_matrices_of_two_writers(tmp_path: Path) -> None:
+    ours = make_camera((1.0, 2.0, 5.0))
+    flip = np.diag([1.0, 1.0, -1.0, 1.0])
+    half = np.array([[0.5, 0, 0, 0.5], [0, -0.5, 0, 0.5], [0, 0, 0.5, 0.5], [0, 0, 0, 1.0]])
+    for name, to_ndc in (("text", half @ ours.view_to_clip), ("mantra", -ours.view_to_clip)):
+        frame = replace(frames(1)[0], camera=ours)
+        header = {
+            "worldToCamera": np.ascontiguousarray((flip @ ours.world_to_view).T, np.float32),
+            "worldToNDC": np.ascontiguousarray((to_ndc @ ours.world_to_view).T, np.float32),
+        }
+        write_parts(tmp_path / name / "a.0000.exr", {"rgba": _beauty(frame)}, header)
+        keys = ("camera.standard=true", "camera.view=worldToCamera", "camera.projection=worldToNDC")
+        colour = "colour.channels=*.R *.G *.B"
+        camera = read(tmp_path / name, *keys, colour)[0].camera
+        # float32 matrices of numbers up to 10.
+        np.testing.assert_allclose(camera.world_to_view, ours.world_to_view, atol=1e-5)
+        np.testing.assert_allclose(camera.view_to_clip[[0, 1, 3]], ours.view_to_clip[[0, 1, 3]], atol=1e-5)
+
+
+def _beauty(frame: Frame) -> dict[str, np.ndarray]:
+    return {name: frame.colour[..., place] for place, name in enumerate("RGB")} | {"Z": frame.depth}
+
+
+def test_wrong_matrices_are_refused_for_a_resolve(tmp_path: Path) -> None:
+    spoilt = [replace(f, camera=Camera(f.camera.world_to_view.T, f.camera.view_to_clip)) for f in frames()]
+    write_own(tmp_path, spoilt)
+    with pytest.raises(DataError, match="last row"):
+        read(tmp_path, "motion.swap=false")
+    assert len(read(tmp_path, "camera.view_layout=column")) == 3

@@ -1,0 +1,87 @@
+"""Which channels are the colour, and what is said where nobody can tell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cltaa.errors import DataError
+from cltaa.exr.channels import Pixels
+from cltaa.exr.write import write_image
+from cltaa.inputs.intake import open_intake
+from tests.inputs.foreign import frames, read, write_colour
+
+
+def test_a_colour_is_of_one_layer(tmp_path: Path) -> None:
+    names = ["flow.R", "flow.G", "distance.R", "final.R", "final.G", "final.B"]
+    write_image(tmp_path / "a.0001.exr", {name: np.ones((4, 4), np.float32) for name in names})
+    intake = open_intake(tmp_path)
+    assert [place.channel for place in intake.roles["colour"]] == ["final.R", "final.G", "final.B"]
+    assert intake.profile.name == "parts"  # and not mitsuba, whose depth lies along the ray
+
+
+def test_no_colour_names_what_is_there(tmp_path: Path) -> None:
+    write_image(tmp_path / "a.0001.exr", {"Y": np.ones((4, 4), np.float32)})
+    with pytest.raises(DataError, match=r"no colour channels.*found Y.*--input colour.channels='Y Y Y'"):
+        open_intake(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("there", "cure"),
+    [
+        (["b", "g", "r"], "r g b"),
+        (
+            ["a.r", "a.b", "blue.r", "diffuse.Blue", "diffuse.Green", "diffuse.Red"],
+            "diffuse.Red diffuse.Green diffuse.Blue",
+        ),
+        (["u", "v", "w"], "RED GREEN BLUE"),
+    ],
+)
+def test_no_colour_asks_for_names_that_are_there(tmp_path: Path, there: list[str], cure: str) -> None:
+    write_image(tmp_path / "a.0001.exr", {name: np.ones((4, 4), np.float32) for name in there})
+    with pytest.raises(DataError, match=f"no colour channels.*name them: --input colour.channels='{cure}'"):
+        open_intake(tmp_path)
+
+
+def test_no_colour_of_a_stereo_picture_is_told_with_its_own_names(tmp_path: Path) -> None:
+    planes: dict[str, Pixels] = {
+        f"ViewLayer.Combined.{eye}.{c}": np.ones((2, 3), np.float32) for eye in ("left", "right") for c in "RGB"
+    }
+    write_image(tmp_path / "shot.0001.exr", planes, {"Software": "Blender 4.2"})
+    names = "ViewLayer.Combined.left.R ViewLayer.Combined.left.G ViewLayer.Combined.left.B"
+    with pytest.raises(DataError, match=rf"--input colour.channels='{names}'"):
+        read(tmp_path)
+    assert len(read(tmp_path, f"colour.channels={names}")) == 1
+
+
+def test_whole_numbers_are_no_light(tmp_path: Path) -> None:
+    write_image(tmp_path / "shot.0001.exr", {c: np.full((2, 3), 200, np.uint32) for c in "RGB"})
+    with pytest.raises(DataError, match=r"channel R: wrong channel type \(expected half or float, found uint\)"):
+        read(tmp_path)
+
+
+def test_a_picture_in_greys_beside_its_depth_is_told_how_it_is_read(tmp_path: Path) -> None:
+    write_image(tmp_path / "a.0001.exr", {name: np.ones((4, 4), np.float32) for name in "YZ"})
+    with pytest.raises(DataError, match=r"found Y Z\); name them: --input colour.channels='Y Y Y'"):
+        open_intake(tmp_path)
+
+
+def test_of_several_pictures_none_is_taken_for_the_colour(tmp_path: Path) -> None:
+    """A beauty beside an albedo is told by its name; of two takes nobody can say which is meant."""
+    made = frames(2)
+    for name in ("albedo", "beauty"):
+        write_colour(tmp_path / "layers" / name, made)
+    intake = open_intake(tmp_path / "layers")
+    assert {place.files for place in intake.roles["colour"]} == {"beauty/picture"}
+    write_colour(tmp_path / "shot", made, "shot")
+    write_colour(tmp_path / "shot" / "backup", made)
+    assert {place.files for place in open_intake(tmp_path / "shot").roles["colour"]} == {"shot"}
+    for name in ("take1", "take2"):
+        write_colour(tmp_path / "takes" / name, made)
+    with pytest.raises(
+        DataError, match=r"several sets of files.*found take1/picture, take2/picture.*take1\.R take1\.G"
+    ):
+        open_intake(tmp_path / "takes")
+    read(tmp_path / "takes", "colour.channels=take2.R take2.G take2.B")
