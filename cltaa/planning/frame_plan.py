@@ -121,16 +121,23 @@ def with_effects(frame: Frame, effects: frozenset[Effect] | Literal["auto", "all
     return replace(frame, effects=effects, **dropped)
 
 
-def _steps(preset: Preset, frame: Frame, camera_moves: bool, *, every: bool) -> Steps:
-    reproject = preset.choices.reproject
-    exposure = frame.effects is None or Effect.EXPOSURE in frame.effects
+def channel_steps(preset: Preset, *, motion: bool, alpha: bool, reactive: bool, every: bool) -> Steps:
+    """The steps that read channels of a frame that has these, as far as ``preset`` lets them run; else as ``Steps``."""
     return Steps(
-        camera_motion=(every or camera_moves) and reproject is not Reproject.NONE,
-        own_motion=(every or frame.motion is not None) and reproject is Reproject.FULL,
+        own_motion=(every or motion) and preset.choices.reproject is Reproject.FULL,
+        alpha=every or alpha,
+        reactive=(every or reactive) and preset.choices.reactive_mask is ReactiveMask.USE,
+    )
+
+
+def _steps(preset: Preset, frame: Frame, camera_moves: bool, *, every: bool) -> Steps:
+    has = {name: getattr(frame, name) is not None for name in ("motion", "alpha", "reactive")}
+    exposure = frame.effects is None or Effect.EXPOSURE in frame.effects
+    return msgspec.structs.replace(
+        channel_steps(preset, **has, every=every),
+        camera_motion=(every or camera_moves) and preset.choices.reproject is not Reproject.NONE,
         orthographic=frame.camera.orthographic,
         exposure=(every or exposure) and preset.choices.exposure_change is ExposureChange.FOLLOW,
-        alpha=every or frame.alpha is not None,
-        reactive=(every or frame.reactive is not None) and preset.choices.reactive_mask is ReactiveMask.USE,
     )
 
 

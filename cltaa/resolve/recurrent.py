@@ -8,6 +8,7 @@ from cltaa.devices.launch import Buffer, Launcher, storage_dtype
 from cltaa.memory.layout import Layout
 from cltaa.parameters.build import Build, Steps
 from cltaa.parameters.presets import Preset
+from cltaa.planning.frame_plan import channel_steps
 from cltaa.resolve.buffers import Buffers
 from cltaa.resolve.frame_record import Past
 from cltaa.resolve.kept_frames import KeptFrames
@@ -55,8 +56,9 @@ class Recurrent:
             return {**buffers.recurrent(), "texels": buffers.texels()[0]}
         if not past.earlier:
             return buffers.recurrent()
-        every = self.every_step
-        steps = Steps(own_motion=past.own_motion or every, alpha=past.alpha or every, reactive=past.reactive or every)
+        steps = channel_steps(
+            self.preset, motion=past.own_motion, alpha=past.alpha, reactive=past.reactive, every=self.every_step
+        )
         kept = self._ring(past, layout, steps)
         kept.past = past.earlier
         return {**buffers.recurrent(), "kept": kept.planes}

@@ -12,8 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.cli import main
-from cltaa.exr.write import write_frame
 from cltaa.errors import DataError
+from cltaa.exr.write import write_frame
 from cltaa.frame_checks import LARGEST_JITTER
 from cltaa.frames import Camera, Effect
 from cltaa.parameters.choices import CurrentFilter

@@ -65,15 +65,19 @@ def test_a_device_that_is_opened_again_has_no_history() -> None:
 
 
 @pytest.mark.parametrize("every_step", [False, True])
-def test_what_is_restored_is_gone_on_from(every_step: bool) -> None:
-    """Where every step runs, alpha of a frame without one has its memory too."""
-    first, second = (Resolver(device="numpy", every_step=every_step) for _ in range(2))
-    first.resolve(make_frame(0))
+@pytest.mark.parametrize("preset", ["default", "t4"])
+def test_what_is_restored_is_gone_on_from(preset: str, every_step: bool) -> None:
+    """Where every step runs, alpha of a frame without one has its memory too; what a preset ignores is not kept."""
+    changed = override(load_preset(preset), {"reproject": "camera", "reactive_mask": "ignore"})
+    first, second = (Resolver(changed, "numpy", every_step=every_step) for _ in range(2))
+    first.resolve(make_frame(0, motion=True, reactive=True))
     past, buffers = first.recurrent()
     for name, target in second.restore(past).items():
         with target.mapped(write=True) as to, buffers[name].mapped(write=False) as source:
+            assert to.shape == source.shape
             to[...] = source
-    np.testing.assert_array_equal(bits(second.resolve(make_frame(1))), bits(first.resolve(make_frame(1))))
+    frame = make_frame(1, motion=True, reactive=True)
+    np.testing.assert_array_equal(bits(second.resolve(frame)), bits(first.resolve(frame)))
 
 
 def test_whole_pixel_motion_is_lossless() -> None:
