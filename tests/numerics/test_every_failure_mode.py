@@ -1,4 +1,4 @@
-"""The list of failure modes is covered, and docs/numerics.md names only what is there."""
+"""The list of failure modes is covered, and docs/numerics.md and its tables name only what is there."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 
 TOP = Path(__file__).parents[2]
 PAGE = TOP / "docs" / "numerics.md"
+TABLES = TOP / "docs" / "numerics-tables.md"
 EXCEPTIONS = TOP / "docs" / "decisions" / "0013-failure-modes-that-cannot-apply.md"
 
 # Letter -> entries of the list, A no numbers and overflow to G platforms.
@@ -54,9 +55,10 @@ def test_every_entry_has_its_row_with_tests_of_its_own() -> None:
     assert [entry for entry, row in table.items() if not re.search(rf"`test_(?:[a-g]\d_)?{entry}_", row)] == []
 
 
-def test_the_page_names_only_what_is_there() -> None:
+def test_the_pages_name_only_what_is_there() -> None:
     files = names_in(TOP / "tests")
     names = set().union(*files.values())
-    named = re.findall(r"`((?:tests/[\w/]+/)?test_\w+(?:\.py)?)`", PAGE.read_text("utf-8"))
+    text = PAGE.read_text("utf-8") + TABLES.read_text("utf-8")
+    named = re.findall(r"`((?:tests/[\w/]+/)?test_\w+(?:\.py)?)`", text)
     assert len(named) > 80
     assert [name for name in named if name not in names and name not in files] == []

@@ -1,8 +1,8 @@
 """How far the kernels are from both oracles, measured: ``python -m tests.numerics.tolerances`` prints the tables.
 
 A fast build of each stage is held against its twin in float64 with a running error bound, a strict build against its
-twin in float32, bit for bit. ``--write`` puts the tables into docs/numerics.md. The device is the one that CLTAA_DEVICE
-names, else the first.
+twin in float32, bit for bit. ``--write`` puts the tables into docs/numerics-tables.md. The device is the one that
+CLTAA_DEVICE names, else the first.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tests.kernels.hard_planes import Planes
 from tests.kernels.stage_chain import ALL_STEPS, WRITES, Work, arguments_of, chain_work, run_stage, variants
 from tests.numerics.units import OUTPUTS, STORED, Output, U
 
-PAGE = Path(__file__).parents[2] / "docs" / "numerics.md"
+PAGE = Path(__file__).parents[2] / "docs" / "numerics-tables.md"
 LEAST_SCALE = 2.0**-90  # below it, what flushes to 0 is more than what rounds
 
 
@@ -190,7 +190,7 @@ def main() -> None:
     """Print the tables, or write them into the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--side", type=int, default=1024, help="pixels a side (default: %(default)s, a million pixels)")
-    parser.add_argument("--write", metavar="NAME", help="write between the marks NAME of docs/numerics.md")
+    parser.add_argument("--write", metavar="NAME", help="write between the marks NAME of docs/numerics-tables.md")
     given = parser.parse_args()
     text = tables(given.side, DeviceLauncher())
     if given.write:
