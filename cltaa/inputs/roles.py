@@ -78,12 +78,34 @@ def assign(profile: Profile, channels: Mapping[str, Iterable[str]]) -> dict[str,
 
     So is the colour where several sets of files could be it: which of two pictures is meant nobody can tell.
     """
-    names = {
-        "colour": profile.colour.channels, "alpha": profile.colour.alpha, "reactive": profile.colour.reactive,
-        "depth": profile.depth.channels, "motion": profile.motion.channels,
-    }  # fmt: skip
-    found = {role: equal_matches(candidates, channels) for role, candidates in names.items()}
-    return {role: places[0] for role, places in found.items() if places and (role != "colour" or len(places) == 1)}
+    colours = equal_matches(profile.colour.channels, channels)
+    colour = colours[0] if len(colours) == 1 else ()
+    own = {label: names for label, names in channels.items() if colour and label == colour[0].files}
+    named = [name for name in profile.colour.alpha if "." in name]  # in a layer, or in a set of files
+    found = {
+        "colour": colour,
+        "alpha": _nearest(colour, profile.colour.alpha, own) or _nearest(colour, named, channels),
+        "reactive": _nearest(colour, profile.colour.reactive, channels),
+        "depth": _nearest(colour, profile.depth.channels, channels),
+        "motion": _nearest(colour, profile.motion.channels, channels),
+    }
+    return {role: places for role, places in found.items() if places}
+
+
+def _nearest(
+    colour: tuple[Place, ...], candidates: Sequence[str], channels: Mapping[str, Iterable[str]]
+) -> tuple[Place, ...]:
+    """The channels of a candidate in the layer of the colour, else in what that layer is part of, else anywhere.
+
+    So the depth of ``Trees.Combined.R`` is ``Trees.Depth.Z`` and not ``Rocks.Depth.Z``, and ``A`` its own alpha.
+    """
+    layers = colour[0].channel.split(".")[:-1] if colour else []
+    for end in range(len(layers), -1, -1):
+        inside = "".join(f"{layer}." for layer in layers[:end])
+        within = [" ".join(inside + name for name in candidate.split()) for candidate in candidates]
+        if found := equal_matches(within, channels):
+            return next((places for places in found if colour and places[0].files == colour[0].files), found[0])
+    return ()
 
 
 def describe(roles: Roles, several: bool = False) -> str:

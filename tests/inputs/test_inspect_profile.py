@@ -51,7 +51,7 @@ def test_the_plan_of_another_tools_files_is_that_of_their_resolve() -> None:
     assert done.exit_code == 0, done.stderr
     assert "no matrices" in done.stderr  # as a resolve says it
     steps = {step["name"]: step["on"] for step in json.loads(done.stdout)["sections"][-1]["steps"]}
-    assert (steps["own motion"], steps["reprojection"], steps["alpha"]) == (True, False, False)
+    assert (steps["own motion"], steps["reprojection"], steps["alpha"]) == (True, False, True)
     # What --camera tells is part of the plan.
     done = CliRunner().invoke(root, [*arguments, "--camera", str(BLENDER / "camera.json")])
     assert "no matrices" not in done.stderr
@@ -64,7 +64,7 @@ def test_pixels_of_another_tools_files_are_looked_at_as_a_resolve_takes_them() -
         done = CliRunner().invoke(root, ["inspect", str(BLENDER), "--pixels", "--json", *named])
         found = json.loads(done.stdout)
         assert (done.exit_code, found["problems"]) == (0, [])
-        assert sorted(found["statistics"]) == ["B", "G", "R", "Z", "backward.u", "backward.v"]
+        assert sorted(found["statistics"]) == ["A", "B", "G", "R", "Z", "backward.u", "backward.v"]
     done = CliRunner().invoke(root, ["inspect", str(BLENDER), "--pixels"])
     assert "backward.u" in done.stdout
     assert "no problem found" in done.stdout
@@ -89,8 +89,8 @@ def test_what_is_wrong_with_another_tools_pixels_is_listed(tmp_path: Path) -> No
 
 def test_memory_counts_what_another_tools_frames_hold() -> None:
     source = open_input(BLENDER)
-    assert source.holds == {"motion"}
-    assert of_whole_images(source) == of_sequence(source, Steps(own_motion=True, alpha=False, reactive=False))
+    assert source.holds == {"alpha", "motion"}
+    assert of_whole_images(source) == of_sequence(source, Steps(own_motion=True, alpha=True, reactive=False))
 
 
 def truncate(path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Which channels are the colour, and what is said where nobody can tell."""
+"""Which channels are the colour and go with it, and what is said where nobody can tell."""
 
 from __future__ import annotations
 
@@ -85,3 +85,57 @@ def test_of_several_pictures_none_is_taken_for_the_colour(tmp_path: Path) -> Non
     ):
         open_intake(tmp_path / "takes")
     read(tmp_path / "takes", "colour.channels=take2.R take2.G take2.B")
+
+
+def write_layers(folder: Path, layers: dict[str, float], **attributes: str) -> None:
+    """One file of 4 x 4 pixels: each channel by its name, with its value."""
+    planes = {name: np.full((4, 4), value, np.float32) for name, value in layers.items()}
+    folder.mkdir(parents=True, exist_ok=True)
+    write_image(folder / f"{folder.name}.0001.exr", planes, attributes)
+
+
+BLENDER = {"Software": "Blender 4.2"}
+
+
+def test_alpha_is_that_of_the_layer_of_the_colour(tmp_path: Path) -> None:
+    """A film that is transparent has its alpha there; that of another layer would cut out something else."""
+    mask, film = {f"Mask.{c}": 0.5 for c in "RGBA"}, {f"View.Combined.{c}": 0.25 for c in "RGBA"}
+    write_layers(tmp_path / "blender", mask | film, **BLENDER)
+    np.testing.assert_array_equal(read(tmp_path / "blender")[0].alpha, np.full((4, 4), 0.25, np.float32))
+    write_layers(tmp_path / "karma", mask | {f"C.{c}": 0.25 for c in "RGB"} | {"C.A": 0.75, "depth.Z": 1.0})
+    np.testing.assert_array_equal(read(tmp_path / "karma")[0].alpha, np.full((4, 4), 0.75, np.float32))
+
+
+def test_alpha_of_other_files_is_none_of_the_colours(tmp_path: Path) -> None:
+    write_layers(tmp_path / "albedo", dict.fromkeys("RGBA", 0.5))
+    write_layers(tmp_path / "final", dict.fromkeys("RGB", 0.5))
+    colour = "colour.channels=final.R final.G final.B"
+    assert read(tmp_path, colour)[0].alpha is None
+    np.testing.assert_array_equal(
+        read(tmp_path, colour, "colour.alpha=albedo.A")[0].alpha, np.full((4, 4), 0.5, np.float32)
+    )
+
+
+@pytest.mark.parametrize(
+    ("layer", "channels", "depths"),
+    [
+        ("Trees.Combined", ("Trees.Depth.Z", "Trees.Vector.X", "Trees.Vector.Y"), ("Rocks", "Trees")),
+        ("right", ("right.Z", "right.backward.u", "right.backward.v"), ("", "right")),
+    ],
+    ids=["view layer", "view"],
+)
+def test_depth_and_vectors_are_those_of_the_layer_of_the_colour(
+    layer: str, channels: tuple[str, ...], depths: tuple[str, ...], tmp_path: Path
+) -> None:
+    there = {}
+    for number, other in enumerate(depths):
+        for name in ("Combined.R", "Combined.G", "Combined.B", "Depth.Z", "Vector.X", "Vector.Y"):
+            there[f"{other}.{name}" if other else f"{name}"] = float(number)
+        for name in ("R", "G", "B", "Z", "backward.u", "backward.v"):
+            there[f"{other}.{name}" if other else f"{name}"] = float(number)
+    attributes = BLENDER if "Combined" in layer else {}
+    write_layers(tmp_path, there, **attributes)
+    colour = " ".join(f"{layer}.{c}" for c in "RGB")
+    intake = open_intake(tmp_path, assignments=[f"colour.channels={colour}"])
+    found = [place.channel for role in ("depth", "motion") for place in intake.roles[role]]
+    assert found == list(channels)
