@@ -26,7 +26,7 @@ from cltaa.parameters.build import STORAGES, Storage
 from cltaa.parameters.presets import Preset, override, preset_of
 from cltaa.printable import counted, json_of, printable, shown
 from cltaa.resolve.bands import resolver_for
-from cltaa.resolve.carried_over import carried_compression
+from cltaa.resolve.carried_over import ALL, carried_compression
 from cltaa.resolve.checkpoint import CHECKPOINT_EVERY
 from cltaa.resolve.outcome import Outcome, stage_rows
 from cltaa.resolve.pipeline import resolve_sequence
@@ -187,7 +187,7 @@ def _values(assignments: tuple[str, ...]) -> dict[str, str]:
 def _chosen_layers(names: tuple[str, ...] | None, source: Sequence) -> tuple[str, ...]:
     if names is None:
         names = ("all",) if source.notes else ("none",)
-    return () if names == ("none",) else ("*",) if names == ("all",) else names
+    return () if names == ("none",) else ALL if names == ("all",) else names
 
 
 def _print_outcome(outcome: Outcome, preview: Path | None, views: str) -> None:

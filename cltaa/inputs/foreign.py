@@ -48,6 +48,8 @@ class ForeignSequence(Sequence):
         self.intake, self._strict, self._declared = intake, strict, effects
         left_out = set() if effects is None else {role for role, effect in EFFECT_OF.items() if effect not in effects}
         self._roles = {role: places for role, places in intake.roles.items() if role not in left_out}
+        resolved = (*self._roles["colour"], *self._roles.get("alpha", ()))
+        self.replaced = frozenset(place.channel for place in resolved if place.files == resolved[0].files)
         self._hashes: dict[Path, dict[str, str]] = {}
         main = intake.sets[intake.roles["colour"][0].files]
         self.folder, self.name = folder, name_of(main[numbers[0]])

@@ -18,6 +18,8 @@ from cltaa.sequences.sources import Sequence
 # Attributes that describe how the input's file was made up, and not what is to be seen in it.
 _OF_THE_FILE = frozenset({"name", "type", "chunkCount", "version", "multiView", "view", "cltaa:samples"})
 
+ALL = ("*",)  # layers
+
 
 class CarriedOver(NamedTuple):
     """Channels by name, attributes and the windows of an input."""
@@ -27,17 +29,22 @@ class CarriedOver(NamedTuple):
     windows: Windows
 
 
-def carried_over(path: Path, layers: tuple[str, ...], header: ImageHeader | None = None) -> CarriedOver:
+def carried_over(
+    path: Path, layers: tuple[str, ...], header: ImageHeader | None = None, *, replaced: frozenset[str] = frozenset()
+) -> CarriedOver:
     """Read what is carried over from ``path``: every attribute, and the channels whose names match one of ``layers``.
 
-    ``header`` is that of the file, where it is known. Raises what reading raises.
+    Where ``layers`` are all, those that the resolve ``replaced`` are none of them: who opens the result would take the
+    colour that it was made of for it. ``header`` is that of the file, where it is known. Raises what reading raises.
     """
     header = header or read_any_header(path, chunks=False)  # the frame is read beside it
     attributes = {name: value for name, value in header.attributes.items() if name not in _OF_THE_FILE}
     channels: dict[str, Pixels] = {}
     if layers:
         planes, _ = read_planes(path)
-        channels = {name: plane for name, plane in planes.items() if any(fnmatchcase(name, p) for p in layers)}
+        left_out = replaced if layers == ALL else frozenset()
+        kept = [name for name in planes if name not in left_out and any(fnmatchcase(name, p) for p in layers)]
+        channels = {name: planes[name] for name in kept}
     return CarriedOver(channels, attributes, (header.layout.data_window, header.layout.display_window))
 
 

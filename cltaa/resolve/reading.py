@@ -38,5 +38,5 @@ def _read(sequence: Sequence, number: int, before: int | None, layers: tuple[str
         frame,
         Source(digest, before, sequence.beside_sha256(number)),
         unusable_pixels(frame.colour),
-        carried_over(path, layers, header),
+        carried_over(path, layers, header, replaced=sequence.replaced),
     )

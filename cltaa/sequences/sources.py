@@ -56,6 +56,7 @@ class Sequence(NumberedFiles):
     """
 
     truth: ImageSequence | None = None  # where it was given, and is not that in ``reference/``
+    replaced: frozenset[str] = frozenset()  # channels of other names than R, G, B and A that a resolve makes anew
 
     @property
     def reading(self) -> dict[str, Any]:
