@@ -24,6 +24,7 @@ from cltaa.judging.video_scores import SCORES, VideoScores
 from cltaa.printable import json_of, printable, shown
 from cltaa.progress import track
 from cltaa.sequences.frame_numbers import even_step
+from cltaa.sequences.sources import ImageSequence, Sequence
 from cltaa.sequences.streams import read_ahead
 
 Values = dict[str, float]
@@ -91,14 +92,17 @@ def compare(
     comparison = pair_up(
         test, reference, frames, side_file=camera, step=step, verify=verify, profile=profile, assignments=inputs
     )
-    for name, images in (("A", comparison.test), ("B", comparison.reference)):
+    read: dict[str, ImageSequence | Sequence] = {"A": comparison.test, "B": comparison.reference}
+    if in_time and comparison.capture is not None:  # more of it is read than its colour
+        read["A" if comparison.of_itself else "B"] = comparison.capture
+    for name, images in read.items():
         if images.notes:
             click.echo(printable(f"{name}: {'; '.join(images.notes)}"), err=True)
     if comparison.region is not None:
         left, top, right, bottom = comparison.region
         size = f"{right - left + 1} x {bottom - top + 1} at ({left}, {top})"
         click.echo(f"judged where both show something: {size} of the display window", err=True)
-    warnings = doubts(comparison)
+    warnings = doubts(comparison, followed=in_time)
     if heatmap is not None:
         make_folder(heatmap)
         warnings += stale_maps(heatmap, comparison.test)

@@ -6,6 +6,8 @@ picture of another. So nothing is guessed: where the files do not say what they 
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 
 from cltaa.files.manifest import Manifest
@@ -13,7 +15,7 @@ from cltaa.inputs.parts import read_any_header
 from cltaa.judging.comparison import Comparison
 from cltaa.printable import printable
 from cltaa.sequences.numbered import NumberedFiles
-from cltaa.sequences.sources import RESOLVED
+from cltaa.sequences.sources import RESOLVED, Sequence
 
 VIEW = "cltaa:worldToView"
 PRIMARIES = "chromaticities"  # of red, green, blue and white, x and y each
@@ -21,9 +23,10 @@ SAME_PRIMARIES = 1e-3  # they are commonly stated in three digits
 SAME_VIEW = 1e-6  # of the largest number of the two matrices; a still camera's are equal to the bit
 
 
-def doubts(comparison: Comparison) -> list[str]:
+def doubts(comparison: Comparison, *, followed: bool = False) -> list[str]:
     """Why A may not show what B shows, for a reader, the weightiest alone; empty where nothing speaks against it.
 
+    With ``followed`` the motion that B's files tell counts too, and so how they are read.
     Raises what reading a header and a manifest raises.
     """
     truth = read_any_header(comparison.reference.path(comparison.reference.first)).attributes
@@ -47,6 +50,11 @@ def doubts(comparison: Comparison) -> list[str]:
         return [
             "A was resolved from other frames than those of B: from another seed or jitter, or before a new capture"
         ]
+    if followed and comparison.capture is not None and _read_otherwise(test, comparison.capture):
+        return [
+            "A was resolved from B as other options read it: give --profile, --input, --camera and --step as then,"
+            " for by B's depth, vectors and matrices things are followed"
+        ]
     return []
 
 
@@ -69,3 +77,14 @@ def _of_other_frames(test: NumberedFiles, capture: NumberedFiles) -> bool:
     entry = Manifest(test.folder).entries.get(test.path(test.first).name)
     recorded = capture.sha256(test.first) if test.first in capture.numbers else None
     return entry is not None and recorded is not None and entry.input_sha256 != recorded
+
+
+def _read_otherwise(test: NumberedFiles, capture: Sequence) -> bool:
+    """True where the manifest of a resolve tells another profile or step, or for its first frame other matrices."""
+    manifest = Manifest(test.folder)
+    entry = manifest.entries.get(test.path(test.first).name)
+    if manifest.settings is None or entry is None or test.first not in capture.numbers:
+        return False
+    reading = json.loads(json.dumps(capture.reading))  # as it comes back from a manifest
+    otherwise = any(manifest.settings.get(key) != value for key, value in reading.items())
+    return otherwise or entry.beside_sha256 != capture.beside_sha256(test.first)

@@ -17,7 +17,7 @@ from cltaa.judging.metrics import mean, measure
 from cltaa.pictures.srgb import encoded
 from cltaa.sequences.sources import open_images, open_sequence
 from tests.inputs.foreign import frames as foreign_frames
-from tests.inputs.foreign import write_blender
+from tests.inputs.foreign import side_text, write_blender, write_colour
 from tests.judging.test_compare_command import refusal, run_json
 from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame, write_images, write_sequence
 
@@ -193,3 +193,26 @@ def test_a_truth_that_a_resolve_wrote_is_told(capsys: pytest.CaptureFixture[str]
         (warning,) = run_json(capsys, *arguments)["warnings"]
         assert "reference, was written by a resolve: capture it again" in warning
     assert run_json(capsys, tmp_path / "out", capture / "reference")["warnings"] == []  # two resolves
+
+
+def test_options_that_read_the_frames_otherwise_than_the_resolve_are_told(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """By B's depth, vectors and matrices --video follows things: read as planes and in pixels, they lead elsewhere."""
+    made, dump, out = foreign_frames(3), tmp_path / "dump", tmp_path / "out"
+    write_blender(dump, made)
+    write_colour(dump / "reference", made, name="shot")
+    side = tmp_path / "camera.txt"
+    side.write_text(side_text(made))
+    options = ("--camera", str(side), "--input", "motion.scale=-1,1")
+    assert main(["resolve", str(dump), "-o", str(out), "--device", "numpy", *options]) == 0
+    asked = ["compare", str(out), str(dump), "--metrics", "mse"]
+    for given, told in (((), 1), (options[:2], 1), (options[2:], 1), (options, 0)):
+        capsys.readouterr()
+        assert main([*asked, *given, "--video"]) == 0
+        said = capsys.readouterr().err
+        assert said.count("warning: A was resolved from B as other options read it: give --profile") == told
+        assert "B: profile blender" in said
+        assert ("no matrices: " in said) is ("--camera" not in given)
+    assert main(asked) == 0  # the colour is the same either way
+    assert "warning" not in capsys.readouterr().err
