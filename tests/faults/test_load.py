@@ -20,7 +20,7 @@ from tests.sequence_factory import write_sequence
 SETTLED = 100  # frames after which everything that is made once is there
 FRESH, ROUNDS, TURN = 5, 400, 4  # processes to compare with, how often each has its turn, and frames of a turn
 # Processor time over that of processes that have just begun. Of those over each other 0.98 to 1.02 was seen, 12 times
-# (2026-11-23, two cores at load 10); 60 turns of 16 frames give 0.88 to 1.17.
+# (2026-11-23, two cores at load 10), 1.01 of the old one at load 16; 60 turns of 16 frames give 0.88 to 1.17.
 ALIKE = 1.05
 PATIENCE = 120.0  # seconds that three small frames may take, which no machine takes for them
 
