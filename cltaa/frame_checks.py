@@ -21,6 +21,7 @@ LARGEST_SCALE = 1e100  # of a determinant of a matrix, either way: cameras divid
 CAMERAS_KEPT = 64  # that were found sound: those of a frame, and of all that are read, resolved and written beside it
 LARGEST_JITTER = 2.0  # pixels; from it on no sample may lie within a filter's reach, and the number is in another unit
 EXPOSURE_STOPS = 32.0  # largest |log2(exposure)|; from starlight to the sun's disc is about 30 stops
+AWAY = np.array([1.0, 1.0, -1.0, 1.0])  # a view space whose camera looks the other way along z
 WHOLE = "a whole number from 1 on"
 _EFFECTS = frozenset(Effect)
 
@@ -163,8 +164,8 @@ def _check_camera(camera: Camera, path: Path | None, frame: int | None) -> None:
             expected, found = f"|M inv(M) - I| < {INVERSE_TOLERANCE:g}", f"{error:.3g}"
             raise DataError(f"{attribute} cannot be inverted", path=path, frame=frame, expected=expected, found=found)
     view, clip = camera.world_to_view, camera.view_to_clip
-    _check_row("worldToView", view[3], ([0, 0, 0, 1],), path, frame)
-    _check_row("viewToClip", clip[3], ([0, 0, -1, 0], [0, 0, 0, 1]), path, frame)
+    _check_row("worldToView", view, ([0, 0, 0, 1],), path, frame)
+    _check_row("viewToClip", clip, ([0, 0, -1, 0], [0, 0, 0, 1]), path, frame)
     with np.errstate(over="ignore"):
         size, across = (float(np.linalg.det(part)) for part in (view[:3, :3], clip[:2, :2]))
     for name, scale in (("worldToView", abs(size)), ("viewToClip", abs(across))):
@@ -180,13 +181,26 @@ def _check_camera(camera: Camera, path: Path | None, frame: int | None) -> None:
         )  # fmt: skip
 
 
-def _check_row(name: str, row: Matrix, allowed: tuple[list[int], ...], path: Path | None, frame: int | None) -> None:
-    if not any(np.abs(row - expected).max() < INVERSE_TOLERANCE for expected in allowed):
-        expected = " or ".join(" ".join(map(str, numbers)) for numbers in allowed)
-        raise DataError(
-            f"matrix cltaa:{name} has a wrong last row", path=path, frame=frame, expected=expected,
-            found=" ".join(f"{number:g}" for number in row), cure="check whether it is transposed",
-        )  # fmt: skip
+def _check_row(name: str, matrix: Matrix, allowed: tuple[list[int], ...], path: Path | None, frame: int | None) -> None:
+    def right(row: Matrix) -> bool:
+        return any(np.abs(row - expected).max() < INVERSE_TOLERANCE for expected in allowed)
+
+    if right(matrix[3]):
+        return
+    cure = "check whether it is transposed"
+    for kind, row in (
+        ("transposed", matrix[:, 3]),
+        ("of a camera along +z", matrix[3] * AWAY),
+        ("transposed, and of a camera along +z", matrix[:, 3] * AWAY),
+    ):
+        if right(row):
+            cure = f"it is {kind}: of files cltaa check names the options that mend it, of arrays see docs/python.md"
+            break
+    expected = " or ".join(" ".join(map(str, numbers)) for numbers in allowed)
+    raise DataError(
+        f"matrix cltaa:{name} has a wrong last row", path=path, frame=frame, expected=expected,
+        found=" ".join(f"{number:g}" for number in matrix[3]), cure=cure,
+    )  # fmt: skip
 
 
 def _inverse_error(matrix: Matrix) -> float:

@@ -38,6 +38,9 @@ def test_f5_half_depth_is_refused(tmp_path: Path) -> None:
         read_frame(path)
 
 
+AWAY = np.diag([1.0, 1.0, -1.0, 1.0])
+
+
 def broken(name: str, change: Callable[[NDArray[np.float64]], object]) -> dict[str, object]:
     sound = np.array(header()[name], np.float64)
     changed = change(sound.T.copy())
@@ -51,9 +54,13 @@ def broken(name: str, change: Callable[[NDArray[np.float64]], object]) -> dict[s
         ("worldToView", lambda m: m * np.nan, "holds NaN or infinity"),
         ("viewToClip", lambda m: np.where(m == m[1, 1], np.inf, m), "holds NaN or infinity"),
         ("viewToClip", lambda m: m * np.diag([1, 0, 1, 1]), r"cannot be inverted.*expected \|M inv\(M\) - I\| < 1e-06"),
-        ("worldToView", lambda m: m.T, "has a wrong last row.*check whether it is transposed"),
-        ("viewToClip", lambda m: m.T, "has a wrong last row.*check whether it is transposed"),
-        ("worldToView", lambda m: np.diag([1, 1, -1, 1]) @ m, "mirrors the world.*flip its z row"),
+        ("worldToView", lambda m: m.T, "has a wrong last row.*; it is transposed: of files cltaa check names"),
+        ("viewToClip", lambda m: m.T, "has a wrong last row.*; it is transposed: of files cltaa check names"),
+        ("viewToClip", lambda m: m @ AWAY, "has a wrong last row.*; it is of a camera along .z: of files"),
+        ("viewToClip", lambda m: (m @ AWAY).T, "has a wrong last row.*; it is transposed, and of a camera along .z:"),
+        ("viewToClip", lambda m: -m, "has a wrong last row.*; it is of a camera along .z: of files"),
+        ("viewToClip", lambda m: np.diag([1, 1, 1, 2]) @ m, "has a wrong last row.*; check whether it is transposed"),
+        ("worldToView", lambda m: AWAY @ m, "mirrors the world.*flip its z row"),
         ("worldToView", lambda m: np.diag([1e-110, 1e-110, 1e-110, 1]) @ m, "scales beyond use.*another unit"),
         ("worldToView", lambda m: np.diag([1e110, 1e110, 1e110, 1]) @ m, "scales beyond use.*found inf"),
         ("viewToClip", lambda m: np.diag([1e-170, 1e-170, 1, 1]) @ m, "scales beyond use.*found 0"),
