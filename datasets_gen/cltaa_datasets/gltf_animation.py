@@ -76,14 +76,14 @@ def quaternion_matrix(quaternion: Floats) -> Matrix:
 
 
 class NodeTree:
-    """The nodes of a file, played by its first animation, which starts again when it is over."""
+    """The nodes of a file, played by its first animation, which starts again when it is over, or at rest."""
 
-    def __init__(self, file: GltfFile) -> None:
+    def __init__(self, file: GltfFile, *, played: bool = True) -> None:
         """Read nodes and channels; raises DataError for an animation that cannot be played."""
         self._nodes = file.items("nodes")
         self._parents = {child: i for i, node in enumerate(self._nodes) for child in node.get("children", ())}
         self._channels: dict[tuple[int, str], Channel] = {}
-        animations = file.items("animations")
+        animations = file.items("animations") if played else []
         try:
             for channel in animations[0]["channels"] if animations else ():
                 self._add(file, channel["target"], animations[0]["samplers"][channel["sampler"]])
@@ -108,6 +108,15 @@ class NodeTree:
         if channel is None:
             return None
         return channel.at(time % self.duration if self.duration > 0.0 else 0.0)
+
+    def shown(self, scene: dict[str, Any] | None) -> list[int]:
+        """The nodes of a scene with all below them, in their order; all nodes where there is no scene."""
+        roots = range(len(self._nodes)) if scene is None else scene.get("nodes", ())
+
+        def in_scene(index: int) -> bool:
+            return index in roots or (index in self._parents and in_scene(self._parents[index]))
+
+        return [index for index in range(len(self._nodes)) if in_scene(index)]
 
     def poses(self, time: float) -> list[Matrix]:
         """Node to world [4, 4] of every node."""

@@ -1,6 +1,6 @@
 """The container of a glTF 2.0 file: its JSON, its buffers, and accessors as arrays (specification, sections 3.6 and 4).
 
-trimesh reads static models; this reads what it leaves out, for ``gltf_model`` (docs/decisions say why there are two).
+trimesh reads the other formats (docs/decisions say why not this one).
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ MAGIC, JSON_CHUNK, BIN_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
 COMPONENTS = {5120: np.int8, 5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 # Extensions that may be required and still leave geometry and animation readable without them.
-HARMLESS = ("KHR_materials_", "KHR_texture_transform", "KHR_lights_punctual")
+HARMLESS = (
+    "KHR_materials_", "KHR_texture_transform", "KHR_lights_punctual", "KHR_mesh_quantization", "EXT_texture_webp",
+)  # fmt: skip
 
 
 class GltfFile:
@@ -41,7 +43,8 @@ class GltfFile:
                 raise DataError(f"needs the extension {needed[0]}", path=path, cure="export without compression")
             self._buffers = [self._bytes(buffer.get("uri"), binary) for buffer in self.items("buffers")]
         except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError, struct.error) as error:
-            raise DataError(f"is no glTF 2.0 file ({type(error).__name__}: {error})", path=path) from error
+            reason = f"is no glTF 2.0 file ({type(error).__name__}: {error})"
+            raise DataError(reason, path=path, cure="export the model again") from error
 
     def items(self, name: str) -> list[dict[str, Any]]:
         """Return a top-level list, empty where the file has none."""

@@ -1,8 +1,8 @@
-"""An animated glTF model: parts whose poses and shapes are functions of time."""
+"""A glTF model: parts whose poses and shapes are functions of time, or as it stands at rest."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,10 @@ from cltaa.errors import DataError
 from cltaa_datasets import deform, meshes
 from cltaa_datasets.gltf_animation import NodeTree
 from cltaa_datasets.gltf_file import GltfFile
+from cltaa_datasets.gltf_vertices import FAN, STRIP, TRIANGLES, Vertices
+from cltaa_datasets.models import GLTF
 from cltaa_datasets.scene import AlphaMode, Material, Matrix, Part, Shape, Texture
 
-TRIANGLES = 4
 Floats = NDArray[np.float64]
 
 
@@ -34,26 +35,28 @@ class Piece:
 
 
 class AnimatedModel:
-    """What a file shows at any time; the first animation is played, over and over."""
+    """What a file shows at any time; the first animation is played, over and over, or not at all."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, played: bool = True) -> None:
         """Read a file; raises InputMissing and DataError."""
         self._file = GltfFile(path)
-        self.tree = NodeTree(self._file)
+        self.tree = NodeTree(self._file, played=played)
         self._materials: dict[int | None, Material] = {}
         self._textures: dict[tuple[int, bool], Texture] = {}
         try:
             self._skins = [self._read_skin(skin) for skin in self._file.items("skins")]
             self.pieces = tuple(self._pieces())
-        except (KeyError, IndexError, TypeError, ValueError) as error:
-            raise DataError(f"cannot be read ({type(error).__name__}: {error})", path=path) from error
+            self.at(0.0)  # poses and skins, too, are the file's to break
+        except (KeyError, IndexError, TypeError, ValueError, RecursionError) as error:
+            reason = f"cannot be read ({type(error).__name__}: {error})"
+            raise DataError(reason, path=path, cure="export the model again") from error
         if not self.pieces:
             raise DataError("no triangles in it", path=path, cure="export the model as a mesh")
 
     @staticmethod
     def animates(path: Path) -> bool:
         """Tell whether a file is glTF with an animation; raises what reading it raises."""
-        return path.suffix.lower() in (".glb", ".gltf") and bool(GltfFile(path).items("animations"))
+        return path.suffix.lower() in GLTF and bool(GltfFile(path).items("animations"))
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -90,11 +93,12 @@ class AnimatedModel:
         return joints, columns.reshape(-1, 4, 4).transpose(0, 2, 1)
 
     def _pieces(self) -> list[Piece]:
-        pieces = []
-        for index, node in enumerate(self._file.items("nodes")):
+        pieces, scenes = [], self._file.items("scenes")
+        for index in self.tree.shown(scenes[self._file.json.get("scene", 0)] if scenes else None):
+            node = self._file.items("nodes")[index]
             mesh = self._file.items("meshes")[node["mesh"]] if "mesh" in node else {"primitives": []}
             for number, primitive in enumerate(mesh["primitives"]):
-                if primitive.get("mode", TRIANGLES) == TRIANGLES:
+                if primitive.get("mode", TRIANGLES) in (TRIANGLES, STRIP, FAN):
                     name = f"{index} {node.get('name', mesh.get('name', 'node'))} {number}"
                     weights = tuple(node.get("weights", mesh.get("weights", ())))
                     pieces.append(self._piece(name, index, primitive, node.get("skin"), weights))
@@ -103,51 +107,30 @@ class AnimatedModel:
     def _piece(
         self, name: str, node: int, primitive: dict[str, Any], skin: int | None, weights: tuple[float, ...]
     ) -> Piece:
-        attributes, array = primitive["attributes"], self._file.array
-        positions = np.asarray(array(attributes["POSITION"]), np.float64)
+        vertices = Vertices(self._file, primitive)
+        positions = vertices.read("POSITION")
         count = len(positions)
-        faces = array(primitive["indices"]).astype(np.int64) if "indices" in primitive else np.arange(count)
-        faces = faces.reshape(-1, 3)
-        if "NORMAL" in attributes:
-            normals = np.asarray(array(attributes["NORMAL"]), np.float64)
-        else:
-            normals = face_normals(positions, faces)
+        rest = Shape(positions, deform.unit(vertices.normals(positions)))
         uv = np.zeros((count, 2))
-        if "TEXCOORD_0" in attributes:
-            # trimesh's v grows upwards, glTF's downwards.
-            uv = np.asarray(array(attributes["TEXCOORD_0"]), np.float64) * (1.0, -1.0) + (0.0, 1.0)
-        targets = tuple(self._target(target, count) for target in primitive.get("targets", ()))
+        if "TEXCOORD_0" in vertices.attributes:
+            uv = vertices.read("TEXCOORD_0") * (1.0, -1.0) + (0.0, 1.0)  # trimesh's v grows upwards, glTF's downwards
+        targets = tuple(_target(target, vertices, count) for target in primitive.get("targets", ()))
         joints, shares = np.zeros((count, 1), np.int64), np.ones((count, 1))
         if skin is not None:
-            joints = array(attributes["JOINTS_0"]).astype(np.int64)
-            shares = np.asarray(array(attributes["WEIGHTS_0"]), np.float64)
+            joints, shares = vertices.read("JOINTS_0").astype(np.int64), vertices.read("WEIGHTS_0")
             shares = shares / np.maximum(shares.sum(axis=1, keepdims=True), np.finfo(np.float32).tiny)
-        rest = Shape(positions, deform.unit(normals))
-        colours = self._colours(attributes, count)
         part = Part(
-            name, meshes.make_mesh(positions, faces, rest.normals, uv), self._material(primitive.get("material")),
-            colours, deforms=bool(targets) or skin is not None,
+            name, meshes.make_mesh(positions, vertices.faces, rest.normals, uv),
+            self._material(primitive.get("material")), _colours(vertices, count),
+            deforms=bool(targets) or skin is not None,
         )  # fmt: skip
         weights = weights or (0.0,) * len(targets)
         return Piece(part, node, rest, targets, weights, skin, joints, shares)
 
-    def _target(self, target: dict[str, int], count: int) -> Shape:
-        moved, turned = (
-            np.asarray(self._file.array(target[name]), np.float64) if name in target else np.zeros((count, 3))
-            for name in ("POSITION", "NORMAL")
-        )
-        return Shape(moved, turned)
-
-    def _colours(self, attributes: dict[str, int], count: int) -> NDArray[np.float32] | None:
-        if "COLOR_0" not in attributes:
-            return None
-        found = np.asarray(self._file.array(attributes["COLOR_0"]), np.float32)  # linear (section 3.7.2.1)
-        return np.ascontiguousarray(np.concatenate([found, np.ones((count, 1), np.float32)], 1)[:, :4])
-
     def _material(self, index: int | None) -> Material:
         if index not in self._materials:
             entry = {} if index is None else self._file.items("materials")[index]
-            pbr = entry.get("pbrMetallicRoughness", {})
+            pbr = _shiny(entry) or entry.get("pbrMetallicRoughness", {})
             self._materials[index] = Material(
                 base_colour=tuple(pbr.get("baseColorFactor", (1.0, 1.0, 1.0, 1.0))),
                 base_texture=self._texture(pbr.get("baseColorTexture")),
@@ -165,16 +148,53 @@ class AnimatedModel:
     def _texture(self, reference: dict[str, int] | None, *, srgb: bool = True) -> Texture | None:
         if reference is None:
             return None
-        key = self._file.items("textures")[reference["index"]]["source"], srgb
+        texture = self._file.items("textures")[reference["index"]]
+        source = texture.get("source", texture.get("extensions", {}).get("EXT_texture_webp", {}).get("source"))
+        if source is None:  # of a format that Pillow does not read
+            return None
+        key = source, srgb
         if key not in self._textures:
             self._textures[key] = Texture(self._file.image(key[0]), srgb=srgb)
         return self._textures[key]
 
 
-def face_normals(positions: Floats, faces: NDArray[np.int64]) -> Floats:
-    """Normals [V, 3] of vertices without any: the mean of their faces' by area."""
-    a, b, c = (positions[faces[:, corner]] for corner in range(3))
-    normals = np.zeros_like(positions)
-    for corner in range(3):
-        np.add.at(normals, faces[:, corner], np.cross(b - a, c - a))
-    return normals
+def _shiny(entry: dict[str, Any]) -> dict[str, Any]:
+    """A material of KHR_materials_pbrSpecularGlossiness, as near as metallic-roughness without metal comes to it."""
+    found = entry.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
+    if found is None:
+        return {}
+    base = {"baseColorTexture": found["diffuseTexture"]} if "diffuseTexture" in found else {}
+    colour, gloss = found.get("diffuseFactor", (1.0, 1.0, 1.0, 1.0)), found.get("glossinessFactor", 1.0)
+    return {"baseColorFactor": colour, "metallicFactor": 0.0, "roughnessFactor": 1.0 - gloss, **base}
+
+
+def _target(target: dict[str, int], vertices: Vertices, count: int) -> Shape:
+    """By how much a morph target moves and turns the vertices."""
+    moved, turned = (
+        vertices.read(name, target) if name in target else np.zeros((count, 3)) for name in ("POSITION", "NORMAL")
+    )
+    return Shape(moved, turned)
+
+
+def _colours(vertices: Vertices, count: int) -> NDArray[np.float32] | None:
+    if "COLOR_0" not in vertices.attributes:
+        return None
+    found = vertices.read("COLOR_0").astype(np.float32)  # linear (section 3.7.2.1)
+    return np.ascontiguousarray(np.concatenate([found, np.ones((count, 1), np.float32)], 1)[:, :4])
+
+
+def at_rest(path: Path) -> tuple[tuple[Part, ...], list[Matrix]]:
+    """The parts of a file that is not played, and how each stands; raises InputMissing and DataError."""
+    model = AnimatedModel(path, played=False)
+    poses, shapes = model.at(0.0)
+    return tuple(_still(part, shapes.get(part.name)) for part in model.parts), poses
+
+
+def _still(part: Part, shape: Shape | None) -> Part:
+    """A part that keeps the shape that its skin and its morph targets give it."""
+    if shape is None:
+        return part
+    uv = meshes.texture_coordinates(part.mesh)
+    return replace(
+        part, mesh=meshes.make_mesh(shape.positions, part.mesh.faces, shape.normals, uv), deforms=False
+    )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Anybody's model as a scene: what trimesh reads, with its textures, on a turntable or seen from an orbit."""
+"""Anybody's model as a scene, with its textures, on a turntable or seen from an orbit."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.frames import Effect
 from cltaa_datasets import animation, meshes, textures
-from cltaa_datasets.models import FORMATS, MOTIONS
+from cltaa_datasets.gltf_model import at_rest
+from cltaa_datasets.models import FORMATS, GLTF, MOTIONS
 from cltaa_datasets.scene import AlphaMode, Instant, Material, Matrix, Part, Perspective, Scene, Sky, Sun, Texture
 
 DISTANCE, RISE, FIELD_OF_VIEW = 2.3, 0.6, np.radians(44.0)  # of the camera, from a model of radius 1
@@ -23,6 +24,8 @@ START = np.radians(40.0)  # the front of a glTF model looks along +z, to the cam
 CREASE = np.radians(30.0)  # edges sharper than this stay sharp where a file has no normals
 SUN = animation.direction(125.0, 45.0)
 SKY = Sky(zenith=(0.12, 0.22, 0.46), horizon=(0.66, 0.72, 0.80), ground=(0.26, 0.23, 0.20), fog=0.04, ambient=0.6)
+
+Points = NDArray[np.float64]
 
 # Nothing is known of a stranger's model, so all that may happen is declared.
 ALWAYS = frozenset({Effect.UNCOVER, Effect.THIN, Effect.HDR, Effect.SHADING, Effect.SKY})
@@ -98,7 +101,31 @@ def load_model(path: Path) -> tuple[tuple[Part, ...], list[Matrix], float]:
     Read are base colour, metallic-roughness and emissive textures, alpha modes and vertex colours; normal maps,
     occlusion and lights are not; ``played_models`` reads animation. Raises UsageError, InputMissing and DataError.
     """
-    loaded = _read(path)
+    if path.suffix.lower() not in FORMATS:
+        raise UsageError(
+            f"no reader for {path.suffix or 'a file without suffix'}", path=path, expected=" ".join(FORMATS)
+        )
+    if not path.is_file():
+        raise InputMissing("there is no such model", path=path, cure="check the path behind file:")
+    parts, poses = at_rest(path) if path.suffix.lower() in GLTF else _of_trimesh(path)
+    low, high = bounds([np.asarray(part.mesh.vertices) for part in parts], poses)
+    stand, height = standing(low, high, path)
+    return parts, [stand @ pose for pose in poses], height
+
+
+def bounds(positions: Iterable[Points], poses: Iterable[Matrix]) -> tuple[Points, Points]:
+    """The least and the greatest coordinates [3] of what stands at ``poses``, each with vertices [V, 3]."""
+    placed = [points @ pose[:3, :3].T + pose[:3, 3] for points, pose in zip(positions, poses, strict=True)]
+    return np.min([points.min(axis=0) for points in placed], axis=0), np.max([p.max(axis=0) for p in placed], axis=0)
+
+
+def _of_trimesh(path: Path) -> tuple[tuple[Part, ...], list[Matrix]]:
+    """The parts of a file that trimesh reads, and how each stands."""
+    try:
+        loaded = trimesh.load_scene(path)
+    except Exception as error:  # any parser of trimesh's, each with exceptions of its own
+        reason = f"{type(error).__name__}: {error}"
+        raise DataError(f"trimesh cannot read it ({reason})", path=path, cure="export the model again") from error
     shared: dict[int, Texture] = {}
     parts, poses = [], []
     for node in loaded.graph.nodes_geometry:
@@ -109,23 +136,7 @@ def load_model(path: Path) -> tuple[tuple[Part, ...], list[Matrix], float]:
             poses.append(np.asarray(pose, np.float64))
     if not parts:
         raise DataError("no triangles in it", path=path, cure="export the model as a mesh")
-    low, high = np.asarray(loaded.bounds, np.float64)
-    stand, height = standing(low, high, path)
-    return tuple(parts), [stand @ pose for pose in poses], height
-
-
-def _read(path: Path) -> trimesh.Scene:
-    if path.suffix.lower() not in FORMATS:
-        raise UsageError(
-            f"no reader for {path.suffix or 'a file without suffix'}", path=path, expected=" ".join(FORMATS)
-        )
-    if not path.is_file():
-        raise InputMissing("there is no such model", path=path, cure="check the path behind file:")
-    try:
-        return trimesh.load_scene(path)
-    except Exception as error:  # any parser of trimesh's, each with exceptions of its own
-        reason = f"{type(error).__name__}: {error}"
-        raise DataError(f"trimesh cannot read it ({reason})", path=path, cure="export the model again") from error
+    return tuple(parts), poses
 
 
 def _part(name: str, mesh: trimesh.Trimesh, path: Path, shared: dict[int, Texture]) -> Part:
@@ -156,30 +167,21 @@ def _linear(colours: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def _material(found: Any, shared: dict[int, Texture]) -> Material:
-    """Translate trimesh's material; a property that the file leaves out has glTF's default."""
+    """Translate trimesh's material of an OBJ or a PLY: those know no metal, and no way to be see-through but texels."""
     pbr = found if isinstance(found, trimesh.visual.material.PBRMaterial) else found.to_pbr()
     base = (255, 255, 255, 255) if pbr.baseColorFactor is None else pbr.baseColorFactor
-    mode = AlphaMode(pbr.alphaMode or "OPAQUE")
     return Material(
         base_colour=tuple((np.asarray(base, np.float64) / 255.0).tolist()),
         base_texture=_texture(pbr.baseColorTexture, shared),
-        metallic=1.0 if pbr.metallicFactor is None else float(pbr.metallicFactor),
+        metallic=0.0,
         roughness=1.0 if pbr.roughnessFactor is None else float(pbr.roughnessFactor),
-        metallic_roughness_texture=_texture(pbr.metallicRoughnessTexture, shared, srgb=False),
-        emissive=(0.0, 0.0, 0.0)
-        if pbr.emissiveFactor is None
-        else tuple(np.asarray(pbr.emissiveFactor, float).tolist()),
-        emissive_texture=_texture(pbr.emissiveTexture, shared),
-        alpha_mode=mode,
-        alpha_cutoff=0.5 if pbr.alphaCutoff is None else float(pbr.alphaCutoff),
-        double_sided=bool(pbr.doubleSided),
     )
 
 
-def _texture(image: Any, shared: dict[int, Texture], *, srgb: bool = True) -> Texture | None:
+def _texture(image: Any, shared: dict[int, Texture]) -> Texture | None:
     """Turn a Pillow image into a texture; an image used twice becomes one texture."""
     if image is None:
         return None
     if id(image) not in shared:
-        shared[id(image)] = Texture(np.asarray(image.convert("RGBA"), np.uint8), srgb=srgb)
+        shared[id(image)] = Texture(np.asarray(image.convert("RGBA"), np.uint8))
     return shared[id(image)]

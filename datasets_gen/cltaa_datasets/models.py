@@ -1,4 +1,5 @@
 """Which model files can be shown, and how: apart from what reads them, so that the command line can tell at once."""
 
 MOTIONS = ("turntable", "orbit", "play")
-FORMATS = (".glb", ".gltf", ".obj", ".ply", ".stl")
+GLTF = (".glb", ".gltf")
+FORMATS = (*GLTF, ".obj", ".ply", ".stl")

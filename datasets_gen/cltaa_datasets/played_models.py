@@ -11,7 +11,7 @@ from cltaa.errors import CltaaError
 from cltaa.frames import Effect
 from cltaa_datasets import animation, model_files
 from cltaa_datasets.gltf_model import AnimatedModel
-from cltaa_datasets.scene import Instant, Perspective, Scene, Shape, Sun
+from cltaa_datasets.scene import Instant, Perspective, Scene, Sun
 
 LOOKS = 16  # instants at which the size of what is played is measured
 
@@ -46,11 +46,9 @@ def played_scene(path: str, seed: int) -> Scene:
 
 def _bounds(model: AnimatedModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The least and the greatest coordinates [3] over all that the model does."""
-    corners = []
+    corners: list[NDArray[np.float64]] = []
     for time in np.linspace(0.0, model.tree.duration, LOOKS).tolist():
         poses, shapes = model.at(time)
-        for part, pose in zip(model.parts, poses, strict=True):
-            shape: Shape | None = shapes.get(part.name)
-            points = np.asarray(part.mesh.vertices if shape is None else shape.positions) @ pose[:3, :3].T + pose[:3, 3]
-            corners += [points.min(axis=0), points.max(axis=0)]
+        stood = (shapes[p.name].positions if p.name in shapes else np.asarray(p.mesh.vertices) for p in model.parts)
+        corners += model_files.bounds(stood, poses)
     return np.min(corners, axis=0), np.max(corners, axis=0)

@@ -111,3 +111,11 @@ def test_no_size(tmp_path: Path) -> None:
 def test_unknown_motion(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no such motion: jump"):
         model_scene(str(tmp_path / "a.glb"), "jump", 0)
+
+
+def test_an_object_of_wavefront_is_no_metal(tmp_path: Path) -> None:
+    (tmp_path / "a.mtl").write_text("newmtl red\nKd 1.0 0.25 0.0\n")
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (part,), _, _ = load_model(tmp_path / "a.obj")
+    assert part.material.metallic == 0.0
+    assert part.material.base_colour == pytest.approx((1.0, 0.25, 0.0, 1.0), abs=0.5 / 255)

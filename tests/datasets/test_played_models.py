@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -17,50 +15,9 @@ from cltaa_datasets.gltf_file import GltfFile
 from cltaa_datasets.gltf_model import AnimatedModel
 from cltaa_datasets.scenes import build_scene
 from tests.capture.analytic_scenes import drawing
+from tests.datasets.gltf_writer import FLOAT, HALF_TURN, SHORT, SQUARE, Writer, skinned_square
 
 TRUCK = Path(__file__).parents[3] / "shared" / "data" / "gltf" / "CesiumMilkTruck.glb"
-SQUARE = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32)
-FLOAT, SHORT, BYTE = 5126, 5123, 5121
-KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
-HALF_TURN = (0.0, 0.0, 1.0, 0.0)
-
-
-class Writer:
-    """Collects arrays and writes them as GLB."""
-
-    def __init__(self, **entries: Any) -> None:
-        self.json: dict[str, Any] = {"asset": {"version": "2.0"}, "accessors": [], "bufferViews": [], **entries}
-        self.blob = b""
-
-    def add(self, values: Any, component: int = FLOAT, **more: Any) -> int:
-        kinds = {FLOAT: np.float32, SHORT: np.uint16, BYTE: np.uint8}
-        array = np.atleast_1d(np.asarray(values, kinds[component]))
-        width = 1 if array.ndim == 1 else array.shape[1]
-        self.json["bufferViews"].append({"buffer": 0, "byteOffset": len(self.blob), "byteLength": array.nbytes})
-        self.blob += array.tobytes() + b"\0" * (-array.nbytes % 4)
-        view = len(self.json["bufferViews"]) - 1
-        entry = {"bufferView": view, "componentType": component, "count": len(array), "type": KINDS[width], **more}
-        self.json["accessors"].append(entry)
-        return len(self.json["accessors"]) - 1
-
-    def square(self, **more: Any) -> dict[str, Any]:
-        attributes = {"POSITION": self.add(SQUARE), **more.pop("attributes", {})}
-        return {"attributes": attributes, "indices": self.add([0, 1, 2, 0, 2, 3], SHORT), **more}
-
-    def animate(self, node: int, path: str, times: Any, values: Any, interpolation: str = "LINEAR") -> None:
-        (animation,) = self.json.setdefault("animations", [{"channels": [], "samplers": []}])
-        sampler = {"input": self.add(times), "output": self.add(values), "interpolation": interpolation}
-        animation["samplers"].append(sampler)
-        place = len(animation["samplers"]) - 1
-        animation["channels"].append({"sampler": place, "target": {"node": node, "path": path}})
-
-    def write(self, path: Path) -> Path:
-        self.json["buffers"] = [{"byteLength": len(self.blob)}]
-        text = json.dumps(self.json).encode()
-        text += b" " * (-len(text) % 4)
-        body = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(self.blob), 0x004E4942)
-        path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(body) + len(self.blob)) + body + self.blob)
-        return path
 
 
 def positions(model: AnimatedModel, time: float) -> np.ndarray[Any, Any]:
@@ -95,21 +52,6 @@ def test_quaternions_turn_along_the_shorter_arc() -> None:
     third = quaternion_matrix(slerp(a, -b, 1.0 / 3.0))
     assert np.abs(third[:2, 0] - [np.cos(0.2), np.sin(0.2)]).max() <= 1e-15
     assert np.array_equal(slerp(a, a, 0.4), a)
-
-
-def skinned_square(path: Path) -> Path:
-    writer = Writer(nodes=[{"mesh": 0, "skin": 0, "translation": [9, 9, 9]}, {}, {"translation": [0, 1, 0]}])
-    skin = {
-        "JOINTS_0": writer.add([(0, 0, 0, 0)] * 2 + [(1, 0, 0, 0)] * 2, BYTE),
-        "WEIGHTS_0": writer.add([(255, 0, 0, 0)] * 4, BYTE, normalized=True),
-    }
-    bindings = np.tile(np.eye(4, dtype=np.float32), (2, 1, 1))
-    bindings[1, 1, 3] = -1.0
-    writer.json["meshes"] = [{"primitives": [writer.square(attributes=skin)]}]
-    matrices = writer.add(bindings.transpose(0, 2, 1).reshape(2, 16))
-    writer.json["skins"] = [{"joints": [1, 2], "inverseBindMatrices": matrices}]
-    writer.animate(2, "translation", [0.0, 1.0], [(0, 1, 0), (1, 1, 0)])
-    return writer.write(path)
 
 
 def test_a_skin_follows_its_joints_and_not_its_node(tmp_path: Path) -> None:

@@ -1,0 +1,102 @@
+"""glTF that is not played: vertices, faces, materials and what is shown, and one line for what cannot be."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cltaa.errors import DataError
+from cltaa_datasets.gltf_model import at_rest
+from cltaa_datasets.gltf_vertices import triangles
+from cltaa_datasets.meshes import texture_coordinates
+from cltaa_datasets.scene import Part
+from tests.datasets.gltf_writer import BYTE, SHORT, SQUARE, Writer, skinned_square
+
+
+def test_a_model_at_rest_is_what_it_is_before_it_is_played(tmp_path: Path) -> None:
+    (part,), (pose,) = at_rest(skinned_square(tmp_path / "skin.glb"))
+    assert not part.deforms
+    assert np.array_equal(np.asarray(part.mesh.vertices), SQUARE)  # its joints stand where they were bound
+    assert np.array_equal(pose, np.eye(4))
+
+
+def shown(writer: Writer, tmp_path: Path) -> tuple[Part, ...]:
+    return at_rest(writer.write(tmp_path / "a.glb"))[0]
+
+
+def test_colours_and_coordinates_of_whole_numbers_are_fractions(tmp_path: Path) -> None:
+    writer = Writer(nodes=[{"mesh": 0}], materials=[{"pbrMetallicRoughness": {"baseColorFactor": [0.1, 0.2, 0.3, 1]}}])
+    attributes = {
+        "COLOR_0": writer.add([(51, 102, 255, 255)] * 4, BYTE, normalized=True),
+        "TEXCOORD_0": writer.add([(0, 65535)] * 4, SHORT, normalized=True),
+    }
+    writer.json["meshes"] = [{"primitives": [writer.square(attributes=attributes, material=0)]}]
+    (part,) = shown(writer, tmp_path)
+    assert part.colours is not None
+    assert part.colours[0].tolist() == pytest.approx([0.2, 0.4, 1.0, 1.0], abs=2.0**-24)  # linear, and not decoded
+    assert part.material.base_colour == (0.1, 0.2, 0.3, 1)
+    assert texture_coordinates(part.mesh).tolist() == [[0.0, 0.0]] * 4
+
+
+def test_only_what_is_in_the_scene_is_shown(tmp_path: Path) -> None:
+    nodes = [{"mesh": 0, "name": "spare"}, {"children": [2]}, {"mesh": 0, "name": "shown"}]
+    writer = Writer(nodes=nodes, scenes=[{"nodes": [0]}, {"nodes": [1]}], scene=1)
+    writer.json["meshes"] = [{"primitives": [writer.square()]}]
+    assert [part.name for part in shown(writer, tmp_path)] == ["2 shown 0"]
+
+
+@pytest.mark.parametrize(
+    ("mode", "corners", "faces"),
+    [
+        (4, [0, 1, 2, 0, 2, 3], [[0, 1, 2], [0, 2, 3]]),
+        (5, [0, 1, 3, 2], [[0, 1, 3], [1, 2, 3]]),
+        (6, [0, 1, 2, 3], [[1, 2, 0], [2, 3, 0]]),
+    ],
+    ids=["triangles", "strip", "fan"],
+)
+def test_faces_of_each_mode(mode: int, corners: list[int], faces: list[list[int]]) -> None:
+    assert triangles(mode, np.array(corners)).tolist() == faces
+
+
+def test_without_normals_faces_are_flat(tmp_path: Path) -> None:
+    writer = Writer(nodes=[{"mesh": 0}])
+    folded = {"POSITION": writer.add([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)])}
+    faces = writer.add([0, 1, 2, 0, 3, 1], SHORT)
+    writer.json["meshes"] = [{"primitives": [{"attributes": folded, "indices": faces}]}]
+    (part,) = shown(writer, tmp_path)
+    assert np.asarray(part.mesh.vertex_normals).tolist() == [[0, 0, 1]] * 3 + [[0, 1, 0]] * 3
+
+
+def test_a_material_of_diffuse_and_gloss_is_one_without_metal(tmp_path: Path) -> None:
+    shiny = {"diffuseFactor": [0.5, 0.25, 0.125, 1.0], "glossinessFactor": 0.75}
+    writer = Writer(nodes=[{"mesh": 0}], materials=[{"extensions": {"KHR_materials_pbrSpecularGlossiness": shiny}}])
+    writer.json["meshes"] = [{"primitives": [writer.square(material=0)]}]
+    (part,) = shown(writer, tmp_path)
+    material = part.material
+    assert (material.base_colour, material.metallic, material.roughness) == ((0.5, 0.25, 0.125, 1.0), 0.0, 0.25)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda w, p: p | {"indices": w.add([0, 1, 4], SHORT)}, "a face has vertex 4 of 4"),
+        (lambda w, p: p | {"attributes": p["attributes"] | {"COLOR_0": w.add([(1, 1, 1)])}}, "COLOR_0 of 1 vertices"),
+        (lambda w, _: {"attributes": {"POSITION": w.add([(np.nan, 0, 0)] * 3)}}, "POSITION is not finite"),
+    ],
+    ids=["face", "count", "nan"],
+)
+def test_vertices_that_cannot_be_are_told(spoil: Any, says: str, tmp_path: Path) -> None:
+    writer = Writer(nodes=[{"mesh": 0}])
+    writer.json["meshes"] = [{"primitives": [spoil(writer, writer.square())]}]
+    with pytest.raises(DataError, match=f"cannot be read .*{says}.*; export the model again"):
+        shown(writer, tmp_path)
+
+
+def test_nodes_in_a_ring_are_told(tmp_path: Path) -> None:
+    writer = Writer(nodes=[{"mesh": 0, "children": [1]}, {"children": [0]}])
+    writer.json["meshes"] = [{"primitives": [writer.square()]}]
+    with pytest.raises(DataError, match="RecursionError"):
+        shown(writer, tmp_path)
