@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import NamedTuple
@@ -17,15 +17,14 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from cltaa.progress import track
+
 RESAMPLES = 4000
 CONFIDENCE = 0.95
 WIDEST = 0.02  # half width of the A/A interval beyond which nothing is ranked
 MOST_RUNS = 5  # of a job in one turn, however short they are
 FEWEST_RUNS = 2  # where turns are asked for: of one run alone nothing says whether it was held up
 LONG = 4  # turns that a run takes of which one is enough
-
-# Passes the numbers of the rounds on, and is told how many there are.
-Progress = Callable[[Iterable[int], int], Iterable[int]]
 
 
 class Clock(StrEnum):
@@ -168,13 +167,13 @@ def measure(
     turn: float = 0.0,
     enough: Callable[[Samples], bool] | None = None,
     patience: float = 0.0,
-    progress: Progress | None = None,
+    action: str | None = None,
 ) -> Samples:
     """Time ``jobs`` in ``rounds`` rounds after ``warm_up`` untimed runs of each (one, where a job takes few rounds).
 
     A turn is one run; with ``turn`` as many as fill so many seconds, from FEWEST_RUNS to MOST_RUNS, and what takes LONG
     turns runs once, to warm up too. Where ``enough`` does not find the samples good enough, more rounds follow for at
-    most ``patience`` seconds.
+    most ``patience`` seconds. Where ``action`` says what is being done, progress is shown (``cltaa.progress.track``).
     """
     runs = {job.name: _runs(job, warm_up if job.rounds is None else 1, turn) for job in jobs}
     random = np.random.default_rng(seed)
@@ -186,8 +185,8 @@ def measure(
             job = present[place]
             samples.add(job.name, number, _turn(job, runs[job.name]))
 
-    numbers: Iterable[int] = range(rounds)
-    for number in numbers if progress is None else progress(numbers, rounds):
+    numbers = range(rounds)
+    for number in numbers if action is None else track(numbers, rounds, action, unit="rounds"):
         play(number)
     deadline, number = time.monotonic() + patience, rounds
     while enough is not None and not enough(samples) and time.monotonic() < deadline:

@@ -19,6 +19,7 @@ from cltaa.devices.launch import Launcher
 from cltaa.frames import Frame, format_effects
 from cltaa.parameters.presets import Preset
 from cltaa.planning.frame_plan import Plan, with_effects
+from cltaa.progress import track
 from cltaa.resolve.resolver import Resolver
 from cltaa.sequences.sources import Sequence
 from cltaa.timing import Clock, Interval, Job, Samples, measure
@@ -51,7 +52,6 @@ def judge_effects(
     launcher: Launcher,
     *,
     rounds: int,
-    progress: Callable[[Iterable[Frame], int], Iterable[Frame]],
 ) -> EffectRow:
     """Resolve ``sequence`` in the three ways, compare all frames in strict mode, and time the last one.
 
@@ -61,7 +61,7 @@ def judge_effects(
     strict = {
         name: Resolver(preset, launcher, strict=True, every_step=name != PLANNED) for name in (PLANNED, EVERY, ALL)
     }
-    for frame in progress(iter(sequence), len(sequence)):
+    for frame in track(sequence, len(sequence), "resolving"):
         planned, every, everything = (strict[way].resolve(with_effects(frame, _named(way))) for way in WAYS)
         same = same and planned.tobytes() == every.tobytes()
         difference = np.abs(planned.astype(np.float64) - everything)

@@ -32,7 +32,7 @@ from cltaa.resolve.reading import reads
 from cltaa.resolve.resolver import Resolver
 from cltaa.sequences.sources import Sequence as Captured
 from cltaa.sequences.streams import ReadAhead, Writer
-from cltaa.timing import Interval, Job, Progress, interval, measure
+from cltaa.timing import Interval, Job, interval, measure
 
 # Those that lose nothing and that most programs read; zstd is new.
 CODECS = ("none", "rle", "zips", "zip", "piz", "zstd")
@@ -91,7 +91,6 @@ def bench_files(
     threads: Sequence[int] = (),
     commands: Sequence[tuple[str, bool]] = (("zip", False),),
     rounds: int = 5,
-    progress: Progress | None = None,
 ) -> FilesBench:
     """Time writing and reading a resolved frame of ``sequence`` in every codec, and the command with its stages.
 
@@ -105,7 +104,7 @@ def bench_files(
         packings = [
             packing
             for half in (False, True)
-            for packing in _packings(Path(folder), _as_half(channels, half), codecs, counts, rounds, progress)
+            for packing in _packings(Path(folder), _as_half(channels, half), codecs, counts, rounds)
         ]
         stages = [_stages(Path(folder), sequence, resolver, codec, half, rounds) for codec, half in commands]
     launcher = resolver.launcher
@@ -133,8 +132,7 @@ def _threads(count: int) -> Iterator[None]:
 
 
 def _packings(
-    folder: Path, channels: dict[str, Pixels], codecs: Sequence[str], threads: Sequence[int], rounds: int,
-    progress: Progress | None,
+    folder: Path, channels: dict[str, Pixels], codecs: Sequence[str], threads: Sequence[int], rounds: int
 ) -> Iterator[Packing]:  # fmt: skip
     half = channels["R"].dtype == "float16"
     for count in threads:
@@ -145,7 +143,7 @@ def _packings(
                 jobs.append(Job(f"write {codec}", partial(write_image, path, channels, compression=codec)))
                 jobs[-1].run()
                 jobs.append(Job(f"read {codec}", partial(_read, path)))
-            samples = measure(jobs, rounds, warm_up=1, progress=progress)
+            samples = measure(jobs, rounds, warm_up=1, action="timing")
             for codec in codecs:
                 yield Packing(
                     codec=codec, half=half, threads=count,

@@ -25,7 +25,7 @@ from cltaa.planning.memory import device_bytes
 from cltaa.resolve.bands import BAND_ROWS, BandedResolver
 from cltaa.resolve.resolver import Resolver
 from cltaa.resolve.timed_resolve import device_seconds
-from cltaa.timing import Clock, Interval, Job, Progress, measure
+from cltaa.timing import Clock, Interval, Job, measure
 
 SIZES = (256, 512, 1024, 2048, 4096, 8192)
 REFERENCE = 2048
@@ -113,7 +113,6 @@ def bench_growth(
     *,
     rounds: int,
     banded_from: int,
-    progress: Progress | None = None,
 ) -> GrowthBench:
     """Time the resolve of square images of ``sizes``; from ``banded_from`` on in bands of ``BAND_ROWS`` rows.
 
@@ -125,7 +124,7 @@ def bench_growth(
         bands, count = BAND_ROWS if side >= banded_from else 0, rounds_of(side, rounds)
         sized = _Sized(preset, device, side, bands)
         jobs = [Job("size", sized.run), Job("reference", reference.run)]
-        samples = measure(jobs, count, warm_up=2 if count == rounds else 1, progress=progress)
+        samples = measure(jobs, count, warm_up=2 if count == rounds else 1, action="timing")
         scale = 1e9 / sized.pixels
         seconds, ratio = samples.interval("size", Clock.DEVICE), samples.ratio("size", "reference", Clock.DEVICE)
         rows.append(

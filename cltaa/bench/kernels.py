@@ -18,7 +18,7 @@ from cltaa.parameters.build import Build, Storage
 from cltaa.parameters.presets import Preset
 from cltaa.resolve.resolver import Resolver
 from cltaa.resolve.timed_resolve import resolve_job
-from cltaa.timing import Clock, Interval, Job, Progress, Samples, measure, too_noisy
+from cltaa.timing import Clock, Interval, Job, Samples, measure, too_noisy
 
 CORE, COPY, ORACLE = "core", "copy", "oracle"
 CONTROL = "core again"
@@ -147,7 +147,6 @@ def bench_kernels(
     rounds: int,
     storage: Storage = Storage.FLOAT,
     oracle: bool = True,
-    progress: Progress | None = None,
 ) -> KernelBench:
     """Time the kernels of ``presets`` and of the core against everything else on ``device``.
 
@@ -169,7 +168,7 @@ def bench_kernels(
             contenders.add_ports()
             if oracle:
                 contenders.add_oracle()
-            timings.append(_timing(contenders, launcher, motion, width * height, rounds, progress))
+            timings.append(_timing(contenders, launcher, motion, width * height, rounds))
         finally:
             contenders.release()
     return KernelBench(
@@ -188,11 +187,10 @@ def _timing(
     motion: Motion,
     pixels: int,
     rounds: int,
-    progress: Progress | None,
 ) -> Timing:
     moved = contenders.moved[CORE] * pixels
     jobs = [*contenders.jobs, copy_job(launcher, moved)]
-    samples = measure(jobs, rounds, progress=progress)
+    samples = measure(jobs, rounds, action="timing")
     # The device's own clock: on a GPU the host's would add the way there and back.
     bandwidth = moved / samples.interval(COPY, Clock.DEVICE).median
     rows = [

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 import shlex
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.console import Console
@@ -41,7 +40,6 @@ from cltaa.inputs.opening import Reading
 from cltaa.judging.metrics import parse_metrics
 from cltaa.parameters.presets import Preset, load_preset, preset_names, preset_of
 from cltaa.printable import counted, json_of, printable, shown
-from cltaa.progress import track
 from cltaa.timing import Clock
 
 
@@ -121,7 +119,7 @@ def accuracy(
     tasks = tasks_of(sequences, variants, device, names, rounding_frames, reading)
     if build_only:
         launcher = DeviceLauncher(device)
-        count = build_programs(tasks, launcher, pixels=pixels, jobs=jobs, until=math.inf, progress=_progress)
+        count = build_programs(tasks, launcher, pixels=pixels, jobs=jobs, until=math.inf)
         click.echo(f"{counted(count, 'program')} built")
         return
     make_folder(output)
@@ -136,7 +134,6 @@ def accuracy(
     open_each(sequences, reading)
     result = bench_accuracy(
         tasks, output, rounds=rounds, patience=patience, pixels=pixels, jobs=jobs, dask=dask, time_limit=time_limit,
-        progress=_progress,
     )  # fmt: skip
     write_report(result, output, pictured, {"index.html": page(result, tasks, output, pictured)})
     if why := remember(result):
@@ -175,10 +172,6 @@ def _run_one(tasks: list[Task], number: int, output: Path) -> None:
         raise UsageError("--task: no such task", expected=f"0 to {len(tasks) - 1}", found=number)
     for task in run_all([tasks[number]], output):
         click.echo(f"task {number}: {task.variant.name} over {task.sequence} is done", err=True)
-
-
-def _progress(items: Iterable[Any], total: int, action: str, unit: str) -> Iterable[Any]:
-    return track(items, total, action, unit=unit)
 
 
 def print_accuracy(result: Accuracy) -> None:

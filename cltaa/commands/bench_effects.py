@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
 import click
@@ -15,9 +14,7 @@ from cltaa.commands.names import PRESET
 from cltaa.commands.options import FILE_PATH, SIZE, device_option, json_option
 from cltaa.devices.launch import launcher_for
 from cltaa.errors import DataError
-from cltaa.frames import Frame
 from cltaa.printable import json_of
-from cltaa.progress import track
 from cltaa.sequences.sources import open_sequence
 
 
@@ -57,14 +54,10 @@ def effects(
         Console(stderr=True).print(f"{number}: {scene}", highlight=False)
         folder = work / f"{scene}-{pixels}x{frames}"
         run_cltaa(["capture", scene, "-o", str(folder), "--frames", str(frames), "--size", pixels])
-        rows.append(judge_effects(open_sequence(folder), preset, launcher, rounds=rounds, progress=_tracked))
+        rows.append(judge_effects(open_sequence(folder), preset, launcher, rounds=rounds))
         if not as_json:
             click.echo(line(cells(rows[-1])), nl=False)  # as soon as it is known: all scenes take a while
     if as_json:
         click.echo(json_of(rows))
     if not all(row.same_bits for row in rows):
         ctx.exit(DataError.exit_code)
-
-
-def _tracked(frames: Iterable[Frame], total: int) -> Iterable[Frame]:
-    return track(frames, total, "resolving")

@@ -16,7 +16,6 @@ from cltaa.errors import UsageError
 from cltaa.exr.layout import LOSSLESS
 from cltaa.parameters.presets import load_preset
 from cltaa.printable import counted, json_of
-from cltaa.progress import track
 from cltaa.sequences.sources import open_capture
 from cltaa.timing import Interval
 
@@ -47,7 +46,6 @@ def files(
         open_capture(sequence, step=step), load_preset(preset), device,
         codecs=[_codec(name) for name in compressions], threads=threads,
         commands=[_command(text) for text in commands], rounds=rounds,
-        progress=lambda numbers, total: track(numbers, total, "timing", unit="rounds"),
     )  # fmt: skip
     if as_json:
         click.echo(json_of(found))

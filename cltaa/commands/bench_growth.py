@@ -13,7 +13,6 @@ from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
 from cltaa.parameters.presets import load_preset
 from cltaa.printable import json_of
-from cltaa.progress import track
 from cltaa.resolve.bands import BAND_ROWS
 
 
@@ -39,7 +38,6 @@ def growth(
         raise UsageError("--sizes: none is named", expected="as 256,1024")
     bench = bench_growth(
         load_preset(preset), device, sizes, rounds=rounds, banded_from=banded_from,
-        progress=lambda numbers, total: track(numbers, total, "timing", unit="rounds"),
     )  # fmt: skip
     if as_json:
         click.echo(json_of(bench))

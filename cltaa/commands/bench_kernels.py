@@ -14,7 +14,6 @@ from cltaa.commands.tables import print_table
 from cltaa.parameters.build import STORAGES, Storage
 from cltaa.parameters.presets import load_preset
 from cltaa.printable import json_of
-from cltaa.progress import track
 from cltaa.timing import Interval
 
 
@@ -65,7 +64,6 @@ def kernels(
         rounds=rounds,
         storage=Storage(storage),
         oracle=oracle,
-        progress=lambda numbers, total: track(numbers, total, "timing", unit="rounds"),
     )
     if as_json:
         click.echo(json_of(bench))

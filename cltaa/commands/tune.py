@@ -15,7 +15,6 @@ from cltaa.files.atomic import atomic_path, check_creatable
 from cltaa.inputs.opening import Reading
 from cltaa.parameters.presets import preset_of
 from cltaa.printable import counted, json_of, printable
-from cltaa.progress import track
 from cltaa.tuning.goal import parse_goal
 from cltaa.tuning.search import Tuned, preset_text, tune
 
@@ -77,7 +76,6 @@ def command(
         trials=trials,
         seed=seed,
         output=output,
-        progress=lambda items, total: track(items, total, "tuning", unit="trials"),
     )
     with atomic_path(output) as temporary:
         temporary.write_text(preset_text(tuned, found), encoding="utf-8")

@@ -19,10 +19,11 @@ from cltaa.judging.metrics import METRICS
 from cltaa.parameters.choices import Choices
 from cltaa.parameters.presets import Preset, load_preset, override, preset_names
 from cltaa.printable import counted
+from cltaa.progress import track
 from cltaa.resolve.resolver import Resolver
 from cltaa.resolve.timed_resolve import resolve_job, timed_frames
 from cltaa.sequences.sources import Sequence as Captured
-from cltaa.timing import Clock, Progress, measure
+from cltaa.timing import Clock, measure
 from cltaa.tuning.goal import Goal
 from cltaa.tuning.record import Record, Trial, key_of
 
@@ -100,7 +101,6 @@ def tune(
     base: Preset,
     trials: int,
     seed: int,
-    progress: Progress,
     output: Path | None = None,
 ) -> tuple[Tuned, Preset]:
     """Search ``trials`` settings, the first of which is ``base`` as it is; raises UsageError without optuna.
@@ -115,7 +115,7 @@ def tune(
     bench = Bench(searched, goal.metric, launcher)
     record = Record(output, key_of(goal, base.deciding(), seed, launcher.description, sequences=searched))
     found: list[Trial] = []
-    for _ in progress(range(trials), trials):
+    for _ in track(range(trials), trials, "tuning", unit="trials"):
         asked = study.ask()
         values = _suggested(asked)
         trial = record.replay(values)

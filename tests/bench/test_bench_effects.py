@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +27,7 @@ def captured(folder: Path, declared: set[Effect], *, moving: bool = False) -> Se
 
 
 def judged(sequence: Sequence, preset: str = "default") -> EffectRow:
-    def quietly(frames: Iterable[Frame], _: int) -> Iterable[Frame]:
-        return frames
-
-    return judge_effects(sequence, preset, NumpyLauncher(), rounds=3, progress=quietly)
+    return judge_effects(sequence, preset, NumpyLauncher(), rounds=3)
 
 
 def test_a_still_scene(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from cltaa.bench.accuracy.distribution import build_all, path_of, run_all
 from cltaa.bench.accuracy.ladder import Variant
 from cltaa.bench.accuracy.programs import Program, dearest_first, programs_needed
 from cltaa.bench.accuracy.results import Accuracy, MeasuredSequence
-from cltaa.bench.accuracy.sequence import Progress, Timing, measure_sequence
+from cltaa.bench.accuracy.sequence import Timing, measure_sequence
 from cltaa.bench.accuracy.variant_errors import Task
 from cltaa.bench.environment import environment, load_average, pin_threads, processors
 from cltaa.devices.device_launcher import DeviceLauncher
@@ -24,6 +24,7 @@ from cltaa.inputs.opening import AS_EVER, Reading, is_own, readings
 from cltaa.judging.comparison import check_yardsticks, open_yardsticks, truth_of
 from cltaa.judging.decided_by import stamps
 from cltaa.parameters.build import Build
+from cltaa.progress import track
 
 TIMES = "times"  # folder of what is finished of each sequence
 ERRORS_SHARE = 0.6  # of a limit of time, after which no error is begun and what is complete is timed
@@ -72,7 +73,6 @@ def bench_accuracy(
     jobs: int,
     dask: str | None,
     time_limit: float,
-    progress: Progress,
 ) -> Accuracy:
     """Build what ``tasks`` need in ``jobs`` processes, run what is missing, time every variant here; all together.
 
@@ -93,16 +93,16 @@ def bench_accuracy(
     open_ones = [task for task in tasks if not paths[task.sequence].is_file()]
     until = begun + ERRORS_SHARE * time_limit
     if jobs > 1 and dask is None:
-        build_programs(open_ones, launcher, pixels=pixels, jobs=jobs, until=until, progress=progress)
+        build_programs(open_ones, launcher, pixels=pixels, jobs=jobs, until=until)
     work = run_all(tasks, output, jobs=jobs, dask=dask, until=until)
-    for _ in progress(work, len(tasks), "measuring errors", "tasks"):
+    for _ in track(work, len(tasks), "measuring errors", "tasks"):
         pass
     sequences, slowest = list[MeasuredSequence](), 0.0
     for folder in folders:
         mine, started = [task for task in tasks if task.sequence == folder], time.monotonic()
         if not paths[folder].is_file() and started + slowest < begun + time_limit and _complete(mine, output):
             captured = mine[0].open()
-            _save(measure_sequence(captured, mine, output, launcher, timing, progress), paths[folder])
+            _save(measure_sequence(captured, mine, output, launcher, timing), paths[folder])
             slowest = max(slowest, time.monotonic() - started)
         sequences += _load(paths[folder])
     if not sequences:
@@ -120,15 +120,15 @@ def bench_accuracy(
 
 
 def build_programs(
-    tasks: Sequence[Task], launcher: DeviceLauncher, *, pixels: int | None, jobs: int, until: float, progress: Progress
+    tasks: Sequence[Task], launcher: DeviceLauncher, *, pixels: int | None, jobs: int, until: float
 ) -> int:
     """Build every program that errors and times of ``tasks`` need, each once; returns how many there are."""
     found = set[Program]()
     sequences = len({task.sequence for task in tasks})
-    for _ in progress(programs_needed(tasks, launcher, pixels, found), sequences, "planning", "sequences"):
+    for _ in track(programs_needed(tasks, launcher, pixels, found), sequences, "planning", "sequences"):
         pass
     building = build_all(dearest_first(found), tasks[0].device, jobs=jobs, until=until) if found else ()
-    for _ in progress(building, len(found), "building", "programs"):
+    for _ in track(building, len(found), "building", "programs"):
         pass
     return len(found)
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 
@@ -22,8 +22,6 @@ from cltaa.judging.equal_quality import STRATIFIED_EXPONENT
 from cltaa.judging.metrics import METRICS
 from cltaa.sequences.sources import Sequence as Captured
 from cltaa.timing import Clock, Samples, measure
-
-Progress = Callable[[Iterable[Any], int, str, str], Iterable[Any]]
 
 
 class Timing(NamedTuple):
@@ -43,7 +41,6 @@ def measure_sequence(
     output: Path,
     launcher: DeviceLauncher,
     timing: Timing,
-    progress: Progress,
 ) -> MeasuredSequence:
     """Time the variants of ``tasks``, whose errors lie in ``output``, and put both together."""
     default, metrics = tasks[0].variant, tasks[0].metrics
@@ -60,7 +57,7 @@ def measure_sequence(
         turn=TURN,
         enough=lambda samples: not ranked(samples).noisy,
         patience=timing.patience,
-        progress=lambda items, total: progress(items, total, f"timing {captured.folder.name}", "rounds"),
+        action=f"timing {captured.folder.name}",
     )
     found = ranked(samples)
     cells = [_cell(task, output, samples, default.name, found.clock, megapixels) for task in tasks]
