@@ -12,7 +12,10 @@ from pathlib import Path
 import msgspec
 
 from cltaa import __version__
+from cltaa.cores import CORES
+from cltaa.devices.kernel_files import kernel_folder
 from cltaa.devices.unknown_cpu import cpu_flags, cpu_name
+from cltaa.parameters.build import Build
 
 # What of the CPU decides the speed of vector code, among its hundred flags.
 TELLING_FLAGS = ("sse4_2", "avx", "avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512_fp16", "asimd", "sve")
@@ -54,17 +57,12 @@ def load_average() -> float:
     return os.getloadavg()[0]
 
 
-def processors() -> int:
-    """Processors that this process may use."""
-    return len(os.sched_getaffinity(0))
-
-
 def pin_threads() -> None:
     """Let PoCL, if this process has not loaded it yet, keep each thread on a processor, where it may use them all.
 
     Two threads that share a core while another idles take half as long again, in one run and not in the next.
     """
-    if processors() == os.cpu_count():
+    if os.cpu_count() == CORES:
         os.environ.setdefault("POCL_AFFINITY", "1")
 
 
@@ -76,22 +74,20 @@ def kernels_sha256(folder: Path) -> str:
     return digest.hexdigest()
 
 
-def environment(
-    device: str, load_before: float, options: tuple[str, ...], folder: Path, *, units: int = 0
-) -> Environment:
+def environment(device: str, load_before: float, *, units: int = 0) -> Environment:
     """The environment of a measurement that has just ended and began at ``load_before``."""
     flags = cpu_flags()
     return Environment(
         date=time.strftime("%Y-%m-%d %H:%M", time.gmtime()),
         system=platform.platform(terse=True),
         cpu=cpu_name(),
-        cores=processors(),
+        cores=CORES,
         cpu_flags=[flag for flag in TELLING_FLAGS if flag in flags],
         load_before=round(load_before, 2),
         load_after=round(load_average(), 2),
         device=device,
         libraries={"cltaa": __version__} | {name: version(name) for name in LIBRARIES},
-        kernels_sha256=kernels_sha256(folder),
-        options=list(options),
+        kernels_sha256=kernels_sha256(kernel_folder()),
+        options=list(Build().flags()),
         units=units,
     )

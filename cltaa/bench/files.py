@@ -14,16 +14,15 @@ from tempfile import TemporaryDirectory
 import msgspec
 import numpy as np
 
-from cltaa.bench.environment import Environment, environment, load_average, processors
+from cltaa.bench.environment import Environment, environment, load_average
+from cltaa.cores import CORES
 from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.kernel_files import kernel_folder
 from cltaa.exr.channels import Pixels
 from cltaa.exr.openexr import OpenEXR
 from cltaa.exr.read import read_image
 from cltaa.exr.write import write_image
 from cltaa.files.atomic import make_folder
 from cltaa.memory.allocator import kept_memory
-from cltaa.parameters.build import Build
 from cltaa.parameters.presets import Preset
 from cltaa.resolve.halves import image_channels
 from cltaa.resolve.output import OutputFolder, Source
@@ -111,7 +110,7 @@ def bench_files(
     assert isinstance(launcher, DeviceLauncher)
     return FilesBench(
         width=sequence.width, height=sequence.height, frames=len(sequence), rounds=rounds,
-        environment=environment(launcher.description, before, Build().flags(), kernel_folder()),
+        environment=environment(launcher.description, before),
         packings=packings, stages=stages,
     )  # fmt: skip
 
@@ -184,7 +183,7 @@ def _stages(folder: Path, sequence: Captured, resolver: Resolver, codec: str, ha
                 processor.append((time.process_time() - busy) / count)
     slowest = [max(times[name][number] for name in ("read", "resolve", "write")) for number in range(rounds)]
     ratios = [whole / alone for whole, alone in zip(times["whole"], slowest, strict=True)]
-    best = [max(1.0, busy / processors() / alone) for busy, alone in zip(processor, slowest, strict=True)]
+    best = [max(1.0, busy / CORES / alone) for busy, alone in zip(processor, slowest, strict=True)]
     return Stages(
         codec=codec, half=half, processor=_interval(processor), over_slowest=_interval(ratios), at_best=_interval(best),
         **{name: _interval(seconds) for name, seconds in times.items()},

@@ -16,10 +16,9 @@ import numpy as np
 from cltaa.bench.environment import Environment, environment, load_average
 from cltaa.bench.frames import EFFECTS, Motion, camera_at
 from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.kernel_files import kernel_folder
 from cltaa.devices.launch import Buffer
 from cltaa.frames import Frame
-from cltaa.parameters.build import Build, Steps, Storage
+from cltaa.parameters.build import Steps, Storage
 from cltaa.parameters.presets import Preset
 from cltaa.planning.memory import device_bytes
 from cltaa.resolve.bands import BAND_ROWS, BandedResolver
@@ -140,7 +139,7 @@ def bench_growth(
             )
         )
         del sized
-    where = environment(reference.launcher.description, before, Build().flags(), kernel_folder())
+    where = environment(reference.launcher.description, before)
     return GrowthBench(preset=preset.name, rounds=rounds, environment=where, rows=rows)
 
 

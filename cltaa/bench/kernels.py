@@ -11,10 +11,9 @@ from cltaa.bench.environment import Environment, environment, load_average
 from cltaa.bench.frames import Motion, make_frames
 from cltaa.bench.shader import Shader
 from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.kernel_files import kernel_folder
 from cltaa.errors import CltaaError, InternalError, UsageError
 from cltaa.frames import Frame, Image
-from cltaa.parameters.build import Build, Storage
+from cltaa.parameters.build import Storage
 from cltaa.parameters.presets import Preset
 from cltaa.resolve.resolver import Resolver
 from cltaa.resolve.timed_resolve import resolve_job
@@ -176,7 +175,7 @@ def bench_kernels(
         height=height,
         storage=storage,
         rounds=rounds,
-        environment=environment(launcher.description, before, Build().flags(), kernel_folder()),
+        environment=environment(launcher.description, before),
         timings=timings,
     )
 

@@ -105,7 +105,7 @@ def measured(sequences: int, size: int, variants: int, date: str) -> Accuracy:
         name="seq", folder="seq", frames=[0], width=size, height=size, effects="", cells=cells, yardstick=[],
         noisy=False, control=interval, floor=1.0, truth_noise=None, mean_noise=None, stages={},
     )  # fmt: skip
-    place = msgspec.structs.replace(environment(f"{DEVICE} too", 0.0, (), Path(__file__).parent), date=date)
+    place = msgspec.structs.replace(environment(f"{DEVICE} too", 0.0), date=date)
     return Accuracy(environment=place, metrics=["mse"], rounds=3, variants=names, sequences=[one] * sequences)
 
 

@@ -9,15 +9,16 @@ import pytest
 from cltaa import __version__
 from cltaa.bench import environment as module
 from cltaa.bench.environment import environment, kernels_sha256
+from cltaa.devices.kernel_files import kernel_folder
+from cltaa.parameters.build import Build
 
 
-def test_it_says_what_the_numbers_depend_on(tmp_path: Path) -> None:
-    (tmp_path / "a.cl").write_text("x")
-    found = environment("a device", 1.25, ("-a", "-b"), tmp_path)
-    assert (found.device, found.load_before, found.options) == ("a device", 1.25, ["-a", "-b"])
+def test_it_says_what_the_numbers_depend_on() -> None:
+    found = environment("a device", 1.25)
+    assert (found.device, found.load_before, found.options) == ("a device", 1.25, [*Build().flags()])
     assert found.cores >= 1
     assert found.cpu
-    assert found.kernels_sha256 == kernels_sha256(tmp_path)
+    assert found.kernels_sha256 == kernels_sha256(kernel_folder())
 
 
 def test_a_changed_kernel_changes_the_hash(tmp_path: Path) -> None:
@@ -34,7 +35,7 @@ def test_a_changed_kernel_changes_the_hash(tmp_path: Path) -> None:
     assert kernels_sha256(tmp_path) == before
 
 
-def test_a_checkout_that_is_not_installed_knows_its_version(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_checkout_that_is_not_installed_knows_its_version(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
 
     def version(name: str) -> str:
@@ -42,6 +43,6 @@ def test_a_checkout_that_is_not_installed_knows_its_version(monkeypatch: pytest.
         return "1"
 
     monkeypatch.setattr(module, "version", version)
-    found = environment("d", 0.0, (), tmp_path).libraries
+    found = environment("d", 0.0).libraries
     assert found == {"cltaa": __version__} | dict.fromkeys(module.LIBRARIES, "1")
     assert "cltaa" not in asked

@@ -21,7 +21,7 @@ import msgspec
 
 from cltaa.bench.accuracy.programs import Program
 from cltaa.bench.accuracy.variant_errors import Errors, Task, opened, run_task
-from cltaa.bench.environment import processors
+from cltaa.cores import CORES
 from cltaa.devices.launch import WISH
 from cltaa.errors import DataError, ResourceError, UsageError
 from cltaa.extras import import_extra
@@ -101,7 +101,7 @@ def _in_processes(
 ) -> Iterator[tuple[Item, bytes]]:
     """Each of ``items`` with what ``function`` makes of it, as they end."""
     context = multiprocessing.get_context("spawn")
-    threads = max(processors() // jobs, 1)
+    threads = max(CORES // jobs, 1)
     with ProcessPoolExecutor(jobs, context, initializer=share_processors, initargs=(threads,)) as pool:
         items_of = {pool.submit(function, msgspec.msgpack.encode(item)): item for item in items}
         pending = set(items_of)

@@ -15,15 +15,14 @@ from cltaa.bench.accuracy.programs import Program, dearest_first, programs_neede
 from cltaa.bench.accuracy.results import Accuracy, MeasuredSequence
 from cltaa.bench.accuracy.sequence import Timing, measure_sequence
 from cltaa.bench.accuracy.variant_errors import Task
-from cltaa.bench.environment import environment, load_average, pin_threads, processors
+from cltaa.bench.environment import environment, load_average, pin_threads
+from cltaa.cores import CORES
 from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.kernel_files import kernel_folder
 from cltaa.errors import DataError, ResourceError, UsageError
 from cltaa.files.atomic import atomic_path, make_folder
 from cltaa.inputs.opening import AS_EVER, Reading, is_own, readings
 from cltaa.judging.comparison import check_yardsticks, open_yardsticks, truth_of
 from cltaa.judging.decided_by import stamps
-from cltaa.parameters.build import Build
 from cltaa.progress import track
 
 TIMES = "times"  # folder of what is finished of each sequence
@@ -88,7 +87,7 @@ def bench_accuracy(
     launcher = DeviceLauncher(tasks[0].device)
     folders = list(dict.fromkeys(task.sequence for task in tasks))
     units = launcher.device.cl_device.max_compute_units
-    timing = Timing(rounds, patience, len(folders), units, processors(), pixels)
+    timing = Timing(rounds, patience, len(folders), units, CORES, pixels)
     paths = {folder: _path(output, tasks, folder, launcher, timing) for folder in folders}
     open_ones = [task for task in tasks if not paths[task.sequence].is_file()]
     until = begun + ERRORS_SHARE * time_limit
@@ -110,7 +109,7 @@ def bench_accuracy(
         raise ResourceError(f"no sequence was finished within {time_limit:g} s", path=output, cure=cure)
     finished = {measured.folder for measured in sequences}
     return Accuracy(
-        environment=environment(launcher.description, before, Build().flags(), kernel_folder(), units=units),
+        environment=environment(launcher.description, before, units=units),
         metrics=list(tasks[0].metrics),
         rounds=rounds,
         variants=list(dict.fromkeys(task.variant for task in tasks)),
