@@ -13,7 +13,7 @@ from cltaa.commands.names import PRESET
 from cltaa.commands.options import FILE_PATH, FROM_1, NAMES, device_option, json_option, step_option
 from cltaa.commands.tables import print_table
 from cltaa.errors import UsageError
-from cltaa.exr.layout import LOSSLESS
+from cltaa.exr.layout import check_lossless
 from cltaa.parameters.presets import load_preset
 from cltaa.printable import counted, json_of
 from cltaa.sequences.sources import open_capture
@@ -42,10 +42,12 @@ def files(
     slowest stage, which it cannot pass, and "at best" what that would be if no core was ever idle, by the "processor"
     time of all of them together.
     """
+    runs = [_command(text) for text in commands]
+    for name in (*compressions, *(name for name, _ in runs)):
+        check_lossless(name)
     found = bench_files(
         open_capture(sequence, step=step), load_preset(preset), device,
-        codecs=[_codec(name) for name in compressions], threads=threads,
-        commands=[_command(text) for text in commands], rounds=rounds,
+        codecs=compressions, threads=threads, commands=runs, rounds=rounds,
     )  # fmt: skip
     if as_json:
         click.echo(json_of(found))
@@ -53,17 +55,11 @@ def files(
         _print(found)
 
 
-def _codec(name: str) -> str:
-    if name not in LOSSLESS:
-        raise UsageError("unknown or lossy compression", expected=", ".join(sorted(LOSSLESS)), found=name)
-    return name
-
-
 def _command(text: str) -> tuple[str, bool]:
     name, colon, kind = text.partition(":")
     if colon and kind != "half":
         raise UsageError("--commands: no compression", expected="as zip or zip:half", found=text)
-    return _codec(name), bool(colon)
+    return name, bool(colon)
 
 
 def _print(found: FilesBench) -> None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 from pathlib import Path
 
 import msgspec
 
 from cltaa.bench.accuracy.ladder import Variant
+from cltaa.bench.accuracy.overview import overall
 from cltaa.bench.accuracy.results import Accuracy, Cell
 from cltaa.errors import DataError, UsageError
 from cltaa.files.atomic import atomic_path, make_folder
@@ -60,11 +60,12 @@ def remember(result: Accuracy) -> str | None:
     metric = next((name for name in result.metrics if not METRICS[name].higher_is_better), None)
     if metric is None:
         return "it goes by a metric that falls with the error"
+    errors = {row.variant: row.error for row in overall(result, metric)}
     rows = [
         Candidate(
             variant=variant,
             ms_per_megapixel=max(_milliseconds(measured.cells[place]) for measured in result.sequences),
-            error=_over_default([measured.cells for measured in result.sequences], place, metric),
+            error=errors[variant.name],
         )
         for place, variant in enumerate(result.variants)
         if not variant.laboratory
@@ -138,12 +139,3 @@ def choose(device: str, budget_ms: float, width: int, height: int) -> Choice:
 
 def _milliseconds(cell: Cell) -> float:
     return cell.time(Clock.DEVICE).median
-
-
-def _over_default(sequences: list[list[Cell]], place: int, metric: str) -> float:
-    ratios = []
-    for cells in sequences:
-        base, own = cells[0].errors[metric].mean, cells[place].errors[metric].mean
-        if base > 0 and own > 0:
-            ratios.append(math.log(own / base))
-    return math.exp(math.fsum(ratios) / len(ratios)) if ratios else 1.0

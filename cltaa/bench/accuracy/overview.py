@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from statistics import geometric_mean
 from typing import Any, NamedTuple
 
 from cltaa.bench.accuracy.results import Accuracy, Cell, MeasuredSequence
@@ -43,15 +44,9 @@ def overall(result: Accuracy, metric: str) -> list[Overall]:
         errors = [_ratio(measured, cell, metric) for measured, cell in zip(result.sequences, cells, strict=True)]
         times = [measured.cells[place].ratio for measured in result.sequences if not measured.noisy]
         best = sum(cell.errors[metric].mean <= value for cell, value in zip(cells, least, strict=True))
-        mean = geometric_mean(error for error in errors if error is not None)
+        mean = geometric_mean([error for error in errors if error is not None] or [1.0])
         rows.append(Overall(variant.name, errors, mean, times, _rounding(cells), best))
     return sorted(rows, key=lambda row: row.error)
-
-
-def geometric_mean(values: Iterable[float]) -> float:
-    """Of positive numbers; 1 of none."""
-    logarithms = [math.log(value) for value in values]
-    return math.exp(math.fsum(logarithms) / len(logarithms)) if logarithms else 1.0
 
 
 def table(result: Accuracy, metrics: Sequence[str]) -> str:

@@ -8,6 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
+from statistics import geometric_mean
 
 import msgspec
 
@@ -107,7 +108,7 @@ def _mean_scores(cells: list[Judged]) -> dict[str, float | None]:
             found = mean_psnr(values)
             result[column.name] = found if math.isfinite(found) else None
         elif column.name in ("samples", "last", "uncovered"):
-            result[column.name] = math.exp(math.fsum(map(math.log, values)) / len(values))
+            result[column.name] = geometric_mean(values)
         else:
             result[column.name] = math.fsum(values) / len(values)
     return result
