@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import click
-from rich.console import Console
 from rich.table import Table
 
 from cltaa.bench.accuracy.budget import remember
@@ -32,7 +31,7 @@ from cltaa.commands.options import (
     measured_options,
     open_each,
 )
-from cltaa.commands.tables import print_table
+from cltaa.commands.printing import print_line, print_table
 from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.errors import UsageError, known
 from cltaa.files.atomic import make_folder
@@ -176,17 +175,17 @@ def _run_one(tasks: list[Task], number: int, output: Path) -> None:
 
 def print_accuracy(result: Accuracy) -> None:
     """Print the front and the dearest steps of each sequence."""
-    console = Console()
     for measured in result.sequences:
         print_table(_table(result, measured))
         if measured.noisy:
             base = shown(result.variants[0].name)
-            console.print(f"too noisy to rank by time: {base} differs from its own copy, or by more than 2 %")
+            print_line(f"too noisy to rank by time: {base} differs from its own copy, or by more than 2 %")
         elif measured.clock is Clock.PROCESSOR:
-            console.print("ranked by the processor time of the threads that run kernels: what they wait is not in it")
+            print_line("ranked by the processor time of the threads that run kernels: what they wait is not in it")
     if result.missing:
-        console.print(f"not finished in time: {', '.join(result.missing)}; the same command again goes on from here")
-    console.print(result.environment.line, markup=False, highlight=False, soft_wrap=True)
+        missing = shown(", ".join(result.missing))
+        print_line(f"not finished in time: {missing}; the same command again goes on from here")
+    print_line(shown(result.environment.line))
 
 
 def _table(result: Accuracy, measured: MeasuredSequence) -> Table:

@@ -5,17 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from rich.console import Console
 from rich.table import Table
 
 from cltaa.bench.files import CODECS, FilesBench, bench_files
 from cltaa.commands.names import PRESET
 from cltaa.commands.options import FILE_PATH, FROM_1, NAMES, device_option, json_option, step_option
-from cltaa.commands.tables import print_table
+from cltaa.commands.printing import print_line, print_table
 from cltaa.errors import UsageError
 from cltaa.exr.layout import check_lossless
 from cltaa.parameters.presets import load_preset
-from cltaa.printable import counted, json_of
+from cltaa.printable import counted, json_of, shown
 from cltaa.sequences.sources import open_capture
 from cltaa.timing import Interval
 
@@ -63,7 +62,6 @@ def _command(text: str) -> tuple[str, bool]:
 
 
 def _print(found: FilesBench) -> None:
-    console = Console()
     table = Table(title=f"a resolved frame, {found.width} x {found.height}, {found.rounds} rounds")
     for heading in ("compression", "pixels", "threads", "write ms", "95 %", "read ms", "95 %", "MB"):
         table.add_column(heading, justify="right", no_wrap=True)
@@ -85,7 +83,7 @@ def _print(found: FilesBench) -> None:
             f"{ratio.median:.2f}", _range(ratio, ".2f"), f"{best.median:.2f}",
         )  # fmt: skip
     print_table(table)
-    console.print(found.environment.line, highlight=False, soft_wrap=True)
+    print_line(shown(found.environment.line))
 
 
 def _range(value: Interval, form: str = ".0f") -> str:

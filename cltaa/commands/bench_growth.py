@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import click
-from rich.console import Console
 from rich.table import Table
 
 from cltaa.bench.growth import FLAT, REFERENCE, SIZES, GrowthBench, bench_growth
 from cltaa.commands.names import PRESET
 from cltaa.commands.options import FROM_1, device_option, json_option
-from cltaa.commands.tables import print_table
+from cltaa.commands.printing import print_line, print_table
 from cltaa.errors import UsageError
 from cltaa.parameters.presets import load_preset
-from cltaa.printable import json_of
+from cltaa.printable import json_of, shown
 from cltaa.resolve.bands import BAND_ROWS
 
 
@@ -47,7 +46,6 @@ def growth(
 
 def print_growth(bench: GrowthBench) -> None:
     """Print the table, and where it was measured."""
-    console = Console()
     table = Table(title=f"preset {bench.preset}, float history")
     for heading in (
         "size",
@@ -72,7 +70,7 @@ def print_growth(bench: GrowthBench) -> None:
     large = [row for row in bench.rows if row.side >= REFERENCE]
     apart = [row.side for row in large if abs(row.ratio.median - 1.0) > FLAT]
     if apart:
-        console.print(f"apart by more than {FLAT:.0%}: {', '.join(map(str, apart))}", highlight=False)
+        print_line(f"apart by more than {FLAT:.0%}: {', '.join(map(str, apart))}")
     elif large:
-        console.print(f"from {REFERENCE}² on: flat within {FLAT:.0%}", highlight=False)
-    console.print(bench.environment.line, highlight=False, soft_wrap=True)
+        print_line(f"from {REFERENCE}² on: flat within {FLAT:.0%}")
+    print_line(shown(bench.environment.line))

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import click
-from rich.console import Console
 from rich.table import Table
 
 from cltaa.bench.frames import Motion
 from cltaa.bench.kernels import KernelBench, Row, Timing, bench_kernels
 from cltaa.commands.names import PRESET
 from cltaa.commands.options import SIZE, device_option, json_option
-from cltaa.commands.tables import print_table
+from cltaa.commands.printing import print_line, print_table
 from cltaa.parameters.build import STORAGES, Storage
 from cltaa.parameters.presets import load_preset
-from cltaa.printable import json_of
+from cltaa.printable import json_of, shown
 from cltaa.timing import Interval
 
 
@@ -73,17 +72,16 @@ def kernels(
 
 def print_bench(bench: KernelBench) -> None:
     """Print one table for each kind of motion, and where it was measured."""
-    console = Console()
     for timing in bench.timings:
         print_table(_table(bench, timing))
-        console.print(f"floor {timing.floor_ns:.3g} ns a pixel: {timing.copy_gigabytes_a_second:.3g} GB/s by copying")
+        print_line(f"floor {timing.floor_ns:.3g} ns a pixel: {timing.copy_gigabytes_a_second:.3g} GB/s by copying")
         if timing.opengl is not None:
-            console.print(f"GLSL by {timing.opengl}", highlight=False)
+            print_line(f"GLSL by {shown(timing.opengl)}")
         for name, why in timing.absent.items():
-            console.print(f"{name} is absent: {why}", markup=False, highlight=False, soft_wrap=True)
+            print_line(f"{name} is absent: {shown(why)}")
         if timing.noisy or timing.device_noisy:
-            console.print("too noisy to rank: the core differs from its own copy, or by more than 2 % either way")
-    console.print(bench.environment.line, highlight=False, soft_wrap=True)
+            print_line("too noisy to rank: the core differs from its own copy, or by more than 2 % either way")
+    print_line(shown(bench.environment.line))
 
 
 def _table(bench: KernelBench, timing: Timing) -> Table:

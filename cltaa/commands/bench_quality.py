@@ -40,14 +40,13 @@ from cltaa.commands.options import (
     measured_options,
     open_each,
 )
+from cltaa.commands.printing import print_line, print_table
 from cltaa.devices.launch import Launcher, launcher_for
 from cltaa.errors import UsageError
 from cltaa.inputs.opening import AS_EVER, Reading
 from cltaa.parameters.presets import Preset
-from cltaa.printable import json_of
+from cltaa.printable import json_of, shown
 from cltaa.sequences.sources import Sequence
-
-NARROWEST = 160  # columns of the terminal, so that no number is cut off
 
 
 @click.command("quality")
@@ -212,8 +211,6 @@ def _judge(
 
 
 def _print(table: Table) -> None:
-    console = Console()
-    console.width = max(console.width, NARROWEST)
     for split, means in table.means.items():
         grid = Grid(title=f"means over sequences, {split}", box=SIMPLE)
         grid.add_column("preset", no_wrap=True)
@@ -221,8 +218,8 @@ def _print(table: Table) -> None:
             grid.add_column(f"{column.name} {'↑' if column.higher_is_better else '↓'}", justify="right", no_wrap=True)
         for name in ordered(means):
             grid.add_row(name, *(written(score(column.name, means[name]), column) for column in COLUMNS))
-        console.print(grid)
+        print_table(grid)
     for duel in table.duels:
         losses = f"; not in {', '.join(duel.not_better)}" if duel.not_better else ""
         line = f"{duel.preset} beats {duel.against} by FLIP and PSNR in {duel.better} of {duel.sequences}{losses}"
-        console.print(line, highlight=False, soft_wrap=True)
+        print_line(shown(line))

@@ -6,10 +6,10 @@ import shlex
 from pathlib import Path
 
 import click
-from rich.console import Console
 
 from cltaa.checking.report import FRAMES, Report, check_folder, profile_options
 from cltaa.commands.options import FILE_PATH, SOME_FRAMES, input_options, json_option
+from cltaa.commands.printing import print_line
 from cltaa.errors import DataError
 from cltaa.files.atomic import atomic_path, check_creatable
 from cltaa.inputs.profile_text import toml_text
@@ -60,20 +60,19 @@ def check(
 
 def _print(report: Report, options: str) -> None:
     """Print the findings, and the command that reads the folder right with ``options``."""
-    console = Console()
     for line in report.reading[:2]:
-        console.print(shown(line), style="dim", soft_wrap=True, highlight=False)
+        print_line(shown(line), "dim")
     for finding in report.findings:
         sign = "[red]✗[/]" if finding.mistake else "[yellow]·[/]"
         text = f"{sign} [bold]{finding.name}[/] ({finding.confidence:.0%}): {shown(finding.what)}"
-        console.print(text, soft_wrap=True, highlight=False)
-        console.print(f"    {shown(finding.evidence)}", style="dim", soft_wrap=True, highlight=False)
+        print_line(text)
+        print_line(f"    {shown(finding.evidence)}", "dim")
         if finding.option:
-            console.print(f"    {shown(finding.option)}", soft_wrap=True, highlight=False)
+            print_line(f"    {shown(finding.option)}")
     for line in report.untold:
-        console.print(f"[yellow]?[/] cannot tell {shown(line)}", soft_wrap=True, highlight=False)
+        print_line(f"[yellow]?[/] cannot tell {shown(line)}")
     if not report.mistakes:
-        console.print(f"[green]✓[/] no mistake found in {counted(report.frames, 'frame')}", highlight=False)
+        print_line(f"[green]✓[/] no mistake found in {counted(report.frames, 'frame')}")
     elif any(finding.fix for finding in report.mistakes):
         text = f"cltaa resolve {shlex.quote(report.folder)} {options}"
-        console.print(f"to read it right: {shown(text)}", soft_wrap=True, highlight=False)
+        print_line(f"to read it right: {shown(text)}")

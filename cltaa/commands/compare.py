@@ -8,12 +8,11 @@ from typing import Any
 
 import click
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from cltaa.commands.names import METRIC_LIST
 from cltaa.commands.options import FILE_PATH, FRAME_RANGE, STOPS, input_options, json_option, verify_option
-from cltaa.commands.tables import print_table
+from cltaa.commands.printing import print_line, print_table
 from cltaa.errors import UsageError
 from cltaa.files.atomic import make_folder
 from cltaa.judging.comparison import Comparison, equal_quality, pair_up
@@ -197,8 +196,7 @@ def _summary(
 
 
 def _print(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
-    console = Console()
-    console.print(f"{shown(result['test'])} against {shown(result['reference'])}", soft_wrap=True, highlight=False)
+    print_line(f"{shown(result['test'])} against {shown(result['reference'])}")
     table = Table()
     table.add_column("frame", justify="right")
     for metric in metrics:
@@ -211,22 +209,22 @@ def _print(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
         table.add_row("one sample", *_cells(result["mean_one_sample"], metrics), style="dim")
     print_table(table)
     for metric in metrics:
-        console.print(f"  {metric.name}: {metric.title}", style="dim", highlight=False)
+        print_line(f"  {metric.name}: {metric.title}", "dim")
     if "video" in result:
-        _print_video(console, result)
+        _print_video(result)
     if "equal_quality_samples" in result:
-        _print_equal_quality(console, result["equal_quality_samples"])
+        _print_equal_quality(result["equal_quality_samples"])
 
 
-def _print_equal_quality(console: Console, equal: dict[str, Any]) -> None:
+def _print_equal_quality(equal: dict[str, Any]) -> None:
     if math.isinf(equal["samples"]):  # no number of samples errs as little as nothing
-        console.print("equal-quality samples: no number, for A equals its truth up to white", highlight=False)
+        print_line("equal-quality samples: no number, for A equals its truth up to white")
         return
     bound = f"{equal['bound']} " if equal["bound"] else ""
-    console.print(f"equal-quality samples: {bound}[bold]{equal['samples']:.1f}[/] a pixel ({equal['method']})")
+    print_line(f"equal-quality samples: {bound}[bold]{equal['samples']:.1f}[/] a pixel ({equal['method']})")
 
 
-def _print_video(console: Console, result: dict[str, Any]) -> None:
+def _print_video(result: dict[str, Any]) -> None:
     table = Table(title="as moving pictures")
     table.add_column("")
     for score in SCORES:
@@ -237,7 +235,7 @@ def _print_video(console: Console, result: dict[str, Any]) -> None:
             table.add_row(label, *cells, style="bold" if name == "video" else "dim")
     print_table(table)
     for score in SCORES:
-        console.print(f"  {score.name}: {score.title}", style="dim", highlight=False)
+        print_line(f"  {score.name}: {score.title}", "dim")
 
 
 def _cells(values: Values, metrics: tuple[Metric, ...]) -> list[str]:

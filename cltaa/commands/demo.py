@@ -8,12 +8,12 @@ from pathlib import Path
 
 import click
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from cltaa.child_command import call_cltaa
 from cltaa.commands.names import SCENE
 from cltaa.commands.options import FILE_PATH, SIZE, device_option, json_option
+from cltaa.commands.printing import print_line, print_table
 from cltaa.errors import UsageError
 from cltaa.frames import Image
 from cltaa.judging.equal_quality import equal_quality_samples
@@ -140,7 +140,6 @@ def _crop(image: Image) -> Image:
 
 
 def _print(gain: Gain, outcome: Outcome, output: Path) -> None:
-    console = Console()
     frames = counted(outcome.frames, "frame")
     table = Table(title=f"{frames}, {outcome.width} x {outcome.height}, judged from frame {SETTLED} on")
     for column in ("", "one sample", "resolved"):
@@ -149,8 +148,8 @@ def _print(gain: Gain, outcome: Outcome, output: Path) -> None:
     table.add_row("FLIP (less is better)", f"{gain.flip_one_sample:.4f}", f"[bold]{gain.flip_resolved:.4f}")
     table.add_row("samples a pixel for the same error", "1", f"[bold]{gain.equal_quality_samples:.1f}")
     table.add_row("resolve, ms a frame", "", f"{gain.resolve_ms:.1f}")
-    console.print(table)
-    console.print(f"resolved on {shown(gain.device)}", highlight=False, soft_wrap=True)
+    print_table(table)
+    print_line(f"resolved on {shown(gain.device)}")
     for name in ("before.png", "after.png", "crop.png", "side-by-side.mp4", "sequence", "resolved"):
         folder = os.sep if (output / name).is_dir() else ""
-        console.print(f"  {shown(output / name)}{folder}", highlight=False, soft_wrap=True)
+        print_line(f"  {shown(output / name)}{folder}")

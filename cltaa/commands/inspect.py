@@ -13,6 +13,7 @@ from rich.table import Table
 
 from cltaa.commands.names import PRESET
 from cltaa.commands.options import FILE_PATH, chosen_effects, input_options, json_option
+from cltaa.commands.printing import print_line
 from cltaa.errors import DataError
 from cltaa.inputs.description import Description, describe_input
 from cltaa.inputs.opening import is_own, open_input
@@ -95,35 +96,33 @@ def _plan(source: Sequence, preset: str, device: str | None, effects: str, half:
 
 
 def _print_reading(found: Description) -> None:
-    console = Console()
-    _print_facts(console, _facts_of_reading(found), found.statistics)
-    _print_problems(console, found.problems, looked=bool(found.statistics))
+    _print_facts(_facts_of_reading(found), found.statistics)
+    _print_problems(found.problems, looked=bool(found.statistics))
 
 
 def _print(found: Inspection) -> None:
-    console = Console()
-    _print_facts(console, _facts(found), found.statistics)
+    _print_facts(_facts(found), found.statistics)
     for idle in found.idle:
-        console.print(f"[yellow]![/] {shown(idle)}", soft_wrap=True, highlight=False)
-    _print_problems(console, found.problems)
+        print_line(f"[yellow]![/] {shown(idle)}")
+    _print_problems(found.problems)
 
 
-def _print_facts(console: Console, facts: list[tuple[str, str]], statistics: dict[str, ChannelStatistics]) -> None:
+def _print_facts(facts: list[tuple[str, str]], statistics: dict[str, ChannelStatistics]) -> None:
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     table.add_column(style="dim")
     table.add_column()
     for name, text in facts:
         table.add_row(name, shown(text))
-    console.print(table)
+    Console().print(table)
     if statistics:
-        console.print(_statistics(statistics))
+        Console().print(_statistics(statistics))
 
 
-def _print_problems(console: Console, problems: list[str], *, looked: bool = True) -> None:
+def _print_problems(problems: list[str], *, looked: bool = True) -> None:
     for problem in problems:
-        console.print(f"[red]✗[/] {shown(problem)}", soft_wrap=True, highlight=False)
+        print_line(f"[red]✗[/] {shown(problem)}")
     if looked and not problems:
-        console.print("[green]✓[/] no problem found")
+        print_line("[green]✓[/] no problem found")
 
 
 def _facts_of_reading(found: Description) -> list[tuple[str, str]]:

@@ -5,21 +5,21 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table
 
+from cltaa.commands.printing import print_line
 from cltaa.inspection.sequence_plan import Section, SequencePlan
 from cltaa.printable import counted, shown
 
 
 def print_plan(plan: SequencePlan) -> None:
     """Print a table for each run of frames that share a plan; one that was shown before is only named."""
-    console = Console()
     builds = counted(plan.kernels, "build")
-    console.print(f"preset {shown(plan.preset)}, {builds} of the resolve, on {shown(plan.device)}", highlight=False)
+    print_line(f"preset {shown(plan.preset)}, {builds} of the resolve, on {shown(plan.device)}")
     parts = {
         "on the device": plan.memory.device, "of frames": plan.memory.frames, "of results": plan.memory.results,
         "of reading": plan.memory.reading, "of packing": plan.memory.packing, "of the program": plan.memory.program,
     }  # fmt: skip
     told = " + ".join(f"{size / 1e6:.0f} {what}" for what, size in parts.items())
-    console.print(f"memory at the peak: {plan.memory.whole / 1e6:.0f} MB = {told}", highlight=False, soft_wrap=True)
+    print_line(f"memory at the peak: {plan.memory.whole / 1e6:.0f} MB = {told}")
     before: dict[tuple[tuple[str, bool, str], ...], str] = {}
     for section in plan.sections:
         first, last = section.first, section.last
@@ -27,10 +27,10 @@ def print_plan(plan: SequencePlan) -> None:
         title = frames + (", history begins" if section.starts else "")
         key = tuple((step.name, step.on, step.why) for step in section.steps)
         if key in before:
-            console.print(f"{title}: as {before[key]}", highlight=False)
+            print_line(f"{title}: as {before[key]}")
             continue
         before[key] = frames
-        console.print(_table(section, title))
+        Console().print(_table(section, title))
 
 
 def _table(section: Section, title: str) -> Table:

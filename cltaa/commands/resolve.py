@@ -191,28 +191,28 @@ def _chosen_layers(names: tuple[str, ...] | None, source: Sequence) -> tuple[str
 
 
 def _print_outcome(outcome: Outcome, preview: Path | None, views: str) -> None:
-    from rich.console import Console  # here and below: when the frames are written, and not before the first is read
-    from rich.table import Table
+    from rich.table import Table  # here and below: when the frames are written, and not before the first is read
 
-    console = Console()
+    from cltaa.commands.printing import print_line, print_table
+
     what = f"{counted(outcome.frames, 'frame')}, {outcome.width} x {outcome.height}, preset {shown(outcome.preset)}"
-    console.print(what, highlight=False, soft_wrap=True)
+    print_line(what)
     if outcome.resolved:
         table = Table()
         table.add_column("stage")
         table.add_column("ms a frame", justify="right")
         for name, milliseconds in stage_rows(outcome.seconds):
             table.add_row(name, f"{milliseconds:.1f}", end_section=name == "write")
-        console.print(table)
+        print_table(table)
     if outcome.resolved < outcome.frames:
-        console.print(f"{counted(outcome.frames - outcome.resolved, 'frame')} finished already", highlight=False)
+        print_line(f"{counted(outcome.frames - outcome.resolved, 'frame')} finished already")
     if outcome.repaired:
-        console.print(f"{counted(outcome.repaired, 'pixel')} without a usable number repaired", highlight=False)
+        print_line(f"{counted(outcome.repaired, 'pixel')} without a usable number repaired")
     if outcome.saturated:
-        console.print(f"{counted(outcome.saturated, 'pixel')} saturated at 65504, the largest half", highlight=False)
-    console.print(f"on {shown(outcome.device)}", highlight=False, soft_wrap=True)
-    console.print(f"written to {shown(outcome.output)}", highlight=False, soft_wrap=True)
+        print_line(f"{counted(outcome.saturated, 'pixel')} saturated at 65504, the largest half")
+    print_line(f"on {shown(outcome.device)}")
+    print_line(f"written to {shown(outcome.output)}")
     if views:
-        console.print(f"debug views in {shown(outcome.output)}/debug", highlight=False, soft_wrap=True)
+        print_line(f"debug views in {shown(outcome.output)}/debug")
     if preview is not None:
-        console.print(f"film {shown(str(preview))}", highlight=False, soft_wrap=True)
+        print_line(f"film {shown(str(preview))}")

@@ -1,4 +1,4 @@
-"""Tables of figures on standard output."""
+"""Lines and tables on standard output."""
 
 from __future__ import annotations
 
@@ -6,6 +6,11 @@ from rich.console import Console
 from rich.table import Table
 
 WIDEST = 1000  # columns; no table of ours comes near
+
+
+def print_line(text: str, style: str | None = None) -> None:
+    """Print ``text``, which may have markup of rich's, as the one line that it is; no number in it is coloured."""
+    Console(highlight=False).print(text, style=style, soft_wrap=True)
 
 
 def print_table(table: Table) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from rich.table import Table
 
-from cltaa.commands.tables import print_table
+from cltaa.commands.printing import print_table
 
 
 @pytest.mark.parametrize("columns", ["40", "80", "200"])
