@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -28,14 +29,12 @@ from cltaa.printable import counted, json_of, shown
 @click.pass_context
 def check(
     ctx: click.Context,
+    /,
     sequence: Path,
-    profile: str,
-    inputs: tuple[str, ...],
-    camera: Path | None,
-    step: int,
     frames: int | tuple[int, int],
     fix: Path | None,
     as_json: bool,
+    **reading: Any,
 ) -> None:
     """Find wrong conventions in SEQUENCE from its pixels: jitter, motion, depth, matrices, colour.
 
@@ -44,16 +43,15 @@ def check(
     """
     if fix is not None:
         check_creatable(fix)  # told before the work, not after it
-    report, mended = check_folder(
-        sequence, profile=profile, assignments=inputs, side_file=camera, frames=frames, step=step
-    )
+    report, mended = check_folder(sequence, frames=frames, **reading)
     if fix is not None:
         with atomic_path(fix) as temporary:
             temporary.write_text(toml_text(mended), encoding="utf-8")
     if as_json:
         click.echo(json_of(report))
     else:
-        _print(report, report.options if fix is None else profile_options(str(fix), camera, step))
+        options = report.options if fix is None else profile_options(str(fix), reading["side_file"], reading["step"])
+        _print(report, options)
     if report.mistakes:
         ctx.exit(DataError.exit_code)
 

@@ -63,12 +63,9 @@ def compare(
     stops: float,
     heatmap: Path | None,
     in_time: bool,
-    profile: str,
-    inputs: tuple[str, ...],
-    camera: Path | None,
-    step: int,
     verify: bool,
     as_json: bool,
+    **reading: Any,
 ) -> None:
     """Judge A against B, frame by frame and in the mean.
 
@@ -88,9 +85,7 @@ def compare(
     """
     asked = parse_metrics(metric_names)
     metrics = tuple(dict.fromkeys((*asked, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
-    comparison = pair_up(
-        test, reference, frames, side_file=camera, step=step, verify=verify, profile=profile, assignments=inputs
-    )
+    comparison = pair_up(test, reference, frames, verify=verify, **reading)
     read: dict[str, ImageSequence | Sequence] = {"A": comparison.test, "B": comparison.reference}
     if in_time and comparison.capture is not None:  # more of it is read than its colour
         read["A" if comparison.of_itself else "B"] = comparison.capture

@@ -42,6 +42,7 @@ from cltaa.sequences.sources import Sequence
 @click.pass_context
 def inspect(
     ctx: click.Context,
+    /,
     folder: Path,
     pixels: bool,
     planned: bool,
@@ -49,11 +50,8 @@ def inspect(
     device: str | None,
     effects: str,
     half: bool,
-    profile: str,
-    inputs: tuple[str, ...],
-    camera: Path | None,
-    step: int,
     as_json: bool,
+    **reading: Any,
 ) -> None:
     """Say what is in a captured sequence: size, channels, effects, jitter, camera, cuts, truth, and every problem.
 
@@ -61,17 +59,17 @@ def inspect(
     exit code is 0 when nothing is wrong, else 65. --plan prints the plan of a resolve instead. Of the files of another
     tool it says how they would be read, and with --pixels what a resolve then takes.
     """
-    reading: dict[str, Any] = {"profile": profile, "assignments": inputs, "side_file": camera, "step": step}
     if planned:
         _plan(open_input(folder, **reading), preset, device, effects, half, as_json)
         return
-    named = bool(inputs) or camera is not None or profile not in ("auto", "cltaa")
+    profile, asked = reading["profile"], reading["assignments"] or reading["side_file"] is not None
+    named = asked or profile not in ("auto", "cltaa")
     found: Inspection | Description
     with shown_progress("inspecting") if sys.stderr.isatty() else nullcontext() as advance:
         if named or (profile == "auto" and not is_own(folder)):
             found = describe_input(folder, pixels=pixels, advance=advance, **reading)
         else:
-            found = inspect_folder(folder, pixels=pixels, step=step, advance=advance)
+            found = inspect_folder(folder, pixels=pixels, step=reading["step"], advance=advance)
     if as_json:
         click.echo(json_of(found))
     elif isinstance(found, Description):

@@ -151,12 +151,12 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print the re
 
 
 def input_options(command: Command) -> Command:
-    """Add ``--profile``, ``--input``, ``--camera`` and ``--step``: how the files of a sequence are read."""
+    """Add ``--profile``, ``--input``, ``--camera`` and ``--step``, by the names of ``open_input``."""
     for option in (
         step_option,
-        click.option("--camera", type=FILE_PATH, metavar="FILE",
+        click.option("--camera", "side_file", type=FILE_PATH, metavar="FILE",
                      help="Matrices, jitter, exposure and cuts of each frame: .json, .csv or text (docs/inputs.md)."),
-        click.option("--input", "inputs", multiple=True, metavar="SECTION.KEY=VALUE",
+        click.option("--input", "assignments", multiple=True, metavar="SECTION.KEY=VALUE",
                      help="One key of the profile, such as motion.scale=1,-1; may be repeated."),
         click.option("--profile", type=PROFILE, metavar="NAME", default="auto", show_default=True,
                      help="Who wrote the files: auto, a name (cltaa profiles), or FILE.toml."),
@@ -169,12 +169,12 @@ def measured_options(command: Command) -> Command:
     """Add ``--truth``, ``--effects`` and ``input_options``, all as one argument ``reading``, to what measures."""
 
     @wraps(command)
-    def read(*, camera: Path | None, truth: Path | None, **others: Any) -> Any:
+    def read(*, side_file: Path | None, truth: Path | None, **others: Any) -> Any:
         from cltaa.inputs.opening import Reading
 
         chosen_effects(others["effects"])  # a name that is none is told here
-        files: dict[str, Any] = {"camera": camera and str(camera), "truth": truth and str(truth)}
-        told = {name: others.pop(name) for name in ("profile", "inputs", "effects", "step")}
+        files: dict[str, Any] = {"side_file": side_file and str(side_file), "truth": truth and str(truth)}
+        told = {name: others.pop(name) for name in ("profile", "assignments", "effects", "step")}
         return command(reading=Reading(**told, **files), **others)
 
     truth = click.option(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 from msgspec.structs import replace
@@ -47,7 +48,7 @@ from cltaa.sequences.sources import Sequence
 )
 @click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
 @click.option(
-    "--set", "assignments", type=ASSIGNMENT, multiple=True, metavar="KEY=VALUE", help="One parameter; may be repeated."
+    "--set", "changes", type=ASSIGNMENT, multiple=True, metavar="KEY=VALUE", help="One parameter; may be repeated."
 )
 @click.option("--device", help="Part of an OpenCL device's name, its index, or numpy.  [default: first, GPUs first]")
 @click.option("--effects", default="auto", show_default=True, help=EFFECTS_HELP)
@@ -80,11 +81,12 @@ from cltaa.sequences.sources import Sequence
 @click.pass_context
 def resolve(
     ctx: click.Context,
+    /,
     sequence: Path,
     output: Path,
     preset: str,
     config: Path | None,
-    assignments: tuple[str, ...],
+    changes: tuple[str, ...],
     device: str | None,
     effects: str,
     frames: tuple[int, int] | None,
@@ -95,10 +97,6 @@ def resolve(
     storage: str,
     budget_ms: float | None,
     strict: bool,
-    profile: str,
-    inputs: tuple[str, ...],
-    camera: Path | None,
-    step: int,
     verify: bool,
     band_rows: int | None,
     gaps: str,
@@ -107,6 +105,7 @@ def resolve(
     checkpoint: int,
     views: str,
     as_json: bool,
+    **reading: Any,
 ) -> None:
     """Anti-alias SEQUENCE, a folder of captured EXR frames, over time.
 
@@ -115,19 +114,17 @@ def resolve(
     """
     _refuse_more(ctx)
     source = open_input(
-        sequence, profile=profile, assignments=inputs, side_file=camera,
-        verify=verify, gaps=OnBreak(gaps), on_resize=OnBreak(on_resize),
-        frames=frames, step=step,
-    )  # fmt: skip
+        sequence, verify=verify, gaps=OnBreak(gaps), on_resize=OnBreak(on_resize), frames=frames, **reading
+    )
     if source.notes:
         click.echo("\n".join(map(printable, source.notes)), err=True)
     declared = chosen_effects(effects)
     check_declared(source, declared)
-    settings, kept = _assigned(preset_of(preset, config), assignments), Storage(storage)
+    settings, kept = _assigned(preset_of(preset, config), changes), Storage(storage)
     if budget_ms is not None:
         if preset != "default" or config is not None:
             raise UsageError("--budget-ms chooses the preset itself", cure="leave out --preset and --config")
-        settings, kept = within_budget(budget_ms, device, (source.width, source.height), assignments)
+        settings, kept = within_budget(budget_ms, device, (source.width, source.height), changes)
     resolver = resolver_for(settings, device, source, band_rows, strict=strict, storage=kept)
     outcome = resolve_sequence(
         source,

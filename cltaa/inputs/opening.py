@@ -62,11 +62,11 @@ def check_declared(sequence: Sequence, effects: Declared) -> None:
 
 
 class Reading(msgspec.Struct, frozen=True, kw_only=True):
-    """How the files of a sequence are read: the options of ``open_input`` as words, for a task elsewhere too."""
+    """How a sequence is read: the options of ``open_input``, and its truth, as words for a task elsewhere."""
 
     profile: str = "auto"
-    inputs: tuple[str, ...] = ()
-    camera: str | None = None  # the side file
+    assignments: tuple[str, ...] = ()
+    side_file: str | None = None
     truth: str | None = None  # its folder, or that of a capture that holds one; None: reference/ of the sequence
     effects: str = "auto"  # or all, or a comma-separated list
     step: int = 1
@@ -75,7 +75,8 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
         """Open a folder so; raises what ``open_input`` raises."""
         named: Any = self.effects if self.effects in ("auto", "all") else parse_effects(self.effects)
         sequence = open_input(
-            folder, profile=self.profile, assignments=self.inputs, side_file=self.camera, step=self.step, effects=named
+            folder, profile=self.profile, assignments=self.assignments, side_file=self.side_file, step=self.step,
+            effects=named,
         )  # fmt: skip
         if self.truth is not None:
             from cltaa.inputs.pictures import open_pictures  # here, as above
@@ -83,13 +84,13 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
             within = Path(self.truth) / "reference"
             sequence.truth = open_pictures(
                 within if within.is_dir() else Path(self.truth), gaps=OnBreak.RESET, profile=self.profile,
-                assignments=self.inputs,
+                assignments=self.assignments,
             )  # fmt: skip
         return sequence
 
     def within(self, folder: Path) -> Reading:
         """The same, with the folder in place of ``{}`` in the names of its files."""
-        named = {"profile": self.profile, "camera": self.camera, "truth": self.truth}
+        named = {"profile": self.profile, "side_file": self.side_file, "truth": self.truth}
         placed = {key: name and name.replace(PLACE, str(folder)) for key, name in named.items()}
         return msgspec.structs.replace(self, **placed)
 
@@ -105,10 +106,10 @@ def readings(folders: Iterable[Path], asked: Reading) -> dict[Path, Reading]:
     """
     folders = list(dict.fromkeys(folders))
     spoken_of = [folder for folder in folders if not is_own(folder)] or folders
-    if len(spoken_of) > 1 and asked.camera is not None and PLACE not in asked.camera:
-        cure = f"write {PLACE} for the folder of each: --camera '{PLACE}/{Path(asked.camera).name}'"
+    if len(spoken_of) > 1 and asked.side_file is not None and PLACE not in asked.side_file:
+        cure = f"write {PLACE} for the folder of each: --camera '{PLACE}/{Path(asked.side_file).name}'"
         what = "--camera is of one sequence"
-        raise UsageError(what, path=asked.camera, found=counted(len(spoken_of), "sequence"), cure=cure)
+        raise UsageError(what, path=asked.side_file, found=counted(len(spoken_of), "sequence"), cure=cure)
     own = Reading(step=asked.step)
     return {folder: asked.within(folder) if folder in spoken_of else own for folder in folders}
 

@@ -88,7 +88,7 @@ def test_a_folder_that_one_stands_in_has_its_name(
 def test_what_is_kept_counts_for_one_way_of_reading(shot: Path, tmp_path: Path) -> None:
     """Whatever is otherwise: a profile of the same name, the side file, a frame or the truth that was rendered anew."""
     profile, side = tmp_path / "shot.toml", shot / "camera.txt"
-    reading, preset = Reading(profile=str(profile), camera=str(side)), load_preset("t2")
+    reading, preset = Reading(profile=str(profile), side_file=str(side)), load_preset("t2")
     vectors = 'profile = "blender"\n[motion]\nscale = [1, 1]\n'
     keys: set[str] = set()
 
@@ -117,15 +117,15 @@ def test_what_is_kept_counts_for_one_way_of_reading(shot: Path, tmp_path: Path) 
 
 def test_errors_and_yardsticks_are_those_of_the_same_frames(own: Path, shot: Path) -> None:
     (expected,) = tasks_of([own], VARIANTS, "numpy", ("mse",), 0)
-    (task,) = tasks_of([shot], VARIANTS, "numpy", ("mse",), 0, Reading(camera=str(shot / "camera.txt")))
+    (task,) = tasks_of([shot], VARIANTS, "numpy", ("mse",), 0, Reading(side_file=str(shot / "camera.txt")))
     assert run_task(task).frames == run_task(expected).frames
     assert [*yardstick_errors(task.open(), ("mse",))] == [*yardstick_errors(expected.open(), ("mse",))]
     assert timed_numbers(task.open()) == [COUNT - 2, COUNT - 1]
 
 
 def test_what_is_asked_for_speaks_of_other_tools_files(own: Path, shot: Path, tmp_path: Path) -> None:
-    asked = Reading(profile="{}/shot.toml", inputs=("motion.scale=1,1",), camera="{}/camera.txt", step=2)
-    theirs = Reading(profile=f"{shot}/shot.toml", inputs=asked.inputs, camera=f"{shot}/camera.txt", step=2)
+    asked = Reading(profile="{}/shot.toml", assignments=("motion.scale=1,1",), side_file="{}/camera.txt", step=2)
+    theirs = Reading(profile=f"{shot}/shot.toml", assignments=asked.assignments, side_file=f"{shot}/camera.txt", step=2)
     assert readings([own, shot], asked) == {own: Reading(step=2), shot: theirs}
     assert readings([own], Reading(profile="{}.toml")) == {
         own: Reading(profile=f"{own}.toml")
@@ -134,8 +134,8 @@ def test_what_is_asked_for_speaks_of_other_tools_files(own: Path, shot: Path, tm
     with pytest.raises(
         UsageError, match=r"side\.txt: --camera is of one sequence \(found 2 sequences\); write \{\} for"
     ):
-        readings([own, shot, other], Reading(camera="side.txt"))
-    assert readings([own, shot], Reading(camera="side.txt"))[shot] == Reading(camera="side.txt")
+        readings([own, shot, other], Reading(side_file="side.txt"))
+    assert readings([own, shot], Reading(side_file="side.txt"))[shot] == Reading(side_file="side.txt")
 
 
 def test_a_truth_may_lie_elsewhere(own: Path, shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -149,9 +149,9 @@ def test_a_truth_may_lie_elsewhere(own: Path, shot: Path, tmp_path: Path, capsys
     for place in (str(tmp_path / "truth"), "{}/../truth", str(own)):
         found, _ = judged(capsys, shot, tmp_path / "work", *camera, "--truth", place)
         assert found["rows"] == expected["rows"]
-    reading = Reading(camera=camera[1], truth=str(tmp_path / "truth"))
+    reading = Reading(side_file=camera[1], truth=str(tmp_path / "truth"))
     (task,) = tasks_of([shot], VARIANTS, "numpy", ("mse",), 0, reading)
-    (other,) = tasks_of([shot], VARIANTS, "numpy", ("mse",), 0, Reading(camera=camera[1], truth=str(own)))
+    (other,) = tasks_of([shot], VARIANTS, "numpy", ("mse",), 0, Reading(side_file=camera[1], truth=str(own)))
     assert task.key() != other.key()
     assert run_task(task).frames == run_task(other).frames
     assert reading.open(shot).select(1, 2).reference is not None
@@ -211,7 +211,7 @@ def test_tune_reads_by_a_profile(shot: Path, tmp_path: Path, capsys: pytest.Capt
     arguments += ["--camera", str(shot / "camera.txt"), "-o", str(tmp_path / "t.toml"), "--json"]
     assert main(arguments) == 0
     said = capsys.readouterr()
-    (task,) = tasks_of([shot], VARIANTS, "numpy", ("mse",), 0, Reading(camera=str(shot / "camera.txt")))
+    (task,) = tasks_of([shot], VARIANTS, "numpy", ("mse",), 0, Reading(side_file=str(shot / "camera.txt")))
     assert json.loads(said.out)["start"]["error"] == pytest.approx(np.mean(run_task(task).frames["mse"]), rel=1e-12)
     assert said.err.startswith(f"{shot}: profile blender: ")
 
