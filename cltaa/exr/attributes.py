@@ -7,7 +7,6 @@ once on the way out and once on the way in.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -16,6 +15,7 @@ import numpy as np
 from cltaa.cameras import of_region
 from cltaa.errors import DataError
 from cltaa.exr.layout import Layout
+from cltaa.files.names import number_of
 from cltaa.frame_checks import check_camera, check_numbers
 from cltaa.frames import Camera, Effect, Frame, Matrix, format_effects, parse_effects
 
@@ -27,7 +27,6 @@ _CLIP_TO_NDC = np.array([[0.5, 0, 0, 0.5], [0, -0.5, 0, 0.5], [0, 0, 0.5, 0.5], 
 MATRICES = frozenset({"worldToCamera", "worldToNDC", "cltaa:worldToView", "cltaa:viewToClip"})
 # Attributes that describe the file and not the picture: OpenEXR writes them itself.
 STRUCTURAL = frozenset({"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "tiles", "type"})
-_FRAME_NUMBER = re.compile(r"(?:.*\.)?([0-9]{1,9})", re.DOTALL)
 
 
 def frame_attributes(frame: Frame) -> dict[str, object]:
@@ -63,7 +62,7 @@ class FrameHeader:
     def __init__(self, path: Path, attributes: Mapping[str, object], layout: Layout) -> None:
         """Keep ``attributes`` as the OpenEXR module gives them."""
         self._path, self._attributes = path, attributes
-        self.index = self._integer("cltaa:frame", default=frame_number(path) or 0)
+        self.index = self._integer("cltaa:frame", default=number_of(path) or 0)
         cut = self._integer("cltaa:cut", default=0)
         if cut not in (0, 1):
             raise self._wrong("cltaa:cut", "0 or 1", cut)
@@ -126,9 +125,3 @@ class FrameHeader:
         else:  # an attribute of a type that OpenEXR does not know can fail even to print itself
             found = repr(value) if isinstance(value, (str, int, float)) else type(value).__name__
         return DataError(f"attribute {name} is wrong", path=self._path, expected=expected, found=found)
-
-
-def frame_number(path: Path) -> int | None:
-    """Return the number in ``<name>.<frame>.exr``, or None where the name holds none."""
-    match = _FRAME_NUMBER.fullmatch(path.stem)
-    return int(match[1]) if match else None

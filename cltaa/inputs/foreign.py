@@ -18,6 +18,7 @@ from cltaa.exr.attributes import MATRICES
 from cltaa.exr.channels import Pixels
 from cltaa.exr.read import ImageHeader
 from cltaa.files.manifest import file_sha256, recorded_hashes
+from cltaa.files.names import name_of
 from cltaa.frame_checks import check_camera
 from cltaa.frames import Camera, Effect, Frame, Image, format_effects
 from cltaa.inputs.convert import linear_colour, motion_px, planar_depth, still_camera
@@ -25,7 +26,7 @@ from cltaa.inputs.intake import Intake, intake_lines
 from cltaa.inputs.parts import read_any_header, read_planes
 from cltaa.inputs.roles import KEYS
 from cltaa.memory.haloed import haloed
-from cltaa.sequences.frame_numbers import OnBreak, name_of
+from cltaa.sequences.frame_numbers import OnBreak
 from cltaa.sequences.sources import CHANNEL_OF, NO_PIXELS, ImageSequence, Sequence
 
 EFFECT_OF = {"motion": Effect.MOTION, "alpha": Effect.ALPHA, "reactive": Effect.REACTIVE}  # what a channel is there for

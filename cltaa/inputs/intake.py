@@ -13,6 +13,7 @@ from typing import Any
 from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.exr.layout import Layout
 from cltaa.exr.read import ImageHeader
+from cltaa.files.names import renumbered
 from cltaa.inputs.declared import Declared, declared_frames
 from cltaa.inputs.guess import guessed_profile, no_colour
 from cltaa.inputs.notes import notes_of
@@ -31,7 +32,6 @@ from cltaa.sequences.frame_numbers import (
     missing_from,
     on_break,
     ranges,
-    renumbered,
 )
 from cltaa.sequences.numbered import check_size
 

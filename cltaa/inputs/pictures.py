@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Self
 
 from cltaa.exr.channels import COLOUR
+from cltaa.files.names import name_of, number_of
 from cltaa.frames import Image
 from cltaa.inputs.convert import linear_colour
 from cltaa.inputs.foreign import ForeignSequence
@@ -15,7 +16,7 @@ from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.profile import Encoding, Profile, load_profile
 from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import describe
-from cltaa.sequences.frame_numbers import NUMBERED, FrameRange, OnBreak, name_of
+from cltaa.sequences.frame_numbers import FrameRange, OnBreak
 from cltaa.sequences.sources import ImageSequence, open_images
 
 
@@ -101,6 +102,6 @@ def _of_another(path: Path) -> bool:
     files = sorted(path.glob("*.exr")) if path.is_dir() else []
     if not files:
         return False
-    if len({name_of(file) for file in files if NUMBERED.fullmatch(file.name)}) > 1:
+    if len({name_of(file) for file in files if number_of(file) is not None}) > 1:
         return True
     return not set(COLOUR) <= read_any_header(files[0]).layout.channels.keys()

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 from cltaa.errors import DataError
 from cltaa.files.manifest import NAME as MANIFEST
+from cltaa.files.names import NUMBERED, number_of
 from cltaa.inputs.profile import Profile
 from cltaa.sequences.below import captures_below, only_below
-from cltaa.sequences.frame_numbers import NUMBERED
 from cltaa.sequences.numbered import folder_missing, no_frames
 
 REFERENCE = "reference"  # folders of this name, or that begin with it, hold truth and no input
@@ -35,9 +35,7 @@ Roles = Mapping[str, tuple[Place, ...]]  # colour, alpha, reactive, depth, motio
 
 def unnumbered(folder: Path) -> list[str]:
     """Names of EXR files in a folder that are no frames, for they have no number."""
-    return [
-        path.name for path in sorted(folder.glob("*.exr")) if path.name[0] != "." and not NUMBERED.fullmatch(path.name)
-    ]
+    return [path.name for path in sorted(folder.glob("*.exr")) if path.name[0] != "." and number_of(path) is None]
 
 
 def file_sets(folder: Path, without: Container[Path] = ()) -> dict[str, dict[int, Path]]:

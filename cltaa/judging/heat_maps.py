@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
+from cltaa.files.names import NUMBERED
 from cltaa.frames import Image
 from cltaa.judging.metrics import Metric, flip_map, measure
 from cltaa.printable import printable
-from cltaa.sequences.frame_numbers import NUMBERED, ranges
+from cltaa.sequences.frame_numbers import ranges
 from cltaa.sequences.sources import ImageSequence
 
 

@@ -1,8 +1,7 @@
-"""Frame numbers: where they stand in a file's name, which are asked for, which are missing, and how they are told."""
+"""Frame numbers: which are asked for, which are missing, and how they are told."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterable, Mapping
 from collections.abc import Sequence as Many
 from enum import StrEnum
@@ -11,9 +10,8 @@ from math import gcd
 from pathlib import Path
 
 from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.files.names import renumbered
 
-# Nine digits fit cltaa:frame, an int. A number below 0, ``x.-001.exr``, is none: its frames would come in wrong order.
-NUMBERED = re.compile(r"(?P<name>.*?)[._-]?(?<![0-9])(?<![._]-)(?<!^-)(?P<number>[0-9]{1,9})\.exr", re.DOTALL)
 FrameRange = tuple[int, int]  # numbers of the first and the last frame, both included
 
 
@@ -29,21 +27,6 @@ def on_break(mode: OnBreak | str) -> OnBreak:
     if mode not in [*OnBreak]:
         raise UsageError("no such way to go on behind a break", expected=", ".join(OnBreak), found=mode)
     return OnBreak(mode)
-
-
-def renumbered(path: Path, number: int) -> Path:
-    """The file of frame ``number`` in the sequence that ``path`` belongs to; as it is where it has no number."""
-    match = NUMBERED.fullmatch(path.name)
-    if match is None:
-        return path
-    start, end = match.span("number")
-    return path.with_name(f"{path.name[:start]}{number:0{end - start}d}{path.name[end:]}")
-
-
-def name_of(path: Path) -> str:
-    """The name of the sequence that ``path`` belongs to; that of the file where it has no number."""
-    match = NUMBERED.fullmatch(path.name)
-    return match["name"] if match else path.stem
 
 
 def chosen_numbers(numbers: Many[int], frames: FrameRange | None, folder: Path) -> list[int]:

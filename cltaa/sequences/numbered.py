@@ -16,10 +16,10 @@ from cltaa.errors import DataError, InputMissing
 from cltaa.exr.layout import Layout, Part, Window
 from cltaa.exr.outline import read_layout
 from cltaa.files.manifest import recorded_hashes
+from cltaa.files.names import NUMBERED
 from cltaa.printable import counted
 from cltaa.sequences.below import only_below, sequences_below
 from cltaa.sequences.frame_numbers import (
-    NUMBERED,
     FrameRange,
     OnBreak,
     check_steps,

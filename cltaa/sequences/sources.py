@@ -20,8 +20,9 @@ from cltaa.exr.attributes import FrameHeader
 from cltaa.exr.channels import check_float_channels
 from cltaa.exr.read import ImageHeader, read_colour, read_frame_and_header, read_header
 from cltaa.files.manifest import read_capture_record, recorded_hashes
+from cltaa.files.names import NUMBERED, name_of, number_of
 from cltaa.frames import Effect, Frame, Image, name_effects
-from cltaa.sequences.frame_numbers import NUMBERED, FrameRange, OnBreak, even_step, frame_missing, name_of, no_truth
+from cltaa.sequences.frame_numbers import FrameRange, OnBreak, even_step, frame_missing, no_truth
 from cltaa.sequences.numbered import NumberedFiles, check_same_size, numbered_files
 
 NO_PIXELS = np.empty((0, 0), np.float32)
@@ -242,9 +243,7 @@ def open_images(
         step = even_step(sorted(files[2]))  # no image needs the one before it
         images = ImageSequence(*files, verify=verify, gaps=gaps, frames=frames, step=step)
     else:
-        match = NUMBERED.fullmatch(path.name)
-        number = int(match["number"]) if match else 0
-        images = ImageSequence(path.parent, name_of(path), {number: path}, verify=verify, frames=frames)
+        images = ImageSequence(path.parent, name_of(path), {number_of(path) or 0: path}, verify=verify, frames=frames)
     for layout in images.layouts.values():
         check_float_channels(layout, ("R", "G", "B"))
     return images

@@ -13,6 +13,7 @@ from cltaa.exr.read import read_frame
 from cltaa.exr.write import write_image
 from cltaa.frames import Camera, Matrix
 from cltaa.resolve.resolver import Resolver
+from cltaa.sequences.sources import open_sequence
 from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame
 
 NAN, INF, EYE = float("nan"), float("inf"), np.eye(4)
@@ -141,9 +142,10 @@ def test_near_and_far_planes_do_not_reach_the_resolve(clip: Matrix) -> None:
     np.testing.assert_array_equal(bits(resolved(clip.T)), bits(resolved(perspective(0.1, 100.0).T)))
 
 
-def test_frame_number_comes_from_the_name_where_the_header_has_none(tmp_path: Path) -> None:
-    written(tmp_path, frame=None).rename(tmp_path / "a.0012.exr")
-    assert read_frame(tmp_path / "a.0012.exr").index == 12
+@pytest.mark.parametrize("name", ["a.0012.exr", "shot_v02_0012.exr", "frame-12.exr", "a12.exr", "0012.exr"])
+def test_frame_number_comes_from_the_name_where_the_header_has_none(tmp_path: Path, name: str) -> None:
+    written(tmp_path, frame=None).rename(tmp_path / name)
+    assert open_sequence(tmp_path).frame(12).index == 12
 
 
 def test_what_need_not_be_there(tmp_path: Path) -> None:
