@@ -60,7 +60,7 @@ class FrameHeader:
     """
 
     def __init__(self, path: Path, attributes: Mapping[str, object], layout: Layout) -> None:
-        """Keep ``attributes`` as the OpenEXR module gives them."""
+        """Keep ``attributes`` as ``ImageHeader`` has them."""
         self._path, self._attributes = path, attributes
         self.index = self._integer("cltaa:frame", default=number_of(path) or 0)
         cut = self._integer("cltaa:cut", default=0)
@@ -88,8 +88,6 @@ class FrameHeader:
 
     def _exposure(self) -> float:
         value = self._attributes.get("cltaa:exposure", 1.0)
-        if isinstance(value, np.ndarray) and value.shape == (1,):  # a double arrives as an array of one
-            value = float(value[0])
         if not isinstance(value, float):
             raise self._wrong("cltaa:exposure", "a double", value)
         return value

@@ -32,7 +32,7 @@ from cltaa.memory.haloed import empty_haloed
 
 @dataclass(frozen=True, slots=True)
 class ImageHeader:
-    """A file's layout and its attributes by name, as the OpenEXR module gives them, read without its pixels."""
+    """A file's layout and its attributes by name, as ``attributes_of`` gives them, read without its pixels."""
 
     layout: Layout
     attributes: dict[str, object]
@@ -150,7 +150,7 @@ def _decode_into(layout: Layout, content: Copy, planes: Mapping[str, NDArray[Any
 
 def _open(layout: Layout, content: BinaryIO | Copy, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:
     file = open_content(layout.path, content, header_only=header_only)
-    return file, {name: _scalar(value) for name, value in file.header().items()}
+    return file, attributes_of(file)
 
 
 def open_content(path: Path, content: BinaryIO | Copy, *, header_only: bool) -> OpenEXR.File:
@@ -171,8 +171,11 @@ def open_content(path: Path, content: BinaryIO | Copy, *, header_only: bool) -> 
     return file
 
 
-def _scalar(value: object) -> object:
-    """Undo the array of one that a double arrives as."""
-    if isinstance(value, np.ndarray) and value.shape == (1,) and value.dtype == np.float64:
-        return float(value[0])
-    return value
+def attributes_of(file: OpenEXR.File) -> dict[str, object]:
+    """The attributes of a file's first part by name; a double, which arrives as an array of one, as a float."""
+
+    def scalar(value: Any) -> object:
+        of_one = isinstance(value, np.ndarray) and value.shape == (1,) and value.dtype == np.float64
+        return float(value[0]) if of_one else value
+
+    return {name: scalar(value) for name, value in file.header().items()}

@@ -56,14 +56,9 @@ def declared_frames(
 def _exposure_and_cut(attributes: Attributes, side: Side | None) -> tuple[float | None, bool]:
     exposure, cut = (None, None) if side is None else (side.exposure, side.cut)
     if exposure is None:
-        exposure = _number(attributes.get("cltaa:exposure"))
+        value = attributes.get("cltaa:exposure")
+        exposure = float(value) if isinstance(value, int | float) else None
     return exposure, attributes.get("cltaa:cut") == 1 if cut is None else cut
-
-
-def _number(value: object) -> float | None:
-    if isinstance(value, np.ndarray) and value.shape == (1,):
-        value = float(value[0])
-    return float(value) if isinstance(value, int | float) else None
 
 
 def _jitter(profile: Profile, attributes: Attributes, side: Side | None) -> Offset | None:

@@ -11,7 +11,7 @@ from cltaa.exr.header import MULTI_PART
 from cltaa.exr.layout import Layout, shared_window
 from cltaa.exr.openexr import OpenEXR
 from cltaa.exr.outline import parse_parts, read_outline
-from cltaa.exr.read import ImageHeader, open_content, read_header, read_image
+from cltaa.exr.read import ImageHeader, attributes_of, open_content, read_header, read_image
 from cltaa.files.content import check_memory, file_size, open_regular, read_all
 
 
@@ -74,7 +74,7 @@ def _described(layouts: tuple[Layout, ...], file: OpenEXR.File) -> ImageHeader:
         full_name(layout.part or "", name): kind for layout in layouts for name, kind in layout.channels.items()
     }
     layout = Layout(first.path, channels, shared_window(layouts), first.display_window, first.compression)
-    return ImageHeader(layout, dict(file.parts[0].header))
+    return ImageHeader(layout, attributes_of(file))
 
 
 def full_name(part: str, channel: str) -> str:
