@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.frames import Effect
+from cltaa.pictures.srgb import decoded
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.gltf_model import at_rest
 from cltaa_datasets.models import FORMATS, GLTF, MOTIONS
@@ -161,8 +162,7 @@ def _part(name: str, mesh: trimesh.Trimesh, path: Path, shared: dict[int, Textur
 def _linear(colours: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Decode sRGB-encoded vertex colours [N, 4]; alpha is linear."""
     values = np.asarray(colours, np.float64) / 255.0
-    rgb = values[:, :3]
-    values[:, :3] = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    values[:, :3] = decoded(values[:, :3])
     return values.astype(np.float32)
 
 
