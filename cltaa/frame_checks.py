@@ -53,10 +53,14 @@ def _check_types(frame: Frame) -> None:
 
 
 def _wrong(frame: Frame, name: str, expected: str) -> DataError:
-    number = frame.index if isinstance(frame.index, int | np.integer) else None
     found = getattr(frame, name)
     shown = type(found).__name__ if found is None or isinstance(found, np.ndarray) else repr(found)
-    return DataError(f"{name} is wrong", path=frame.path, frame=number, expected=expected, found=shown)
+    return _error(frame, f"{name} is wrong", expected, shown)
+
+
+def _error(frame: Frame, what: str, expected: object, found: object, cure: str | None = None) -> DataError:
+    number = frame.index if isinstance(frame.index, int | np.integer) else None
+    return DataError(what, path=frame.path, frame=number, expected=expected, found=found, cure=cure)
 
 
 def check_channels(frame: Frame) -> None:
@@ -65,26 +69,14 @@ def check_channels(frame: Frame) -> None:
     _check_colour(frame)
     size = frame.colour.shape[:2]
     if Layout(size[1], size[0]).plane > MOST_TEXELS:
-        raise DataError(
-            "the image is too large",
-            path=frame.path,
-            frame=frame.index,
-            expected=f"at most {MOST_TEXELS} texels, the halo of {PAD_X} columns and {PAD_Y} rows a side included",
-            found=f"{size[1]} x {size[0]}",
-            cure="resolve it in parts",
-        )
+        most = f"at most {MOST_TEXELS} texels, the halo of {PAD_X} columns and {PAD_Y} rows a side included"
+        raise _error(frame, "the image is too large", most, f"{size[1]} x {size[0]}", "resolve it in parts")
     expected = {"depth": size, "motion": (*size, 2), "alpha": size, "reactive": size}
     for name, shape in expected.items():
         array = getattr(frame, name)
         if array is not None and array.shape != shape:
-            raise DataError(
-                f"{name} has the wrong shape",
-                path=frame.path,
-                frame=frame.index,
-                expected=shape,
-                found=array.shape,
-                cure="all channels of a frame share one size",
-            )
+            cure = "all channels of a frame share one size"
+            raise _error(frame, f"{name} has the wrong shape", shape, array.shape, cure)
 
 
 def _check_colour(frame: Frame) -> None:
@@ -98,9 +90,7 @@ def _check_colour(frame: Frame) -> None:
         cure = "put the axis of the channels last: np.moveaxis(colour, 0, -1)"
     elif 0 in shape:
         expected = "at least one pixel"
-    raise DataError(
-        "colour has the wrong shape", path=frame.path, frame=frame.index, expected=expected, found=shape, cure=cure
-    )
+    raise _error(frame, "colour has the wrong shape", expected, shape, cure)
 
 
 def _check_floats(frame: Frame) -> None:
@@ -109,24 +99,17 @@ def _check_floats(frame: Frame) -> None:
         if array is None and name in OPTIONAL:
             continue
         if not isinstance(array, np.ndarray) or array.dtype.kind != "f":
-            raise DataError(
-                f"{name} is no array of floats",
-                path=frame.path,
-                frame=frame.index,
-                expected="float32",
-                found=array.dtype if isinstance(array, np.ndarray) else type(array).__name__,
-                cure="bytes of a picture are no linear light: decode them first" if name == "colour" else None,
-            )
+            found = array.dtype if isinstance(array, np.ndarray) else type(array).__name__
+            cure = "bytes of a picture are no linear light: decode them first" if name == "colour" else None
+            raise _error(frame, f"{name} is no array of floats", "float32", found, cure)
 
 
 def _check_effects(frame: Frame) -> None:
     if frame.effects is None:
         return
     if not isinstance(frame.effects, set | frozenset):
-        raise DataError(
-            "effects are no set", path=frame.path, frame=frame.index, expected="frozenset of cltaa.Effect, or None",
-            found=type(frame.effects).__name__,
-        )  # fmt: skip
+        expected = "frozenset of cltaa.Effect, or None"
+        raise _error(frame, "effects are no set", expected, type(frame.effects).__name__)
     for name in frame.effects - _EFFECTS:
         cure = known(str(name), Effect, "effects")
         raise DataError(f"unknown effect {name}", path=frame.path, frame=frame.index, cure=cure)
