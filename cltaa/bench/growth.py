@@ -18,9 +18,9 @@ from cltaa.bench.frames import EFFECTS, Motion, camera_at
 from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.devices.launch import Buffer
 from cltaa.frames import Frame
-from cltaa.parameters.build import Steps, Storage
+from cltaa.parameters.build import Steps
 from cltaa.parameters.presets import Preset
-from cltaa.planning.memory import device_bytes
+from cltaa.planning.memory import PlanesHeld, device_bytes
 from cltaa.resolve.bands import BAND_ROWS, BandedResolver
 from cltaa.resolve.resolver import Resolver
 from cltaa.resolve.timed_resolve import device_seconds
@@ -135,7 +135,7 @@ def bench_growth(
                 least_ns=float(samples.seconds("size", Clock.DEVICE).min()) * scale,
                 ratio=ratio.times(reference.pixels / sized.pixels),
                 allocated=sized.launcher.allocated,
-                formula=device_bytes(side, side, sized.steps, Storage.FLOAT, band_rows=bands),
+                formula=device_bytes(side, side, PlanesHeld(sized.steps, band_rows=bands)),
             )
         )
         del sized

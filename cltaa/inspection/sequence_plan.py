@@ -15,7 +15,7 @@ from cltaa.parameters.build import Steps
 from cltaa.parameters.choices import HistoryOf, LightChange
 from cltaa.parameters.presets import Preset
 from cltaa.planning.frame_plan import Plan, plan_frame, toggled, with_effects
-from cltaa.planning.memory import Memory, of_sequence, of_whole_images, program_bytes
+from cltaa.planning.memory import Memory, PlanesHeld, of_sequence, of_whole_images, program_bytes
 from cltaa.resolve.bands import band_rows_for
 from cltaa.resolve.frame_record import Past
 from cltaa.resolve.resolver import Resolver
@@ -108,11 +108,10 @@ def memory(sequence: Sequence, resolver: Resolver, plans: list[Plan], *, half: b
     kept, doubled = HistoryOf.SAMPLES in histories, HistoryOf.DOUBLED in histories
     frames_kept = preset.settings.frames_kept if kept else 0
     spans = kept and any(each.choices.light_change is LightChange.SPANS for each in plans)
-    steps = Steps(**used)
-    found = of_sequence(
-        sequence, steps, band_rows=rows, frames_kept=frames_kept, doubled=doubled, spans=spans, shared=shared, half=half
+    held = PlanesHeld(
+        Steps(**used), band_rows=rows, frames_kept=frames_kept, spans=spans, doubled=doubled, shared=shared, half=half
     )
-    return msgspec.structs.replace(found, program=program_bytes())
+    return msgspec.structs.replace(of_sequence(sequence, held), program=program_bytes())
 
 
 def _plans(sequence: Sequence, preset: Preset, effects: Effects) -> Iterator[tuple[int, bool, Plan]]:

@@ -33,38 +33,36 @@ PROGRAM, ALLOCATED = 102_000_000, 38_000_000
 STATUS = Path("/proc/self/status")
 
 
-def device_bytes(
-    width: int,
-    height: int,
-    steps: Steps,
-    storage: Storage = Storage.FLOAT,
-    *,
-    band_rows: int = 0,
-    frames_kept: int = 0,
-    doubled: bool = False,
-    spans: bool = False,
-    shared: bool = False,
-    half: bool = False,
-) -> int:
+class PlanesHeld(msgspec.Struct, frozen=True):
+    """What decides how many planes a resolve holds."""
+
+    steps: Steps
+    storage: Storage = Storage.FLOAT
+    band_rows: int = 0  # of a band, the only part of the frame and its result that is held at a time; 0: all rows
+    frames_kept: int = 0  # a ring holds these and one more
+    spans: bool = False  # of the kept frames are weighed, and hold planes; what is shown is then not what recurs
+    doubled: bool = False  # a history at 200 %: twice four texels of colour, alpha and count
+    shared: bool = False  # the device has the host's memory: of a whole frame only closeness lies anywhere else
+    half: bool = False  # a result in halves, beside the one that it is made from
+
+
+def device_bytes(width: int, height: int, held: PlanesHeld) -> int:
     """Bytes of the planes on the device, halos included.
 
     Per texel and in floats: the frame holds 4 (R G B, closeness), and 2, 1 and 1 more for own motion, alpha and
     reactive; what recurs holds count and closeness; the result its count. Both hold 3 or, with alpha, 4 planes of
-    ``storage``. In bands the frame and its result are ``band_rows`` high. A ring holds ``frames_kept`` frames and one;
-    ``spans`` of them, where they are weighed, hold their planes too, and what is shown is then not what recurs. A
-    history at 200 % (``doubled``) holds twice four texels of colour, alpha and count in ``storage``. Where the device
-    has the host's memory (``shared``) the channels of the frame are read where they are, but for closeness. A result in
-    halves (``half``) is there beside the one that it is made from.
+    ``storage``.
     """
-    whole = Layout(width, height)
-    band = Layout(width, band_rows) if band_rows else whole
-    stored = int(np.dtype(storage_dtype(Build(storage=storage))).itemsize)
+    steps, whole = held.steps, Layout(width, height)
+    band = Layout(width, held.band_rows) if held.band_rows else whole
+    stored = int(np.dtype(storage_dtype(Build(storage=held.storage))).itemsize)
     colour = (3 + steps.alpha) * stored
-    texels = 2 * texel_planes(steps.alpha) * stored if doubled else 0
-    frame = REAL * (1 if shared else 4 + 2 * steps.own_motion + steps.alpha + steps.reactive)
-    ring = REAL * kept_planes(steps) * (frames_kept + 1) if frames_kept else 0
-    ring += REAL * (SPANS * span_planes(steps) + 2) + colour if spans else 0
-    halves = HALF * (3 + steps.alpha) if half else 0
+    texels = 2 * texel_planes(steps.alpha) * stored if held.doubled else 0
+    in_place = held.shared and not held.band_rows
+    frame = REAL * (1 if in_place else 4 + 2 * steps.own_motion + steps.alpha + steps.reactive)
+    ring = REAL * kept_planes(steps) * (held.frames_kept + 1) if held.frames_kept else 0
+    ring += REAL * (SPANS * span_planes(steps) + 2) + colour if held.spans else 0
+    halves = HALF * (3 + steps.alpha) if held.half else 0
     return (frame + colour + halves + REAL) * band.plane + (colour + 2 * REAL + texels + ring) * whole.plane
 
 
@@ -99,8 +97,8 @@ def program_bytes() -> int:
 
 
 def of_resolve(
-    width: int, height: int, channels: Collection[str], file: int, chunk: int, device: int, *, alpha: bool,
-    banded: bool = False, in_place: bool = False, half: bool = False,
+    width: int, height: int, channels: Collection[str], file: int, chunk: int, held: PlanesHeld, *,
+    in_place: bool = False,
 ) -> Memory:  # fmt: skip
     """Memory of a resolve of frames in float ``channels``, whose packed files have ``file`` bytes.
 
@@ -108,9 +106,10 @@ def of_resolve(
     kept from frame to frame. Where channels are not decoded ``in_place``, what stands beside those of the frame until
     it is moved there is counted for one of the frames that are read at a time, since they seldom are in one step. In
     bands one frame at a time is in memory, its result in its place, and beside it the count of each pixel, and the
-    result in halves where that is what is written (``half``); nothing is kept.
+    result in halves where that is what is written; nothing is kept.
     """
-    plane, planes = REAL * width * height, 3 + alpha
+    banded, half = bool(held.band_rows), held.half
+    plane, planes = REAL * width * height, 3 + held.steps.alpha
     groups = [len(group) for group in GROUPS if group[0] in channels]
     frame = sum(in_large_pages(REAL * count * Layout(width, height).plane) for count in groups)
     frame += (len(channels) - sum(groups)) * plane
@@ -123,37 +122,18 @@ def of_resolve(
     unpacking = (1 if in_place else decoded) * OpenEXR.global_thread_count() * BLOCKS * chunk
     packing = exr_zip.THREADS * BLOCKS * planes * number * width * min(exr_zip.ROWS, height)
     return Memory(
-        device=device, frames=frames * frame, results=results,
+        device=device_bytes(width, height, held), frames=frames * frame, results=results,
         reading=file if banded else AHEAD * file + beside,
         packing=unpacking + packing + (1 if banded else BEHIND) * PIECE,
     )  # fmt: skip
 
 
-def of_sequence(
-    sequence: Sequence,
-    steps: Steps,
-    *,
-    band_rows: int = 0,
-    frames_kept: int = 0,
-    doubled: bool = False,
-    spans: bool = False,
-    shared: bool = False,
-    half: bool = False,
-) -> Memory:
-    """Memory of a resolve of ``sequence`` with ``steps``: whole images, or bands of ``band_rows`` rows.
-
-    With ``half`` it writes halves; the rest as ``device_bytes``.
-    """
-    width, height = sequence.width, sequence.height
+def of_sequence(sequence: Sequence, held: PlanesHeld) -> Memory:
+    """Memory of a resolve of ``sequence``."""
     return of_resolve(
-        width, height, max((layout.channels for layout in sequence.layouts.values()), key=len),
+        sequence.width, sequence.height, max((layout.channels for layout in sequence.layouts.values()), key=len),
         max(sequence.path(number).stat().st_size for number in sequence.numbers),
-        max(layout.chunk_bytes for layout in sequence.layouts.values()),
-        device_bytes(
-            width, height, steps, band_rows=band_rows, frames_kept=frames_kept, doubled=doubled, spans=spans,
-            shared=shared and not band_rows, half=half,
-        ),
-        alpha=steps.alpha, banded=bool(band_rows), in_place=sequence.in_place, half=half,
+        max(layout.chunk_bytes for layout in sequence.layouts.values()), held, in_place=sequence.in_place,
     )  # fmt: skip
 
 
@@ -161,4 +141,4 @@ def of_whole_images(sequence: Sequence, *, doubled: bool = False) -> Memory:
     """Memory of a resolve of ``sequence`` over whole images, with each step that its channels allow; no frames kept."""
     holds = sequence.holds
     steps = Steps(own_motion="motion" in holds, alpha="alpha" in holds, reactive="reactive" in holds)
-    return of_sequence(sequence, steps, doubled=doubled)
+    return of_sequence(sequence, PlanesHeld(steps, doubled=doubled))

@@ -27,7 +27,7 @@ from cltaa.inspection.sequence_plan import plan
 from cltaa.memory.allocator import LARGE_PAGE
 from cltaa.parameters.build import Steps, Storage
 from cltaa.parameters.presets import load_preset, override
-from cltaa.planning.memory import device_bytes
+from cltaa.planning.memory import PlanesHeld, device_bytes
 from cltaa.resolve.bands import BandedResolver
 from cltaa.resolve.resolver import Resolver
 from cltaa.sequences.sources import open_sequence
@@ -66,7 +66,7 @@ def test_what_is_allocated_is_what_the_formula_says(storage: Storage, channels: 
         frame = make_frame(index, width=50, height=31, effects=None, **channels)  # type: ignore[arg-type]
         resolver.resolve(frame, half=half)
     assert resolver.plan is not None
-    assert launcher.allocated == device_bytes(50, 31, resolver.plan.steps, storage, half=half)
+    assert launcher.allocated == device_bytes(50, 31, PlanesHeld(resolver.plan.steps, storage, half=half))
 
 
 def test_bands_take_the_halves_of_one_on_the_device() -> None:
@@ -74,7 +74,7 @@ def test_bands_take_the_halves_of_one_on_the_device() -> None:
     resolver = BandedResolver(device=launcher, band_rows=16)
     resolver.resolve(make_frame(0, width=50, height=31, alpha=True), half=True)
     assert resolver.plan is not None
-    assert launcher.allocated == device_bytes(50, 31, resolver.plan.steps, band_rows=16, half=True)
+    assert launcher.allocated == device_bytes(50, 31, PlanesHeld(resolver.plan.steps, band_rows=16, half=True))
 
 
 @pytest.mark.parametrize("alpha", [False, True])
@@ -93,7 +93,7 @@ def test_the_ring_of_kept_frames_is_in_the_formula() -> None:
     resolver = Resolver(override(load_preset(), {"history_of": "samples", "frames_kept": 3}), launcher)
     resolver.resolve(make_frame(0, width=50, height=31, effects=None))
     assert resolver.plan is not None
-    told = device_bytes(50, 31, resolver.plan.steps, frames_kept=3)
+    told = device_bytes(50, 31, PlanesHeld(resolver.plan.steps, frames_kept=3))
     # Beside the planes the device holds three records of 136 bytes.
     assert 0 < launcher.allocated - told < 1024
 
@@ -103,7 +103,7 @@ def test_the_spans_of_changing_light_are_in_the_formula() -> None:
     resolver = Resolver(override(load_preset("t5"), {"frames_kept": 3}), launcher)
     resolver.resolve(make_frame(0, width=50, height=31, alpha=True, effects=frozenset({Effect.ALPHA, Effect.SHADING})))
     assert resolver.plan is not None
-    told = device_bytes(50, 31, resolver.plan.steps, frames_kept=3, spans=True)
+    told = device_bytes(50, 31, PlanesHeld(resolver.plan.steps, frames_kept=3, spans=True))
     assert 0 < launcher.allocated - told < 1024
 
 
@@ -139,10 +139,10 @@ def test_frames_of_the_bench_stay_what_they_are_in_bands() -> None:
 
 
 def test_a_step_costs_its_planes() -> None:
-    base = device_bytes(64, 64, Steps(own_motion=False))
+    base = device_bytes(64, 64, PlanesHeld(Steps(own_motion=False)))
     plane = 4 * (64 + 32) * (64 + 8)
-    assert device_bytes(64, 64, Steps(own_motion=True)) - base == 2 * plane
-    assert device_bytes(64, 64, Steps(own_motion=False), Storage.HALF) == base - 2 * 3 * plane // 2
+    assert device_bytes(64, 64, PlanesHeld(Steps(own_motion=True))) - base == 2 * plane
+    assert device_bytes(64, 64, PlanesHeld(Steps(own_motion=False), Storage.HALF)) == base - 2 * 3 * plane // 2
 
 
 @pytest.mark.parametrize(("text", "code"), [("", 64), ("a", 2), ("-3", 2), ("0", 2)])
@@ -154,7 +154,8 @@ def test_the_plan_of_a_sequence_says_its_memory(tmp_path: Path) -> None:
     folder = write_sequence(tmp_path / "in", 2, width=50, height=31, motion=True)
     memory = plan(open_sequence(folder), rounds=0).memory  # without the times, for which every step is built on and off
     haloed = (64 + 32) * (31 + 8)
-    assert memory.device == device_bytes(50, 31, Steps(own_motion=True)) - 5 * 4 * haloed  # read where they are
+    copied = device_bytes(50, 31, PlanesHeld(Steps(own_motion=True)))
+    assert memory.device == copied - 5 * 4 * haloed  # channels are read where they are
     assert memory.frames == (1 + AHEAD) * (2 * LARGE_PAGE + 4 * 50 * 31)  # colour and motion in a large page each
     assert memory.results == (1 + BEHIND) * 3 * 4 * 50 * 31
     packed = max(path.stat().st_size for path in folder.glob("*.exr"))

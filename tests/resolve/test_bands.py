@@ -21,7 +21,7 @@ from cltaa.frames import Frame
 from cltaa.memory.allocator import KEPT_BLOCKS
 from cltaa.parameters.build import Steps, Storage
 from cltaa.parameters.presets import load_preset
-from cltaa.planning.memory import Memory, device_bytes, of_resolve, of_whole_images
+from cltaa.planning.memory import Memory, PlanesHeld, of_resolve, of_whole_images
 from cltaa.resolve.bands import BandedResolver, band_rows_for, resolver_for
 from cltaa.resolve.checkpoint import Checkpoints
 from cltaa.resolve.pipeline import resolve_sequence
@@ -128,7 +128,7 @@ def whole_images(width: int, height: int) -> Memory:
     channels = ("R", "G", "B", "Z", "backward.u", "backward.v")
     return of_resolve(
         width, height, channels, 4 * len(channels) * width * height, 16 * 4 * len(channels) * width,
-        device_bytes(width, height, Steps()), alpha=False,
+        PlanesHeld(Steps()),
     )  # fmt: skip
 
 

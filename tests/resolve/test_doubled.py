@@ -19,7 +19,7 @@ from cltaa.parameters.build import Storage
 from cltaa.parameters.choices import HistoryOf, Settings
 from cltaa.parameters.presets import Preset, load_preset, override
 from cltaa.planning.frame_plan import plan_frame
-from cltaa.planning.memory import device_bytes
+from cltaa.planning.memory import PlanesHeld, device_bytes
 from cltaa.resolve.bands import BandedResolver
 from cltaa.resolve.buffers import Buffers
 from cltaa.resolve.checkpoint import Checkpoints
@@ -169,7 +169,7 @@ def test_its_memory_is_what_the_formula_says(alpha: bool) -> None:
     frame = moving(1, alpha=alpha)[0]
     resolver.resolve(frame)
     assert resolver.plan is not None
-    assert launcher.bytes == device_bytes(frame.width, frame.height, resolver.plan.steps, doubled=True)
+    assert launcher.bytes == device_bytes(frame.width, frame.height, PlanesHeld(resolver.plan.steps, doubled=True))
 
 
 def test_an_image_that_kernels_cannot_step_over_is_refused_in_one_line() -> None:
