@@ -75,20 +75,11 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
         return self.strict or self.relaxed or self.real is not Real.FLOAT or self.storage not in STORAGES
 
 
-def base_variant(preset: Preset) -> Variant:
-    """The variant from which every step of the ladder departs."""
-    return _as_it_is(preset, DEFAULT)
-
-
 def steps(base: Variant) -> Iterator[Variant]:
     """``base`` with one step changed, for every step there is."""
-    for field in Choices.__struct_fields__:
-        current = getattr(base.choices, field)
-        for member in type(current):
-            if member is not current:
-                yield _changed(base, field, str(member), choices={field: member})
+    yield from _other_choices(base, Choices.__struct_fields__)
     if base.choices.box is not Box.VARIANCE:
-        yield from _in_variance_box(base)
+        yield from _other_choices(base, IN_VARIANCE_BOX, box=Box.VARIANCE)
     exponential = {"accumulate": Accumulate.EXPONENTIAL}
     slow = {"blend_weight": SLOW_WEIGHT}
     yield _changed(base, "accumulate", f"exponential {SLOW_WEIGHT:g}", choices=exponential, settings=slow)
@@ -107,13 +98,14 @@ def steps(base: Variant) -> Iterator[Variant]:
     yield _changed(base, "build", "fast-relaxed", relaxed=True)
 
 
-def _in_variance_box(base: Variant) -> Iterator[Variant]:
-    for field in IN_VARIANCE_BOX:
+def _other_choices(base: Variant, fields: Iterable[str], **beside: Any) -> Iterator[Variant]:
+    """Every other choice of each field, with those ``beside`` it changed too."""
+    also = "".join(f", {field}: {choice}" for field, choice in beside.items())
+    for field in fields:
         current = getattr(base.choices, field)
-        for member in type(current):
-            if member is not current:
-                name, both = f"{member}, box: variance", {field: member, "box": Box.VARIANCE}
-                yield _changed(base, field, name, choices=both)
+        for choice in type(current):
+            if choice is not current:
+                yield _changed(base, field, f"{choice}{also}", choices={field: choice, **beside})
 
 
 def combinations(base: Variant) -> Iterator[Variant]:
@@ -138,7 +130,7 @@ def combinations(base: Variant) -> Iterator[Variant]:
 
 def ladder(base: Preset, presets: Iterable[Preset] = (), *, full: bool = False) -> list[Variant]:
     """The default, its steps, the other presets and, if ``full``, the combinations."""
-    first = base_variant(base)
+    first = _as_it_is(base, DEFAULT)
     others = [_as_it_is(preset, PRESETS) for preset in presets if preset.name != base.name]
     return [first, *steps(first), *others, *(combinations(first) if full else ())]
 
