@@ -1,10 +1,9 @@
-"""The OpenEXR module as it is used here: with how many threads, how large images, and how hard it packs."""
+"""The OpenEXR module as it is used here: with how many threads, and how large images."""
 
 import OpenEXR
 
 from cltaa.cores import CORES, MANY_CORES
 from cltaa.exr.header import LARGEST_SIDE
-from cltaa.exr.zip_level import FASTEST, set_zip_level
 
 __all__ = ["OpenEXR"]
 
@@ -12,4 +11,3 @@ __all__ = ["OpenEXR"]
 # to what runs beside it: with all of them each frame is decoded sooner, and the others wait for it.
 OpenEXR.set_global_thread_count(min(CORES, max(MANY_CORES, CORES // 2)))
 OpenEXR.setMaxImageSize(LARGEST_SIDE, LARGEST_SIDE)
-set_zip_level(FASTEST)
