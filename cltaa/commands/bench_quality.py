@@ -10,13 +10,13 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table as Grid
 
+from cltaa.bench.by_name import by_name
 from cltaa.bench.quality.cases import (
     GIVEN,
     HELD_OUT,
     TRAIN,
     Case,
     Shape,
-    by_name,
     capture,
     check_scenes,
     known_scenes,

@@ -15,10 +15,11 @@ from cltaa.bench.accuracy.programs import Program, dearest_first, programs_neede
 from cltaa.bench.accuracy.results import Accuracy, MeasuredSequence
 from cltaa.bench.accuracy.sequence import Timing, measure_sequence
 from cltaa.bench.accuracy.variant_errors import Task
+from cltaa.bench.by_name import by_name
 from cltaa.bench.environment import environment, load_average, pin_threads
 from cltaa.cores import CORES
 from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.errors import DataError, ResourceError, UsageError
+from cltaa.errors import DataError, ResourceError
 from cltaa.files.atomic import atomic_path, make_folder
 from cltaa.inputs.opening import AS_EVER, Reading, is_own, readings
 from cltaa.judging.comparison import check_yardsticks, open_yardsticks, truth_of
@@ -42,11 +43,7 @@ def tasks_of(
     ``reading`` is for all of them (``readings``). Raises UsageError for two sequences of one name, and what opening
     another tool's raises.
     """
-    named: dict[str, Path] = {}
-    for folder in folders:
-        if named.setdefault(folder.name, folder) != folder:
-            what, cure = "two sequences of one name, which plots and rows go by", "rename one of the folders"
-            raise UsageError(what, path=folder, found=named[folder.name], cure=cure)
+    by_name(folders, "sequences")
     tasks = []
     for folder, how in readings(folders, reading).items():
         # Another tool's files have no record that tells one rendering from the next, nor their reading from another.

@@ -52,17 +52,6 @@ class Case(NamedTuple):
         return f"{MODEL}{Path(self.scene).name}" if self.scene.startswith(MODEL) else self.scene
 
 
-def by_name(paths: Iterable[Path], what: str) -> dict[str, Path]:
-    """Paths of ``what`` by their last word, which cells and rows go by; raises UsageError for two of one name."""
-    named: dict[str, Path] = {}
-    for path in paths:
-        if path.name in named:
-            told, cure = f"two {what} of one name, which cells and rows go by", "rename one of them"
-            raise UsageError(told, path=path, found=named[path.name], cure=cure)
-        named[path.name] = path
-    return named
-
-
 def known_scenes() -> dict[str, frozenset[str]]:
     """Every scene that ``cltaa scenes`` lists, with its effects."""
     listed = json.loads(run_cltaa(["scenes", "--json"]))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from cltaa.bench.quality.cases import by_name
+from cltaa.bench.by_name import by_name
 from cltaa.parameters.presets import Preset, load_config, load_preset, preset_names
 
 
