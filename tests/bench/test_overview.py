@@ -119,12 +119,18 @@ def test_names_on_the_front_do_not_overlap_and_stand_wherever_there_is_room() ->
 
 def test_a_report_keeps_nothing_of_the_one_before(tmp_path: Path) -> None:
     one, two = sequence("one", (1.0, 4.0, 0.5)), sequence("two", (0.0, 2.0, 1.0))
-    write_report(accuracy(one, two), tmp_path)
+    write_report(accuracy(one, two), tmp_path, pages={"index.html": "one, two"})
     assert (tmp_path / "overview.md").is_file()
     (tmp_path / "notes.md").touch()
     write_report(accuracy(two), tmp_path)
     names = {f"{kind}-two.{suffix}" for kind in ("front", "steps") for suffix in ("png", "svg")}
     assert {path.name for path in tmp_path.iterdir()} == names | {"accuracy.json", "accuracy.csv", "notes.md"}
+
+
+def test_a_page_that_no_report_left_is_kept(tmp_path: Path) -> None:
+    (tmp_path / "index.html").touch()
+    write_report(accuracy(sequence("one", (1.0, 4.0, 0.5))), tmp_path)
+    assert (tmp_path / "index.html").exists()
 
 
 def test_reports_of_one_device_become_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

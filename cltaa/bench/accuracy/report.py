@@ -37,19 +37,20 @@ def write_report(
     the folder ``output``; returns the table, empty where none is written.
 
     There is one of several sequences, ``of_one`` too, if a metric falls with the error. ``pictured`` sequences, the
-    first ones, have plots of their own. Plots and tables that an earlier report left there and this one has not are
-    deleted. Raises OutputError, StorageError, and UsageError without matplotlib.
+    first ones, have plots of their own. Plots, tables and pages that an earlier report left there and this one has not
+    are deleted. Raises OutputError, StorageError, and UsageError without matplotlib.
     """
     texts = {NAME: msgspec.json.encode(result).decode(), "accuracy.csv": csv_text(result), **(pages or {})}
     falling = falling_metrics(result)
     whole = table(result, falling) if falling and (of_one or len(result.sequences) > 1) else ""
     if whole:
         texts["overview.md"] = whole
+    again = (output / NAME).exists()
     for name, text in texts.items():
         with atomic_path(output / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
     written = {output / name for name in texts} | set(write_plots(result, output, pictured))
-    for pattern in ("front-*", "steps-*", "overview.*"):  # of sequences that an earlier report here had
+    for pattern in ("front-*", "steps-*", "overview.*", "index.html") if again else ():
         for path in {*output.glob(pattern)} - written:
             path.unlink()
     return whole
