@@ -104,7 +104,8 @@ def memory(sequence: Sequence, resolver: Resolver, plans: list[Plan], *, half: b
     preset, shared = resolver.preset, resolver.launcher.shares_memory
     used = {name: any(getattr(each.steps, name) for each in plans) for name in Steps.__struct_fields__}
     histories = {each.choices.history_of for each in plans}
-    rows = band_rows_for(of_whole_images(sequence)) if preset.choices.history_of is HistoryOf.RESULT else 0
+    whole = of_whole_images(sequence, half=half)
+    rows = band_rows_for(whole) if preset.choices.history_of is HistoryOf.RESULT else 0
     kept, doubled = HistoryOf.SAMPLES in histories, HistoryOf.DOUBLED in histories
     frames_kept = preset.settings.frames_kept if kept else 0
     spans = kept and any(each.choices.light_change is LightChange.SPANS for each in plans)

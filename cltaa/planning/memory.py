@@ -137,8 +137,13 @@ def of_sequence(sequence: Sequence, held: PlanesHeld) -> Memory:
     )  # fmt: skip
 
 
-def of_whole_images(sequence: Sequence, *, doubled: bool = False) -> Memory:
-    """Memory of a resolve of ``sequence`` over whole images, with each step that its channels allow; no frames kept."""
+def of_whole_images(
+    sequence: Sequence, storage: Storage = Storage.FLOAT, *, doubled: bool = False, half: bool = False
+) -> Memory:
+    """Memory of a resolve of ``sequence`` over whole images, with each step that its channels allow; no frames kept.
+
+    ``storage``, ``doubled`` and ``half`` are those of ``PlanesHeld``.
+    """
     holds = sequence.holds
     steps = Steps(own_motion="motion" in holds, alpha="alpha" in holds, reactive="reactive" in holds)
-    return of_sequence(sequence, PlanesHeld(steps, doubled=doubled))
+    return of_sequence(sequence, PlanesHeld(steps, storage, doubled=doubled, half=half))

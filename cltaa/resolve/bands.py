@@ -24,7 +24,7 @@ from cltaa.files.content import memory_limit
 from cltaa.frame_checks import check_frame
 from cltaa.frames import Frame, Image
 from cltaa.memory.layout import Layout
-from cltaa.parameters.build import edge_build
+from cltaa.parameters.build import Storage, edge_build
 from cltaa.parameters.choices import HistoryOf
 from cltaa.parameters.presets import Preset
 from cltaa.planning.memory import Memory, of_whole_images
@@ -172,15 +172,17 @@ class BandedResolver(Resolver):
 
 
 def resolver_for(
-    preset: Preset, device: str | None, sequence: Sequence, band_rows: int | None = None, **options: Any
-) -> Resolver:
+    preset: Preset, device: str | None, sequence: Sequence, band_rows: int | None = None, *,
+    storage: Storage = Storage.FLOAT, half: bool = False, **options: Any,
+) -> Resolver:  # fmt: skip
     """A resolver for the frames of ``sequence``: in bands where whole ones take more memory than this machine has.
 
-    ``band_rows`` says it instead of the machine; 0 is whole images. Raises ResourceError where they would have to be
-    resolved in bands and the preset keeps frames or a history at 200 %, which only whole images can.
+    ``half`` says that halves will be written. ``band_rows`` chooses in the machine's place; 0 is whole images. Raises
+    ResourceError where they would have to be resolved in bands and the preset keeps frames or a history at 200 %, which
+    only whole images can.
     """
     if band_rows is None:
-        whole = of_whole_images(sequence, doubled=preset.choices.history_of is HistoryOf.DOUBLED)
+        whole = of_whole_images(sequence, storage, doubled=preset.choices.history_of is HistoryOf.DOUBLED, half=half)
         band_rows = band_rows_for(whole)
         if band_rows and preset.choices.history_of is not HistoryOf.RESULT:
             raise ResourceError(
@@ -193,7 +195,7 @@ def resolver_for(
         if device == "numpy":
             band_rows = 0
     kind = partial(BandedResolver, band_rows=band_rows) if band_rows else Resolver
-    return kind(preset, device, **options)
+    return kind(preset, device, storage=storage, **options)
 
 
 def _keeps(preset: Preset) -> str:

@@ -132,12 +132,18 @@ def whole_images(width: int, height: int) -> Memory:
     )  # fmt: skip
 
 
-def test_bands_begin_where_the_formula_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("half", [False, True])
+@pytest.mark.parametrize("storage", [Storage.FLOAT, Storage.HALF])
+def test_bands_begin_where_the_formula_says(
+    storage: Storage, half: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sequence = open_sequence(write_sequence(tmp_path / "in", 2))
-    whole = of_whole_images(sequence).whole
+    plain, whole = of_whole_images(sequence).whole, of_whole_images(sequence, storage, half=half).whole
+    assert (whole != plain) == (half or storage is Storage.HALF)
     for memory, banded in ((whole, False), (whole - 1, True)):
         monkeypatch.setattr("cltaa.resolve.bands.memory_limit", lambda memory=memory: memory)
-        assert isinstance(resolver_for(load_preset("default"), None, sequence), BandedResolver) == banded
+        resolver = resolver_for(load_preset("default"), None, sequence, storage=storage, half=half)
+        assert isinstance(resolver, BandedResolver) == banded
 
 
 def test_a_preset_that_keeps_frames_has_no_bands(
