@@ -11,7 +11,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from cltaa.commands.names import PRESET
+from cltaa.commands.names import EFFECT_LIST, PRESET
 from cltaa.commands.options import FILE_PATH, chosen_effects, input_options, json_option
 from cltaa.commands.printing import print_line
 from cltaa.errors import DataError
@@ -35,7 +35,8 @@ from cltaa.sequences.sources import Sequence
 @click.option("--plan", "planned", is_flag=True, help="Say which steps a resolve runs, why, and what each costs here.")
 @click.option("--preset", type=PRESET, default="default", show_default=True, help="With --plan: whose steps.")
 @click.option("--device", metavar="NAME", help="With --plan: where; its index or a part of its name.")
-@click.option("--effects", default="auto", show_default=True, help="With --plan: auto (as declared), all, or names.")
+@click.option("--effects", type=EFFECT_LIST, metavar="LIST", default="auto", show_default=True,
+              help="With --plan: auto (as declared), all, or names.")  # fmt: skip
 @click.option("--half", is_flag=True, help="With --plan: of results in half precision, which take less memory.")
 @input_options
 @json_option

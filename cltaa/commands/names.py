@@ -26,15 +26,15 @@ class _Name(click.ParamType[str]):
 class _NameList(_Name):
     """A comma-separated list of names, or ``instead`` of one a word; what stands in it is not offered again."""
 
-    def __init__(self, listed: Callable[[], list[str]], *, instead: str = "") -> None:
+    def __init__(self, listed: Callable[[], list[str]], *, instead: tuple[str, ...] = ()) -> None:
         super().__init__(listed)
         self._instead = instead
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         before, comma, last = incomplete.rpartition(",")
         found = super().shell_complete(ctx, param, last)
-        alone = not comma and self._instead and self._instead.startswith(last)
-        names = [one.value for one in found if one.value not in before.split(",")] + [self._instead] * bool(alone)
+        names = [one.value for one in found if one.value not in before.split(",")]
+        names += [word for word in self._instead if not comma and word.startswith(last)]
         return [CompletionItem(before + comma + name) for name in names]
 
 
@@ -76,6 +76,12 @@ def _scenes() -> list[str]:
     return [*known_scenes()]
 
 
+def _effects() -> list[str]:
+    from cltaa.frames import Effect
+
+    return [*Effect]
+
+
 def _metrics() -> list[str]:
     from cltaa.judging.metrics import METRICS
 
@@ -95,14 +101,21 @@ def _parameters() -> list[str]:
 
 
 def _words_of(parameter: str) -> list[str]:
-    from cltaa.parameters.choices import Choices
-    from cltaa.parameters.presets import FIELDS, allowed
+    from cltaa.parameters.presets import FIELDS, words_of
 
-    return allowed(parameter).split(", ") if FIELDS.get(parameter) is Choices else []
+    return words_of(parameter) if parameter in FIELDS else []
+
+
+def _keys() -> dict[str, list[str]]:
+    from cltaa.inputs.profile import profile_keys
+
+    return profile_keys()
 
 
 PRESET, PROFILE = _Name(_presets), _Name(_profiles, or_file=True)
 KERNEL, SCENE = _Name(_kernels), _Name(_scenes)
 SCENES = _Name(lambda: [ALL_SCENES, *_scenes()])  # or all of them
-METRIC_LIST, VIEW_LIST = _NameList(_metrics, instead="all"), _NameList(_views)
+METRIC_LIST, VIEW_LIST = _NameList(_metrics, instead=("all",)), _NameList(_views)
+EFFECT_LIST = _NameList(_effects, instead=("auto", "all"))
 ASSIGNMENT = _Assignment(_parameters, _words_of)
+INPUT = _Assignment(lambda: [*_keys()], lambda key: _keys().get(key, []))

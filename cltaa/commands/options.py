@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from cltaa.commands.names import PROFILE
+from cltaa.commands.names import EFFECT_LIST, INPUT, PROFILE
 from cltaa.errors import UsageError, known
 from cltaa.frame_checks import EXPOSURE_STOPS
 from cltaa.frames import Effect, parse_effects
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from cltaa.sequences.sources import Sequence
 
 Command = Callable[..., Any]
-EFFECTS_HELP = "auto (as declared), all, or a comma-separated list."
 DIGITS = "[0-9]{1,20}"  # of a whole number: Python refuses to read one of thousands
 
 
@@ -143,6 +142,10 @@ verify_option = click.option(
 device_option = click.option(
     "--device", metavar="NAME", help="OpenCL device: its index or a part of its name; see cltaa doctor."
 )
+effects_option = click.option(
+    "--effects", type=EFFECT_LIST, metavar="LIST", default="auto", show_default=True,
+    help="auto (as declared), all, or a comma-separated list.",
+)  # fmt: skip
 step_option = click.option(
     "--step", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
     help="Frame numbers are N apart, and motion vectors span N (docs/inputs.md).",
@@ -156,7 +159,7 @@ def input_options(command: Command) -> Command:
         step_option,
         click.option("--camera", "side_file", type=FILE_PATH, metavar="FILE",
                      help="Matrices, jitter, exposure and cuts of each frame: .json, .csv or text (docs/inputs.md)."),
-        click.option("--input", "assignments", multiple=True, metavar="SECTION.KEY=VALUE",
+        click.option("--input", "assignments", type=INPUT, multiple=True, metavar="SECTION.KEY=VALUE",
                      help="One key of the profile, such as motion.scale=1,-1; may be repeated."),
         click.option("--profile", type=PROFILE, metavar="NAME", default="auto", show_default=True,
                      help="Who wrote the files: auto, a name (cltaa profiles), or FILE.toml."),
@@ -181,8 +184,7 @@ def measured_options(command: Command) -> Command:
         "--truth", type=FILE_PATH, metavar="DIR",
         help="Where the truth is, as B of cltaa compare.  [default: reference/ of each sequence]",
     )  # fmt: skip
-    effects = click.option("--effects", default="auto", show_default=True, help=EFFECTS_HELP)
-    return input_options(effects(truth(read)))
+    return input_options(effects_option(truth(read)))
 
 
 def open_each(folders: Iterable[Path], reading: Reading) -> dict[Path, Sequence]:

@@ -10,12 +10,12 @@ from msgspec.structs import replace
 
 from cltaa.commands.names import ASSIGNMENT, PRESET, VIEW_LIST
 from cltaa.commands.options import (
-    EFFECTS_HELP,
     FILE_PATH,
     FRAME_RANGE,
     MILLISECONDS,
     NAMES,
     chosen_effects,
+    effects_option,
     input_options,
     json_option,
     verify_option,
@@ -51,7 +51,7 @@ from cltaa.sequences.sources import Sequence
     "--set", "changes", type=ASSIGNMENT, multiple=True, metavar="KEY=VALUE", help="One parameter; may be repeated."
 )
 @click.option("--device", help="Part of an OpenCL device's name, its index, or numpy.  [default: first, GPUs first]")
-@click.option("--effects", default="auto", show_default=True, help=EFFECTS_HELP)
+@effects_option
 @click.option("--frames", type=FRAME_RANGE, help="Only these frames, both included.")
 @click.option("--preview", type=FILE_PATH, help="Also write the result as an MP4, as fast as it was captured.")
 @click.option("--half", is_flag=True, help="Write half-precision EXRs (values saturate at 65504).")
@@ -125,7 +125,7 @@ def resolve(
         if preset != "default" or config is not None:
             raise UsageError("--budget-ms chooses the preset itself", cure="leave out --preset and --config")
         settings, kept = within_budget(budget_ms, device, (source.width, source.height), changes)
-    resolver = resolver_for(settings, device, source, band_rows, strict=strict, storage=kept)
+    resolver = resolver_for(settings, device, source, band_rows, strict=strict, storage=kept, half=half)
     outcome = resolve_sequence(
         source,
         output,

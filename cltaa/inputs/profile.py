@@ -145,6 +145,24 @@ class Profile(msgspec.Struct, frozen=True, kw_only=True):
     camera: Cameras = Cameras()
 
 
+def profile_keys() -> dict[str, list[str]]:
+    """Every key that an assignment may have, such as depth.kind, and the words that it takes; none of a number."""
+    return {
+        f"{section}.{key}": _words_of(kind)
+        for section, type_ in get_type_hints(Profile).items()
+        if isinstance(type_, type) and issubclass(type_, msgspec.Struct)
+        for key, kind in get_type_hints(type_).items()
+    }
+
+
+def _words_of(kind: Any) -> list[str]:
+    if kind is bool:
+        return ["true", "false"]
+    if isinstance(kind, type) and issubclass(kind, StrEnum):
+        return [*kind]
+    return [*get_args(kind)] if get_origin(kind) is Literal else []
+
+
 def profile_names() -> list[str]:
     """Names of the profiles that come with cltaa, sorted."""
     return sorted(Path(entry.name).stem for entry in _FOLDER.iterdir() if entry.name.endswith(".toml"))
@@ -209,12 +227,7 @@ def _no_such_value(path: str, values: dict[str, Any], origin: str) -> DataError:
     if not key:
         return DataError(f"profile: {section} has no such value", path=origin)
     kind = get_type_hints(type(getattr(Profile(), section))).get(key)
-    if get_origin(kind) is Literal:
-        expected = ", ".join(get_args(kind))
-    elif isinstance(kind, type) and issubclass(kind, StrEnum):
-        expected = ", ".join(kind)
-    else:
-        expected = KINDS.get(kind, "names")
+    expected = KINDS.get(kind) or ", ".join(_words_of(kind)) or "names"
     found = values[section][key]
     found = ",".join(map(str, found)) if isinstance(found, list | tuple) else found
     return DataError(f"profile: {section}.{key} has no such value", path=origin, expected=expected, found=found)

@@ -50,11 +50,16 @@ FIELDS: dict[str, type[Settings] | type[Choices]] = {
 }
 
 
+def words_of(key: str) -> list[str]:
+    """The names that a choice can be set to; none of a number."""
+    return [*get_type_hints(Choices)[key]] if FIELDS[key] is Choices else []
+
+
 def allowed(key: str) -> str:
     """What a key can be set to: the names of a choice, or the range of a number."""
-    hint: Any = get_type_hints(FIELDS[key], include_extras=True)[key]
     if FIELDS[key] is Choices:
-        return ", ".join(hint)
+        return ", ".join(words_of(key))
+    hint: Any = get_type_hints(Settings, include_extras=True)[key]
     (meta,) = hint.__metadata__
     return f"{meta.ge:g} to {meta.le:g}" + (" (whole)" if hint.__origin__ is int else "")
 

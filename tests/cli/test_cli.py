@@ -89,6 +89,12 @@ def test_completion_script(shell: str) -> None:
         ("cltaa resolve x --set history_of=sam", "history_of=samples"),
         ("cltaa resolve x --debug rej", "reject"),
         ("cltaa resolve x --debug count,mo", "count,motion"),
+        ("cltaa resolve x --effects mot", "motion"),
+        ("cltaa inspect x --effects sky,th", "sky,thin"),
+        ("cltaa bench accuracy x --effects au", "auto"),
+        ("cltaa check x --input jitter.of", "jitter.offset="),
+        ("cltaa resolve x --input depth.kind=device-r", "depth.kind=device-reversed"),
+        ("cltaa resolve x --input motion.swap=t", "motion.swap=true"),
         ("cltaa compare x --metrics al", "all"),
         ("cltaa compare x --metrics mse,ps", "mse,psnr"),
         ("cltaa bench accuracy --metrics flip,flip-h", "flip,flip-hdr"),
@@ -107,6 +113,9 @@ def test_what_a_list_has_is_not_completed_again_and_a_number_has_no_words() -> N
         ("cltaa compare x --metrics mse,al", set()),  # all stands alone
         ("cltaa resolve x --set gamma_still=1", set()),
         ("cltaa resolve x --set nonsense=", set()),
+        ("cltaa resolve x --effects sky,al", {"plain,sky,alpha"}),  # all and auto stand alone
+        ("cltaa resolve x --input motion.scale=1", set()),
+        ("cltaa resolve x --input nonsense=", set()),
     ):
         done = run(_CLTAA_COMPLETE="bash_complete", COMP_WORDS=words, COMP_CWORD=str(words.count(" ")))
         assert (done.returncode, set(done.stdout.split())) == (0, completed)
