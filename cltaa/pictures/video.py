@@ -96,8 +96,10 @@ def check_film(path: Path, sequence: NumberedFiles, output: Path) -> None:
     A film in a folder that is not there before ``output`` is made, with its parents, is not tried here.
     """
     import_av()
-    folder, made = path.parent.resolve(), output.resolve()
-    if folder.is_dir() or folder not in (made, *made.parents):
+    folder, made = path.parent.resolve(), [output.resolve(), *output.resolve().parents]
+    if path.resolve() in made:
+        raise UsageError("the film would lie where the output does", path=path, cure="name another file or folder")
+    if folder.is_dir() or folder not in made:
         check_creatable(path)
     if path.suffix.lower() not in SUFFIXES:
         raise UsageError(

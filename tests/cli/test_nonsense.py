@@ -63,6 +63,8 @@ CASES: list[tuple[str, int, str]] = [
     ("resolve seq more and -o out", USAGE, "extra arguments (more and); see"),
     ("resolve seq -o out --effects motoin", WRONG, "--effects: unknown effect motoin; did you mean motion?"),
     ("resolve seq -o out --storage x", USAGE, "Invalid value for '--storage'"),
+    ("resolve seq -o a.mp4 --device numpy --preview a.mp4", WRONG, "a.mp4: the film would lie where the output does"),
+    ("resolve seq -o a.mp4/out --device numpy --preview a.mp4", WRONG, "a.mp4: the film would lie where the output"),
     ("resolve seq -o out --device numpy --preview empty", OUTPUT, "empty: this is a folder"),
     ("resolve seq -o out --device numpy --preview x.gif", WRONG, "x.gif: a film is an MP4 (expected .mp4 or .m4v,"),
     ("resolve seq -o out --device numpy --preview no/x.mp4", OUTPUT, "no/x.mp4: the file cannot be created"),
