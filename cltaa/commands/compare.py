@@ -23,7 +23,8 @@ from cltaa.judging.video_scores import SCORES, VideoScores
 from cltaa.printable import json_of, printable, shown
 from cltaa.progress import track
 from cltaa.sequences.frame_numbers import even_step
-from cltaa.sequences.sources import ImageSequence, Sequence
+from cltaa.sequences.images import ImageSequence
+from cltaa.sequences.sources import Sequence
 from cltaa.sequences.streams import read_ahead
 
 Values = dict[str, float]

@@ -24,7 +24,8 @@ from cltaa.printable import counted, json_of, shown
 from cltaa.resolve.outcome import Outcome
 from cltaa.resolve.pipeline import resolve_sequence
 from cltaa.resolve.resolver import Resolver
-from cltaa.sequences.sources import ImageSequence, open_images, open_sequence
+from cltaa.sequences.images import ImageSequence
+from cltaa.sequences.sources import open_images, open_sequence
 
 SETTLED = 8  # frames after which the history is full enough to be judged
 FLIP_EVERY = 8  # FLIP takes longer than the resolve, so only every so many-th frame is judged by it

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cltaa.errors import DataError, UsageError
@@ -62,6 +62,16 @@ class Layout:
             self.data_window[3] - top,
         )
 
+    def covers(self, region: Window) -> bool:
+        """True where the picture shows all of a region, which begins at the first pixel of the display window."""
+        return _covers(self.region, region)
+
+    def cropped(self, region: Window) -> Layout:
+        """The layout of a region of the picture alone."""
+        left, top, *_ = self.display_window
+        data = region[0] + left, region[1] + top, region[2] + left, region[3] + top
+        return replace(self, data_window=data)
+
     @property
     def size(self) -> str:
         """Columns and rows for a reader, and of a region or overscan which of the display window it is."""
@@ -87,13 +97,19 @@ class Layout:
 
     def part_of(self, window: Window) -> Part:
         """Rows and columns of the picture that lie in ``window``; raises DataError unless it covers all of that."""
-        left, top, right, bottom = self.data_window
-        if not (left <= window[0] <= window[2] <= right and top <= window[1] <= window[3] <= bottom):
+        left, top, *_ = self.data_window
+        if not _covers(self.data_window, window):
             raise DataError(
                 "the data window does not cover the picture", path=self.path, expected=f"at least {window}",
                 found=self.data_window, cure="write all channels with one data window",
             )  # fmt: skip
         return slice(window[1] - top, window[3] - top + 1), slice(window[0] - left, window[2] - left + 1)
+
+
+def _covers(window: Window, other: Window) -> bool:
+    """True where all of ``other`` lies in ``window``."""
+    left, top, right, bottom = window
+    return left <= other[0] <= other[2] <= right and top <= other[1] <= other[3] <= bottom
 
 
 def check_lossless(compression: str, path: Path | None = None) -> None:

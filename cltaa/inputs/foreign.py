@@ -27,7 +27,8 @@ from cltaa.inputs.parts import read_any_header, read_planes
 from cltaa.inputs.roles import KEYS
 from cltaa.memory.haloed import haloed
 from cltaa.sequences.frame_numbers import OnBreak
-from cltaa.sequences.sources import CHANNEL_OF, NO_PIXELS, ImageSequence, Sequence
+from cltaa.sequences.images import ImageSequence
+from cltaa.sequences.sources import CHANNEL_OF, NO_PIXELS, Sequence
 
 EFFECT_OF = {"motion": Effect.MOTION, "alpha": Effect.ALPHA, "reactive": Effect.REACTIVE}  # what a channel is there for
 
@@ -117,8 +118,7 @@ class ForeignSequence(Sequence):
         selected.truth = self.truth
         return selected
 
-    def open_supersampled(self, folder: Path) -> ImageSequence:
-        """Open a folder with supersampled frames, read as these are."""
+    def _open_alike(self, folder: Path) -> ImageSequence:
         from cltaa.inputs.pictures import open_pictures  # here: those are made of such sequences
 
         profile, assignments = self.intake.asked

@@ -17,7 +17,8 @@ from cltaa.inputs.profile import Encoding, Profile, load_profile
 from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import describe
 from cltaa.sequences.frame_numbers import FrameRange, OnBreak
-from cltaa.sequences.sources import ImageSequence, open_images
+from cltaa.sequences.images import ImageSequence
+from cltaa.sequences.sources import open_images
 
 
 class ForeignImages(ImageSequence):

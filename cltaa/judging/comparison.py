@@ -19,8 +19,9 @@ from cltaa.judging.equal_quality import equal_quality_samples, falls, samples_on
 from cltaa.judging.metrics import light_mse
 from cltaa.printable import counted
 from cltaa.sequences.frame_numbers import OnBreak, ranges
+from cltaa.sequences.images import ImageSequence
 from cltaa.sequences.numbered import NumberedFiles, check_same_size, shared_region
-from cltaa.sequences.sources import ImageSequence, Sequence
+from cltaa.sequences.sources import Sequence
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,10 +161,7 @@ def open_yardsticks(capture: Sequence) -> dict[int, ImageSequence]:
     """
     named = {path.name.removeprefix("reference-"): path for path in capture.folder.glob("reference-*")}
     folders = sorted((int(name), path) for name, path in named.items() if name.isdecimal())
-    found = {count: capture.open_supersampled(path) for count, path in folders}
-    for images in found.values():
-        check_same_size(capture, images)
-    return found
+    return {count: capture.open_supersampled(path) for count, path in folders}
 
 
 def supersampling_curve(comparison: Comparison, one_sample_mse: float, stops: float = 0.0) -> list[tuple[int, float]]:

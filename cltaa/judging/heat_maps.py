@@ -10,7 +10,7 @@ from cltaa.frames import Image
 from cltaa.judging.metrics import Metric, flip_map, measure
 from cltaa.printable import printable
 from cltaa.sequences.frame_numbers import ranges
-from cltaa.sequences.sources import ImageSequence
+from cltaa.sequences.images import ImageSequence
 
 
 def measure_map(

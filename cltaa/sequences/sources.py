@@ -18,35 +18,19 @@ from cltaa.errors import DataError, UsageError
 from cltaa.exr import core as exr_core
 from cltaa.exr.attributes import FrameHeader
 from cltaa.exr.channels import check_float_channels
-from cltaa.exr.read import ImageHeader, read_colour, read_frame_and_header, read_header
+from cltaa.exr.read import ImageHeader, read_frame_and_header, read_header
 from cltaa.files.manifest import read_capture_record, recorded_hashes
 from cltaa.files.names import NUMBERED, name_of, number_of
-from cltaa.frames import Effect, Frame, Image, name_effects
+from cltaa.frames import Effect, Frame, name_effects
 from cltaa.sequences.frame_numbers import FrameRange, OnBreak, even_step, frame_missing, no_truth
-from cltaa.sequences.numbered import NumberedFiles, check_same_size, numbered_files
+from cltaa.sequences.images import ImageSequence, as_shown
+from cltaa.sequences.numbered import NumberedFiles, numbered_files
 
 NO_PIXELS = np.empty((0, 0), np.float32)
 # The channel that shows that a frame has this part.
 CHANNEL_OF = {"motion": "backward.u", "alpha": "A", "reactive": "reactive"}
 
 RESOLVED = "cltaa:preset"  # the attribute of images that a resolve wrote
-
-
-class ImageSequence(NumberedFiles):
-    """Colour only: a reference, or resolved frames. Iteration yields ``[H, W, 3]`` linear float32 in frame order."""
-
-    @property
-    def notes(self) -> list[str]:
-        """What was decided about the files of another tool, line by line; own ones: nothing."""
-        return []
-
-    def image(self, number: int) -> Image:
-        """Read the colour of one frame number, [H, W, 3] linear float32."""
-        return read_colour(self.path(number), sha256=self.sha256(number))
-
-    def __iter__(self) -> Iterator[Image]:
-        """Read the frames one after another."""
-        return (self.image(number) for number in self.numbers)
 
 
 class Sequence(NumberedFiles):
@@ -130,16 +114,21 @@ class Sequence(NumberedFiles):
         return reference.select(self.first, self.last)
 
     def known_reference(self) -> ImageSequence | None:
-        """The truth of those frames that have one, or None; raises DataError where it is of another size."""
-        folder, reference = self.folder / "reference", self.truth
-        if reference is None and not folder.exists():
-            return None
-        reference = reference or self.open_supersampled(folder)
-        check_same_size(self, reference)
-        return reference
+        """The truth of those frames that have one, or None; raises DataError where it does not show what they show."""
+        folder = self.folder / "reference"
+        if self.truth is not None:
+            return as_shown(self.truth, self)
+        return self.open_supersampled(folder) if folder.exists() else None
 
     def open_supersampled(self, folder: Path) -> ImageSequence:
-        """Open a folder with the truth of some frames, or with as many samples as a yardstick has, as they are."""
+        """Open a folder with the truth of some frames, or with as many samples as a yardstick has.
+
+        Of more than a region the region is taken; raises DataError where they do not show what these frames show.
+        """
+        return as_shown(self._open_alike(folder), self)
+
+    def _open_alike(self, folder: Path) -> ImageSequence:
+        """Open pictures as these frames are read."""
         return open_images(folder, verify=self.verify, gaps=OnBreak.RESET)
 
     @cached_property

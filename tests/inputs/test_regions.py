@@ -19,7 +19,8 @@ from cltaa.exr.read import read_frame, read_header, read_image
 from cltaa.exr.write import write_image
 from cltaa.frames import Frame
 from cltaa.inputs.convert import ray_length
-from cltaa.inputs.opening import open_input
+from cltaa.inputs.opening import Reading, open_input
+from cltaa.judging.comparison import open_yardsticks, truth_of
 from cltaa.parameters.presets import load_preset
 from cltaa.resolve.pipeline import resolve_sequence
 from cltaa.resolve.resolver import Resolver
@@ -218,6 +219,28 @@ def test_what_both_show_is_judged(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert f"judged where both show something: {size} of the display window" in said.err
     assert main(["compare", str(part), str(part), "--metrics", "mse"]) == 0
     assert "judged where" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("inputs", [(), ("colour.channels=R G B",)])
+def test_a_truth_of_the_whole_is_one_of_a_region_too(
+    inputs: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In the sequence's own folder, or where --truth says, and whoever wrote it."""
+    part, whole = write_region(tmp_path / "part", REGION), write_region(tmp_path / "whole", WHOLE)
+    inner = slice(TOP, TOP + ROWS), slice(LEFT, LEFT + COLUMNS)
+    for place, folder in ((str(whole), None), (None, part / "reference")):
+        if folder is not None:
+            whole.rename(folder)
+        sequence = Reading(assignments=inputs, truth=place).open(part)
+        truth = truth_of(sequence)
+        assert truth.layouts[0].size == sequence.layouts[0].size
+        np.testing.assert_array_equal(truth.image(2), moving(2).colour[inner])
+    (part / "reference").rename(part / "reference-4")
+    assert open_yardsticks(open_input(part))[4].layouts[0].region == REGION
+    write_images(part / "reference", [moving(index).colour + np.float32(0.125) for index in range(4)], name="a")
+    assert main(["compare", str(part), "--metrics", "mse-linear", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["mean"]["mse-linear"] == pytest.approx(0.125**2, rel=1e-5)
 
 
 def test_camera_of_another_tools_region_is_that_of_our_own(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from cltaa.parameters.presets import Preset
 from cltaa.pictures.display import shown_light, to_display
 from cltaa.progress import track
 from cltaa.resolve.resolver import Resolver
-from cltaa.sequences.sources import ImageSequence
+from cltaa.sequences.images import ImageSequence
 from cltaa.sequences.sources import Sequence as Captured
 from cltaa.sequences.streams import read_ahead
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from cltaa.errors import InputMissing
 from cltaa.sequences.frame_numbers import ranges
-from cltaa.sequences.numbered import check_same_size
-from cltaa.sequences.sources import ImageSequence, Sequence
+from cltaa.sequences.images import ImageSequence
+from cltaa.sequences.sources import Sequence
 
 REDRAWN = "again"  # folder of such a capture, inside the sequence's
 
@@ -19,7 +19,6 @@ def redrawn_of(sequence: Sequence) -> ImageSequence | None:
     if not folder.is_dir():
         return None
     again = sequence.open_supersampled(folder)
-    check_same_size(sequence, again)
     for number in sequence.numbers:
         if number not in again.numbers:
             what, cure = "this frame was not drawn again", "draw them all again, or take the folder away"
