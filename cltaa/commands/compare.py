@@ -70,10 +70,11 @@ def compare(
 ) -> None:
     """Judge A against B, frame by frame and in the mean.
 
-    A and B are folders of numbered EXR frames, of cltaa or of another tool, or single EXR files. Where B is a captured
-    sequence, A is judged against the truth in its folder reference/, beside the single samples that were captured, and
-    the equal-quality samples are stated: how many samples a pixel a supersampler needs for the same error. Where B is
-    left out, A is a captured sequence and its single samples are judged against its own truth.
+    A and B are folders of numbered EXR frames, of cltaa or of another tool, or of PNGs, which are taken for sRGB; or
+    single files. Where B is a captured sequence, A is judged against the truth in its folder reference/, beside the
+    single samples that were captured, and the equal-quality samples are stated: how many samples a pixel a
+    supersampler needs for the same error. Where B is left out, A is a captured sequence and its single samples are
+    judged against its own truth.
 
     --video needs the capture, for the motion in it, and tells apart what an error of single images cannot: ghosting
     (the past shows at uncovered pixels), flicker (changes that are not in the truth), blur (fine detail lost) and
@@ -100,6 +101,8 @@ def compare(
     warnings = doubts(comparison, followed=in_time)
     if heatmap is not None:
         make_folder(heatmap)
+        if any(images.folder.samefile(heatmap) for images in (comparison.test, comparison.reference)):
+            raise UsageError("--heatmap: maps have the names of the pictures there", path=heatmap, cure="name another")
         warnings += stale_maps(heatmap, comparison.test)
     for warning in warnings:
         click.echo(f"cltaa: warning: {warning}", err=True)

@@ -1,4 +1,4 @@
-"""Names of numbered files, ``<name>.<frame>.exr``: the sequence that a file belongs to, and its place there."""
+"""Names of numbered files, ``<name>.<frame>.exr`` or ``.png``: the sequence of a file, and its place there."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 # Nine digits fit cltaa:frame, an int. A number below 0, ``x.-001.exr``, is none: its frames would come in wrong order.
-NUMBERED = re.compile(r"(?P<name>.*?)[._-]?(?<![0-9])(?<![._]-)(?<!^-)(?P<number>[0-9]{1,9})\.exr", re.DOTALL)
+NUMBERED = re.compile(r"(?P<name>.*?)[._-]?(?<![0-9])(?<![._]-)(?<!^-)(?P<number>[0-9]{1,9})\.(exr|png)", re.DOTALL)
 
 
 def number_of(path: Path) -> int | None:

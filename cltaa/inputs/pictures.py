@@ -13,6 +13,7 @@ from cltaa.inputs.convert import linear_colour
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import open_intake
 from cltaa.inputs.parts import read_any_header
+from cltaa.inputs.png_images import is_png, open_png
 from cltaa.inputs.profile import Encoding, Profile, load_profile
 from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import describe
@@ -79,11 +80,13 @@ def open_pictures(
     profile: str = "auto",
     assignments: Many[str] = (),
 ) -> ImageSequence:
-    """Open images as ``open_images`` does, with its options, and a folder of another tool's files by a profile.
+    """Open images as ``open_images`` does, with its options, a folder of another tool's files by a profile, or PNGs.
 
     Of the latter a missing frame is no error before it is asked for. Of channels R, G and B that are not cltaa's own a
     profile only says how they are encoded. Raises what ``open_images`` and ``open_intake`` raise.
     """
+    if is_png(path):
+        return open_png(path, gaps=gaps, frames=frames)
     if not _of_another(path):
         asked = Profile() if profile == "auto" else load_profile(profile)
         images = open_images(path, verify=verify, gaps=gaps, frames=frames)
@@ -91,6 +94,11 @@ def open_pictures(
         return SrgbImages(images) if encoded and not _own(images) else images
     intake = open_intake(path, profile=profile, assignments=assignments, gaps=OnBreak.RESET, frames=frames)
     return ForeignImages(ForeignSequence(path, intake, sorted(intake.declared), strict=False, verify=verify))
+
+
+def stated(path: Path) -> dict[str, object]:
+    """The attributes of an EXR's header; a PNG states none. Raises InputMissing or DataError."""
+    return {} if is_png(path) else read_any_header(path).attributes
 
 
 def _own(images: ImageSequence) -> bool:

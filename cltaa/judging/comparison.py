@@ -13,8 +13,7 @@ from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.exr.layout import Part, Window
 from cltaa.frames import Image
 from cltaa.inputs.opening import is_own, open_input
-from cltaa.inputs.parts import read_any_header
-from cltaa.inputs.pictures import open_pictures
+from cltaa.inputs.pictures import open_pictures, stated
 from cltaa.judging.equal_quality import equal_quality_samples, falls, samples_on_curve
 from cltaa.judging.metrics import light_mse
 from cltaa.printable import counted
@@ -147,7 +146,7 @@ def truth_of(sequence: Sequence) -> ImageSequence:
 def truth_samples(reference: ImageSequence) -> int | None:
     """Samples a pixel of a truth, as attribute ``cltaa:samples`` of its first frame tells, or None."""
     path = reference.path(reference.first)
-    count = read_any_header(path).attributes.get("cltaa:samples")
+    count = stated(path).get("cltaa:samples")
     if count is None or (isinstance(count, int) and count > 0):
         return count
     what = "attribute cltaa:samples is wrong"

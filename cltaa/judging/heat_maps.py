@@ -44,7 +44,7 @@ def stale_maps(folder: Path, images: ImageSequence) -> list[str]:
 
     They stay: pictures of anybody's may lie in the folder under such names.
     """
-    matches = (NUMBERED.fullmatch(f"{path.stem}.exr") for path in folder.glob("*.png"))
+    matches = (NUMBERED.fullmatch(path.name) for path in folder.glob("*.png"))
     numbers = {int(match["number"]) for match in matches if match and match["name"] == images.name}
     stale = sorted(numbers.difference(images.numbers))
     return [f"{printable(folder)}: maps of frames that are not judged now stay there: {ranges(stale)}"] if stale else []

@@ -11,7 +11,7 @@ import json
 import numpy as np
 
 from cltaa.files.manifest import Manifest
-from cltaa.inputs.parts import read_any_header
+from cltaa.inputs.pictures import stated
 from cltaa.judging.comparison import Comparison
 from cltaa.printable import printable
 from cltaa.sequences.numbered import NumberedFiles
@@ -29,7 +29,7 @@ def doubts(comparison: Comparison, *, followed: bool = False) -> list[str]:
     With ``followed`` the motion that B's files tell counts too, and so how they are read.
     Raises what reading a header and a manifest raises.
     """
-    truth = read_any_header(comparison.reference.path(comparison.reference.first)).attributes
+    truth = stated(comparison.reference.path(comparison.reference.first))
     if comparison.capture is not None and RESOLVED in truth:
         return [f"the truth of B, {printable(comparison.reference.folder)}, was written by a resolve: capture it again"]
     if comparison.of_itself:
@@ -37,7 +37,7 @@ def doubts(comparison: Comparison, *, followed: bool = False) -> list[str]:
     test = comparison.test
     other: NumberedFiles = comparison.reference if comparison.capture is None else comparison.capture
     number = test.first if test.first in other.numbers else other.first
-    ours, theirs = (read_any_header(path).attributes for path in (test.path(test.first), other.path(number)))
+    ours, theirs = (stated(path) for path in (test.path(test.first), other.path(number)))
     scenes = [str(attributes.get("cltaa:scene", "")) for attributes in (ours, theirs)]
     if all(scenes) and scenes[0] != scenes[1]:
         return [f"A shows scene {printable(scenes[0])} and B scene {printable(scenes[1])}"]

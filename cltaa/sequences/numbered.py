@@ -65,9 +65,14 @@ class NumberedFiles:
         self.layouts: dict[int, Layout] = {}
         before: Layout | None = None
         for number, path in self._paths.items():
-            self.layouts[number] = layout = read_layout(path)
+            self.layouts[number] = layout = self.layout_of(path)
             check_size(layout, before or layout, number, self.on_resize)
             before = layout
+
+    @staticmethod
+    def layout_of(path: Path) -> Layout:
+        """What a file's header says of its picture; raises InputMissing and DataError."""
+        return read_layout(path)
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -191,10 +196,10 @@ def check_same_size(one: NumberedFiles, other: NumberedFiles) -> None:
         check_region(second, first, str(one.folder))
 
 
-def numbered_files(folder: Path) -> tuple[Path, str, dict[int, Path]]:
+def numbered_files(folder: Path, suffix: str = ".exr") -> tuple[Path, str, dict[int, Path]]:
     """Find the frames of a folder: the folder, their name and the file of each number; errors as ``open_sequence``."""
     try:
-        files = sorted(entry for entry in folder.iterdir() if entry.suffix == ".exr" and entry.name[0] != ".")
+        files = sorted(entry for entry in folder.iterdir() if entry.suffix == suffix and entry.name[0] != ".")
     except FileNotFoundError as error:
         raise folder_missing(folder) from error
     except OSError as error:
@@ -226,7 +231,8 @@ def folder_missing(folder: Path) -> InputMissing:
 def no_frames(folder: Path, files: Iterable[Path]) -> InputMissing:
     """The error for a folder none of whose EXR ``files`` has a number."""
     names = [path.name for path in files]
-    cure = f"number the frames, as in {Path(names[0]).stem}.0001.exr" if names else None
+    suffix = Path(names[0]).suffix if names else ".exr"
+    cure = f"number the frames, as in {Path(names[0]).stem}.0001{suffix}" if names else None
     if any(re.search(r"(^|[._-])-[0-9]+\.exr$", name) for name in names):
         cure = "numbers below 0 are not read: number the frames from 0 or 1 on"
     elif any(re.search(r"[0-9]{10,}\.exr$", name) for name in names):
@@ -239,4 +245,6 @@ def no_frames(folder: Path, files: Iterable[Path]) -> InputMissing:
         others = sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in PICTURES)
         found = f"no EXR, but {others[0]}" if others else "nothing"
         cure = "convert the frames to OpenEXR, linear and with .exr in small letters" if others else None
-    return InputMissing("no frames in the folder", path=folder, expected="<name>.<frame>.exr", found=found, cure=cure)
+    return InputMissing(
+        "no frames in the folder", path=folder, expected=f"<name>.<frame>{suffix}", found=found, cure=cure
+    )
