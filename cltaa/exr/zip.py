@@ -28,6 +28,7 @@ from cltaa.exr.openexr import OpenEXR
 # Threads take turns with the interpreter between the steps of their work: so a few of them with much each
 # (docs/decisions/0041-few-turns-with-the-interpreter.md).
 THREADS = 4
+BEGUN = THREADS + 1  # of one file at a time: packed, being packed, or to be packed
 ROWS = 64  # that a thread packs at a time: 4 chunks of ZIP, 64 of ZIPS
 ROWS_A_CHUNK = {"zip": 16, "zips": 1}
 
@@ -67,11 +68,11 @@ def write_zip(
 
 
 def _in_threads(pack: Pack, rows: range) -> Iterator[Packed]:
-    """``pack(row)`` for each of ``rows``, in their order; for one more of them than there are threads ahead of use."""
+    """``pack(row)`` for each of ``rows``, in their order; ``BEGUN`` of them at a time."""
     begun = deque[Callable[[], Packed]]()
     for row in rows:
         begun.append(_begin(pack, row))
-        if len(begun) > THREADS:
+        if len(begun) == BEGUN:
             yield begun.popleft()()
     while begun:
         yield begun.popleft()()

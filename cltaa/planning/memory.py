@@ -25,7 +25,7 @@ REAL, HALF = 4, 2  # bytes of a float, and of a half
 FRAMES = 1 + AHEAD  # in work, and those that are decoded or being decoded
 RESULTS = 1 + BEHIND  # just made, and those that wait to be written or are being written
 # Blocks of the size of what it works on that each thread that packs or unpacks holds: packed, unpacked, between the
-# two. Seen with 2 and 16 threads of OpenEXR: 2.5 to 3.1.
+# two. Seen with 2 and 16 threads of OpenEXR: 2.5 to 3.1. What is packed waits besides until its file is written so far.
 BLOCKS = 3
 # Interpreter, libraries and driver: the peak of a resolve of 16 x 16 pixels with built kernels, PoCL 3.0, 2026-11-21,
 # and what of it is no file's (2026-11-22). Kernels that have to be built first take 100 to 190 MB more, and keep them.
@@ -98,7 +98,7 @@ def program_bytes() -> int:
 
 def of_resolve(
     width: int, height: int, channels: Collection[str], file: int, chunk: int, held: PlanesHeld, *,
-    in_place: bool = False,
+    in_place: bool = False, recorded: bool = False,
 ) -> Memory:  # fmt: skip
     """Memory of a resolve of frames in float ``channels``, whose packed files have ``file`` bytes.
 
@@ -106,7 +106,8 @@ def of_resolve(
     kept from frame to frame. Where channels are not decoded ``in_place``, what stands beside those of the frame until
     it is moved there is counted for one of the frames that are read at a time, since they seldom are in one step. In
     bands one frame at a time is in memory, its result in its place, and beside it the count of each pixel, and the
-    result in halves where that is what is written; nothing is kept.
+    result in halves where that is what is written; nothing is kept. Those that read hash files too, of which no
+    hash was ``recorded``.
     """
     banded, half = bool(held.band_rows), held.half
     plane, planes = REAL * width * height, 3 + held.steps.alpha
@@ -120,11 +121,13 @@ def of_resolve(
     frames, results, decoded = (1, plane + half * image, 1) if banded else (FRAMES, RESULTS * image, AHEAD)
     beside = 0 if banded or in_place else plane * sum(groups)
     unpacking = (1 if in_place else decoded) * OpenEXR.global_thread_count() * BLOCKS * chunk
-    packing = exr_zip.THREADS * BLOCKS * planes * number * width * min(exr_zip.ROWS, height)
+    readers, writers = (1, 1) if banded else (AHEAD, BEHIND)
+    blocks = exr_zip.THREADS * (BLOCKS - 1) + writers * exr_zip.BEGUN
+    packing = blocks * planes * number * width * min(exr_zip.ROWS, height)
     return Memory(
         device=device_bytes(width, height, held), frames=frames * frame, results=results,
         reading=file if banded else AHEAD * file + beside,
-        packing=unpacking + packing + (1 if banded else BEHIND) * PIECE,
+        packing=unpacking + packing + (writers + (0 if recorded else readers)) * PIECE,
     )  # fmt: skip
 
 
@@ -134,6 +137,7 @@ def of_sequence(sequence: Sequence, held: PlanesHeld) -> Memory:
         sequence.width, sequence.height, max((layout.channels for layout in sequence.layouts.values()), key=len),
         max(sequence.path(number).stat().st_size for number in sequence.numbers),
         max(layout.chunk_bytes for layout in sequence.layouts.values()), held, in_place=sequence.in_place,
+        recorded=all(sequence.sha256(number) for number in sequence.numbers),
     )  # fmt: skip
 
 

@@ -21,13 +21,13 @@ from cltaa.cli import main
 from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.devices.launch import Buffer
 from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.files.manifest import PIECE
+from cltaa.files.manifest import PIECE, file_sha256
 from cltaa.frames import Effect
 from cltaa.inspection.sequence_plan import plan
 from cltaa.memory.allocator import LARGE_PAGE
 from cltaa.parameters.build import Steps, Storage
 from cltaa.parameters.presets import load_preset, override
-from cltaa.planning.memory import PlanesHeld, device_bytes
+from cltaa.planning.memory import PlanesHeld, device_bytes, of_whole_images
 from cltaa.resolve.bands import BandedResolver
 from cltaa.resolve.resolver import Resolver
 from cltaa.sequences.sources import open_sequence
@@ -160,8 +160,17 @@ def test_the_plan_of_a_sequence_says_its_memory(tmp_path: Path) -> None:
     assert memory.results == (1 + BEHIND) * 3 * 4 * 50 * 31
     packed = max(path.stat().st_size for path in folder.glob("*.exr"))
     assert memory.reading == AHEAD * packed
-    threads = OpenEXR.global_thread_count() * 3 * 16 * 4 * 50 * 6 + 4 * 3 * 3 * 4 * 50 * 31
-    assert memory.packing == threads + BEHIND * PIECE
+    # Four threads hold a block and what is between it and the packed one, and each file five that are packed.
+    threads = OpenEXR.global_thread_count() * 3 * 16 * 4 * 50 * 6 + (4 * 2 + BEHIND * 5) * 3 * 4 * 50 * 31
+    assert memory.packing == threads + (AHEAD + BEHIND) * PIECE  # of which those that read hash files, too
+
+
+def test_files_that_were_hashed_before_are_not_hashed_again(tmp_path: Path) -> None:
+    folder = write_sequence(tmp_path / "in", 2)
+    unknown = of_whole_images(open_sequence(folder)).packing
+    record = {"files": {path.name: file_sha256(path) for path in folder.glob("*.exr")}}
+    (folder / "sequence.json").write_text(json.dumps(record))
+    assert unknown - of_whole_images(open_sequence(folder)).packing == AHEAD * PIECE
 
 
 def test_the_plan_counts_results_in_halves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

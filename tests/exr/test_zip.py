@@ -112,7 +112,7 @@ def test_a_failure_to_pack_leaves_nothing_behind(tmp_path: Path, monkeypatch: py
 
 
 def test_packed_rows_wait_in_bounded_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(exr_zip, "THREADS", 3)
+    monkeypatch.setattr(exr_zip, "BEGUN", 4)
     begun: list[int] = []
 
     def pack(row: int) -> exr_zip.Packed:
@@ -123,5 +123,5 @@ def test_packed_rows_wait_in_bounded_number(monkeypatch: pytest.MonkeyPatch) -> 
     for row in range(50):
         assert next(packed).content.tobytes() == bytes([row])
         time.sleep(0.002)
-        assert len(begun) <= row + 1 + 3
+        assert len(begun) <= row + 4
     assert list(packed) == []
