@@ -132,7 +132,7 @@ class DeviceLauncher(OneProcess):
             return (1, layout.height), (1, 1)
         rows = build.rows if kernel in SLIDING else 1
         columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
-        if build.columns > 1:
+        if kernel == "resolve" and build.columns > 1:
             return (shared_out(columns, build.columns, steps, self.device.cl_device.max_compute_units), steps), (1, 1)
         group = self.device.shape.group
         return (-(-columns // group[0]) * group[0], -(-steps // group[1]) * group[1]), group
