@@ -99,7 +99,6 @@ def read_header(path: Path, *, chunks: bool = True) -> ImageHeader:
     """
     with open_regular(path) as file:
         layout = parse_layout(path, file) if chunks else read_outline(path, file).layout
-        file.seek(0)
         return ImageHeader(layout, _open(layout, file, header_only=True)[1])
 
 

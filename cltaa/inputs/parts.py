@@ -40,7 +40,6 @@ def _is_multi_part(path: Path) -> bool:
 def _many_header(path: Path, chunks: bool) -> ImageHeader:
     with open_regular(path) as file:
         layouts = parse_parts(path, file) if chunks else read_outline(path, file).parts
-        file.seek(0)
         return _described(layouts, open_content(path, file, header_only=True))
 
 

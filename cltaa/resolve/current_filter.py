@@ -38,5 +38,5 @@ def _value(d: float, kind: CurrentFilter, settings: Settings) -> float:
         return max(0.0, 1.0 - d)
     if kind is CurrentFilter.GAUSSIAN:
         return exp(-settings.filter_falloff * d * d)
-    # Lanczos-2 as a polynomial: (d^2 - 1) (d^2 - 4)^3 / 64, within 0.01 of the windowed sinc.
+    # Lanczos-2 as a polynomial: (d^2 - 1) (d^2 - 4)^3 / 64, within 0.05 of the windowed sinc.
     return (d * d - 1.0) * (d * d - 4.0) ** 3 / 64.0 if d < 2.0 else 0.0

@@ -11,8 +11,10 @@ import pytest
 
 from cltaa.errors import DataError
 from cltaa.frames import Camera, Frame
+from cltaa.inputs.convert import ray_length
 from tests.inputs.foreign import frames, read, write_own, write_parts
-from tests.sequence_factory import make_camera
+from tests.numerics.exact_cameras import orthographic
+from tests.sequence_factory import HEIGHT, WIDTH, make_camera
 
 
 def depth_as(stored: Callable[[np.ndarray, Frame], np.ndarray], folder: Path) -> list[Frame]:
@@ -40,6 +42,10 @@ def test_kinds_of_depth(kind: str, stored: Callable[[np.ndarray, Frame], np.ndar
         np.testing.assert_allclose(theirs.depth[finite], ours.depth[finite], rtol=worst)
 
 
+def test_rays_of_an_orthographic_camera_are_as_long_as_they_reach() -> None:
+    assert (ray_length((3, 4), Camera(np.eye(4), orthographic(2.0, 1.5)), (0.2, 0.1)) == np.ones((3, 4))).all()
+
+
 def test_units_signs_and_jitter_of_motion(tmp_path: Path) -> None:
     made = frames()
     height, width = made[0].colour.shape[:2]
@@ -58,8 +64,31 @@ def test_units_signs_and_jitter_of_motion(tmp_path: Path) -> None:
         np.testing.assert_allclose(theirs.motion, ours.motion, rtol=0, atol=2.0**-24 * width)
 
 
-def test_standard_matrices_of_two_writers(tmp_path: Path) -> None:
-    ours = make_camera((1.0, 2.0, 5.0))
+def moved_by(jitter: tuple[float, float]) -> np.ndarray:
+    """What a projection is multiplied by from the left so that pixels are sampled beside their middle."""
+    moved = np.eye(4)
+    moved[:2, 3] = -2 * jitter[0] / WIDTH, 2 * jitter[1] / HEIGHT
+    return moved
+
+
+def test_jitter_is_taken_out_of_the_projection_or_not_read(tmp_path: Path) -> None:
+    made = frames()
+    jittered = [Camera(f.camera.world_to_view, moved_by(f.jitter_px) @ f.camera.view_to_clip) for f in made]
+    write_own(tmp_path, [replace(frame, camera=camera) for frame, camera in zip(made, jittered, strict=True)])
+    read_so = read(tmp_path, "camera.jittered=true", "motion.swap=false")
+    without = read(tmp_path, "jitter.source=none", "motion.swap=false")
+    for ours, mended, plain in zip(made, read_so, without, strict=True):
+        # A few roundings of numbers up to 2.
+        np.testing.assert_allclose(mended.camera.view_to_clip, ours.camera.view_to_clip, rtol=0, atol=2.0**-50)
+        assert (mended.jitter_px, plain.jitter_px) == (ours.jitter_px, (0.0, 0.0))
+
+
+LENS = make_camera().view_to_clip
+
+
+@pytest.mark.parametrize("clip", [LENS, moved_by((2.0, -1.0)) @ LENS, moved_by((2.0, -1.0)) @ orthographic(2.0, 1.5)])
+def test_standard_matrices_of_two_writers(clip: np.ndarray, tmp_path: Path) -> None:
+    ours = Camera(make_camera((1.0, 2.0, 5.0)).world_to_view, clip)
     flip = np.diag([1.0, 1.0, -1.0, 1.0])
     half = np.array([[0.5, 0, 0, 0.5], [0, -0.5, 0, 0.5], [0, 0, 0.5, 0.5], [0, 0, 0, 1.0]])
     for name, to_ndc in (("text", half @ ours.view_to_clip), ("mantra", -ours.view_to_clip)):

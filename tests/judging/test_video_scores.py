@@ -157,6 +157,18 @@ def test_blur_is_no_ghost_behind_a_moving_thing() -> None:
     assert abs(judge(moving_card, soften)["ghosting"]) < 1e-3
 
 
+def test_fresh_is_what_came_into_view_in_this_frame_but_for_the_column_beside_the_card() -> None:
+    scores, (rows, left, _) = VideoScores(), CARD
+    for index in range(4):
+        frame, truth = moving_card(index)
+        scores.add(frame, linear(truth), [linear(truth)])
+        expected = np.zeros((HEIGHT, WIDTH), np.bool_)
+        if index:
+            start = left + STEP * (index - 1)
+            expected[rows, start : start + STEP - 1] = True
+        np.testing.assert_array_equal(scores.fresh, expected)
+
+
 def test_a_wire_uncovers_nothing() -> None:
     def scene(index: int) -> tuple[Frame, Display]:
         frame, truth = backdrop(index)

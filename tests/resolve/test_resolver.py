@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cltaa.frames import Effect
+from cltaa.frames import Camera, Effect
 from cltaa.parameters.presets import load_preset, override
 from cltaa.resolve.resolver import Resolver
+from tests.numerics.exact_cameras import orthographic
 from tests.resolve.standing import STILL, panned, still_frame
 from tests.sequence_factory import bits, make_camera, make_frame
 
@@ -43,7 +44,7 @@ def test_constant_image_keeps_its_bits(effects: frozenset[Effect] | None) -> Non
         assert np.array_equal(bits(resolved), bits(colour))
 
 
-@pytest.mark.parametrize("change", ["cut", "gap", "reset", "size"])
+@pytest.mark.parametrize("change", ["cut", "gap", "reset", "size", "lens"])
 def test_history_starts_anew(change: str) -> None:
     # After a cut the default filters what was drawn; without its filter that is the frame itself, as for the others.
     resolver = Resolver(override(load_preset(), {"current_filter": "none"}) if change == "cut" else "default")
@@ -52,6 +53,8 @@ def test_history_starts_anew(change: str) -> None:
     frame = still_frame(3, cut=True) if change == "cut" else still_frame(9 if change == "gap" else 3)
     if change == "size":
         frame = replace(make_frame(3, width=50, height=20, camera=make_camera(), effects=STILL))
+    if change == "lens":
+        frame = replace(frame, camera=Camera(frame.camera.world_to_view, orthographic(2.0, 1.5)))
     if change == "reset":
         resolver.reset()
     assert np.array_equal(bits(resolver.resolve(frame)), bits(frame.colour))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from cltaa.sequences.frame_numbers import even_step, missing_from
+from cltaa.sequences.frame_numbers import OnBreak, check_steps, even_step, missing_from
 
 
 @pytest.mark.parametrize(
@@ -25,3 +27,7 @@ def test_an_even_step_is_that_of_most(numbers: list[int], apart: int) -> None:
 def test_numbers_that_are_missing() -> None:
     assert missing_from([2, 4, 10], 2) == [6, 8]
     assert missing_from([2, 3], 1) == []
+
+
+def test_frames_outside_of_a_range_may_lie_between_its_steps() -> None:
+    check_steps({number: Path(f"a.{number}.exr") for number in (0, 1, 3, 5, 8)}, (1, 5), 2, OnBreak.ERROR)
