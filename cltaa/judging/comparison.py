@@ -19,7 +19,7 @@ from cltaa.judging.metrics import light_mse
 from cltaa.printable import counted
 from cltaa.sequences.frame_numbers import OnBreak, ranges
 from cltaa.sequences.images import ImageSequence
-from cltaa.sequences.numbered import NumberedFiles, check_same_size, shared_region
+from cltaa.sequences.numbered import NumberedFiles, shared_region
 from cltaa.sequences.sources import Sequence
 
 
@@ -65,8 +65,7 @@ class Comparison:
 
     def check(self) -> None:
         """Raise DataError for sizes that differ and InputMissing for a frame that one of the others has not."""
-        if self.region is None:
-            check_same_size(self.test, self.reference)
+        shared_region(self.test, self.reference)
         if self._two_images:
             return
         both = "choose frames that both have with --frames"

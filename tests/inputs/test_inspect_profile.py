@@ -70,6 +70,12 @@ def test_pixels_of_another_tools_files_are_looked_at_as_a_resolve_takes_them() -
     assert "no problem found" in done.stdout
 
 
+def test_depth_that_no_channel_holds_is_not_counted(tmp_path: Path) -> None:
+    write_colour(tmp_path, [make_frame(1)])
+    done = CliRunner().invoke(root, ["inspect", str(tmp_path), "--pixels", "--json"])
+    assert sorted(json.loads(done.stdout)["statistics"]) == ["B", "G", "R"]
+
+
 def test_what_is_wrong_with_another_tools_pixels_is_listed(tmp_path: Path) -> None:
     frames = [make_frame(number) for number in (1, 2, 3)]
     frames[1].colour[3, 4] = np.nan

@@ -13,6 +13,7 @@ from PIL import Image as Pillow
 
 from cltaa.cli import main
 from cltaa.errors import InputMissing
+from cltaa.judging.comparison import open_yardsticks
 from cltaa.judging.equal_quality import equal_quality_samples
 from cltaa.judging.metrics import light_mse, mean, measure
 from cltaa.judging.video_scores import VideoScores
@@ -103,6 +104,12 @@ def test_a_yardstick_that_measures_nothing_leaves_the_law(
     worse = [np.full((HEIGHT, WIDTH, 3), 9.0, np.float32)] * 4
     write_images(capture / "reference-4", worse, name="synthetic")
     assert run_json(capsys, resolved, capture, "--metrics", "mse")["equal_quality_samples"]["method"] == "n^-1.5 law"
+
+
+def test_yardsticks_are_told_by_their_numbers_fewest_first(capture: Path) -> None:
+    for name in ("16", "2", "old", "4"):
+        shutil.copytree(capture / "reference", capture / f"reference-{name}")
+    assert [*open_yardsticks(open_sequence(capture))] == [2, 4, 16]
 
 
 def test_a_yardstick_that_lacks_frames_is_told_before_the_work(

@@ -112,7 +112,8 @@ def test_gap_names_the_frame(tmp_path: Path, missing: int) -> None:
 
 
 def test_missing_empty_and_wrong_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert "folder is missing" in refusal(tmp_path / "nowhere", InputMissing)
+    assert "folder is missing; check the name" in refusal(tmp_path / "nowhere", InputMissing)
+    assert f"that its frames are in: {tmp_path}" in refusal(tmp_path / "a.####.exr", InputMissing)
     assert "no frames" in refusal(tmp_path, InputMissing)
     (tmp_path / "picture.exr").touch()
     assert "no frames" in refusal(tmp_path, InputMissing)
@@ -139,8 +140,10 @@ def test_a_folder_above_sequences_names_them(tmp_path: Path) -> None:
     write_sequence(tmp_path / "shots" / "a", 2, reference=True)
     (tmp_path / "shots" / "more" / "c").mkdir(parents=True)
     (tmp_path / "shots" / "more" / "c" / "sequence.json").write_text("{}")
+    write_sequence(tmp_path / "shots" / "more" / "c" / "near" / "far", 1)
+    write_sequence(tmp_path / "shots" / "more" / "d" / "near", 1)
     said = refusal(tmp_path / "shots", InputMissing)
-    assert f"sequences below it (found a, b, more/c); name one of them, such as {tmp_path}/shots/a" in said
+    assert f"sequences below it (found a, b, more/c, more/d/near); name one of them, such as {tmp_path}/shots/a" in said
     with pytest.raises(InputMissing, match=r"below it \(found a, b\)"):
         open_input(tmp_path / "shots")
 
