@@ -2,37 +2,34 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
-from rich.table import Table
 
+from cltaa.commands.compare_tables import print_one, print_several
 from cltaa.commands.names import METRIC_LIST
 from cltaa.commands.options import FILE_PATH, FRAME_RANGE, STOPS, input_options, json_option, verify_option
-from cltaa.commands.printing import print_line, print_table
 from cltaa.errors import UsageError
 from cltaa.files.atomic import make_folder
+from cltaa.inputs.png_images import is_png
 from cltaa.judging.comparison import Comparison, equal_quality, pair_up
 from cltaa.judging.heat_maps import measure_map, stale_maps, write_map
 from cltaa.judging.metrics import DEFAULT_METRICS, METRICS, Metric, mean, measure, parse_metrics
 from cltaa.judging.same_scene import doubts
 from cltaa.judging.video_scores import SCORES, VideoScores
-from cltaa.printable import json_of, printable, shown
+from cltaa.printable import json_of, printable
 from cltaa.progress import track
-from cltaa.sequences.frame_numbers import even_step
+from cltaa.sequences.frame_numbers import even_step, ranges
 from cltaa.sequences.images import ImageSequence
 from cltaa.sequences.sources import Sequence
 from cltaa.sequences.streams import read_ahead
 
-Values = dict[str, float]
-
 
 @click.command()
-@click.argument("test", metavar="A", type=FILE_PATH)
-@click.argument("reference", metavar="[B]", required=False, type=FILE_PATH)
+@click.argument("paths", metavar="A... [B]", nargs=-1, required=True, type=FILE_PATH)
 @click.option(
     "--metrics",
     "metric_names",
@@ -57,8 +54,7 @@ Values = dict[str, float]
 @verify_option
 @json_option
 def compare(
-    test: Path,
-    reference: Path | None,
+    paths: tuple[Path, ...],
     metric_names: str,
     frames: tuple[int, int] | None,
     stops: float,
@@ -68,7 +64,7 @@ def compare(
     as_json: bool,
     **reading: Any,
 ) -> None:
-    """Judge A against B, frame by frame and in the mean.
+    """Judge A against B, frame by frame and in the mean; several A, each against B, in the mean.
 
     A and B are folders of numbered EXR frames, of cltaa or of another tool, or of PNGs, which are taken for sRGB; or
     single files. Where B is a captured sequence, A is judged against the truth in its folder reference/, beside the
@@ -87,13 +83,48 @@ def compare(
     """
     asked = parse_metrics(metric_names)
     metrics = tuple(dict.fromkeys((*asked, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
-    comparison = pair_up(test, reference, frames, verify=verify, **reading)
-    read: dict[str, ImageSequence | Sequence] = {"A": comparison.test, "B": comparison.reference}
+    tests, reference = (paths[:-1], paths[-1]) if len(paths) > 1 else (paths, None)
+    comparisons = {test: pair_up(test, reference, frames, verify=verify, **reading) for test in tests}
+    if len(comparisons) > 1:
+        _check_alike(comparisons, heatmap)
+    videos = {test: _video_scores(comparison, stops) if in_time else None for test, comparison in comparisons.items()}
+    results = []
+    for test, comparison in comparisons.items():
+        warnings = _tell(comparison, in_time, heatmap, "A" if len(comparisons) == 1 else str(test))
+        rows = _measure_all(comparison, metrics, stops, heatmap, videos[test])
+        shown_reference = comparison.reference.folder if comparison.capture else reference
+        result = {"test": str(test), "reference": str(shown_reference), "stops": stops}
+        results.append(result | _summary(comparison, rows, metrics, stops, videos[test]) | {"warnings": warnings})
+    if as_json:
+        click.echo(json_of(results[0] if len(results) == 1 else {"compared": results}))
+    elif len(results) == 1:
+        print_one(results[0], asked)
+    else:
+        print_several(results, asked)
+
+
+def _check_alike(comparisons: Mapping[Path, Comparison], heatmap: Path | None) -> None:
+    """Raise UsageError where the means of several would be of other frames, or their maps would have one name."""
+    if heatmap is not None:
+        raise UsageError("--heatmap: maps of several would have one name", cure="draw those of one A at a time")
+    first, *others = comparisons
+    for test in others:
+        expected, found = (comparisons[path].test.numbers for path in (first, test))
+        if expected != found:
+            raise UsageError(
+                f"other frames than those of {first}", path=test, expected=ranges(expected), found=ranges(found),
+                cure="choose frames that all have with --frames",
+            )  # fmt: skip
+
+
+def _tell(comparison: Comparison, in_time: bool, heatmap: Path | None, name: str) -> list[str]:
+    """Say on standard error how A, called ``name``, and B are read; return the warnings, said there too."""
+    read: dict[str, ImageSequence | Sequence] = {name: comparison.test, "B": comparison.reference}
     if in_time and comparison.capture is not None:  # more of it is read than its colour
-        read["A" if comparison.of_itself else "B"] = comparison.capture
-    for name, images in read.items():
+        read[name if comparison.of_itself else "B"] = comparison.capture
+    for label, images in read.items():
         if images.notes:
-            click.echo(printable(f"{name}: {'; '.join(images.notes)}"), err=True)
+            click.echo(printable(f"{label}: {'; '.join(images.notes)}"), err=True)
     if comparison.region is not None:
         left, top, right, bottom = comparison.region
         size = f"{right - left + 1} x {bottom - top + 1} at ({left}, {top})"
@@ -101,28 +132,14 @@ def compare(
     warnings = doubts(comparison, followed=in_time)
     if heatmap is not None:
         make_folder(heatmap)
-        if any(images.folder.samefile(heatmap) for images in (comparison.test, comparison.reference)):
-            raise UsageError("--heatmap: maps have the names of the pictures there", path=heatmap, cure="name another")
+        for images in (comparison.test, comparison.reference):
+            if is_png(images.path(images.first)) and images.folder.samefile(heatmap):
+                what = "--heatmap: maps have the names of the pictures there"
+                raise UsageError(what, path=heatmap, cure="name another folder")
         warnings += stale_maps(heatmap, comparison.test)
     for warning in warnings:
         click.echo(f"cltaa: warning: {warning}", err=True)
-    video = _video_scores(comparison, stops) if in_time else None
-    rows = _measure_all(comparison, metrics, stops, heatmap, video)
-    result: dict[str, Any] = {
-        "test": str(test),
-        "reference": str(comparison.reference.folder if comparison.capture else reference),
-        "stops": stops,
-    }
-    result |= _summary(comparison, rows, metrics, stops)
-    result["warnings"] = warnings
-    if video is not None:
-        names = ("video", "video_one_sample")
-        result["definitions"] |= {score.name: score.title for score in SCORES}
-        result |= {name: sums.scores() for name, sums in zip(names, video.totals, strict=False)}
-    if as_json:
-        click.echo(json_of(result))
-    else:
-        _print(result, asked)
+    return warnings
 
 
 def _video_scores(comparison: Comparison, stops: float) -> VideoScores:
@@ -178,7 +195,11 @@ def _measure_all(
 
 
 def _summary(
-    comparison: Comparison, rows: list[dict[str, Any]], metrics: tuple[Metric, ...], stops: float
+    comparison: Comparison,
+    rows: list[dict[str, Any]],
+    metrics: tuple[Metric, ...],
+    stops: float,
+    video: VideoScores | None,
 ) -> dict[str, Any]:
     result: dict[str, Any] = {
         "definitions": {metric.name: metric.title for metric in metrics},
@@ -191,51 +212,8 @@ def _summary(
         if one_sample_mse > 0:  # a picture that one sample gets right has no such number
             found = equal_quality(comparison, result["mean"]["mse"], one_sample_mse, stops)
             result["equal_quality_samples"] = found._asdict()
+    if video is not None:
+        names = ("video", "video_one_sample")
+        result["definitions"] |= {score.name: score.title for score in SCORES}
+        result |= {name: sums.scores() for name, sums in zip(names, video.totals, strict=False)}
     return result
-
-
-def _print(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
-    print_line(f"{shown(result['test'])} against {shown(result['reference'])}")
-    table = Table()
-    table.add_column("frame", justify="right")
-    for metric in metrics:
-        table.add_column(f"{metric.name} {'↑' if metric.higher_is_better else '↓'}", justify="right")
-    for row in result["frames"]:
-        table.add_row(str(row["frame"]), *_cells(row["metrics"], metrics))
-    table.add_section()
-    table.add_row("mean", *_cells(result["mean"], metrics), style="bold")
-    if "mean_one_sample" in result:
-        table.add_row("one sample", *_cells(result["mean_one_sample"], metrics), style="dim")
-    print_table(table)
-    for metric in metrics:
-        print_line(f"  {metric.name}: {metric.title}", "dim")
-    if "video" in result:
-        _print_video(result)
-    if "equal_quality_samples" in result:
-        _print_equal_quality(result["equal_quality_samples"])
-
-
-def _print_equal_quality(equal: dict[str, Any]) -> None:
-    if math.isinf(equal["samples"]):  # no number of samples errs as little as nothing
-        print_line("equal-quality samples: no number, for A equals its truth up to white")
-        return
-    bound = f"{equal['bound']} " if equal["bound"] else ""
-    print_line(f"equal-quality samples: {bound}[bold]{equal['samples']:.1f}[/] a pixel ({equal['method']})")
-
-
-def _print_video(result: dict[str, Any]) -> None:
-    table = Table(title="as moving pictures")
-    table.add_column("")
-    for score in SCORES:
-        table.add_column(f"{score.name} ↓", justify="right")
-    for label, name in (("A", "video"), ("one sample", "video_one_sample")):
-        if name in result:
-            cells = ("–" if math.isnan(v) else format(v, s.form) for s in SCORES for v in (result[name][s.name],))
-            table.add_row(label, *cells, style="bold" if name == "video" else "dim")
-    print_table(table)
-    for score in SCORES:
-        print_line(f"  {score.name}: {score.title}", "dim")
-
-
-def _cells(values: Values, metrics: tuple[Metric, ...]) -> list[str]:
-    return ["identical" if math.isinf(v) else format(v, m.form) for m in metrics for v in (values[m.name],)]
