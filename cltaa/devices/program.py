@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -77,6 +78,7 @@ class Kernel(OneProcess):
         self.arguments: list[str] = [
             str(self._kernel.get_arg_info(index, cl.kernel_arg_info.NAME)) for index in range(self._kernel.num_args)
         ]
+        self._starting = Lock()  # arguments are the kernel's own: of two threads one starts it after the other
 
     def enqueue(
         self,
@@ -92,10 +94,11 @@ class Kernel(OneProcess):
                 expected=", ".join(self.arguments),
                 found=", ".join(arguments),
             )
-        for index, name in enumerate(self.arguments):
-            value = arguments[name]
-            if isinstance(value, int | np.integer):
-                value = np.int32(value)
-            given_by_value = isinstance(value, np.ndarray | np.generic)
-            (self._set_bytes if given_by_value else self._kernel.set_arg)(index, value)
-        return start_kernel(queue, self._kernel, size, group)
+        with self._starting:
+            for index, name in enumerate(self.arguments):
+                value = arguments[name]
+                if isinstance(value, int | np.integer):
+                    value = np.int32(value)
+                given_by_value = isinstance(value, np.ndarray | np.generic)
+                (self._set_bytes if given_by_value else self._kernel.set_arg)(index, value)
+            return start_kernel(queue, self._kernel, size, group)

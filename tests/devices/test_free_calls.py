@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import ctypes.util
+import threading
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pyopencl as cl
 import pytest
+from numpy.typing import NDArray
 
 from cltaa.devices import free_calls
 from cltaa.devices.device import Device
@@ -35,6 +38,32 @@ def test_without_them_results_are_the_same(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(free_calls, "free_calls", lambda: None)
     for frame, image in zip(frames, found, strict=True):
         np.testing.assert_array_equal(bits(Resolver().resolve(frame)), bits(image))
+
+
+def test_two_threads_with_one_launcher_do_not_mix_their_arguments(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second one begins where the first has set its arguments and has not started the kernel."""
+    launcher, frames, reached = DeviceLauncher(), [make_frame(seed=seed) for seed in range(2)], threading.Event()
+    expected = [Resolver(device=launcher).resolve(frame) for frame in frames]
+    found: dict[int, NDArray[np.float32]] = {}
+
+    def resolve(place: int) -> None:
+        found[place] = Resolver(device=launcher).resolve(frames[place])
+
+    second = threading.Thread(target=resolve, args=(1,))
+
+    def start(*given: Any) -> cl.Event:
+        if threading.current_thread() is second:
+            reached.set()
+        elif second.ident is None:
+            second.start()
+            reached.wait(0.5)  # which is for nothing where the second one waits
+        return free_calls.start_kernel(*given)
+
+    monkeypatch.setattr("cltaa.devices.program.start_kernel", start)
+    resolve(0)
+    second.join()
+    for place, image in enumerate(expected):
+        np.testing.assert_array_equal(bits(found[place]), bits(image))
 
 
 @pytest.mark.parametrize("found", [True, False])
