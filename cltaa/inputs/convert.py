@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
+from cltaa.errors import DataError
 from cltaa.frames import Camera, Image, Matrix
 from cltaa.inputs.profile import Cameras, Depth, DepthKind, Encoding, Jitter, Motion, Units
 from cltaa.pictures.srgb import decoded
@@ -40,6 +43,13 @@ def motion_px(stored: Image, rule: Motion, now: Offset, before: Offset, size: tu
     vectors = (vectors[..., ::-1] if rule.swap else vectors) * rule.scale * unit
     vectors = vectors - rule.jittered * np.subtract(now, before)
     return np.asarray(vectors, np.float32)
+
+
+def check_depth(rule: Depth, camera: Camera, path: Path, frame: int) -> None:
+    """Raise DataError for device depth of an orthographic camera, whose rule is another than that of perspective."""
+    if camera.orthographic and rule.kind in (DepthKind.DEVICE, DepthKind.DEVICE_REVERSED):
+        what, cure = "device depth of an orthographic camera is not read", "write distances"
+        raise DataError(what, path=path, frame=frame, expected="depth.kind planar", found=rule.kind, cure=cure)
 
 
 def planar_depth(stored: Image, rule: Depth, camera: Camera, jitter: Offset) -> Image:

@@ -21,7 +21,7 @@ from cltaa.files.manifest import file_sha256, recorded_hashes
 from cltaa.files.names import name_of
 from cltaa.frame_checks import check_camera
 from cltaa.frames import Camera, Effect, Frame, Image, format_effects
-from cltaa.inputs.convert import linear_colour, motion_px, planar_depth, still_camera
+from cltaa.inputs.convert import check_depth, linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.intake import Intake, intake_lines
 from cltaa.inputs.parts import read_any_header, read_planes
 from cltaa.inputs.roles import KEYS
@@ -158,6 +158,8 @@ class ForeignSequence(Sequence):
         camera = declared.camera or of_region(still_camera(*layout.display_size), layout)
         if self._strict:
             check_camera(camera, path=self.path(number), frame=number)
+            if "depth" in self._roles:
+                check_depth(self.intake.profile.depth, camera, self.path(number), number)
         empty: dict[str, Any] = dict.fromkeys(self.holds, NO_PIXELS)
         return Frame(
             index=number, colour=NO_PIXELS, depth=NO_PIXELS, camera=camera, jitter_px=self._jitter(number, number),

@@ -115,6 +115,7 @@ def test_planes_of_a_projection(z_near: int, z_far: int, from_zero: bool, far: f
     b = (z_near - z_far) / (1 / near - 1 / far)  # z = b / Z - a at both
     found = planes_of(projection(b / near - z_near, b), from_zero=from_zero)
     assert found == pytest.approx((1 / near, 1 / far), abs=1e-12)
+    assert planes_of(projection(-1.0, 0.0)) == (0.0, 0.0)  # none can be read
 
 
 @pytest.mark.parametrize("before", [name for name in COMBINED if "transposed" not in name])

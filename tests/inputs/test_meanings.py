@@ -42,6 +42,16 @@ def test_kinds_of_depth(kind: str, stored: Callable[[np.ndarray, Frame], np.ndar
         np.testing.assert_allclose(theirs.depth[finite], ours.depth[finite], rtol=worst)
 
 
+@pytest.mark.parametrize("kind", ["device", "device-reversed"])
+def test_device_depth_of_an_orthographic_camera_is_refused(kind: str, tmp_path: Path) -> None:
+    camera = Camera(np.eye(4), orthographic(2.0, 1.5))
+    write_own(tmp_path, [replace(frame, camera=camera) for frame in frames(2)])
+    said = rf"frame 0: device depth of an orthographic camera is not read \(expected depth.kind planar, found {kind}\)"
+    with pytest.raises(DataError, match=said):
+        read(tmp_path, f"depth.kind={kind}", "depth.near=0.1", "depth.far=100")
+    assert len(read(tmp_path, "depth.kind=planar")) == 2
+
+
 def test_rays_of_an_orthographic_camera_are_as_long_as_they_reach() -> None:
     assert (ray_length((3, 4), Camera(np.eye(4), orthographic(2.0, 1.5)), (0.2, 0.1)) == np.ones((3, 4))).all()
 
