@@ -6,16 +6,17 @@ import json
 from pathlib import Path
 
 import pytest
+from msgspec.structs import asdict
 
 import cltaa
 from cltaa.cli import main
 from cltaa.exr.write import write_frame
 from cltaa.frames import Effect
 from cltaa.inspection.sequence_plan import SequencePlan
-from cltaa.parameters.choices import LightChange
+from cltaa.parameters.choices import LightChange, Rectify
 from cltaa.parameters.presets import load_preset
-from cltaa.planning.estimates import LIGHT
-from cltaa.planning.frame_plan import plan_frame, toggled
+from cltaa.planning.estimates import LIGHT, RECTIFICATION
+from cltaa.planning.frame_plan import CHOICE_OF_STEP, STEP_NAMES, plan_frame, toggled
 from tests.sequence_factory import make_camera, make_frame
 
 WALK = (0, 1, 2, 2, 2, 3, 4)  # steps of the camera: it stands on frames 3 and 4; frame 5 is a cut
@@ -57,6 +58,27 @@ def test_a_step_is_turned_on_as_its_preset_has_it(name: str) -> None:
     assert plan.choices.light_change is LightChange.IGNORE
     on = toggled(plan, preset, LIGHT).choices.light_change
     assert on is preset.choices.light_change is (LightChange.SPANS if name == "t5" else LightChange.TEST)
+
+
+@pytest.mark.parametrize("name", ["default", "t3-200", "t5"])
+@pytest.mark.parametrize("effects", [None, frozenset({Effect.CAMERA})])
+def test_no_other_step_is_turned_with_one(name: str, effects: frozenset[Effect] | None) -> None:
+    preset, frame = load_preset(name), make_frame(effects=effects)
+    plan = plan_frame(preset, frame, None)
+    for step, on, _ in plan.reasons:
+        other = toggled(plan, preset, step)
+        turned, chosen = (
+            dict(asdict(new).items() - asdict(old).items())
+            for old, new in ((plan.steps, other.steps), (plan.choices, other.choices))
+        )
+        if step in CHOICE_OF_STEP:
+            field, off, _ = CHOICE_OF_STEP[step]
+            assert (turned, [*chosen], chosen[field] is off) == ({}, [field], on)
+        elif step == RECTIFICATION:
+            assert (turned, other.choices.rectify is Rectify.NONE) == ({}, on)
+        else:
+            assert chosen == {}
+            assert [(STEP_NAMES[field], value) for field, value in turned.items()] == [(step, not on)]
 
 
 @pytest.mark.parametrize(
