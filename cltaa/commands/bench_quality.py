@@ -101,8 +101,8 @@ from cltaa.sequences.sources import Sequence
 )
 @click.option("--any-code", is_flag=True, help="Keep cells that other versions of the code measured.")
 @click.option("--page", type=FILE_PATH, metavar="PAGE.md",
-              help="Markdown page to put the table into, between its marks; each scene goes to PAGE-scenes.md beside "
-              "it.")  # fmt: skip
+              help="Markdown page to put the table into, between its marks, or to begin; each scene goes to "
+              "PAGE-scenes.md beside it.")  # fmt: skip
 @click.option(
     "--pictures",
     type=FILE_PATH,

@@ -65,7 +65,7 @@ class Colour(msgspec.Struct, frozen=True, kw_only=True):
     """Colour and what lies beside it; each entry of ``channels`` is three names separated by spaces, tried in order."""
 
     channels: tuple[str, ...] = ("R G B",)
-    alpha: tuple[str, ...] = ("A",)
+    alpha: tuple[str, ...] = ("A", "a", "alpha")
     reactive: tuple[str, ...] = ("reactive",)
     encoding: Encoding = Encoding.LINEAR
 

@@ -13,7 +13,7 @@ from cltaa.bench.quality.markdown_page import BEGIN, END, check_pages, scenes, s
 from cltaa.bench.quality.pictures import write_pictures
 from cltaa.bench.quality.summary import best_engine, ordered, summarise
 from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.errors import DataError, InputMissing
+from cltaa.errors import DataError, OutputError
 from cltaa.parameters.presets import load_preset
 from tests.bench.quality_cells import case, scores
 
@@ -73,14 +73,18 @@ def test_presets_stand_in_their_families() -> None:
 
 
 def test_the_pages_need_their_marks(tmp_path: Path) -> None:
-    """That of the scenes is begun where there is none, but no other file is written over."""
+    """Those that are not there are begun, but no other file is written over."""
     page, beside, table = (
         tmp_path / "a page.md",
         tmp_path / "a page-scenes.md",
         summarise([(case("a"), {"t1": scores()})]),
     )
-    with pytest.raises(InputMissing, match="no page to put the table into"):
-        check_pages(page)
+    with pytest.raises(OutputError):
+        check_pages(tmp_path / "none" / "page.md")
+    check_pages(page)
+    assert not list(tmp_path.iterdir())
+    write_pages(page, table, "about")
+    assert page.read_text(encoding="utf-8").startswith(f"# Presets judged\n\n{BEGIN}\n\nabout")
     page.write_text(f"{BEGIN} and no end", encoding="utf-8")
     with pytest.raises(DataError, match=r"page\.md: the marks are missing"):
         check_pages(page)

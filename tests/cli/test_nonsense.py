@@ -128,7 +128,7 @@ CASES: list[tuple[str, int, str]] = [
     ("capture spinner -o out --yardstick 2,1", USAGE, "from 2 on"),
     ("bench accuracy done -o out", WRONG, "done: these are results of cltaa resolve (found preset default)"),
     ("bench files done", WRONG, "done: these are results of cltaa resolve"),
-    ("bench quality --sequence seq --work out --page nowhere.md", MISSING, "nowhere.md: no page to put the table into"),
+    ("bench quality --sequence seq --work out --page nowhere/a.md", OUTPUT, "nowhere/a.md"),
     ("bench quality --sequence seq --work out --page file.txt", DATA, "file.txt: the marks are missing"),
     ("tune done --budget 5ms -o out.toml", WRONG, "done: these are results of cltaa resolve"),
     ("tune seq --check done --budget 5ms -o out.toml", WRONG, "done: these are results of cltaa resolve"),

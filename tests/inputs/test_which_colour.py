@@ -106,6 +106,13 @@ def test_alpha_is_that_of_the_layer_of_the_colour(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read(tmp_path / "karma")[0].alpha, np.full((4, 4), 0.75, np.float32))
 
 
+@pytest.mark.parametrize(("red", "alpha"), [("C.r C.g C.b", "C.a"), ("rgba.red rgba.green rgba.blue", "rgba.alpha")])
+def test_alpha_is_named_as_the_colour_is(red: str, alpha: str, tmp_path: Path) -> None:
+    write_layers(tmp_path, dict.fromkeys((*red.split(), alpha), 0.5))
+    intake = open_intake(tmp_path, assignments=[f"colour.channels={red}"])
+    assert [place.channel for place in intake.roles["alpha"]] == [alpha]
+
+
 def test_alpha_of_other_files_is_none_of_the_colours(tmp_path: Path) -> None:
     write_layers(tmp_path / "albedo", dict.fromkeys("RGBA", 0.5))
     write_layers(tmp_path / "final", dict.fromkeys("RGB", 0.5))

@@ -10,8 +10,8 @@ from urllib.parse import quote
 
 from cltaa.bench.quality.judge import COLUMNS, ONE_SAMPLE, Column
 from cltaa.bench.quality.summary import DEFAULT, Row, Table, best_engine, contenders, ordered, published, score
-from cltaa.errors import DataError, InputMissing
-from cltaa.files.atomic import atomic_path
+from cltaa.errors import DataError
+from cltaa.files.atomic import atomic_path, check_creatable
 
 BEGIN, END = "<!-- cltaa bench quality: begin -->", "<!-- cltaa bench quality: end -->"
 OVERVIEW = ("flip", "samples")  # the scores of the table that has a line a scene
@@ -23,7 +23,7 @@ def scenes_page(page: Path) -> Path:
 
 
 def write_pages(page: Path, table: Table, about: str, pictures: Mapping[str, str] | None = None) -> None:
-    """Replace what stands between the marks of a page and of that beside it, which is begun where there is none.
+    """Replace what stands between the marks of a page and of that beside it; begin those that are not there.
 
     ``pictures`` is what ``write_pictures`` returns. Raises what ``check_pages`` does.
     """
@@ -35,8 +35,9 @@ def write_pages(page: Path, table: Table, about: str, pictures: Mapping[str, str
 
 
 def check_pages(page: Path) -> None:
-    """That both can be written; raises InputMissing without ``page``, DataError where one has no marks."""
+    """That both can be written; raises DataError where one has no marks, OutputError where one cannot be."""
     for path in (page, scenes_page(page)):
+        check_creatable(path)
         _around(path, page)
 
 
@@ -45,10 +46,7 @@ def _around(path: Path, page: Path) -> tuple[str, str]:
     try:
         before, begin, rest = path.read_text(encoding="utf-8").partition(BEGIN)
     except FileNotFoundError:
-        if path != page:
-            return f"# Each scene of {page.name}\n\n", "\n"
-        cure = f"write a page that holds {BEGIN} and {END}"
-        raise InputMissing("no page to put the table into", path=path, cure=cure) from None
+        return "# Presets judged\n\n" if path == page else f"# Each scene of {page.name}\n\n", "\n"
     _, end, after = rest.partition(END)
     if not begin or not end:
         raise DataError("the marks are missing", path=path, expected=f"{BEGIN} and {END}")
