@@ -7,7 +7,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from cltaa.bench.accuracy.distribution import load, path_of, run_all, save
+from cltaa.bench.accuracy.distribution import load, path_of, run_all
+from cltaa.bench.accuracy.kept import keep
 from cltaa.bench.accuracy.variant_errors import Errors, Rounding
 from cltaa.errors import DataError, InputMissing
 from cltaa.parameters.build import Storage
@@ -35,10 +36,10 @@ def test_results_come_back_as_they_were(sequence: Path, tmp_path: Path) -> None:
         frames={"mse": [0.1, 1 / 3]}, rounding=Rounding(rms=1e-9, largest=1e-8, frames=[1e-9]), pictures={"p": b"\0x"}
     )
     assert load(task(sequence), tmp_path) is None
-    save(task(sequence), errors, tmp_path)
+    keep(path_of(task(sequence), tmp_path), errors)
     assert load(task(sequence), tmp_path) == errors
     path_of(task(sequence), tmp_path).write_bytes(b"\xc1")
-    with pytest.raises(DataError, match="not the result of a task"):
+    with pytest.raises(DataError, match="no finished part of a measurement"):
         load(task(sequence), tmp_path)
 
 

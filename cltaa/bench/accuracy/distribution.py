@@ -19,13 +19,13 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from cltaa.bench.accuracy.kept import keep, kept
 from cltaa.bench.accuracy.programs import Program
 from cltaa.bench.accuracy.variant_errors import Errors, Task, opened, run_task
 from cltaa.cores import CORES
 from cltaa.devices.launch import WISH
-from cltaa.errors import DataError, ResourceError, UsageError
+from cltaa.errors import ResourceError, UsageError
 from cltaa.extras import import_extra
-from cltaa.files.atomic import atomic_path, make_folder
 
 FOLDER = "tasks"
 RETRIES = 3  # of a task whose worker was lost
@@ -40,20 +40,7 @@ def path_of(task: Task, output: Path) -> Path:
 
 def load(task: Task, output: Path) -> Errors | None:
     """What a task found, or None where it has not been done; raises DataError for a damaged file."""
-    path = path_of(task, output)
-    if not path.is_file():
-        return None
-    try:
-        return msgspec.msgpack.decode(path.read_bytes(), type=Errors)
-    except msgspec.DecodeError as error:
-        raise DataError(f"not the result of a task: {error}", path=path, cure="delete it and run again") from None
-
-
-def save(task: Task, errors: Errors, output: Path) -> None:
-    """Write the result of a task, atomically."""
-    make_folder(output / FOLDER)
-    with atomic_path(path_of(task, output)) as temporary:
-        temporary.write_bytes(msgspec.msgpack.encode(errors))
+    return kept(path_of(task, output), Errors)
 
 
 def run_all(
@@ -75,13 +62,13 @@ def run_all(
         yield from _on_dask(waiting, output, dask)
     elif jobs > 1:
         for task, errors in _in_processes(run_encoded, waiting, jobs, until):
-            save(task, msgspec.msgpack.decode(errors, type=Errors), output)
+            keep(path_of(task, output), msgspec.msgpack.decode(errors, type=Errors))
             yield task
     else:
         for task in waiting:
             if time.monotonic() > until:
                 return
-            save(task, run_task(task), output)
+            keep(path_of(task, output), run_task(task))
             yield task
 
 
@@ -138,7 +125,7 @@ def _on_dask(tasks: list[Task], output: Path, address: str) -> Iterator[Task]:
             for task in tasks
         }
         for future in distributed.as_completed(futures):
-            save(futures[future], msgspec.msgpack.decode(future.result(), type=Errors), output)
+            keep(path_of(futures[future], output), msgspec.msgpack.decode(future.result(), type=Errors))
             yield futures[future]
 
 

@@ -7,9 +7,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-import msgspec
-
 from cltaa.bench.accuracy.distribution import build_all, path_of, run_all
+from cltaa.bench.accuracy.kept import keep, kept
 from cltaa.bench.accuracy.ladder import Variant
 from cltaa.bench.accuracy.programs import Program, dearest_first, programs_needed
 from cltaa.bench.accuracy.results import Accuracy, MeasuredSequence
@@ -19,8 +18,7 @@ from cltaa.bench.by_name import by_name
 from cltaa.bench.environment import environment, load_average, pin_threads
 from cltaa.cores import CORES
 from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.errors import DataError, ResourceError
-from cltaa.files.atomic import atomic_path, make_folder
+from cltaa.errors import ResourceError
 from cltaa.inputs.opening import AS_EVER, Reading, is_own, readings
 from cltaa.judging.comparison import check_yardsticks, open_yardsticks, truth_of
 from cltaa.judging.decided_by import stamps
@@ -96,11 +94,13 @@ def bench_accuracy(
     sequences, slowest = list[MeasuredSequence](), 0.0
     for folder in folders:
         mine, started = [task for task in tasks if task.sequence == folder], time.monotonic()
-        if not paths[folder].is_file() and started + slowest < begun + time_limit and _complete(mine, output):
+        complete = all(path_of(task, output).is_file() for task in mine)
+        if not paths[folder].is_file() and started + slowest < begun + time_limit and complete:
             captured = mine[0].open()
-            _save(measure_sequence(captured, mine, output, launcher, timing), paths[folder])
+            keep(paths[folder], measure_sequence(captured, mine, output, launcher, timing))
             slowest = max(slowest, time.monotonic() - started)
-        sequences += _load(paths[folder])
+        if (measured := kept(paths[folder], MeasuredSequence)) is not None:
+            sequences.append(measured)
     if not sequences:
         cure = "run the same again, which goes on from here, or allow more time"
         raise ResourceError(f"no sequence was finished within {time_limit:g} s", path=output, cure=cure)
@@ -134,23 +134,3 @@ def _path(output: Path, tasks: Sequence[Task], folder: str, launcher: DeviceLaun
     keys = [task.key() for task in tasks if task.sequence == folder]
     digest = hashlib.sha256("\0".join([*keys, launcher.description, repr(timing)]).encode())
     return output / TIMES / f"{digest.hexdigest()[:16]}.msgpack"
-
-
-def _complete(tasks: Sequence[Task], output: Path) -> bool:
-    return all(path_of(task, output).is_file() for task in tasks)
-
-
-def _save(measured: MeasuredSequence, path: Path) -> None:
-    make_folder(path.parent)
-    with atomic_path(path) as temporary:
-        temporary.write_bytes(msgspec.msgpack.encode(measured))
-
-
-def _load(path: Path) -> list[MeasuredSequence]:
-    """The finished sequence of a file, or nothing where there is none; raises DataError for a damaged one."""
-    if not path.is_file():
-        return []
-    try:
-        return [msgspec.msgpack.decode(path.read_bytes(), type=MeasuredSequence)]
-    except msgspec.DecodeError as error:
-        raise DataError(f"not a measured sequence: {error}", path=path, cure="delete it and run again") from None
