@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
+from cltaa.printable import printable
+
 Item = TypeVar("Item")
 Advance = Callable[[int, int], None]  # called with how many are done, and of how many
 
@@ -32,12 +34,13 @@ def shown_progress(action: str, unit: str = "frames") -> Iterator[Advance]:
 
     On a terminal it moves a bar that vanishes at the end; elsewhere it prints a line every ten seconds and at the end.
     """
+    action = printable(action)  # which may be of a file
     if not sys.stderr.isatty():
         yield _lines(action, unit)
         return
     from cltaa.progress_bar import progress_bar  # here: importing rich takes as long as several frames
 
-    with progress_bar(action, unit) as bar:
+    with progress_bar(unit) as bar:
         task = bar.add_task(action, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 

@@ -20,7 +20,8 @@ class _RateColumn(ProgressColumn):
         return Text("" if rate is None else f"{rate:.1f} {self._unit}/s", style="progress.data.speed")
 
 
-def progress_bar(action: str, unit: str) -> Progress:
-    """A bar on standard error that shows ``action`` and ``unit`` a second, and vanishes at the end."""
-    columns = (TextColumn(action), BarColumn(), MofNCompleteColumn(), _RateColumn(unit), TimeRemainingColumn())
+def progress_bar(unit: str) -> Progress:
+    """A bar on standard error that shows a task's description and ``unit`` a second, and vanishes at the end."""
+    description = TextColumn("{task.description}", markup=False)
+    columns = (description, BarColumn(), MofNCompleteColumn(), _RateColumn(unit), TimeRemainingColumn())
     return Progress(*columns, console=Console(stderr=True), transient=True)

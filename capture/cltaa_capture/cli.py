@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
 from rich.table import Table
 
 from cltaa.commands.options import FILE_PATH, FROM_2, SIZE, json_option
+from cltaa.commands.printing import Console
 from cltaa.errors import UsageError
 from cltaa.printable import counted, json_of, printable
 from cltaa.progress import shown_progress

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import click
-from rich.console import Console
 
 from cltaa.bench.effects import EffectRow, cells, judge_effects, line, markdown
 from cltaa.bench.quality.cases import check_scenes, known_scenes
@@ -14,7 +13,7 @@ from cltaa.commands.names import PRESET
 from cltaa.commands.options import FILE_PATH, SIZE, device_option, json_option
 from cltaa.devices.launch import launcher_for
 from cltaa.errors import DataError
-from cltaa.printable import json_of
+from cltaa.printable import json_of, printable
 from cltaa.sequences.sources import open_sequence
 
 
@@ -51,7 +50,7 @@ def effects(
     if not as_json:
         click.echo(markdown([]), nl=False)
     for number, scene in enumerate(scenes or sorted(known_scenes()), start=1):
-        Console(stderr=True).print(f"{number}: {scene}", highlight=False)
+        click.echo(f"{number}: {printable(scene)}", err=True)
         folder = work / f"{scene}-{pixels}x{frames}"
         run_cltaa(["capture", scene, "-o", str(folder), "--frames", str(frames), "--size", pixels])
         rows.append(judge_effects(open_sequence(folder), preset, launcher, rounds=rounds))

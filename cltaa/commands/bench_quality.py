@@ -7,7 +7,6 @@ from pathlib import Path
 import click
 import msgspec
 from rich.box import SIMPLE
-from rich.console import Console
 from rich.table import Table as Grid
 
 from cltaa.bench.by_name import by_name
@@ -45,7 +44,7 @@ from cltaa.devices.launch import Launcher, launcher_for
 from cltaa.errors import UsageError
 from cltaa.inputs.opening import AS_EVER, Reading
 from cltaa.parameters.presets import Preset
-from cltaa.printable import json_of, shown
+from cltaa.printable import json_of, printable, shown
 from cltaa.sequences.sources import Sequence
 
 
@@ -158,7 +157,7 @@ def quality(
     launcher = launcher_for(device)  # one for all sequences, so that each kernel is built once
     judged: list[tuple[Case, dict[str, Judged]]] = []
     for number, (case, seed) in enumerate(cases, start=1):
-        Console(stderr=True).print(f"{number} of {len(cases)}: {case.key}", highlight=False)
+        click.echo(f"{number} of {len(cases)}: {printable(case.key)}", err=True)
         sequence = sequences.get(case.key) or open_case(case) or capture(case, seed, shape)
         sequences[case.key] = sequence
         cells = Cells(work / "cells" / case.key, sequence, settled, flip_every, any_code=any_code)

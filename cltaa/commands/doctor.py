@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import click
-from rich.console import Console
 from rich.table import Table
 
 from cltaa.commands.options import json_option
+from cltaa.commands.printing import Console
 from cltaa.doctor import Diagnosis, diagnose
 from cltaa.errors import DeviceMissing
 from cltaa.printable import json_of, shown

@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
 from rich.table import Table
 
 from cltaa.commands.names import EFFECT_LIST, PRESET
 from cltaa.commands.options import FILE_PATH, chosen_effects, input_options, json_option
-from cltaa.commands.printing import print_line
+from cltaa.commands.printing import Console, print_line
 from cltaa.errors import DataError
 from cltaa.inputs.description import Description, describe_input
 from cltaa.inputs.opening import is_own, open_input

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from rich.console import Console
 from rich.table import Table
 
-from cltaa.commands.printing import print_line
+from cltaa.commands.printing import Console, print_line
 from cltaa.inspection.sequence_plan import Section, SequencePlan
 from cltaa.printable import counted, shown
 

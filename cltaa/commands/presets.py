@@ -7,13 +7,13 @@ from typing import Any, get_type_hints
 
 import click
 import msgspec
-from rich.console import Console
 from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
 
 from cltaa.commands.names import PRESET
 from cltaa.commands.options import json_option
+from cltaa.commands.printing import Console
 from cltaa.errors import UsageError
 from cltaa.parameters.choices import Choices, Settings
 from cltaa.parameters.presets import Preset, allowed, load_preset, preset_names
@@ -112,7 +112,7 @@ def _print_presets(presets: list[Preset]) -> None:
 
 def _print_parameters(rows: list[dict[str, Any]], preset: Preset | None) -> None:
     """A paragraph each: a table of four columns leaves the text a few letters a line in a terminal of usual width."""
-    console = Console(highlight=False)
+    console = Console()
     if preset is None:
         sets = "cltaa presets NAME --parameters"
         console.print(f"What each is where a preset does not set it (and what it can be); what one sets: {sets}\n")

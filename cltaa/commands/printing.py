@@ -1,16 +1,20 @@
-"""Lines and tables on standard output."""
+"""Lines and tables of what a command found, in which names from outside stay as they are (``printable.shown``)."""
 
 from __future__ import annotations
 
-from rich.console import Console
+from functools import partial
+
+from rich import console
 from rich.table import Table
 
 WIDEST = 1000  # columns; no table of ours comes near
 
+Console = partial(console.Console, highlight=False, emoji=False)  # numbers are not coloured, nor :names: drawn
+
 
 def print_line(text: str, style: str | None = None) -> None:
-    """Print ``text``, which may have markup of rich's, as the one line that it is; no number in it is coloured."""
-    Console(highlight=False).print(text, style=style, soft_wrap=True)
+    """Print ``text``, which may have markup of rich's, as the one line that it is."""
+    Console().print(text, style=style, soft_wrap=True)
 
 
 def print_table(table: Table) -> None:

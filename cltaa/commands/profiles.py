@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import click
-from rich.console import Console
 from rich.table import Table
 
 from cltaa.commands.names import PROFILE
 from cltaa.commands.options import json_option
+from cltaa.commands.printing import Console
 from cltaa.inputs.profile import load_profile, profile_names
 from cltaa.inputs.profile_text import toml_text
 from cltaa.printable import json_of

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import click
-from rich.console import Console
 from rich.table import Table
 
 from cltaa.commands.options import json_option
+from cltaa.commands.printing import Console
 from cltaa.frames import format_effects
 from cltaa.printable import json_of
 from cltaa_datasets.models import FORMATS, MOTIONS

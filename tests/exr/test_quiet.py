@@ -10,12 +10,14 @@ import threading
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from cltaa.errors import DataError
 from cltaa.exr.quiet import muted_output
 from cltaa.exr.read import read_frame
 from cltaa.exr.write import write_frame
 from cltaa.progress import track
+from cltaa.progress_bar import progress_bar
 from tests.sequence_factory import make_frame
 
 PATIENCE = 300.0  # seconds after which a thread counts as hung
@@ -107,6 +109,17 @@ def test_progress_lines_come_now_and_then(capsys: pytest.CaptureFixture[str], mo
     lines = capsys.readouterr().err.splitlines()
     assert [line.split(",")[0] for line in lines] == [f"resolving: {n} of 7 frames" for n in (3, 6, 7)]
     assert all(line.endswith("0.2 frames/s") for line in lines)
+
+
+def test_progress_shows_a_name_to_the_letter(capsys: pytest.CaptureFixture[str]) -> None:
+    name = "judging a{0}[b]:fire:"  # no field, no markup, no emoji
+    assert list(track("a", 1, f"{name}\x1b[2J")) == ["a"]
+    assert capsys.readouterr().err.startswith(f"{name}\\x1b[2J: 1 of 1")
+    bar = progress_bar("frames")
+    bar.add_task(name, total=1)
+    drawn = io.StringIO()
+    Console(file=drawn, width=200).print(bar.get_renderable())
+    assert name in drawn.getvalue()
 
 
 PRINTING = """
