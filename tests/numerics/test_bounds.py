@@ -12,10 +12,10 @@ from msgspec.structs import replace
 from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.parameters.build import Build, Storage
 from cltaa.parameters.choices import Accumulate
-from cltaa.reference.bounded import Bounded
-from cltaa.reference.decision import Decision
 from cltaa.reference.real import greater
 from tests.kernels.stage_chain import ALL_STEPS, WRITES, chain_work, run_stage, variant_names, variants
+from tests.numerics.bounded import Bounded
+from tests.numerics.decision import Decision
 from tests.numerics.tolerances import (
     Row,
     bounds_of,

@@ -20,10 +20,10 @@ from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.devices.launch import Launcher
 from cltaa.devices.numpy_launcher import NumpyLauncher
 from cltaa.parameters.build import HALVES, Build
-from cltaa.reference.with_bounds import with_bounds
 from tests.kernels.hard_planes import Planes
 from tests.kernels.stage_chain import ALL_STEPS, WRITES, Work, arguments_of, chain_work, run_stage, variants
 from tests.numerics.units import OUTPUTS, STORED, Output, U
+from tests.numerics.with_bounds import with_bounds
 
 PAGE = Path(__file__).parents[2] / "docs" / "numerics-tables.md"
 LEAST_SCALE = 2.0**-90  # below it, what flushes to 0 is more than what rounds

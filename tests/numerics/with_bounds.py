@@ -12,7 +12,7 @@ from cltaa.constants import value as value_of
 from cltaa.memory.layout import Layout
 from cltaa.parameters.build import HALVES, Build, Storage
 from cltaa.reference import KERNELS
-from cltaa.reference.bounded import Bounded
+from tests.numerics.bounded import Bounded
 
 
 def with_bounds(kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> dict[str, Bounded]:

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import NDArray
 
-from cltaa.reference import digits
-from cltaa.reference.decision import Decision, Mask, Whole, decision
+from tests.numerics import digits
+from tests.numerics.decision import Decision, Mask, Whole, decision
 
 Values = NDArray[np.float64]
 
