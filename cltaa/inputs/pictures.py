@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence as Many
+from functools import partial
 from pathlib import Path
 from typing import Self
 
@@ -18,7 +19,7 @@ from cltaa.inputs.profile import Encoding, Profile, load_profile
 from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import describe
 from cltaa.sequences.frame_numbers import FrameRange, OnBreak
-from cltaa.sequences.images import ImageSequence
+from cltaa.sequences.images import ChangedImages, ImageSequence
 from cltaa.sequences.sources import open_images
 
 
@@ -49,28 +50,6 @@ class ForeignImages(ImageSequence):
         return type(self)(self.sequence.select(first, last))
 
 
-class SrgbImages(ImageSequence):
-    """Images that were written sRGB-encoded, read as linear light."""
-
-    def __init__(self, images: ImageSequence) -> None:
-        """Take the files of ``images``."""
-        vars(self).update(vars(images))
-        self._images = images
-
-    @property
-    def notes(self) -> list[str]:
-        """How they are read."""
-        return ["colour.encoding srgb, as asked"]
-
-    def image(self, number: int) -> Image:
-        """Read the colour of one frame number, [H, W, 3] linear float32."""
-        return linear_colour(self._images.image(number), Encoding.SRGB)
-
-    def select(self, first: int, last: int) -> Self:
-        """Return the frames ``first`` to ``last``, both included."""
-        return type(self)(self._images.select(first, last))
-
-
 def open_pictures(
     path: Path,
     *,
@@ -91,7 +70,9 @@ def open_pictures(
         asked = Profile() if profile == "auto" else load_profile(profile)
         images = open_images(path, verify=verify, gaps=gaps, frames=frames)
         encoded = override(asked, assignments).colour.encoding is Encoding.SRGB
-        return SrgbImages(images) if encoded and not _own(images) else images
+        if not encoded or _own(images):
+            return images
+        return ChangedImages(images, partial(linear_colour, encoding=Encoding.SRGB), ["colour.encoding srgb, as asked"])
     intake = open_intake(path, profile=profile, assignments=assignments, gaps=OnBreak.RESET, frames=frames)
     return ForeignImages(ForeignSequence(path, intake, sorted(intake.declared), strict=False, verify=verify))
 

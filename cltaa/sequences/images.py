@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Self
 
-from cltaa.exr.layout import Window
 from cltaa.exr.read import read_colour
 from cltaa.frames import Image
 from cltaa.sequences.numbered import NumberedFiles, check_same_size
@@ -28,27 +27,28 @@ class ImageSequence(NumberedFiles):
         return (self.image(number) for number in self.numbers)
 
 
-class RegionOfImages(ImageSequence):
-    """What ``images`` show of a region, which begins at the first pixel of their display window; they cover it."""
+class ChangedImages(ImageSequence):
+    """What ``change`` makes of each of ``images`` when it is read."""
 
-    def __init__(self, images: ImageSequence, region: Window) -> None:
-        """Take the files of ``images``."""
+    def __init__(self, images: ImageSequence, change: Callable[[Image], Image], notes: list[str]) -> None:
+        """Take the files of ``images``; ``notes`` say how they are read."""
         vars(self).update(vars(images))
-        self._images, self._region = images, region
-        self.layouts = {number: layout.cropped(region) for number, layout in images.layouts.items()}
+        self._images, self._change, self._notes = images, change, notes
 
     @property
     def notes(self) -> list[str]:
-        """Those of the images."""
-        return self._images.notes
+        """How they are read."""
+        return self._notes
 
     def image(self, number: int) -> Image:
         """Read the colour of one frame number, [H, W, 3] linear float32."""
-        return self._images.image(number)[self._images.shows(self._region)].copy()  # the rest is let go
+        return self._change(self._images.image(number))
 
     def select(self, first: int, last: int) -> Self:
         """Return the frames ``first`` to ``last``, both included."""
-        return type(self)(self._images.select(first, last), self._region)
+        selected = type(self)(self._images.select(first, last), self._change, self._notes)
+        selected.layouts = {number: self.layouts[number] for number in selected.numbers}
+        return selected
 
 
 def as_shown(images: ImageSequence, by: NumberedFiles) -> ImageSequence:
@@ -58,6 +58,9 @@ def as_shown(images: ImageSequence, by: NumberedFiles) -> ImageSequence:
     """
     mine, theirs = by.layouts[by.first], images.layouts[images.first]
     if theirs.display_size == mine.display_size and theirs.region != mine.region and theirs.covers(mine.region):
-        return RegionOfImages(images, mine.region)
+        part = images.shows(mine.region)
+        region = ChangedImages(images, lambda image: image[part].copy(), images.notes)  # the rest is let go
+        region.layouts = {number: layout.cropped(mine.region) for number, layout in images.layouts.items()}
+        return region
     check_same_size(by, images)
     return images
