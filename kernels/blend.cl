@@ -17,6 +17,7 @@ __kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, 
     h.count = load(q + 4 * plane);
     h.fx = load(q + 5 * plane);
     h.fy = load(q + 6 * plane);
+    h.most = most_samples(h.fx, h.fy, settings);
     h.valid = load(q + 7 * plane) > SPLAT(0.5);
     const rectification r = { load_colour(c, plane), load(c + 3 * plane), load(c + 4 * plane), load(c + 5 * plane) };
     if (ALPHA)

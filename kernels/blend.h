@@ -30,15 +30,21 @@ STAGE real samples_in_mean(real count, settings_t settings)
     return lesser(count, SPLAT(1.0) / SPLAT(settings.blend_weight) - K(1.0));
 }
 
-// How many samples the history still stands for. Resampling between texels blurs, the more the further the position
-// lies from a texel, so it limits the count (resample_cost); history that had to be pulled into its box is less to be
-// believed (pull_cost); and sample_limit is the most that is ever counted.
-STAGE real believed_count(real count, real fx, real fy, real pull, settings_t settings)
+// The most samples that a history may stand for. Resampling between texels blurs, the more the further the position
+// lies from a texel, so it limits the count (resample_cost); and sample_limit is the most that is ever counted.
+STAGE real most_samples(real fx, real fy, settings_t settings)
 {
-    real least = reciprocal(SPLAT(settings.sample_limit)), believed = count;
+    real least = reciprocal(SPLAT(settings.sample_limit));
     if (RESAMPLE_COST)
         least += K(settings.resample_cost) * (fx * (SPLAT(1.0) - fx) + fy * (SPLAT(1.0) - fy));
-    const real most = reciprocal(least);
+    return reciprocal(least);
+}
+
+// How many samples the history still stands for, `most` at most: history that had to be pulled into its box is less to
+// be believed (pull_cost).
+STAGE real believed_count(real count, real most, real pull, settings_t settings)
+{
+    real believed = count;
     if (PULL_COST)
         believed = quotient(count, SPLAT(1.0) + K(settings.pull_cost) * pull);
     return lesser(believed, most);

@@ -46,8 +46,7 @@ STAGE doubled_t sample_doubled(plane_in previous_closeness, history_in texels, m
         d.texel[t].rgb = history_in_range(rgb, frame);
         d.texel[t].alpha = ALPHA ? limit(v[COUNT - 1][t], SPLAT(0.0), SPLAT(1.0)) : SPLAT(1.0);
         d.texel[t].count = v[COUNT][t];
-        d.texel[t].fx = f.fx;
-        d.texel[t].fy = f.fy;
+        d.texel[t].most = most_samples(f.fx, f.fy, settings);
     }
     for (int t = 0; t < 4; ++t)
         d.texel[t].valid = valid;

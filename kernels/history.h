@@ -11,6 +11,7 @@ typedef struct
 {
     colour rgb;
     real alpha, count, fx, fy; // in the count: how light changes, where that is tested for
+    real most; // samples that it may stand for
     mask valid;
 } history_t;
 
@@ -33,7 +34,7 @@ typedef struct
     colour rgb;
     real alpha, count;
     quad closeness;
-    real fx, fy;
+    real fx, fy, most;
 } sampled;
 
 // Whichever way light went. Where no light is tested for too: the frame before may have had another plan.
@@ -45,7 +46,7 @@ STAGE real sample_count(plane_in count, footprint f, int stride)
 }
 
 STAGE sampled sample_planes(history_in history, plane_in previous_closeness, footprint f, weights wx, weights wy,
-    colour rgb, real count, frame_t frame)
+    colour rgb, real count, real most, frame_t frame)
 {
     sampled v;
     v.rgb = rgb;
@@ -57,6 +58,7 @@ STAGE sampled sample_planes(history_in history, plane_in previous_closeness, foo
         v.closeness = sample_quad(previous_closeness, f, row_stride(frame));
     v.fx = f.fx;
     v.fy = f.fy;
+    v.most = most;
     return v;
 }
 
@@ -83,7 +85,7 @@ STAGE footprint find_footprint(motion_t m, mask valid, uint at, frame_t frame, k
 }
 
 STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_closeness, footprint f, int alike, int y,
-    frame_t frame, kept_rows* kept)
+    frame_t frame, settings_t settings, kept_rows* kept)
 {
     const size_t plane = history_plane_size(frame);
     if (!OWN_PLACE | (COLUMNS > 1))
@@ -91,22 +93,23 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_cl
 #if KEEPS_ROWS && LANES == 1
     real counted;
     const colour slid = slide_history(kept, history, count, f, plane, row_stride(frame), &counted);
-    return sample_planes(history, previous_closeness, f, kept->wx, kept->wy, slid, counted, frame);
+    const real most = most_samples(f.fx, f.fy, settings);
+    return sample_planes(history, previous_closeness, f, kept->wx, kept->wy, slid, counted, most, frame);
 #elif KEEPS_ROWS
     if (alike) {
         f.fx = kept->fx;
         f.fy = kept->fy;
         f.lanes = LANES_ALIKE;
-        const colour rgb = sample_kept_colour(kept, history + f.at, plane, y, row_stride(frame));
+        const colour rgb = sample_kept_colour(kept, history + f.at, plane, y, row_stride(frame), settings);
         const real counted = sample_count(count, f, row_stride(frame));
-        return sample_planes(history, previous_closeness, f, kept->wx, kept->wy, rgb, counted, frame);
+        return sample_planes(history, previous_closeness, f, kept->wx, kept->wy, rgb, counted, kept->most, frame);
     }
 #endif
 #if !KEEPS_ROWS || LANES > 1
     const weights wx = history_weights(f.fx), wy = history_weights(f.fy);
     const colour rgb = sample_colour(history, f, wx, wy, plane, row_stride(frame));
-    const real counted = sample_count(count, f, row_stride(frame));
-    return sample_planes(history, previous_closeness, f, wx, wy, rgb, counted, frame);
+    const real counted = sample_count(count, f, row_stride(frame)), most = most_samples(f.fx, f.fy, settings);
+    return sample_planes(history, previous_closeness, f, wx, wy, rgb, counted, most, frame);
 #endif
 }
 
@@ -129,7 +132,7 @@ STAGE history_t sample_history(plane_in current, boxed_row next, history_in hist
     h.valid = on_screen(seen, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
     int alike;
     const footprint f = find_footprint(seen, h.valid, at, frame, kept, &alike);
-    const sampled v = sample_at(history, count, previous_closeness, f, alike, y, frame, kept);
+    const sampled v = sample_at(history, count, previous_closeness, f, alike, y, frame, settings, kept);
     h.rgb = v.rgb;
     h.count = v.count;
     h.valid = h.valid & !colour_outside_domain(h.rgb);
@@ -146,5 +149,6 @@ STAGE history_t sample_history(plane_in current, boxed_row next, history_in hist
         h.valid = h.valid & same_surface(v.closeness, s, m, settings);
     h.fx = v.fx;
     h.fy = v.fy;
+    h.most = v.most;
     return h;
 }

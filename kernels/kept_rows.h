@@ -2,6 +2,7 @@
 // the same fraction of a texel and as many whole ones, three of the four rows of taps around it have been weighed along
 // x already. Its place, fractions and weights are known too, before the motion that says the same has been worked out,
 // so that a CPU need not wait for it.
+#include "blend.h"
 #include "light.h"
 
 #if !defined(CAMERA_MOTION) || !defined(OWN_MOTION) || !defined(COLUMNS) || !defined(WEIGHTING)
@@ -42,6 +43,7 @@ typedef struct
     scalar_whole dx, dy; // whose
     int filled; // whether there is what follows: only from the second segment on that moves alike
     weights wx, wy;
+    real most; // samples that history at this fraction may stand for
     real row[3][4]; // of each plane that of row y at y & 3
 #endif
 } kept_rows;
@@ -94,11 +96,12 @@ STAGE int moves_alike(kept_rows* kept, footprint f, real u, real v, int stride)
     return 0;
 }
 
-STAGE void fill_rows(kept_rows* kept, history_in p, size_t plane, int y, int stride)
+STAGE void fill_rows(kept_rows* kept, history_in p, size_t plane, int y, int stride, settings_t settings)
 {
     kept->filled = 1;
     kept->wx = history_weights(kept->fx);
     kept->wy = history_weights(kept->fy);
+    kept->most = most_samples(kept->fx, kept->fy, settings);
     ROLLED
     for (int i = 0; i < 9; ++i)
         kept->row[i / 3][(y + i % 3 - 1) & 3]
@@ -113,10 +116,10 @@ STAGE real sample_kept(real* row, history_in p, weights wx, weights wy, int y, i
     return weigh(zero, row[(y - 1) & 3], row[y & 3], row[(y + 1) & 3], last, zero, wy).middle;
 }
 
-STAGE colour sample_kept_colour(kept_rows* kept, history_in p, size_t plane, int y, int stride)
+STAGE colour sample_kept_colour(kept_rows* kept, history_in p, size_t plane, int y, int stride, settings_t settings)
 {
     if (!kept->filled)
-        fill_rows(kept, p, plane, y, stride);
+        fill_rows(kept, p, plane, y, stride, settings);
     const weights wx = kept->wx, wy = kept->wy;
     const colour v
         = { sample_kept(kept->row[0], p, wx, wy, y, stride), sample_kept(kept->row[1], p + plane, wx, wy, y, stride),

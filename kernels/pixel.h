@@ -75,7 +75,7 @@ STAGE real box_gamma(motion_t m, settings_t settings)
 {
     if (!GAMMA_BY_MOTION)
         return SPLAT(settings.gamma_moving);
-    const real speed = quotient(greater(absolute(m.u), absolute(m.v)), SPLAT(settings.motion_px));
+    const real speed = over(greater(absolute(m.u), absolute(m.v)), divisor(SPLAT(settings.motion_px)));
     const real still = greater(SPLAT(1.0) - speed, SPLAT(0.0));
     return SPLAT(settings.gamma_moving) + still * (K(settings.gamma_still) - K(settings.gamma_moving));
 }
@@ -113,7 +113,7 @@ STAGE real fading_share(real of_mean, settings_t settings)
 STAGE real believed_samples(pixel_t p, history_t h, rectification r, settings_t settings)
 {
     const real held = LIGHT_CHANGE == LIGHT_CHANGE_IGNORE ? h.count : absolute(h.count);
-    const real count = believed_count(held, h.fx, h.fy, r.pull, settings);
+    const real count = believed_count(held, h.most, r.pull, settings);
     return REACTIVE ? count * (SPLAT(1.0) - p.reactivity) : count;
 }
 

@@ -4,15 +4,12 @@
 #include "ahead.h"
 #include "columns.h"
 
-// Reads the segment at (x, y), whose row is `centre`, and resolves it; returns the row below. TWO_UNDER_WAY: it is left
-// in `under_way`, and what was left there before is finished meanwhile.
-STAGE row_t resolve_segment(row_t above, row_t centre, plane_in current, plane_in closeness, plane_in motion,
-    plane_in alpha, plane_in reactive, history_in history, plane_in history_count, plane_in previous_closeness,
-    history_out output, plane_out output_count, int x, int y, frame_t frame, settings_t settings, kept_rows* kept,
-    segment_t* under_way)
+// Resolves the segment at (x, y), whose row is `centre`. TWO_UNDER_WAY: it is left in `under_way`, and what was left
+// there before is finished meanwhile.
+STAGE void resolve_segment(row_t above, row_t centre, row_t below, plane_in current, plane_in alpha, plane_in reactive,
+    history_in history, plane_in history_count, plane_in previous_closeness, history_out output, plane_out output_count,
+    int x, int y, frame_t frame, settings_t settings, kept_rows* kept, segment_t* under_way)
 {
-    fetch_frame(current, closeness, motion, x, y, frame);
-    const row_t below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
     const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
     const surface s = nearest_surface(above, centre, below, settings);
     if (TWO_UNDER_WAY)
@@ -31,7 +28,6 @@ STAGE row_t resolve_segment(row_t above, row_t centre, plane_in current, plane_i
         weigh_segment(under_way, settings);
         finish_segment(*under_way, output, output_count, frame, settings);
     }
-    return below;
 }
 
 __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha, plane_in reactive,
@@ -67,11 +63,14 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
         for (int i = 0; i < count; ++i) {
             row_t above = { 0 }, centre = { 0 };
             ROW_MEMBERS(TAKE_COLUMN)
-            const row_t below = resolve_segment(above, centre, current, closeness, motion, alpha, reactive, history,
-                history_count, previous_closeness, output, output_count, (begin + i) * LANES, y, frame, settings,
-                &kept[i], &under_way);
+            const int x = (begin + i) * LANES;
+            fetch_frame(current, closeness, motion, x, y, frame);
+            const row_t below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
             const int to = another_index(i);
+            // Before the segment is resolved: a compiler that keeps it afterwards has it on the stack until then.
             ROW_MEMBERS(KEEP_COLUMN)
+            resolve_segment(above, centre, below, current, alpha, reactive, history, history_count, previous_closeness,
+                output, output_count, x, y, frame, settings, &kept[i], &under_way);
         }
     }
     if (TWO_UNDER_WAY) {
@@ -93,8 +92,10 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
     kept_rows kept = nothing_kept();
     segment_t under_way;
     for (int y = first; y < last; ++y) {
-        const row_t below = resolve_segment(above, centre, current, closeness, motion, alpha, reactive, history,
-            history_count, previous_closeness, output, output_count, x, y, frame, settings, &kept, &under_way);
+        fetch_frame(current, closeness, motion, x, y, frame);
+        const row_t below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
+        resolve_segment(above, centre, below, current, alpha, reactive, history, history_count, previous_closeness,
+            output, output_count, x, y, frame, settings, &kept, &under_way);
         above = centre;
         centre = below;
     }

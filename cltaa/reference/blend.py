@@ -33,15 +33,21 @@ def samples_in_mean(count: Array, build: Build, settings: Record) -> Array:
     return lesser(count, one / number(settings["blend_weight"], count) - one)
 
 
-def believed_count(count: Array, fx: Array, fy: Array, pull: Array, build: Build, settings: Record) -> Array:
-    """Samples that the history still stands for after resampling and rectification."""
-    one = number(1.0, count)
-    least, believed = one / number(settings["sample_limit"], count), count
+def most_samples(fx: Array, fy: Array, build: Build, settings: Record) -> Array:
+    """The most samples that a history resampled at fraction ``fx``, ``fy`` may stand for."""
+    one = number(1.0, fx)
+    least = one / number(settings["sample_limit"], fx)
     if build.terms.resample_cost:
-        least = least + number(settings["resample_cost"], count) * between_texels(fx, fy)
+        least = least + number(settings["resample_cost"], fx) * between_texels(fx, fy)
+    most: Array = one / least
+    return most
+
+
+def believed_count(count: Array, most: Array, pull: Array, build: Build, settings: Record) -> Array:
+    """Samples that the history still stands for after resampling, ``most`` at most, and rectification."""
     if build.terms.pull_cost:
-        believed = count / (one + number(settings["pull_cost"], count) * pull)
-    return lesser(believed, one / least)
+        count = count / (number(1.0, count) + number(settings["pull_cost"], count) * pull)
+    return lesser(count, most)
 
 
 def luminance_inertia(v: Colour, settings: Record) -> Array:

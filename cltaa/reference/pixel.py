@@ -16,6 +16,7 @@ from cltaa.reference.blend import (
     blend,
     difference_share,
     filtered_share,
+    most_samples,
     storable_colour,
     weight_of_sample,
 )
@@ -139,7 +140,8 @@ def drawn_towards(own: Colour, filtered: Colour, share: Array) -> Colour:
 
 def believed_samples(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Array:
     """How many samples a pixel's rectified history is believed to stand for."""
-    count = believed_count(np.abs(h.count), h.fx, h.fy, r.pull, build, settings)
+    most = most_samples(h.fx, h.fy, build, settings)
+    count = believed_count(np.abs(h.count), most, r.pull, build, settings)
     return count * (number(1.0, count) - p.reactivity) if build.steps.reactive else count
 
 
