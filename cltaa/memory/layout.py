@@ -51,6 +51,6 @@ class Layout(NamedTuple):
         planes[..., :first_row, :] = planes[..., first_row : first_row + 1, :]
         planes[..., last_row + 1 :, :] = planes[..., last_row : last_row + 1, :]
 
-    def empty(self, planes: int, dtype: Any = np.float32) -> Plane:
+    def zeros(self, planes: int, dtype: Any = np.float32) -> Plane:
         """``planes`` planes of zeros, [planes, rows, stride]."""
         return np.zeros((planes, self.rows, self.stride), dtype)

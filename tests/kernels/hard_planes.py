@@ -112,7 +112,7 @@ def storable(planes: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def padded(planes: NDArray[Any], layout: Layout) -> NDArray[np.float32]:
     """[C, H, W] with its halo, the edge repeated."""
-    out = layout.empty(len(planes))
+    out = layout.zeros(len(planes))
     layout.inside(out)[:] = planes
     layout.extend_edges(out)
     return out

@@ -173,7 +173,7 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     given |= {f"{name[:-4]}_in": planes for name, planes in work.planes.items() if name.endswith("_out")}
     if "spans" in work.planes:
         given["spans"] = spans_of(build.steps, work)
-    given |= {name: np.full_like(work.layout.empty(count), UNWRITTEN) for name, count in WRITES[kernel].items()}
+    given |= {name: np.full_like(work.layout.zeros(count), UNWRITTEN) for name, count in WRITES[kernel].items()}
     names = [p.name for p in inspect.signature(KERNELS[kernel]).parameters.values() if p.kind is p.KEYWORD_ONLY]
     if build.choices.light_change is not LightChange.IGNORE:
         for name in {"history_count", "history_at", "recursive_count"} & set(names):

@@ -66,7 +66,7 @@ def test_every_half_and_what_lies_around_it(lanes: int | str) -> None:
     values = around_halves()
     layout = Layout(1021, -(-len(values) // (PLANES * 1021)))  # no multiple of any vector's length
     launcher = NumpyLauncher() if lanes == "numpy" else DeviceLauncher()
-    planes = layout.empty(PLANES + 1)
+    planes = layout.zeros(PLANES + 1)
     inside = layout.inside(planes)
     inside[:PLANES] = np.resize(values, (PLANES, layout.height, layout.width))
     halves = converted(launcher, launcher.build(Build(lanes=0 if lanes == "numpy" else int(lanes))), layout, planes)
@@ -88,7 +88,7 @@ def test_every_half_and_what_lies_around_it(lanes: int | str) -> None:
 def test_of_every_number_that_a_history_is_kept_in(storage: Storage, lanes: int) -> None:
     launcher, layout = DeviceLauncher(), Layout(33, 9)
     build = launcher.build(Build(lanes=lanes, storage=storage))
-    planes = layout.empty(PLANES, storage_dtype(build))
+    planes = layout.zeros(PLANES, storage_dtype(build))
     random = np.random.default_rng(5)
     layout.inside(planes)[...] = np.clip(random.standard_cauchy((PLANES, 9, 33)) * 1e4, -65504, 65504)
     ours, twin = (layout.inside(converted(on, build, layout, planes)) for on in (launcher, NumpyLauncher()))
@@ -102,7 +102,7 @@ def test_of_a_band_of_rows(lanes: int, monkeypatch: pytest.MonkeyPatch) -> None:
     # Of one lane in groups as on a GPU: more work-items than pixels, down and across.
     monkeypatch.setattr(Device, "shape", property(lambda _: Shape(lanes=lanes, rows=5, group=(8, 3))))
     launcher, band = DeviceLauncher(), Layout(33, 5)
-    planes = band.empty(PLANES)
+    planes = band.zeros(PLANES)
     band.inside(planes)[...] = np.random.default_rng(6).normal(0.0, 9.0, (PLANES, 5, 33))
     build = launcher.build(Build(lanes=lanes))
     found = converted(launcher, build, band, planes, height=23, first_row=10, band_rows=5)

@@ -113,7 +113,7 @@ def test_only_all_of_an_image_is_taken() -> None:
     flipped = (planes[::-1], planes[:, ::-1], planes[:, :, ::-1])
     parts = (planes[1:], planes[:, 1:], planes[:, :-1], planes[:, :, 1:], planes[:, :, :-1])
     others = (planes.copy(), planes.view(np.uint32), np.broadcast_to(planes[:1], planes.shape), planes.astype(float))
-    own = (layout.inside(layout.empty(3)), np.ones((3, 1, 1), np.float32))
+    own = (layout.inside(layout.zeros(3)), np.ones((3, 1, 1), np.float32))
     other: Any
     for other in (*flipped, *parts, *others, *own):
         assert around(other, layout) is None

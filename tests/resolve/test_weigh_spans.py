@@ -39,18 +39,18 @@ def weighed(error: float, repeated: float | None = None, now: Array | None = Non
     """What flat spans of a light that grows come to where each texel leaves an error: 1.0 the latest four frames, 0.98
     the latest eight, 0.8 all; repeated samples leave as much unless told, and no texel of now can be used."""
     layout = Layout(WIDTH, HEIGHT)
-    spans = layout.empty(SPANS * 5)
+    spans = layout.zeros(SPANS * 5)
     nothing = np.full((3, HEIGHT, WIDTH), np.nan, np.float32)
     current = padded(nothing if now is None else now.astype(np.float32), layout)
     for planes, light in zip(spans.reshape(SPANS, 5, *spans.shape[1:]), (1.0, 0.98, 0.8, 0.8), strict=True):
         planes[:3], planes[3], planes[4] = light, error, 7.0
-    output, count = layout.empty(4), layout.empty(1)
+    output, count = layout.zeros(4), layout.zeros(1)
     settings = settings_record(Settings())
     frame = np.zeros((), FRAME_DTYPE)
     frame["width"], frame["height"] = WIDTH, HEIGHT
     build = Build(steps=Steps(alpha=False))
-    beside = layout.empty(4), np.full_like(layout.empty(1), 5.0)  # neither begun anew nor lasted, beside 7
-    repeats = np.full_like(layout.empty(1), error if repeated is None else repeated)
+    beside = layout.zeros(4), np.full_like(layout.zeros(1), 5.0)  # neither begun anew nor lasted, beside 7
+    repeats = np.full_like(layout.zeros(1), error if repeated is None else repeated)
     weigh_spans(
         build, layout, current=current, spans=spans, repeats=repeats, recursive=beside[0],
         recursive_count=beside[1], output=output, output_count=count, frame=frame, settings=settings,
