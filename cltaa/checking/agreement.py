@@ -50,10 +50,7 @@ class _Reading(NamedTuple):
 
 def check_agreement(shot: Shot) -> list[Finding]:
     """Findings about matrices, unit of depth and vectors, where only another reading makes them agree."""
-    pairs = [_sparse(pair) for pair in moving_pairs(shot)] if shot.has_camera and shot.has_depth else []
-    pairs = [pair for pair in pairs if len(pair.x) >= LEAST_POINTS and np.isfinite(pair.own).all(0).mean() >= COVERED]
-    # A projection alone changes by a zoom, or by the jitter that was left in it.
-    pairs = [p for p in pairs if not np.array_equal(p.frame.camera.world_to_view, p.previous.camera.world_to_view)]
+    pairs = _filled(shot)
     if len(pairs) < 2:
         return []
     maps = affine_maps(*shot.window)
@@ -68,6 +65,24 @@ def check_agreement(shot: Shot) -> list[Finding]:
     nearest = min(reading.apart / reading.moved for reading in agreeing)
     alike = [reading for reading in agreeing if reading.apart / reading.moved < nearest + ALIKE]
     return _findings(_seen(alike, moving_pairs(shot), maps), declared, maps, len(pairs))
+
+
+def tells_map(shot: Shot, meant: Affine) -> bool:
+    """True where vectors that agree with matrices and depth, under ``meant`` alone, would be told apart from it."""
+    pairs, plain = _filled(shot), Affine(np.eye(2))
+    if len(pairs) < 2:
+        return False
+    right, wrong = (min(reading.apart for reading in _compared(pairs, "", 1.0, {"": map_})) for map_ in (plain, meant))
+    moved = float(np.mean([middle_length(pair.camera_motion()) for pair in pairs]))
+    return right < AGREE * moved and wrong >= DISAGREE * max(moved, LEAST_MOTION_PX)
+
+
+def _filled(shot: Shot) -> list[Pair]:
+    """Pairs between which the camera moves and whose vectors fill the picture, at a few of their points."""
+    pairs = [_sparse(pair) for pair in moving_pairs(shot)] if shot.has_camera and shot.has_depth else []
+    pairs = [pair for pair in pairs if len(pair.x) >= LEAST_POINTS and np.isfinite(pair.own).all(0).mean() >= COVERED]
+    # A projection alone changes by a zoom, or by the jitter that was left in it.
+    return [p for p in pairs if not np.array_equal(p.frame.camera.world_to_view, p.previous.camera.world_to_view)]
 
 
 def _seen(alike: Sequence[_Reading], pairs: Sequence[Pair], maps: dict[str, Affine]) -> _Reading:

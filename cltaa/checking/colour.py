@@ -19,6 +19,7 @@ SHADOWS = 0.005  # quantile that stands for the dark end; sub-pixel glints and h
 MOST_FRAMES, MOST_PIXELS = 4, 250_000  # looked at, and of each frame
 LEVELS = 255
 ON_LEVELS = 0.98  # share of values on 8-bit steps; of float values about 2 in 1000 are, by chance
+HALF = 0.5  # a vector of nothing, in pictures that hold no negative numbers
 HALF_STEPS = 1e-3  # nearness to a step of 8 bits, in steps
 
 
@@ -70,8 +71,14 @@ def _channels(frames: Sequence[Frame], has_camera: bool, has_depth: bool) -> Ite
         given = np.concatenate([v[np.isfinite(v).all(-1)] for v in vectors])
         if len(given) and not np.ptp(given, axis=0).any():
             text = f"every vector of {len(vectors)} frames is ({given[0, 0]:g}, {given[0, 1]:g})"
-            rests = has_camera and not given.any() and all(is_still(f.camera, frames[0].camera) for f in frames)
-            yield _channel("motion-constant", not rests, text, "motion")
+            rests = has_camera and all(is_still(f.camera, frames[0].camera) for f in frames)
+            if rests and (given[0] == HALF).all():
+                yield Finding(
+                    name="motion-centred-on-half", mistake=True, confidence=0.9, evidence=text,
+                    what="the motion vectors are around 0.5, and nothing moves", fix={"motion": {"offset": [HALF] * 2}},
+                )  # fmt: skip
+            else:
+                yield _channel("motion-constant", not rests or bool(given.any()), text, "motion")
 
 
 def _channel(name: str, mistake: bool, evidence: str, channel: str) -> Finding:

@@ -59,7 +59,9 @@ def check_frames(
         if jittered:
             return found
         if not wrong_depth and (agreed := check_agreement(shot)):
-            return found + agreed  # the rest is looked at once it is read so
+            # The rest is looked at once it is read so. Vectors that can be read are no empty channel.
+            readable = any(finding.name.startswith("motion-") for finding in agreed)
+            return [one for one in found if not (readable and one.name == "motion-constant")] + agreed
         if not wrong_depth:
             # A wrong camera and a wrong scale of depth both spoil the parallax; the camera's mistakes are the cruder.
             found += check_travel(shot) or check_upside_down(shot) or (check_depth_scale(shot) if has_depth else [])

@@ -28,13 +28,18 @@ LEAST_PAIRS = 6  # of them four second differences are left, for two gains an ax
 LEAST_LEAK = 0.5  # of the change of jitter
 
 
-def check_motion(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> list[Finding]:
-    """Findings about the motion channel; ``shifts`` were measured without it where ``anchored``."""
+def check_motion(
+    shot: Shot, shifts: Sequence[Fit | None], anchored: bool, maps: Mapping[str, Affine] | None = None
+) -> list[Finding]:
+    """Findings about the motion channel; ``shifts`` were measured without it where ``anchored``.
+
+    ``maps`` are the meanings that it may have, the declared one under the empty name; all unless given.
+    """
     scenes = _scenes(shot, shifts, anchored)
     if not any(scene.own.any() for scene in scenes):
         return _resting_leak(shot)
     width, height = shot.window
-    maps = affine_maps(width, height)
+    maps = maps or affine_maps(width, height)
     scores = {name: _score(scenes, meant) for name, meant in maps.items()}
     best = _plainest({name: float(score.mean()) for name, score in scores.items()})
     if _effect(scenes, maps[best]) < LEAST_EFFECT_PX:

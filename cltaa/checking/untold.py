@@ -6,18 +6,20 @@ A mistake that changes nothing here may change the next shot that is read by the
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
+from dataclasses import replace
 
 import numpy as np
 
 from cltaa.cameras import is_still
-from cltaa.checking.agreement import DISAGREE, LEAST_MOTION_PX, middle_length
-from cltaa.checking.alignment import LEAST_POINTS
+from cltaa.checking.agreement import DISAGREE, LEAST_MOTION_PX, middle_length, tells_map
+from cltaa.checking.alignment import LEAST_POINTS, Fit
 from cltaa.checking.depth import tells_kind
-from cltaa.checking.gains import left_over, linear_maps
+from cltaa.checking.gains import Affine, left_over, linear_maps
 from cltaa.checking.jitter import LEAST_PAIRS, MOST_SCATTER
 from cltaa.checking.likeness import declared_jitter, measure_likeness
 from cltaa.checking.meanings import MEANINGS
-from cltaa.checking.motion import LEAST_EFFECT_PX
+from cltaa.checking.motion import LEAST_EFFECT_PX, check_motion
 from cltaa.checking.shifts import measure_shifts
 from cltaa.checking.shots import COVERED, Pair, Shot
 from cltaa.checking.signal import Vector
@@ -27,6 +29,12 @@ MOST = 0.95  # quantile of the points: a few near the edge move by more under an
 LARGEST_LEFT = 0.5  # of the jitter's own change: shifts that are farther from it confirm nothing
 WHAT = {"inverse": "their direction", "y-flipped": "their y"}
 UNIT = 2.0  # of depth
+VECTORS = {
+    "negated": "their sign", "x-negated": "the sign of x", "y-flipped": "the sign of y", "swapped": "which is x",
+    "scaled-2": "their size", "scaled-0.5": "their size", "jittered": "jitter in them",
+    "jittered-reversed": "jitter in them",
+}  # fmt: skip
+AXES = {"the sign of x": 0, "the sign of y": 1}
 
 
 def untold(shot: Shot) -> list[str]:
@@ -53,9 +61,9 @@ def _camera(shot: Shot) -> Iterator[str]:
         hidden.append("a delay")
     if hidden:
         yield f"matrices: {', '.join(hidden)}: the pictures match about as well either way"
-    if shot.has_depth and not shot.frames[0].camera.orthographic:
+    if shot.has_depth:
         nearer = [pair.camera_motion(closeness=UNIT * pair.closeness) for pair in pairs]
-        if not _shows(pairs, nearer):
+        if shot.frames[0].camera.orthographic or not _shows(pairs, nearer):
             yield "the unit of depth: the pictures match about as well with others"
 
 
@@ -99,12 +107,27 @@ def _motion(shot: Shot) -> Iterator[str]:
     if longest < LEAST_EFFECT_PX:
         yield f"the vectors' sign, axes and unit: none is longer than {LEAST_EFFECT_PX:g} px"
         return
-    names = {"x-negated": "the sign of x", "y-flipped": "the sign of y"}
-    maps = linear_maps(*shot.window)
-    for name, what in names.items():
-        change = maps[name] - np.eye(2)
-        if max(float(np.sqrt(((change @ vectors) ** 2).sum(0).mean())) for vectors in own) < LEAST_EFFECT_PX:
+    shifts, anchored = measure_shifts(shot)
+    hidden = [what for name, what in VECTORS.items() if not _shows_vectors(shot, name, shifts, anchored)]
+    for what, axis in AXES.items():
+        if max(float(np.sqrt((vectors[axis] ** 2).mean())) for vectors in own) < LEAST_EFFECT_PX / 2:
             yield f"the vectors: {what}: nothing moves that way"
+            hidden = [other for other in hidden if other != what]
+    if hidden:
+        yield f"the vectors: {', '.join(dict.fromkeys(hidden))}: the pictures match about as well either way"
+
+
+def _shows_vectors(shot: Shot, name: str, shifts: Sequence[Fit | None], anchored: bool) -> bool:
+    """True where the check would name vectors that are wrong so: the declared ones are made so, and judged."""
+    leak = {"jittered": 1.0, "jittered-reversed": -1.0}.get(name, 0.0)
+    meant = Affine(np.eye(2) if leak else linear_maps(*shot.window)[name])
+    wrong = Affine(np.asarray(np.linalg.inv(meant.matrix), np.float64))
+    if not leak and tells_map(shot, wrong):
+        return True
+    spoilt = copy(shot)
+    spoilt.pairs = [replace(p, own=wrong(p.own) + leak * p.jitter_change[:, None]) for p in shot.pairs]
+    maps = {"": Affine(np.eye(2))} | ({} if leak else {name: meant})
+    return bool(check_motion(spoilt, shifts, anchored, maps))
 
 
 def _jitter(shot: Shot) -> Iterator[str]:

@@ -15,7 +15,7 @@ from cltaa.checking.finding import Finding
 from cltaa.checking.report import check_folder
 from cltaa.exr.channels import Pixels
 from cltaa.frames import Frame
-from tests.sequence_factory import make_frame
+from tests.sequence_factory import make_camera, make_frame
 
 
 def names(found: list[Finding], *, mistakes: bool = True) -> list[str]:
@@ -43,6 +43,13 @@ def picture(frame: Frame, value: float) -> Frame:
 )
 def test_channels_that_carry_nothing(name: str, spoil: Callable[[Frame], Frame]) -> None:
     assert name in names(check_channels([spoil(frame) for frame in frames()], has_camera=False, has_depth=True))
+
+
+@pytest.mark.parametrize(("value", "found"), [(0.5, "motion-centred-on-half"), (0.25, "motion-constant")])
+def test_vectors_of_a_still_picture_may_lie_around_a_half(value: float, found: str) -> None:
+    camera, vectors = make_camera(), np.full((*make_frame().depth.shape, 2), value, np.float32)
+    spoilt = [replace(frame, motion=vectors, camera=camera) for frame in frames()]
+    assert names(check_channels(spoilt, has_camera=True, has_depth=True)) == [found]
 
 
 def test_sound_channels_pass() -> None:

@@ -128,7 +128,31 @@ def test_jitter_that_nothing_shows_is_untold(scene: Scene) -> None:
 def test_a_plane_that_the_camera_moves_along_has_one_vector(small: Scene) -> None:
     frames = full_motion(small("charts_drift"))
     assert mistakes(frames) == []
-    assert "motion-constant" in mistakes(MISTAKES["motion-negated"].plant(frames))
+    assert mistakes(MISTAKES["motion-negated"].plant(frames)) == ["motion-negated"]
+    assert "motion-constant" in mistakes([replace(frame, motion=np.zeros_like(frame.motion)) for frame in frames])
+    assert any("the unit of depth" in line for line in told(frames))  # no perspective
+
+
+@pytest.mark.parametrize(
+    ("name", "mistake", "words"),
+    [
+        ("cloth", "motion-swapped", "which is x"),
+        ("spinner", "motion-scaled-2", "their size"),
+        ("pan", "motion-y-flipped", "the sign of y"),
+        ("everything", "motion-negated", "their sign"),
+        ("everything", "motion-jittered-reversed", "jitter in them"),
+    ],
+)
+def test_wrong_vectors_that_are_not_named_are_said_to_be_untold(
+    name: str, mistake: str, words: str, small: Scene
+) -> None:
+    """By spoilt frames as by right ones; where vectors fill the picture of a camera that travels, nothing is untold."""
+    frames = full_motion(small(name)) if name == "pan" else small(name)
+    spoilt = MISTAKES[mistake].plant(frames)
+    assert mistakes(spoilt) == []
+    assert any("the vectors: " in line and words in line for line in told(spoilt))
+    assert any("the vectors: " in line and words in line for line in told(frames))
+    assert not any("the vectors" in line for line in told(full_motion(small("corridor"))))
 
 
 def test_one_frame_tells_nothing_and_is_no_error() -> None:
