@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import Any, BinaryIO, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,13 @@ class ImageHeader:
 
     layout: Layout
     attributes: dict[str, object]
+
+
+class FrameFile(NamedTuple):
+    """What was read of a frame's file: its header, and all channels [H, W] where they were decoded beside the frame."""
+
+    header: ImageHeader
+    planes: Mapping[str, Pixels] | None = None
 
 
 def read_frame(path: Path, *, sha256: str | None = None) -> Frame:

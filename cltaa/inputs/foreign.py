@@ -16,7 +16,7 @@ from cltaa.cameras import of_region
 from cltaa.errors import DataError
 from cltaa.exr.attributes import MATRICES
 from cltaa.exr.channels import Pixels
-from cltaa.exr.read import ImageHeader
+from cltaa.exr.read import FrameFile, ImageHeader
 from cltaa.files.manifest import file_sha256, recorded_hashes
 from cltaa.files.names import name_of
 from cltaa.frame_checks import check_camera
@@ -126,11 +126,12 @@ class ForeignSequence(Sequence):
 
     def colour(self, number: int) -> Image:
         """Read and convert the colour of one frame, [H, W, 3] linear float32."""
-        return linear_colour(self._planes(number, ["colour"])["colour"], self.intake.profile.colour.encoding)
+        return linear_colour(self._planes(number, ["colour"], {})["colour"], self.intake.profile.colour.encoding)
 
-    def frame(self, number: int) -> Frame:
-        """Read and convert one frame."""
-        profile, planes, outline = self.intake.profile, self._planes(number, self._roles), self.outline(number)
+    def frame_and_file(self, number: int) -> tuple[Frame, FrameFile]:
+        """Read and convert one frame; the file is that of its colour."""
+        files: dict[str, dict[str, Pixels]] = {}
+        profile, planes, outline = self.intake.profile, self._planes(number, self._roles, files), self.outline(number)
         colour = linear_colour(planes["colour"], profile.colour.encoding)
         depth = np.full(colour.shape[:2], np.inf, np.float32)
         if "depth" in planes:
@@ -145,11 +146,9 @@ class ForeignSequence(Sequence):
                 self.layouts[number].display_size,
             )
         alpha, reactive = _only(planes.get("alpha")), _only(planes.get("reactive"))
-        return replace(outline, colour=colour, depth=depth, motion=motion, alpha=alpha, reactive=reactive)
-
-    def frame_and_header(self, number: int) -> tuple[Frame, ImageHeader | None]:
-        """A frame, and no header: it may be made of several files, or of one with several parts."""
-        return self.frame(number), None
+        frame = replace(outline, colour=colour, depth=depth, motion=motion, alpha=alpha, reactive=reactive)
+        header = ImageHeader(self.layouts[number], self.intake.attributes[number])
+        return frame, FrameFile(header, files[self.intake.roles["colour"][0].files])
 
     def outline(self, number: int) -> Frame:
         """A frame of which only the header was read: the channels that it has are there, and empty."""
@@ -207,9 +206,8 @@ class ForeignSequence(Sequence):
             self._hashes[path.parent] = recorded_hashes(path.parent)
         return self._hashes[path.parent].get(path.name)
 
-    def _planes(self, number: int, roles: Iterable[str]) -> dict[str, Image]:
-        """The channels of each of these roles as float32 [H, W, C]."""
-        files: dict[str, dict[str, Pixels]] = {}
+    def _planes(self, number: int, roles: Iterable[str], files: dict[str, dict[str, Pixels]]) -> dict[str, Image]:
+        """The channels of each of these roles as float32 [H, W, C]; ``files`` take what each set of files holds."""
         stacked: dict[str, Image] = {}
         for role in roles:
             planes = []

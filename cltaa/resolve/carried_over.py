@@ -11,7 +11,7 @@ from cltaa.errors import UsageError
 from cltaa.exr.attributes import MATRICES
 from cltaa.exr.channels import Pixels
 from cltaa.exr.layout import LOSSLESS, Windows
-from cltaa.exr.read import ImageHeader
+from cltaa.exr.read import FrameFile
 from cltaa.inputs.parts import read_any_header, read_planes
 from cltaa.sequences.sources import Sequence
 
@@ -30,18 +30,18 @@ class CarriedOver(NamedTuple):
 
 
 def carried_over(
-    path: Path, layers: tuple[str, ...], header: ImageHeader | None = None, *, replaced: frozenset[str] = frozenset()
+    path: Path, layers: tuple[str, ...], file: FrameFile | None = None, *, replaced: frozenset[str] = frozenset()
 ) -> CarriedOver:
     """Read what is carried over from ``path``: every attribute, and the channels whose names match one of ``layers``.
 
     Where ``layers`` are all, those that the resolve ``replaced`` are none of them: who opens the result would take the
-    colour that it was made of for it. ``header`` is that of the file, where it is known. Raises what reading raises.
+    colour that it was made of for it. ``file`` is what is known of it already. Raises what reading raises.
     """
-    header = header or read_any_header(path, chunks=False)  # the frame is read beside it
+    header = file.header if file else read_any_header(path, chunks=False)  # the frame is read beside it
     attributes = {name: value for name, value in header.attributes.items() if name not in _OF_THE_FILE}
     channels: dict[str, Pixels] = {}
     if layers:
-        planes, _ = read_planes(path)
+        planes = file.planes if file and file.planes is not None else read_planes(path)[0]
         left_out = replaced if layers == ALL else frozenset()
         kept = [name for name in planes if name not in left_out and any(fnmatchcase(name, p) for p in layers)]
         channels = {name: planes[name] for name in kept}

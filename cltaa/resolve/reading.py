@@ -31,12 +31,12 @@ def reads(sequence: Sequence, before: int | None, layers: tuple[str, ...]) -> It
 
 
 def _read(sequence: Sequence, number: int, before: int | None, layers: tuple[str, ...]) -> Read:
-    (frame, header), path = sequence.frame_and_header(number), sequence.path(number)
+    (frame, file), path = sequence.frame_and_file(number), sequence.path(number)
     # What was verified while it was read need not be hashed again.
     digest = sequence.sha256(number) or file_sha256(path)
     return Read(
         frame,
         Source(digest, before, sequence.beside_sha256(number)),
         unusable_pixels(frame.colour),
-        carried_over(path, layers, header, replaced=sequence.replaced),
+        carried_over(path, layers, file, replaced=sequence.replaced),
     )

@@ -18,7 +18,7 @@ from cltaa.errors import DataError, UsageError
 from cltaa.exr import core as exr_core
 from cltaa.exr.attributes import FrameHeader
 from cltaa.exr.channels import check_float_channels
-from cltaa.exr.read import ImageHeader, read_frame_and_header, read_header
+from cltaa.exr.read import FrameFile, ImageHeader, read_frame_and_header, read_header
 from cltaa.files.manifest import read_capture_record, recorded_hashes
 from cltaa.files.names import NUMBERED, name_of, number_of
 from cltaa.frames import Effect, Frame, name_effects
@@ -160,10 +160,10 @@ class Sequence(NumberedFiles):
 
     def frame(self, number: int) -> Frame:
         """Read one frame by its number; raises DataError where header and sequence disagree."""
-        return self.frame_and_header(number)[0]
+        return self.frame_and_file(number)[0]
 
-    def frame_and_header(self, number: int) -> tuple[Frame, ImageHeader | None]:
-        """The same, and the header of its file, or None where a frame is made of several files."""
+    def frame_and_file(self, number: int) -> tuple[Frame, FrameFile]:
+        """The same, and what was read of its file."""
         frame, header = read_frame_and_header(self.path(number), sha256=self.sha256(number))
         if frame.index != number:
             raise DataError(
@@ -174,7 +174,7 @@ class Sequence(NumberedFiles):
             expected, found = name_effects(self.effects), name_effects(frame.effects)
             what = "declares other effects than the first frame"
             raise DataError(what, path=frame.path, frame=number, expected=expected, found=found)
-        return frame if self.step == 1 else replace(frame, step=self.step), header
+        return frame if self.step == 1 else replace(frame, step=self.step), FrameFile(header)
 
     def __iter__(self) -> Iterator[Frame]:
         """Read the frames one after another."""

@@ -99,3 +99,14 @@ def test_another_way_of_reading_does_not_go_on(foreign: Path, capsys: pytest.Cap
     assert main(again) == 0
     assert main([*again, "--input", "colour.encoding=srgb"]) != 0
     assert "profile" in capsys.readouterr().err
+
+
+def test_another_tools_file_is_decoded_once(foreign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The layers that a result keeps are those that were decoded with its frame."""
+
+    def again(path: Path, **_: object) -> None:
+        raise AssertionError(f"{path} was opened again")
+
+    monkeypatch.setattr("cltaa.resolve.carried_over.read_any_header", again)
+    monkeypatch.setattr("cltaa.resolve.carried_over.read_planes", again)
+    assert {"diffuse.R", "mask", "id"} <= read_image(resolve(foreign))[0].keys()
