@@ -22,7 +22,9 @@ class _Array:
 
     @contextmanager
     def mapped(self, *, write: bool) -> Iterator[NDArray[Any]]:
-        yield self.array
+        planes = self.array.view()
+        planes.flags.writeable = write  # a device forgets what is written where it was mapped for reading
+        yield planes
 
 
 class NumpyLauncher:
