@@ -75,6 +75,13 @@ def test_compression_can_be_told(foreign: Path) -> None:
     assert read_header(resolve(foreign, "--compression", "zips")).layout.compression == "zips"
 
 
+def test_a_compression_that_loses_something_is_not_kept(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.DWAA_COMPRESSION}
+    OpenEXR.File(header, {name: np.ones((9, 12), np.float32) for name in "RGB"}).write(str(tmp_path / "in" / "a.0.exr"))
+    assert read_header(resolve(tmp_path / "in")).layout.compression == "zip"
+
+
 def test_parts_become_layers_of_one_part(tmp_path: Path) -> None:
     write_blender(tmp_path / "in", [make_frame(index, motion=True, effects=None) for index in range(2)])
     header = read_any_header(resolve(tmp_path / "in"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import time
 import weakref
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from cltaa.frames import Effect, Frame
 from cltaa.memory.allocator import Block
 from cltaa.parameters.build import Storage
 from cltaa.resolve.checkpoint import Checkpoints
+from cltaa.resolve.outcome import stage_rows
 from cltaa.resolve.pipeline import resolve_sequence
 from cltaa.resolve.resolver import Resolver
 from cltaa.sequences.sources import Sequence, open_sequence
@@ -131,6 +133,15 @@ def test_times_hold_the_last_image_too(tmp_path: Path, monkeypatch: pytest.Monke
     sequence = open_sequence(write_sequence(tmp_path / "in", 1, width=9, height=7))
     seconds = resolve_sequence(sequence, tmp_path / "out", Resolver(device="numpy")).seconds
     assert 0.05 <= seconds.write <= seconds.whole
+
+
+def test_times_are_those_of_each_step(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = count()  # a second between each look and the next
+    monkeypatch.setattr("cltaa.resolve.resolver.perf_counter", lambda: next(clock))
+    sequence = open_sequence(write_sequence(tmp_path / "in", 2, width=9, height=7))
+    seconds = resolve_sequence(sequence, tmp_path / "out", Resolver(device="numpy")).seconds
+    told = dict(stage_rows(seconds))
+    assert [told[name] for name in ("upload", "kernels", "read back")] == [1e3] * 3
 
 
 def test_each_frame_is_let_go_once_it_is_resolved(tmp_path: Path) -> None:

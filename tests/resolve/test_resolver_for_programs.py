@@ -111,11 +111,11 @@ def test_a_second_thread_in_one_resolver_is_refused(monkeypatch: pytest.MonkeyPa
         first = resolver.resolve(still_frame(0))
     assert told == ["two threads use one resolver at once; frames come in order: take one a thread"]
     assert np.array_equal(bits(first), bits(still_frame(0).colour))
-    second()  # after the other it may
+    in_the_midst()  # after the other it may
     assert len(told) == 1
     vars(resolver)[INSIDE] = get_ident()  # as an interrupt may leave it
     assert resolver.resolve(still_frame(2)).shape == first.shape
-    second()
+    in_the_midst()
     assert len(told) == 1
 
 
