@@ -42,9 +42,20 @@ def notes_of(intake: Intake, folder: Path) -> list[str]:
         )
     if not intake.has_jitter:
         notes.append("no jitter: taken as none; if the pixels are jittered, cltaa check shows by how much")
+    if others := _like_the_colour(intake):
+        taken = shlex.quote(" ".join(f"{others[0]}.{name.channel.split('.')[-1]}" for name in intake.roles["colour"]))
+        notes.append(
+            f"another layer: {', '.join(others)} not resolved; to take {others[0]}: --input colour.channels={taken}"
+        )
     if left := unnumbered(folder):
         notes.append(f"no number: {', '.join(left)}; left out, for the name of a frame ends with its number")
     return notes
+
+
+def _like_the_colour(intake: Intake) -> list[str]:
+    """Other layers that are called as that of the colour is, such as the beauty of another view layer."""
+    tail = intake.roles["colour"][0].channel.split(".")[-2:]
+    return [name.rpartition(".")[0] for name in intake.unused if len(tail) > 1 and name.split(".")[-2:] == tail]
 
 
 def _may_be(role: str, pattern: re.Pattern[str], names: Sequence[str]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from cltaa.errors import DataError
 from cltaa.exr.channels import Pixels
 from cltaa.exr.write import write_image
-from cltaa.inputs.intake import open_intake
+from cltaa.inputs.intake import intake_lines, open_intake
 from tests.inputs.foreign import frames, read, write_colour
 
 
@@ -146,3 +147,16 @@ def test_depth_and_vectors_are_those_of_the_layer_of_the_colour(
     intake = open_intake(tmp_path, assignments=[f"colour.channels={colour}"])
     found = [place.channel for role in ("depth", "motion") for place in intake.roles[role]]
     assert found == list(channels)
+
+
+def test_view_layers_that_are_not_resolved_are_named(tmp_path: Path) -> None:
+    layers = ("Rocks", "Trees", "Water")
+    there = {
+        f"{layer}.{name}": 0.5 for layer in layers for name in ("Combined.R", "Combined.G", "Combined.B", "Glow.R")
+    }
+    write_layers(tmp_path, there, **BLENDER)
+    (line,) = [line for line in intake_lines(open_intake(tmp_path)) if "layer" in line]
+    told = "--input colour.channels='Trees.Combined.R Trees.Combined.G Trees.Combined.B'"
+    assert line == f"another layer: Trees.Combined, Water.Combined not resolved; to take Trees.Combined: {told}"
+    intake = open_intake(tmp_path, assignments=[shlex.split(told)[1]])
+    assert intake.roles["colour"][0].channel == "Trees.Combined.R"
