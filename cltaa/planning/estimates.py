@@ -6,6 +6,7 @@ happens but what a sequence declares, and docs/effects.md bounds what it may cha
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import NamedTuple
 
 import msgspec
@@ -49,17 +50,25 @@ def estimate(
         choices, settings = plain_mean(choices, settings)
     elif free and _light_may_change(declared):
         settings = for_changing_light(choices, settings, declared)
-    choices, reason = _testing_light(choices, declared, free)
+    choices, reason = _testing_light(preset, choices, declared)
     reasons.append(reason)
     rectified = choices.rectify is not Rectify.NONE
     reasons.append(Reason(RECTIFICATION, rectified, _why_rectified(preset, rectified, free and still)))
-    choices, reason = _rejecting(choices, declared, free)
+    choices, reason = _rejecting(preset, choices, declared)
     reasons.append(reason)
     if free and declared is not None and Effect.HDR not in declared:
         choices = msgspec.structs.replace(choices, weighting=Weighting.NONE)
     weighted = choices.weighting is Weighting.LUMINANCE
-    reasons.append(Reason(WEIGHTS, weighted, declared_or_not(Effect.HDR, declared) if free else "as published"))
+    why = declined(preset, "weighting", Weighting.LUMINANCE)
+    why = why or (declared_or_not(Effect.HDR, declared) if free else "as published")
+    reasons.append(Reason(WEIGHTS, weighted, why))
     return choices, settings, reasons
+
+
+def declined(preset: Preset, field: str, *wanted: StrEnum) -> str:
+    """Why a step is off whatever the frame holds: a choice of the preset; empty where that is one of ``wanted``."""
+    choice = getattr(preset.choices, field)
+    return "" if choice in wanted else f"the preset says {field} = {choice}"
 
 
 def nothing_changes(declared: frozenset[Effect] | None) -> bool:
@@ -98,10 +107,12 @@ def _light_may_change(declared: frozenset[Effect] | None) -> bool:
     return declared is None or bool(declared & {Effect.SHADING, Effect.REACTIVE})
 
 
-def _testing_light(choices: Choices, declared: frozenset[Effect] | None, free: bool) -> tuple[Choices, Reason]:
+def _testing_light(preset: Preset, choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choices, Reason]:
     """Where no change of light is declared there is none to test for."""
-    if not free or choices.light_change is LightChange.IGNORE:
-        return choices, Reason(LIGHT, choices.light_change is not LightChange.IGNORE, "as the preset says")
+    if why := declined(preset, "light_change", LightChange.TEST, LightChange.SPANS):
+        return choices, Reason(LIGHT, False, why)
+    if preset.published:
+        return choices, Reason(LIGHT, True, "as published")
     if declared is not None and _light_may_change(declared):
         return choices, Reason(LIGHT, True, "effect shading or reactive is declared")
     why = "neither effect shading nor reactive is declared"
@@ -134,10 +145,13 @@ def _doubled(choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choi
     return msgspec.structs.replace(choices, history_of=HistoryOf.RESULT), Reason(DOUBLING, False, why)
 
 
-def _rejecting(choices: Choices, declared: frozenset[Effect] | None, free: bool) -> tuple[Choices, Reason]:
+def _rejecting(preset: Preset, choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choices, Reason]:
     """Depth tells what was uncovered; where nothing is, it has nothing to reject. Samples are chosen by it always."""
+    free = not preset.published
     why = declared_or_not(Effect.UNCOVER, declared) if free else "as published"
-    if free and choices.history_of is HistoryOf.SAMPLES:
+    if not_wanted := declined(preset, "reject", Reject.DEPTH):
+        why = not_wanted
+    elif free and choices.history_of is HistoryOf.SAMPLES:
         why = "which surface a kept sample shows"
     elif free and declared is not None and Effect.UNCOVER not in declared:
         choices = msgspec.structs.replace(choices, reject=Reject.NONE)

@@ -37,6 +37,7 @@ from cltaa.planning.estimates import (
     WEIGHTS,
     Reason,
     declared_or_not,
+    declined,
     estimate,
     plain_mean,
 )
@@ -55,6 +56,11 @@ class Plan(NamedTuple):
 STEP_NAMES = {
     "camera_motion": "reprojection", "own_motion": "own motion", "exposure": "exposure", "alpha": "alpha",
     "reactive": "reactive",
+}  # fmt: skip
+# The choices without one of which a preset does not have such a step: name among ``Steps`` -> field, values.
+WANTED: dict[str, tuple[Any, ...]] = {
+    "camera_motion": ("reproject", Reproject.CAMERA, Reproject.FULL), "own_motion": ("reproject", Reproject.FULL),
+    "exposure": ("exposure_change", ExposureChange.FOLLOW), "reactive": ("reactive_mask", ReactiveMask.USE),
 }  # fmt: skip
 # Those that are one choice: step -> field among ``Choices``, its value where the step does not run, and where it does.
 CHOICE_OF_STEP: dict[str, tuple[str, StrEnum, StrEnum]] = {
@@ -78,7 +84,7 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
     else:
         camera_moves = not is_still(frame.camera, previous)
     steps = _steps(preset, frame, camera_moves, every=every)
-    reasons = _every_reason(steps) if every else _reasons(preset, steps, camera_moves, declared)
+    reasons = _reasons(preset, steps, camera_moves, declared, every=every)
     settings = preset.settings
     if previous is None:
         # The blur is for pixels that appear amid others with a past.
@@ -141,31 +147,19 @@ def _steps(preset: Preset, frame: Frame, camera_moves: bool, *, every: bool) -> 
     )
 
 
-def _every_reason(steps: Steps) -> list[Reason]:
-    return [Reason(said, getattr(steps, name), "every step is asked for") for name, said in STEP_NAMES.items()]
-
-
-def _reasons(preset: Preset, steps: Steps, camera_moves: bool, declared: frozenset[Effect] | None) -> list[Reason]:
-    reproject = preset.choices.reproject
-    return [
-        Reason(
-            "reprojection",
-            steps.camera_motion,
-            _of_preset(reproject, Reproject.CAMERA, Reproject.FULL)
-            or ("the camera moves" if camera_moves else "the camera stands"),
-        ),
-        Reason(
-            "own motion",
-            steps.own_motion,
-            _of_preset(reproject, Reproject.FULL)
-            or ("channel backward.u" if steps.own_motion else "no motion channel"),
-        ),
-        Reason("exposure", steps.exposure, declared_or_not(Effect.EXPOSURE, declared)),
-        Reason("alpha", steps.alpha, "channel A" if steps.alpha else "no alpha channel"),
-        Reason("reactive", steps.reactive, "channel reactive" if steps.reactive else "no reactive channel"),
-    ]
-
-
-def _of_preset(reproject: Reproject, *wanted: Reproject) -> str:
-    """Why a step of reprojection is off whatever the frame holds; empty where the preset allows it."""
-    return "" if reproject in wanted else f"the preset says reproject = {reproject}"
+def _reasons(
+    preset: Preset, steps: Steps, camera_moves: bool, declared: frozenset[Effect] | None, *, every: bool
+) -> list[Reason]:
+    called_for = {
+        "camera_motion": "the camera moves" if camera_moves else "the camera stands",
+        "own_motion": "channel backward.u" if steps.own_motion else "no motion channel",
+        "exposure": declared_or_not(Effect.EXPOSURE, declared),
+        "alpha": "channel A" if steps.alpha else "no alpha channel",
+        "reactive": "channel reactive" if steps.reactive else "no reactive channel",
+    }
+    reasons = []
+    for name, said in STEP_NAMES.items():
+        why = declined(preset, *WANTED[name]) if name in WANTED else ""
+        why = why or ("every step is asked for" if every else called_for[name])
+        reasons.append(Reason(said, getattr(steps, name), why))
+    return reasons

@@ -97,6 +97,22 @@ def test_rectification_runs_where_the_kernel_has_it(walk: Path, preset: str, on:
     assert told == [(on, why)]
 
 
+@pytest.mark.parametrize(
+    ("preset", "without"),
+    [
+        ("t0", {"reproject", "rectify", "reject", "weighting", "light_change"}),
+        ("t2", {"reject", "light_change"}),
+        ("default", set()),
+        ("vireo-source", {"reject", "weighting", "light_change", "exposure_change", "reactive_mask"}),
+    ],
+)
+def test_a_step_that_a_preset_does_without_is_laid_to_the_preset(walk: Path, preset: str, without: set[str]) -> None:
+    found = cltaa.plan(cltaa.open_sequence(walk), preset, device="numpy", rounds=0, effects="all")
+    off = [step.why for step in found.sections[0].steps if not step.on]
+    assert {why.split()[3] for why in off if why.startswith("the preset says ")} == without
+    assert not any("any may occur" in why for why in off)
+
+
 def test_all_and_named_effects(walk: Path) -> None:
     sequence = cltaa.open_sequence(walk)
     (first, second) = cltaa.plan(sequence, device="numpy", rounds=0, effects="all").sections
