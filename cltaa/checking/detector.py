@@ -17,7 +17,8 @@ from cltaa.checking.jitter import check_jitter
 from cltaa.checking.motion import LEAST_EFFECT_PX, check_motion
 from cltaa.checking.shifts import measure_shifts
 from cltaa.checking.shots import Shot
-from cltaa.checking.travel import check_projection_jitter, check_structure, check_travel, check_upside_down
+from cltaa.checking.travel import check_projection_jitter, check_structure, check_travel
+from cltaa.checking.upside_down import check_upside_down
 from cltaa.frames import Frame
 
 

@@ -123,27 +123,6 @@ def check_travel(shot: Shot) -> list[Finding]:
     ]  # fmt: skip
 
 
-def check_upside_down(shot: Shot) -> list[Finding]:
-    """Find a projection that turns the picture over, as Vulkan's does, where the camera moves the same either way.
-
-    A right-handed view and such a projection draw the world mirrored. Only a picture whose rows go up is right so; that
-    is believed where the pixels bear it out.
-    """
-    name, clip = "y-flipped", shot.frames[0].camera.view_to_clip
-    if not (shot.has_camera and clip[0, 0] > 0.0 > clip[1, 1]):
-        return []
-    change, pairs = MEANINGS[name].change, moving_pairs(shot)
-    declared = [camera_residual(pair, pair.camera_motion()) for pair in pairs]
-    turned = [camera_residual(p, p.camera_motion(change(p.frame.camera), change(p.previous.camera))) for p in pairs]
-    if pairs and np.mean(declared) < CLEARLY_BETTER * np.mean(turned):
-        return []
-    what, fix = MEANINGS[name]
-    evidence = f"it scales y by {clip[1, 1]:.3g} and x by {clip[0, 0]:.3g}: the world would be seen mirrored"
-    return [
-        Finding(name=f"camera-{name}", mistake=True, confidence=0.9, what=what, evidence=evidence, fix={"camera": fix})
-    ]
-
-
 def _late(shot: Shot, pairs: Sequence[Pair]) -> Iterator[tuple[str, tuple[str, dict[str, object], Vector]]]:
     cameras = {frame.index: frame.camera for frame in shot.frames}
     for delay, name in ((1, "late"), (-1, "early")):  # of two that fit alike the first is taken: writers lag

@@ -58,6 +58,19 @@ def test_a_projection_that_turns_such_a_picture_over_is_right(scene: Scene) -> N
     assert mistakes([turned(frame) for frame in rows_up(scene("orbit"))]) == []
 
 
+def test_vectors_that_fill_such_a_picture_bear_the_projection_out(scene: Scene) -> None:
+    """Where its pixels match about as well either way: else what mends it would be taken for the next mistake."""
+    drawn = scene("starry")
+    vectors = [frame.motion for frame in full_motion(drawn)]
+    up = [
+        replace(frame, motion=motion[::-1] * np.array((1, -1), np.float32))
+        for frame, motion in zip(rows_up(drawn), vectors, strict=True)
+        if motion is not None
+    ]
+    assert mistakes(up) == ["camera-y-flipped"]
+    assert mistakes([turned(frame) for frame in up]) == []
+
+
 def test_a_picture_whose_rows_go_up_before_a_level_camera_is_said_to_be_untold(scene: Scene) -> None:
     frames = rows_up(scene("corridor"))
     assert mistakes(frames) == []
