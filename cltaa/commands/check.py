@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import msgspec
 
 from cltaa.checking.report import FRAMES, Report, check_folder, profile_options
 from cltaa.commands.options import FILE_PATH, SOME_FRAMES, input_options, json_option
@@ -14,7 +15,7 @@ from cltaa.commands.printing import print_line
 from cltaa.errors import DataError
 from cltaa.files.atomic import atomic_path, check_creatable
 from cltaa.inputs.profile_text import toml_text
-from cltaa.printable import counted, json_of, shown
+from cltaa.printable import counted, json_of, printable, shown
 
 
 @click.command()
@@ -45,8 +46,9 @@ def check(
         check_creatable(fix)  # told before the work, not after it
     report, mended = check_folder(sequence, frames=frames, **reading)
     if fix is not None:
+        told = msgspec.structs.replace(mended, description=printable(f"What cltaa check found in {report.folder}"))
         with atomic_path(fix) as temporary:
-            temporary.write_text(toml_text(mended), encoding="utf-8")
+            temporary.write_text(toml_text(told), encoding="utf-8")
     if as_json:
         click.echo(json_of(report))
     else:

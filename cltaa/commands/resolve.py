@@ -53,7 +53,11 @@ from cltaa.sequences.sources import Sequence
 @click.option("--device", help="Part of an OpenCL device's name, its index, or numpy.  [default: first, GPUs first]")
 @effects_option
 @click.option("--frames", type=FRAME_RANGE, help="Only these frames, both included.")
-@click.option("--preview", type=FILE_PATH, help="Also write the result as an MP4, as fast as it was captured.")
+@click.option(
+    "--preview",
+    type=FILE_PATH,
+    help="Also write the result as an MP4, as fast as captured, as framesPerSecond says, or at 24.",
+)
 @click.option("--half", is_flag=True, help="Write half-precision EXRs (values saturate at 65504).")
 @click.option("--compression", help="EXR compression that loses nothing.  [default: the input's, else zip]")
 @click.option("--layers", type=NAMES,

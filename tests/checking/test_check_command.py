@@ -31,7 +31,8 @@ def mended(mistake: str, scene: Scene, folder: Path) -> None:
     write_own(folder / "sequence", spoilt)
     fix = folder / "fix.toml"
     assert main(["check", str(folder / "sequence"), "--fix", str(fix)]) == 65
-    report, _ = check_folder(folder / "sequence", profile=str(fix))
+    report, read = check_folder(folder / "sequence", profile=str(fix))
+    assert read.description == f"What cltaa check found in {folder / 'sequence'}"  # and not what it began with
     assert [finding.name for finding in report.mistakes] == []
     assert len(list(open_input(folder / "sequence", profile=str(fix)))) == len(spoilt)
 
