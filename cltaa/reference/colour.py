@@ -9,14 +9,32 @@ from cltaa.reference.real import Array, Mask, constant, greater, number, outside
 Colour = tuple[Array, Array, Array]
 
 
-def to_box_space(v: Colour, build: Build) -> Colour:
-    """RGB to Y, Co, Cg (or unchanged where the box is in RGB)."""
+def box_units(build: Build) -> tuple[float, float, float]:
+    """How many of each of the kernels' coordinates make one of the box space's own: ``BOX_A``, ``BOX_B`` and it again.
+
+    Powers of two change no digit, but where numbers or their squares end, they end sooner or later.
+    """
+    return (4.0, 2.0, 4.0) if build.choices.box_space is BoxSpace.YCOCG else (1.0, 1.0, 1.0)
+
+
+def to_boxed(v: Colour, build: Build) -> Colour:
+    """RGB to 4 Y, 2 Co, 4 Cg (or unchanged where the box is in RGB)."""
     if build.choices.box_space is BoxSpace.RGB:
         return v
     r, g, b = v
-    quarter, half = number(0.25, r), number(0.5, r)
-    rb = quarter * (r + b)
-    return rb + half * g, half * (r - b), half * g - rb
+    rb, green = r + b, number(2.0, g) * g
+    return rb + green, r - b, green - rb
+
+
+def in_units(v: Colour, build: Build) -> Colour:
+    """What the kernels hold, in the box space's own coordinates."""
+    a, b, c = (number(1.0 / each, part) * part for part, each in zip(v, box_units(build), strict=True))
+    return a, b, c
+
+
+def to_box_space(v: Colour, build: Build) -> Colour:
+    """RGB to Y, Co, Cg (or unchanged where the box is in RGB)."""
+    return in_units(to_boxed(v, build), build)
 
 
 def from_box_space(v: Colour, build: Build) -> Colour:

@@ -12,7 +12,7 @@ from cltaa.constants import PAD_X, PAD_Y, value
 from cltaa.memory.layout import Layout
 from cltaa.parameters.build import Build, Record
 from cltaa.parameters.choices import BoxSpace
-from cltaa.reference.colour import Colour, to_box_space, to_range
+from cltaa.reference.colour import Colour, box_units, to_boxed, to_range
 from cltaa.reference.moments import spread_of_three
 from cltaa.reference.real import Array, constant, greater, lesser, number
 from cltaa.reference.repair import repaired_planes
@@ -51,13 +51,12 @@ def paired_t(above: Paired, centre: Paired, below: Paired, least: Array) -> Arra
 
 
 def light_difference(now: Colour, past: Colour, build: Build, frame: Record) -> Colour:
-    """What is in the box space now, less the history's colour there."""
+    """What is in the box space now, less the history's colour there, both as ``to_boxed`` has them."""
     r, g, b = history_in_range(past, build, frame)
     if build.choices.box_space is not BoxSpace.YCOCG:
         return now[0] - r, now[1] - g, now[2] - b
-    half = number(0.5, r)
-    rb, green = number(0.25, r) * (r + b), half * g
-    return (now[0] - rb) - green, now[1] - half * (r - b), (now[2] + rb) - green
+    rb, green = r + b, number(2.0, g) * g
+    return (now[0] - rb) - green, now[1] - (r - b), (now[2] + rb) - green
 
 
 def _parts(count: Array) -> tuple[Array, Array, NDArray[Any]]:
@@ -143,7 +142,7 @@ def history_in_light(
 
     def difference(i: int, j: int) -> tuple[Colour, Array, Colour]:
         there = slice(PAD_Y + j, PAD_Y + j + layout.height), slice(PAD_X + i, PAD_X + i + layout.width)
-        now = to_box_space(to_range((colour[0][there], colour[1][there], colour[2][there]), build), build)
+        now = to_boxed(to_range((colour[0][there], colour[1][there], colour[2][there]), build), build)
         r, g, b = (plane[row + j, column + i].astype(real) for plane in history[:3])
         return light_difference(now, (r, g, b), build, frame), np.abs(now[0]), (r, g, b)
 
@@ -156,8 +155,11 @@ def history_in_light(
         texels.append((a, b, c))
     level = (levels[0] + levels[1]) + levels[2]
     floor = number(settings["change_floor"], level)
-    least = floor * (level * constant("ONE_THIRD", level)) + constant("TINY", level)
-    ta, tb, tc = (paired_t(rows[0][k], rows[1][k], rows[2][k], least) for k in range(3))
+    units = box_units(build)
+    least = floor * (level * constant("ONE_THIRD", level)) + number(units[0] * value("TINY"), level)
+    ta, tb, tc = (
+        paired_t(rows[0][k], rows[1][k], rows[2][k], number(units[k] / units[0], least) * least) for k in range(3)
+    )
     largest = number(3.0, level) * greater(np.abs(ta), greater(np.abs(tb), np.abs(tc)))
     t = lesser(largest, constant("DOMAIN_LIMIT", level))
     before = kept_change(history_count[row, column].astype(real))

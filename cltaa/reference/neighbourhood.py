@@ -10,13 +10,13 @@ from cltaa.constants import PAD_X, PAD_Y
 from cltaa.memory.layout import Layout
 from cltaa.parameters.build import Build, Record
 from cltaa.parameters.choices import CurrentFilter, Dilation
-from cltaa.reference.colour import Colour, from_box_space, to_box_space, to_range
+from cltaa.reference.colour import Colour, from_box_space, in_units, to_box_space, to_boxed, to_range
 from cltaa.reference.moments import Moments, chosen_row, deviation_of, neighbourhood_moments, row_moments
 from cltaa.reference.real import Array, greater, lesser, limit, number, outside_domain
 
 
 class Row(NamedTuple):
-    """What the three texels of a row contribute."""
+    """What the three texels of a row contribute; ``channels`` in the kernels' coordinates (``box_units``)."""
 
     channels: tuple[Moments, Moments, Moments]
     centre: Colour
@@ -59,7 +59,8 @@ def neighbourhood_statistics(above: Row, centre: Row, below: Row, build: Build) 
     rows = zip(above.channels, centre.channels, below.channels, strict=True)
     parts = [neighbourhood_moments(a, c, b, build) for a, c, b in rows]
     mean, deviation = [m.shift + m.offset for m in parts], [deviation_of(m, build) for m in parts]
-    return Statistics(_three(mean), _three(deviation), _three([m.low for m in parts]), _three([m.high for m in parts]))
+    each = mean, deviation, [m.low for m in parts], [m.high for m in parts]
+    return Statistics(*(in_units(_three(colour), build) for colour in each))
 
 
 def weigh_line(before: Colour, middle: Colour, after: Colour, first: Any, last: Any, build: Build) -> Colour:
@@ -101,7 +102,7 @@ def read_row(
         return to_range((window(colour[0], dx), window(colour[1], dx), window(colour[2], dx)), build)
 
     line = texels(-1), texels(0), texels(1)
-    left, centre, right = (to_box_space(v, build) for v in line)
+    left, centre, right = (to_boxed(v, build) for v in line)
     texels_of = list(zip(left, centre, right, strict=True))
     channels = [chosen_row(row_moments(*three), *three, build) for three in texels_of]
     usable = usable_closeness(closeness[0], frame)

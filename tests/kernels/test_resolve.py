@@ -11,7 +11,7 @@ import pytest
 
 from cltaa.devices.device import Device
 from cltaa.devices.shape import INTEL_16
-from cltaa.frames import Camera, Frame
+from cltaa.frames import Camera, Effect, Frame
 from cltaa.parameters.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Real, Storage, prelude
 from cltaa.parameters.choices import Choices
 from cltaa.parameters.presets import load_preset, override
@@ -100,6 +100,16 @@ def test_a_kernel_that_gathers_walks_down_whatever_columns_the_build_has() -> No
 @pytest.mark.parametrize("size", [(1, 1), (1, 17), (17, 1), (2, 2), (3, 3), (17, 13), (33, 9)])
 def test_same_bits_at_every_size(size: tuple[int, int]) -> None:
     assert differing({}, list(hard_frames(*size)), 8, 4) == 0
+
+
+@pytest.mark.parametrize("level", [1e-22, 1e14])
+def test_same_bits_where_squares_begin_and_end(level: float) -> None:
+    """Squares of differences become denormal, or infinite where history is brought to a brighter exposure."""
+    device, twin = Resolver(strict=True), Resolver(device="numpy")
+    for index, exposure in enumerate((1.0, 2.0**-15, 1.0)):
+        frame = make_frame(index, effects=frozenset(Effect), exposure=exposure)
+        frame = replace(frame, colour=frame.colour * np.float32(level))
+        assert np.array_equal(bits(device.resolve(frame)), bits(twin.resolve(frame)))
 
 
 @pytest.mark.parametrize("storage", [Storage.HALF, Storage.HALF_STOCHASTIC])
