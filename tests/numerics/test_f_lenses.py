@@ -69,3 +69,6 @@ def test_f5_depth_that_is_no_distance_is_sky(camera: Camera, expected: list[Any]
     depth, out = np.array([[np.nan, np.inf, -np.inf, 0.0, -1.0, 2.0]], np.float32), np.empty((1, 6), np.float32)
     closeness(depth, camera, out)
     assert out.tolist() == [expected]
+    for place, value in enumerate(expected):  # each in a picture of its own, too
+        closeness(depth[:, place : place + 1], camera, out[:, :1])
+        assert out[0, 0] == value

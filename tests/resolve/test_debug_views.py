@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from PIL import Image as Pillow
 from cltaa.cli import main
 from cltaa.errors import UsageError
 from cltaa.exr.read import read_image
-from cltaa.frames import Effect, Frame, Image
+from cltaa.frames import Camera, Effect, Frame, Image
 from cltaa.parameters.presets import Preset, load_preset, override
 from cltaa.resolve.debug import COLOURS, DebugViews, Reason, view_picture
 from cltaa.resolve.resolver import Resolver
@@ -201,6 +202,21 @@ def test_a_gathering_preset_shows_what_it_found() -> None:
     again = look([replace(frame, effects=frozenset({Effect.CAMERA})) for frame in (first, second)], "t5")
     assert (again["debug.clip"] == 0).all()
     assert (look([first], "t5")["debug.reject"] == Reason.NO_HISTORY).all()
+
+
+@pytest.mark.parametrize(
+    ("axis", "shift", "side"),
+    [(0, -5, np.s_[:, :5]), (1, 5, np.s_[:5]), (1, -5, np.s_[-5:])],
+    ids=["left", "top", "bottom"],
+)
+def test_a_gathering_preset_tells_what_was_off_screen_on_every_other_side(axis: int, shift: int, side: Any) -> None:
+    first = flat_frame(0)
+    clip = first.camera.view_to_clip.copy()
+    clip[axis, 2] += 2 * shift / (first.width, first.height)[axis]
+    found = np.full(first.depth.shape, float(Reason.KEPT))
+    found[side] = Reason.OFF_SCREEN
+    layers = look([first, flat_frame(1, camera=Camera(first.camera.world_to_view, clip))], "t5")
+    np.testing.assert_array_equal(layers["debug.reject"], found)
 
 
 def test_a_gathering_preset_says_what_came_into_view() -> None:
