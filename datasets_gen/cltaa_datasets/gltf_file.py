@@ -79,13 +79,16 @@ class GltfFile:
             accessor = self.items("accessors")[index]
             dtype, width = np.dtype(COMPONENTS[accessor["componentType"]]), WIDTHS[accessor["type"]]
             count = int(accessor["count"])
+            if count > sum(map(len, self._buffers)):  # before memory is taken for them
+                raise ValueError(f"{count} values, more than the file has bytes")
             values = np.zeros((count, width), dtype)
             if "bufferView" in accessor:
                 values[:] = self._strided(accessor["bufferView"], accessor.get("byteOffset", 0), count, width, dtype)
             if "sparse" in accessor:
                 self._replace(values, accessor["sparse"])
         except (ValueError, KeyError, IndexError, TypeError) as error:
-            raise DataError(f"accessor {index} cannot be read ({error})", path=self.path) from error
+            reason = f"accessor {index} cannot be read ({error})"
+            raise DataError(reason, path=self.path, cure="export the model again") from error
         if accessor.get("normalized"):
             values = np.maximum(values / float(2 ** (8 * dtype.itemsize - (dtype.kind == "i")) - 1), -1.0)
         return values[:, 0] if width == 1 else values

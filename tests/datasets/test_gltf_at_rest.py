@@ -13,7 +13,7 @@ from cltaa_datasets.gltf_model import at_rest
 from cltaa_datasets.gltf_vertices import triangles
 from cltaa_datasets.meshes import texture_coordinates
 from cltaa_datasets.scene import Part
-from tests.datasets.gltf_writer import BYTE, SHORT, SQUARE, Writer, skinned_square
+from tests.datasets.gltf_writer import BYTE, FLOAT, SHORT, SQUARE, Writer, skinned_square
 
 
 def test_a_model_at_rest_is_what_it_is_before_it_is_played(tmp_path: Path) -> None:
@@ -79,14 +79,21 @@ def test_a_material_of_diffuse_and_gloss_is_one_without_metal(tmp_path: Path) ->
     assert (material.base_colour, material.metallic, material.roughness) == ((0.5, 0.25, 0.125, 1.0), 0.0, 0.25)
 
 
+def bomb(writer: Writer) -> int:
+    """An accessor of zeros that the file does not hold, 36 GB of them."""
+    writer.json["accessors"].append({"componentType": FLOAT, "count": 3 * 10**9, "type": "VEC3"})
+    return len(writer.json["accessors"]) - 1
+
+
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
         (lambda w, p: p | {"indices": w.add([0, 1, 4], SHORT)}, "a face has vertex 4 of 4"),
         (lambda w, p: p | {"attributes": p["attributes"] | {"COLOR_0": w.add([(1, 1, 1)])}}, "COLOR_0 of 1 vertices"),
+        (lambda w, p: p | {"attributes": {"POSITION": bomb(w)}}, "3000000000 values, more than the file has bytes"),
         (lambda w, _: {"attributes": {"POSITION": w.add([(np.nan, 0, 0)] * 3)}}, "POSITION is not finite"),
     ],
-    ids=["face", "count", "nan"],
+    ids=["face", "count", "bomb", "nan"],
 )
 def test_vertices_that_cannot_be_are_told(spoil: Any, says: str, tmp_path: Path) -> None:
     writer = Writer(nodes=[{"mesh": 0}])
