@@ -210,7 +210,7 @@ def numbered_files(folder: Path, suffix: str = ".exr") -> tuple[Path, str, dict[
     if not any(matches.values()):
         raise no_frames(folder, files)
     if len(names) > 1:
-        cure = "keep one sequence in a folder"
+        cure = "keep one sequence in a folder; another tool's: use --profile, in Python cltaa.inputs.opening.open_input"
         raise DataError("several sequences in one folder", path=folder, found=", ".join(names), cure=cure)
     paths: dict[int, Path] = {}
     for path, match in matches.items():

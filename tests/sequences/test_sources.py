@@ -162,7 +162,9 @@ def test_two_sequences_and_two_files_of_one_number(tmp_path: Path) -> None:
     assert "two files have one frame number" in refusal(tmp_path, DataError)
     (tmp_path / "synthetic.1.exr").unlink()
     write_sequence(tmp_path, 2, name="other")
-    assert "several sequences in one folder (found other, synthetic)" in refusal(tmp_path, DataError)
+    refused = refusal(tmp_path, DataError)
+    assert "several sequences in one folder (found other, synthetic); keep one sequence in a folder;" in refused
+    assert "cltaa.inputs.opening.open_input" in refused
 
 
 def test_folder_and_truncated_file_in_place_of_a_frame(tmp_path: Path) -> None:
