@@ -43,6 +43,7 @@ from cltaa.commands.printing import print_line, print_table
 from cltaa.devices.launch import Launcher, launcher_for
 from cltaa.errors import UsageError
 from cltaa.inputs.opening import AS_EVER, Reading
+from cltaa.judging.metrics import METRICS, versions_of
 from cltaa.parameters.presets import Preset
 from cltaa.printable import json_of, printable, shown
 from cltaa.sequences.sources import Sequence
@@ -172,7 +173,8 @@ def quality(
     if as_json:
         definitions = {column.name: column.title for column in COLUMNS}
         read = {name: sequence.notes for name, sequence in sequences.items() if sequence.notes}
-        click.echo(json_of({"about": about, "definitions": definitions, "read": read} | msgspec.to_builtins(table)))
+        facts = {"about": about, "versions": versions_of(METRICS.values()), "definitions": definitions, "read": read}
+        click.echo(json_of(facts | msgspec.to_builtins(table)))
     else:
         _print(table)
 

@@ -17,7 +17,7 @@ from cltaa.files.atomic import make_folder
 from cltaa.inputs.png_images import is_png
 from cltaa.judging.comparison import Comparison, equal_quality, pair_up
 from cltaa.judging.heat_maps import measure_map, stale_maps, write_map
-from cltaa.judging.metrics import DEFAULT_METRICS, METRICS, Metric, mean, measure, parse_metrics
+from cltaa.judging.metrics import DEFAULT_METRICS, METRICS, Metric, mean, measure, parse_metrics, versions_of
 from cltaa.judging.same_scene import doubts
 from cltaa.judging.video_scores import SCORES, VideoScores
 from cltaa.printable import json_of, printable
@@ -93,7 +93,12 @@ def compare(
         warnings = _tell(comparison, in_time, heatmap, "A" if len(comparisons) == 1 else str(test))
         rows = _measure_all(comparison, metrics, stops, heatmap, videos[test])
         shown_reference = comparison.reference.folder if comparison.capture else reference
-        result = {"test": str(test), "reference": str(shown_reference), "stops": stops}
+        result = {
+            "test": str(test),
+            "reference": str(shown_reference),
+            "stops": stops,
+            "versions": versions_of(metrics),
+        }
         results.append(result | _summary(comparison, rows, metrics, stops, videos[test]) | {"warnings": warnings})
     if as_json:
         click.echo(json_of(results[0] if len(results) == 1 else {"compared": results}))

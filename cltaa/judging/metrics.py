@@ -9,11 +9,13 @@ import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cltaa import __version__
 from cltaa.errors import DataError, UsageError, known
 from cltaa.extras import import_extra
 from cltaa.frames import Image
@@ -31,7 +33,7 @@ FLIP_PIXELS_PER_DEGREE = 67.0  # FLIP's own default: 0.7 m from a 3840 pixel, 0.
 class Metric:
     """A named error measure: ``function(test, reference, stops)``, what it says, and which direction is better.
 
-    ``needs`` imports the library that it is worked out by; raises UsageError that says what to install.
+    ``needs`` imports the library that it is worked out by, ``package``; raises UsageError that says what to install.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Metric:
     higher_is_better: bool
     form: str  # format of a value in a table
     needs: Callable[[], object] = lambda: None
+    package: str = "numpy"
 
 
 def mse(test: Image, reference: Image) -> float:
@@ -138,7 +141,7 @@ METRICS = {
         Metric(
             "psnr-linear", lambda a, b, _: psnr(mse(a, b)), "PSNR of all linear light for a peak of 1, dB", True, ".2f"
         ),
-        Metric("ssim", ssim, "SSIM of display luma", True, ".4f", _import_skimage),
+        Metric("ssim", ssim, "SSIM of display luma", True, ".4f", _import_skimage, "scikit-image"),
         Metric(
             "flip",
             lambda a, b, s: float(flip_map(a, b, s).mean()),
@@ -146,6 +149,7 @@ METRICS = {
             False,
             ".4f",
             _import_flip,
+            "flip-evaluator",
         ),
         Metric(
             "flip-hdr",
@@ -154,10 +158,16 @@ METRICS = {
             False,
             ".4f",
             _import_flip,
+            "flip-evaluator",
         ),
     )
 }
 DEFAULT_METRICS = ("mse", "psnr", "ssim", "flip")
+
+
+def versions_of(metrics: Iterable[Metric]) -> dict[str, str]:
+    """Versions of all that works these metrics out, by package, for whoever does it again."""
+    return {"cltaa": __version__} | {metric.package: version(metric.package) for metric in metrics}
 
 
 def parse_metrics(text: str) -> tuple[Metric, ...]:

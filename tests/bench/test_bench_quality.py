@@ -176,6 +176,7 @@ def test_a_given_sequence_is_told_as_it_is(capsys: pytest.CaptureFixture[str], t
     assert main([*arguments, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["about"] in text
+    assert found["versions"].keys() == {"cltaa", "numpy", "scikit-image", "flip-evaluator"}
     assert found["definitions"].keys() == found["rows"][0]["presets"]["t1"]["scores"].keys()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
+from cltaa import __version__
 from cltaa.cli import main
 from cltaa.errors import InputMissing
 from cltaa.judging.comparison import open_yardsticks
@@ -48,12 +50,15 @@ def test_json_holds_what_the_functions_say(capsys: pytest.CaptureFixture[str], c
     expected = equal_quality_samples(mean(rows)["mse"], mean(singles)["mse"])
     found = {"samples": pytest.approx(expected), "method": "n^-1.5 law", "bound": None}
     assert result["equal_quality_samples"] == found
+    packages = {"numpy", "scikit-image", "flip-evaluator"}
+    assert result["versions"] == {"cltaa": __version__} | {package: version(package) for package in packages}
 
 
 def test_capture_against_its_own_truth(capsys: pytest.CaptureFixture[str], capture: Path) -> None:
     result = run_json(capsys, capture, "--metrics", "psnr", "--frames", "1-2")
     assert [frame["frame"] for frame in result["frames"]] == [1, 2]
     assert set(result["mean"]) == {"psnr", "mse"}
+    assert result["versions"].keys() == {"cltaa", "numpy"}
     assert "mean_one_sample" not in result
 
 
