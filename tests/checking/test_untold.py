@@ -159,12 +159,15 @@ def test_a_plane_that_the_camera_moves_along_has_one_vector(small: Scene) -> Non
 def test_wrong_vectors_that_are_not_named_are_said_to_be_untold(
     name: str, mistake: str, words: str, small: Scene
 ) -> None:
-    """By spoilt frames as by right ones; where vectors fill the picture of a camera that travels, nothing is untold."""
+    """By spoilt frames as by right ones."""
     frames = full_motion(small(name)) if name == "pan" else small(name)
     spoilt = MISTAKES[mistake].plant(frames)
     assert mistakes(spoilt) == []
     assert any("the vectors: " in line and words in line for line in told(spoilt))
     assert any("the vectors: " in line and words in line for line in told(frames))
+
+
+def test_vectors_that_fill_the_picture_of_a_camera_that_travels_tell_all_of_themselves(small: Scene) -> None:
     assert not any("the vectors" in line for line in told(full_motion(small("corridor"))))
 
 
