@@ -168,7 +168,8 @@ def test_wrong_vectors_that_are_not_named_are_said_to_be_untold(
 
 
 def test_vectors_that_fill_the_picture_of_a_camera_that_travels_tell_all_of_themselves(small: Scene) -> None:
-    assert not any("the vectors" in line for line in told(full_motion(small("corridor"))))
+    """Where the pictures alone, slow and coarse, would not (``tells_map``)."""
+    assert not any("the vectors" in line for line in told(full_motion(small("everything"))))
 
 
 def test_one_frame_tells_nothing_and_is_no_error() -> None:
