@@ -47,6 +47,7 @@ def test_blender_multi_part_with_a_text_side_file(tmp_path: Path) -> None:
     side.write_text(side_text(made))
     for ours, theirs in zip(made, read(tmp_path / "shot", side=side), strict=True):
         assert_the_same(ours, theirs)
+    assert list(open_input(tmp_path / "shot", side_file=side).select(1, 1).numbers) == [1]
 
 
 def test_without_matrices_and_jitter_it_says_so(tmp_path: Path) -> None:
@@ -92,10 +93,10 @@ def test_channels_that_sound_like_vectors_are_pointed_out(names: str, tmp_path: 
 
 
 def test_parts_of_an_unknown_writer(tmp_path: Path) -> None:
-    made = frames()
+    made, other = frames(), {"Software": "Another 1.0"}
     for frame in made:
         colour: dict[str, Pixels] = {c: frame.colour[..., place].astype(np.float16) for place, c in enumerate("RGB")}
-        write_parts(tmp_path / f"shot_{frame.index:03d}.exr", {"rgba": colour, "depth": {"Z": frame.depth}}, {})
+        write_parts(tmp_path / f"shot_{frame.index:03d}.exr", {"rgba": colour, "depth": {"Z": frame.depth}}, other)
     intake = open_intake(tmp_path)
     assert (intake.profile.name, [*intake.roles]) == ("parts", ["colour", "depth"])
     np.testing.assert_array_equal(read(tmp_path)[1].depth, made[1].depth)

@@ -12,6 +12,7 @@ from cltaa.errors import DataError
 from cltaa.exr.channels import Pixels
 from cltaa.exr.write import write_image
 from cltaa.inputs.intake import intake_lines, open_intake
+from cltaa.inputs.roles import Place, equal_matches
 from tests.inputs.foreign import frames, read, write_colour
 
 
@@ -160,3 +161,12 @@ def test_view_layers_that_are_not_resolved_are_named(tmp_path: Path) -> None:
     assert line == f"another layer: Trees.Combined, Water.Combined not resolved; to take Trees.Combined: {told}"
     intake = open_intake(tmp_path, assignments=[shlex.split(told)[1]])
     assert intake.roles["colour"][0].channel == "Trees.Combined.R"
+
+
+def test_the_shortest_names_of_several_sets_are_meant() -> None:
+    there = {
+        "left": ("left.R", "left.G", "left.B"),
+        "plain": ("R", "G", "B"),
+        "right": ("right.R", "right.G", "right.B"),
+    }
+    assert equal_matches(["*R *G *B"], there) == [tuple(Place("plain", name) for name in "RGB")]

@@ -61,8 +61,9 @@ def test_a4_what_saturated_is_counted(
 def test_a4_a_pixel_is_counted_once_and_alpha_with_it() -> None:
     image = np.ones((3, 5, 4), np.float32)
     assert saturated_pixels(image) == 0
-    image[2, 4, 3] = -1e9
-    assert saturated_pixels(image) == 1
+    for value in (65504.0, -1e9):
+        image[2, 4, 3] = value
+        assert saturated_pixels(image) == 1
     image[1, 2, :3] = 65504.0
     assert saturated_pixels(image) == 2
 
