@@ -11,6 +11,7 @@ from cltaa.checking.detector import check_frames
 from cltaa.checking.exposure import check_exposure
 from cltaa.frames import Frame
 from tests.checking.conftest import Scene
+from tests.sequence_factory import make_frame
 
 SCENES = ("spinner", "starry", "corridor", "silhouettes")  # one of them before black
 
@@ -56,6 +57,19 @@ def test_a_shot_of_another_brightness_is_none(scene: Scene) -> None:
     frames[4:] = [replace(f, colour=f.colour * np.float32(3)) for f in frames[4:]]
     assert check_exposure(frames) == []
     assert len(check_exposure([replace(f, cut=False) for f in frames])) == 1
+
+
+def test_a_pattern_of_light_and_dark_hides_none() -> None:
+    """A floor of two tiles: its middle brightness is that of the one in the first frame, then that of the other."""
+    random = np.random.default_rng(0)
+    frames = []
+    for index in range(8):
+        bright = np.arange(23 * 37) < (430 if index else 420)  # of 851
+        light = np.where(bright, 0.6, 0.12) * random.uniform(0.98, 1.02, bright.size)
+        colour = np.repeat(light.astype(np.float32).reshape(23, 37, 1), 3, axis=-1)
+        frames.append(replace(make_frame(index), colour=colour))
+    assert check_exposure(frames) == []
+    assert [finding.name for finding in check_exposure(exposed(frames, 0.2, 0.0))] == ["exposure-missing"]
 
 
 def test_black_frames_say_nothing(scene: Scene) -> None:
