@@ -12,8 +12,8 @@ from cltaa.constants import value
 Array = NDArray[Any]  # [H, W] of the stage's real
 Mask = NDArray[np.bool_]  # [H, W]
 
-# Values that are then not selected may overflow, as on a device.
-quiet = np.errstate(over="ignore", invalid="ignore")
+# Values that are then not selected may overflow, and be divided by weights whose squares are 0, as on a device.
+quiet = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 
 
 def constant(name: str, like: Array) -> Any:

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from cltaa.frames import Camera, Effect, Frame
+from cltaa.parameters.choices import GatherFit
 from cltaa.parameters.presets import Preset, load_preset, override
+from cltaa.reference.gather_fit import Gathered, fit_at_centre
+from cltaa.reference.real import quiet
 from cltaa.resolve.resolver import Resolver
 from tests.kernels.test_resolve import differing, hard_frames
 from tests.sequence_factory import make_camera, make_frame
@@ -106,3 +109,14 @@ def test_what_comes_closer_by_itself_keeps_its_samples(fit: str) -> None:
     assert resolver.last is not None
     with resolver.last.arguments["output_count"].mapped(write=False) as count:
         assert (resolver.last.layout.inside(count[0]) == 8).all()
+
+
+def test_weights_whose_squares_are_0_are_fitted_without_a_warning() -> None:
+    weight = np.full((1, 1), 1e-30, np.float32)  # of a sample of luminance 1e30
+    place = np.full_like(weight, 0.25)
+    gathered = Gathered(np.zeros_like(weight))
+    gathered.add([place] * 3, weight, place, place, np.ones((1, 1), bool), GatherFit.PLANE)
+    settings = np.array([(0.1,)], [("fit_ridge", np.float32)])[0]
+    with quiet:  # as all that gathers is called; a warning would fail the test
+        fit = fit_at_centre(gathered, np.ones_like(weight), settings)
+    assert not np.isfinite(fit.x).any()
