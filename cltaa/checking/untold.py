@@ -110,7 +110,8 @@ def _motion(shot: Shot) -> Iterator[str]:
     shifts, anchored = measure_shifts(shot)
     hidden = [what for name, what in VECTORS.items() if not _shows_vectors(shot, name, shifts, anchored)]
     for what, axis in AXES.items():
-        if max(float(np.sqrt((vectors[axis] ** 2).mean())) for vectors in own) < LEAST_EFFECT_PX / 2:
+        # A sign turned over changes a vector by twice what it has on that axis.
+        if max(2 * float(np.sqrt((vectors[axis] ** 2).mean())) for vectors in own) < LEAST_EFFECT_PX:
             yield f"the vectors: {what}: nothing moves that way"
             hidden = [other for other in hidden if other != what]
     if hidden:
