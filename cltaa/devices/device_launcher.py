@@ -97,14 +97,14 @@ class DeviceLauncher(OneProcess):
         shape, rows = self.device.shape, build.rows
         if kernel != "resolve":
             return build
-        units = self.device.cl_device.max_compute_units
         if not build.columns and build.lanes == shape.lanes:
-            build = msgspec.structs.replace(build, columns=shape.columns_for(units, in_place(build)))
+            build = msgspec.structs.replace(build, columns=shape.columns)
         if not shape.one_size:
             return build
         if _banded(kernel, arguments):
             return msgspec.structs.replace(build, stride=layout.stride)
         if shape.most_rows and rows == shape.rows and not in_place(build):
+            units = self.device.cl_device.max_compute_units
             rows = shape.even_rows(layout.width, layout.height, build.registers, units)
         return msgspec.structs.replace(build, stride=layout.stride, plane=layout.plane, rows=rows)
 

@@ -10,7 +10,6 @@ from cltaa.parameters.choices import HistoryFilter, HistoryOf, LightChange, Rect
 LEAST_ROWS = 8  # of a work-item where rows are chosen by the image; fewer have not been measured
 UNIT_REGISTERS = 65536  # of a compute unit of NVIDIA's, since compute capability 3.0 (CUDA C++ Programming Guide)
 ITEMS_A_UNIT = 4  # work-items that a compute unit of a CPU has at least, so that none waits long for the last of them
-FEW_UNITS = 4  # compute units that walk along rows whatever is resolved: two were measured to gain, 16 to lose
 START_ROWS = 3  # what a column costs at its start, in rows: two of the frame and three of the history are read anew
 
 
@@ -45,11 +44,6 @@ class Shape(NamedTuple):
         few = choices.history_filter in (HistoryFilter.NEAREST, HistoryFilter.BILINEAR)
         return self.registers_for_few if few else self.registers
 
-    def columns_for(self, units: int, in_place: bool) -> int:
-        """Columns side by side of a work-item of the resolve on ``units`` compute units; ``in_place``: where history is
-        neither moved nor rectified, so that little is kept of a column."""
-        return self.columns if in_place or units <= FEW_UNITS else 1
-
     def even_rows(self, width: int, height: int, registers: int, units: int) -> int:
         """Rows a work-item for an image, so that the last groups leave few of a device's ``units`` compute units idle.
 
@@ -82,7 +76,8 @@ def shared_out(segments: int, columns: int, steps: int, units: int) -> int:
 CPU_8 = Shape(lanes=8, rows=32, group=(1, 1), columns_ahead=3, own_place=True)
 CPU_4 = CPU_8._replace(lanes=4)  # without AVX, where LLVM gives up over eight (docs/decisions/0008)
 CPU_16 = Shape(lanes=16, rows=64, group=(1, 1), columns_ahead=3, far_first=True)
-INTEL_16 = CPU_16._replace(columns=16, far_first=False, own_place=True)
+# 45 rows share the usual heights (720, 1080, 1440, 2160) out evenly, and leave many cores work-items enough.
+INTEL_16 = CPU_16._replace(rows=45, columns=16, far_first=False, own_place=True)
 GPU = Shape(lanes=1, rows=8, group=(64, 2))
 NVIDIA = Shape(
     lanes=1, rows=16, group=(128, 1), one_size=True,

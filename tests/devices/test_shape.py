@@ -79,16 +79,17 @@ def test_far_lines_come_into_the_first_cache_where_that_was_measured_to_pay(
 @pytest.mark.parametrize("storage", [Storage.FLOAT, Storage.HALF])
 def test_a_walk_along_rows_changes_no_bit(storage: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cltaa.devices.shape.ITEMS_A_UNIT", 0)  # as few work-items as can be, on any number of cores
-    monkeypatch.setattr("cltaa.devices.shape.FEW_UNITS", 10**6)
     _, down = resolved(CPU_16, storage, monkeypatch)
     _, along = resolved(INTEL_16, storage, monkeypatch)
     assert np.array_equal(down.view(np.uint32), along.view(np.uint32))
 
 
-def test_many_cores_walk_along_rows_only_where_little_is_kept() -> None:
-    assert [INTEL_16.columns_for(units, in_place=False) for units in (2, 16)] == [16, 1]
-    assert [INTEL_16.columns_for(units, in_place=True) for units in (2, 16)] == [16, 16]
-    assert CPU_16.columns_for(2, in_place=True) == 1
+@pytest.mark.parametrize(("width", "height"), [(1280, 720), (1920, 1080), (2560, 1440), (3840, 2160)])
+def test_work_items_along_rows_are_as_many_on_each_of_sixteen_cores(width: int, height: int) -> None:
+    steps, rest = divmod(height, INTEL_16.rows)
+    items = steps * shared_out(width // INTEL_16.lanes, INTEL_16.columns, steps, 16)
+    assert rest == 0
+    assert items % 16 == 0
 
 
 def test_rows_are_shared_out_evenly_and_keep_every_core_busy() -> None:

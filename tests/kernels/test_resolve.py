@@ -86,7 +86,6 @@ def test_same_bits_along_rows(name: str, choice: str, monkeypatch: pytest.Monkey
     """Work-items that walk along rows of three columns, as they do of sixteen on Intel's CPUs; 70 pixels are nine."""
     monkeypatch.setattr(Device, "shape", INTEL_16._replace(lanes=8, columns=3))
     monkeypatch.setattr("cltaa.devices.shape.ITEMS_A_UNIT", 0)
-    monkeypatch.setattr("cltaa.devices.shape.FEW_UNITS", 10**6)
     assert differing({name: choice, "fresh_blur": 0.5}, list(hard_frames(count=2)), 8, 7) == 0
 
 
