@@ -16,7 +16,6 @@ import numpy as np
 
 from cltaa.bench.environment import Environment, environment, load_average
 from cltaa.cores import CORES
-from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.exr.channels import Pixels
 from cltaa.exr.openexr import OpenEXR
 from cltaa.exr.read import read_image
@@ -106,11 +105,9 @@ def bench_files(
             for packing in _packings(Path(folder), _as_half(channels, half), codecs, counts, rounds)
         ]
         stages = [_stages(Path(folder), sequence, resolver, codec, half, rounds) for codec, half in commands]
-    launcher = resolver.launcher
-    assert isinstance(launcher, DeviceLauncher)
     return FilesBench(
         width=sequence.width, height=sequence.height, frames=len(sequence), rounds=rounds,
-        environment=environment(launcher.description, before),
+        environment=environment(resolver.launcher.description, before),
         packings=packings, stages=stages,
     )  # fmt: skip
 

@@ -9,13 +9,21 @@ from rich.table import Table
 
 from cltaa.bench.files import CODECS, FilesBench, bench_files
 from cltaa.commands.names import PRESET
-from cltaa.commands.options import FILE_PATH, FROM_1, NAMES, device_option, json_option, step_option
+from cltaa.commands.options import (
+    FILE_PATH,
+    FROM_1,
+    NAMES,
+    device_option,
+    json_option,
+    open_each,
+    reading_options,
+)
 from cltaa.commands.printing import print_line, print_table
 from cltaa.errors import UsageError
 from cltaa.exr.layout import check_lossless
+from cltaa.inputs.opening import Reading
 from cltaa.parameters.presets import load_preset
 from cltaa.printable import counted, json_of, shown
-from cltaa.sequences.sources import open_capture
 from cltaa.timing import Interval
 
 
@@ -28,24 +36,24 @@ from cltaa.timing import Interval
 @click.option("--commands", "commands", type=NAMES, default="zip", show_default=True,
               help="Compressions to run the whole command with; with :half behind it, writing halves.")  # fmt: skip
 @click.option("--rounds", default=5, show_default=True, type=click.IntRange(min=3), help="Rounds.")
-@step_option
+@reading_options
 @json_option
 def files(
     sequence: Path, preset: str, device: str | None, compressions: tuple[str, ...], threads: tuple[int, ...],
-    commands: tuple[str, ...], rounds: int, step: int, as_json: bool,
+    commands: tuple[str, ...], rounds: int, reading: Reading, as_json: bool,
 ) -> None:  # fmt: skip
     """Time writing and reading a resolved frame of SEQUENCE, and the whole resolve against its stages.
 
     "alone" is a stage with nothing beside it: reading (with all checks), resolving (with the way to the device and
-    back) and writing. "whole" is cltaa resolve, where they overlap; "over slowest" is its time a frame over that of the
-    slowest stage, which it cannot pass, and "at best" what that would be if no core was ever idle, by the "processor"
-    time of all of them together.
+    back) and writing. "whole" is cltaa resolve --layers none, where they overlap; "over slowest" is its time a frame
+    over that of the slowest stage, which it cannot pass, and "at best" what that would be if no core was ever idle, by
+    the "processor" time of all of them together.
     """
     runs = [_command(text) for text in commands]
     for name in (*compressions, *(name for name, _ in runs)):
         check_lossless(name)
     found = bench_files(
-        open_capture(sequence, step=step), load_preset(preset), device,
+        open_each([sequence], reading)[sequence], load_preset(preset), device,
         codecs=compressions, threads=threads, commands=runs, rounds=rounds,
     )  # fmt: skip
     if as_json:

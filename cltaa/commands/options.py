@@ -168,11 +168,11 @@ def input_options(command: Command) -> Command:
     return command
 
 
-def measured_options(command: Command) -> Command:
-    """Add ``--truth``, ``--effects`` and ``input_options``, all as one argument ``reading``, to what measures."""
+def reading_options(command: Command) -> Command:
+    """Add ``--effects`` and ``input_options``, all as one argument ``reading``, to what measures."""
 
     @wraps(command)
-    def read(*, side_file: Path | None, truth: Path | None, **others: Any) -> Any:
+    def read(*, side_file: Path | None, truth: Path | None = None, **others: Any) -> Any:
         from cltaa.inputs.opening import Reading
 
         chosen_effects(others["effects"])  # a name that is none is told here
@@ -180,11 +180,16 @@ def measured_options(command: Command) -> Command:
         told = {name: others.pop(name) for name in ("profile", "assignments", "effects", "step")}
         return command(reading=Reading(**told, **files), **others)
 
+    return input_options(effects_option(read))
+
+
+def measured_options(command: Command) -> Command:
+    """Add ``--truth`` and ``reading_options``, all as one argument ``reading``, to what judges by a truth."""
     truth = click.option(
         "--truth", type=FILE_PATH, metavar="DIR",
         help="Where the truth is, as B of cltaa compare.  [default: reference/ of each sequence]",
     )  # fmt: skip
-    return input_options(effects_option(truth(read)))
+    return reading_options(truth(command))
 
 
 def open_each(folders: Iterable[Path], reading: Reading) -> dict[Path, Sequence]:

@@ -9,6 +9,7 @@ import OpenEXR
 import pytest
 
 from cltaa.cli import main
+from tests.inputs.foreign import frames, side_text, write_blender
 from tests.sequence_factory import write_sequence
 
 
@@ -43,3 +44,21 @@ def test_nothing_is_deleted_within_a_time(tmp_path: Path, monkeypatch: pytest.Mo
 )
 def test_nonsense(tmp_path: Path, option: str, value: str, code: int) -> None:
     assert main(["bench", "files", str(write_sequence(tmp_path, 1)), option, value]) == code
+
+
+def test_files_of_other_tools(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = frames(2)
+    folder = write_blender(tmp_path / "shot", made)
+    (tmp_path / "camera.txt").write_text(side_text(made))
+    how = ["--profile", "blender", "--camera", str(tmp_path / "camera.txt"), "--input", "motion.scale=1,1"]
+    options = ["--compressions", "none", "--threads", "1", "--commands", "none", "--rounds", "3", "--json"]
+    assert main(["bench", "files", str(folder), *how, *options]) == 0
+    out, notes = capsys.readouterr()
+    assert json.loads(out)["frames"] == 2
+    assert "profile blender" in notes
+
+
+def test_the_oracle_is_timed_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--compressions", "none", "--threads", "1", "--commands", "none", "--rounds", "3", "--device", "numpy"]
+    assert main(["bench", "files", str(write_sequence(tmp_path / "in", 1)), *options]) == 0
+    assert "\nNumPy (float32 oracle); " in capsys.readouterr().out
