@@ -143,13 +143,24 @@ typedef __global float* restrict history_out;
 #endif
 #endif
 
-// Sixteen halves to floats and back by one instruction each. OpenCL's vload_half and vstore_half are calls on some CPU
-// drivers, around which every register is saved.
+// A vector of halves to floats and back by one instruction each. OpenCL's vload_half and vstore_half are calls on some
+// CPU drivers, around which every register is saved.
 #define CONVERTS_HALVES 0
-#if LANES == 16 && !REAL_DOUBLE && defined(__AVX512F__) && defined(__has_builtin)
+#if LANES > 1 && !REAL_DOUBLE && defined(__has_builtin)
+#if LANES == 16 && defined(__AVX512F__)
 #if __has_builtin(__builtin_ia32_vcvtph2ps512_mask) && __has_builtin(__builtin_ia32_vcvtps2ph512_mask)
 #undef CONVERTS_HALVES
 #define CONVERTS_HALVES 1
+#define FROM_HALVES(v) __builtin_ia32_vcvtph2ps512_mask(v, SPLAT(0.0), (ushort)0xffff, CURRENT_ROUNDING)
+#define TO_HALVES(v) __builtin_ia32_vcvtps2ph512_mask(v, NEAREST_EVEN, (short16)(0), (ushort)0xffff)
+#endif
+#elif LANES == 8 && defined(__F16C__)
+#if __has_builtin(__builtin_ia32_vcvtph2ps256) && __has_builtin(__builtin_ia32_vcvtps2ph256)
+#undef CONVERTS_HALVES
+#define CONVERTS_HALVES 1
+#define FROM_HALVES(v) __builtin_ia32_vcvtph2ps256(v)
+#define TO_HALVES(v) __builtin_ia32_vcvtps2ph256(v, NEAREST_EVEN)
+#endif
 #endif
 #endif
 

@@ -13,12 +13,10 @@ typedef LANED(float) floats;
 #if LANES == 1
 STAGE void store_halves(__global half* p, floats v) { vstore_half_rte(v, 0, p); }
 #elif CONVERTS_HALVES
-typedef short16 loose_halves __attribute__((aligned(2)));
-STAGE void store_halves(__global half* p, floats v)
-{
-    enum { NEAREST_EVEN = 0 };
-    *(__global loose_halves*)p = __builtin_ia32_vcvtps2ph512_mask(v, NEAREST_EVEN, (short16)(0), (ushort)0xffff);
-}
+// The roundings of these instructions: of the current one nothing is seen, since each half is a float.
+enum { NEAREST_EVEN = 0, CURRENT_ROUNDING = 4 };
+typedef LANED(short) loose_halves __attribute__((aligned(2)));
+STAGE void store_halves(__global half* p, floats v) { *(__global loose_halves*)p = TO_HALVES(v); }
 #else
 STAGE void store_halves(__global half* p, floats v) { PASTE(PASTE(vstore_half, LANES), _rte)(v, 0, p); }
 #endif
@@ -100,9 +98,8 @@ STAGE real load_history(history_in p) { return vload_half(0, p); }
 #elif CONVERTS_HALVES
 STAGE real load_history(history_in p)
 {
-    enum { CURRENT_ROUNDING = 4 }; // of which nothing is seen: each half is a float
-    const short16 halves = *(__global const loose_halves*)p;
-    return __builtin_ia32_vcvtph2ps512_mask(halves, SPLAT(0.0), (ushort)0xffff, CURRENT_ROUNDING);
+    const LANED(short) halves = *(__global const loose_halves*)p;
+    return FROM_HALVES(halves);
 }
 #else
 STAGE real load_history(history_in p) { return TO_REAL(PASTE(vload_half, LANES)(0, p)); }
