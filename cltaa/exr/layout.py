@@ -35,6 +35,7 @@ class Layout:
     display_window: Window
     compression: str
     part: str | None = None  # name of the part, None in a file of one image
+    tile: tuple[int, int] | None = None  # columns and rows of a tile, None where chunks are of scan lines
 
     @property
     def width(self) -> int:
@@ -91,9 +92,15 @@ class Layout:
         return self.width * self.height * self.bytes_a_pixel
 
     @property
+    def chunk(self) -> tuple[int, int]:
+        """Columns and rows of a chunk; fewer at the right and at the bottom."""
+        width, height = self.tile or (self.width, dict(COMPRESSIONS)[self.compression])
+        return min(width, self.width), min(height, self.height)
+
+    @property
     def chunk_bytes(self) -> int:
-        """Bytes of a chunk of scan lines, as decoded."""
-        return dict(COMPRESSIONS)[self.compression] * self.width * self.bytes_a_pixel
+        """Bytes of a chunk, as decoded."""
+        return self.chunk[0] * self.chunk[1] * self.bytes_a_pixel
 
     def part_of(self, window: Window) -> Part:
         """Rows and columns of the picture that lie in ``window``; raises DataError unless it covers all of that."""

@@ -77,7 +77,8 @@ def read_outline(path: Path, file: BinaryIO) -> Outline:
     with damaged(path):
         version, headers, place = read_headers(path, file)
         many = bool(version & MULTI_PART)
-        parts = tuple(_layout(path, header, many) for header in headers)
+        tiled = [header["type"] == b"tiledimage" if many else bool(version & TILED) for header in headers]
+        parts = tuple(_layout(path, *its, many=many) for its in zip(headers, tiled, strict=True))
         if len({part.part for part in parts}) < len(parts) or not all(
             (part.part or "").isprintable() for part in parts
         ):
@@ -87,7 +88,6 @@ def read_outline(path: Path, file: BinaryIO) -> Outline:
         picture = shared_window(parts)
         for part in parts:
             part.part_of(picture)
-        tiled = [header["type"] == b"tiledimage" if many else bool(version & TILED) for header in headers]
         chunks = [_chunk_sizes(*its) for its in zip(parts, headers, tiled, strict=True)]
         behind, tables = place + 8 * sum(len(sizes) for sizes in chunks), list[Table]()
         for part, in_tiles, sizes in zip(parts, tiled, chunks, strict=True):
@@ -98,7 +98,7 @@ def read_outline(path: Path, file: BinaryIO) -> Outline:
     return Outline(path, parts, tables)
 
 
-def _layout(path: Path, header: Header, many: bool) -> Layout:
+def _layout(path: Path, header: Header, tiled: bool, *, many: bool) -> Layout:
     (codec,) = header["compression"]
     if codec >= len(COMPRESSIONS):
         raise DataError("unknown compression", path=path, found=codec, cure="write it with ZIP compression")
@@ -111,6 +111,7 @@ def _layout(path: Path, header: Header, many: bool) -> Layout:
         display_window=struct.unpack("<4i", header["displayWindow"]),
         compression=COMPRESSIONS[codec][0],
         part=header["name"].decode() if many else None,
+        tile=struct.unpack_from("<II", header["tiles"]) if tiled else None,
     )
     _check_windows(layout)
     return layout

@@ -22,7 +22,7 @@ from cltaa.exr.attributes import STRUCTURAL, FrameHeader
 from cltaa.exr.channels import COLOUR, GROUPS, Pixels, check_float_channels, frame_channels
 from cltaa.exr.layout import Layout
 from cltaa.exr.openexr import OpenEXR
-from cltaa.exr.outline import parse_layout, read_outline
+from cltaa.exr.outline import Outline, parse_layout, read_outline
 from cltaa.exr.quiet import muted_output
 from cltaa.files.content import Copy, check_memory, file_size, open_regular, read_all
 from cltaa.frames import Frame, Image
@@ -39,7 +39,7 @@ class ImageHeader:
 
 
 class FrameFile(NamedTuple):
-    """What was read of a frame's file: its header, and all channels [H, W] where they were decoded beside the frame."""
+    """What was read of a frame's file: its header, and other channels [H, W] that were decoded beside the frame."""
 
     header: ImageHeader
     planes: Mapping[str, Pixels] | None = None
@@ -95,7 +95,7 @@ def _frame(header: FrameHeader, parts: Mapping[str, Image], planes: Mapping[str,
 def read_image(path: Path, *, sha256: str | None = None) -> tuple[dict[str, Pixels], dict[str, object]]:
     """Read every channel ``[H, W]`` in its own type, and the attributes that describe the picture; errors as above."""
     with _loaded(path, sha256) as loaded:
-        pixels, attributes = _decode(*loaded)
+        pixels, attributes = decode_all(*loaded)
     return pixels, {name: value for name, value in attributes.items() if name not in STRUCTURAL}
 
 
@@ -113,29 +113,39 @@ def read_colour(path: Path, *, sha256: str | None = None) -> Image:
     """Read R G B only, as a [H, W, 3] float32 view of a planar block; errors and ``sha256`` as ``read_frame``."""
     with _loaded(path, sha256) as (layout, content):
         check_float_channels(layout, COLOUR)
-        pixels, _ = _decode(layout, content)
+        pixels, _ = decode_all(layout, content)
     return np.moveaxis(np.stack([pixels[name] for name in COLOUR]).astype(np.float32, copy=False), 0, -1)
 
 
 @contextmanager
-def _loaded(path: Path, sha256: str | None) -> Iterator[tuple[Layout, Copy]]:
+def loaded_parts(path: Path, sha256: str | None, *, one: bool = False) -> Iterator[tuple[Outline, Copy]]:
     """Check the headers, read the whole file, and check in memory what is decoded from there.
 
-    Its content goes at the end of the block: of a large picture little fits into memory twice.
+    Its content goes at the end of the block: of a large picture little fits into memory twice. Where it is to have
+    ``one`` part a file of many is refused.
     """
     with open_regular(path) as file:
         outline = read_outline(path, file)
-        layout = outline.layout
-        size = file_size(file)
-        check_memory(path, size)
+        if one:
+            outline.layout  # noqa: B018  which refuses them
+        check_memory(path, file_size(file))
         content = read_all(path, file, sha256, outline.check_chunks)
     with content:
+        yield outline, content
+
+
+@contextmanager
+def _loaded(path: Path, sha256: str | None) -> Iterator[tuple[Layout, Copy]]:
+    """The same of a file of one part, whose pixels fit into memory."""
+    with loaded_parts(path, sha256, one=True) as (outline, content):
+        layout = outline.layout
         # Beside the pixels stands the packed file first, and then the one channel that is being moved into the frame.
-        check_memory(path, layout.decoded_bytes + max(size, 4 * layout.width * layout.height))
+        check_memory(path, layout.decoded_bytes + max(content.size, 4 * layout.width * layout.height))
         yield layout, content
 
 
-def _decode(layout: Layout, content: BinaryIO | Copy) -> tuple[dict[str, Pixels], dict[str, object]]:
+def decode_all(layout: Layout, content: BinaryIO | Copy) -> tuple[dict[str, Pixels], dict[str, object]]:
+    """Let OpenEXR's module decode every channel of a file of one part; the attributes too. Raises DataError."""
     file, attributes = _open(layout, content, header_only=False)
     channels = {name: channel.pixels for name, channel in file.channels().items()}
     shape = (layout.height, layout.width)
@@ -148,7 +158,7 @@ def _decode_into(layout: Layout, content: Copy, planes: Mapping[str, NDArray[Any
     """Decode those channels of a file into planes [H, W] of float32 or uint32; returns the attributes."""
     if exr_core.decode(content, layout, planes):
         return _open(layout, content, header_only=True)[1]
-    pixels, attributes = _decode(layout, content)
+    pixels, attributes = decode_all(layout, content)
     for name, plane in planes.items():
         plane[...] = pixels.pop(name)
     return attributes

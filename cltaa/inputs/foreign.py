@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +13,6 @@ import msgspec
 import numpy as np
 
 from cltaa.cameras import of_region
-from cltaa.errors import DataError
 from cltaa.exr.attributes import MATRICES
 from cltaa.exr.channels import Pixels
 from cltaa.exr.read import FrameFile, ImageHeader
@@ -24,7 +23,7 @@ from cltaa.frames import Camera, Effect, Frame, Image, format_effects
 from cltaa.inputs.convert import check_depth, linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.intake import Intake, intake_lines
 from cltaa.inputs.parts import read_any_header, read_planes
-from cltaa.inputs.roles import KEYS
+from cltaa.inputs.roles import channel_missing
 from cltaa.memory.haloed import haloed
 from cltaa.sequences.frame_numbers import OnBreak
 from cltaa.sequences.images import ImageSequence
@@ -126,12 +125,12 @@ class ForeignSequence(Sequence):
 
     def colour(self, number: int) -> Image:
         """Read and convert the colour of one frame, [H, W, 3] linear float32."""
-        return linear_colour(self._planes(number, ["colour"], {})["colour"], self.intake.profile.colour.encoding)
+        return linear_colour(self._planes(number, ["colour"])[0]["colour"], self.intake.profile.colour.encoding)
 
-    def frame_and_file(self, number: int) -> tuple[Frame, FrameFile]:
-        """Read and convert one frame; the file is that of its colour."""
-        files: dict[str, dict[str, Pixels]] = {}
-        profile, planes, outline = self.intake.profile, self._planes(number, self._roles, files), self.outline(number)
+    def frame_and_file(self, number: int, kept: Collection[str] = ()) -> tuple[Frame, FrameFile]:
+        """Read and convert one frame; the file is that of its colour, and its ``kept`` channels are read with it."""
+        planes, there = self._planes(number, self._roles, kept)
+        profile, outline = self.intake.profile, self.outline(number)
         colour = linear_colour(planes["colour"], profile.colour.encoding)
         depth = np.full(colour.shape[:2], np.inf, np.float32)
         if "depth" in planes:
@@ -148,7 +147,7 @@ class ForeignSequence(Sequence):
         alpha, reactive = _only(planes.get("alpha")), _only(planes.get("reactive"))
         frame = replace(outline, colour=colour, depth=depth, motion=motion, alpha=alpha, reactive=reactive)
         header = ImageHeader(self.layouts[number], self.intake.attributes[number])
-        return frame, FrameFile(header, files[self.intake.roles["colour"][0].files])
+        return frame, FrameFile(header, there)
 
     def outline(self, number: int) -> Frame:
         """A frame of which only the header was read: the channels that it has are there, and empty."""
@@ -206,29 +205,29 @@ class ForeignSequence(Sequence):
             self._hashes[path.parent] = recorded_hashes(path.parent)
         return self._hashes[path.parent].get(path.name)
 
-    def _planes(self, number: int, roles: Iterable[str], files: dict[str, dict[str, Pixels]]) -> dict[str, Image]:
-        """The channels of each of these roles as float32 [H, W, C]; ``files`` take what each set of files holds."""
+    def _planes(
+        self, number: int, roles: Iterable[str], kept: Collection[str] = ()
+    ) -> tuple[dict[str, Image], dict[str, Pixels]]:
+        """The channels of each of these roles, float32 [H, W, C]; and what was read of the colour's file."""
+        places = {role: self.intake.roles[role] for role in roles}
+        main = self.intake.roles["colour"][0].files
+        wanted: dict[str, set[str]] = {main: set(kept)}
+        for place in (place for its in places.values() for place in its):
+            wanted.setdefault(place.files, set()).add(place.channel)
+        files = {label: self._read(label, number, names) for label, names in wanted.items()}
         stacked: dict[str, Image] = {}
-        for role in roles:
-            planes = []
-            for place in self.intake.roles[role]:
-                path = self.intake.sets[place.files][number]
-                if place.files not in files:
-                    files[place.files] = self._read(path, number)
+        for role, its in places.items():
+            for place in its:
                 if place.channel not in files[place.files]:
-                    found = " ".join(sorted(files[place.files]))
-                    none = " ".join(["none"] * len(self.intake.roles[role]))
-                    cure = "render it again" + (
-                        f", or do without: --input {KEYS[role]}='{none}'" if role in KEYS else ""
-                    )
-                    raise DataError("channel is missing", path=path, channel=place.channel, found=found, cure=cure)
-                planes.append(files[place.files][place.channel])
-            stacked[role] = np.moveaxis(haloed(planes), 0, -1)
-        return stacked
+                    path = self.intake.sets[place.files][number]
+                    raise channel_missing(place, role, len(its), path, read_any_header(path).layout.channels)
+            stacked[role] = np.moveaxis(haloed([files[place.files][place.channel] for place in its]), 0, -1)
+        return stacked, files[main]
 
-    def _read(self, path: Path, number: int) -> dict[str, Pixels]:
-        """The channels of a file, of which that of the colour says what the picture is."""
-        planes = read_planes(path, sha256=self._hash_of(path))[0]
+    def _read(self, label: str, number: int, names: Collection[str]) -> dict[str, Pixels]:
+        """Channels of a file of that set, of which that of the colour says what the picture is."""
+        path = self.intake.sets[label][number]
+        planes = read_planes(path, names, sha256=self._hash_of(path))
         if path == self.path(number):
             return planes
         part = read_any_header(path).layout.part_of(self.layouts[number].data_window)

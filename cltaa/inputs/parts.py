@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Collection, Container, Sized
 from pathlib import Path
 
+import numpy as np
+
 from cltaa.errors import DataError
+from cltaa.exr import core as exr_core
 from cltaa.exr.channels import Pixels
 from cltaa.exr.header import MULTI_PART
-from cltaa.exr.layout import Layout, shared_window
+from cltaa.exr.layout import PIXEL_BYTES, Layout, shared_window
 from cltaa.exr.openexr import OpenEXR
-from cltaa.exr.outline import parse_parts, read_outline
-from cltaa.exr.read import ImageHeader, attributes_of, open_content, read_header, read_image
-from cltaa.files.content import check_memory, file_size, open_regular, read_all
+from cltaa.exr.outline import Outline, parse_parts, read_outline
+from cltaa.exr.read import ImageHeader, attributes_of, decode_all, loaded_parts, open_content, read_header
+from cltaa.files.content import Copy, check_memory, open_regular
+from cltaa.memory.allocator import empty_image
 
 
 def read_any_header(path: Path, *, chunks: bool = True) -> ImageHeader:
@@ -23,12 +28,64 @@ def read_any_header(path: Path, *, chunks: bool = True) -> ImageHeader:
     return _many_header(path, chunks) if _is_multi_part(path) else read_header(path, chunks=chunks)
 
 
-def read_planes(path: Path, *, sha256: str | None = None) -> tuple[dict[str, Pixels], dict[str, object]]:
-    """Read every channel [H, W] of all parts, cropped to the picture, and the attributes of the first part."""
-    if not _is_multi_part(path):
-        return read_image(path, sha256=sha256)
-    header, planes = _many_planes(path, sha256)
-    return planes, header.attributes
+def read_planes(path: Path, wanted: Container[str] | None = None, *, sha256: str | None = None) -> dict[str, Pixels]:
+    """Read the channels [H, W] that are ``wanted``, or all, each in its own type, cropped to the picture.
+
+    Names that no channel has are left out. What nobody wants is not decoded, if that can be helped. Raises
+    InputMissing, DataError, StorageError and ResourceError.
+    """
+    with loaded_parts(path, sha256) as (outline, content):
+        parts = outline.parts
+        places = {
+            full_name(part.part or "", name): (at, name) for at, part in enumerate(parts) for name in part.channels
+        }
+        places = {name: place for name, place in places.items() if wanted is None or name in wanted}
+        decoded = _decoded(outline, content, places.values()) or _all_decoded(outline, content)
+    shown = [part.part_of(shared_window(parts)) for part in parts]
+    return {name: decoded[at][channel][shown[at]] for name, (at, channel) in places.items()}
+
+
+def _decoded(outline: Outline, content: Copy, places: Collection[tuple[int, str]]) -> list[dict[str, Pixels]] | None:
+    """Those channels by the number of their part and their names in it; None where they cannot be decoded alone."""
+    made = list[dict[str, Pixels]]()
+    named = [[name for at, name in places if at == number] for number in range(len(outline.parts))]
+    own = list(zip(outline.parts, named, strict=True))
+    pixels = sum(
+        part.width * part.height * sum(PIXEL_BYTES[part.channels[name]] for name in names) for part, names in own
+    )
+    unpacking = OpenEXR.global_thread_count() * max(part.chunk_bytes for part, names in own if names or len(own) == 1)
+    check_memory(outline.path, content.size + pixels + unpacking)
+    for number, (part, names) in enumerate(own):
+        made.append({name: _empty(part, part.channels[name]) for name in names})
+        if names and not exr_core.decode(content, part, made[number], part=number):
+            return None
+    return made
+
+
+def _empty(part: Layout, kind: str) -> Pixels:
+    """A plane [H, W] for a channel, not filled."""
+    if kind == "uint":
+        return empty_image((part.height, part.width)).view(np.uint32)
+    return empty_image((part.height, part.width), np.float16 if kind == "half" else np.float32)
+
+
+def _all_decoded(outline: Outline, content: Copy) -> list[dict[str, Pixels]]:
+    """Every channel of every part, by OpenEXR's module."""
+    path, parts = outline.path, outline.parts
+    check_memory(path, content.size + 2 * sum(part.decoded_bytes for part in parts))
+    if parts[0].part is None:
+        return [decode_all(parts[0], content)[0]]
+    decoded = open_content(path, content, header_only=False).parts
+    _check_count(path, parts, decoded)
+    made = [
+        {name: found.channels[name].pixels for name in part.channels}
+        for part, found in zip(parts, decoded, strict=True)
+    ]
+    for part, planes in zip(parts, made, strict=True):
+        for channel, plane in planes.items():
+            if plane.shape != (part.height, part.width):
+                raise DataError("the part does not cover the picture", path=path, channel=channel, found=plane.shape)
+    return made
 
 
 def _is_multi_part(path: Path) -> bool:
@@ -43,37 +100,24 @@ def _many_header(path: Path, chunks: bool) -> ImageHeader:
         return _described(layouts, open_content(path, file, header_only=True))
 
 
-def _many_planes(path: Path, sha256: str | None) -> tuple[ImageHeader, dict[str, Pixels]]:
-    with open_regular(path) as file:
-        outline, size = read_outline(path, file), file_size(file)
-        layouts = outline.parts
-        check_memory(path, size)
-        content = read_all(path, file, sha256, outline.check_chunks)
-    with content:
-        check_memory(path, size + 2 * sum(layout.decoded_bytes for layout in layouts))
-        decoded = open_content(path, content, header_only=False)
-    header, planes = _described(layouts, decoded), dict[str, Pixels]()
-    for layout, part in zip(layouts, decoded.parts, strict=True):
-        part_of_picture = layout.part_of(header.layout.data_window)
-        for channel in layout.channels:
-            pixels = part.channels[channel].pixels
-            if pixels.shape != (layout.height, layout.width):
-                raise DataError("the part does not cover the picture", path=path, channel=channel, found=pixels.shape)
-            planes[full_name(part.name(), channel)] = pixels[part_of_picture]
-    return header, planes
-
-
 def _described(layouts: tuple[Layout, ...], file: OpenEXR.File) -> ImageHeader:
     """Layout over all parts, and the attributes of the first."""
     first = layouts[0]
-    if len(file.parts) != len(layouts):
-        expected, found, cure = f"{len(layouts)} parts", f"{len(file.parts)} that can be read", "write the file again"
-        raise DataError("a part is damaged", path=first.path, expected=expected, found=found, cure=cure)
+    _check_count(first.path, layouts, file.parts)
     channels = {
         full_name(layout.part or "", name): kind for layout in layouts for name, kind in layout.channels.items()
     }
     layout = Layout(first.path, channels, shared_window(layouts), first.display_window, first.compression)
     return ImageHeader(layout, attributes_of(file))
+
+
+def _check_count(path: Path, layouts: Sized, found: Sized) -> None:
+    """Raise DataError unless OpenEXR finds as many parts as there are."""
+    if len(found) != len(layouts):
+        raise DataError(
+            "a part is damaged", path=path, expected=f"{len(layouts)} parts", found=f"{len(found)} that can be read",
+            cure="write the file again",
+        )  # fmt: skip
 
 
 def full_name(part: str, channel: str) -> str:

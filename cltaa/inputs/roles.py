@@ -106,6 +106,14 @@ def _nearest(
     return ()
 
 
+def channel_missing(place: Place, role: str, count: int, path: Path, there: Iterable[str]) -> DataError:
+    """The error where a frame's file has none of that name, which is one of ``count`` channels of a role."""
+    found, none = " ".join(sorted(there)), " ".join(["none"] * count)
+    without = f", or do without: --input {KEYS[role]}='{none}'" if role in KEYS else ""
+    cure = f"render it again{without}"
+    return DataError("channel is missing", path=path, channel=place.channel, found=found, cure=cure)
+
+
 def describe(roles: Roles, several: bool = False) -> str:
     """One line: every role and its channels, with the names of their files where there are ``several`` sets."""
     return "; ".join(

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from cltaa.errors import UsageError
 from cltaa.exr.attributes import MATRICES
 from cltaa.exr.channels import Pixels
-from cltaa.exr.layout import LOSSLESS, Windows
+from cltaa.exr.layout import LOSSLESS, Layout, Windows
 from cltaa.exr.read import FrameFile
 from cltaa.inputs.parts import read_any_header, read_planes
 from cltaa.sequences.sources import Sequence
@@ -29,22 +29,28 @@ class CarriedOver(NamedTuple):
     windows: Windows
 
 
-def carried_over(
-    path: Path, layers: tuple[str, ...], file: FrameFile | None = None, *, replaced: frozenset[str] = frozenset()
-) -> CarriedOver:
-    """Read what is carried over from ``path``: every attribute, and the channels whose names match one of ``layers``.
+def kept_channels(layout: Layout, layers: tuple[str, ...], replaced: frozenset[str] = frozenset()) -> frozenset[str]:
+    """The channels of a file that are carried over: those whose names match one of ``layers``.
 
     Where ``layers`` are all, those that the resolve ``replaced`` are none of them: who opens the result would take the
-    colour that it was made of for it. ``file`` is what is known of it already. Raises what reading raises.
+    colour that it was made of for it.
+    """
+    left_out = replaced if layers == ALL else frozenset[str]()
+    kept = (name for name in layout.channels if any(fnmatchcase(name, pattern) for pattern in layers))
+    return frozenset(kept) - left_out
+
+
+def carried_over(path: Path, kept: frozenset[str], file: FrameFile | None = None) -> CarriedOver:
+    """Read what is carried over from ``path``: every attribute, and the ``kept`` channels.
+
+    ``file`` is what is known of it already. Raises what reading raises.
     """
     header = file.header if file else read_any_header(path, chunks=False)  # the frame is read beside it
     attributes = {name: value for name, value in header.attributes.items() if name not in _OF_THE_FILE}
     channels: dict[str, Pixels] = {}
-    if layers:
-        planes = file.planes if file and file.planes is not None else read_planes(path)[0]
-        left_out = replaced if layers == ALL else frozenset()
-        kept = [name for name in planes if name not in left_out and any(fnmatchcase(name, p) for p in layers)]
-        channels = {name: planes[name] for name in kept}
+    if kept:
+        planes = file.planes if file and file.planes is not None else read_planes(path, kept)
+        channels = {name: plane for name, plane in planes.items() if name in kept}
     return CarriedOver(channels, attributes, (header.layout.data_window, header.layout.display_window))
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from cltaa.files.manifest import file_sha256
 from cltaa.frames import Frame
-from cltaa.resolve.carried_over import CarriedOver, carried_over
+from cltaa.resolve.carried_over import CarriedOver, carried_over, kept_channels
 from cltaa.resolve.output import Source
 from cltaa.sequences.pixel_statistics import unusable_pixels
 from cltaa.sequences.sources import Sequence
@@ -31,12 +31,13 @@ def reads(sequence: Sequence, before: int | None, layers: tuple[str, ...]) -> It
 
 
 def _read(sequence: Sequence, number: int, before: int | None, layers: tuple[str, ...]) -> Read:
-    (frame, file), path = sequence.frame_and_file(number), sequence.path(number)
+    path, kept = sequence.path(number), kept_channels(sequence.layouts[number], layers, sequence.replaced)
+    frame, file = sequence.frame_and_file(number, kept)
     # What was verified while it was read need not be hashed again.
     digest = sequence.sha256(number) or file_sha256(path)
     return Read(
         frame,
         Source(digest, before, sequence.beside_sha256(number)),
         unusable_pixels(frame.colour),
-        carried_over(path, layers, file, replaced=sequence.replaced),
+        carried_over(path, kept, file),
     )

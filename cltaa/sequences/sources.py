@@ -6,7 +6,7 @@ the first frame is worked on. Only one frame is in memory at a time, unless the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -162,8 +162,8 @@ class Sequence(NumberedFiles):
         """Read one frame by its number; raises DataError where header and sequence disagree."""
         return self.frame_and_file(number)[0]
 
-    def frame_and_file(self, number: int) -> tuple[Frame, FrameFile]:
-        """The same, and what was read of its file."""
+    def frame_and_file(self, number: int, kept: Collection[str] = ()) -> tuple[Frame, FrameFile]:
+        """The same, and what was read of its file: ``kept`` channels too, where they are decoded with the frame."""
         frame, header = read_frame_and_header(self.path(number), sha256=self.sha256(number))
         if frame.index != number:
             raise DataError(

@@ -26,14 +26,16 @@ def channels(kind: str) -> dict[str, Pixels]:
     return made
 
 
-def decode(path: Path, *, leave_out: str = "") -> dict[str, Pixels] | None:
-    """Every channel decoded into planes whose rows lie apart, filled with sevens before."""
+def decode(path: Path, *, leave_out: str = "", widen: bool = True) -> dict[str, Pixels] | None:
+    """Every channel decoded into planes whose rows lie apart, filled with sevens before; halves are widened or not."""
     layout = read_layout(path)
     planes: dict[str, Pixels] = {}
     for name, kind in layout.channels.items():
         plane = empty_haloed(1, layout.height, layout.width)[0]
         plane[...] = 7.0
         planes[name] = plane.view(np.uint32) if kind == "uint" else plane
+        if kind == "half" and not widen:
+            planes[name] = np.full((layout.height, layout.width + 3), 7.0, np.float16)[:, 1:-2]
     planes.pop(leave_out, None)
     copy = Copy()
     with path.open("rb") as file:

@@ -63,6 +63,16 @@ def test_lines_from_the_bottom_up(tmp_path: Path) -> None:
     assert_as_the_module(tmp_path / "a.exr")
 
 
+@pytest.mark.parametrize("compression", ["zip", "piz"])
+def test_halves_stay_halves_where_they_are_to(tmp_path: Path, compression: str) -> None:
+    write_image(tmp_path / "a.exr", channels("float16"), compression=compression)
+    decoded, (expected, _) = decode(tmp_path / "a.exr", widen=False), read_image(tmp_path / "a.exr")
+    assert decoded is not None
+    for name, plane in expected.items():
+        assert decoded[name].dtype == plane.dtype
+        np.testing.assert_array_equal(bits(decoded[name]), bits(plane), err_msg=name)
+
+
 def test_what_is_not_wanted_is_left_out(tmp_path: Path) -> None:
     write_image(tmp_path / "a.exr", channels("float32"))
     decoded = decode(tmp_path / "a.exr", leave_out="G")
@@ -71,10 +81,16 @@ def test_what_is_not_wanted_is_left_out(tmp_path: Path) -> None:
     np.testing.assert_array_equal(decoded["R"], channels("float32")["R"])
 
 
-def test_tiles_are_left_to_the_module(tmp_path: Path) -> None:
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.tiledimage, "tiles": OpenEXR.TileDescription()}
-    OpenEXR.File(header, channels("float32")).write(str(tmp_path / "a.exr"))
-    assert decode(tmp_path / "a.exr") is None
+@pytest.mark.parametrize("compression", [OpenEXR.ZIP_COMPRESSION, OpenEXR.PIZ_COMPRESSION, OpenEXR.DWAA_COMPRESSION])
+@pytest.mark.parametrize("tile", [(16, 16), (5, 64), (37, 301), (512, 40)])
+@pytest.mark.parametrize("first", [(0, 0), (-5, -120)])
+def test_tiles(tmp_path: Path, first: tuple[int, int], tile: tuple[int, int], compression: OpenEXR.Compression) -> None:
+    tiles = OpenEXR.TileDescription()
+    tiles.xSize, tiles.ySize = tile
+    window = np.array(first, np.int32), np.array((first[0] + WIDTH - 1, first[1] + HEIGHT - 1), np.int32)
+    header = {"compression": compression, "type": OpenEXR.tiledimage, "tiles": tiles, "dataWindow": window}
+    OpenEXR.File(header, channels("float16")).write(str(tmp_path / "a.exr"))
+    assert_as_the_module(tmp_path / "a.exr")
 
 
 @pytest.mark.parametrize("compression", ["zip", "zips", "piz", "rle", "zstd"])

@@ -12,6 +12,7 @@ import OpenEXR
 import pytest
 
 from cltaa.exr import core as exr_core
+from cltaa.exr import core_structures
 from cltaa.exr.layout import PIXEL_BYTES
 from cltaa.exr.read import read_frame
 from cltaa.exr.write import write_frame, write_image
@@ -25,13 +26,13 @@ pytestmark = pytest.mark.usefixtures("three_threads")
 def test_a_pipeline_is_as_long_as_the_library_s(tmp_path: Path, fill: int) -> None:
     """A longer one of the library's would be written over what lies behind ours."""
     write_frame(tmp_path / "a.exr", make_frame(0))
-    core, ours = exr_core.core(), ctypes.sizeof(exr_core._Pipeline)
+    core, ours = exr_core.core(), ctypes.sizeof(core_structures.Pipeline)
     assert core is not None
-    context, chunk = ctypes.c_void_p(), exr_core._Chunk()
+    context, chunk = ctypes.c_void_p(), core_structures.Chunk()
     assert core.long.exr_start_read(ctypes.byref(context), bytes(tmp_path / "a.exr"), None) == 0
     assert core.quick.exr_read_scanline_chunk_info(context, 0, 0, ctypes.byref(chunk)) == 0
     memory = (ctypes.c_uint8 * (2 * ours))(*[fill] * (2 * ours))
-    exr_core._Pipeline.from_buffer(memory).pipe_size = ours
+    core_structures.Pipeline.from_buffer(memory).pipe_size = ours
     both = (context, 0, ctypes.byref(chunk), ctypes.byref(memory))
     assert core.quick.exr_decoding_initialize(*both) == 0
     assert max(place for place, byte in enumerate(memory) if byte != fill) == ours - 1
@@ -94,6 +95,22 @@ def test_a_library_that_means_other_chunks_is_not_used(
         setattr(chunk._obj, name, value)
 
     spoil(monkeypatch, "exr_read_scanline_chunk_info", other_rows)
+    assert decode(tmp_path / "a.exr") is None
+
+
+@pytest.mark.parametrize(("name", "value"), [("start_x", 1), ("start_y", 1), ("width", 17), ("height", 17)])
+def test_a_library_that_means_other_tiles_is_not_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, value: int
+) -> None:
+    tiles = OpenEXR.TileDescription()
+    tiles.xSize, tiles.ySize = 16, 16
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.tiledimage, "tiles": tiles}
+    OpenEXR.File(header, channels("float32")).write(str(tmp_path / "a.exr"))
+
+    def another(_context: Any, _part: int, _x: int, _y: int, _across: int, _down: int, chunk: Any) -> None:
+        setattr(chunk._obj, name, value)
+
+    spoil(monkeypatch, "exr_read_tile_chunk_info", another)
     assert decode(tmp_path / "a.exr") is None
 
 

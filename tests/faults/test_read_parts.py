@@ -41,7 +41,7 @@ def written(folder: Path, parts: list[Anatomy]) -> Path:
 
 def test_parts_are_read_as_openexr_reads_them(tmp_path: Path, sound: Path) -> None:
     path = written(tmp_path, two(sound))
-    planes, _ = read_planes(path)
+    planes = read_planes(path)
     assert set(planes) == {f"{part}.{name}" for part in ("left", "right") for name in "RGBZ"}
     assert read_any_header(path).layout.channels == dict.fromkeys(planes, "float")
     for part in OpenEXR.File(str(path), separate_channels=True).parts:

@@ -184,7 +184,7 @@ def test_the_header_of_an_input_is_parsed_once(tmp_path: Path, monkeypatch: pyte
     sequence = open_sequence(write_sequence(tmp_path / "in", FRAMES, width=9, height=7))
     with monkeypatch.context() as patch:
         whole = Sequence.frame_and_file
-        patch.setattr(Sequence, "frame_and_file", lambda self, number: (whole(self, number)[0], None))
+        patch.setattr(Sequence, "frame_and_file", lambda self, number, _kept: (whole(self, number)[0], None))
         resolve_sequence(sequence, tmp_path / "twice", Resolver(device="numpy"))
 
     def again(path: Path, **_: object) -> None:

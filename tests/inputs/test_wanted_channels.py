@@ -1,0 +1,152 @@
+"""Of other tools' files those channels are decoded that play a role or are kept, whatever the file is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from cltaa.cli import main
+from cltaa.errors import DataError
+from cltaa.exr import core as exr_core
+from cltaa.exr.channels import Pixels
+from cltaa.exr.layout import Layout
+from cltaa.exr.read import read_image
+from cltaa.files.content import Copy
+from cltaa.inputs.foreign import ForeignSequence
+from cltaa.inputs.opening import open_input
+from cltaa.inputs.parts import read_planes
+from tests.inputs.foreign import read, write_parts
+from tests.sequence_factory import bits
+
+HEIGHT, WIDTH = 41, 23
+
+
+def planes() -> dict[str, Pixels]:
+    """A picture with depth and vectors among what nobody asks for, of every type."""
+    random = np.random.default_rng(3)
+    names = ["R", "G", "B", "A", "Z", "backward.u", "backward.v", "N.X", "diffuse.R", "emission.R"]
+    made: dict[str, Pixels] = {name: random.random((HEIGHT, WIDTH), np.float32) for name in names}
+    made["diffuse.R"] = made["diffuse.R"].astype(np.float16)
+    return made | {"id": random.integers(0, 2**32, (HEIGHT, WIDTH), np.uint32)}
+
+
+def lines(path: Path) -> None:
+    OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, planes()).write(str(path))
+
+
+def tiles(path: Path) -> None:
+    tile = OpenEXR.TileDescription()
+    tile.xSize, tile.ySize = 16, 8
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.tiledimage, "tiles": tile}
+    OpenEXR.File(header, planes()).write(str(path))
+
+
+def parts(path: Path) -> None:
+    """One for the picture, one for each other pass."""
+    of_part: dict[str, dict[str, Pixels]] = {}
+    for name, plane in planes().items():
+        of_part.setdefault(name.split(".")[0] if "." in name else "rgba" if name in "RGBA" else "data", {})[name] = (
+            plane
+        )
+    write_parts(path, of_part, {})
+
+
+FILES = pytest.mark.parametrize("write", [lines, tiles, parts])
+
+
+ROLES = ["A", "B", "G", "R", "Z", "backward.u", "backward.v"]
+
+
+def asked(write: Callable[[Path], None]) -> list[str]:
+    """What says which channels are the colour, where names alone do not."""
+    return ["colour.channels=rgba.R rgba.G rgba.B", "depth.channels=data.Z"] if write is parts else []
+
+
+@pytest.fixture
+def decoded(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The names of the channels that are decoded, in turn; the test fails where a file is decoded as a whole."""
+    decode, names = exr_core.decode, list[str]()
+
+    def told(content: Copy, layout: Layout, planes: Mapping[str, Any], **part: int) -> bool:
+        names.extend(planes)
+        return decode(content, layout, planes, **part)
+
+    def whole(*_: object) -> None:
+        raise AssertionError("decoded as a whole")
+
+    monkeypatch.setattr(exr_core, "decode", told)
+    monkeypatch.setattr("cltaa.inputs.parts._all_decoded", whole)
+    return names
+
+
+@FILES
+def test_a_frame_decodes_what_plays_a_role(write: Callable[[Path], None], tmp_path: Path, decoded: list[str]) -> None:
+    write(tmp_path / "a.0001.exr")
+    (frame,) = read(tmp_path, *asked(write))
+    assert sorted(decoded) == ROLES
+    assert frame.motion is not None
+    assert frame.alpha is not None
+    found = [*np.moveaxis(frame.colour, -1, 0), frame.depth, *np.moveaxis(frame.motion, -1, 0), frame.alpha]
+    for name, plane in zip(("R", "G", "B", "Z", "backward.u", "backward.v", "A"), found, strict=True):
+        np.testing.assert_array_equal(plane, planes()[name], err_msg=name)
+
+
+@FILES
+def test_a_picture_to_be_judged_decodes_its_colour(
+    write: Callable[[Path], None], tmp_path: Path, decoded: list[str]
+) -> None:
+    write(tmp_path / "a.0001.exr")
+    sequence = open_input(tmp_path, assignments=asked(write))
+    assert isinstance(sequence, ForeignSequence)
+    assert sequence.colour(1).shape == (HEIGHT, WIDTH, 3)
+    assert sorted(decoded) == ["B", "G", "R"]
+
+
+@FILES
+def test_a_result_keeps_the_layers_that_were_decoded_with_its_frame(
+    write: Callable[[Path], None], tmp_path: Path, decoded: list[str]
+) -> None:
+    (tmp_path / "in").mkdir()
+    write(tmp_path / "in" / "a.0001.exr")
+    options = [word for each in asked(write) for word in ("--input", each)] + ["--layers", "*diffuse.R,*id"]
+    assert main(["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", *options]) == 0
+    assert sorted(decoded) == sorted([*ROLES, "diffuse.R", "id"])
+    kept = read_image(tmp_path / "out" / "a.0001.exr")[0]
+    for name in ("diffuse.R", "id"):
+        (found,) = [plane for channel, plane in kept.items() if channel.endswith(name)]
+        assert found.dtype == planes()[name].dtype
+        np.testing.assert_array_equal(found, planes()[name])
+
+
+@FILES
+def test_without_the_library_the_channels_are_the_same(
+    write: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(tmp_path / "a.exr")
+    here = read_planes(tmp_path / "a.exr")
+    monkeypatch.setattr(exr_core, "core", lambda: None)
+    without = read_planes(tmp_path / "a.exr")
+    assert list(here) == list(without)
+    for name, plane in without.items():
+        assert here[name].dtype == plane.dtype
+        np.testing.assert_array_equal(bits(here[name]), bits(plane), err_msg=name)
+    few = read_planes(tmp_path / "a.exr", {"Z", "data.Z", "nothing"})
+    assert [name.split(".")[-1] for name in few] == ["Z"]
+
+
+def test_a_channel_that_a_frame_lacks_is_told_with_all_that_it_has(tmp_path: Path) -> None:
+    lines(tmp_path / "a.0001.exr")
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    there = {name: plane for name, plane in planes().items() if name not in ("A", "id")}
+    OpenEXR.File(header, there).write(str(tmp_path / "a.0002.exr"))
+    said = (
+        r"a\.0002\.exr channel A: channel is missing \(found B G N\.X R Z backward\.u backward\.v diffuse\.R "
+        r"emission\.R\); render it again, or do without: --input colour\.alpha='none'"
+    )
+    with pytest.raises(DataError, match=said):
+        read(tmp_path)
