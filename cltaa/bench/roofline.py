@@ -3,42 +3,49 @@
 from __future__ import annotations
 
 import sys
+from functools import cache
 from pathlib import Path
 
 import msgspec
 
 from cltaa.bench.accuracy.plots import import_pyplot
+from cltaa.bench.baseline import BASELINE
+from cltaa.bench.frames import Motion
 from cltaa.bench.kernels import COPY, KernelBench
+from cltaa.bench.operations import operations
 from cltaa.files.atomic import atomic_path
-
-# Additions, multiplications (a fused one: two), divisions, roots and comparisons that keep the greater or lesser, a
-# pixel: counted in the machine code of t2 that runs under uniform motion (PoCL 3.0, 16 lanes, 2026-11-21).
-OPERATIONS = 449
+from cltaa.parameters.presets import load_preset, preset_names
 
 
 def draw(bench: KernelBench, path: Path) -> None:
     """Draw every contender of the first motion under the roof that the copy's bandwidth puts over it.
 
-    All contenders are taken to do the core's ``OPERATIONS``, so that height is speed. Raises UsageError without
-    matplotlib.
+    Each is taken to do the ``operations`` of what it computes, a preset's its own and all else the core's. Raises
+    UsageError without matplotlib.
     """
     pyplot = import_pyplot()
-    timing = bench.timings[0]
+    timing, where = bench.timings[0], bench.environment
     figure, axes = pyplot.subplots(figsize=(7, 4.5))
     intensities = [0.5, 64.0]
     roof = [timing.copy_gigabytes_a_second * intensity for intensity in intensities]
     axes.loglog(intensities, roof, color="#b4500a", label=f"copy: {timing.copy_gigabytes_a_second:.0f} GB/s")
     for row in timing.rows:
         if row.name != COPY:
-            nanoseconds = (row.device_ns or row.wall_ns).median
-            speed = OPERATIONS / nanoseconds
-            axes.plot(OPERATIONS / (row.gigabytes_a_second * nanoseconds), speed, "o", label=f"{row.name}: {speed:.0f}")
+            nanoseconds, count = (row.device_ns or row.wall_ns).median, _operations(row.name, timing.motion)
+            speed = count / nanoseconds
+            axes.plot(count / (row.gigabytes_a_second * nanoseconds), speed, "o", label=f"{row.name}: {speed:.3g}")
     axes.set(xlabel="operations a byte that must move", ylabel="operations a nanosecond")
-    axes.set_title(f"{bench.environment.device}\n{bench.width} x {bench.height}, {bench.storage} history", fontsize=9)
+    told = f"{bench.width} x {bench.height}, {bench.storage} history, {timing.motion} motion"
+    axes.set_title(f"{where.device}\n{where.cpu}, {where.cores} cores, {where.date[:10]}\n{told}", fontsize=9)
     axes.legend(fontsize=8)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, format=path.suffix[1:], bbox_inches="tight")
     pyplot.close(figure)
+
+
+@cache
+def _operations(contender: str, motion: Motion) -> int:
+    return operations(load_preset(contender) if contender in preset_names() else BASELINE, motion).total()
 
 
 if __name__ == "__main__":
