@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+from copy import copy
 from functools import partial
 
 from rich import console
@@ -18,7 +21,43 @@ def print_line(text: str, style: str | None = None) -> None:
 
 
 def print_table(table: Table) -> None:
-    """Print ``table`` as wide as it is: a terminal that is narrower breaks its lines, and no figure is cut short."""
+    """Print ``table`` without a figure cut short: where it is wider than the terminal, some columns after the others.
+
+    Each part begins with the first column, and is as wide as it has to be. A file or a pipe has no width, unless the
+    variable COLUMNS gives it one.
+    """
     console = Console()
-    needed = console.measure(table, options=console.options.update(max_width=WIDEST)).maximum
-    Console(width=max(console.width, needed)).print(table)
+    room = console.width if console.is_terminal or "COLUMNS" in os.environ else WIDEST
+    for part in _parts(table, room):
+        Console(width=max(console.width, _width(part))).print(part)
+
+
+def _parts(table: Table, room: int) -> Iterator[Table]:
+    """The table, or as many columns of it at a time as fit into ``room``, behind its first."""
+    last, begin = len(table.columns), 1
+    while begin < last or begin == 1:
+        end = last
+        while end > begin + 1 and _width(_with(table, begin, end)) > room:
+            end -= 1
+        yield _with(table, begin, end)
+        begin = max(end, begin + 1)
+
+
+def _with(table: Table, begin: int, end: int) -> Table:
+    """The table with its first column and those from ``begin`` to before ``end``; its title over the first alone."""
+    if (begin, end) == (1, len(table.columns)):
+        return table
+    part, chosen = copy(table), [table.columns[0], *table.columns[begin:end]]
+    part.columns, part.rows = [], []
+    part.title = table.title if begin == 1 else None
+    for column in chosen:
+        part.add_column(column.header, justify=column.justify, no_wrap=column.no_wrap, style=column.style)
+    for row, cells in zip(table.rows, zip(*(column.cells for column in chosen), strict=True), strict=True):
+        part.add_row(*cells, style=row.style, end_section=row.end_section)
+    return part
+
+
+def _width(table: Table) -> int:
+    """Columns of a terminal that a table takes where nothing in it is wrapped."""
+    ruler = Console(width=WIDEST)
+    return ruler.measure(table).maximum

@@ -25,6 +25,29 @@ def test_no_figure_is_cut_short(
     assert all(f" {figure} " in said and f"heading {figure}" in said for figure in figures)
 
 
+def test_columns_that_do_not_fit_follow_behind_the_first(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And every line of a part fits, has the name of its row, and stands there once."""
+    table = Table("name", *(f"score {number}" for number in range(12)), title="a title")
+    for name in ("one", "two"):
+        table.add_row(name, *(f"{name}-{number}" for number in range(12)), style="dim")
+    monkeypatch.delenv("COLUMNS", raising=False)
+    print_table(table)
+    whole = capsys.readouterr().out.splitlines()
+    assert len(whole) == 7  # no terminal: a pipe has no width
+    monkeypatch.setenv("COLUMNS", "60")
+    print_table(table)
+    said = capsys.readouterr().out
+    lines = said.splitlines()
+    assert max(map(len, lines)) <= 60
+    rows = {name: [line.split()[3::2] for line in lines if line.startswith(f"│ {name} ")] for name in ("one", "two")}
+    assert len(rows["one"]) > 1
+    for name, parts in rows.items():
+        assert [cell for part in parts for cell in part if cell != "│"] == [f"{name}-{n}" for n in range(12)]
+    assert said.count("a title") == 1
+
+
 def test_a_name_is_printed_to_the_letter(capsys: pytest.CaptureFixture[str]) -> None:
     name = "shots/:fire:/[bold]12[/] of 100.exr"  # what rich would draw, and take for markup
     table = Table("name")
