@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
 from cltaa.commands.compare_tables import print_one, print_several
 from cltaa.commands.names import METRIC_LIST
@@ -15,17 +14,17 @@ from cltaa.commands.options import FILE_PATH, FRAME_RANGE, STOPS, input_options,
 from cltaa.errors import UsageError
 from cltaa.files.atomic import make_folder
 from cltaa.inputs.png_images import is_png
-from cltaa.judging.comparison import Comparison, equal_quality, pair_up
-from cltaa.judging.heat_maps import measure_map, stale_maps, write_map
-from cltaa.judging.metrics import DEFAULT_METRICS, METRICS, Metric, mean, measure, parse_metrics, versions_of
+from cltaa.judging.comparison import Comparison, pair_up, truth_samples
+from cltaa.judging.equal_quality import equal_quality
+from cltaa.judging.heat_maps import stale_maps
+from cltaa.judging.metrics import DEFAULT_METRICS, METRICS, Metric, mean, parse_metrics, versions_of
+from cltaa.judging.one_pass import Found, Judged, judge
 from cltaa.judging.same_scene import doubts
-from cltaa.judging.video_scores import SCORES, VideoScores
+from cltaa.judging.video_scores import SCORES
 from cltaa.printable import json_of, printable
-from cltaa.progress import track
 from cltaa.sequences.frame_numbers import even_step, ranges
 from cltaa.sequences.images import ImageSequence
 from cltaa.sequences.sources import Sequence
-from cltaa.sequences.streams import read_ahead
 
 
 @click.command()
@@ -84,22 +83,22 @@ def compare(
     asked = parse_metrics(metric_names)
     metrics = tuple(dict.fromkeys((*asked, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
     tests, reference = (paths[:-1], paths[-1]) if len(paths) > 1 else (paths, None)
-    comparisons = {test: pair_up(test, reference, frames, verify=verify, **reading) for test in tests}
-    if len(comparisons) > 1:
-        _check_alike(comparisons, heatmap)
-    videos = {test: _video_scores(comparison, stops) if in_time else None for test, comparison in comparisons.items()}
-    results = []
-    for test, comparison in comparisons.items():
-        warnings = _tell(comparison, in_time, heatmap, "A" if len(comparisons) == 1 else str(test))
-        rows = _measure_all(comparison, metrics, stops, heatmap, videos[test])
-        shown_reference = comparison.reference.folder if comparison.capture else reference
-        result = {
-            "test": str(test),
-            "reference": str(shown_reference),
-            "stops": stops,
-            "versions": versions_of(metrics),
-        }
-        results.append(result | _summary(comparison, rows, metrics, stops, videos[test]) | {"warnings": warnings})
+    tests = tuple(dict.fromkeys(tests))
+    comparisons = pair_up(tests, reference, frames, verify=verify, **reading)
+    named = dict(zip(map(str, tests) if len(tests) > 1 else ["A"], comparisons, strict=True))
+    _check_alike(named, heatmap)
+    if in_time:
+        for comparison in comparisons:
+            _check_followed(comparison)
+    _tell_reading(named, in_time)
+    warnings = [_warn(comparison, in_time, heatmap, name) for name, comparison in named.items()]
+    found = judge(comparisons, metrics, stops, in_time=in_time, heatmap=heatmap)
+    truth = comparisons[0].reference.folder if comparisons[0].capture else reference
+    facts = {"reference": str(truth), "stops": stops, "versions": versions_of(metrics)}
+    results = [
+        {"test": str(test)} | facts | _summary(comparison, judged, found, metrics) | {"warnings": warned}
+        for test, comparison, judged, warned in zip(tests, comparisons, found.tests, warnings, strict=True)
+    ]
     if as_json:
         click.echo(json_of(results[0] if len(results) == 1 else {"compared": results}))
     elif len(results) == 1:
@@ -108,32 +107,42 @@ def compare(
         print_several(results, asked)
 
 
-def _check_alike(comparisons: Mapping[Path, Comparison], heatmap: Path | None) -> None:
+def _check_alike(comparisons: Mapping[str, Comparison], heatmap: Path | None) -> None:
     """Raise UsageError where the means of several would be of other frames, or their maps would have one name."""
-    if heatmap is not None:
-        raise UsageError("--heatmap: maps of several would have one name", cure="draw those of one A at a time")
     first, *others = comparisons
+    if heatmap is not None and others:
+        raise UsageError("--heatmap: maps of several would have one name", cure="draw those of one A at a time")
     for test in others:
-        expected, found = (comparisons[path].test.numbers for path in (first, test))
+        expected, found = (comparisons[name].test.numbers for name in (first, test))
         if expected != found:
             raise UsageError(
-                f"other frames than those of {first}", path=test, expected=ranges(expected), found=ranges(found),
+                f"other frames than those of {first}", path=Path(test), expected=ranges(expected), found=ranges(found),
                 cure="choose frames that all have with --frames",
             )  # fmt: skip
+        if comparisons[first].region != comparisons[test].region:
+            what = f"what it shares with B is another region than what {first} does"
+            raise UsageError(what, path=Path(test), cure="compare them with B one at a time")
 
 
-def _tell(comparison: Comparison, in_time: bool, heatmap: Path | None, name: str) -> list[str]:
-    """Say on standard error how A, called ``name``, and B are read; return the warnings, said there too."""
-    read: dict[str, ImageSequence | Sequence] = {name: comparison.test, "B": comparison.reference}
-    if in_time and comparison.capture is not None:  # more of it is read than its colour
-        read[name if comparison.of_itself else "B"] = comparison.capture
+def _tell_reading(comparisons: Mapping[str, Comparison], in_time: bool) -> None:
+    """Say on standard error how each A, by its name, and B are read."""
+    read: dict[str, ImageSequence | Sequence] = {}
+    for name, comparison in comparisons.items():
+        read |= {name: comparison.test, "B": comparison.reference}
+        if in_time and comparison.capture is not None:  # more of it is read than its colour
+            read[name if comparison.of_itself else "B"] = comparison.capture
     for label, images in read.items():
         if images.notes:
             click.echo(printable(f"{label}: {'; '.join(images.notes)}"), err=True)
+    comparison = next(iter(comparisons.values()))
     if comparison.region is not None:
         left, top, right, bottom = comparison.region
         size = f"{right - left + 1} x {bottom - top + 1} at ({left}, {top})"
         click.echo(f"judged where both show something: {size} of the display window", err=True)
+
+
+def _warn(comparison: Comparison, in_time: bool, heatmap: Path | None, name: str) -> list[str]:
+    """Return what speaks against a comparison with A, after saying it on standard error, where A is called ``name``."""
     warnings = doubts(comparison, followed=in_time)
     if heatmap is not None:
         make_folder(heatmap)
@@ -143,11 +152,12 @@ def _tell(comparison: Comparison, in_time: bool, heatmap: Path | None, name: str
                 raise UsageError(what, path=heatmap, cure="name another folder")
         warnings += stale_maps(heatmap, comparison.test)
     for warning in warnings:
-        click.echo(f"cltaa: warning: {warning}", err=True)
+        click.echo(f"cltaa: warning: {'' if name == 'A' else f'{printable(name)}: '}{warning}", err=True)
     return warnings
 
 
-def _video_scores(comparison: Comparison, stops: float) -> VideoScores:
+def _check_followed(comparison: Comparison) -> None:
+    """Raise UsageError where nothing tells how A moves, or nothing of it can be followed."""
     if comparison.capture is None:
         raise UsageError("--video needs the capture", cure="give the captured sequence as B, or alone as A")
     if comparison.region is not None:
@@ -162,63 +172,36 @@ def _video_scores(comparison: Comparison, stops: float) -> VideoScores:
             "--video follows each frame to the next, but no number lies beside another", path=comparison.test.folder,
             expected="frames 1 apart", found=f"{apart} apart", cure=f"say --step {apart} if each continues the last",
         )  # fmt: skip
-    return VideoScores(1 if comparison.of_itself else 2, stops)
 
 
-def _measure_all(
-    comparison: Comparison,
-    metrics: tuple[Metric, ...],
-    stops: float,
-    heatmap: Path | None,
-    video: VideoScores | None,
-) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = []
-    capture = comparison.capture
-    part = np.s_[:, :] if capture is None else comparison.part_of(capture)
-    with read_ahead(comparison.pairs()) as pairs:
-        for number, test, reference in track(pairs, len(comparison.test), "comparing"):
-            path, truth_path = comparison.test.path(number), comparison.truth_path(number)
-            if heatmap is None:
-                values = measure(test, reference, metrics, stops, path=path, truth_path=truth_path, frame=number)
-            else:
-                values, errors = measure_map(
-                    test, reference, metrics, stops, path=path, truth_path=truth_path, frame=number
-                )
-                write_map(heatmap, path, errors)
-            rows.append({"frame": number, "metrics": values})
-            if capture is not None and (video is not None or not comparison.of_itself):
-                sample = capture.frame(number)
-                images = [test]
-                if not comparison.of_itself:
-                    images.append(sample.colour[part])
-                    rows[-1]["one_sample"] = measure(
-                        images[-1], reference, metrics, stops, path=sample.path, frame=number
-                    )
-                if video is not None:
-                    rows[-1]["video"] = video.add(sample, reference, images)[0].scores()
-    return rows
-
-
-def _summary(
-    comparison: Comparison,
-    rows: list[dict[str, Any]],
-    metrics: tuple[Metric, ...],
-    stops: float,
-    video: VideoScores | None,
-) -> dict[str, Any]:
+def _summary(comparison: Comparison, judged: Judged, found: Found, metrics: tuple[Metric, ...]) -> dict[str, Any]:
+    """What is said of one test; the single samples stand beside it unless it is they."""
+    single = None if comparison.of_itself else found.one_sample
+    rows = [
+        {"frame": number, "metrics": values}
+        for number, values in zip(comparison.test.numbers, judged.metrics, strict=True)
+    ]
     result: dict[str, Any] = {
         "definitions": {metric.name: metric.title for metric in metrics},
-        "mean": mean(row["metrics"] for row in rows),
+        "mean": mean(judged.metrics),
         "frames": rows,
     }
-    if "one_sample" in rows[0]:
-        result["mean_one_sample"] = mean(row["one_sample"] for row in rows)
-        one_sample_mse = result["mean_one_sample"]["mse"]
+    if single is not None:
+        _add(rows, "one_sample", single.metrics)
+        result["mean_one_sample"] = mean(single.metrics)
+        mse, one_sample_mse = (result[name]["mse"] for name in ("mean", "mean_one_sample"))
         if one_sample_mse > 0:  # a picture that one sample gets right has no such number
-            found = equal_quality(comparison, result["mean"]["mse"], one_sample_mse, stops)
-            result["equal_quality_samples"] = found._asdict()
-    if video is not None:
-        names = ("video", "video_one_sample")
+            equal = equal_quality(mse, one_sample_mse, found.yardsticks, truth_samples(comparison.reference))
+            result["equal_quality_samples"] = equal._asdict()
+    if judged.total is not None:
+        _add(rows, "video", judged.video)
         result["definitions"] |= {score.name: score.title for score in SCORES}
-        result |= {name: sums.scores() for name, sums in zip(names, video.totals, strict=False)}
+        result["video"] = judged.total.scores()
+        if single is not None and single.total is not None:
+            result["video_one_sample"] = single.total.scores()
     return result
+
+
+def _add(rows: list[dict[str, Any]], name: str, values: list[dict[str, float]]) -> None:
+    for row, value in zip(rows, values, strict=True):
+        row[name] = value

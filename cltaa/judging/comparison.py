@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from collections.abc import Sequence as Many
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from cltaa.errors import DataError, InputMissing, UsageError
 from cltaa.exr.layout import Part, Window
-from cltaa.frames import Image
 from cltaa.inputs.opening import is_own, open_input
 from cltaa.inputs.pictures import open_pictures, stated
-from cltaa.judging.equal_quality import equal_quality_samples, falls, samples_on_curve
-from cltaa.judging.metrics import light_mse
 from cltaa.printable import counted
 from cltaa.sequences.frame_numbers import OnBreak, ranges
 from cltaa.sequences.images import ImageSequence
@@ -52,16 +50,9 @@ class Comparison:
         """True for two single images, whose numbers need not agree."""
         return self.capture is None and len(self.test) == len(self.reference) == 1
 
-    def pairs(self) -> Iterator[tuple[int, Image, Image]]:
-        """Yield frame number, test and reference [H, W, 3], linear; raises DataError for a file that is wrong."""
-        mine, truth = self.part_of(self.test), self.part_of(self.reference)
-        for number in self.test.numbers:
-            other = self.reference.first if self._two_images else number
-            yield number, self.test.image(number)[mine], self.reference.image(other)[truth]
-
-    def truth_path(self, number: int) -> Path:
-        """The file that a frame of the test is judged against."""
-        return self.reference.path(self.reference.first if self._two_images else number)
+    def truth_number(self, number: int) -> int:
+        """The frame of the reference that a frame of the test is judged against."""
+        return self.reference.first if self._two_images else number
 
     def check(self) -> None:
         """Raise DataError for sizes that differ and InputMissing for a frame that one of the others has not."""
@@ -93,7 +84,7 @@ def check_yardsticks(wanted: NumberedFiles, found: Mapping[int, ImageSequence]) 
 
 
 def pair_up(
-    test: Path,
+    tests: Many[Path],
     reference: Path | None,
     frames: tuple[int, int] | None = None,
     *,
@@ -101,26 +92,29 @@ def pair_up(
     step: int = 1,
     verify: bool = True,
     **reading: Any,
-) -> Comparison:
-    """Open a test (folder or file) and its reference (folder or file, or a capture that holds one).
+) -> list[Comparison]:
+    """Open tests (folders or files) and their one reference (folder or file, or a capture that holds one).
 
-    Without a reference the test must be a capture, and its single samples are judged against its own truth.
+    Without a reference there is one test, a capture, and its single samples are judged against its own truth.
     ``frames`` are the first and the last frame number to take, both included; all unless given.
     ``verify`` is that of ``open_sequence``; ``reading`` are ``profile`` and ``assignments`` of ``open_input``, for what
     another tool wrote; ``side_file`` and ``step`` are those of the capture.
-    Raises UsageError, InputMissing and DataError where the two do not belong together.
+    Raises UsageError, InputMissing and DataError where they do not belong together.
     """
-    capture = _capture(test if reference is None else reference, verify, step, reading | {"side_file": side_file})
-    images = open_pictures(test, verify=verify, frames=frames, **reading)
+    against = tests[0] if reference is None else reference
+    capture = _capture(against, verify, step, reading | {"side_file": side_file})
+    images = [open_pictures(test, verify=verify, frames=frames, **reading) for test in tests]
     truth = None if capture is None else capture.known_reference()
     if truth is None:
         if reference is None:
             cure = "name the reference: cltaa compare TEST REFERENCE"
-            raise UsageError("nothing to compare with: no folder reference/ in it", path=test, cure=cure)
+            raise UsageError("nothing to compare with: no folder reference/ in it", path=against, cure=cure)
         truth = open_pictures(reference, verify=verify, gaps=OnBreak.RESET, **reading)
-    comparison = Comparison(images, truth, capture, {} if capture is None else open_yardsticks(capture))
-    comparison.check()
-    return comparison
+    yardsticks = {} if capture is None else open_yardsticks(capture)
+    comparisons = [Comparison(test, truth, capture, yardsticks) for test in images]
+    for comparison in comparisons:
+        comparison.check()
+    return comparisons
 
 
 def _capture(path: Path, verify: bool, step: int, reading: Mapping[str, Any]) -> Sequence | None:
@@ -160,45 +154,3 @@ def open_yardsticks(capture: Sequence) -> dict[int, ImageSequence]:
     named = {path.name.removeprefix("reference-"): path for path in capture.folder.glob("reference-*")}
     folders = sorted((int(name), path) for name, path in named.items() if name.isdecimal())
     return {count: capture.open_supersampled(path) for count, path in folders}
-
-
-def supersampling_curve(comparison: Comparison, one_sample_mse: float, stops: float = 0.0) -> list[tuple[int, float]]:
-    """Measured mean squared error against samples a pixel, from the folders ``reference-<n>/`` of a capture.
-
-    It begins with the single samples; without an error is what was drawn as the truth itself was, which is left out.
-    """
-    curve = [(1, one_sample_mse)]
-    for count, images in comparison.yardsticks.items():
-        numbers = comparison.test.numbers
-        part, truth = comparison.part_of(images), comparison.part_of(comparison.reference)
-        errors = [
-            light_mse(images.image(number)[part], comparison.reference.image(number)[truth], stops)
-            for number in numbers
-        ]
-        if any(errors):
-            curve.append((count, sum(errors) / len(errors)))
-    return curve
-
-
-class EqualQuality(NamedTuple):
-    """Equal-quality samples of a test, how they were found, and whether there may be more of them, or fewer."""
-
-    samples: float
-    method: str  # "measured", or "n^-1.5 law"
-    bound: str | None  # "at least" and "at most" where the curve, or the truth, ends
-
-
-def equal_quality(comparison: Comparison, test_mse: float, one_sample_mse: float, stops: float = 0.0) -> EqualQuality:
-    """Equal-quality samples of a test, read off its capture's yardsticks where their errors fall, else by the law.
-
-    The errors are means of ``light_mse`` over the frames of the test. Raises UsageError where no capture is known.
-    """
-    if comparison.capture is None:
-        raise UsageError("equal-quality samples need the capture", cure="give the captured sequence as the reference")
-    curve = supersampling_curve(comparison, one_sample_mse, stops)
-    if falls(curve):
-        bound = "at most" if test_mse > one_sample_mse else "at least" if test_mse < curve[-1][1] else None
-        return EqualQuality(samples_on_curve(test_mse, curve), "measured", bound)
-    count = truth_samples(comparison.reference)
-    samples = equal_quality_samples(test_mse, one_sample_mse, truth_samples=count)
-    return EqualQuality(samples, "n^-1.5 law", "at least" if samples == count else None)

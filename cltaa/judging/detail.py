@@ -101,9 +101,9 @@ def _unexplained(family: Array, tests: Array, judged: Mask) -> Array:
         filters = family[:, left : left + TILE][seen].reshape(-1, family.shape[-1])
         if len(filters) < LEAST_ROWS * family.shape[-1]:
             continue
-        values = tests[:, :, left : left + TILE][:, seen].reshape(len(tests), -1)
-        explained = values @ filters
         inverse = np.linalg.pinv(filters.T @ filters, rcond=RANK, hermitian=True)
-        rest = (values**2).sum(-1) - ((explained @ inverse) * explained).sum(-1)
-        result += np.stack([np.maximum(rest, 0.0), np.full(len(tests), filters.shape[0])], axis=-1)
+        for sums, test in zip(result, tests, strict=True):  # one at a time: the same to the last bit beside any others
+            values = test[:, left : left + TILE][seen].ravel()
+            explained = values @ filters
+            sums += max(float(values @ values - explained @ inverse @ explained), 0.0), len(filters)
     return result

@@ -6,8 +6,9 @@ The law and its limits are derived in ``docs/metrics.md``.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -61,3 +62,36 @@ def samples_on_curve(mse: float, curve: Sequence[tuple[int, float]]) -> float:
         return float(ordered[-1][0])
     samples = np.log([count for count, _ in ordered])
     return float(np.exp(np.interp(-math.log(mse), -np.log(errors), samples)))
+
+
+def supersampling_curve(one_sample_mse: float, yardsticks: Mapping[int, Sequence[float]]) -> list[tuple[int, float]]:
+    """Mean squared error against samples a pixel, from the errors of each frame of the yardsticks.
+
+    It begins with the single samples; without an error is what was drawn as the truth itself was, which is left out.
+    """
+    means = [(count, sum(errors) / len(errors)) for count, errors in yardsticks.items() if any(errors)]
+    return [(1, one_sample_mse), *means]
+
+
+class EqualQuality(NamedTuple):
+    """Equal-quality samples of a test, how they were found, and whether there may be more of them, or fewer."""
+
+    samples: float
+    method: str  # "measured", or "n^-1.5 law"
+    bound: str | None  # "at least" and "at most" where the curve, or the truth, ends
+
+
+def equal_quality(
+    test_mse: float, one_sample_mse: float, yardsticks: Mapping[int, Sequence[float]], count: int | None
+) -> EqualQuality:
+    """Equal-quality samples of a test, read off its capture's yardsticks where their errors fall, else by the law.
+
+    The errors are those of ``cltaa.judging.metrics.light_mse``: means over the frames of the test, and of the
+    ``yardsticks``, by samples a pixel, those of each frame. ``count`` is the samples of the truth, where known.
+    """
+    curve = supersampling_curve(one_sample_mse, yardsticks)
+    if falls(curve):
+        bound = "at most" if test_mse > one_sample_mse else "at least" if test_mse < curve[-1][1] else None
+        return EqualQuality(samples_on_curve(test_mse, curve), "measured", bound)
+    samples = equal_quality_samples(test_mse, one_sample_mse, truth_samples=count)
+    return EqualQuality(samples, "n^-1.5 law", "at least" if samples == count else None)

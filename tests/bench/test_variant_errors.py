@@ -72,7 +72,7 @@ def test_a_texel_that_a_resolve_mends_is_black_in_the_yardstick(tmp_path: Path) 
         frame = read_frame(path)
         frame.colour[5, 7] = value
         write_frame(path, frame)
-    broken, black = (list(yardstick_errors(task(folder).open(), ("mse",))) for folder in folders)
+    broken, black = (list(yardstick_errors(task(folder).open(), ("mse",)).items()) for folder in folders)
     assert broken == black
 
 
@@ -82,4 +82,4 @@ def test_a_yardstick_that_is_not_finite_is_refused_by_name(tmp_path: Path) -> No
     bad[5, 7] = np.inf
     write_images(folder / "reference-2", [bad, bad], name="synthetic")
     with pytest.raises(DataError, match=r"reference-2/synthetic\.0000\.exr frame 0: NaN or infinity in 3 values"):
-        list(yardstick_errors(task(folder).open(), ("mse",)))
+        yardstick_errors(task(folder).open(), ("mse",))

@@ -219,6 +219,8 @@ def test_what_both_show_is_judged(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert f"judged where both show something: {size} of the display window" in said.err
     assert main(["compare", str(part), str(part), "--metrics", "mse"]) == 0
     assert "judged where" not in capsys.readouterr().err
+    assert main(["compare", str(part), str(other), str(whole), "--metrics", "mse"]) == 64  # means of other pixels
+    assert f"{other}: what it shares with B is another region than what {part} does" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("inputs", [(), ("colour.channels=R G B",)])

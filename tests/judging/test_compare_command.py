@@ -111,6 +111,18 @@ def test_a_yardstick_that_measures_nothing_leaves_the_law(
     assert run_json(capsys, resolved, capture, "--metrics", "mse")["equal_quality_samples"]["method"] == "n^-1.5 law"
 
 
+def test_a_yardstick_that_is_no_light_is_named(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path
+) -> None:
+    broken = list(open_images(resolved))
+    broken[2][3, 4, 1] = np.nan
+    write_images(capture / "reference-4", broken, name="synthetic")
+    assert main(["compare", str(resolved), str(capture), "--metrics", "mse"]) == 65
+    said = capsys.readouterr().err.splitlines()[-1]
+    path = capture / "reference-4" / "synthetic.0002.exr"
+    assert f"{path} frame 2: NaN or infinity in 1 value of the image; there is no error to state" in said
+
+
 def test_yardsticks_are_told_by_their_numbers_fewest_first(capture: Path) -> None:
     for name in ("16", "2", "old", "32", "4", "64", "8"):
         shutil.copytree(capture / "reference", capture / f"reference-{name}")

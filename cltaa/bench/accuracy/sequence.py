@@ -131,7 +131,7 @@ def _yardstick(captured: Captured, metrics: tuple[str, ...], megapixels: float) 
     seconds: dict[str, float] = captured.sequence_json.get("seconds_a_frame", {})
     one = seconds.get("1")
     rows = []
-    for samples, frames in yardstick_errors(captured, metrics):
+    for samples, frames in yardstick_errors(captured, metrics).items():
         spent = seconds.get(str(samples))
         added = None if spent is None or one is None else max(spent - one, 0.0) * 1e3 / megapixels
         errors = {metric: spread(metric, values) for metric, values in frames.items()}

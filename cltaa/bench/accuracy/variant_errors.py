@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator
 from functools import cache
 from io import BytesIO
 from pathlib import Path
@@ -128,25 +127,26 @@ def run_task(task: Task) -> Errors:
     return Errors(frames=frames, rounding=_rounding(apart), pictures=pictures)
 
 
-def yardstick_errors(sequence: Sequence, metrics: tuple[str, ...]) -> Iterator[tuple[int, dict[str, list[float]]]]:
-    """Samples a pixel and errors a frame of each supersampled sequence there is; one sample is the capture itself.
+def yardstick_errors(sequence: Sequence, metrics: tuple[str, ...]) -> dict[int, dict[str, list[float]]]:
+    """Errors a frame of each supersampled sequence there is, by samples a pixel; one sample is the capture itself.
 
     What is not finite in the capture is black, as in the table of ``cltaa bench quality``: a resolve mends such texels,
     so that they may well be there. Raises DataError for NaN or infinity in a supersampled image or the truth.
     """
-    truth, chosen = truth_of(sequence), [METRICS[name] for name in metrics]
-    for samples, images in ({1: None} | open_yardsticks(sequence)).items():
-        frames: dict[str, list[float]] = {name: [] for name in metrics}
-        for number in sequence.numbers:
-            if images is None:
-                colour, path = sequence.frame(number).colour, sequence.path(number)
-                image: Image = np.where(np.isfinite(colour), colour, np.float32(0))
+    truth, chosen, yardsticks = truth_of(sequence), [METRICS[name] for name in metrics], open_yardsticks(sequence)
+    found: dict[int, dict[str, list[float]]] = {n: {name: [] for name in metrics} for n in (1, *yardsticks)}
+    for number in sequence.numbers:
+        reference, truth_path = truth.image(number), truth.path(number)
+        for samples, frames in found.items():
+            if samples in yardsticks:
+                image, path = yardsticks[samples].image(number), yardsticks[samples].path(number)
             else:
-                image, path = images.image(number), images.path(number)
-            pair, truth_path = (image, truth.image(number)), truth.path(number)
-            for name, value in measure(*pair, chosen, path=path, truth_path=truth_path, frame=number).items():
+                colour, path = sequence.frame(number).colour, sequence.path(number)
+                image = np.where(np.isfinite(colour), colour, np.float32(0))
+            values = measure(image, reference, chosen, path=path, truth_path=truth_path, frame=number)
+            for name, value in values.items():
                 frames[name].append(value)
-        yield samples, frames
+    return found
 
 
 def png(picture: Picture) -> bytes:

@@ -1,0 +1,148 @@
+"""Tests judged against their one truth in one pass over its frames: each file is decoded once, and judged once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from cltaa.exr.layout import Part
+from cltaa.frames import Frame, Image
+from cltaa.judging.comparison import Comparison
+from cltaa.judging.heat_maps import measure_map, write_map
+from cltaa.judging.metrics import METRICS, Metric, measure
+from cltaa.judging.video_scores import Sums, VideoScores
+from cltaa.progress import track
+from cltaa.sequences.images import ImageSequence
+from cltaa.sequences.sources import Sequence as Captured
+from cltaa.sequences.streams import ReadAhead, Task
+
+MSE = METRICS["mse"]  # what equal-quality samples rest on
+
+
+@dataclass(slots=True)
+class Judged:
+    """What was found of one sequence of images."""
+
+    metrics: list[dict[str, float]] = field(default_factory=list)  # of each frame, by name
+    video: list[dict[str, float]] = field(default_factory=list)  # the same as moving pictures, where asked for
+    total: Sums | None = None  # of all frames as moving pictures
+
+
+@dataclass(slots=True)
+class Found:
+    """What a pass found: of each test, of the single samples, and the errors of the yardsticks, by samples a pixel."""
+
+    tests: list[Judged]
+    one_sample: Judged | None = None  # None without a capture, and where nothing but the capture is judged
+    yardsticks: dict[int, list[float]] = field(default_factory=dict)  # MSE of each frame
+
+
+class _Picture(NamedTuple):
+    """A file that was read: what is judged of it [H, W, 3], and all of the frame where it was captured."""
+
+    image: Image
+    path: Path
+    frame: Frame | None = None
+
+
+def judge(
+    comparisons: Sequence[Comparison],
+    metrics: Sequence[Metric],
+    stops: float = 0.0,
+    *,
+    in_time: bool = False,
+    heatmap: Path | None = None,
+) -> Found:
+    """Judge the tests of ``comparisons``, which share frames, region and truth; the numbers are those of each alone.
+
+    ``in_time`` judges them as moving pictures too; ``heatmap`` is the folder of the maps of the one test there is. One
+    frame of each is in memory, and a few files ahead. Raises DataError for a file that is wrong, with its path.
+    """
+    first = comparisons[0]
+    others = [comparison for comparison in comparisons if not comparison.of_itself]
+    found = Found([Judged() for _ in comparisons])
+    if first.capture is not None and others:
+        found.one_sample = Judged()
+        found.yardsticks = {count: [] for count in first.yardsticks}
+    video = VideoScores(len(comparisons) + (found.one_sample is not None), stops) if in_time else None
+    capture = first.capture if in_time or found.one_sample is not None else None
+    with ReadAhead(_reads(comparisons, capture, [*found.yardsticks])) as pictures:
+        for number in track(first.test.numbers, len(first.test), "comparing"):
+            _judge_frame(found, number, pictures, metrics, stops, video, sampled=capture is not None, heatmap=heatmap)
+    if video is not None:
+        for judged, total in zip(_judged(found), video.totals, strict=True):
+            judged.total = total
+    return found
+
+
+def _judged(found: Found) -> list[Judged]:
+    """All that is judged as moving pictures, the single samples last."""
+    return found.tests if found.one_sample is None else [*found.tests, found.one_sample]
+
+
+def _judge_frame(
+    found: Found,
+    number: int,
+    pictures: Iterator[_Picture],
+    metrics: Sequence[Metric],
+    stops: float,
+    video: VideoScores | None,
+    *,
+    sampled: bool,
+    heatmap: Path | None,
+) -> None:
+    """Judge one frame of each; ``pictures`` come as ``_reads`` orders them."""
+    truth = next(pictures)
+    against = partial(_measure, truth, number, stops)
+    sample = next(pictures) if sampled else None
+    for errors in found.yardsticks.values():
+        errors.append(against(next(pictures), [MSE])[MSE.name])
+    images = []
+    for judged in found.tests:
+        test = next(pictures)
+        judged.metrics.append(against(test, metrics, heatmap))
+        if video is not None:  # else it is let go before the next one is looked at
+            images.append(test.image)
+    if sample is not None and found.one_sample is not None:
+        found.one_sample.metrics.append(against(sample, metrics))
+        images.append(sample.image)
+    if video is not None and sample is not None and sample.frame is not None:
+        for judged, sums in zip(_judged(found), video.add(sample.frame, truth.image, images), strict=True):
+            judged.video.append(sums.scores())
+
+
+def _measure(
+    truth: _Picture, number: int, stops: float, test: _Picture, metrics: Sequence[Metric], heatmap: Path | None = None
+) -> dict[str, float]:
+    pair = test.image, truth.image
+    if heatmap is None:
+        return measure(*pair, metrics, stops, path=test.path, truth_path=truth.path, frame=number)
+    values, errors = measure_map(*pair, metrics, stops, path=test.path, truth_path=truth.path, frame=number)
+    write_map(heatmap, test.path, errors)
+    return values
+
+
+def _reads(
+    comparisons: Sequence[Comparison], capture: Captured | None, yardsticks: Sequence[int]
+) -> Iterator[Task[_Picture]]:
+    """What reads the files: of each frame the truth, the single sample where there is a capture, yardsticks, tests."""
+    first = comparisons[0]
+    measured = [first.yardsticks[count] for count in yardsticks] + [comparison.test for comparison in comparisons]
+    for number in first.test.numbers:
+        yield partial(_read, first.reference, first.truth_number(number), first.part_of(first.reference))
+        if capture is not None:
+            yield partial(_read_sample, capture, number, first.part_of(capture))
+        for images in measured:
+            yield partial(_read, images, number, first.part_of(images))
+
+
+def _read(images: ImageSequence, number: int, part: Part) -> _Picture:
+    return _Picture(images.image(number)[part], images.path(number))
+
+
+def _read_sample(capture: Captured, number: int, part: Part) -> _Picture:
+    frame = capture.frame(number)
+    return _Picture(frame.colour[part], capture.path(number), frame)
