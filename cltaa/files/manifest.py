@@ -109,7 +109,7 @@ class Manifest:
         self.entries: dict[str, Entry] = {}
         if not self.path.exists():
             return
-        lines = read_bytes(self.path, "a manifest", LARGEST_RECORD).splitlines(keepends=True)
+        lines = read_bytes(self.path, "a manifest", LARGEST_RECORD).splitlines()
         begun = _parsed(lines[0]) if lines else None
         if begun is None or begun.get("format") != FORMAT or not isinstance(begun.get("settings"), dict):
             raise DataError("the first line is damaged", path=self.path, cure=RESTART_CURE)

@@ -7,19 +7,20 @@ import os
 import struct
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import OpenEXR
 import pytest
 
-from cltaa.errors import CltaaError, DataError, InputMissing, OutputError, StorageError
+from cltaa.errors import CltaaError, DataError, InputMissing, OutputError, ResourceError, StorageError
 from cltaa.exr.attributes import frame_attributes
 from cltaa.exr.channels import Pixels
 from cltaa.exr.header import TILED
 from cltaa.exr.read import read_colour, read_frame, read_header, read_image
 from cltaa.exr.tiles import MIP_MAP, RIP_MAP
 from cltaa.exr.write import write_frame, write_image
+from cltaa.files.content import Copy, read_all
 from tests.faults.exr_surgery import dissect
 from tests.sequence_factory import HEIGHT, WIDTH, make_frame
 
@@ -229,3 +230,37 @@ def test_full_disk(tmp_path: Path) -> None:
         write_frame(tmp_path / "a.exr", make_frame())
     assert not (tmp_path / "a.exr").exists()
     assert not link.is_symlink()
+
+
+@pytest.mark.parametrize("another", [{"R": (HEIGHT, WIDTH)}, dict.fromkeys("RGBZ", (HEIGHT, WIDTH - 1))])
+def test_a_file_that_changes_between_its_header_and_its_pixels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, another: dict[str, tuple[int, int]]
+) -> None:
+    """Other channels, and another size: OpenEXR decodes them, and they would not fit where they go."""
+    write_raw(tmp_path / "a.exr", attributes(), planes())
+    write_raw(tmp_path / "b.exr", attributes(), {name: np.ones(size, np.float32) for name, size in another.items()})
+
+    def read_other(path: Path, _: BinaryIO, sha256: str | None, __: object) -> Copy:
+        with (tmp_path / "b.exr").open("rb") as file:
+            return read_all(path, file, sha256, lambda *_: None)
+
+    monkeypatch.setattr("cltaa.exr.read.read_all", read_other)
+    for read in (read_frame, read_image, read_colour):
+        with pytest.raises(DataError, match=r"a\.exr: the file changed while it was read"):
+            read(tmp_path / "a.exr")
+
+
+@pytest.mark.parametrize("compression", ["none", "zip"])
+def test_pixels_fit_into_memory_beside_the_file_or_one_channel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
+) -> None:
+    """Whichever is larger: a packed file of one colour is the smaller one."""
+    path, pixels = tmp_path / "a.exr", 4 * HEIGHT * WIDTH
+    write_image(path, planes(), attributes(), compression=compression)
+    larger = max(path.stat().st_size, pixels)
+    assert (larger == pixels) == (compression == "zip")
+    monkeypatch.setattr("cltaa.files.content.memory_limit", lambda: 4 * pixels + larger)
+    read_image(path)
+    monkeypatch.setattr("cltaa.files.content.memory_limit", lambda: 4 * pixels + larger - 1)
+    with pytest.raises(ResourceError, match="does not fit into memory"):
+        read_image(path)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import ctypes
 import threading
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -86,13 +87,32 @@ def test_a_module_without_the_functions_packs_by_itself(monkeypatch: pytest.Monk
     assert fast_deflate() is deflate_by_module
 
 
-def test_a_library_with_another_structure_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    fields: Any = list(isal_core._Stream._fields_)
+def exchanged(fields: list[Any]) -> list[Any]:
     fields[-5], fields[-2] = fields[-2], fields[-5]
+    return fields
+
+
+def moved(fields: list[Any]) -> list[Any]:
+    return [*fields[:7], ("more", ctypes.c_uint8 * 64), *fields[7:]]
+
+
+@pytest.mark.parametrize("other", [exchanged, moved])
+def test_a_library_with_another_structure_is_not_used(
+    monkeypatch: pytest.MonkeyPatch, other: Callable[[list[Any]], list[Any]]
+) -> None:
+    """The one is told by the stream that is packed with it, the other before anything is."""
 
     class Other(ctypes.Structure):
-        _fields_ = fields
+        _fields_ = other(list(isal_core._Stream._fields_))
 
     monkeypatch.setattr(isal_core, "_Stream", Other)
     monkeypatch.setattr(isal_core, "_OF_THREAD", isal_core._OfThread())
+    called = Mock(wraps=isal_core._deflate)
+    monkeypatch.setattr(isal_core, "_deflate", called)
+    assert fast_deflate() is deflate_by_module
+    assert called.called == (other is exchanged)
+
+
+def test_a_library_whose_streams_are_torn_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(isal_core, "_deflate", lambda *_: 5)  # fewer bytes than a stream's beginning and end
     assert fast_deflate() is deflate_by_module

@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 
 from cltaa.errors import DataError
-from cltaa.exr.quiet import muted_output
+from cltaa.exr.quiet import _Complaints, muted_output
 from cltaa.exr.read import read_frame
 from cltaa.exr.write import write_frame
 from cltaa.progress import track
@@ -27,7 +27,7 @@ def test_only_this_thread_is_muted(monkeypatch: pytest.MonkeyPatch) -> None:
     stream = io.StringIO()
     monkeypatch.setattr(sys, "stdout", stream)
     with muted_output():
-        print("noise")
+        print("noise", flush=True)
         other = threading.Thread(target=print, args=("kept",))
         other.start()
         other.join()
@@ -47,6 +47,18 @@ def test_complaints_of_c_code_are_muted_and_come_back(capfd: pytest.CaptureFixtu
         other.join()
     library.perror(b"after")
     assert [line.split(":")[0] for line in capfd.readouterr().err.splitlines()] == ["before", "kept", "too", "after"]
+
+
+def test_without_a_null_device_complaints_are_heard(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """C code that complains to a stream that is none would take the process with it."""
+    monkeypatch.setattr("os.devnull", "/dev/null/none")
+    complaints = _Complaints(ctypes.CDLL(None))
+    complaints.mute(True)
+    ctypes.CDLL(None).perror(b"heard")
+    complaints.mute(False)
+    assert capfd.readouterr().err.startswith("heard")
 
 
 def test_damaged_pixels_are_one_error_and_no_noise(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -124,7 +136,7 @@ def test_progress_shows_a_name_to_the_letter(capsys: pytest.CaptureFixture[str])
 
 PRINTING = """
 import sys, threading, time
-from cltaa.exr.quiet import muted_output
+from cltaa.exr.quiet import _Complaints, muted_output
 
 class Slow:  # as a pipe whose reader is busy: other threads run while it takes the text
     def write(self, text):

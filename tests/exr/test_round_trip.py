@@ -112,11 +112,11 @@ def test_standard_matrices_say_what_their_definition_says(tmp_path: Path) -> Non
     # 2 right of, 1 above and 4 in front of a camera that looks along -z.
     point = np.array([1.0 + 2, 2.0 + 1, 5.0 - 4, 1.0])
     np.testing.assert_array_equal(point @ header["worldToCamera"], [2, 1, 4, 1])
-    x, y, _, w = point @ header["worldToNDC"]
+    x, y, z, w = point @ header["worldToNDC"]
     clip = frame.camera.view_to_clip @ [2, 1, -4, 1]
-    expected = (0.5 + clip[0] / clip[3] / 2, 0.5 - clip[1] / clip[3] / 2)
+    expected = (0.5 + clip[0] / clip[3] / 2, 0.5 - clip[1] / clip[3] / 2, 0.5 + clip[2] / clip[3] / 2)
     # Six float32 products and sums of magnitude below 10: 6 * 10 * 2^-24.
-    np.testing.assert_allclose((x / w, y / w), expected, rtol=0, atol=6 * 10 * 2.0**-24)
+    np.testing.assert_allclose((x / w, y / w, z / w), expected, rtol=0, atol=6 * 10 * 2.0**-24)
     # Own matrices lie in the file as the standard ones do, in double precision.
     np.testing.assert_array_equal(header["cltaa:worldToView"], frame.camera.world_to_view.T)
     np.testing.assert_array_equal(header["cltaa:viewToClip"], frame.camera.view_to_clip.T)

@@ -92,3 +92,18 @@ def test_killed_writer_leaves_no_torn_file_and_its_rest_is_removed(tmp_path: Pat
         assert time.monotonic() < deadline
         time.sleep(0.001)
     assert sorted(entry.name for entry in tmp_path.iterdir()) == [f".b.txt.tmp.{os.getpid()}", ".hidden"]
+
+
+@pytest.mark.parametrize(("answer", "stale"), [(ProcessLookupError, 1), (PermissionError, 0)])
+def test_a_running_process_of_somebody_else_keeps_its_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answer: type[OSError], stale: int
+) -> None:
+    def kill(process: int, number: int) -> None:
+        assert (process, number) == (7, 0)  # 0 asks, and ends nothing
+        raise answer
+
+    monkeypatch.setattr(os, "kill", kill)
+    (tmp_path / ".a.txt.tmp.7").touch()
+    assert remove_stale_temporaries(tmp_path) == stale
+    assert remove_stale_temporaries(tmp_path, owned=True) == 1 - stale
+    assert list(tmp_path.iterdir()) == []

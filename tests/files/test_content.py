@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 from pathlib import Path
@@ -9,9 +10,9 @@ from typing import BinaryIO
 
 import pytest
 
-from cltaa.errors import DataError
+from cltaa.errors import DataError, StorageError
 from cltaa.files import content as file_content
-from cltaa.files.content import Copy, Look, memory_limit, open_regular, read_all
+from cltaa.files.content import Copy, Look, memory_limit, open_regular, read_all, read_bytes
 from cltaa.memory.allocator import kept_memory
 
 
@@ -102,3 +103,29 @@ def test_a_file_takes_few_calls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(os, "preadv", counted)
     copied(path)
     assert len(calls) == 1
+
+
+def test_a_file_may_have_as_many_bytes_as_are_allowed(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(b"12345")
+    assert read_bytes(path, "a text", 5) == b"12345"
+    with pytest.raises(DataError, match=r"too large for a text \(expected at most 4 bytes"):
+        read_bytes(path, "a text", 4)
+
+
+@pytest.mark.parametrize(("number", "room"), [(errno.ENOSPC, True), (errno.EFBIG, True), (errno.EIO, False)])
+def test_room_is_the_cure_where_room_is_short(tmp_path: Path, number: int, room: bool) -> None:
+    """For the copy in memory: a disk that fails to read has room enough."""
+    path = tmp_path / "a"
+    path.touch()
+    with pytest.raises(StorageError, match="reading failed") as raised, open_regular(path):
+        raise OSError(number, os.strerror(number))
+    assert (";" in str(raised.value)) == room
+
+
+@pytest.mark.parametrize(("kind", "words"), [("folder", "a folder"), ("pipe", "a pipe or a device")])
+def test_what_is_no_file_is_named(tmp_path: Path, kind: str, words: str) -> None:
+    path = tmp_path / "a"
+    path.mkdir() if kind == "folder" else os.mkfifo(path)
+    with pytest.raises(DataError, match=rf"a: this is {words} \(expected a text"):
+        read_bytes(path, "a text", 5)

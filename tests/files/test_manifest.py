@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -41,8 +42,33 @@ def test_lines_of_before_that_know_of_one_file_alone_are_read(tmp_path: Path) ->
     assert Manifest(tmp_path).entries == {"a.0001.exr": Entry("0", "1", None)}
 
 
-def test_every_cut_of_the_file_leaves_whole_lines_only(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "changes", [{"file": ""}, {"file": "../a.exr"}, {"file": "/a.exr"}, {"sha256": None}, {"colour": "red"}]
+)
+def test_lines_that_lead_out_of_the_folder_or_are_of_another_program_are_none(
+    tmp_path: Path, changes: dict[str, str | None]
+) -> None:
+    record = {"file": "a.exr", **Entry("0", "1", None)._asdict()} | changes
+    line = _line({name: value for name, value in record.items() if value or name in ("file", "after")})
+    (tmp_path / NAME).write_bytes(_line({"format": 1, "settings": {}}) + line)
+    assert Manifest(tmp_path).entries == {}
+
+
+def test_a_line_is_flushed_before_the_file_is_vouched_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    manifest, flushed = begun(tmp_path, 1), list[bytes]()
+
+    def fsync(descriptor: int) -> None:
+        assert list(manifest.entries) == ["a.0000.exr"]
+        flushed.append(Path(f"/proc/self/fd/{descriptor}").read_bytes())
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    manifest.append("next", Entry("1" * 64, "2" * 64, None))
+    assert flushed == [(tmp_path / NAME).read_bytes()]
+
+
+def test_every_cut_of_the_file_leaves_whole_lines_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Cut after any byte: the lines before the cut count, the torn one does not, and the next one is not swallowed."""
+    monkeypatch.setattr(os, "fsync", lambda _: None)  # hundreds of times, for what no machine stops in between
     begun(tmp_path, 2)
     whole = (tmp_path / NAME).read_bytes()
     ends = [position for position, byte in enumerate(whole, start=1) if byte == ord("\n")]
@@ -94,3 +120,5 @@ def test_folder_that_went_away(tmp_path: Path) -> None:
     folder.rmdir()
     with pytest.raises(StorageError, match="No such file"):
         manifest.append("x", Entry("", "", None))
+    with pytest.raises(StorageError, match=r"a\.0000\.exr: cannot be read: No such file"):
+        file_sha256(folder / "a.0000.exr")
