@@ -19,6 +19,7 @@ import msgspec
 from cltaa.devices import kernel_cache
 from cltaa.devices.unknown_cpu import cpu_facts, cpu_flags, cpu_name, level_of
 from cltaa.errors import UsageError
+from cltaa.printable import counted
 
 # A cold build of every kernel takes about 10 s on one core, 60 s on one that ten others want too; far beyond that a
 # probe hangs.
@@ -147,7 +148,7 @@ def look_at_processor() -> Finding:
     told, words = cpu_facts(), [cpu_name()]
     words += [f"{key.removeprefix('cpu ')} {told[key]}" for key in ("cpu family", "model") if key in told]
     words += [level_of(cpu_flags()).name.decode()] * (platform.machine() == "x86_64")
-    return Finding("processor", "both", ok=True, found=", ".join([*words, f"{os.cpu_count()} cores"]))
+    return Finding("processor", "both", ok=True, found=", ".join([*words, counted(os.cpu_count() or 1, "core")]))
 
 
 def look_at_linker() -> Finding:

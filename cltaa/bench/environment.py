@@ -16,6 +16,7 @@ from cltaa.cores import CORES
 from cltaa.devices.kernel_files import kernel_folder
 from cltaa.devices.unknown_cpu import cpu_flags, cpu_name
 from cltaa.parameters.build import Build
+from cltaa.printable import counted
 
 # What of the CPU decides the speed of vector code, among its hundred flags.
 TELLING_FLAGS = ("sse4_2", "avx", "avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512_fp16", "asimd", "sve")
@@ -41,14 +42,14 @@ class Environment(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def hardware(self) -> str:
         """The device, and how many units of it worked, where that is known."""
-        return f"{self.device}, {self.units} compute units" if self.units else self.device
+        return f"{self.device}, {counted(self.units, 'compute unit')}" if self.units else self.device
 
     @property
     def line(self) -> str:
         """All that decides how far the numbers may be compared, in a line."""
         return (
-            f"{self.hardware}; {self.cpu}, {self.cores} cores, {' '.join(self.cpu_flags)}; load {self.load_before} to "
-            f"{self.load_after}; {self.date} UTC; kernels {self.kernels_sha256[:12]}"
+            f"{self.hardware}; {self.cpu}, {counted(self.cores, 'core')}, {' '.join(self.cpu_flags)}; "
+            f"load {self.load_before} to {self.load_after}; {self.date} UTC; kernels {self.kernels_sha256[:12]}"
         )
 
 

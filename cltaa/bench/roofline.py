@@ -15,6 +15,7 @@ from cltaa.bench.kernels import COPY, KernelBench
 from cltaa.bench.operations import operations
 from cltaa.files.atomic import atomic_path
 from cltaa.parameters.presets import load_preset, preset_names
+from cltaa.printable import counted
 
 
 def draw(bench: KernelBench, path: Path) -> None:
@@ -36,7 +37,9 @@ def draw(bench: KernelBench, path: Path) -> None:
             axes.plot(count / (row.gigabytes_a_second * nanoseconds), speed, "o", label=f"{row.name}: {speed:.3g}")
     axes.set(xlabel="operations a byte that must move", ylabel="operations a nanosecond")
     told = f"{bench.width} x {bench.height}, {bench.storage} history, {timing.motion} motion"
-    axes.set_title(f"{where.device}\n{where.cpu}, {where.cores} cores, {where.date[:10]}\n{told}", fontsize=9)
+    axes.set_title(
+        f"{where.device}\n{where.cpu}, {counted(where.cores, 'core')}, {where.date[:10]}\n{told}", fontsize=9
+    )
     axes.legend(fontsize=8)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, format=path.suffix[1:], bbox_inches="tight")

@@ -11,6 +11,7 @@ from cltaa.checking.finding import Finding
 from cltaa.checking.signal import Vector
 from cltaa.frames import Frame
 from cltaa.pictures.srgb import encoded
+from cltaa.printable import counted
 
 # In linear light a scene that is lit from outside reaches down to its dark paints in shade, some hundredths of its
 # white; the sRGB curve lifts these above a tenth (0.01 to 0.1, 0.05 to 0.25), and squeezes everything below 1.
@@ -70,7 +71,7 @@ def _channels(frames: Sequence[Frame], has_camera: bool, has_depth: bool) -> Ite
     if vectors:
         given = np.concatenate([v[np.isfinite(v).all(-1)] for v in vectors])
         if len(given) and not np.ptp(given, axis=0).any():
-            text = f"every vector of {len(vectors)} frames is ({given[0, 0]:g}, {given[0, 1]:g})"
+            text = f"every vector of {counted(len(vectors), 'frame')} is ({given[0, 0]:g}, {given[0, 1]:g})"
             rests = has_camera and all(is_still(f.camera, frames[0].camera) for f in frames)
             if rests and (given[0] == HALF).all():
                 yield Finding(

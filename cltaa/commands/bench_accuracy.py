@@ -210,7 +210,7 @@ def _table(result: Accuracy, measured: MeasuredSequence) -> Table:
             "noisy" if measured.noisy else f"{cell.ratio.median:.3f}",
             f"{cell.ratio.low:.2f}–{cell.ratio.high:.2f}",
             *(f"{cell.errors[name].mean:.4g}" for name in result.metrics),
-            "–" if cell.rounding is None else f"{cell.rounding.bits:.1f}",
+            "–" if cell.rounding is None else "all" if cell.rounding.rms == 0 else f"{cell.rounding.bits:.1f}",
             cell.dominated_by.get(metric, ""),
         )
     for row in measured.yardstick:

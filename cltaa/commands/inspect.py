@@ -180,7 +180,9 @@ def _reference(found: Inspection) -> str:
     if found.reference is None:
         return "none"
     samples = found.reference.samples
-    return f"{counted(found.reference.frames, 'frame')}" + ("" if samples is None else f" of {samples} samples a pixel")
+    return f"{counted(found.reference.frames, 'frame')}" + (
+        "" if samples is None else f" of {counted(samples, 'sample')} a pixel"
+    )
 
 
 def _statistics(statistics: dict[str, ChannelStatistics]) -> Table:

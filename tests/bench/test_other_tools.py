@@ -74,6 +74,7 @@ def test_quality_is_that_of_the_same_frames(
     assert f"{shot}: profile blender: header attribute Software is Blender 5.0.1; channels: " in said
     assert "read by profile blender" in found["about"]
     assert "profile" not in expected["about"]
+    assert expected["about"].startswith("1 given sequence, ")
     assert (tmp_path / "pictures" / "t2.png").is_file()
 
 
@@ -250,6 +251,8 @@ def test_accuracy_in_words_and_pictures(shot: Path, tmp_path: Path, capsys: pyte
         "3",
     ]
     arguments += ["--patience", "0", "--pixels", "1", "--rounding-frames", "1", "--camera", str(shot / "camera.txt")]
+    assert main(arguments) == 0
+    assert "        all │" in capsys.readouterr().out  # bits right: a first frame is not rounded
     assert main([*arguments, "--json"]) == 0
     said = capsys.readouterr()
     (measured,) = json.loads(said.out)["sequences"]

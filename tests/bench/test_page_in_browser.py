@@ -167,6 +167,15 @@ def test_rounding_is_an_axis_of_its_own(window: Browser) -> None:
     choose(window, "metric", "mse")
 
 
+def test_bits_are_those_of_the_terminal(window: Browser) -> None:
+    column = "drawNumbers(); return document.querySelector('#numbers tbody tr').cells[6].textContent"
+    rounding = "current().cells[0].rounding"
+    window.run(f"window.kept = {rounding}")
+    seen = [window.run(f"{rounding} = {each}; {column}") for each in ("null", "{rms: 0}", "{rms: 2 ** -24.5}")]
+    assert seen == ["–", "all", "24.5"]
+    window.run(f"{rounding} = window.kept; drawNumbers()")
+
+
 def test_without_supersampling_the_points_spread_out(window: Browser) -> None:
     marks = "return document.querySelectorAll('#front .sample').length"
     # Made-up frames have no times; give the yardstick one, as a capture does.

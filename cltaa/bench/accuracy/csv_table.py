@@ -6,6 +6,7 @@ import csv
 import io
 
 from cltaa.bench.accuracy.results import Accuracy
+from cltaa.printable import counted
 
 FIXED = (
     "sequence", "variant", "group", "ms_per_megapixel", "low", "high", "ratio", "ratio_low", "ratio_high", "noisy",
@@ -34,7 +35,7 @@ def csv_text(result: Accuracy) -> str:
                 row |= {f"{metric}{end}": getattr(cell.errors[metric], name) for end, name in suffixes.items()}
             writer.writerow(row)
         for yard in measured.yardstick:
-            row = {"sequence": measured.name, "variant": f"{yard.samples} samples", "group": "supersampling"}
+            row = {"sequence": measured.name, "variant": counted(yard.samples, "sample"), "group": "supersampling"}
             row |= {} if yard.added is None else {"ms_per_megapixel": yard.added}
             for metric in result.metrics:
                 row |= {f"{metric}{end}": getattr(yard.errors[metric], name) for end, name in suffixes.items()}

@@ -8,6 +8,7 @@ from statistics import geometric_mean
 from typing import Any, NamedTuple
 
 from cltaa.bench.accuracy.results import Accuracy, Cell, MeasuredSequence
+from cltaa.printable import counted
 from cltaa.timing import Interval
 
 MOST = 2.0  # times the default's error at which the colours end, both ways
@@ -73,9 +74,10 @@ def _about(result: Accuracy) -> str:
     noisy = [measured.name for measured in result.sequences if measured.noisy]
     without = f" Times without those that were too noisy to rank: {', '.join(noisy)}." if noisy else ""
     where, base = result.environment, result.variants[0].name
+    over = counted(len(result.sequences), "sequence")
     return (
         f"{where.hardware}; {where.cpu}; {where.date} UTC. Multiples of those of {base}, geometric means"
-        f" over {len(result.sequences)} sequences; rounding is the relative rms distance from float64.{without}"
+        f" over {over}; rounding is the relative rms distance from float64.{without}"
     )
 
 

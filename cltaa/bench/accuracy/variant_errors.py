@@ -72,8 +72,8 @@ class Rounding(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def bits(self) -> float:
-        """Bits that are right: -log2 of the relative rms error; 53 where there is none."""
-        return float(-np.log2(self.rms)) if self.rms > 0 else 53.0
+        """Bits that are right: -log2 of the relative rms error; infinite where there is none, as in a first frame."""
+        return float(-np.log2(self.rms)) if self.rms > 0 else float("inf")
 
 
 class Errors(msgspec.Struct, frozen=True, kw_only=True):

@@ -166,17 +166,23 @@ def about_of(table: Table, sequences: Collection[Captured], settled: int, preset
     splits = Counter(row.split for row in table.rows)
     counts = " and ".join(f"{count} {split}" for split, count in splits.items())
     sizes = _either(f"{sequence.width} × {sequence.height}" for sequence in sequences)
-    frames = _either(len(sequence) for sequence in sequences)
+    frames = _either_of((len(sequence) for sequence in sequences), "frame")
     jitters = _either(sequence.sequence_json.get("settings", {}).get("jitter") for sequence in sequences)
-    truths = _either(truth_samples(truth_of(sequence)) for sequence in sequences)
+    truths = _either_of((truth_samples(truth_of(sequence)) for sequence in sequences), "sample")
     profiles = list(dict.fromkeys(each.reading["profile"]["name"] for each in sequences if "profile" in each.reading))
     read = f", read by profile {' or '.join(profiles)}" if profiles else ""
     files = [preset.description for preset in presets if preset.name not in preset_names()]
     return (
-        f"{counts} sequences, {sizes}, {frames} frames{read}, jitter {jitters}, judged from frame {settled} on, "
-        f"truth of {truths} samples a pixel; {time.strftime('%Y-%m-%d', time.gmtime())}, "
+        f"{counts} sequence{'s' * (len(table.rows) != 1)}, {sizes}, {frames}{read}, "
+        f"jitter {jitters}, judged from frame {settled} on, "
+        f"truth of {truths} a pixel; {time.strftime('%Y-%m-%d', time.gmtime())}, "
         f"{'; '.join([*devices, *files])}."
     )
+
+
+def _either_of(numbers: Iterable[int | None], thing: str) -> str:
+    found = _either(numbers)
+    return f"{found} {thing}{'s' * (found != '1')}"
 
 
 def _either(values: Iterable[object]) -> str:

@@ -15,6 +15,7 @@ const baseName = report.variants[0].name; // of what all else is compared with
 const groups = Object.fromEntries(report.variants.map((v) => [v.name, v.group]));
 const current = () => report.sequences[state.sequence];
 // Three digits, as plain decimals where those of one table can be compared at a glance.
+const counted = (n, thing) => `${n} ${thing}${n === 1 ? "" : "s"}`;
 const number = (v) => (v === 0 ? "0" : v === Infinity ? "∞" : Math.abs(v) >= 1e6 || Math.abs(v) < 1e-5 ? v.toExponential(2).replace("+", "") : Math.abs(v) >= 100 ? String(Math.round(v)) : Number.isInteger(v) ? String(v) : v.toPrecision(3));
 const tick = (v) => (v >= 1e6 || (v < 1e-4 && v > 0) ? v.toExponential(0).replace("+", "") : String(Number(v.toPrecision(3))));
 const timeOf = (cell) => cell[current().clock] || cell.device || cell.wall;
@@ -143,7 +144,7 @@ function drawFront() {
   const points = [...cells].sort((p, q) => Boolean(beaten(q)) - Boolean(beaten(p)))
     .map((cell) => pointOf(cell, x, y, box, beaten(cell), named, logarithmic));
   for (const s of yards) {
-    const px = x(s.added), py = y(s.errors[state.metric].mean), text = `${s.samples} sample${s.samples === 1 ? "" : "s"} a pixel: ${number(s.added)} ms/Mpx of drawing, ${state.metric} ${number(s.errors[state.metric].mean)}`;
+    const px = x(s.added), py = y(s.errors[state.metric].mean), text = `${counted(s.samples, "sample")} a pixel: ${number(s.added)} ms/Mpx of drawing, ${state.metric} ${number(s.errors[state.metric].mean)}`;
     const mark = element("g", { class: "point sample", tabindex: 0, role: "img", "aria-label": text, "data-x": px }, element("path", { d: `M${px} ${py - 6}l6 6l-6 6l-6-6z` }), element("title", {}, text));
     mark.append(...named(px, py, `${s.samples}×`));
     mark.addEventListener("focus", () => { $("point").textContent = text; });
@@ -313,8 +314,8 @@ function drawDebug() {
 function drawNumbers() {
   const measured = current(), head = ["variant", "ms/Mpx", "95 %", `× ${baseName}`, ...report.metrics, "bits right", "beaten by"];
   const rows = measured.cells.map((c) => [c.variant, number(timeOf(c).median), `${number(timeOf(c).low)} – ${number(timeOf(c).high)}`,
-    measured.noisy ? "noisy" : c.ratio.median.toFixed(3), ...report.metrics.map((m) => number(c.errors[m].mean)), c.rounding && c.rounding.rms > 0 ? (-Math.log2(c.rounding.rms)).toFixed(1) : "–", c.dominated_by[state.metric] || ""]);
-  for (const s of measured.yardstick) rows.push([`${s.samples} sample${s.samples === 1 ? "" : "s"} a pixel`, s.added === null ? "–" : number(s.added), "", "", ...report.metrics.map((m) => number(s.errors[m].mean)), "", ""]);
+    measured.noisy ? "noisy" : c.ratio.median.toFixed(3), ...report.metrics.map((m) => number(c.errors[m].mean)), !c.rounding ? "–" : c.rounding.rms === 0 ? "all" : (-Math.log2(c.rounding.rms)).toFixed(1), c.dominated_by[state.metric] || ""]);
+  for (const s of measured.yardstick) rows.push([`${counted(s.samples, "sample")} a pixel`, s.added === null ? "–" : number(s.added), "", "", ...report.metrics.map((m) => number(s.errors[m].mean)), "", ""]);
   $("numbers").replaceChildren(element("thead", {}, element("tr", {}, ...head.map((h) => element("th", {}, h)))), element("tbody", {}, ...rows.map((r) => element("tr", {}, ...r.map((v) => element("td", {}, v))))));
 }
 
@@ -340,8 +341,8 @@ function drawOverview() {
 
 function drawAll() {
   const measured = current(), where = report.environment;
-  $("where").textContent = `${measured.name}: ${measured.frames.length} frames, ${measured.width} × ${measured.height}, ${measured.effects.replaceAll(",", ", ") || "no effects declared"}${measured.profile ? `, read by profile ${measured.profile}` : ""}. ` +
-    `${where.device}${where.units ? `, ${where.units} compute units` : ""}; ${where.cpu}, ${where.cores} core${where.cores === 1 ? "" : "s"}, load ${where.load_before} to ${where.load_after}; ${where.date} UTC; kernels ${where.kernels_sha256.slice(0, 12)}.` +
+  $("where").textContent = `${measured.name}: ${counted(measured.frames.length, "frame")}, ${measured.width} × ${measured.height}, ${measured.effects.replaceAll(",", ", ") || "no effects declared"}${measured.profile ? `, read by profile ${measured.profile}` : ""}. ` +
+    `${where.device}${where.units ? `, ${counted(where.units, "compute unit")}` : ""}; ${where.cpu}, ${counted(where.cores, "core")}, load ${where.load_before} to ${where.load_after}; ${where.date} UTC; kernels ${where.kernels_sha256.slice(0, 12)}.` +
     (report.missing.length ? ` Not finished in time, and left out: ${report.missing.join(", ")}.` : "");
   $("noise").hidden = !measured.noisy && measured.clock !== "processor";
   $("noise").textContent = !measured.noisy ? "Ranked by the processor time of all threads that run kernels together: what they wait for a processor is not in it." : `Too noisy to rank by time: ${baseName} against its own copy took ${number(measured.control.median)} times as long [${number(measured.control.low)}, ${number(measured.control.high)}]. Errors are exact.`;
