@@ -63,7 +63,7 @@ def inspect_folder(
         describe_headers(result, headers)
     describe_reference(result, folder, paths)
     result.problems += pixel_problems(result.statistics) + needless_channels(result.statistics)
-    if pixels and headers:
+    if pixels and headers and not result.resolved_by:
         declared = next(iter(headers.values())).effects
         result.problems += witness.broken(declared)
         result.idle = witness.idle(declared)

@@ -226,6 +226,11 @@ def measure(
     return {metric.name: metric.function(test, reference, stops) for metric in metrics}
 
 
+def finite(image: Image) -> Image:
+    """Single samples [H, W, 3] with black for what is not finite: a resolve mends such texels, so they may be there."""
+    return np.where(np.isfinite(image), image, np.float32(0))
+
+
 def mean(frames: Iterable[Mapping[str, float]]) -> dict[str, float]:
     """Mean of each metric over frames; that of a PSNR is the PSNR of the mean squared error, and so stays finite."""
     rows = list(frames)

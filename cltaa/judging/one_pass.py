@@ -12,7 +12,7 @@ from cltaa.exr.layout import Part
 from cltaa.frames import Frame, Image
 from cltaa.judging.comparison import Comparison
 from cltaa.judging.heat_maps import measure_map, write_map
-from cltaa.judging.metrics import METRICS, Metric, measure
+from cltaa.judging.metrics import METRICS, Metric, finite, measure
 from cltaa.judging.video_scores import Sums, VideoScores
 from cltaa.progress import track
 from cltaa.sequences.images import ImageSequence
@@ -145,4 +145,4 @@ def _read(images: ImageSequence, number: int, part: Part) -> _Picture:
 
 def _read_sample(capture: Captured, number: int, part: Part) -> _Picture:
     frame = capture.frame(number)
-    return _Picture(frame.colour[part], capture.path(number), frame)
+    return _Picture(finite(frame.colour[part]), capture.path(number), frame)

@@ -151,13 +151,14 @@ def test_the_same_in_many_frames_is_one_problem(capsys: pytest.CaptureFixture[st
 
 
 def test_what_a_resolve_wrote_lacks_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    write(tmp_path / "in", [sound(i) for i in range(4)])
+    effects = frozenset({Effect.CAMERA, Effect.MOTION, Effect.HDR})
+    write(tmp_path / "in", [sound(i, effects=effects, motion=True) for i in range(4)])
     command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", "--preset", "t1"]
     assert main(command) == 0
     capsys.readouterr()
     for more in ([], ["--pixels"]):
         found = findings(capsys, tmp_path / "out", *more, code=0)
-        assert (found["resolved_by"], found["problems"]) == ("t1", [])
+        assert (found["resolved_by"], found["problems"], found["idle"]) == ("t1", [], [])
     for command in (
         ["check", str(tmp_path / "out")],
         ["resolve", str(tmp_path / "out"), "-o", str(tmp_path / "twice")],

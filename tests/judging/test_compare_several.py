@@ -11,7 +11,8 @@ import pytest
 from PIL import Image as Pillow
 
 from cltaa.cli import main
-from cltaa.exr.write import write_image
+from cltaa.exr.read import read_frame
+from cltaa.exr.write import write_frame, write_image
 from cltaa.sequences import images, sources
 from cltaa.sequences.sources import open_images
 from tests.judging.test_compare_command import refusal, run_json
@@ -36,6 +37,26 @@ def test_each_is_judged_as_it_is_alone(capsys: pytest.CaptureFixture[str], captu
     assert rows[str(truth)][1] == "identical"
     assert rows["one sample"][0] == f"{alone[0]['mean_one_sample']['mse']:.4g}"
     assert len(rows[str(resolved)]) == 2 + 4 + 1
+
+
+def test_a_broken_single_sample_does_not_keep_its_resolve_from_being_judged(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, tmp_path: Path
+) -> None:
+    """What is not finite in the capture is black, as for the benches: a resolve mends it."""
+    found = {}
+    for value in (0.0, np.nan, np.inf):
+        folder = write_sequence(tmp_path / str(value), 4)
+        (folder / "reference").symlink_to(capture / "reference")
+        path = folder / "synthetic.0002.exr"
+        frame = read_frame(path)
+        frame.colour[3, 4] = value
+        write_frame(path, frame)
+        found[value] = run_json(capsys, resolved, folder, "--metrics", "mse", "--video")
+        assert main(["compare", str(folder), "--metrics", "mse"]) == (0 if value == 0 else 65)
+        capsys.readouterr()
+        found[value].pop("reference")
+    first, *others = found.values()
+    assert others == [first, first]
 
 
 def test_single_samples_are_one_of_several(capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path) -> None:

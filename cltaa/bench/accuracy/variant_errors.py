@@ -25,7 +25,7 @@ from cltaa.devices.numpy_launcher import NumpyLauncher
 from cltaa.frames import Frame, Image
 from cltaa.inputs.opening import AS_EVER, Reading
 from cltaa.judging.comparison import open_yardsticks, truth_of
-from cltaa.judging.metrics import METRICS, flip_map, measure
+from cltaa.judging.metrics import METRICS, finite, flip_map, measure
 from cltaa.memory.layout import Layout
 from cltaa.parameters.build import Build, Real, Storage
 from cltaa.pictures.display import Picture, to_picture
@@ -130,8 +130,8 @@ def run_task(task: Task) -> Errors:
 def yardstick_errors(sequence: Sequence, metrics: tuple[str, ...]) -> dict[int, dict[str, list[float]]]:
     """Errors a frame of each supersampled sequence there is, by samples a pixel; one sample is the capture itself.
 
-    What is not finite in the capture is black, as in the table of ``cltaa bench quality``: a resolve mends such texels,
-    so that they may well be there. Raises DataError for NaN or infinity in a supersampled image or the truth.
+    What is not finite in the capture is black, as in the table of ``cltaa bench quality``. Raises DataError for NaN or
+    infinity in a supersampled image or the truth.
     """
     truth, chosen, yardsticks = truth_of(sequence), [METRICS[name] for name in metrics], open_yardsticks(sequence)
     found: dict[int, dict[str, list[float]]] = {n: {name: [] for name in metrics} for n in (1, *yardsticks)}
@@ -141,8 +141,7 @@ def yardstick_errors(sequence: Sequence, metrics: tuple[str, ...]) -> dict[int, 
             if samples in yardsticks:
                 image, path = yardsticks[samples].image(number), yardsticks[samples].path(number)
             else:
-                colour, path = sequence.frame(number).colour, sequence.path(number)
-                image = np.where(np.isfinite(colour), colour, np.float32(0))
+                image, path = finite(sequence.frame(number).colour), sequence.path(number)
             values = measure(image, reference, chosen, path=path, truth_path=truth_path, frame=number)
             for name, value in values.items():
                 frames[name].append(value)
