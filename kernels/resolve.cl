@@ -73,10 +73,6 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
                 output, output_count, x, y, frame, settings, &kept[i], &under_way);
         }
     }
-    if (TWO_UNDER_WAY) {
-        weigh_segment(&under_way, settings);
-        finish_segment(under_way, output, output_count, frame, settings);
-    }
 #else
     const int x = (int)get_global_id(0) * LANES;
     if (x >= frame.width || first >= end)
@@ -90,7 +86,7 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
         centre = read_next_row(above, current, closeness, motion, x, y, frame);
     }
     kept_rows kept = nothing_kept();
-    segment_t under_way;
+    segment_t under_way = { .x = x, .y = first }; // nothing yet
     for (int y = first; y < last; ++y) {
         fetch_frame(current, closeness, motion, x, y, frame);
         const row_t below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
@@ -100,4 +96,8 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
         centre = below;
     }
 #endif
+    if (TWO_UNDER_WAY) {
+        weigh_segment(&under_way, settings);
+        finish_segment(under_way, output, output_count, frame, settings);
+    }
 }

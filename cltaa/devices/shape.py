@@ -73,10 +73,10 @@ def shared_out(segments: int, columns: int, steps: int, units: int) -> int:
     return min(max(-(-segments // columns), wanted), segments)
 
 
-CPU_8 = Shape(lanes=8, rows=32, group=(1, 1), columns_ahead=3, own_place=True)
-CPU_4 = CPU_8._replace(lanes=4)  # without AVX, where LLVM gives up over eight (docs/decisions/0008)
-CPU_16 = Shape(lanes=16, rows=64, group=(1, 1), columns_ahead=3, far_first=True)
 # 45 rows share the usual heights (720, 1080, 1440, 2160) out evenly, and leave many cores work-items enough.
+CPU_8 = Shape(lanes=8, rows=45, group=(1, 1), columns_ahead=3, own_place=True)
+CPU_4 = CPU_8._replace(lanes=4, rows=32)  # without AVX, where LLVM gives up over eight (docs/decisions/0008)
+CPU_16 = Shape(lanes=16, rows=64, group=(1, 1), columns_ahead=3, far_first=True)
 INTEL_16 = CPU_16._replace(rows=45, columns=16, far_first=False, own_place=True)
 GPU = Shape(lanes=1, rows=8, group=(64, 2))
 NVIDIA = Shape(
