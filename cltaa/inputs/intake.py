@@ -20,8 +20,9 @@ from cltaa.inputs.notes import notes_of
 from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.profile import Profile, load_profile
 from cltaa.inputs.profile_text import override
-from cltaa.inputs.roles import KEYS, Place, Roles, assign, describe, file_sets, shown_name
+from cltaa.inputs.roles import KEYS, Place, Roles, describe, file_sets, shown_name
 from cltaa.inputs.side_file import Side, read_side_file
+from cltaa.inputs.views import assign_view, views_of
 from cltaa.sequences.frame_numbers import (
     FrameRange,
     OnBreak,
@@ -104,7 +105,7 @@ def open_intake(
         attributes = header.attributes | attributes
     chosen, reason = (load_profile(profile), "as asked") if profile != "auto" else guessed_profile(attributes, channels)
     chosen = override(chosen, assignments)
-    roles = _assigned(folder, chosen, assignments, channels)
+    roles = _assigned(folder, chosen, assignments, channels, views_of(attributes, channels))
     main = sets[roles["colour"][0].files]
     read = [sets[label] for label in {place.files for all_of in roles.values() for place in all_of}]
     there = sorted(number for number in main if all(number in files for files in read))
@@ -149,16 +150,16 @@ def open_with_gaps(folder: Path, **reading: Any) -> Intake:
 
 
 def _assigned(
-    folder: Path, profile: Profile, assignments: Many[str], channels: Mapping[str, Many[str]]
-) -> dict[str, tuple[Place, ...]]:
+    folder: Path, profile: Profile, assignments: Many[str], channels: Mapping[str, Many[str]], views: Many[str]
+) -> Roles:
     """The channels of each role.
 
     Raises DataError where there is no colour, and UsageError where channels that were asked for by name are not there,
     other than ``none``, which leaves them out.
     """
-    roles = assign(profile, channels)
+    roles = assign_view(profile, channels, views)
     if "colour" not in roles:
-        raise no_colour(folder, profile, channels)
+        raise no_colour(folder, profile, channels, views)
     asked = dict(assignment.split("=", 1) for assignment in assignments)
     for role, key in KEYS.items():
         names = asked.get(key, "none").strip("[]' ")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cltaa.inputs.roles import unnumbered
+from cltaa.inputs.views import view_of, views_of, without_view
 
 if TYPE_CHECKING:
     from cltaa.inputs.intake import Intake
@@ -42,7 +43,14 @@ def notes_of(intake: Intake, folder: Path) -> list[str]:
         )
     if not intake.has_jitter:
         notes.append("no jitter: taken as none; if the pixels are jittered, cltaa check shows by how much")
-    if others := _like_the_colour(intake):
+    views = _views(intake)
+    if views:
+        taken = view_of((place.channel for place in intake.roles["colour"]), views)
+        other = next(view for view in views if view != taken)
+        notes.append(
+            f"several views: {taken} of {', '.join(views)} is taken; to take {other}: --input colour.view={other}"
+        )
+    if others := _like_the_colour(intake, views):
         taken = shlex.quote(" ".join(f"{others[0]}.{name.channel.split('.')[-1]}" for name in intake.roles["colour"]))
         notes.append(
             f"another layer: {', '.join(others)} not resolved; to take {others[0]}: --input colour.channels={taken}"
@@ -52,10 +60,24 @@ def notes_of(intake: Intake, folder: Path) -> list[str]:
     return notes
 
 
-def _like_the_colour(intake: Intake) -> list[str]:
-    """Other layers that are called as that of the colour is, such as the beauty of another view layer."""
-    tail = intake.roles["colour"][0].channel.split(".")[-2:]
-    return [name.rpartition(".")[0] for name in intake.unused if len(tail) > 1 and name.split(".")[-2:] == tail]
+def _views(intake: Intake) -> list[str]:
+    """The views of the picture, if there are several."""
+    channels = {label: [*layout.channels] for label, layout in intake.first.items()}
+    return views_of(intake.attributes[min(intake.attributes)], channels)
+
+
+def _like_the_colour(intake: Intake, views: Sequence[str]) -> list[str]:
+    """Other layers that are called as that of the colour is, such as the beauty of another view layer.
+
+    Those of the colour's view, if there are ``views``.
+    """
+    colour = intake.roles["colour"][0].channel
+    tail, view = without_view(colour, views).split(".")[-2:], view_of([colour], views)
+    return [
+        name.rpartition(".")[0]
+        for name in intake.unused
+        if len(tail) > 1 and without_view(name, views).split(".")[-2:] == tail and view_of([name], views) == view
+    ]
 
 
 def _may_be(role: str, pattern: re.Pattern[str], names: Sequence[str]) -> str:

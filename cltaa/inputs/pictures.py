@@ -66,10 +66,10 @@ def open_pictures(
     """
     if is_png(path):
         return open_png(path, gaps=gaps, frames=frames)
-    if not _of_another(path):
-        asked = Profile() if profile == "auto" else load_profile(profile)
+    asked = override(Profile() if profile == "auto" else load_profile(profile), assignments)
+    if not _of_another(path) and not asked.colour.view:
         images = open_images(path, verify=verify, gaps=gaps, frames=frames)
-        encoded = override(asked, assignments).colour.encoding is Encoding.SRGB
+        encoded = asked.colour.encoding is Encoding.SRGB
         if not encoded or _own(images):
             return images
         return ChangedImages(images, partial(linear_colour, encoding=Encoding.SRGB), ["colour.encoding srgb, as asked"])

@@ -62,12 +62,16 @@ class Encoding(StrEnum):
 
 
 class Colour(msgspec.Struct, frozen=True, kw_only=True):
-    """Colour and what lies beside it; each entry of ``channels`` is three names separated by spaces, tried in order."""
+    """Colour and what lies beside it; each entry of ``channels`` is three names separated by spaces, tried in order.
+
+    ``view`` is that of a picture of several, such as left and right, and of depth and vectors too.
+    """
 
     channels: tuple[str, ...] = ("R G B",)
     alpha: tuple[str, ...] = ("A", "a", "alpha")
     reactive: tuple[str, ...] = ("reactive",)
     encoding: Encoding = Encoding.LINEAR
+    view: str = ""
 
 
 class Depth(msgspec.Struct, frozen=True, kw_only=True):

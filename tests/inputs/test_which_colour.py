@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from cltaa.errors import DataError
-from cltaa.exr.channels import Pixels
 from cltaa.exr.write import write_image
 from cltaa.inputs.intake import intake_lines, open_intake
 from cltaa.inputs.roles import Place, equal_matches
@@ -45,17 +44,6 @@ def test_no_colour_asks_for_names_that_are_there(tmp_path: Path, there: list[str
     write_image(tmp_path / "a.0001.exr", {name: np.ones((4, 4), np.float32) for name in there})
     with pytest.raises(DataError, match=f"no colour channels.*name them: --input colour.channels='{cure}'"):
         open_intake(tmp_path)
-
-
-def test_no_colour_of_a_stereo_picture_is_told_with_its_own_names(tmp_path: Path) -> None:
-    planes: dict[str, Pixels] = {
-        f"ViewLayer.Combined.{eye}.{c}": np.ones((2, 3), np.float32) for eye in ("left", "right") for c in "RGB"
-    }
-    write_image(tmp_path / "shot.0001.exr", planes, {"Software": "Blender 4.2"})
-    names = "ViewLayer.Combined.left.R ViewLayer.Combined.left.G ViewLayer.Combined.left.B"
-    with pytest.raises(DataError, match=rf"--input colour.channels='{names}'"):
-        read(tmp_path)
-    assert len(read(tmp_path, f"colour.channels={names}")) == 1
 
 
 def test_whole_numbers_are_no_light(tmp_path: Path) -> None:

@@ -1,0 +1,121 @@
+"""Pictures of several views: the one that is chosen once is that of colour, alpha, depth and vectors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cltaa.cli import main
+from cltaa.errors import DataError, UsageError
+from cltaa.exr.channels import Pixels
+from cltaa.exr.read import read_image
+from cltaa.exr.write import write_image
+from cltaa.inputs.intake import intake_lines, open_intake
+from cltaa.inputs.pictures import open_pictures
+from tests.inputs.foreign import write_parts
+
+BLENDER = {"Software": "Blender 5.0.1"}
+PASSES = (
+    "Combined.{}.R",
+    "Combined.{}.G",
+    "Combined.{}.B",
+    "Combined.{}.A",
+    "Depth.{}.Z",
+    "Vector.{}.X",
+    "Vector.{}.Y",
+)
+EYES = ("left", "right")
+
+
+def flat(value: float) -> Pixels:
+    return np.full((4, 5), value, np.float32)
+
+
+def blender(folder: Path, *, parts: bool = False) -> Path:
+    """One file of both eyes; a part for each pass and eye, as Blender 5 writes them, or one for all."""
+    folder.mkdir()
+    names = {f"ViewLayer.{name.format(eye)}": flat(EYES.index(eye)) for eye in EYES for name in PASSES}
+    if not parts:
+        write_image(folder / "a.0001.exr", names, BLENDER)
+        return folder
+    of_part: dict[str, dict[str, Pixels]] = {}
+    for name, plane in names.items():
+        of_part.setdefault(name.rpartition(".")[0], {})[name] = plane
+    write_parts(folder / "a.0001.exr", of_part, BLENDER)
+    return folder
+
+
+def standard(folder: Path, *, without: str = "") -> Path:
+    """A file as OpenEXR's multi-view standard has it: the names of the first view's channels go without it."""
+    folder.mkdir()
+    left = {name: flat(0.0) for name in ("R", "G", "B", "Z", "backward.u", "backward.v", "glow.left.R")}
+    right = {f"right.{name}": flat(1.0) for name in ("R", "G", "B", "Z")}
+    vectors = {f"backward.right.{name}": flat(1.0) for name in "uv"}
+    names = {name: plane for name, plane in (left | right | vectors).items() if name != without}
+    write_image(folder / "a.0001.exr", names, {"multiView": list(EYES)})
+    return folder
+
+
+def taken(folder: Path, *asked: str) -> dict[str, str]:
+    roles = open_intake(folder, assignments=asked).roles
+    return {role: " ".join(place.channel for place in places) for role, places in roles.items()}
+
+
+def of_blender(eye: str) -> dict[str, str]:
+    r, g, b, a, z, x, y = (f"ViewLayer.{name.format(eye)}" for name in PASSES)
+    return {"colour": f"{r} {g} {b}", "alpha": a, "depth": z, "motion": f"{x} {y}"}
+
+
+@pytest.mark.parametrize("parts", [False, True])
+@pytest.mark.parametrize("eye", EYES)
+def test_all_is_of_the_view_that_is_chosen(eye: str, parts: bool, tmp_path: Path) -> None:
+    folder = blender(tmp_path / "in", parts=parts)
+    assert taken(folder, f"colour.view={eye}") == of_blender(eye)
+    assert taken(folder, f"colour.channels={of_blender(eye)['colour']}") == of_blender(eye)
+    with pytest.raises(DataError, match=r"several views \(found left, right\); choose one: --input colour\.view=left"):
+        open_intake(folder)
+
+
+def test_a_view_that_is_not_there_is_told_with_those_that_are(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"colour\.view=middle: no such view \(expected left, right\)"):
+        open_intake(blender(tmp_path / "two"), assignments=["colour.view=middle"])
+    (tmp_path / "one").mkdir()
+    write_image(tmp_path / "one" / "a.0001.exr", dict.fromkeys("RGB", flat(0.5)))
+    with pytest.raises(UsageError, match=r"no such view \(expected none: the picture has one view"):
+        open_intake(tmp_path / "one", assignments=["colour.view=left"])
+
+
+def test_the_first_view_may_go_without_its_name(tmp_path: Path) -> None:
+    folder = standard(tmp_path / "in")
+    left = {"colour": "R G B", "depth": "Z", "motion": "backward.u backward.v"}
+    assert taken(folder) == taken(folder, "colour.view=left") == left
+    right = {"colour": "right.R right.G right.B", "depth": "right.Z", "motion": "backward.right.u backward.right.v"}
+    assert taken(folder, "colour.view=right") == right
+    assert open_pictures(folder, assignments=["colour.view=right"]).image(1)[0, 0, 0] == 1.0
+
+
+@pytest.mark.parametrize(("eye", "lost"), [("left", "Z"), ("right", "right.Z")])
+def test_depth_of_another_view_is_none_of_this_one(eye: str, lost: str, tmp_path: Path) -> None:
+    folder = standard(tmp_path / "in", without=lost)
+    assert "depth" not in taken(folder, f"colour.view={eye}")
+    other = "Z" if eye == "right" else "right.Z"
+    if eye == "left":  # but whoever asks for it by its name gets it
+        assert taken(folder, f"colour.view={eye}", f"depth.channels={other}")["depth"] == other
+
+
+def test_the_view_is_told_and_how_to_take_another(tmp_path: Path) -> None:
+    lines = list(intake_lines(open_intake(blender(tmp_path / "in"), assignments=["colour.view=right"])))
+    assert "several views: right of left, right is taken; to take left: --input colour.view=left" in lines
+    assert not any("another layer" in line for line in lines)
+
+
+def test_a_result_keeps_the_other_view_as_a_layer(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    asked = ["--input", "colour.view=right", "--device", "numpy"]
+    assert main(["resolve", str(blender(tmp_path / "in")), "-o", str(out), *asked]) == 0
+    planes, _ = read_image(out / "a.0001.exr")
+    assert planes["R"][0, 0] == 1.0
+    assert "ViewLayer.Combined.left.R" in planes
+    assert "ViewLayer.Combined.right.R" not in planes
