@@ -23,7 +23,7 @@ from cltaa.frames import Camera, Effect, Frame, Image, format_effects
 from cltaa.inputs.convert import check_depth, linear_colour, motion_px, planar_depth, still_camera
 from cltaa.inputs.intake import Intake, intake_lines
 from cltaa.inputs.parts import read_any_header, read_planes
-from cltaa.inputs.roles import channel_missing
+from cltaa.inputs.roles import channel_missing, whole_numbers
 from cltaa.memory.haloed import haloed
 from cltaa.sequences.frame_numbers import OnBreak
 from cltaa.sequences.images import ImageSequence
@@ -218,8 +218,10 @@ class ForeignSequence(Sequence):
         stacked: dict[str, Image] = {}
         for role, its in places.items():
             for place in its:
-                if place.channel not in files[place.files]:
-                    path = self.intake.sets[place.files][number]
+                path, plane = self.intake.sets[place.files][number], files[place.files].get(place.channel)
+                if plane is not None and plane.dtype == np.uint32:
+                    raise whole_numbers(place, path)
+                if plane is None:
                     raise channel_missing(place, role, len(its), path, read_any_header(path).layout.channels)
             stacked[role] = np.moveaxis(haloed([files[place.files][place.channel] for place in its]), 0, -1)
         return stacked, files[main]

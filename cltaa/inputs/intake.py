@@ -20,7 +20,7 @@ from cltaa.inputs.notes import notes_of
 from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.profile import Profile, load_profile
 from cltaa.inputs.profile_text import override
-from cltaa.inputs.roles import KEYS, Place, Roles, describe, file_sets, shown_name
+from cltaa.inputs.roles import KEYS, Place, Roles, describe, file_sets, shown_name, whole_numbers
 from cltaa.inputs.side_file import Side, read_side_file
 from cltaa.inputs.views import assign_view, views_of
 from cltaa.sequences.frame_numbers import (
@@ -179,10 +179,7 @@ def _refuse_whole_numbers(headers: Mapping[str, ImageHeader], roles: Roles) -> N
     for place in (place for places in roles.values() for place in places):
         layout = headers[place.files].layout
         if layout.channels[place.channel] == "uint":
-            raise DataError(
-                "wrong channel type", path=layout.path, channel=place.channel, expected="half or float", found="uint",
-                cure="write it as 32-bit float",
-            )  # fmt: skip
+            raise whole_numbers(place, layout.path)
 
 
 def _side_of(path: Path, numbers: Many[int]) -> dict[int, Side]:

@@ -114,6 +114,14 @@ def channel_missing(place: Place, role: str, count: int, path: Path, there: Iter
     return DataError("channel is missing", path=path, channel=place.channel, found=found, cure=cure)
 
 
+def whole_numbers(place: Place, path: Path) -> DataError:
+    """The error where what is to be read as light, depth or motion holds whole numbers."""
+    return DataError(
+        "wrong channel type", path=path, channel=place.channel, expected="half or float", found="uint",
+        cure="write it as 32-bit float",
+    )  # fmt: skip
+
+
 def describe(roles: Roles, several: bool = False) -> str:
     """One line: every role and its channels, with the names of their files where there are ``several`` sets."""
     return "; ".join(

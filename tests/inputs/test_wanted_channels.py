@@ -150,3 +150,13 @@ def test_a_channel_that_a_frame_lacks_is_told_with_all_that_it_has(tmp_path: Pat
     )
     with pytest.raises(DataError, match=said):
         read(tmp_path)
+
+
+def test_whole_numbers_in_a_later_frame_are_no_depth(tmp_path: Path) -> None:
+    lines(tmp_path / "a.0001.exr")
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, planes() | {"Z": planes()["id"]}).write(str(tmp_path / "a.0002.exr"))
+    with pytest.raises(
+        DataError, match=r"a\.0002\.exr channel Z: wrong channel type \(expected half or float, found uint"
+    ):
+        read(tmp_path)
