@@ -17,10 +17,13 @@ from cltaa.checking.untold import untold
 from cltaa.inputs.correction import correct
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import Intake, intake_lines, open_with_gaps
+from cltaa.inputs.notes import OPAQUE
 from cltaa.inputs.profile import Profile, load_profile
 from cltaa.inputs.profile_text import assignments_of, differences, option_text
+from cltaa.printable import counted
 from cltaa.progress import track
 from cltaa.sequences.frame_numbers import FrameRange
+from cltaa.sequences.pixel_statistics import is_opaque
 
 FRAMES = 12  # looked at unless asked otherwise: 11 pairs tell a gain of jitter to a few hundredths
 ROUNDS = 6  # of looking and reading again: matrices, depth, its unit, vectors and jitter, then nothing
@@ -110,6 +113,9 @@ def _look(intake: Intake, folder: Path, count: int | None) -> tuple[list[Finding
     found = check_frames(
         read, known.window, has_depth=known.has_depth, has_camera=known.has_camera, has_jitter=known.has_jitter
     )
+    if all(is_opaque(frame.alpha) for frame in read):
+        evidence = f"{counted(len(read), 'frame')}"
+        found.append(Finding(name="alpha-opaque", mistake=False, confidence=0.99, what=OPAQUE, evidence=evidence))
     return check_files(intake) + found, known
 
 

@@ -146,7 +146,7 @@ def resolve(
     if as_json:
         click.echo(json_of(outcome))
     else:
-        _print_outcome(outcome, preview, views)
+        _print_outcome(outcome, preview, views, foreign=bool(source.notes))
 
 
 def _refuse_more(ctx: click.Context) -> None:
@@ -191,10 +191,11 @@ def _chosen_layers(names: tuple[str, ...] | None, source: Sequence) -> tuple[str
     return () if names == ("none",) else ALL if names == ("all",) else names
 
 
-def _print_outcome(outcome: Outcome, preview: Path | None, views: str) -> None:
+def _print_outcome(outcome: Outcome, preview: Path | None, views: str, *, foreign: bool) -> None:
     from rich.table import Table  # here and below: when the frames are written, and not before the first is read
 
     from cltaa.commands.printing import print_line, print_table
+    from cltaa.inputs.notes import OPAQUE
 
     what = f"{counted(outcome.frames, 'frame')}, {outcome.width} x {outcome.height}, preset {shown(outcome.preset)}"
     print_line(what)
@@ -211,6 +212,8 @@ def _print_outcome(outcome: Outcome, preview: Path | None, views: str) -> None:
         print_line(f"{counted(outcome.repaired, 'pixel')} without a usable number repaired")
     if outcome.saturated:
         print_line(f"{counted(outcome.saturated, 'pixel')} saturated at 65504, the largest half")
+    if foreign and outcome.opaque == outcome.resolved > 0:
+        print_line(OPAQUE)
     print_line(f"on {shown(outcome.device)}")
     print_line(f"written to {shown(outcome.output)}")
     if views:

@@ -11,6 +11,7 @@ from cltaa.errors import CltaaError
 from cltaa.exr.channels import frame_planes
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import Intake, open_with_gaps
+from cltaa.inputs.notes import OPAQUE
 from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.roles import file_sets, shown_name
 from cltaa.sequences.frame_numbers import OnBreak, ranges
@@ -81,6 +82,9 @@ def describe_input(
     _check_sizes(intake, wrong)
     if pixels:
         _look(found, ForeignSequence(folder, intake, sorted(intake.declared)), wrong, advance)
+        alpha = found.statistics.get("A", ChannelStatistics())
+        if alpha.lowest == alpha.highest == 1.0 and not alpha.nan + alpha.infinite:
+            found.notes = [*found.notes, OPAQUE]
     missing = [f"frames missing: {ranges(intake.missing)}"] if intake.missing else []
     found.problems = [*missing, *wrong.lines, *pixel_problems(found.statistics)]
     return found

@@ -27,14 +27,16 @@ class StageTimes(msgspec.Struct, kw_only=True):
 class Outcome(msgspec.Struct, kw_only=True):
     """What a run of ``resolve_sequence`` did: of ``frames``, ``resolved`` were written now, the others before.
 
-    ``repaired`` counts the pixels of those whose colour was no usable number (NaN, infinite, beyond 2^50),
-    ``saturated`` those as bright as the largest half, where halves are written or kept as history.
+    ``repaired`` counts the pixels of those whose colour was no usable number (NaN, infinite, beyond 2^50), ``opaque``
+    the frames whose alpha is 1 everywhere, ``saturated`` the pixels as bright as the largest half, where halves are
+    written or kept as history.
     """
 
     output: str
     frames: int
     resolved: int
     repaired: int
+    opaque: int
     saturated: int
     width: int
     height: int

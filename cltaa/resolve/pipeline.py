@@ -183,6 +183,7 @@ class _Run:
             frames=len(self._sequence),
             resolved=self._files.count,
             repaired=self._files.repaired,
+            opaque=self._files.opaque,
             saturated=self._files.saturated,
             width=self._sequence.width,
             height=self._sequence.height,

@@ -10,16 +10,17 @@ from cltaa.files.manifest import file_sha256
 from cltaa.frames import Frame
 from cltaa.resolve.carried_over import CarriedOver, carried_over, kept_channels
 from cltaa.resolve.output import Source
-from cltaa.sequences.pixel_statistics import unusable_pixels
+from cltaa.sequences.pixel_statistics import is_opaque, unusable_pixels
 from cltaa.sequences.sources import Sequence
 
 
 class Read(NamedTuple):
-    """A frame, what vouches for its input, its unusable pixels, and what its output carries over."""
+    """A frame, what vouches for its input, its unusable pixels, whether its alpha is all 1, what its output carries."""
 
     frame: Frame
     source: Source
     unusable: int
+    opaque: bool
     carried: CarriedOver
 
 
@@ -39,5 +40,6 @@ def _read(sequence: Sequence, number: int, before: int | None, layers: tuple[str
         frame,
         Source(digest, before, sequence.beside_sha256(number)),
         unusable_pixels(frame.colour),
+        is_opaque(frame.alpha),
         carried_over(path, kept, file),
     )

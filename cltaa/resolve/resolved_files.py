@@ -36,6 +36,7 @@ class ResolvedFiles:
         self.sizes: list[int] = []  # bytes of each file that is finished
         self._saturated: list[int] = []  # of each frame, from the threads that write
         self.repaired = 0  # pixels of the frames that were written whose colour was no usable number
+        self.opaque = 0  # frames of those whose alpha is 1 everywhere
 
     @property
     def count(self) -> int:
@@ -61,6 +62,7 @@ class ResolvedFiles:
         writer.write(path, lambda: {**kept, **self._channels(image), **views}, attributes, then=finish, windows=windows)
         self._numbers.add(read.frame.index)
         self.repaired += read.unusable
+        self.opaque += read.opaque
 
     def _finish(self, path: Path, source: Source) -> None:
         self.folder.finish(path, source)

@@ -42,6 +42,11 @@ def unusable_pixels(colour: Image) -> int:
     return int((~(np.abs(colour) <= limit)).any(axis=-1).sum())
 
 
+def is_opaque(alpha: Image | None) -> bool:
+    """True for alpha [H, W] that is 1 in every pixel."""
+    return alpha is not None and bool((alpha == 1.0).all())
+
+
 def pixel_problems(statistics: dict[str, ChannelStatistics]) -> list[str]:
     """Sentences about values that a resolve has to repair or cannot use."""
     problems = []
