@@ -26,6 +26,8 @@ from cltaa.parameters.presets import load_preset
 from cltaa.printable import counted, json_of, shown
 from cltaa.timing import Interval
 
+MOST_THREADS = 1024  # beyond what machines have; where the system gives none, OpenEXR ends the process
+
 
 @click.command("files")
 @click.argument("sequence", type=FILE_PATH)
@@ -50,6 +52,10 @@ def files(
     the "processor" time of all of them together.
     """
     runs = [_command(text) for text in commands]
+    if not compressions and not runs:
+        raise UsageError("nothing to time", cure="name something in --compressions or --commands")
+    if max(threads, default=1) > MOST_THREADS:
+        raise UsageError("--threads: too many", expected=f"at most {MOST_THREADS}", found=max(threads))
     for name in (*compressions, *(name for name, _ in runs)):
         check_lossless(name)
     found = bench_files(
@@ -78,7 +84,8 @@ def _print(found: FilesBench) -> None:
             row.codec, "half" if row.half else "float", str(row.threads), f"{row.write.median:.0f}",
             _range(row.write), f"{row.read.median:.0f}", _range(row.read), f"{row.megabytes:.1f}",
         )  # fmt: skip
-    print_table(table)
+    if found.packings:
+        print_table(table)
     table = Table(title=f"cltaa resolve, {counted(found.frames, 'frame')}, milliseconds a frame")
     alone = ("read alone", "resolve alone", "write alone")
     for heading in ("compression", *alone, "whole", "processor", "over slowest", "95 %", "at best"):
@@ -90,7 +97,8 @@ def _print(found: FilesBench) -> None:
             stage.codec + (", half" if stage.half else ""), *(f"{value.median * 1e3:.0f}" for value in seconds),
             f"{ratio.median:.2f}", _range(ratio, ".2f"), f"{best.median:.2f}",
         )  # fmt: skip
-    print_table(table)
+    if found.stages:
+        print_table(table)
     print_line(shown(found.environment.line))
 
 

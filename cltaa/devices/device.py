@@ -81,6 +81,8 @@ def choose_device(wish: str | None = None) -> cl.Device:
     ]
     if not matching:
         listed = "; ".join(f"{index}: {describe(device)}" for index, device in enumerate(found))
+        if wish == "numpy":  # asked of what runs on a device alone
+            raise UsageError("this needs an OpenCL device, and numpy is none", found=listed, cure="name one of them")
         raise UsageError(f"no OpenCL device matches {wish}", found=listed, cure="name one of them, or numpy")
     return matching[0]
 

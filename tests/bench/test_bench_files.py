@@ -40,10 +40,19 @@ def test_nothing_is_deleted_within_a_time(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize(
-    ("option", "value", "code"), [("--compressions", "b44", 64), ("--threads", "x", 2), ("--commands", "zip:full", 64)]
+    ("option", "value", "code"),
+    [("--compressions", "b44", 64), ("--threads", "x", 2), ("--threads", "1025", 64), ("--commands", "zip:full", 64)],
 )
 def test_nonsense(tmp_path: Path, option: str, value: str, code: int) -> None:
     assert main(["bench", "files", str(write_sequence(tmp_path, 1)), option, value]) == code
+
+
+def test_what_is_not_timed_has_no_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["bench", "files", str(write_sequence(tmp_path, 1)), "--compressions", "", "--commands"]
+    assert main([*arguments, ""]) == 64
+    assert "nothing to time" in capsys.readouterr().err
+    assert main([*arguments, "none", "--rounds", "3"]) == 0
+    assert "a resolved frame" not in capsys.readouterr().out
 
 
 def test_files_of_other_tools(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -216,3 +216,11 @@ def peak_of(command: list[str]) -> int:
 
 def is_memory(file: Path) -> bool:
     return str(file.readlink()).startswith("/memfd:")
+
+
+def test_numpy_is_no_device(capsys: pytest.CaptureFixture[str]) -> None:
+    """And nobody who named it is told to name it."""
+    assert main(["bench", "growth", "--device", "numpy", "--sizes", "64"]) == 64
+    said = capsys.readouterr().err
+    assert "this needs an OpenCL device, and numpy is none" in said
+    assert "or numpy" not in said

@@ -65,7 +65,7 @@ def table(result: Accuracy, metrics: Sequence[str]) -> str:
             texts += [f"{own.error:.3f}", "{:.3f} to {:.3f}".format(*own.error_range), str(own.best_of)]
         low, high = min((t.low for t in row.times), default=0.0), max((t.high for t in row.times), default=0.0)
         texts += ["too noisy to rank", "–"] if row.time is None else [f"{row.time:.3f}", f"{low:.3f} to {high:.3f}"]
-        texts.append("–" if row.rounding is None else f"{row.rounding:.1e}")
+        texts.append("–" if row.rounding is None else f"{row.rounding:.1e}" if row.rounding else "0")
         lines.append(f"| {' | '.join(texts)} |")
     return "\n".join(lines) + "\n"
 
