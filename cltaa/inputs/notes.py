@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cltaa.inputs.roles import unnumbered
+from cltaa.inputs.roles import assign, unnumbered
 from cltaa.inputs.views import view_of, views_of, without_view
 
 if TYPE_CHECKING:
@@ -45,7 +45,12 @@ def notes_of(intake: Intake, folder: Path) -> list[str]:
         )
     if not intake.has_jitter:
         notes.append("no jitter: taken as none; if the pixels are jittered, cltaa check shows by how much")
-    views = _views(intake)
+    return notes + _left_out(intake, folder)
+
+
+def _left_out(intake: Intake, folder: Path) -> list[str]:
+    """One line for each thing that is there and is not read."""
+    views, notes = _views(intake), list[str]()
     if views:
         taken = view_of((place.channel for place in intake.roles["colour"]), views)
         other = next(view for view in views if view != taken)
@@ -57,9 +62,22 @@ def notes_of(intake: Intake, folder: Path) -> list[str]:
         notes.append(
             f"another layer: {', '.join(others)} not resolved; to take {others[0]}: --input colour.channels={taken}"
         )
+    if late := _late(intake):
+        notes.append(
+            f"not in the first frame: {', '.join(late)}; left out of all, for a channel is read of every frame"
+        )
     if left := unnumbered(folder):
         notes.append(f"no number: {', '.join(left)}; left out, for the name of a frame ends with its number")
     return notes
+
+
+def _late(intake: Intake) -> list[str]:
+    """Channels that could play a role that nothing plays, and that only later frames have, in the colour's files."""
+    files = intake.roles["colour"][0].files
+    every = {name for layout in intake.layouts.values() for name in layout.channels}
+    could = assign(intake.profile, {files: sorted(every)})
+    places = [place for role, its in could.items() if role not in intake.roles for place in its]
+    return [place.channel for place in places if place.channel not in intake.first[files].channels]
 
 
 def _views(intake: Intake) -> list[str]:

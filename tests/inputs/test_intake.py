@@ -154,3 +154,12 @@ def test_a_channel_that_sounds_like_depth_is_pointed_out(name: str, tmp_path: Pa
     told = f"--input depth.channels={name}"
     assert line.endswith(f"{told}, which cltaa check judges")
     assert read(tmp_path, told.split()[1])[0].depth[0, 0] == 3.0
+
+
+@pytest.mark.parametrize("first", ["RGB", "RGBZ"])
+def test_a_channel_that_only_later_frames_have_is_told(first: str, tmp_path: Path) -> None:
+    for number, names in enumerate((first, "RGBZ", "RGBZ")):
+        write_image(tmp_path / f"a.{number:04d}.exr", {name: np.ones((4, 4), np.float32) for name in names})
+    told = "not in the first frame: Z; left out of all, for a channel is read of every frame"
+    assert (told in intake_lines(open_intake(tmp_path))) == ("Z" not in first)
+    assert np.isinf(read(tmp_path)[2].depth).all() == ("Z" not in first)
