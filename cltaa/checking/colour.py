@@ -37,7 +37,8 @@ def check_colour(frames: Sequence[Frame]) -> list[Finding]:
     if _share_on_levels(lit) > ON_LEVELS:
         what = "colour consists of 8-bit steps, so it is encoded for a display"
         return [_encoded(what, f"{_share_on_levels(lit):.0%} of all values are k/{LEVELS}; {numbers}", 0.95)]
-    if _share_on_levels(encoded(np.clip(lit, 0.0, 1.0))) > ON_LEVELS:
+    darker = np.maximum(light[light < 1.0], 0.0)  # white lies on a step, whatever it was made of
+    if bright <= 1.0 and _share_on_levels(encoded(darker)) > ON_LEVELS:
         what = "colour was made linear from 8 bits: its dark steps are coarse and nothing is brighter than white"
         return [Finding(name="colour-8-bit", mistake=False, confidence=0.95, what=what, evidence=numbers)]
     if bright <= 1.0 and dark > DARKEST_ENCODED and middle > MIDDLE_ENCODED:

@@ -57,6 +57,16 @@ def test_sound_channels_pass() -> None:
     assert check_channels(sound, has_camera=False, has_depth=True) == []
 
 
+@pytest.mark.parametrize(("brightest", "white"), [(9.0, 0.0), (1.0, 0.99)])
+def test_white_and_what_is_brighter_lie_on_no_step(brightest: float, white: float) -> None:
+    """A picture that is brighter than white all over, and one that is white but for a hundredth."""
+    random = np.random.default_rng(0)
+    light = random.uniform(brightest / 6, brightest, make_frame().colour.shape)
+    light[random.random(light.shape) < white] = brightest
+    found = check_colour([replace(make_frame(), colour=light.astype(np.float32))])
+    assert "colour-8-bit" not in names(found, mistakes=False)
+
+
 def test_eight_bits_are_told_from_light_made_of_them() -> None:
     steps = np.random.default_rng(0).integers(0, 256, (40, 40, 3)).astype(np.float64) / 255
     linear = np.where(steps <= 0.04045, steps / 12.92, ((steps + 0.055) / 1.055) ** 2.4)
