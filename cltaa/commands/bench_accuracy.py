@@ -31,7 +31,7 @@ from cltaa.commands.options import (
     measured_options,
     open_each,
 )
-from cltaa.commands.printing import print_line, print_table
+from cltaa.commands.printing import print_line, print_table, three_digits
 from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.errors import UsageError, known
 from cltaa.files.atomic import make_folder
@@ -206,7 +206,7 @@ def _table(result: Accuracy, measured: MeasuredSequence) -> Table:
         time = cell.time(measured.clock)
         table.add_row(
             cell.variant,
-            f"{time.median:.3g}",
+            three_digits(time.median),
             "noisy" if measured.noisy else f"{cell.ratio.median:.3f}",
             f"{cell.ratio.low:.2f}–{cell.ratio.high:.2f}",
             *(f"{cell.errors[name].mean:.4g}" for name in result.metrics),
@@ -214,7 +214,7 @@ def _table(result: Accuracy, measured: MeasuredSequence) -> Table:
             cell.dominated_by.get(metric, ""),
         )
     for row in measured.yardstick:
-        added = "–" if row.added is None else f"{row.added:.3g}"
+        added = "–" if row.added is None else three_digits(row.added)
         errors = (f"{row.errors[name].mean:.4g}" for name in result.metrics)
         table.add_row(f"{counted(row.samples, 'sample')} a pixel", added, "", "", *errors, "", "", style="dim")
     return table

@@ -9,7 +9,7 @@ from cltaa.bench.frames import Motion
 from cltaa.bench.kernels import KernelBench, Row, Timing, bench_kernels
 from cltaa.commands.names import PRESET
 from cltaa.commands.options import SIZE, device_option, json_option
-from cltaa.commands.printing import print_line, print_table
+from cltaa.commands.printing import print_line, print_table, three_digits
 from cltaa.parameters.build import STORAGES, Storage
 from cltaa.parameters.presets import load_preset
 from cltaa.printable import json_of, shown
@@ -94,9 +94,9 @@ def _table(bench: KernelBench, timing: Timing) -> Table:
         ratio = _fairest(row)
         table.add_row(
             row.name,
-            f"{row.wall_ns.median:.3g}",
-            f"{row.least_wall_ns:.3g}",
-            "–" if row.device_ns is None else f"{row.device_ns.median:.3g}",
+            three_digits(row.wall_ns.median),
+            three_digits(row.least_wall_ns),
+            "–" if row.device_ns is None else three_digits(row.device_ns.median),
             f"{row.gigabytes_a_second:.3g}",
             f"{row.of_floor:.1%}",
             "noisy" if _is_noisy(timing, row) else f"{ratio.median:.3g}",

@@ -20,6 +20,11 @@ def print_line(text: str, style: str | None = None) -> None:
     Console().print(text, style=style, soft_wrap=True)
 
 
+def three_digits(value: float) -> str:
+    """A number to three digits, and one of thousands in full: no reader takes ``2.57e+03`` in at a glance."""
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
 def print_table(table: Table) -> None:
     """Print ``table`` without a figure cut short: where it is wider than the terminal, some columns after the others.
 

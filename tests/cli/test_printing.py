@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from rich.table import Table
 
-from cltaa.commands.printing import print_line, print_table
+from cltaa.commands.printing import print_line, print_table, three_digits
 from cltaa.printable import shown
 
 
@@ -55,3 +55,9 @@ def test_a_name_is_printed_to_the_letter(capsys: pytest.CaptureFixture[str]) -> 
     print_table(table)
     print_line(f"[bold]{shown(name)}[/]")
     assert capsys.readouterr().out.count(name) == 2
+
+
+def test_thousands_are_in_full() -> None:
+    assert [three_digits(value) for value in (0.0, 0.01234, 7.946, 999.4, 1288.7, 2.36e4)] == [
+        "0", "0.0123", "7.95", "999", "1289", "23600",
+    ]  # fmt: skip
