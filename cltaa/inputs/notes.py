@@ -51,7 +51,7 @@ def notes_of(intake: Intake, folder: Path) -> list[str]:
 def _left_out(intake: Intake, folder: Path) -> list[str]:
     """One line for each thing that is there and is not read."""
     views, notes = _views(intake), list[str]()
-    if views:
+    if len(views) > 1:
         taken = view_of((place.channel for place in intake.roles["colour"]), views)
         other = next(view for view in views if view != taken)
         notes.append(

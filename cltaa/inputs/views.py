@@ -48,9 +48,9 @@ def assign_view(profile: Profile, channels: Channels, views: Sequence[str]) -> R
         return assign(profile, channels)
     if not view:
         found = assign(profile, channels)
-        if "colour" not in found:  # it is not for us to choose
+        if "colour" not in found and len(views) > 1:  # it is not for us to choose
             return found
-        view = view_of((place.channel for place in found["colour"]), views)
+        view = view_of((place.channel for place in found.get("colour", ())), views)
     asked = _asked_for(profile)
     own = {label: _of_view(names, view, views, asked) for label, names in channels.items()}
     roles = assign(profile, {label: tuple(named) for label, named in own.items()})

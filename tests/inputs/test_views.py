@@ -119,3 +119,11 @@ def test_a_result_keeps_the_other_view_as_a_layer(tmp_path: Path) -> None:
     assert planes["R"][0, 0] == 1.0
     assert "ViewLayer.Combined.left.R" in planes
     assert "ViewLayer.Combined.right.R" not in planes
+
+
+def test_the_only_view_needs_no_choice(tmp_path: Path) -> None:
+    """One eye of a stereo render, whose names still say which."""
+    names = [f"ViewLayer.{name.format('left')}" for name in PASSES]
+    write_image(tmp_path / "a.0001.exr", {name: flat(0.0) for name in names}, {**BLENDER, "multiView": ["left"]})
+    assert taken(tmp_path) == of_blender("left")
+    assert not any("view" in line for line in open_intake(tmp_path).notes)
