@@ -13,8 +13,10 @@ from cltaa.devices.kernel_files import kernel_folder
 from cltaa.parameters.build import Build
 
 
-def test_it_says_what_the_numbers_depend_on() -> None:
+def test_it_says_what_the_numbers_depend_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cltaa.bench.environment.cpu_flags", lambda: {"sve", "avx2", "hypervisor"})
     found = environment("a device", 1.25)
+    assert found.cpu_flags == ["avx2", "sve"]
     assert (found.device, found.load_before, found.options) == ("a device", 1.25, [*Build().flags()])
     assert found.cores >= 1
     assert found.cpu
