@@ -1,8 +1,7 @@
 // Repeats the edge of planes into their halo, so that filters may read past the image: of `planes` planes of the
 // history's numbers and of `more` planes of floats, at once, since to start a kernel costs a GPU more than this work.
-// On a CPU a work-item has EDGE_ROWS rows of a plane, so that a core has more lines than one row's under way. On a GPU
-// for each plane first one a column of the rows above, and one of those below; then ROW_ITEMS a row, between which its
-// texels left and right of the image are dealt out.
+// For each plane first a work-item a column of the rows above, and one of those below; then ROW_ITEMS a row, between
+// which its texels left and right of the image are dealt out. A CPU's kernels do it themselves (edges.h).
 #include "image.h"
 
 // Texels are copied as they are; halves as bits, since a device may lack arithmetic on them.
@@ -30,33 +29,6 @@ STAGE void copy_texel(history_out image, plane_out floats, int plane, int planes
     }
 }
 
-#if LANES > 1
-#define EDGE_ROWS 16
-
-// What lies left and right of a row of a plane that begins at `to`: the texels at `from` and `from` + right.
-STAGE void extend_row(
-    history_out image, plane_out floats, int plane, int planes, uint from, uint to, int right, frame_t frame)
-{
-    const int end = row_stride(frame) - PAD_X;
-#if STORES_LINES
-    // Whole lines, which need not be fetched to be written: PAD_X texels left of the row, and the last PAD_X of it.
-    if ((plane >= planes) | !(STORAGE_HALF | STORAGE_DOUBLE)) {
-        plane_out p = plane < planes ? (plane_out)image + (size_t)plane * plane_size(frame)
-                                     : floats + (size_t)(plane - planes) * plane_size(frame);
-        store(p + to - PAD_X, (real)(p[from]));
-        for (int x = right + 1; x < end - PAD_X; ++x)
-            p[to + (uint)x] = p[from + (uint)right];
-        store(p + to + (uint)(end - PAD_X), (real)(p[from + (uint)right]));
-        return;
-    }
-#endif
-    for (int x = 1; x <= PAD_X; ++x)
-        copy_texel(image, floats, plane, planes, from, to - (uint)x, frame);
-    for (int x = right + 1; x < end; ++x)
-        copy_texel(image, floats, plane, planes, from + (uint)right, to + (uint)x, frame);
-}
-#endif
-
 __kernel void extend_edges_kernel(
     history_out image, plane_out floats, const frame_t frame, const int planes, const int more)
 {
@@ -64,16 +36,6 @@ __kernel void extend_edges_kernel(
     if (plane >= planes + more)
         return;
     const int stride = row_stride(frame), last = frame.height - 1, right = frame.width - 1;
-#if LANES > 1
-    const int first = i * EDGE_ROWS - PAD_Y, end = frame.height + PAD_Y;
-    for (int y = first; y < end && y < first + EDGE_ROWS; ++y) {
-        const uint from = texel_offset(frame, 0, limit_index(y, last)), to = texel_offset(frame, 0, y);
-        if (from != to)
-            for (int x = 0; x <= right; ++x)
-                copy_texel(image, floats, plane, planes, from + (uint)x, to + (uint)x, frame);
-        extend_row(image, floats, plane, planes, from, to, right, frame);
-    }
-#else
     const int rest = i - 2 * stride, y = rest / ROW_ITEMS;
     if (rest < 0) {
         const int below = i >= stride, x = i - (below ? stride : 0) - PAD_X;
@@ -86,5 +48,4 @@ __kernel void extend_edges_kernel(
             copy_texel(image, floats, plane, planes, texel_offset(frame, limit_index(x, right), y),
                 texel_offset(frame, x, y), frame);
         }
-#endif
 }

@@ -2,6 +2,7 @@
 // One work-item slides a segment of LANES pixels down ROWS rows, as in resolve.cl.
 #include "gather.h"
 #include "ahead.h"
+#include "edges.h"
 
 __kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha, plane_in reactive,
     plane_in kept, frames_in past, const int frames, history_out output, plane_out output_count, const frame_t frame,
@@ -45,4 +46,6 @@ __kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motio
         above = centre;
         centre = below;
     }
+    const block_t stored = { x, x + LANES, first, last };
+    extend_stored(output, 3 + ALPHA, output_count, 1, stored, frame);
 }

@@ -2,6 +2,7 @@
 // of them to believe is weigh_spans.cl's to say.
 #include "spans.h"
 #include "ahead.h"
+#include "edges.h"
 
 __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha,
     plane_in reactive, plane_in kept, frames_in past, const int frames, const int standing, plane_out spans,
@@ -60,4 +61,7 @@ __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in
         above = centre;
         centre = below;
     }
+    const block_t stored = { x, x + LANES, first, last };
+    extend_stored(0, 0, spans, SPANS * SPAN_PLANES, stored, frame);
+    extend_stored(0, 0, repeats, 1, stored, frame);
 }

@@ -3,6 +3,7 @@
 #include "pixel.h"
 #include "ahead.h"
 #include "columns.h"
+#include "edges.h"
 
 // Resolves the segment at (x, y), whose row is `centre`. TWO_UNDER_WAY: it is left in `under_way`, and what was left
 // there before is finished meanwhile.
@@ -73,6 +74,7 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
                 output, output_count, x, y, frame, settings, &kept[i], &under_way);
         }
     }
+    const block_t stored = { begin * LANES, (begin + count) * LANES, first, last };
 #else
     const int x = (int)get_global_id(0) * LANES;
     if (x >= frame.width || first >= end)
@@ -95,9 +97,11 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
         above = centre;
         centre = below;
     }
+    const block_t stored = { x, x + LANES, first, last };
 #endif
     if (TWO_UNDER_WAY) {
         weigh_segment(&under_way, settings);
         finish_segment(under_way, output, output_count, frame, settings);
     }
+    extend_stored(output, 3 + ALPHA, output_count, 1, stored, frame);
 }

@@ -2,6 +2,7 @@
 // half the blur. One work-item slides a segment of LANES pixels down ROWS rows, as in resolve.cl.
 #include "doubled.h"
 #include "ahead.h"
+#include "edges.h"
 
 __kernel void resolve_doubled_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha,
     plane_in reactive, plane_in previous_closeness, history_in texels, history_out texels_out, history_out output,
@@ -32,4 +33,7 @@ __kernel void resolve_doubled_kernel(plane_in current, plane_in closeness, plane
         above = centre;
         centre = below;
     }
+    const block_t stored = { x, x + LANES, first, last };
+    extend_stored(texels_out, 4 * CHANNELS, 0, 0, stored, frame);
+    extend_stored(output, 3 + ALPHA, output_count, 1, stored, frame);
 }

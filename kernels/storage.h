@@ -85,12 +85,11 @@ STAGE real load_history(history_in p) { return (real)*p; }
 STAGE void store_history(history_out p, real v, int x, int y, frame_t frame) { *p = (double)v; }
 #elif STORAGE_DOUBLE
 STAGE real load_history(history_in p) { return TO_REAL(PASTE(vload, LANES)(0, p)); }
-STAGE void store_history(history_out p, real v, int x, int y, frame_t frame)
-{
-    PASTE(vstore, LANES)(PASTE(convert_, LANED(double))(v), 0, p);
-}
+STAGE void store_again(history_out p, real v) { PASTE(vstore, LANES)(PASTE(convert_, LANED(double))(v), 0, p); }
+STAGE void store_history(history_out p, real v, int x, int y, frame_t frame) { store_again(p, v); }
 #elif !STORAGE_HALF
 STAGE real load_history(history_in p) { return load(p); }
+STAGE void store_again(history_out p, real v) { store(p, v); }
 STAGE void store_history(history_out p, real v, int x, int y, frame_t frame) { store(p, v); }
 #else
 #if LANES == 1
@@ -104,6 +103,7 @@ STAGE real load_history(history_in p)
 #else
 STAGE real load_history(history_in p) { return TO_REAL(PASTE(vload_half, LANES)(0, p)); }
 #endif
+STAGE void store_again(history_out p, real v) { store_halves(p, TO_FLOATS(v)); }
 STAGE void store_history(history_out p, real v, int x, int y, frame_t frame)
 {
     store_halves(p, stored_half(v, x, y, frame));

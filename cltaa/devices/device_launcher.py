@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from cltaa.devices.program import Kernel
 
 SLIDING = frozenset({"resolve", "resolve_doubled", "gather", "gather_spans"})  # kernels whose work-items walk down rows
-EDGE_ROWS = 16  # rows of a work-item of extend_edges on a CPU, as kernels/extend_edges.cl has them
-EDGE_GROUP = 256  # work-items of a group of extend_edges on a GPU
+EDGE_GROUP = 256  # work-items of a group of extend_edges
 
 
 class DeviceLauncher(OneProcess):
@@ -122,10 +121,7 @@ class DeviceLauncher(OneProcess):
         self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]
     ) -> tuple[tuple[int, ...], tuple[int, ...]]:
         if kernel == "extend_edges":
-            # Left to itself PoCL makes a group of all rows of a plane, which one core runs, and builds for its size.
             planes = int(arguments["planes"]) + int(arguments["more"])
-            if build.lanes > 1:
-                return (-(-layout.rows // EDGE_ROWS), planes), (1, 1)
             items = 2 * layout.stride + 2 * PAD_X * layout.height
             return (-(-items // EDGE_GROUP) * EDGE_GROUP, planes), (EDGE_GROUP, 1)
         if kernel == "to_halves" and build.lanes > 1:

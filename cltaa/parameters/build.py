@@ -115,6 +115,11 @@ class Build(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     strict: bool = False
     relaxed: bool = False  # what the compiler may do with -cl-fast-relaxed-math: only to be timed (decision 16)
 
+    @property
+    def extends(self) -> bool:
+        """Whether kernels repeat the edges of what they store themselves, as a CPU's do (``kernels/edges.h``)."""
+        return self.lanes > 1
+
     def flags(self) -> tuple[str, ...]:
         """Options of the OpenCL compiler."""
         always: tuple[str, ...] = ("-cl-std=CL1.2", "-Werror", "-cl-kernel-arg-info")
@@ -220,21 +225,18 @@ def _struct_lines(name: str, fields: dict[str, str]) -> Iterator[str]:
     yield f"}} {name};"
 
 
+# Members of a build that kernels are told by their own names.
+SHAPED = "lanes", "rows", "stride", "plane", "columns_ahead", "columns", "far_first", "own_place", "strict", "relaxed"
+
+
 def prelude(build: Build) -> str:
     """The text in front of every kernel: build constants, choices, named constants and structs."""
     numbers = {
-        **{
-            _macro(name): getattr(build, name)
-            for name in ("lanes", "rows", "stride", "plane", "columns_ahead", "columns")
-        },
-        "FAR_FIRST": int(build.far_first),
-        "OWN_PLACE": int(build.own_place),
+        **{_macro(name): int(getattr(build, name)) for name in SHAPED},
         "REAL_DOUBLE": int(build.real is Real.DOUBLE),
         "STORAGE_DOUBLE": int(build.storage is Storage.DOUBLE),
         "STORAGE_HALF": int(build.storage in HALVES),
         "STORAGE_STOCHASTIC": int(build.storage is Storage.HALF_STOCHASTIC),
-        "STRICT": int(build.strict),
-        "RELAXED": int(build.relaxed),
         **WHOLE_NUMBERS,
         **{_macro(name): int(getattr(build.steps, name)) for name in Steps.__struct_fields__},
         **{_macro(name): int(getattr(build.terms, name)) for name in Terms.__struct_fields__},

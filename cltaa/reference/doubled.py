@@ -26,7 +26,7 @@ from cltaa.reference.pixel import (
     past_alpha,
     resolve_beside,
 )
-from cltaa.reference.planes import read_rows, store_resolved
+from cltaa.reference.planes import extend_stored, read_rows, store_resolved
 from cltaa.reference.projection import Motion, motion_to_edge, on_screen, surface_motion
 from cltaa.reference.real import Array, Mask, constant, limit, number, quiet
 from cltaa.reference.rectify import Rectification, rectify
@@ -183,3 +183,5 @@ def resolve_doubled(
         out.append(resolve_texel(p, h, r, sample_mass(*place, frame, h.count), build, settings))
         store_texel(out[-1], texels_out[t : texel_planes(build.steps.alpha) : 4], build, layout, frame)
     store_resolved(mean_of_texels(out, build), build, layout, frame, output, output_count)
+    texels = texels_out[: texel_planes(build.steps.alpha)]
+    extend_stored(build, layout, texels, output[: 3 + build.steps.alpha], output_count)

@@ -18,7 +18,7 @@ from cltaa.reference.gather_thin import recall_thin
 from cltaa.reference.gather_track import Track, untold
 from cltaa.reference.neighbourhood import Surface, nearest_surface
 from cltaa.reference.pixel import Pixel, Resolved, current_pixel
-from cltaa.reference.planes import read_rows, store_resolved
+from cltaa.reference.planes import extend_stored, read_rows, store_resolved
 from cltaa.reference.projection import Motion, surface_motion
 from cltaa.reference.real import Array, quiet
 
@@ -133,3 +133,4 @@ def gather(
     gathering = Gathering.begin(build, layout, locals(), parted=True)
     gathering.add(past[:frames], build, layout, frame, settings, recent=WANDER_FRAMES)
     store_resolved(gathering.resolved(build, layout, settings), build, layout, frame, output, output_count)
+    extend_stored(build, layout, output[: 3 + build.steps.alpha], output_count)

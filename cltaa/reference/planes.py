@@ -43,3 +43,10 @@ def store_resolved(
         alpha = np.where(resolved.alpha < constant("TINY", resolved.alpha), 0, resolved.alpha)
         target[3] = stored_history(alpha, build, layout, frame)
     layout.inside(output_count)[0] = resolved.count
+
+
+def extend_stored(build: Build, layout: Layout, *planes: Array) -> None:
+    """Repeat the edges of what a kernel has stored into the halo, where it does so itself (``kernels/edges.h``)."""
+    if build.extends:
+        for stored in planes:
+            layout.extend_edges(stored)

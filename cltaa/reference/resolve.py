@@ -9,7 +9,7 @@ from cltaa.parameters.build import Build, Record
 from cltaa.reference.history import sample_history
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.pixel import box_gamma, current_pixel, past_alpha, resolve_pixel
-from cltaa.reference.planes import read_rows, store_resolved
+from cltaa.reference.planes import extend_stored, read_rows, store_resolved
 from cltaa.reference.projection import surface_motion
 from cltaa.reference.real import Array, quiet
 from cltaa.reference.rectify import rectify
@@ -43,6 +43,7 @@ def resolve(
     if build.steps.alpha and alpha is not None:
         h = replace(h, alpha=past_alpha(alpha, h.alpha, build, layout))
     store_resolved(resolve_pixel(p, h, r, build, settings), build, layout, frame, output, output_count)
+    extend_stored(build, layout, output[: 3 + build.steps.alpha], output_count)
 
 
 def extend_edges(

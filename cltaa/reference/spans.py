@@ -18,6 +18,7 @@ from cltaa.reference.gather_track import KEPT_CLOSENESS, kept_alpha, kept_reacti
 from cltaa.reference.gathering import Gathering
 from cltaa.reference.neighbourhood import Surface, usable_closeness
 from cltaa.reference.pixel import Pixel, Resolved, as_reactive, usable_share
+from cltaa.reference.planes import extend_stored
 from cltaa.reference.projection import Motion
 from cltaa.reference.real import Array, constant, greater, number, quiet
 
@@ -176,6 +177,7 @@ def gather_spans(
     error = np.where(told, span_error(sums, own, unmoved, build, settings), error)
     _store(target[-planes:], Resolved((r, g, b), alphas, counts), error)
     layout.inside(repeats)[0] = repeating.error(lately, moves, error)
+    extend_stored(build, layout, spans[: SPANS * planes], repeats)
 
 
 def _store(planes: Array, said: Resolved, error: Array, where: Array | None = None) -> None:

@@ -61,10 +61,11 @@ class Passes:
         inputs = {name: value for name, value in arguments.items() if name not in ("output", "output_count")}
         standing = {"standing": kept.standing(frame)}
         self.launcher.run("gather_spans", build, layout, inputs | memory | standing)
-        gathered = {"image": memory["spans"], "floats": memory["repeats"], "frame": self.record}
-        planes = {"planes": SPANS * span_planes(build.steps), "more": 1}
-        floats = Build(lanes=build.lanes, rows=build.rows)  # as spans are, whatever the history is kept in
-        self.launcher.run("extend_edges", floats, layout, gathered | planes)
+        if not build.extends:
+            gathered = {"image": memory["spans"], "floats": memory["repeats"], "frame": self.record}
+            planes = {"planes": SPANS * span_planes(build.steps), "more": 1}
+            floats = Build(lanes=build.lanes, rows=build.rows)  # as spans are, whatever the history is kept in
+            self.launcher.run("extend_edges", floats, layout, gathered | planes)
         shown = self.buffers.shown()
         weighed = {name: arguments[name] for name in ("current", "frame", "settings")}
         beside = {"recursive": self.buffers.output, "recursive_count": self.buffers.output_count}
@@ -72,7 +73,9 @@ class Passes:
         return LastRun(build, layout, arguments | shown)
 
     def extend_edges(self) -> None:
-        """Repeat the edges of what the next frame reads."""
+        """Repeat the edges of what the next frame reads, where its kernels have not."""
+        if self.build.extends:
+            return
         for written in self.buffers.written(self.buffers.doubled):
             given = {"frame": self.record, **written}
             self.launcher.run("extend_edges", edge_build(self.build), self.buffers.layout, given)

@@ -105,8 +105,9 @@ class Resolver(Recurrent):
     def reserve(self, width: int, height: int, *, alpha: bool, half: bool = False) -> None:
         """Do what every frame of a size needs, with or without alpha, while the first of them is still being read."""
         self._fitting(Layout(width, height), alpha or self.every_step)
-        for kernel in ("extend_edges", *(["to_halves"] if half else [])):
-            self.launcher.prepare(kernel, edge_build(self.launcher.build(self._shape)))
+        build = edge_build(self.launcher.build(self._shape))
+        for kernel in (*([] if build.extends else ["extend_edges"]), *(["to_halves"] if half else [])):
+            self.launcher.prepare(kernel, build)
 
     @overload
     def resolve(self, frame: Frame, *, half: Literal[False] = False) -> NDArray[np.float32]: ...

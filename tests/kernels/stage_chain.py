@@ -236,11 +236,11 @@ def chain_work(width: int = 70, height: int = 41, seed: int = 0) -> Work:
     return work
 
 
-def differing(work: Work, a: Planes, b: Planes) -> int:
-    """Values inside the image that differ in their bits; any NaN is as good as another."""
+def differing(work: Work, a: Planes, b: Planes, *, halo: bool = False) -> int:
+    """Values inside the image, or in its ``halo`` too, that differ in their bits; any NaN is as good as another."""
     count = 0
     for name in a:
-        ours, theirs = work.layout.inside(a[name]), work.layout.inside(b[name])
+        ours, theirs = (planes[name] if halo else work.layout.inside(planes[name]) for planes in (a, b))
         count += int(((bits(ours) != bits(theirs)) & ~(np.isnan(ours) & np.isnan(theirs))).sum())
     return count
 

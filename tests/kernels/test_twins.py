@@ -15,13 +15,15 @@ import pyopencl as cl
 import pytest
 from msgspec.structs import replace
 
+from cltaa.constants import PAD_X, PAD_Y
 from cltaa.devices.device import POCL
 from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.devices.launch import storage_dtype
 from cltaa.devices.numpy_launcher import NumpyLauncher
 from cltaa.memory.layout import Layout
 from cltaa.parameters.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Steps, Storage
-from cltaa.parameters.choices import HOST_CHOICES, Choices
+from cltaa.parameters.choices import HOST_CHOICES, Choices, Rectify
+from cltaa.parameters.presets import load_preset
 from cltaa.parameters.settings import HOST_SETTINGS, Settings
 from tests.kernels.stage_chain import (
     ALL_STEPS,
@@ -67,13 +69,19 @@ def device() -> CutUp:
     return CutUp()
 
 
+def around(layout: Layout) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Rows above and below an image, and columns beside it."""
+    return (PAD_Y, PAD_Y), (PAD_X, layout.stride - PAD_X - layout.width)
+
+
 def strict(lanes: int = 8, rows: int = 4) -> Build:
     return Build(steps=ALL_STEPS, strict=True, lanes=lanes, rows=rows)
 
 
 def compared(kernel: str, build: Build, size: tuple[int, int] = (70, 41)) -> int:
     work = chain_work(*size)
-    return differing(work, run_stage(kernel, build, work, device()), run_stage(kernel, build, work, NumpyLauncher()))
+    ours, theirs = (run_stage(kernel, build, work, on) for on in (device(), NumpyLauncher()))
+    return differing(work, ours, theirs, halo=kernel in FUSED and build.extends)
 
 
 @pytest.fixture(autouse=True)
@@ -128,11 +136,35 @@ def test_results_do_not_depend_on_groups_or_bands(kernel: str) -> None:
         assert differing(work, run_stage(kernel, strict(lanes), work, device()), expected) == 0, (lanes, group, bands)
 
 
+@pytest.mark.parametrize("size", [(33, 9), (64, 3), (24, 5), (1, 1)])
+@pytest.mark.parametrize("kernel", FUSED)
+def test_what_is_stored_by_lanes_has_its_edges_repeated(kernel: str, size: tuple[int, int]) -> None:
+    # Beyond whole and begun segments, where a work-item has all rows, and some.
+    work = chain_work(*size)
+    for name, planes in run_stage(kernel, strict(), work, device()).items():
+        expected = np.pad(work.layout.inside(planes), ((0, 0), *around(work.layout)), mode="edge")
+        assert np.array_equal(bits(planes), bits(expected)), name
+
+
+@pytest.mark.parametrize("storage", list(Storage))
+def test_edges_are_repeated_along_rows_in_every_storage(storage: Storage) -> None:
+    plain = replace(load_preset("t0").choices, rectify=Rectify.NONE)
+    build = Build(choices=plain, steps=Steps(alpha=True), strict=True, lanes=8, rows=4, columns=3, storage=storage)
+    work = chain_work(70, 41)
+    launcher = DeviceLauncher()
+    ours, theirs = (run_stage("resolve", build, work, on) for on in (launcher, NumpyLauncher()))
+    assert differing(work, ours, theirs, halo=True) == 0
+    assert not (ours["output"] == UNWRITTEN).any()
+
+
 @pytest.mark.parametrize("kernel", WRITES)
 def test_a_kernel_writes_its_pixels_and_at_most_the_rest_of_a_segment(kernel: str) -> None:
     work, lanes = chain_work(), 8
     device().group = (7, 3)  # more work-items than pixels, down and across
     for name, planes in run_stage(kernel, strict(lanes), work, device()).items():
+        if kernel in FUSED and strict(lanes).extends:
+            assert (planes != UNWRITTEN).all(), name  # its halo too
+            continue
         written = planes != UNWRITTEN
         assert work.layout.inside(written).all(), name
         work.layout.inside(written)[:] = False
@@ -143,11 +175,10 @@ def test_a_kernel_writes_its_pixels_and_at_most_the_rest_of_a_segment(kernel: st
         assert set(columns) <= set(range(first, first + -work.layout.width % lanes)), name
 
 
-@pytest.mark.parametrize("lanes", [1, 8, 16])  # columns and texels of the halo, rows of it, whole lines of them
 @pytest.mark.parametrize("storage", list(Storage))
 @pytest.mark.parametrize("size", [(33, 9), (64, 3), (1, 1)])
-def test_edges_are_extended_as_the_twin_extends_them(size: tuple[int, int], storage: Storage, lanes: int) -> None:
-    work, build = chain_work(*size), replace(strict(lanes), storage=storage)
+def test_edges_are_extended_as_the_twin_extends_them(size: tuple[int, int], storage: Storage) -> None:
+    work, build = chain_work(*size), replace(strict(1), storage=storage)
     with np.errstate(over="ignore"):
         history = work.planes["history"].astype(storage_dtype(build))
     planes = {"image": history, "floats": work.planes["history_at"]}
