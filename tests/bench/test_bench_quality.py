@@ -171,7 +171,7 @@ def test_a_given_sequence_is_told_as_it_is(capsys: pytest.CaptureFixture[str], t
     assert main(arguments) == 0
     assert "means over sequences, given" in capsys.readouterr().out
     text = (tmp_path / "page.md").read_text(encoding="utf-8")
-    assert "1 given sequences, 37 × 23, 3 frames, jitter unknown, " in text
+    assert "1 given sequence, 37 × 23, 3 frames, jitter unknown, " in text
     assert "truth of unknown samples a pixel" in text
     assert main([*arguments, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
