@@ -26,6 +26,12 @@ def packages_in_child_processes() -> None:
 
 
 @pytest.fixture(autouse=True, scope="session")
+def as_wide_as_a_pipe() -> None:
+    """Take away the width that xdist gives its processes: tables would be parted there as in a narrow terminal."""
+    os.environ.pop("COLUMNS", None)
+
+
+@pytest.fixture(autouse=True, scope="session")
 def interrupts_interrupt() -> None:
     """Let SIGINT do what it does in a terminal: a shell that starts the tests in the background has them ignore it."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
