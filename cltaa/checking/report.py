@@ -114,7 +114,7 @@ def _look(intake: Intake, folder: Path, count: int | None) -> tuple[list[Finding
         read, known.window, has_depth=known.has_depth, has_camera=known.has_camera, has_jitter=known.has_jitter
     )
     if all(is_opaque(frame.alpha) for frame in read):
-        evidence = f"{counted(len(read), 'frame')}"
+        evidence = counted(len(read), "frame")
         found.append(Finding(name="alpha-opaque", mistake=False, confidence=0.99, what=OPAQUE, evidence=evidence))
     return check_files(intake) + found, known
 

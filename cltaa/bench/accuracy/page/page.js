@@ -14,8 +14,8 @@ const state = { sequence: 0, metric: report.metrics[0], a: null, b: null, x: 0, 
 const baseName = report.variants[0].name; // of what all else is compared with
 const groups = Object.fromEntries(report.variants.map((v) => [v.name, v.group]));
 const current = () => report.sequences[state.sequence];
-// Three digits, as plain decimals where those of one table can be compared at a glance.
 const counted = (n, thing) => `${n} ${thing}${n === 1 ? "" : "s"}`;
+// Three digits, as plain decimals where those of one table can be compared at a glance.
 const number = (v) => (v === 0 ? "0" : v === Infinity ? "∞" : Math.abs(v) >= 1e6 || Math.abs(v) < 1e-5 ? v.toExponential(2).replace("+", "") : Math.abs(v) >= 100 ? String(Math.round(v)) : Number.isInteger(v) ? String(v) : v.toPrecision(3));
 const tick = (v) => (v >= 1e6 || (v < 1e-4 && v > 0) ? v.toExponential(0).replace("+", "") : String(Number(v.toPrecision(3))));
 const timeOf = (cell) => cell[current().clock] || cell.device || cell.wall;
