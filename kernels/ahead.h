@@ -13,8 +13,8 @@
 
 // COLUMNS > 1: along rows a CPU foresees what comes, so that a work-item fetches its own texels alone, into the second
 // cache.
-#if !defined(COLUMNS_AHEAD) || !defined(FAR_FIRST) || !defined(COLUMNS) || !defined(OWN_PLACE)
-#error "ahead.h needs COLUMNS_AHEAD, FAR_FIRST, COLUMNS and OWN_PLACE from the prelude"
+#if !defined(COLUMNS_AHEAD) || !defined(FAR_FIRST) || !defined(COLUMNS)
+#error "ahead.h needs COLUMNS_AHEAD, FAR_FIRST and COLUMNS from the prelude"
 #endif
 
 #define ROWS_AHEAD (COLUMNS > 1 ? 3 : (LANES > 1 ? (FAR_FIRST ? 3 : 4) : 2))
@@ -51,8 +51,8 @@ STAGE void fetch_frame(plane_in current, plane_in closeness, plane_in motion, in
     }
 }
 
-// Below the texel at `at`: the one that the pixel came from, or with OWN_PLACE the pixel's own, as if nothing moved,
-// for what moves was fetched that many rows earlier or later, still ahead of its use as a rule.
+// Below the texel at `at`: the one that the pixel came from, or where a CPU walks down the pixel's own, as if nothing
+// moved, for what moves was fetched that many rows earlier or later, still ahead of its use as a rule.
 STAGE void fetch_history(history_in history, plane_in count, plane_in previous_closeness, uint at, frame_t frame)
 {
     const size_t plane = history_plane_size(frame);

@@ -88,7 +88,7 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_cl
     frame_t frame, settings_t settings, kept_rows* kept)
 {
     const size_t plane = history_plane_size(frame);
-    if (!OWN_PLACE | (COLUMNS > 1))
+    if ((LANES == 1) | (COLUMNS > 1)) // who walks down a column on a CPU has asked for its own
         fetch_history(history, count, previous_closeness, f.at, frame);
 #if KEEPS_ROWS && LANES == 1
     real counted;

@@ -15,11 +15,10 @@
         && (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM                                                               \
             || (LANES > 1 && HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9)))
 
-// Whether a segment is still under way while the next one is read (columns.h), and its footprint may be the one above:
-// along rows, and where a register holds eight floats, so that a segment is less work for a chain of the same length.
-// Both pay where what follows the history is long: without weights, or without rows kept, others took 1.03 to 1.05 of
-// the time, in a turn at least. Down columns of sixteen lanes the footprint alone took 1.07 in a turn.
-#define TWO_UNDER_WAY ((COLUMNS > 1 || LANES == 8) && KEEPS_ROWS && WEIGHTING != WEIGHTING_NONE)
+// Whether a segment is still under way while the next one is read (columns.h), and its footprint may be the one above.
+// Both pay where what follows the history is long: without weights, or without rows kept, they took 1.03 to 1.05 of the
+// time, in a turn at least. With four lanes neither has been measured.
+#define TWO_UNDER_WAY (LANES >= 8 && KEEPS_ROWS && WEIGHTING != WEIGHTING_NONE)
 
 #if KEEPS_ROWS && LANES == 1
 // A plane's rows, weighed along y as far as they are known, in the order of `weigh`: what the next pixel and the one

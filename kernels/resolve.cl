@@ -16,7 +16,7 @@ STAGE void resolve_segment(row_t above, row_t centre, row_t below, plane_in curr
     if (TWO_UNDER_WAY)
         weigh_segment(under_way, settings);
     const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
-#if OWN_PLACE && COLUMNS <= 1
+#if LANES > 1 && COLUMNS <= 1
     // Not beside the frame's: more would be asked for at a time than can be under way.
     fetch_history(history, history_count, previous_closeness, history_offset(frame, x, y), frame);
 #endif

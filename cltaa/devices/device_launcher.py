@@ -38,11 +38,13 @@ class DeviceLauncher(OneProcess):
     def build(self, plan_build: Build) -> Build:
         """The build as this device's shape has it, unless it states lanes or rows of its own."""
         shape = self.device.shape
-        lanes, rows = plan_build.lanes or shape.lanes, plan_build.rows or shape.rows
-        fits = {name: getattr(shape, name) for name in ("columns_ahead", "own_place")}
-        fits["far_first"] = shape.far_first and not in_place(plan_build)
         return msgspec.structs.replace(
-            plan_build, lanes=lanes, rows=rows, registers=shape.registers_of(plan_build), **fits
+            plan_build,
+            lanes=plan_build.lanes or shape.lanes,
+            rows=plan_build.rows or shape.rows,
+            registers=shape.registers_of(plan_build),
+            columns_ahead=shape.columns_ahead,
+            far_first=shape.far_first and not in_place(plan_build),
         )
 
     def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:

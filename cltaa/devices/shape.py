@@ -27,7 +27,6 @@ class Shape(NamedTuple):
     registers_for_few: int = 0  # the same where history is read from four texels at most
     columns_ahead: int = 0  # work-items right of one whose texels it fetches into the second cache; 0: next, first
     far_first: bool = False  # whether, where history moves, it fetches these into the first, not the second alone
-    own_place: bool = False  # whether it fetches of the history what lies below itself, not below where it came from
     columns: int = 1  # side by side, that a work-item of the resolve walks row by row; 1: down a single one
     most_rows: int = 0  # up to which a resolve of whole images takes as many rows as fill the device; 0: ``rows``
 
@@ -74,10 +73,10 @@ def shared_out(segments: int, columns: int, steps: int, units: int) -> int:
 
 
 # 45 rows share the usual heights (720, 1080, 1440, 2160) out evenly, and leave many cores work-items enough.
-CPU_8 = Shape(lanes=8, rows=45, group=(1, 1), columns_ahead=3, own_place=True)
+CPU_8 = Shape(lanes=8, rows=45, group=(1, 1), columns_ahead=3)
 CPU_4 = CPU_8._replace(lanes=4, rows=32)  # without AVX, where LLVM gives up over eight (docs/decisions/0008)
 CPU_16 = Shape(lanes=16, rows=64, group=(1, 1), columns_ahead=3, far_first=True)
-INTEL_16 = CPU_16._replace(rows=45, columns=16, far_first=False, own_place=True)
+INTEL_16 = CPU_16._replace(rows=45, columns=16, far_first=False)
 GPU = Shape(lanes=1, rows=8, group=(64, 2))
 NVIDIA = Shape(
     lanes=1, rows=16, group=(128, 1), one_size=True,

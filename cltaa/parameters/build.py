@@ -110,7 +110,6 @@ class Build(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     registers: int = 0  # the most a work-item may have, where the compiler can be told; 0: as many as it likes
     columns_ahead: int = 0  # work-items right of one whose texels it fetches (kernels/ahead.h); 0: only the next one's
     far_first: bool = False  # whether these come into the first cache, not into the second alone
-    own_place: bool = False  # whether it fetches of the history what lies below itself, not below where it came from
     columns: int = 0  # the most that a work-item of the resolve walks row by row; 0: what suits the device
     strict: bool = False
     relaxed: bool = False  # what the compiler may do with -cl-fast-relaxed-math: only to be timed (decision 16)
@@ -226,7 +225,7 @@ def _struct_lines(name: str, fields: dict[str, str]) -> Iterator[str]:
 
 
 # Members of a build that kernels are told by their own names.
-SHAPED = "lanes", "rows", "stride", "plane", "columns_ahead", "columns", "far_first", "own_place", "strict", "relaxed"
+SHAPED = "lanes", "rows", "stride", "plane", "columns_ahead", "columns", "far_first", "strict", "relaxed"
 
 
 def prelude(build: Build) -> str:

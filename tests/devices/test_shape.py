@@ -54,11 +54,9 @@ def resolved(shape: Shape, storage: Storage, monkeypatch: pytest.MonkeyPatch) ->
 def test_columns_fetched_ahead_change_no_bit(storage: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
     near, next_one = resolved(CPU_16._replace(columns_ahead=0), storage, monkeypatch)
     far, third = resolved(CPU_16, storage, monkeypatch)
-    _, own = resolved(CPU_16._replace(own_place=True), storage, monkeypatch)
     _, second = resolved(CPU_16._replace(far_first=False), storage, monkeypatch)
     assert (near, far) == (0, CPU_16.columns_ahead)
     assert np.array_equal(next_one.view(np.uint32), third.view(np.uint32))
-    assert np.array_equal(own.view(np.uint32), third.view(np.uint32))
     assert np.array_equal(second.view(np.uint32), third.view(np.uint32))
 
 
