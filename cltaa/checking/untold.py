@@ -103,6 +103,9 @@ def _motion(shot: Shot) -> Iterator[str]:
     if not any(vectors.shape[1] >= LEAST_POINTS for vectors in own) and any(vectors.any() for vectors in own):
         yield "the vectors' sign, axes and unit: too few pixels hold one"
         return
+    if not own and any(np.any(pair.own[np.isfinite(pair.own)]) for pair in shot.pairs):
+        yield "the vectors' sign, axes and unit: before a camera that stands all are alike"
+        return
     longest = max((float(np.quantile(np.hypot(*vectors), MOST)) for vectors in own), default=0.0)
     if longest < LEAST_EFFECT_PX:
         yield f"the vectors' sign, axes and unit: none is longer than {LEAST_EFFECT_PX:g} px"

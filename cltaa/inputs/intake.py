@@ -187,7 +187,7 @@ def _side_of(path: Path, numbers: Many[int]) -> dict[int, Side]:
     side = read_side_file(path)
     if not side.keys() & set(numbers):
         raise DataError(
-            "none of the frames is in the side file", path=path, expected=f"frames {ranges(numbers)}",
+            "none of the frames is in the side file", path=path, expected=named_frames(numbers),
             found=ranges(sorted(side)), cure="number its frames as the files are",
         )  # fmt: skip
     return side
@@ -202,7 +202,7 @@ def _check_complete(folder: Path, declared: Mapping[int, Declared]) -> None:
     ):
         if 0 < len(without) < len(declared):
             cure = f"give it to every frame with --camera FILE, or to none {otherwise}"
-            raise DataError(f"no {what} for frames {ranges(without)}", path=folder, cure=cure)
+            raise DataError(f"no {what} for {named_frames(without)}", path=folder, cure=cure)
 
 
 def intake_lines(intake: Intake) -> Iterator[str]:

@@ -13,7 +13,7 @@ from cltaa.exr.attributes import FrameHeader
 from cltaa.exr.layout import LOSSLESS, Layout
 from cltaa.exr.read import read_header
 from cltaa.frames import Effect, Matrix
-from cltaa.sequences.frame_numbers import ranges
+from cltaa.sequences.frame_numbers import named_frames
 from cltaa.sequences.pixel_statistics import ChannelStatistics
 from cltaa.sequences.sources import open_images
 
@@ -72,10 +72,10 @@ def describe_layouts(result: Inspection, layouts: Mapping[int, Layout]) -> None:
     number, first = next(iter(layouts.items()))
     result.width, result.height, result.size = first.width, first.height, first.size
     result.channels, result.compression = dict(sorted(first.channels.items())), first.compression
-    for name in ("size", "channels"):
+    for name, differ in (("size", "differs from that"), ("channels", "differ from those")):
         others = [other for other, layout in layouts.items() if getattr(layout, name) != getattr(first, name)]
         if others:
-            result.problems.append(f"{name} of frames {ranges(others)} differ from those of frame {number}")
+            result.problems.append(f"{name} of {named_frames(others)} {differ} of frame {number}")
     lossy = sorted({layout.compression for layout in layouts.values()} - LOSSLESS)
     if lossy:
         result.problems.append(f"compression {', '.join(lossy)} loses precision; depth and motion need all of it")
@@ -101,10 +101,10 @@ def describe_headers(result: Inspection, headers: Headers) -> None:
         result.problems.append(f"jitter is not centred: its mean shifts the image by up to {mean:.3g} pixels")
     renamed = [number for number, header in headers.items() if header.index != number]
     if renamed:
-        result.problems.append(f"cltaa:frame of frames {ranges(renamed)} is not the number in the file name")
+        result.problems.append(f"cltaa:frame of {named_frames(renamed)} is not the number in the file name")
     others = [number for number, header in headers.items() if header.effects != first.effects]
     if others:
-        result.problems.append(f"frames {ranges(others)} declare other effects than the first")
+        result.problems.append(f"other effects than the first are declared by {named_frames(others)}")
     if first.effects is not None:
         result.problems += _broken_promises(result, first.effects)
 
@@ -136,7 +136,7 @@ def describe_reference(result: Inspection, folder: Path, paths: Mapping[int, Pat
     result.disk_bytes += sum(map(size_of, truth.paths))
     without = sorted(set(paths) - set(truth.numbers))
     if without:
-        result.problems.append(f"reference missing for frames {ranges(without)}")
+        result.problems.append(f"reference missing for {named_frames(without)}")
     if (truth.width, truth.height) != (result.width, result.height):
         result.problems.append(f"reference is {truth.layouts[truth.first].size}, frames {result.size}")
 

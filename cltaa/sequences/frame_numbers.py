@@ -109,6 +109,12 @@ def ranges(numbers: Iterable[int]) -> str:
     return ", ".join(one_range(first, last) for first, last in runs)
 
 
+def named_frames(numbers: Iterable[int]) -> str:
+    """Frames for a reader: write "frame 5", or "frames 1-3, 7"."""
+    several = list(numbers)
+    return f"frame{'s' * (len(several) != 1)} {ranges(several)}"
+
+
 def one_range(first: int, last: int) -> str:
     """Write ``first`` to ``last`` for a reader."""
     return str(first) if first == last else f"{first}-{last}"

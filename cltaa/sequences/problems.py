@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cltaa.errors import CltaaError
-from cltaa.sequences.frame_numbers import ranges
+from cltaa.sequences.frame_numbers import named_frames
 
 
 class Problems:
@@ -32,5 +32,5 @@ class Problems:
 
 
 def _with_others(problem: str, others: list[int]) -> str:
-    same = f"the same in frame{'s' * (len(others) > 1)} {ranges(sorted(others))}"
+    same = f"the same in {named_frames(sorted(others))}"
     return f"{problem}; {same}" if others else problem

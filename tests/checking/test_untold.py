@@ -131,6 +131,12 @@ def test_vectors_that_say_nothing_are_untold(scene: Scene) -> None:
     assert any("the vectors' sign, axes and unit" in line for line in told(full_motion(scene("still"))))
 
 
+def test_vectors_that_are_all_one_before_a_camera_that_stands_are_not_called_short(scene: Scene) -> None:
+    frames = [replace(f, motion=np.full((f.height, f.width, 2), 2.0, np.float32)) for f in scene("still")]
+    assert "the vectors' sign, axes and unit: before a camera that stands all are alike" in told(frames)
+    assert not any("longer than" in line for line in told(frames))
+
+
 def test_jitter_that_nothing_shows_is_untold(scene: Scene) -> None:
     flat = [replace(frame, colour=np.full_like(frame.colour, 0.5)) for frame in scene("still")]
     assert any(line.startswith("the jitter") for line in told(flat))

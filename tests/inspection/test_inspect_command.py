@@ -132,7 +132,7 @@ def test_every_problem_is_listed_at_once(capsys: pytest.CaptureFixture[str], tmp
     for message in (
         "frames missing: 3-4, 6, 8",
         "synthetic.0007.exr: the file is truncated",
-        "cltaa:frame of frames 9",
+        "cltaa:frame of frame 9",
     ):
         assert sum(message in problem for problem in found) == 1, found
 
@@ -216,12 +216,12 @@ def test_undeclared_cut_and_exposure(capsys: pytest.CaptureFixture[str], tmp_pat
 
 def test_frames_that_differ(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     size = write(tmp_path / "size", [sound(i, width=WIDTH + (i == 2)) for i in range(3)])
-    assert problems(capsys, size) == "size of frames 2 differ from those of frame 0"
+    assert problems(capsys, size) == "size of frame 2 differs from that of frame 0"
     declared = frozenset({Effect.CAMERA, Effect.ALPHA})
     channels = write(tmp_path / "channels", [sound(i, alpha=i > 0, effects=declared) for i in range(3)])
     assert problems(capsys, channels) == "channels of frames 1-2 differ from those of frame 0"
     effects = write(tmp_path / "effects", [sound(i, effects=declared if i == 1 else None) for i in range(3)])
-    assert problems(capsys, effects) == "frames 1 declare other effects than the first"
+    assert problems(capsys, effects) == "other effects than the first are declared by frame 1"
 
 
 def test_lossy_compression_and_half_motion(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
