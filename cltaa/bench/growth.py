@@ -17,6 +17,7 @@ from cltaa.bench.environment import Environment, environment, load_average
 from cltaa.bench.frames import EFFECTS, Motion, camera_at
 from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.devices.launch import Buffer
+from cltaa.errors import ResourceError
 from cltaa.frames import Frame
 from cltaa.parameters.build import Steps
 from cltaa.parameters.presets import Preset
@@ -95,12 +96,23 @@ class _Sized:
 
 
 def square(side: int) -> Frame:
-    """A frame of random pixels at a distance of 1, which is its own inverse: bands leave closeness where depth was."""
+    """A frame of random pixels at a distance of 1, which is its own inverse: bands leave closeness where depth was.
+
+    Raises ResourceError where there is no memory for it.
+    """
     random = np.random.default_rng(0)
     times = -(-side // TILE)
-    planes = np.tile(random.random((3, TILE, TILE), dtype=np.float32), (1, times, times))[:, :side, :side]
+    try:
+        planes = np.tile(random.random((3, TILE, TILE), dtype=np.float32), (1, times, times))[:, :side, :side]
+        colour, depth = np.moveaxis(np.ascontiguousarray(planes), 0, -1), np.ones((side, side), np.float32)
+    except (
+        MemoryError,
+        ValueError,
+    ) as error:  # NumPy says the one of what is too much, the other of what no machine has
+        what = f"no memory for a frame of {side} x {side} pixels"
+        raise ResourceError(what, cure="name smaller sizes with --sizes") from error
     return Frame(
-        index=0, colour=np.moveaxis(np.ascontiguousarray(planes), 0, -1), depth=np.ones((side, side), np.float32),
+        index=0, colour=colour, depth=depth,
         camera=camera_at(0, Motion.UNIFORM, side, side), jitter_px=(0.25, -0.125), scene="growth", effects=EFFECTS,
     )  # fmt: skip
 

@@ -31,6 +31,7 @@ from cltaa.sequences.frame_numbers import (
     even_step,
     frame_missing,
     missing_from,
+    named_frames,
     on_break,
     ranges,
 )

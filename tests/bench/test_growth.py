@@ -224,3 +224,10 @@ def test_numpy_is_no_device(capsys: pytest.CaptureFixture[str]) -> None:
     said = capsys.readouterr().err
     assert "this needs an OpenCL device, and numpy is none" in said
     assert "or numpy" not in said
+
+
+@pytest.mark.parametrize("side", [99_999_999, 9_999_999_999])
+def test_an_image_that_no_memory_holds_is_one_line(side: int, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "growth", "--sizes", str(side)]) != 0
+    told = f"cltaa: error: no memory for a frame of {side} x {side} pixels; name smaller sizes with --sizes\n"
+    assert capsys.readouterr().err.endswith(told)

@@ -81,7 +81,7 @@ def test_semicolons_stand_between_columns_where_commas_stand_in_decimals(row: st
     ("numbered", "message"),
     [
         ((4, 5, 6), r"none of the frames is in the side file \(expected frames 0-2, found 4-6\)"),
-        ((0, 2, 3), r"no matrices for frames 1; give it to every frame"),
+        ((0, 2, 3), r"no matrices for frame 1; give it to every frame"),
     ],
 )
 def test_a_side_file_of_other_frames(numbered: tuple[int, ...], message: str, tmp_path: Path) -> None:
@@ -141,7 +141,7 @@ def test_exposure_and_cut_of_a_side_file_reach_the_frames(suffix: str, tmp_path:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({0: {"exposure": 1}, 1: {"exposure": 2}}, "no exposure for frames 2; give it to every frame"),
+        ({0: {"exposure": 1}, 1: {"exposure": 2}}, "no exposure for frame 2; give it to every frame"),
         ({n: {"exposure": -(2**n)} for n in range(3)}, "frame 0: exposure is wrong .*positive factor.*found -1"),
         ({n: {"exposure": 1, "cut": 2} for n in range(3)}, "frame 0: cut is wrong .*0 or 1, found 2"),
         ({n: {"expsoure": 1, "cut": 0} for n in range(3)}, "unknown key expsoure; did you mean exposure?"),
