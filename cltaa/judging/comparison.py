@@ -149,8 +149,9 @@ def truth_samples(reference: ImageSequence) -> int | None:
 def open_yardsticks(capture: Sequence) -> dict[int, ImageSequence]:
     """Folders ``reference-<n>/`` of a capture, the same frames drawn with n samples a pixel, by n, fewest first.
 
-    Raises what opening images does, and DataError for another size.
+    One sample is none of them: the capture itself has that, which would count twice. Raises what opening images does,
+    and DataError for another size.
     """
     named = {path.name.removeprefix("reference-"): path for path in capture.folder.glob("reference-*")}
-    folders = sorted((int(name), path) for name, path in named.items() if name.isdecimal())
+    folders = sorted((int(name), path) for name, path in named.items() if name.isdecimal() and int(name) > 1)
     return {count: capture.open_supersampled(path) for count, path in folders}

@@ -129,6 +129,18 @@ def test_yardsticks_are_told_by_their_numbers_fewest_first(capture: Path) -> Non
     assert [*open_yardsticks(open_sequence(capture))] == [2, 4, 8, 16, 32, 64]
 
 
+def test_a_folder_of_one_sample_is_no_second_yardstick_of_one(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path
+) -> None:
+    """The capture is the samples of one already: a curve with two points there does not fall, so that it was left."""
+    write_images(capture / "reference-4", list(open_images(resolved)), name="synthetic")
+    single = [frame.colour for frame in open_sequence(capture)]
+    write_images(capture / "reference-1", single, name="synthetic")
+    assert [*open_yardsticks(open_sequence(capture))] == [4]
+    found = run_json(capsys, resolved, capture, "--metrics", "mse")["equal_quality_samples"]
+    assert found == {"samples": pytest.approx(4, rel=1e-12), "method": "measured", "bound": None}
+
+
 def test_a_yardstick_that_lacks_frames_is_told_before_the_work(
     capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, tmp_path: Path
 ) -> None:
