@@ -23,6 +23,7 @@ from cltaa.exr.write import write_image
 from cltaa.files.atomic import make_folder
 from cltaa.memory.allocator import kept_memory
 from cltaa.parameters.presets import Preset
+from cltaa.progress import track
 from cltaa.resolve.halves import image_channels
 from cltaa.resolve.output import OutputFolder, Source
 from cltaa.resolve.pipeline import resolve_sequence
@@ -102,6 +103,7 @@ def bench_files(
         packings = [
             packing
             for half in (False, True)
+            if codecs
             for packing in _packings(Path(folder), _as_half(channels, half), codecs, counts, rounds)
         ]
         stages = [_stages(Path(folder), sequence, resolver, codec, half, rounds) for codec, half in commands]
@@ -158,7 +160,8 @@ def _stages(folder: Path, sequence: Captured, resolver: Resolver, codec: str, ha
     processor: list[float] = []
     held = [sequence.frame(index) for index in sequence.numbers[:HELD]]
     count = len(sequence)
-    for number in range(rounds + 1):  # the first builds kernels and fills caches
+    # The first round builds kernels and fills caches.
+    for number in track(range(rounds + 1), rounds + 1, f"timing {codec}{', half' if half else ''}", unit="rounds"):
         # Each as the command does it, in as many threads, with all that belongs to it.
         steps: dict[str, Callable[[], object]] = {
             "read": partial(_read_all, sequence),
@@ -166,7 +169,9 @@ def _stages(folder: Path, sequence: Captured, resolver: Resolver, codec: str, ha
                 resolver.resolve(replace(held[index % len(held)], index=index), half=half) for index in range(count)
             ],
             "write": partial(_write, folder, image_channels(resolver.resolve(held[0], half=half)), codec, count),
-            "whole": partial(resolve_sequence, sequence, folder / WHOLE, resolver, half=half, compression=codec),
+            "whole": partial(
+                resolve_sequence, sequence, folder / WHOLE, resolver, half=half, compression=codec, progress=False
+            ),
         }
         for name, step in steps.items():
             resolver.reset()

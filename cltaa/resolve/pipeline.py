@@ -46,6 +46,7 @@ def resolve_sequence(
     checkpoint_every: int = CHECKPOINT_EVERY,
     debug: tuple[View, ...] = (),
     layers: tuple[str, ...] = (),
+    progress: bool = True,
 ) -> Outcome:
     """Resolve every frame of ``sequence`` into ``output``, one EXR a frame under the same names.
 
@@ -54,7 +55,8 @@ def resolve_sequence(
     result. A run that was cut short goes on where it stopped, to the same bits; SIGINT and SIGTERM finish the frame in
     work, save the state and raise KeyboardInterrupt. A device that is lost is opened once more. Views to
     ``debug`` become layers of the EXRs, and PNGs in a folder of that name. Channels of the input that match one of
-    ``layers`` are kept beside the resolved ones, and its attributes and windows always.
+    ``layers`` are kept beside the resolved ones, and its attributes and windows always. Without ``progress`` nothing
+    is shown while it runs.
 
     Raises UsageError where ``output`` is the sequence's own folder or was begun with other settings (unless
     ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
@@ -86,7 +88,7 @@ def resolve_sequence(
             checkpoints.clear()
         views = DebugViews(resolver, debug)
         files = ResolvedFiles(folder, resolver, views, undeclared=sequence.undeclared)
-        run = _Run(sequence, files, checkpoints, resolver, effects, stop, layers, half=half)
+        run = _Run(sequence, files, checkpoints, resolver, effects, stop, layers, half=half, progress=progress)
         try:
             run.resolve(compression, checkpoint_every)
         except DeviceLost:
@@ -123,10 +125,11 @@ class _Run:
         layers: tuple[str, ...],
         *,
         half: bool,
+        progress: bool,
     ) -> None:
         self._sequence, self._files, self._checkpoints = sequence, files, checkpoints
         self._resolver, self._effects, self._stop, self._layers = resolver, effects, stop, layers
-        self._half = half
+        self._half, self._progress = half, progress
         self._seconds: dict[str, list[float]] = {name: [] for name in StageTimes.__struct_fields__}
 
     def resolve(self, compression: str, checkpoint_every: int) -> None:
@@ -146,7 +149,8 @@ class _Run:
         with Writer(compression=compression) as writer, reading as frames:
             if after is None:
                 self._reserve(part)
-            for done, number in enumerate(track(numbers, len(numbers), "resolving"), start=1):
+            shown = track(numbers, len(numbers), "resolving") if self._progress else numbers
+            for done, number in enumerate(shown, start=1):
                 read = next(frames)
                 image = self._resolver.resolve(with_effects(read.frame, self._effects), half=self._half)
                 if number in wanted:

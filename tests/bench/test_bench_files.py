@@ -31,6 +31,15 @@ def test_every_compression_and_the_command(tmp_path: Path, capsys: pytest.Captur
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
 
 
+def test_a_log_has_one_line_of_progress_for_the_rounds_of_a_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["--compressions", "", "--commands", "none", "--rounds", "3", "--json"]
+    assert main(["bench", "files", str(write_sequence(tmp_path / "in", 2)), *arguments]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("timing none: 4 of 4 rounds, ")  # the first warms up
+
+
 def test_nothing_is_deleted_within_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     deleted: list[Path] = []
     monkeypatch.setattr("cltaa.resolve.output._clear", deleted.append)
