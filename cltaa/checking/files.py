@@ -15,7 +15,7 @@ def check_files(intake: Intake) -> list[Finding]:
     """Findings about compression that loses, half-precision channels, and frames and channels that are not there."""
     found = []
     if intake.missing:
-        what = f"frames are missing: {ranges(intake.missing)}; render them again, or resolve with --gaps reset"
+        what = f"frames are missing: {ranges(intake.missing)}; render them again, or cltaa resolve --gaps reset"
         evidence = "the files' names"
         found.append(Finding(name="frames-missing", mistake=True, confidence=0.99, what=what, evidence=evidence))
     for role in ("depth", "motion"):

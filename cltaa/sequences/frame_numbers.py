@@ -92,7 +92,7 @@ def no_truth(path: Path, number: int, wanted: Iterable[int], there: Collection[i
 
 def frame_missing(path: Path, number: int, apart: int = 1) -> InputMissing:
     """The error for a frame that should be there; ``apart`` above 1 is the step that was meant, and was not given."""
-    cure = "capture or render it again; resolve --gaps reset begins anew behind each gap"
+    cure = "capture or render it again, or go on without it by cltaa resolve --gaps reset or cltaa compare --frames A-B"
     if apart > 1:
         cure = f"the frames are {apart} apart: --step {apart} takes each as the one after the last"
     return InputMissing("the frame is missing", path=path, frame=number, cure=cure)

@@ -150,7 +150,7 @@ def check_size(layout: Layout, before: Layout, number: int, on_resize: OnBreak) 
     if (layout.width, layout.height) != (before.width, before.height):
         if on_resize is OnBreak.RESET:
             return
-        cure = "all frames of a sequence have one size; resolve --on-resize reset begins anew at each change"
+        cure = "all frames of a sequence have one size; cltaa resolve --on-resize reset begins anew at each change"
         if layout.display_size == before.display_size:
             cure = ONE_REGION
         raise DataError(

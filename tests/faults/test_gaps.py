@@ -33,6 +33,21 @@ def record(folder: Path) -> None:
     (folder / "sequence.json").write_text(json.dumps({"files": files}))
 
 
+def test_what_goes_on_without_a_frame_is_named_with_its_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The two words that help are options of two commands, and those who ran another are told of which."""
+    folder, judge = write_sequence(tmp_path / "in", 5), ["--metrics", "mse"]
+    frame_path(folder, 1).unlink()
+    cure = "or go on without it by cltaa resolve --gaps reset or cltaa compare --frames A-B\n"
+    assert main(["compare", str(folder), str(folder), *judge]) == 66
+    assert capsys.readouterr().err.endswith(cure)
+    assert main(["tune", str(folder), "--budget", "9ms", "-o", str(tmp_path / "best.toml")]) == 66
+    assert capsys.readouterr().err.endswith(cure)
+    assert main(["compare", str(folder), str(folder), *judge, "--frames", "2-4"]) == 0
+    assert main(arguments(folder, tmp_path / "out", "--gaps", "reset")) == 0
+
+
 @pytest.mark.parametrize("missing", [[3], [1], [4], [2, 3], [1, 3], [1, 2, 3, 4]])
 def test_gap_is_refused_or_begins_anew(tmp_path: Path, missing: list[int], capsys: pytest.CaptureFixture[str]) -> None:
     """Behind a gap every frame is, to the bit, what it is when the sequence begins there."""
