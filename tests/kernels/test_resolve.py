@@ -9,8 +9,6 @@ from typing import get_type_hints
 import numpy as np
 import pytest
 
-from cltaa.devices.device import Device
-from cltaa.devices.shape import INTEL_16
 from cltaa.frames import Camera, Effect, Frame
 from cltaa.parameters.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Real, Storage, prelude
 from cltaa.parameters.choices import Choices
@@ -20,6 +18,9 @@ from tests.sequence_factory import bits, make_frame, special_values
 
 # Every choice that shapes a kernel, with the kind of its values.
 CHOICES = get_type_hints(Choices)
+# Those with a value that leaves others nothing to do, or that is for other kernels; test_choices_together.py has
+# the rest.
+ALONE = ("alpha_from", "gather_fit", "history_of", "on_camera_move", "reproject", "thin_search")
 
 
 def turned(index: int, width: int, height: int) -> Camera:
@@ -68,25 +69,9 @@ def test_same_bits_whatever_the_shape_of_the_work(lanes: int, rows: int) -> None
     assert differing({}, list(hard_frames()), lanes, rows) == 0
 
 
-@pytest.mark.parametrize(("name", "choice"), [(n, c) for n, kind in CHOICES.items() for c in kind])
-def test_same_bits_for_every_choice(name: str, choice: str) -> None:
-    assert differing({name: choice, "fresh_blur": 0.5}, list(hard_frames()), 8, 7) == 0
-
-
-# What decides which members of a row the next rows need, how history is read while rows change, and what is left of a
-# segment for later while the next one is read.
-OF_ROWS = (
-    "accumulate", "anti_flicker", "box", "box_space", "current_filter", "dilation", "filter_use", "history_filter",
-    "light_change", "neighbourhood", "rectify", "reject", "variance", "weighting",
-)  # fmt: skip
-
-
-@pytest.mark.parametrize(("name", "choice"), [(name, choice) for name in OF_ROWS for choice in CHOICES[name]])
-def test_same_bits_along_rows(name: str, choice: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Work-items that walk along rows of three columns, as they do of sixteen on Intel's CPUs; 70 pixels are nine."""
-    monkeypatch.setattr(Device, "shape", INTEL_16._replace(lanes=8, columns=3))
-    monkeypatch.setattr("cltaa.devices.shape.ITEMS_A_UNIT", 0)
-    assert differing({name: choice, "fresh_blur": 0.5}, list(hard_frames(count=2)), 8, 7) == 0
+@pytest.mark.parametrize(("name", "choice"), [(name, choice) for name in ALONE for choice in CHOICES[name]])
+def test_same_bits_for_every_choice_that_stands_alone(name: str, choice: str) -> None:
+    assert differing({name: choice}, list(hard_frames()), 8, 7) == 0
 
 
 def test_a_kernel_that_gathers_walks_down_whatever_columns_the_build_has() -> None:

@@ -1,0 +1,118 @@
+"""The fused kernel against its NumPy twin for every choice, down rows and along them: several choices in one build.
+
+A build takes seconds to compile, so choices that do not bear on one another share one. Of each group at most one is not
+as usual, lest one hide what another does: a box says nothing of history that nothing moves into it.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+import pytest
+
+from cltaa.devices.device import Device
+from cltaa.devices.shape import INTEL_16
+from cltaa.frames import Effect
+from cltaa.parameters.build import Terms
+from cltaa.parameters.choices import Choices, LightChange
+from cltaa.parameters.presets import load_preset
+from tests.kernels.test_resolve import ALONE, CHOICES, differing, hard_frames
+
+Row = dict[str, Any]  # choices by name
+
+LANES, ROWS = 8, 7
+# Columns that a work-item walks row by row, as it does sixteen on Intel's CPUs; 70 pixels are nine segments.
+COLUMNS = {"down": 1, "along": 3}
+# Each value of the first group has a build of its own. The last names there decide which work is done at all, and
+# whether a segment is under way while the next one is read (kernels/kept_rows.h).
+GROUPS = [
+    ("box", "box_space", "neighbourhood", "variance", "rectify", "history_filter", "weighting"),
+    ("current_filter", "filter_use"),
+    ("accumulate", "anti_flicker", "negatives"),
+    ("dilation", "off_screen", "ray_through", "reject"),
+    ("exposure_change", "light_change", "reactive_mask", "tonemap"),
+]
+DECISIVE = {"rectify", "history_filter", "weighting"}
+# What a choice needs to be seen: the usual box knows no variance.
+BESIDE = {"variance": {"box": "variance"}}
+CHOSEN = [name for group in GROUPS for name in group]
+# For frames that declare no effects, which no change of light is looked for in.
+USUAL = msgspec.structs.replace(load_preset().choices, light_change=LightChange.IGNORE)
+
+
+def alternatives(group: Sequence[str]) -> list[Row]:
+    """What a row may have of a group: all as usual, or one value that is not."""
+    rare = [(name, value) for name in group for value in CHOICES[name] if value is not getattr(USUAL, name)]
+    return [{}, *({name: value, **BESIDE.get(name, {})} for name, value in rare)]
+
+
+def rows(chance: random.Random) -> Iterator[Row]:
+    """Each alternative of the first group, beside all those of the others again and again, each time shuffled."""
+    leading = alternatives(GROUPS[0])
+    others = []
+    for group in GROUPS[1:]:
+        beside: list[Row] = []
+        while len(beside) < len(leading):
+            beside += chance.sample(alternatives(group), len(alternatives(group)))
+        others.append(beside)
+    for parts in zip(leading, *others, strict=False):
+        yield {name: value for part in parts for name, value in part.items()}
+
+
+CHANCE = random.Random(0)
+CASES = [(way, row) for way in COLUMNS for row in rows(CHANCE)]
+
+
+def named(way: str, row: Row) -> str:
+    """The way, and the choice of the first group that is not as usual."""
+    return "-".join([way, *(f"{name}={value}" for name, value in list(row.items())[:1] if name in GROUPS[0])])
+
+
+def differing_with(way: str, row: Row) -> int:
+    """Values that differ between kernel and twin, over three frames."""
+    with pytest.MonkeyPatch.context() as patch:
+        # The first frame has nothing to blur, which changes no bit (test_terms.py): it needs no kernel of its own.
+        patch.setattr("cltaa.resolve.resolver.Terms.of", lambda _: Terms())
+        if way == "along":
+            patch.setattr(Device, "shape", INTEL_16._replace(lanes=LANES, columns=COLUMNS[way]))
+            patch.setattr("cltaa.devices.shape.ITEMS_A_UNIT", 0)
+        effects = frozenset(Effect) if "light_change" in row else None
+        frames = [replace(frame, effects=effects) for frame in hard_frames()]
+        return differing({**row, "fresh_blur": 0.5}, frames, LANES, ROWS)
+
+
+def needed(row: Row, fails: Callable[[Row], bool]) -> Row:
+    """What of a failing row it takes to fail: all else can be as usual at once."""
+    for name in list(row):
+        less = {other: value for other, value in row.items() if other != name}
+        if fails(less):
+            row = less
+    return row
+
+
+@pytest.mark.parametrize(("way", "row"), CASES, ids=[named(*case) for case in CASES])
+def test_same_bits_for_every_choice(way: str, row: Row) -> None:
+    if different := differing_with(way, row):
+        culprits = needed(row, lambda less: differing_with(way, less) > 0)
+        pytest.fail(f"{different} values differ, {way} rows, by {culprits or 'whatever is chosen'}")
+
+
+@pytest.mark.parametrize("way", COLUMNS)
+def test_every_value_is_tried_beside_usual_ones(way: str) -> None:
+    assert sorted([*CHOSEN, *ALONE]) == sorted(Choices.__struct_fields__)
+    tried = [row for tried_way, row in CASES if tried_way == way]
+    for group in GROUPS:
+        for alternative in alternatives(group):
+            own = [row for row in tried if {name: row[name] for name in group if name in row} == alternative]
+            assert any(group is GROUPS[0] or not DECISIVE & set(row) for row in own), alternative
+
+
+def test_what_it_takes_to_fail_is_found() -> None:
+    row = {"a": 1, "c": 2, "d": 3}
+    assert needed(row, lambda it: it.get("c") == 2) == {"c": 2}
+    assert needed(row, lambda it: {"a", "d"} <= set(it)) == {"a": 1, "d": 3}
+    assert needed(row, lambda _: True) == {}
