@@ -1,0 +1,115 @@
+"""Jitter in a projection, and the words and numbers of findings about matrices."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from cltaa.checking.finding import Finding
+from cltaa.checking.shots import Shot
+from cltaa.checking.travel import MOST_PAIRS, check_projection_jitter, check_structure, check_travel, moving_pairs
+from cltaa.frames import Camera, Frame
+from tests.checking.conftest import Scene
+from tests.checking.mistakes import FLIP_Y, MISTAKES, camera_delayed, camera_jittered
+from tests.numerics.exact_cameras import orthographic
+from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame
+
+OFFSETS = [(0.1, -0.4), (-0.3, 0.2), (0.4, 0.45), (-0.15, -0.05), (0.25, -0.2)]
+PARALLEL = Camera(np.eye(4), orthographic(2.0, 1.5))
+
+
+def shot(frames: Sequence[Frame]) -> Shot:
+    return Shot(frames, (WIDTH, HEIGHT))
+
+
+def found(frames: Sequence[Frame]) -> list[str]:
+    return [finding.name for finding in check_projection_jitter(shot(frames))]
+
+
+def frames_of(camera: Camera) -> list[Frame]:
+    return [make_frame(index, camera=camera, jitter_px=jitter) for index, jitter in enumerate(OFFSETS)]
+
+
+def with_clip(change: Callable[[np.ndarray], np.ndarray], camera: Camera) -> Camera:
+    return Camera(camera.world_to_view, change(camera.view_to_clip))
+
+
+@pytest.mark.parametrize("camera", [make_camera(), PARALLEL], ids=["perspective", "parallel"])
+def test_a_centre_that_follows_the_jitter_is_named(camera: Camera) -> None:
+    frames = frames_of(camera)
+    assert found(frames) == []
+    jittered = [camera_jittered(frame) for frame in frames]
+    assert found(jittered) == ["camera-jittered"]
+    assert found(jittered[:3]) == ["camera-jittered"]
+    assert found(jittered[:2]) == []  # a difference of two frames follows anything
+
+
+def test_it_does_so_about_a_centre_that_lies_elsewhere() -> None:
+    shift = np.eye(4)
+    shift[0, 3], shift[1, 3] = 0.3, -0.2
+    frames = [camera_jittered(frame) for frame in frames_of(with_clip(lambda clip: shift @ clip, make_camera()))]
+    assert found(frames) == ["camera-jittered"]
+
+
+@pytest.mark.parametrize(("size", "names"), [(0.02, ["camera-jittered"]), (0.2, [])])
+def test_a_centre_that_also_moves_on_its_own_does_not_follow(size: float, names: list[str]) -> None:
+    """By more than a twentieth of a pixel, in a way that has nothing in common with the jitter."""
+    beside = np.linalg.svd(np.column_stack([np.ones(len(OFFSETS)), OFFSETS]))[0][:, -1]  # of length 1, over 5 frames
+    frames = []
+    for frame, down in zip(frames_of(make_camera()), size * beside, strict=True):
+        x, y = frame.jitter_px
+        frames.append(replace(camera_jittered(replace(frame, jitter_px=(x, y + float(down)))), jitter_px=(x, y)))
+    assert found(frames) == names
+
+
+def test_of_one_that_follows_upside_down_the_projection_is_told() -> None:
+    """An upright one is jittered the wrong way, of which nothing is said."""
+    flipped = with_clip(lambda clip: FLIP_Y @ clip, make_camera())
+    for camera, expected in ((flipped, ["camera-y-flipped"]), (make_camera(), [])):
+        frames = []
+        for frame in frames_of(camera):
+            x, y = frame.jitter_px
+            frames.append(replace(camera_jittered(replace(frame, jitter_px=(x, -y))), jitter_px=(x, y)))
+        assert found(frames) == expected
+
+
+@pytest.mark.parametrize(("by", "name", "which"), [(1, "late", "next"), (-1, "early", "previous")])
+def test_matrices_of_another_frame_are_told_with_their_delay(by: int, name: str, which: str, scene: Scene) -> None:
+    (finding,) = check_travel(shot(camera_delayed(by)(scene("dolly"))))
+    assert (finding.name, finding.fix) == (f"camera-{name}", {"camera": {"delay": by}})
+    assert finding.what == f"each frame's true matrices are those of the {which} frame"
+    # Both residuals are said to three digits, of about 0.3 and 0.5.
+    right, declared = (float(number) for number in re.findall(r"0\.\d{3}", finding.evidence))
+    assert right < declared
+    assert finding.confidence == pytest.approx(1 - (right / declared) ** 2, abs=0.01)
+
+
+def test_matrices_that_nobody_declared_are_not_judged(scene: Scene) -> None:
+    frames = MISTAKES["camera-late"].plant(scene("dolly"))
+    assert check_travel(Shot(frames, (frames[0].width, frames[0].height), has_camera=False)) == []
+
+
+def test_of_matrices_that_are_no_cameras_the_last_rows_are_shown() -> None:
+    camera = make_camera((1.0, 2.0, 5.0))
+    wrong = [make_frame(n, camera=Camera(camera.world_to_view.T, camera.view_to_clip.T)) for n in range(2)]
+    (finding,), _ = check_structure(wrong)
+    assert finding.name == "camera-transposed"
+    assert finding.evidence.startswith("last rows -1 -2 -5 1 and 0 0 -0.2002 0 as read, of a camera only when")
+    nowhere: list[Finding]
+    nowhere, change = check_structure([make_frame(n, camera=Camera(np.zeros((4, 4)), np.eye(4))) for n in (3, 4)])
+    assert [(finding.name, change) for finding in nowhere] == [("camera-wrong", None)]
+    assert nowhere[0].evidence.startswith("frame 3: ")
+
+
+@pytest.mark.parametrize(("frames", "looked_at"), [(2, 1), (7, 6), (8, 4), (13, 6), (20, 5)])
+def test_of_many_pairs_some_are_looked_at_evenly_apart(frames: int, looked_at: int) -> None:
+    pairs = moving_pairs(shot([make_frame(index) for index in range(frames)]))
+    assert len(pairs) == looked_at <= MOST_PAIRS
+    assert pairs[0].frame.index == 1
+    assert len({second.frame.index - first.frame.index for first, second in pairwise(pairs)}) <= 1
+    assert moving_pairs(shot([make_frame(index, camera=make_camera()) for index in range(frames)])) == []
