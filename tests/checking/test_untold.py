@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,8 @@ from cltaa.frames import Camera, Frame
 from tests.checking.conftest import Scene
 from tests.checking.mistakes import FLIP_Y, MISTAKES, full_motion
 from tests.inputs.foreign import write_own
-from tests.sequence_factory import make_frame
+from tests.numerics.exact_cameras import orthographic, rotation, view_at
+from tests.sequence_factory import make_camera, make_frame
 
 STANDS = "matrices: their direction, their y, a delay; and the unit of depth: the camera stands"
 
@@ -85,6 +87,7 @@ def test_a_picture_whose_rows_go_up_before_a_level_camera_is_said_to_be_untold(s
         ("corridor", ["their y", "a delay"], ["direction", "unit of depth", "the jitter"]),
         ("pan", ["their y", "unit of depth"], []),
         ("orbit", [], ["their y", "direction"]),
+        ("dolly", ["their y"], ["a delay"]),
         ("occluder", ["the sign of y"], ["the sign of x", "none is longer"]),
         ("spinner", [], ["the sign of"]),
     ],
@@ -125,6 +128,35 @@ def test_other_meanings_of_matrices_under_which_pictures_match_are_said(small: S
     assert finding.confidence < 0.5
     (finding,) = check_frames(MISTAKES["camera-mirrored"].plant(small("corridor")))
     assert (finding.name, finding.confidence, " or " in finding.evidence) == ("camera-mirrored", 0.95, False)
+
+
+def noise(cameras: Sequence[Camera]) -> list[Frame]:
+    """Pictures in which nothing matches anything, each seen by one of ``cameras``."""
+    return [make_frame(index, camera=camera) for index, camera in enumerate(cameras)]
+
+
+def test_a_camera_that_moves_once_does_not_tell_a_delay() -> None:
+    """The pairs before and behind its step would show one, if anything did."""
+    here, there = make_camera(), make_camera((0.3, 0.1, 4.8))
+    (line,) = [line for line in told(noise([here, here, there, there])) if line.startswith("matrices: ")]
+    assert line == "matrices: their direction, their y, a delay: the pictures match about as well either way"
+
+
+def test_of_what_was_not_declared_nothing_is_untold() -> None:
+    frames = noise([make_camera((0.1 * index, 0.0, 5.0)) for index in range(4)])
+    size = frames[0].width, frames[0].height
+    assert sum("of depth" in line for line in told(frames)) == 2  # its unit, and its kind
+    assert not any("of depth" in line for line in untold(Shot(frames, size, has_depth=False)))
+    assert not any("of depth" in line or "matrices" in line for line in untold(Shot(frames, size, has_camera=False)))
+
+
+def test_a_parallel_camera_that_turns_does_not_tell_the_unit_of_depth() -> None:
+    """Vectors that fill the picture would; but such a camera's depth is not held against them."""
+    clip = orthographic(2.0, 1.5)
+    frames = full_motion(
+        noise([Camera(view_at(np.zeros(3), rotation((0.0, 1.0, 0.0), index)), clip) for index in range(4)])
+    )
+    assert any(line.startswith("the unit of depth") for line in told(frames))
 
 
 def test_vectors_that_say_nothing_are_untold(scene: Scene) -> None:
