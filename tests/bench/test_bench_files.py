@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import OpenEXR
 import pytest
 
+from cltaa.bench.environment import environment
+from cltaa.bench.files import FilesBench, Packing, Stages
 from cltaa.cli import main
+from cltaa.timing import Interval
 from tests.inputs.foreign import frames, side_text, write_blender
 from tests.sequence_factory import write_sequence
 
@@ -31,15 +35,6 @@ def test_every_compression_and_the_command(tmp_path: Path, capsys: pytest.Captur
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
 
 
-def test_a_log_has_one_line_of_progress_for_the_rounds_of_a_command(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    arguments = ["--compressions", "", "--commands", "none", "--rounds", "3", "--json"]
-    assert main(["bench", "files", str(write_sequence(tmp_path / "in", 2)), *arguments]) == 0
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("timing none: 4 of 4 rounds, ")  # the first warms up
-
-
 def test_nothing_is_deleted_within_a_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     deleted: list[Path] = []
     monkeypatch.setattr("cltaa.resolve.output._clear", deleted.append)
@@ -50,9 +45,15 @@ def test_nothing_is_deleted_within_a_time(tmp_path: Path, monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize(
     ("option", "value", "code"),
-    [("--compressions", "b44", 64), ("--threads", "x", 2), ("--threads", "1025", 64), ("--commands", "zip:full", 64)],
-)
-def test_nonsense(tmp_path: Path, option: str, value: str, code: int) -> None:
+    [
+        ("--compressions", "b44", 64), ("--threads", "x", 2), ("--threads", "1025", 64), ("--commands", "zip:full", 64),
+        ("--commands", "b44", 64),
+    ],
+)  # fmt: skip
+def test_nonsense_is_refused_before_anything_is_timed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: str, value: str, code: int
+) -> None:
+    monkeypatch.setattr("cltaa.commands.bench_files.bench_files", lambda *_, **__: pytest.fail("it timed"))
     assert main(["bench", "files", str(write_sequence(tmp_path, 1)), option, value]) == code
 
 
@@ -80,3 +81,43 @@ def test_the_oracle_is_timed_too(tmp_path: Path, capsys: pytest.CaptureFixture[s
     options = ["--compressions", "none", "--threads", "1", "--commands", "none", "--rounds", "3", "--device", "numpy"]
     assert main(["bench", "files", str(write_sequence(tmp_path / "in", 1)), *options]) == 0
     assert "\nNumPy (float32 oracle); " in capsys.readouterr().out
+
+
+def between(low: float, median: float, high: float) -> Interval:
+    return Interval(low=low, median=median, high=high)
+
+
+def test_what_is_printed_are_the_numbers_that_were_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each under its heading; of packings milliseconds, of stages seconds as milliseconds."""
+    packings = [
+        Packing(codec="zip", half=half, threads=2 + half, write=between(10, 11, 12), read=between(20, 21, 22),
+                megabytes=3.25)
+        for half in (False, True)
+    ]  # fmt: skip
+    stages = [
+        Stages(codec="piz", half=half, read=between(0.010, 0.011, 0.012), resolve=between(0.020, 0.021, 0.022),
+               write=between(0.030, 0.031, 0.032), whole=between(0.040, 0.041, 0.042),
+               processor=between(0.050, 0.051, 0.052), over_slowest=between(1.25, 1.5, 1.75),
+               at_best=between(1.0, 1.125, 1.25))
+        for half in (False, True)
+    ]  # fmt: skip
+    found = FilesBench(width=37, height=23, frames=1, rounds=3, environment=environment("a device", 0.0),
+                       packings=packings, stages=stages)  # fmt: skip
+    monkeypatch.setattr("cltaa.commands.bench_files.bench_files", lambda *_, **__: found)
+    assert main(["bench", "files", str(write_sequence(tmp_path, 1))]) == 0
+    said = capsys.readouterr().out
+    rows = [[cell.strip() for cell in re.split("[│┃]", line)[1:-1]] for line in said.splitlines()]
+    rows = [row for row in rows if row]
+    assert rows == [
+        ["compression", "pixels", "threads", "write ms", "95 %", "read ms", "95 %", "MB"],
+        ["zip", "float", "2", "11", "10–12", "21", "20–22", "3.2"],
+        ["zip", "half", "3", "11", "10–12", "21", "20–22", "3.2"],
+        ["compression", "read alone", "resolve alone", "write alone", "whole", "processor", "over slowest", "95 %",
+         "at best"],
+        ["piz", "11", "21", "31", "41", "51", "1.50", "1.25–1.75", "1.12"],
+        ["piz, half", "11", "21", "31", "41", "51", "1.50", "1.25–1.75", "1.12"],
+    ]  # fmt: skip
+    assert "a resolved frame, 37 x 23, 3 rounds" in said
+    assert "cltaa resolve, 1 frame, milliseconds a frame" in said

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.commands.tune import outcome_lines
+from cltaa.devices.launch import Launcher, launcher_for
 from cltaa.errors import UsageError
 from cltaa.parameters.presets import Preset, load_config, load_preset, override
 from cltaa.tuning.goal import Goal, parse_goal
@@ -196,3 +198,57 @@ def test_it_is_said_where_nothing_better_was_found() -> None:
     for tuned, words in ((found, "nothing better"), (better, "it holds there")):
         assert sum(words in line for line in outcome_lines(tuned)) == 1
     assert not any("holds" in line for line in outcome_lines(found))
+
+
+FOUND = Tuned(
+    goal=Goal(metric="flip", budget_ms=5.0), start=Trial(values={"rectify": "clip"}, error=0.25, milliseconds=4.0),
+    best=Trial(values={"rectify": "none"}, error=0.125, milliseconds=3.0), trials=7, reached=True,
+    searched_on=["a", "b"], checked_on=["c", "d"], gain=2.0, gain_elsewhere=1.5, overfits=False,
+)  # fmt: skip
+
+
+def test_what_is_said_of_the_outcome() -> None:
+    began = "flip 0.125 in 3 ms a frame; it began with 0.25 in 4 ms (7 trials on a, b)"
+    gained = "error 2.000 times smaller where it was searched, 1.500 times on c, d: "
+    assert outcome_lines(FOUND) == [began, gained + "it holds there"]
+    assert outcome_lines(msgspec.structs.replace(FOUND, overfits=True)) == [began, gained + "it over-fits"]
+    once = msgspec.structs.replace(FOUND, trials=1, searched_on=["a"], checked_on=[], gain_elsewhere=None)
+    first, second = outcome_lines(once)
+    assert first.endswith("(1 trial on a)")
+    assert "not checked" in second
+
+
+def test_what_is_asked_for_is_searched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And the command that uses the outcome is one that a shell does not take apart."""
+    asked: dict[str, Any] = {}
+
+    def found(searched: list[Any], checked: list[Any], goal: Goal, launcher: Launcher, **more: Any) -> Any:
+        names = [[sequence.folder.name for sequence in some] for some in (searched, checked)]
+        asked.update(more, names=names, goal=goal, device=launcher.description)
+        return FOUND, load_preset("t1")
+
+    monkeypatch.setattr("cltaa.commands.tune.tune", found)
+    folders = [write_sequence(tmp_path / name, 2, reference=True) for name in "abc"]
+    output = tmp_path / "what was found.toml"
+    options = ["--budget", "5ms", "--metric", "flip", "--trials", "7", "--seed", "3", "--device", "numpy"]
+    assert main(["tune", *map(str, folders), *options, "-o", str(output)]) == 0
+    assert asked.pop("base") == load_preset()
+    assert asked == {
+        "names": [["a", "b"], ["c"]], "goal": FOUND.goal, "device": launcher_for("numpy").description, "trials": 7,
+        "seed": 3, "output": output,
+    }  # fmt: skip
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == f"written to {output}; use it with: cltaa resolve --config '{output}'"
+    assert load_config(output, load_preset()).deciding() == load_preset("t1").deciding()
+
+
+def test_another_way_to_a_sequence_is_the_same_sequence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_sequence(tmp_path / "a", 2, reference=True)
+    monkeypatch.chdir(tmp_path)
+    command = ["tune", str(tmp_path / "a"), "--check", "a", "--budget", "5ms", "--device", "numpy", "-o", "t.toml"]
+    assert main(command) == 64
+    assert "both searched and checked" in capsys.readouterr().err
