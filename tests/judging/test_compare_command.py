@@ -20,7 +20,7 @@ from cltaa.judging.equal_quality import equal_quality_samples
 from cltaa.judging.metrics import light_mse, mean, measure
 from cltaa.judging.video_scores import VideoScores
 from cltaa.sequences.sources import open_images, open_sequence
-from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_images
+from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_images, write_sequence
 
 
 def run_json(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> Any:
@@ -299,3 +299,48 @@ def test_nan_in_an_image_is_named(capsys: pytest.CaptureFixture[str], capture: P
     assert main(["compare", str(tmp_path / "good"), str(folder)]) == 65
     error = capsys.readouterr().err.splitlines()[-1]
     assert f"{folder / 'image.0001.exr'} frame 1: NaN or infinity in 3 values of the reference" in error
+
+
+def test_a_result_says_of_what_it_is(capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path) -> None:
+    """One that is named twice is one."""
+    found = run_json(capsys, resolved, resolved, capture, "--metrics", "mse", "--stops", "1.5")
+    facts = found["test"], found["reference"], found["stops"]
+    assert facts == (str(resolved), str(capture / "reference"), 1.5)
+    truth = capture / "reference"
+    assert run_json(capsys, resolved, truth, "--metrics", "mse")["reference"] == str(truth)
+
+
+def test_where_one_sample_is_right_no_number_of_samples_is(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path
+) -> None:
+    write_images(capture / "reference", [frame.colour for frame in open_sequence(capture)], name="synthetic")
+    found = run_json(capsys, resolved, capture, "--metrics", "mse")
+    assert (found["mean"]["mse"] > 0, found["mean_one_sample"]["mse"]) == (True, 0)
+    assert "equal_quality_samples" not in found
+
+
+def test_frames_two_apart_are_not_followed_without_their_step(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    for number in (0, 2, 4, 6):
+        write_sequence(tmp_path, 1, first=number)
+        write_images(tmp_path / "reference", [make_frame(number, seed=1).colour], name="synthetic", first=number)
+    assert "say --step 2 if each continues the last" in refusal(capsys, 64, tmp_path, "--video")
+    assert run_json(capsys, tmp_path, "--metrics", "mse", "--video", "--step", "2")["video"]["flicker"] > 0
+
+
+def test_maps_do_not_replace_pictures_by_whatever_way_their_folder_is_named(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    for name, level in (("a", 100), ("b", 110)):
+        (tmp_path / name).mkdir()
+        Pillow.fromarray(np.full((HEIGHT, WIDTH, 3), level, np.uint8)).save(tmp_path / name / "x.0001.png")
+        (tmp_path / f"to-{name}").symlink_to(tmp_path / name)
+    before = [(tmp_path / name / "x.0001.png").read_bytes() for name in "ab"]
+    for name in "ab":
+        command = ["compare", str(tmp_path / "a"), str(tmp_path / "b"), "--heatmap", str(tmp_path / f"to-{name}")]
+        assert main(command) == 64
+        said = capsys.readouterr().err.splitlines()
+        assert [line[:3] for line in said[:2]] == ["A: ", "B: "]  # how each is read
+        assert "maps have the names of the pictures there" in said[-1]
+    assert [(tmp_path / name / "x.0001.png").read_bytes() for name in "ab"] == before

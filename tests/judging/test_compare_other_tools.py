@@ -159,7 +159,9 @@ def test_a_region_is_judged_against_the_same_region_of_a_capture(
     # Errors fall with the square of the share: half of it lies between 0.7 of two samples and 0.1 of sixteen.
     assert found["equal_quality_samples"]["method"] == "measured"
     assert 2 < found["equal_quality_samples"]["samples"] < 16
-    assert "--video judges whole pictures only" in refusal_after_note(capsys, part, capture, "--video")
+    refused = refusal_after_note(capsys, part, capture, "--video")
+    assert "--video judges whole pictures only" in refused
+    assert f"(expected {WIDTH} x {HEIGHT}, found {WIDTH - 2} x {HEIGHT - 1} " in refused
 
 
 def refusal_after_note(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
@@ -213,6 +215,7 @@ def test_options_that_read_the_frames_otherwise_than_the_resolve_are_told(
         said = capsys.readouterr().err
         assert said.count("warning: A was resolved from B as other options read it: give --profile") == told
         assert "B: profile blender" in said
+        assert "A: " not in said  # files of cltaa's own
         assert ("no matrices: " in said) is ("--camera" not in given)
     assert main(asked) == 0  # the colour is the same either way
     assert "warning" not in capsys.readouterr().err
