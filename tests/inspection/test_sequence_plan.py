@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from msgspec.structs import asdict
@@ -12,6 +13,7 @@ import cltaa
 from cltaa.cli import main
 from cltaa.exr.write import write_frame
 from cltaa.frames import Effect
+from cltaa.inspection import sequence_plan
 from cltaa.inspection.sequence_plan import SequencePlan
 from cltaa.parameters.choices import LightChange, Rectify
 from cltaa.parameters.presets import load_preset
@@ -151,3 +153,17 @@ def test_the_command_line(walk: Path, capsys: pytest.CaptureFixture[str]) -> Non
 def test_an_unknown_effect_is_named(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["inspect", str(walk), "--plan", "--effects", "smell"]) == 64
     assert "--effects: unknown effect" in capsys.readouterr().err
+
+
+def test_halves_are_planned_for_where_they_are_asked_for(walk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    planned = sequence_plan.plan
+
+    def noted(*arguments: Any, half: bool, **more: Any) -> Any:
+        asked.append(half)
+        return planned(*arguments, half=half, **more)
+
+    monkeypatch.setattr(sequence_plan, "plan", noted)
+    for options in ([], ["--half"]):
+        assert main(["inspect", str(walk), "--plan", "--device", "numpy", *options]) == 0
+    assert asked == [False, True]
