@@ -6,16 +6,20 @@ import json
 import shlex
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from cltaa.checking.report import check_folder
+from cltaa.checking.finding import Finding
+from cltaa.checking.report import Report, check_folder
 from cltaa.cli import main, root
 from cltaa.exr.channels import Pixels
 from cltaa.exr.write import write_image
 from cltaa.inputs.opening import open_input
+from cltaa.inputs.profile import Profile
 from tests.checking.conftest import Scene
 from tests.checking.mistakes import MISTAKES, full_motion
 from tests.inputs.foreign import side_text, write_own
@@ -153,3 +157,65 @@ def test_half_precision_depth(pixels: type, name: str | None, tmp_path: Path) ->
 def test_images_of_a_single_row_or_column(width: int, height: int, tmp_path: Path) -> None:
     write_sequence(tmp_path, 4, width=width, height=height, motion=True)
     assert main(["check", str(tmp_path)]) in (0, 65)
+
+
+def said_of(
+    report: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *options: str
+) -> list[str]:
+    """What is printed of a report, which decides the exit code."""
+    found = Report(folder="my shot", frames=1, reading=[], findings=[], untold=[], options="--profile nuke", profile={})
+    found = msgspec.structs.replace(found, **report)
+    monkeypatch.setattr("cltaa.commands.check.check_folder", lambda *_, **__: (found, Profile()))
+    assert main(["check", "my shot", *options]) == (65 if found.mistakes else 0)
+    return capsys.readouterr().out.splitlines()
+
+
+def finding(name: str, mistake: bool, **more: Any) -> Finding:
+    return Finding(name=name, mistake=mistake, confidence=0.756, what="it is wrong", evidence="seen", **more)
+
+
+NOTE = finding("note", False)
+
+
+def test_each_finding_is_said_with_its_sign_its_confidence_and_what_mends_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    mended = finding("jitter-negated", True, fix={"jitter": {"scale": (-1, -1)}}, option="--input jitter.scale=-1,-1")
+    report = {"reading": ["how", "more", "and no more"], "findings": [mended, NOTE], "untold": ["the motion"]}
+    assert said_of(report, monkeypatch, capsys) == [
+        "how",
+        "more",
+        "✗ jitter-negated (76%): it is wrong",
+        "    seen",
+        "    --input jitter.scale=-1,-1",
+        "· note (76%): it is wrong",
+        "    seen",
+        "? cannot tell the motion",
+        "to read it right: cltaa resolve 'my shot' --profile nuke",
+    ]
+    # The profile of --fix says all but what no profile does.
+    fixed = said_of(report, monkeypatch, capsys, "--fix", "mended.toml", "--step", "3", "--camera", "c.txt")
+    assert fixed[-1] == "to read it right: cltaa resolve 'my shot' --profile mended.toml --step 3 --camera c.txt"
+
+
+def test_what_no_way_of_reading_mends_is_not_said_to_be_mended(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = said_of({"findings": [finding("jitter-missing", True)]}, monkeypatch, capsys)
+    assert said == ["✗ jitter-missing (76%): it is wrong", "    seen"]
+
+
+@pytest.mark.parametrize(("frames", "many"), [(1, "1 frame"), (12, "12 frames")])
+def test_notes_are_no_mistakes(
+    frames: int, many: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = said_of({"frames": frames, "findings": [NOTE]}, monkeypatch, capsys)
+    assert said[-1] == f"✓ no mistake found in {many}"
+
+
+def test_a_profile_that_cannot_be_written_is_told_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cltaa.commands.check.check_folder", lambda *_, **__: pytest.fail("it looked"))
+    assert main(["check", str(tmp_path), "--fix", str(tmp_path / "nowhere" / "fix.toml")]) == 73
