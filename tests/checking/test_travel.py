@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cltaa.checking.finding import Finding
-from cltaa.checking.shots import Shot
+from cltaa.checking.shots import Pair, Shot
 from cltaa.checking.travel import MOST_PAIRS, check_projection_jitter, check_structure, check_travel, moving_pairs
 from cltaa.frames import Camera, Frame
 from tests.checking.conftest import Scene
@@ -113,3 +113,24 @@ def test_of_many_pairs_some_are_looked_at_evenly_apart(frames: int, looked_at: i
     assert pairs[0].frame.index == 1
     assert len({second.frame.index - first.frame.index for first, second in pairwise(pairs)}) <= 1
     assert moving_pairs(shot([make_frame(index, camera=make_camera()) for index in range(frames)])) == []
+
+
+@pytest.mark.parametrize(
+    ("declared", "otherwise", "named"),
+    [
+        ((0.9, 0.9, 0.9, 0.9), (0.2, 0.2, 0.2, 0.2), True),
+        ((0.9, 0.1, 0.1, 0.1), (0.1, 0.12, 0.12, 0.12), False),  # less in the mean, but by one pair of four
+        ((0.9, 0.9, 0.1, 0.1), (0.2, 0.2, 0.105, 0.105), True),  # two that say next to nothing do not count
+    ],
+)
+def test_most_of_the_pairs_that_tell_must_agree(
+    declared: Sequence[float], otherwise: Sequence[float], named: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def residual(pair: Pair, motion: np.ndarray) -> float:
+        as_declared = np.array_equal(motion, pair.camera_motion(), equal_nan=True)
+        return (declared if as_declared else otherwise)[pair.frame.index - 1]
+
+    monkeypatch.setattr("cltaa.checking.travel.camera_residual", residual)
+    places = [(0.0, 0.0, 5.0), (0.3, 0.2, 5.1), (0.4, 0.6, 5.4), (1.0, 0.5, 5.5), (1.1, 0.9, 5.2)]
+    frames = [make_frame(index, camera=make_camera(place)) for index, place in enumerate(places)]
+    assert bool(check_travel(shot(frames))) is named

@@ -159,6 +159,16 @@ def test_a_parallel_camera_that_turns_does_not_tell_the_unit_of_depth() -> None:
     assert any(line.startswith("the unit of depth") for line in told(frames))
 
 
+@pytest.mark.parametrize(("down", "said"), [(0.03, True), (0.05, False)])
+def test_a_sign_that_turns_vectors_by_less_than_matters_is_untold(down: float, said: bool) -> None:
+    """By twice what they have on that axis; 0.08 px matter."""
+    frames = noise([make_camera((0.1 * index, 0.0, 5.0)) for index in range(3)])
+    vectors = np.broadcast_to(np.array((1.0, down), np.float32), (frames[0].height, frames[0].width, 2))
+    text = told([replace(frame, motion=vectors.copy()) for frame in frames])
+    assert ("the vectors: the sign of y: nothing moves that way" in text) is said
+    assert sum("the sign of y" in line for line in text) == 1
+
+
 def test_vectors_that_say_nothing_are_untold(scene: Scene) -> None:
     assert any("the vectors' sign, axes and unit" in line for line in told(full_motion(scene("still"))))
 
