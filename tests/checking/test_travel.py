@@ -12,7 +12,14 @@ import pytest
 
 from cltaa.checking.finding import Finding
 from cltaa.checking.shots import Pair, Shot
-from cltaa.checking.travel import MOST_PAIRS, check_projection_jitter, check_structure, check_travel, moving_pairs
+from cltaa.checking.travel import (
+    MOST_PAIRS,
+    camera_residual,
+    check_projection_jitter,
+    check_structure,
+    check_travel,
+    moving_pairs,
+)
 from cltaa.frames import Camera, Frame
 from tests.checking.conftest import Scene
 from tests.checking.mistakes import FLIP_Y, MISTAKES, camera_delayed, camera_jittered
@@ -134,3 +141,15 @@ def test_most_of_the_pairs_that_tell_must_agree(
     places = [(0.0, 0.0, 5.0), (0.3, 0.2, 5.1), (0.4, 0.6, 5.4), (1.0, 0.5, 5.5), (1.1, 0.9, 5.2)]
     frames = [make_frame(index, camera=make_camera(place)) for index, place in enumerate(places)]
     assert bool(check_travel(shot(frames))) is named
+
+
+@pytest.mark.parametrize("columns", [0, WIDTH // 2, WIDTH])
+def test_cameras_are_judged_by_what_has_no_vector_or_else_by_all(columns: int) -> None:
+    """Pictures that are the same but in the columns with vectors; where all have one, the same throughout."""
+    before, other = make_frame(0), make_frame(9)
+    colour, motion = before.colour.copy(), np.full((HEIGHT, WIDTH, 2), np.nan, np.float32)
+    motion[:, :columns] = 1.0
+    if columns < WIDTH:
+        colour[:, : max(columns - 12, 0)] = other.colour[:, : max(columns - 12, 0)]  # farther than the signal's blur
+    (pair,) = shot([before, replace(before, index=1, colour=colour, motion=motion)]).pairs
+    assert camera_residual(pair, np.zeros((2, len(pair.x)))) < 0.1
