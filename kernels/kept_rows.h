@@ -33,7 +33,7 @@ typedef struct
 {
     real fx, fy; // of the segment above
     uint at;
-    kept_light light; // used on a GPU alone
+    kept_light light;
 #if KEEPS_ROWS && LANES == 1
     weights wx, wy;
     slid plane[3];

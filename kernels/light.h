@@ -30,6 +30,8 @@ typedef struct
     whole dx, dy;
     uint own, at;
     int alike; // whether the lanes' lie side by side
+    scalar_whole x, y; // the displacement that `at` is of
+    int close; // whether each lane's is that or one texel more an axis
 } nearest_t;
 
 STAGE nearest_t nearest_texels(footprint f, int stride)
@@ -43,26 +45,61 @@ STAGE nearest_t nearest_texels(footprint f, int stride)
     n.at = f.at + (right ? 1u : 0u) + (down ? (uint)stride : 0u);
     n.alike = 1;
 #else
-    const scalar_whole x = first_lane(n.dx), y = first_lane(n.dy);
-    n.at = f.own + (uint)((int)y * stride + (int)x);
-    n.alike = !any_of((n.dx ^ x) | (n.dy ^ y));
+    n.x = first_lane(n.dx), n.y = first_lane(n.dy);
+    n.alike = !any_of((n.dx ^ n.x) | (n.dy ^ n.y));
+    n.close = 1;
+    if (!n.alike) {
+        n.x -= any_of(n.dx < n.x) ? 1 : 0;
+        n.y -= any_of(n.dy < n.y) ? 1 : 0;
+        n.close = !STORAGE_HALF && !any_of(((n.dx - n.x) | (n.dy - n.y)) & ~(whole)(1));
+    }
+    n.at = f.own + (uint)((int)n.y * stride + (int)n.x);
 #endif
     return n;
 }
 
-// One of them, or the texel i columns right of it and j rows below.
-STAGE colour nearest_texel(history_in p, nearest_t n, int i, int j, size_t plane, int stride)
+// Three texels of the history side by side.
+typedef struct
+{
+    colour left, own, right;
+} texel_row;
+
+// They, j rows below, with their neighbours.
+STAGE texel_row nearest_row(history_in p, nearest_t n, int j, size_t plane, int stride)
 {
 #if LANES > 1
+    if (n.close > n.alike) {
+        const mask right = n.dx != n.x, down = n.dy != n.y;
+        real line[9];
+        ROLLED
+        for (int i = 0; i < 3; ++i) {
+            history_in q = p + n.at + (size_t)i * plane + j * (ptrdiff_t)stride - 1;
+            const real a0 = load_history(q), b0 = load_history(q + 1), c0 = load_history(q + 2),
+                       d0 = load_history(q + 3);
+            q += stride;
+            const real a = down ? load_history(q) : a0, b = down ? load_history(q + 1) : b0,
+                       c = down ? load_history(q + 2) : c0, d = down ? load_history(q + 3) : d0;
+            line[i] = right ? b : a;
+            line[i + 3] = right ? c : b;
+            line[i + 6] = right ? d : c;
+        }
+        return (
+            texel_row) { { line[0], line[1], line[2] }, { line[3], line[4], line[5] }, { line[6], line[7], line[8] } };
+    }
     if (!n.alike) {
         const whole steps = steps_apart(n.dx, n.dy, stride);
-        history_in q = p + n.own + i + j * (ptrdiff_t)stride;
-        const colour v
-            = { history_apart(q, steps), history_apart(q + plane, steps), history_apart(q + 2 * plane, steps) };
-        return v;
+        history_in q = p + n.own + j * (ptrdiff_t)stride;
+        real line[9];
+        ROLLED
+        for (int i = 0; i < 9; ++i)
+            line[i] = history_apart(q + (size_t)(i % 3) * plane + (i / 3 - 1), steps);
+        return (
+            texel_row) { { line[0], line[1], line[2] }, { line[3], line[4], line[5] }, { line[6], line[7], line[8] } };
     }
 #endif
-    return load_history_colour(ROW_BELOW(p, n.at, j, stride) + i, plane);
+    history_in q = ROW_BELOW(p, n.at, j, stride);
+    return (texel_row) { load_history_colour(q - 1, plane), load_history_colour(q, plane),
+        load_history_colour(q + 1, plane) };
 }
 
 // What is kept of a change of light: its sign as that of a count, and its size in steps of CHANGE_STEP as the count's
@@ -142,8 +179,9 @@ typedef struct
     colour least; // of each channel of the history's texels
 } light_row;
 
-// What a work-item of a GPU keeps while it slides down: the row at the next pixel, and the texel of the history that is
-// nearest to where it comes from if it moves as the one above.
+// What a work-item keeps while it slides down: the row at the next segment, and the texel of the history that is
+// nearest to where it comes from if it moves as the one above; 0, which lies in the halo, where its lanes have none in
+// common.
 typedef struct
 {
     light_row row;
@@ -172,15 +210,13 @@ STAGE light_row light_of_row(boxed_row now, history_in history, nearest_t n, int
 {
     const size_t plane = history_plane_size(frame);
     light_row row;
-    boxed d[3];
-    for (int i = -1; i <= 1; ++i) {
-        const colour past = nearest_texel(history, n, i, j, plane, row_stride(frame));
-        row.least = i < 0 ? past : least_colour(row.least, past);
-        d[i + 1] = light_difference(i < 0 ? now.left : (i > 0 ? now.right : now.own), past, frame);
-    }
-    row.a = pair_row(d[0].a, d[1].a, d[2].a);
-    row.b = pair_row(d[0].b, d[1].b, d[2].b);
-    row.c = pair_row(d[0].c, d[1].c, d[2].c);
+    const texel_row past = nearest_row(history, n, j, plane, row_stride(frame));
+    const boxed left = light_difference(now.left, past.left, frame), own = light_difference(now.own, past.own, frame),
+                right = light_difference(now.right, past.right, frame);
+    row.least = least_colour(least_colour(past.left, past.own), past.right);
+    row.a = pair_row(left.a, own.a, right.a);
+    row.b = pair_row(left.b, own.b, right.b);
+    row.c = pair_row(left.c, own.c, right.c);
     row.step = (boxed) { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) };
     row.level = (absolute(now.left.a) + absolute(now.own.a)) + absolute(now.right.a);
     row.levels = SPLAT(0.0);
@@ -201,8 +237,16 @@ STAGE light_row light_below(light_row above, light_row row)
 // The row of the pixel's, below the one above it.
 STAGE light_row light_above(plane_in current, history_in history, nearest_t n, int x, int y, frame_t frame)
 {
+#if LANES == 1
     const light_row above = light_of_row(read_boxed(current, x, y - 1, frame), history, n, -1, frame);
     return light_below(above, light_of_row(read_boxed(current, x, y, frame), history, n, 0, frame));
+#else
+    light_row row = { 0 };
+    ROLLED
+    for (int j = -1; j <= 0; ++j)
+        row = light_below(row, light_of_row(read_boxed(current, x, y + j, frame), history, n, j, frame));
+    return row;
+#endif
 }
 
 // `held` samples of a history, divided by how much light changes, and holding that, beside the least of the nearest row
@@ -214,18 +258,12 @@ STAGE lit history_in_light(real held, plane_in current, boxed_row next, history_
     int x, int y, frame_t frame, settings_t settings, kept_light* kept)
 {
     const nearest_t n = nearest_texels(f, row_stride(frame));
-#if LANES == 1
-    if (n.at != kept->nearest)
+    if (!n.alike | (n.at != kept->nearest))
         kept->row = light_above(current, history, n, x, y, frame);
     const light_row centre = kept->row;
-#else
-    const light_row centre = light_above(current, history, n, x, y, frame);
-#endif
     const light_row below = light_below(centre, light_of_row(next, history, n, 1, frame));
-#if LANES == 1
     kept->row = below;
-    kept->nearest = n.at + (uint)row_stride(frame);
-#endif
+    kept->nearest = n.alike ? n.at + (uint)row_stride(frame) : 0;
     const real level = centre.levels + below.level;
     const real least = K(settings.change_floor) * (level * K(ONE_THIRD)) + K(BOX_A * TINY);
     const boxed up = centre.step, down = below.step; // the step to the row above is -up, to the bit
