@@ -159,14 +159,16 @@ typedef __global float* restrict history_out;
 #if __has_builtin(__builtin_ia32_vcvtph2ps512_mask) && __has_builtin(__builtin_ia32_vcvtps2ph512_mask)
 #undef CONVERTS_HALVES
 #define CONVERTS_HALVES 1
-#define FROM_HALVES(v) __builtin_ia32_vcvtph2ps512_mask(v, SPLAT(0.0), (ushort)0xffff, CURRENT_ROUNDING)
+#define FROM_HALVES_BUILTIN(v) __builtin_ia32_vcvtph2ps512_mask(v, SPLAT(0.0), (ushort)0xffff, CURRENT_ROUNDING)
+#define VECTOR_REGISTER "v"
 #define TO_HALVES(v) __builtin_ia32_vcvtps2ph512_mask(v, NEAREST_EVEN, (short16)(0), (ushort)0xffff)
 #endif
 #elif LANES == 8 && defined(__F16C__)
 #if __has_builtin(__builtin_ia32_vcvtph2ps256) && __has_builtin(__builtin_ia32_vcvtps2ph256)
 #undef CONVERTS_HALVES
 #define CONVERTS_HALVES 1
-#define FROM_HALVES(v) __builtin_ia32_vcvtph2ps256(v)
+#define FROM_HALVES_BUILTIN(v) __builtin_ia32_vcvtph2ps256(v)
+#define VECTOR_REGISTER "x"
 #define TO_HALVES(v) __builtin_ia32_vcvtps2ph256(v, NEAREST_EVEN)
 #endif
 #endif

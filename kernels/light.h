@@ -51,7 +51,7 @@ STAGE nearest_t nearest_texels(footprint f, int stride)
     if (!n.alike) {
         n.x -= any_of(n.dx < n.x) ? 1 : 0;
         n.y -= any_of(n.dy < n.y) ? 1 : 0;
-        n.close = !STORAGE_HALF && !any_of(((n.dx - n.x) | (n.dy - n.y)) & ~(whole)(1));
+        n.close = !any_of(((n.dx - n.x) | (n.dy - n.y)) & ~(whole)(1));
     }
     n.at = f.own + (uint)((int)n.y * stride + (int)n.x);
 #endif

@@ -109,14 +109,14 @@ static __attribute__((noinline)) real history_apart(history_in p, whole steps)
     LANED(short) halves;
     for (int lane = 0; lane < LANES; ++lane)
         ((short*)&halves)[lane] = ((__global const short*)p)[((const scalar_whole*)&steps)[lane]];
-    return FROM_HALVES(halves);
+    return from_halves(halves);
 }
 #elif STORAGE_HALF && CONVERTS_HALVES && GATHERS
 // A gather takes words: of each the lower half is the lane's, the upper one the texel right of it.
 STAGE real history_apart(history_in p, whole steps)
 {
     const whole words = __builtin_ia32_gathersiv16si((whole)(0), (const void*)(size_t)p, steps, (ushort)0xffff, 2);
-    return FROM_HALVES(__builtin_convertvector(words, short16));
+    return from_halves(__builtin_convertvector(words, short16));
 }
 #else
 STAGE real history_apart(history_in p, whole steps)

@@ -96,10 +96,14 @@ def test_same_bits_where_squares_begin_and_end(level: float) -> None:
         assert np.array_equal(bits(device.resolve(frame)), bits(twin.resolve(frame)))
 
 
+@pytest.mark.parametrize("lanes", [0, 8])  # 0: as many as the device has
+@pytest.mark.parametrize("effects", [None, frozenset(Effect)], ids=["undeclared", "light-tested"])
 @pytest.mark.parametrize("storage", [Storage.HALF, Storage.HALF_STOCHASTIC])
-def test_same_bits_for_every_storage(storage: Storage) -> None:
-    device, twin = Resolver(strict=True, storage=storage), Resolver(device="numpy", storage=storage)
-    for frame in hard_frames():
+def test_same_bits_for_every_storage(storage: Storage, effects: frozenset[Effect] | None, lanes: int) -> None:
+    build = Build(strict=True, storage=storage, lanes=lanes)
+    device, twin = Resolver(build=build), Resolver(device="numpy", storage=storage)
+    for hard in hard_frames():
+        frame = replace(hard, effects=effects)
         resolved = device.resolve(frame)
         assert np.array_equal(resolved, resolved.astype(np.float16))
         assert np.array_equal(bits(resolved), bits(twin.resolve(frame)))
