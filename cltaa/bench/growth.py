@@ -105,10 +105,7 @@ def square(side: int) -> Frame:
     try:
         planes = np.tile(random.random((3, TILE, TILE), dtype=np.float32), (1, times, times))[:, :side, :side]
         colour, depth = np.moveaxis(np.ascontiguousarray(planes), 0, -1), np.ones((side, side), np.float32)
-    except (
-        MemoryError,
-        ValueError,
-    ) as error:  # NumPy says the one of what is too much, the other of what no machine has
+    except (MemoryError, ValueError) as error:  # the one of what is too much, the other of what no machine has
         what = f"no memory for a frame of {side} x {side} pixels"
         raise ResourceError(what, cure="name smaller sizes with --sizes") from error
     return Frame(
