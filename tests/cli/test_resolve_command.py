@@ -6,7 +6,6 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -16,16 +15,10 @@ from cltaa.cli import main
 from cltaa.commands.presets import parameter_rows
 from cltaa.exr.read import read_frame, read_image
 from cltaa.exr.write import write_frame
-from cltaa.frames import Effect
-from cltaa.inputs.notes import OPAQUE
-from cltaa.parameters.build import Storage
-from cltaa.parameters.presets import FIELDS, Preset, load_config, load_preset, preset_names
-from cltaa.resolve.outcome import Outcome, StageTimes
+from cltaa.parameters.presets import FIELDS, load_config, load_preset, preset_names
 from cltaa.resolve.resolver import Resolver
-from cltaa.resolve.views import View
 from cltaa.sequences.sources import open_sequence
-from tests.inputs.foreign import write_blender
-from tests.sequence_factory import bits, make_frame, write_sequence
+from tests.sequence_factory import bits, write_sequence
 
 
 def test_resolved_files_hold_what_the_resolver_returns(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -247,77 +240,3 @@ def test_kernel_text_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["kernels", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["kernels"]["resolve"] == told["hash"]
     assert main(["kernels", "--show", "nonsense"]) == 64
-
-
-def outcome(**changes: Any) -> Outcome:
-    seconds = StageTimes(read=0.001, upload=0.002, kernels=0.003, read_back=0.004, write=0.005, whole=0.0125)
-    made: dict[str, Any] = {
-        "output": "/out", "frames": 5, "resolved": 5, "repaired": 0, "opaque": 0, "saturated": 0, "width": 37,
-        "height": 23, "device": "a device", "preset": "default", "seconds": seconds,
-    }  # fmt: skip
-    return Outcome(**made | changes)
-
-
-@pytest.mark.parametrize(
-    ("changes", "options", "said"),
-    [
-        ({}, [], []),
-        ({"resolved": 4}, [], ["1 frame finished already"]),
-        ({"resolved": 2, "repaired": 1}, [], ["3 frames finished already", "1 pixel without a usable number repaired"]),
-        ({"repaired": 7, "saturated": 9}, [], ["7 pixels without a usable number repaired",
-                                               "9 pixels saturated at 65504, the largest half"]),
-        ({}, ["--debug", "count"], ["debug views in /out/debug"]),
-        ({}, ["--preview", "a [b].mp4"], ["film a [b].mp4"]),
-        ({"opaque": 5}, [], []),  # of cltaa's own files
-    ],
-)  # fmt: skip
-def test_what_is_said_of_a_run(
-    changes: dict[str, Any], options: list[str], said: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    monkeypatch.setattr("cltaa.commands.resolve.resolve_sequence", lambda *_, **__: outcome(**changes))
-    command = ["resolve", str(write_sequence(tmp_path / "in", 1)), "-o", str(tmp_path / "out"), "--device", "numpy"]
-    assert main([*command, *options]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    table = [[cell.strip() for cell in line.split("│")[1:-1]] for line in lines if "│" in line]
-    times = {"read": 1, "upload": 2, "kernels": 3, "read back": 4, "write": 5, "whole": 12.5}
-    assert table == [[name, f"{milliseconds:.1f}"] for name, milliseconds in times.items()]
-    behind = [line for line in lines[1:] if line.strip() and line[0] not in "┏┃┡│├└"]
-    assert lines[0] == "5 frames, 37 x 23, preset default"
-    assert sorted(behind) == sorted([*said, "on a device", "written to /out"])
-
-
-@pytest.mark.parametrize(("opaque", "told"), [(5, True), (4, False), (0, False)])
-def test_an_alpha_of_1_in_every_frame_of_another_tool_is_told(
-    opaque: int, told: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("cltaa.commands.resolve.resolve_sequence", lambda *_, **__: outcome(opaque=opaque))
-    folder = write_blender(tmp_path / "in", [make_frame(0, motion=True)])
-    assert main(["resolve", str(folder), "-o", str(tmp_path / "out"), "--device", "numpy"]) == 0
-    assert (OPAQUE in " ".join(capsys.readouterr().out.split())) is told
-
-
-def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: dict[str, Any] = {}
-
-    def run(_source: object, output: Path, resolver: Resolver, **more: Any) -> Outcome:
-        asked.update(more, output=output, resolver=resolver)
-        return outcome()
-
-    def built(preset: Preset, device: str | None, _source: object, band_rows: int | None, **more: Any) -> str:
-        asked.update(more, gamma=preset.settings.gamma_still, device=device, band_rows=band_rows)
-        return "the resolver"
-
-    monkeypatch.setattr("cltaa.commands.resolve.resolve_sequence", run)
-    monkeypatch.setattr("cltaa.commands.resolve.resolver_for", built)
-    options = [
-        "--set", " gamma_still = 2 ", "--device", "numpy", "--storage", "half", "--half", "--strict", "--band-rows",
-        "8", "--compression", "piz", "--checkpoint", "3", "--restart", "--debug", "count", "--effects", "camera",
-    ]  # fmt: skip
-    out = tmp_path / "out"
-    assert main(["resolve", str(write_sequence(tmp_path / "in", 1)), "-o", str(out), *options]) == 0
-    assert asked == {
-        "gamma": 2.0, "device": "numpy", "storage": Storage.HALF, "strict": True, "band_rows": 8, "half": True,
-        "resolver": "the resolver", "output": out, "effects": frozenset({Effect.CAMERA}), "compression": "piz",
-        "preview": None, "restart": True, "checkpoint_every": 3, "debug": (View.COUNT,), "layers": (),
-    }  # fmt: skip
