@@ -39,11 +39,26 @@ AXES = {"the sign of x": 0, "the sign of y": 1}
 
 def untold(shot: Shot) -> list[str]:
     """One line for each convention that could be wrong and this check would not name it in these frames."""
+    if not shot.pairs:
+        return [_alone(shot), *_depth(shot)]
     return [*_camera(shot), *_depth(shot), *_motion(shot), *_jitter(shot)]
 
 
+def _alone(shot: Shot) -> str:
+    """What shows between a frame and the next, where none has one: of a single frame, or behind cuts and gaps."""
+    vectors = any(frame.motion is not None for frame in shot.frames)
+    here = {
+        "matrices": shot.has_camera,
+        "the unit of depth": shot.has_camera and shot.has_depth,
+        "vectors": vectors,
+        "jitter": True,
+    }
+    hidden = ", ".join(what for what, there in here.items() if there)
+    return f"{hidden}: no frame here follows another; give 8 or more in a row"
+
+
 def _camera(shot: Shot) -> Iterator[str]:
-    if not (shot.has_camera and shot.pairs):
+    if not shot.has_camera:
         return
     pairs = moving_pairs(shot)
     if not pairs:

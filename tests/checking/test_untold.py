@@ -220,12 +220,29 @@ def test_vectors_that_fill_the_picture_of_a_camera_that_travels_tell_all_of_them
     assert not any("the vectors" in line for line in told(full_motion(small("everything"))))
 
 
-def test_one_frame_tells_nothing_and_is_no_error() -> None:
-    assert told([make_frame(0)]) == ["the kind of depth: no plane in view lies aslant"]  # it is noise
-
-
 def test_it_is_printed(scene: Scene, tmp_path: Path) -> None:
     write_own(tmp_path, scene("still"))
     done = CliRunner().invoke(root, ["check", str(tmp_path)])
     assert f"? cannot tell {STANDS}" in done.stdout
     assert done.exit_code == 0
+
+
+ALONE = "no frame here follows another; give 8 or more in a row"
+
+
+def test_of_a_frame_alone_nothing_that_takes_two_is_told(scene: Scene) -> None:
+    """No mistake is found, whatever is wrong with its vectors: silence must not be taken for a yes."""
+    first = scene("occluder")[:1]
+    assert mistakes(MISTAKES["motion-negated"].plant(first)) == []
+    assert told(first)[0] == f"matrices, the unit of depth, vectors, jitter: {ALONE}"
+    window = (first[0].width, first[0].height)
+    assert told([make_frame(0)])[-1] == "the kind of depth: no plane in view lies aslant"  # it is noise
+    bare = [replace(first[0], motion=None)]
+    assert untold(Shot(bare, window, has_camera=False, has_depth=False, has_jitter=False)) == [f"jitter: {ALONE}"]
+
+
+def test_nor_of_frames_with_a_gap_or_a_cut_between_each_and_the_next(scene: Scene) -> None:
+    frames = scene("corridor")
+    for apart in (frames[::2], [replace(frame, cut=True) for frame in frames]):
+        (line,) = [line for line in told(apart) if "jitter" in line]
+        assert line == f"matrices, the unit of depth, jitter: {ALONE}"
