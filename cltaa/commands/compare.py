@@ -78,7 +78,8 @@ def compare(
     Heat maps run from black over red and yellow to white; they show FLIP where it is among the metrics, else the
     absolute difference on the display.
 
-    Where headers or records say that A and B show different things, that is said on standard error, as a warning.
+    Where headers or records say that A and B show different things, or that B is no truth, that is said on standard
+    error, as a warning.
     """
     asked = parse_metrics(metric_names)
     metrics = tuple(dict.fromkeys((*asked, METRICS["mse"])))  # equal-quality samples rest on it, shown or not

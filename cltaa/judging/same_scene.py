@@ -1,4 +1,4 @@
-"""Whether two sequences that are compared show the same: what their headers and records say, never their pixels.
+"""Whether two sequences that are compared show the same, and one is a truth: by headers and records, never by pixels.
 
 Two pictures of one size may be of anything, and a bad resolve of the right scene can be further from the truth than a
 picture of another. So nothing is guessed: where the files do not say what they show, nothing is said.
@@ -7,10 +7,11 @@ picture of another. So nothing is guessed: where the files do not say what they 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 
 import numpy as np
 
-from cltaa.files.manifest import Manifest
+from cltaa.files.manifest import CAPTURE, Manifest, file_sha256
 from cltaa.inputs.pictures import stated
 from cltaa.judging.comparison import Comparison
 from cltaa.printable import printable
@@ -20,11 +21,15 @@ from cltaa.sequences.sources import RESOLVED, Sequence
 VIEW = "cltaa:worldToView"
 PRIMARIES = "chromaticities"  # of red, green, blue and white, x and y each
 SAME_PRIMARIES = 1e-3  # they are commonly stated in three digits
+NO_TRUTH = (
+    "which has no truth in a folder reference/: the figures are no errors; capture it with --reference 64, or render"
+    " the truth there, with many samples a pixel"
+)
 SAME_VIEW = 1e-6  # of the largest number of the two matrices; a still camera's are equal to the bit
 
 
 def doubts(comparison: Comparison, *, followed: bool = False) -> list[str]:
-    """Why A may not show what B shows, for a reader, the weightiest alone; empty where nothing speaks against it.
+    """Why A may not show what B shows, or B is no truth: the weightiest alone, empty where nothing speaks against it.
 
     With ``followed`` the motion that B's files tell counts too, and so how they are read.
     Raises what reading a header and a manifest raises.
@@ -46,6 +51,8 @@ def doubts(comparison: Comparison, *, followed: bool = False) -> list[str]:
         return [f"A and B are seen by different cameras in frame {number}"]
     if _other_primaries(ours.get(PRIMARIES), truth.get(PRIMARIES)):
         return ["A and B state different primaries (attribute chromaticities), and neither is converted"]
+    if comparison.capture is None and (without := _no_truth(comparison, truth)):
+        return [f"{without}, {NO_TRUTH}"]
     if comparison.capture is not None and _of_other_frames(test, comparison.capture):
         return [
             "A was resolved from other frames than those of B: from another seed or jitter, or before a new capture"
@@ -70,6 +77,18 @@ def _other_primaries(one: object, other: object) -> bool:
     if not (isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other)):
         return False
     return bool(np.abs(np.subtract(one, other)).max() > SAME_PRIMARIES)
+
+
+def _no_truth(comparison: Comparison, attributes: Mapping[str, object]) -> str | None:
+    """How it is known that B, of such attributes, holds what a resolve begins with; None where nothing says so."""
+    test, reference = comparison.test, comparison.reference
+    entry = Manifest(test.folder).entries.get(test.path(test.first).name)
+    source = reference.path(comparison.truth_number(test.first))
+    if entry is not None and entry.input_sha256 == file_sha256(source):
+        return "A was resolved from the frames of B"
+    # The truth lies in a folder of the capture's, which has the record.
+    drawn = (reference.folder / CAPTURE).exists() and RESOLVED not in attributes
+    return "B is a capture of one sample a pixel" if drawn else None
 
 
 def _of_other_frames(test: NumberedFiles, capture: NumberedFiles) -> bool:

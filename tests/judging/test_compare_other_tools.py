@@ -126,6 +126,28 @@ def test_another_scene_is_told_by_what_files_say(capsys: pytest.CaptureFixture[s
     assert "resolved from other frames than those of B" in warnings(capsys, resolved, other_seed)[0]
 
 
+NO_TRUTH = (
+    "which has no truth in a folder reference/: the figures are no errors; capture it with --reference 64, or render"
+    " the truth there, with many samples a pixel"
+)
+
+
+def test_frames_that_are_no_truth_are_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """What a resolve changed in its own input is no error of it, and single samples are nobody's truth."""
+    own, dump = write_sequence(tmp_path / "own", 2), tmp_path / "dump"
+    write_blender(dump, foreign_frames(2))
+    other = write_sequence(tmp_path / "other", 2, seed=1)
+    for name, source in (("own", own), ("dump", dump)):
+        out = tmp_path / f"{name}-resolved"
+        assert main(["resolve", str(source), "-o", str(out), "--device", "numpy"]) == 0
+        capsys.readouterr()
+        assert warnings(capsys, out, source) == [f"A was resolved from the frames of B, {NO_TRUTH}"]
+    assert warnings(capsys, other, own) == []  # nothing says what these are
+    (own / "sequence.json").write_text("{}")
+    assert warnings(capsys, other, own) == [f"B is a capture of one sample a pixel, {NO_TRUTH}"]
+    assert warnings(capsys, tmp_path / "own-resolved", tmp_path / "own-resolved") == []
+
+
 def write_region(folder: Path, images: list[np.ndarray]) -> Path:
     """All but two columns on the left and a row below of ``images``, with their place in the display window."""
     folder.mkdir()
