@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
@@ -107,7 +108,7 @@ from cltaa.sequences.sources import Sequence
     "--pictures",
     type=FILE_PATH,
     metavar="DIR",
-    help="Write a picture of each preset's worst place beside the truth.",
+    help="Write a picture of each preset's worst place beside the truth, where it is worse than the default's.",
 )
 @measured_options
 @json_option
@@ -177,6 +178,8 @@ def quality(
         click.echo(json_of(facts | msgspec.to_builtins(table)))
     else:
         _print(table)
+        if pictures is not None:
+            _print_captions(texts, pictures)
 
 
 def _opened(folders: tuple[Path, ...], settled: int, reading: Reading) -> dict[str, Sequence]:
@@ -224,3 +227,11 @@ def _print(table: Table) -> None:
         losses = f"; not in {', '.join(duel.not_better)}" if duel.not_better else ""
         line = f"{duel.preset} beats {duel.against} by FLIP and PSNR in {duel.better} of {duel.sequences}{losses}"
         print_line(shown(line))
+
+
+def _print_captions(texts: Mapping[str, str], pictures: Path) -> None:
+    """Print what each picture shows, and why a preset has none."""
+    print_line(f"the worst place of each preset is shown in {shown(pictures)}")
+    for name, text in texts.items():
+        caption, _, picture = text.partition("\n\n")
+        print_line(shown(f"  {name}: {'' if picture else 'no picture: '}{caption}"))

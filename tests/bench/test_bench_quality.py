@@ -180,6 +180,21 @@ def test_a_given_sequence_is_told_as_it_is(capsys: pytest.CaptureFixture[str], t
     assert found["definitions"].keys() == found["rows"][0]["presets"]["t1"]["scores"].keys()
 
 
+def test_what_the_pictures_show_is_printed_and_of_which_there_is_none(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    folder, pictures = write_sequence(tmp_path / "shot", 3, reference=True), tmp_path / "pictures"
+    asked = ["--preset", "default", "--preset", "t1", "--preset", "t3"]
+    arguments = ["bench", "quality", "--sequence", str(folder), "--settled", "1", "--work", str(tmp_path / "work")]
+    assert main([*arguments, *asked, "--device", "numpy", "--pictures", str(pictures)]) == 0
+    *_, title, default, quick, same = capsys.readouterr().out.splitlines()
+    assert title == f"the worst place of each preset is shown in {pictures}"
+    assert default.startswith("  default: shot (given), frame ")
+    assert quick.startswith("  t1: shot (given), frame ")
+    assert same == "  t3: no picture: The same as default on every sequence."
+    assert sorted(path.name for path in pictures.iterdir()) == ["default.png", "t1.png"]
+
+
 def test_a_file_is_judged_as_a_preset_is(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """In place of cltaa's or beside them, under its own name; a cell of it counts until the file says otherwise."""
     folder, mine = write_sequence(tmp_path / "shot", 3, reference=True), tmp_path / "my own.toml"
