@@ -29,6 +29,10 @@ MATRICES = frozenset({"worldToCamera", "worldToNDC", "cltaa:worldToView", "cltaa
 STRUCTURAL = frozenset({"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "tiles", "type"})
 
 
+class Single(float):
+    """The value of an attribute that is no double but a float in its file, and is written as one again."""
+
+
 def frame_attributes(frame: Frame) -> dict[str, object]:
     """Return the attributes of a frame's header; raises DataError for matrices or numbers that mean nothing."""
     view, clip = frame.camera.world_to_view, frame.camera.view_to_clip

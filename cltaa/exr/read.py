@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from cltaa.errors import DataError
 from cltaa.exr import core as exr_core
-from cltaa.exr.attributes import STRUCTURAL, FrameHeader
+from cltaa.exr.attributes import STRUCTURAL, FrameHeader, Single
 from cltaa.exr.channels import COLOUR, GROUPS, Pixels, check_float_channels, frame_channels
 from cltaa.exr.layout import Layout
 from cltaa.exr.openexr import OpenEXR
@@ -191,6 +191,8 @@ def attributes_of(file: OpenEXR.File) -> dict[str, object]:
     """The attributes of a file's first part by name; a double, which arrives as an array of one, as a float."""
 
     def scalar(value: Any) -> object:
+        if isinstance(value, float):
+            return Single(value)
         of_one = isinstance(value, np.ndarray) and value.shape == (1,) and value.dtype == np.float64
         return float(value[0]) if of_one else value
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cltaa.errors import DataError, StorageError, UsageError
-from cltaa.exr.attributes import STRUCTURAL, frame_attributes
+from cltaa.exr.attributes import STRUCTURAL, Single, frame_attributes
 from cltaa.exr.channels import Pixels, frame_planes
 from cltaa.exr.isal_core import fast_deflate
 from cltaa.exr.layout import COMPRESSION_NUMBERS, Windows, check_lossless
@@ -19,7 +19,7 @@ from cltaa.exr.zip import ROWS_A_CHUNK, write_zip
 from cltaa.files.atomic import atomic_path
 from cltaa.frames import Frame
 
-# Attributes that the standard defines as float; every other Python float is written as a double, so none is rounded.
+# Attributes that OpenEXR wants as float; other Python floats are written as doubles, so that none is rounded.
 _STANDARD_FLOATS = frozenset({"pixelAspectRatio", "screenWindowWidth", "whiteLuminance", "xDensity", "expTime"})
 
 
@@ -42,7 +42,7 @@ def write_image(
     """Write channels ``[H, W]`` (float16, float32 or uint32, as given) and attributes as one EXR, atomically.
 
     ``compression`` is one that loses nothing; ``windows`` are those of data and display, else both begin at (0, 0).
-    Python floats become doubles; arrays keep their precision.
+    Python floats become doubles, but ``attributes.Single``; arrays keep their precision. Empty lists are left out.
     Raises UsageError for arguments that mean nothing, OutputError and StorageError for disks.
     """
     check_lossless(compression, path)
@@ -51,7 +51,9 @@ def write_image(
     if len(shapes) != 1 or len(next(iter(shapes))) != 2 or not types <= {"float16", "float32", "uint32"}:
         expected = "channels of one shape [H, W], float16, float32 or uint32"
         raise UsageError("channels do not make an image", path=path, expected=expected, found=(shapes, types))
-    header = {name: _attribute(name, value) for name, value in (attributes or {}).items() if name not in STRUCTURAL}
+    given = {name: value for name, value in (attributes or {}).items() if name not in STRUCTURAL}
+    # OpenEXR reads an empty list, but cannot tell what would be in it, and writes none.
+    header = {name: _attribute(name, value) for name, value in given.items() if not _is_empty_list(value)}
     header["compression"] = OpenEXR.Compression(COMPRESSION_NUMBERS[compression])
     header["type"] = OpenEXR.scanlineimage
     for name, window in zip(("dataWindow", "displayWindow"), windows or (), strict=False):
@@ -76,6 +78,10 @@ def write_image(
 
 
 def _attribute(name: str, value: object) -> object:
-    if isinstance(value, float) and name not in _STANDARD_FLOATS:
+    if isinstance(value, float) and not isinstance(value, Single) and name not in _STANDARD_FLOATS:
         return np.array([value], dtype=np.float64)  # a bare float would be rounded to float32
     return value
+
+
+def _is_empty_list(value: object) -> bool:
+    return isinstance(value, list) and not value

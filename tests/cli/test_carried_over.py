@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from cltaa.cli import main
 from cltaa.exr.read import read_header, read_image
 from cltaa.inputs.parts import read_any_header
+from tests.faults.exr_surgery import dissect
 from tests.inputs.foreign import write_blender
 from tests.sequence_factory import make_frame, write_sequence
 
@@ -56,6 +58,28 @@ def test_other_tools_files_keep_everything(foreign: Path) -> None:
     layout = read_header(resolve(foreign)).layout
     assert layout.display_window == layout.data_window == (5, 7, 16, 15)
     assert layout.compression == "piz"
+
+
+def test_attributes_keep_their_types(foreign: Path) -> None:
+    """Other tools look for the standard's attributes by name and type: ``aperture`` as a double is none to them."""
+    for path in foreign.iterdir():
+        file = dissect(path)
+        for name, kind in ((b"aperture", b"float"), (b"dwaCompressionLevel", b"float"), (b"exact", b"double")):
+            file.add(name, kind, struct.pack("<f" if kind == b"float" else "<d", 2.8))
+        path.write_bytes(file.assembled())
+    given, kept = ({entry[0]: entry for entry in dissect(path).attributes} for path in (path, resolve(foreign)))
+    for name in (b"aperture", b"dwaCompressionLevel", b"exact", b"pixelAspectRatio", b"owner", b"chromaticities"):
+        assert kept[name] == given[name]
+
+
+@pytest.mark.parametrize("kind", [b"floatvector", b"stringvector"])
+def test_a_list_of_nothing_ends_no_run(kind: bytes, foreign: Path) -> None:
+    """OpenEXR reads an empty list and cannot write one."""
+    for path in foreign.iterdir():
+        file = dissect(path)
+        file.add(b"nothing", kind, b"")
+        path.write_bytes(file.assembled())
+    assert read_header(resolve(foreign)).attributes["owner"] == "somebody"
 
 
 def test_what_nobody_declared_is_not_made_up(foreign: Path) -> None:
