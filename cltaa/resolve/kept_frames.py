@@ -26,7 +26,7 @@ class KeptFrames:
 
     def __init__(self, launcher: Launcher, layout: Layout, count: int, steps: Steps) -> None:
         self.layout, self._launcher, self._count = layout, launcher, count
-        self._planes = kept_planes(steps)
+        self._planes, self._channels = kept_planes(steps), _channels(steps)
         self._slots = count + 1
         self.planes = _ring(launcher, (self._slots * self._planes, layout.rows, layout.stride), self._slots)
         self.records = launcher.allocate((count,), FRAME_DTYPE)
@@ -35,7 +35,7 @@ class KeptFrames:
 
     def fit(self, layout: Layout, count: int, steps: Steps) -> bool:
         """True when this ring holds ``count`` frames of that size and with those channels."""
-        return (layout, count, kept_planes(steps)) == (self.layout, self._count, self._planes)
+        return (layout, count, _channels(steps)) == (self.layout, self._count, self._channels)
 
     def build(self, build: Build, frame: Frame) -> Build:
         """``build`` with camera motion where the camera differs from that of any kept frame."""
@@ -102,6 +102,11 @@ class KeptFrames:
     def take_back(self) -> None:
         """Forget the frame that was kept last; those before it are all still there."""
         self.past = self.past[1:]
+
+
+def _channels(steps: Steps) -> tuple[bool, ...]:
+    """Which channels are kept: as many others take as much of the ring, but not of the memory for spans."""
+    return steps.own_motion, steps.alpha, steps.reactive
 
 
 def _ring(launcher: Launcher, shape: tuple[int, int, int], frames: int) -> Buffer:

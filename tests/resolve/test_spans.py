@@ -126,6 +126,17 @@ def test_strict_kernels_are_their_twins(lanes: int) -> None:
         assert (bits(resolved) == bits(twin.resolve(frame))).all()
 
 
+def test_a_channel_for_another_gives_the_bits_of_a_new_resolver() -> None:
+    """As many channels as before keep as much of a frame, but spans with alpha have a plane more."""
+    masked = [make_frame(index, reactive=True, effects=None) for index in range(2)]
+    seen_through = [make_frame(index, alpha=True, effects=None) for index in range(2, 5)]
+    resolver, anew = Resolver("t5", "numpy"), Resolver("t5", "numpy")
+    for frame in masked:
+        resolver.resolve(frame)
+    for frame in seen_through:
+        np.testing.assert_array_equal(bits(resolver.resolve(frame)), bits(anew.resolve(frame)))
+
+
 def test_every_step_gives_the_same_bits() -> None:
     planned, every = (Resolver("t5", strict=True, every_step=every) for every in (False, True))
     for index in range(5):
