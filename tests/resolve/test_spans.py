@@ -128,8 +128,8 @@ def test_strict_kernels_are_their_twins(lanes: int) -> None:
 
 def test_a_channel_for_another_gives_the_bits_of_a_new_resolver() -> None:
     """As many channels as before keep as much of a frame, but spans with alpha have a plane more."""
-    masked = [make_frame(index, reactive=True, effects=None) for index in range(2)]
-    seen_through = [make_frame(index, alpha=True, effects=None) for index in range(2, 5)]
+    masked = [make_frame(index, reactive=True, effects=ALL) for index in range(2)]
+    seen_through = [make_frame(index, alpha=True, effects=ALL) for index in range(2, 5)]
     resolver, anew = Resolver("t5", "numpy"), Resolver("t5", "numpy")
     for frame in masked:
         resolver.resolve(frame)
