@@ -83,7 +83,7 @@ def capture(
     if output is None and not explained:
         raise UsageError("no output folder", cure="say where with -o DIR")
     if explained:
-        _print_explanation(scene, size, as_json and output is None, **options)
+        _print_explanation(scene, size, as_json, alone=output is None, **options)
     if output is None:
         return
     from cltaa_capture.sequence import Request, capture_sequence  # here: it loads trimesh, and help must not
@@ -96,15 +96,24 @@ def capture(
 
 
 def _print_explanation(
-    scene: str, size: tuple[int, int], as_json: bool, *, seed: int, motion: str | None, backend: str, **_: Any
+    scene: str,
+    size: tuple[int, int],
+    as_json: bool,
+    *,
+    alone: bool,
+    seed: int,
+    motion: str | None,
+    backend: str,
+    **_: Any,
 ) -> None:
+    """On standard output where it is what was asked for, ``alone``; beside a capture, as JSON too, on the other."""
     from cltaa_capture.costs import measure_costs
     from cltaa_capture.explain import ALWAYS, explain
     from cltaa_datasets.scenes import build_scene
 
     built = build_scene(scene, seed, motion)
     rows = explain(built, *size, measure_costs(built, *size, backend))
-    if as_json:
+    if as_json and alone:
         click.echo(json_of({"channels": ALWAYS, "effects": [asdict(row) for row in rows]}))
         return
     headings = ("effect", "drawn", "why", "channels", "MB a frame", "CPU ms a frame")
@@ -115,7 +124,7 @@ def _print_explanation(
         # In brackets what is not drawn: what it would take.
         cost = cost if row.on or not cost else f"({cost})"
         table.add_row(row.effect, "yes" if row.on else "no", row.reason, " ".join(row.channels), size_text, cost)
-    Console(stderr=True).print(table)
+    Console(stderr=not alone).print(table)
 
 
 def _print_summary(request: Request, captured: Captured, seconds: float, as_json: bool) -> None:

@@ -57,6 +57,19 @@ def test_explain_draws_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     assert effects["shadow map"]["on"] is False
 
 
+def test_explain_can_be_read_through_a_pipe(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """It is on standard output, unless it stands beside a capture."""
+    assert main(["capture", "conveyor", "--explain", "--size", "10x10"]) == 0
+    printed = capsys.readouterr()
+    assert "not declared: not drawn" in " ".join(printed.out.split())
+    assert printed.err == ""
+    folder = str(tmp_path / "out")
+    assert main(["capture", "conveyor", "--explain", "--size", "10x10", "--frames", "1", "-o", folder, "--json"]) == 0
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["drawn"] == 1
+    assert "not declared" in printed.err
+
+
 def test_explain_knows_of_the_shadow_map(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["capture", "shadow", "--explain", "--json", "--size", "32x18"]) == 0
     effects = {row["effect"]: row for row in json.loads(capsys.readouterr().out)["effects"]}
