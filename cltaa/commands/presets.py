@@ -104,7 +104,9 @@ def _toml_over(base: Preset, rows: list[dict[str, Any]]) -> str:
 
 
 def _print_presets(presets: list[Preset]) -> None:
-    table = Table("preset", "description", box=None, padding=(0, 2, 0, 0))
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    table.add_column("preset", no_wrap=True, overflow="ignore")  # it is there to be copied
+    table.add_column("description")
     for preset in presets:
         table.add_row(preset.name, escape(preset.description))
     Console().print(table)

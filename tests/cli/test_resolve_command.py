@@ -187,6 +187,16 @@ def test_what_differs_between_presets_is_a_configuration_over_one_of_them(
     assert "cltaa presets NAME --against OTHER" in capsys.readouterr().err
 
 
+def test_names_of_presets_are_whole_in_a_narrow_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    assert main(["presets"]) == 0
+    printed = capsys.readouterr().out
+    assert set(preset_names()) <= {line.split(" ")[0] for line in printed.splitlines()}
+    assert max(map(len, printed.splitlines())) <= 60
+
+
 def test_every_parameter_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["presets", "--parameters", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
