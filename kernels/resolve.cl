@@ -11,7 +11,6 @@ STAGE void resolve_segment(row_t above, row_t centre, row_t below, plane_in curr
     history_in history, plane_in history_count, plane_in previous_closeness, history_out output, plane_out output_count,
     int x, int y, frame_t frame, settings_t settings, kept_rows* kept, segment_t* under_way)
 {
-    const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
     const surface s = nearest_surface(above, centre, below, settings);
     if (TWO_UNDER_WAY)
         weigh_segment(under_way, settings);
@@ -20,6 +19,7 @@ STAGE void resolve_segment(row_t above, row_t centre, row_t below, plane_in curr
     // Not beside the frame's: more would be asked for at a time than can be under way.
     fetch_history(history, history_count, previous_closeness, history_offset(frame, x, y), frame);
 #endif
+    const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
     const history_t h = sample_history(
         current, below.texels, history, history_count, previous_closeness, m, s, x, y, frame, settings, kept);
     if (TWO_UNDER_WAY)
@@ -30,6 +30,19 @@ STAGE void resolve_segment(row_t above, row_t centre, row_t below, plane_in curr
         finish_segment(*under_way, output, output_count, frame, settings);
     }
 }
+
+// Whether three rows take turns as the one above, the centre and the one below, the loop written out for each: a row
+// moved from place to place goes through the stack, as all its registers are taken. Where little is carried down (no
+// nearest surface), and with eight lanes, nothing is gained; where changing light is tested the compiler takes too long
+// over it.
+#define ROWS_IN_TURN (LANES >= 16 && DILATION != DILATION_NONE && LIGHT_CHANGE == LIGHT_CHANGE_IGNORE)
+
+// Reads the row `below` and resolves that of `centre`.
+#define RESOLVE_ROW(above, centre, below)                                                                              \
+    fetch_frame(current, closeness, motion, x, y, frame);                                                              \
+    below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);                                        \
+    resolve_segment(above, centre, below, current, alpha, reactive, history, history_count, previous_closeness,        \
+        output, output_count, x, y, frame, settings, &kept, &under_way);
 
 __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha, plane_in reactive,
     history_in history, plane_in history_count, plane_in previous_closeness, history_out output, plane_out output_count,
@@ -89,14 +102,28 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
     }
     kept_rows kept = nothing_kept();
     segment_t under_way = { .x = x, .y = first }; // nothing yet
+#if ROWS_IN_TURN
+    row_t below;
+    ROLLED
+    for (int y = first;;) {
+        RESOLVE_ROW(above, centre, below)
+        if (++y == last)
+            break;
+        RESOLVE_ROW(centre, below, above)
+        if (++y == last)
+            break;
+        RESOLVE_ROW(below, above, centre)
+        if (++y == last)
+            break;
+    }
+#else
     for (int y = first; y < last; ++y) {
-        fetch_frame(current, closeness, motion, x, y, frame);
-        const row_t below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
-        resolve_segment(above, centre, below, current, alpha, reactive, history, history_count, previous_closeness,
-            output, output_count, x, y, frame, settings, &kept, &under_way);
+        row_t below;
+        RESOLVE_ROW(above, centre, below)
         above = centre;
         centre = below;
     }
+#endif
     const block_t stored = { x, x + LANES, first, last };
 #endif
     if (TWO_UNDER_WAY) {

@@ -64,7 +64,7 @@ def differing(changes: dict[str, object], frames: list[Frame], lanes: int, rows:
     return different
 
 
-@pytest.mark.parametrize(("lanes", "rows"), [(1, 1), (1, 5), (4, 3), (8, 32), (16, 32)])
+@pytest.mark.parametrize(("lanes", "rows"), [(1, 1), (1, 5), (4, 3), (8, 32), (16, 2), (16, 32)])
 def test_same_bits_whatever_the_shape_of_the_work(lanes: int, rows: int) -> None:
     assert differing({}, list(hard_frames()), lanes, rows) == 0
 
