@@ -146,6 +146,7 @@ def test_the_command_line(walk: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert main(["inspect", str(walk), "--plan", "--device", "numpy"]) == 0
     out = capsys.readouterr().out
     assert "frames 3 to 4" in out
+    assert "with every step that leaves the bits as they are (" in " ".join(out.split())
     assert "the camera stands" in out
     assert "frames 5 to 6, history begins: as frames 0 to 2" in out
 
