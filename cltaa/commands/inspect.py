@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 from rich.table import Table
 
 from cltaa.commands.names import EFFECT_LIST, PRESET
 from cltaa.commands.options import FILE_PATH, chosen_effects, input_options, json_option
 from cltaa.commands.printing import Console, print_line
-from cltaa.errors import DataError
+from cltaa.errors import DataError, UsageError
 from cltaa.inputs.description import Description, describe_input
 from cltaa.inputs.opening import is_own, open_input
 from cltaa.inspection.facts import Inspection
@@ -22,6 +23,8 @@ from cltaa.printable import bytes_of, counted, json_of, printable, shown
 from cltaa.progress import shown_progress
 from cltaa.sequences.pixel_statistics import ChannelStatistics
 from cltaa.sequences.sources import Sequence
+
+OF_PLAN = ("preset", "device", "effects", "half")
 
 
 @click.command()
@@ -59,6 +62,7 @@ def inspect(
     exit code is 0 when nothing is wrong, else 65. --plan prints the plan of a resolve instead. Of the files of another
     tool it says how they would be read, and with --pixels what a resolve then takes.
     """
+    _check_options(ctx, planned=planned, pixels=pixels)
     if planned:
         _plan(open_input(folder, **reading), preset, device, effects, half, as_json)
         return
@@ -78,6 +82,15 @@ def inspect(
         _print(found)
     if found.problems:
         ctx.exit(DataError.exit_code)
+
+
+def _check_options(ctx: click.Context, *, planned: bool, pixels: bool) -> None:
+    """Raise UsageError for an option that would change nothing: who gave it waits for what does not come."""
+    if planned and pixels:
+        raise UsageError("--pixels and --plan are two reports", cure="leave one of them out")
+    for name in OF_PLAN:
+        if not planned and ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            raise UsageError(f"--{name} says how to plan a resolve", cure="add --plan")
 
 
 def _plan(source: Sequence, preset: str, device: str | None, effects: str, half: bool, as_json: bool) -> None:

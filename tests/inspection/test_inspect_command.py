@@ -293,3 +293,12 @@ def test_pixels_are_held_against_the_record(capsys: pytest.CaptureFixture[str], 
     assert "synthetic.0002.exr: the content is not what was recorded" in problems(capsys, tmp_path, "--pixels")
     (tmp_path / "sequence.json").write_text("{")
     assert "sequence.json: not readable as JSON" in problems(capsys, tmp_path, "--pixels")
+
+
+def test_an_option_that_would_change_nothing_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    folder = str(write_sequence(tmp_path / "a", 2))
+    for option in (["--preset", "t5"], ["--device", "numpy"], ["--effects", "all"], ["--half"]):
+        assert main(["inspect", folder, *option]) == 64
+        assert capsys.readouterr().err == f"cltaa: error: {option[0]} says how to plan a resolve; add --plan\n"
+    assert main(["inspect", folder, "--plan", "--pixels"]) == 64
+    assert "--pixels and --plan are two reports; leave one of them out" in capsys.readouterr().err
