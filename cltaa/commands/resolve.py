@@ -206,6 +206,7 @@ def _print_outcome(outcome: Outcome, preview: Path | None, views: str, *, foreig
         for name, milliseconds in stage_rows(outcome.seconds):
             table.add_row(name, f"{milliseconds:.1f}", end_section=name == "write")
         print_table(table)
+        print_line("stages: medians, side by side; whole: the clock over all frames, with building kernels", "dim")
     if outcome.resolved < outcome.frames:
         print_line(f"{counted(outcome.frames - outcome.resolved, 'frame')} finished already")
     if outcome.repaired:

@@ -14,7 +14,11 @@ from cltaa.parameters.presets import Preset
 
 
 class StageTimes(msgspec.Struct, kw_only=True):
-    """Median seconds a frame of each stage, and of the whole; stages overlap, so the whole is less than their sum."""
+    """Seconds a frame: the median of each stage, and ``whole``, the mean of a run by the clock.
+
+    Stages overlap, so that the whole of many frames is less than their sum; it holds what no stage does too, such as
+    building kernels and drawing debug views, which is most of it where few frames are resolved.
+    """
 
     read: float
     upload: float

@@ -54,7 +54,8 @@ def test_what_is_said_of_a_run(
     assert table == [[name, f"{milliseconds:.1f}"] for name, milliseconds in times.items()]
     behind = [line for line in lines[1:] if line.strip() and line[0] not in "┏┃┡│├└"]
     assert lines[0] == "5 frames, 37 x 23, preset default"
-    assert sorted(behind) == sorted([*said, "on a device", "written to /out"])
+    whole = "stages: medians, side by side; whole: the clock over all frames, with building kernels"
+    assert sorted(behind) == sorted([whole, *said, "on a device", "written to /out"])
 
 
 @pytest.mark.parametrize(("opaque", "told"), [(5, True), (4, False), (0, False)])
