@@ -12,7 +12,7 @@ from click.core import ParameterSource
 from rich.table import Table
 
 from cltaa.commands.names import EFFECT_LIST, PRESET
-from cltaa.commands.options import FILE_PATH, chosen_effects, input_options, json_option
+from cltaa.commands.options import FILE_PATH, NAMES, chosen_effects, input_options, json_option
 from cltaa.commands.printing import Console, print_line
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.description import Description, describe_input
@@ -24,7 +24,7 @@ from cltaa.progress import shown_progress
 from cltaa.sequences.pixel_statistics import ChannelStatistics
 from cltaa.sequences.sources import Sequence
 
-OF_PLAN = ("preset", "device", "effects", "half")
+OF_PLAN = ("preset", "device", "effects", "half", "layers")
 
 
 @click.command()
@@ -40,6 +40,7 @@ OF_PLAN = ("preset", "device", "effects", "half")
 @click.option("--effects", type=EFFECT_LIST, metavar="LIST", default="auto", show_default=True,
               help="With --plan: auto (as declared), all, or names.")  # fmt: skip
 @click.option("--half", is_flag=True, help="With --plan: of results in half precision, which take less memory.")
+@click.option("--layers", type=NAMES, help="With --plan: channels of the input that are kept, as cltaa resolve has it.")
 @input_options
 @json_option
 @click.pass_context
@@ -53,6 +54,7 @@ def inspect(
     device: str | None,
     effects: str,
     half: bool,
+    layers: tuple[str, ...] | None,
     as_json: bool,
     **reading: Any,
 ) -> None:
@@ -64,7 +66,7 @@ def inspect(
     """
     _check_options(ctx, planned=planned, pixels=pixels)
     if planned:
-        _plan(open_input(folder, **reading), preset, device, effects, half, as_json)
+        _plan(open_input(folder, **reading), preset, device, effects, as_json, half=half, layers=layers)
         return
     profile, asked = reading["profile"], reading["assignments"] or reading["side_file"] is not None
     named = asked or profile not in ("auto", "cltaa")
@@ -93,13 +95,13 @@ def _check_options(ctx: click.Context, *, planned: bool, pixels: bool) -> None:
             raise UsageError(f"--{name} says how to plan a resolve", cure="add --plan")
 
 
-def _plan(source: Sequence, preset: str, device: str | None, effects: str, half: bool, as_json: bool) -> None:
+def _plan(source: Sequence, preset: str, device: str | None, effects: str, as_json: bool, **resolved: Any) -> None:
     from cltaa.commands.plan_table import print_plan  # here: these load OpenCL, and a look at headers must not
     from cltaa.inspection.sequence_plan import plan
 
     if source.notes:
         click.echo("\n".join(map(printable, source.notes)), err=True)
-    found = plan(source, preset, device, effects=chosen_effects(effects), half=half)
+    found = plan(source, preset, device, effects=chosen_effects(effects), **resolved)
     if as_json:
         click.echo(json_of(found))
     else:

@@ -15,6 +15,7 @@ def print_plan(plan: SequencePlan) -> None:
     print_line(f"preset {shown(plan.preset)}, {builds} of the resolve, on {shown(plan.device)}")
     parts = {
         "on the device": plan.memory.device, "of frames": plan.memory.frames, "of results": plan.memory.results,
+        **({"of layers": plan.memory.layers} if plan.memory.layers else {}),
         "of reading": plan.memory.reading, "of packing": plan.memory.packing, "of the program": plan.memory.program,
     }  # fmt: skip
     told = " + ".join(f"{size / 1e6:.0f} {what}" for what, size in parts.items())

@@ -27,13 +27,12 @@ from cltaa.parameters.build import STORAGES, Storage
 from cltaa.parameters.presets import Preset, override, preset_of
 from cltaa.printable import counted, json_of, printable, shown
 from cltaa.resolve.bands import resolver_for
-from cltaa.resolve.carried_over import ALL, carried_compression
+from cltaa.resolve.carried_over import carried_compression, chosen_layers, kept_kinds
 from cltaa.resolve.checkpoint import CHECKPOINT_EVERY
 from cltaa.resolve.outcome import Outcome, stage_rows
 from cltaa.resolve.pipeline import resolve_sequence
 from cltaa.resolve.views import View, parse_views
 from cltaa.sequences.frame_numbers import OnBreak
-from cltaa.sequences.sources import Sequence
 
 
 @click.command(
@@ -129,7 +128,10 @@ def resolve(
         if preset != "default" or config is not None:
             raise UsageError("--budget-ms chooses the preset itself", cure="leave out --preset and --config")
         settings, kept = within_budget(budget_ms, device, (source.width, source.height), changes)
-    resolver = resolver_for(settings, device, source, band_rows, strict=strict, storage=kept, half=half)
+    carried = chosen_layers(layers, source)
+    resolver = resolver_for(
+        settings, device, source, band_rows, strict=strict, storage=kept, half=half, layers=kept_kinds(source, carried)
+    )
     outcome = resolve_sequence(
         source,
         output,
@@ -141,7 +143,7 @@ def resolve(
         restart=restart,
         checkpoint_every=checkpoint,
         debug=parse_views(views),
-        layers=_chosen_layers(layers, source),
+        layers=carried,
     )
     if as_json:
         click.echo(json_of(outcome))
@@ -183,12 +185,6 @@ def _values(assignments: tuple[str, ...]) -> dict[str, str]:
             raise UsageError(f"--set {assignment}: no value", expected="KEY=VALUE", found=assignment)
         values[key.strip()] = value.strip()
     return values
-
-
-def _chosen_layers(names: tuple[str, ...] | None, source: Sequence) -> tuple[str, ...]:
-    if names is None:
-        names = ("all",) if source.notes else ("none",)
-    return () if names == ("none",) else ALL if names == ("all",) else names
 
 
 def _print_outcome(outcome: Outcome, preview: Path | None, views: str, *, foreign: bool) -> None:

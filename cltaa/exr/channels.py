@@ -19,6 +19,7 @@ MOTION = ("backward.u", "backward.v")
 NORMAL = ("N.X", "N.Y", "N.Z")
 # Those that lie beside each other in a frame.
 GROUPS = (COLOUR, MOTION, ("A",), ("reactive",), NORMAL)
+OF_FRAMES = frozenset({"Z", "id"}.union(*GROUPS))
 
 
 def frame_planes(frame: Frame, path: Path) -> dict[str, Pixels]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from cltaa.cameras import of_region
 from cltaa.exr.attributes import MATRICES
-from cltaa.exr.channels import Pixels
+from cltaa.exr.channels import COLOUR, GROUPS, Pixels
 from cltaa.exr.read import FrameFile, ImageHeader
 from cltaa.files.manifest import file_sha256, recorded_hashes
 from cltaa.files.names import name_of
@@ -106,6 +106,12 @@ class ForeignSequence(Sequence):
     def holds(self) -> frozenset[str]:
         """Which of motion, alpha and reactive its frames have: all or none, as the profile finds their channels."""
         return frozenset(CHANNEL_OF.keys() & self._roles.keys())
+
+    @property
+    def channels(self) -> frozenset[str]:
+        """What they are converted to; depth too where no channel holds it."""
+        shown = {CHANNEL_OF[part] for part in self.holds}
+        return frozenset({*COLOUR, "Z"}.union(*(group for group in GROUPS if group[0] in shown)))
 
     def select(self, first: int, last: int) -> Self:
         """Return the frames ``first`` to ``last``, both included."""

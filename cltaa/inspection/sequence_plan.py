@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Literal
 
@@ -15,8 +15,9 @@ from cltaa.parameters.build import Steps
 from cltaa.parameters.choices import HistoryOf, LightChange
 from cltaa.parameters.presets import Preset
 from cltaa.planning.frame_plan import Plan, plan_frame, toggled, with_effects
-from cltaa.planning.memory import Memory, PlanesHeld, of_sequence, of_whole_images, program_bytes
+from cltaa.planning.memory import NO_LAYERS, Memory, PlanesHeld, of_sequence, of_whole_images, program_bytes
 from cltaa.resolve.bands import band_rows_for
+from cltaa.resolve.carried_over import check_layers, chosen_layers, kept_kinds
 from cltaa.resolve.frame_record import Past
 from cltaa.resolve.resolver import Resolver
 from cltaa.sequences.sources import Sequence
@@ -67,12 +68,16 @@ def plan(
     effects: Effects = "auto",
     rounds: int = ROUNDS,
     half: bool = False,
+    layers: tuple[str, ...] | None = None,
 ) -> SequencePlan:
     """Say which steps of ``preset`` run on which frames of ``sequence`` and why, from its headers alone.
 
     With ``rounds`` each step is also timed on ``device``, on and off in turn, on two frames of the sequence; 0 reads no
-    pixels. ``half`` counts the memory of results in halves. Raises what opening the device and reading raise.
+    pixels. ``half`` counts the memory of results in halves, ``layers`` that of channels that are kept, as ``cltaa
+    resolve --layers`` has them. Raises what opening the device and reading raise, and UsageError for no such layer.
     """
+    layers = chosen_layers(layers, sequence)
+    check_layers(sequence, layers)
     resolver = Resolver(preset, device, every_step=True)
     sections: list[Section] = []
     plans: list[Plan] = []
@@ -95,16 +100,23 @@ def plan(
     kernels = len({(planned.choices, planned.steps) for planned in plans})
     return SequencePlan(
         folder=str(sequence.folder), preset=resolver.preset.name, device=resolver.launcher.description,
-        kernels=kernels, sections=sections, memory=memory(sequence, resolver, plans, half=half),
+        kernels=kernels, sections=sections,
+        memory=memory(sequence, resolver, plans, half=half, layers=kept_kinds(sequence, layers)),
     )  # fmt: skip
 
 
-def memory(sequence: Sequence, resolver: Resolver, plans: list[Plan], *, half: bool = False) -> Memory:
-    """What a resolve of ``sequence`` takes at its peak, in bands where it would run in bands, ``half`` to halves."""
+def memory(
+    sequence: Sequence, resolver: Resolver, plans: list[Plan], *, half: bool = False,
+    layers: Mapping[str, str] = NO_LAYERS,
+) -> Memory:  # fmt: skip
+    """What a resolve of ``sequence`` takes at its peak, in bands where it would run in bands, ``half`` to halves.
+
+    ``layers`` are as ``of_resolve`` takes them.
+    """
     preset, shared = resolver.preset, resolver.launcher.shares_memory
     used = {name: any(getattr(each.steps, name) for each in plans) for name in Steps.__struct_fields__}
     histories = {each.choices.history_of for each in plans}
-    whole = of_whole_images(sequence, half=half)
+    whole = of_whole_images(sequence, half=half, layers=layers)
     rows = band_rows_for(whole) if preset.choices.history_of is HistoryOf.RESULT else 0
     kept, doubled = HistoryOf.SAMPLES in histories, HistoryOf.DOUBLED in histories
     frames_kept = preset.settings.frames_kept if kept else 0
@@ -112,7 +124,7 @@ def memory(sequence: Sequence, resolver: Resolver, plans: list[Plan], *, half: b
     held = PlanesHeld(
         Steps(**used), band_rows=rows, frames_kept=frames_kept, spans=spans, doubled=doubled, shared=shared, half=half
     )
-    return msgspec.structs.replace(of_sequence(sequence, held), program=program_bytes())
+    return msgspec.structs.replace(of_sequence(sequence, held, layers), program=program_bytes())
 
 
 def _plans(sequence: Sequence, preset: Preset, effects: Effects) -> Iterator[tuple[int, bool, Plan]]:

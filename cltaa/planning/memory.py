@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import msgspec
 import numpy as np
 
 from cltaa.constants import SPANS
 from cltaa.devices.launch import storage_dtype
+from cltaa.exr import core as exr_core
 from cltaa.exr import zip as exr_zip
 from cltaa.exr.channels import GROUPS
+from cltaa.exr.layout import PIXEL_BYTES
 from cltaa.exr.openexr import OpenEXR
 from cltaa.files.manifest import PIECE
 from cltaa.memory.allocator import SMALLEST, in_large_pages
@@ -31,6 +34,8 @@ BLOCKS = 3
 # and what of it is no file's (2026-11-22). Kernels that have to be built first take 100 to 190 MB more, and keep them.
 PROGRAM, ALLOCATED = 102_000_000, 38_000_000
 STATUS = Path("/proc/self/status")
+MADE = frozenset("RGBA")  # channels that a result has of its own
+NO_LAYERS: Mapping[str, str] = MappingProxyType({})
 
 
 class PlanesHeld(msgspec.Struct, frozen=True):
@@ -71,6 +76,7 @@ class Memory(msgspec.Struct, frozen=True, kw_only=True):
 
     device: int
     frames: int
+    layers: int = 0  # channels that are carried over from a frame's file to that of its result
     results: int
     reading: int  # packed files, and planes that stand beside those of their frames while they are decoded
     packing: int  # what the threads that unpack hold of each file that is read, those that pack, and those that hash
@@ -79,7 +85,7 @@ class Memory(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def whole(self) -> int:
         """All of it together."""
-        return self.device + self.frames + self.results + self.reading + self.packing + self.program
+        return self.device + self.frames + self.layers + self.results + self.reading + self.packing + self.program
 
 
 def program_bytes() -> int:
@@ -98,7 +104,8 @@ def program_bytes() -> int:
 
 def of_resolve(
     width: int, height: int, channels: Collection[str], file: int, chunk: int, held: PlanesHeld, *,
-    in_place: bool = False, recorded: bool = False,
+    in_place: bool = False, recorded: bool = False, converted: bool = False,
+    layers: Mapping[str, str] = NO_LAYERS,
 ) -> Memory:  # fmt: skip
     """Memory of a resolve of frames in float ``channels``, whose packed files have ``file`` bytes.
 
@@ -107,7 +114,9 @@ def of_resolve(
     it is moved there is counted for one of the frames that are read at a time, since they seldom are in one step. In
     bands one frame at a time is in memory, its result in its place, and beside it the count of each pixel, and the
     result in halves where that is what is written; nothing is kept. Those that read hash files too, of which no
-    hash was ``recorded``.
+    hash was ``recorded``. ``layers`` are channels that are carried over -> "uint", "half" or "float": each stays
+    until its result is written, and is not there yet while its file is being read. Those of another tool are
+    ``converted``: then each that reads holds channels as they were decoded, and beside each other, until they are.
     """
     banded, half = bool(held.band_rows), held.half
     plane, planes = REAL * width * height, 3 + held.steps.alpha
@@ -115,39 +124,57 @@ def of_resolve(
     frame = sum(in_large_pages(REAL * count * Layout(width, height).plane) for count in groups)
     frame += (len(channels) - sum(groups)) * plane
     number = HALF if half else REAL
-    image = planes * number * width * height
-    if not banded and image >= SMALLEST:
-        image = in_large_pages(image)
+    image = _mapped(planes * number * width * height, banded)
+    carried = sum(_mapped(PIXEL_BYTES[kind] * width * height, banded) for kind in layers.values())
+    texel = planes * number + sum(PIXEL_BYTES[kind] for name, kind in layers.items() if name not in MADE)
     frames, results, decoded = (1, plane + half * image, 1) if banded else (FRAMES, RESULTS * image, AHEAD)
-    beside = 0 if banded or in_place else plane * sum(groups)
-    unpacking = (1 if in_place else decoded) * OpenEXR.global_thread_count() * BLOCKS * chunk
+    unpacking = (1 if in_place or converted else decoded) * OpenEXR.global_thread_count() * BLOCKS * chunk
     readers, writers = (1, 1) if banded else (AHEAD, BEHIND)
+    beside = 0 if banded or in_place else sum(groups)
+    if converted:
+        beside = readers * 2 * len(channels)
     blocks = exr_zip.THREADS * (BLOCKS - 1) + writers * exr_zip.BEGUN
-    packing = blocks * planes * number * width * min(exr_zip.ROWS, height)
+    packing = blocks * texel * width * min(exr_zip.ROWS, height)
     return Memory(
-        device=device_bytes(width, height, held), frames=frames * frame, results=results,
-        reading=file if banded else AHEAD * file + beside,
+        device=device_bytes(width, height, held), frames=frames * frame,
+        layers=(1 if banded else RESULTS) * carried, results=results,
+        reading=readers * file + beside * plane,
         packing=unpacking + packing + (writers + (0 if recorded else readers)) * PIECE,
     )  # fmt: skip
 
 
-def of_sequence(sequence: Sequence, held: PlanesHeld) -> Memory:
-    """Memory of a resolve of ``sequence``."""
-    return of_resolve(
-        sequence.width, sequence.height, max((layout.channels for layout in sequence.layouts.values()), key=len),
-        max(sequence.path(number).stat().st_size for number in sequence.numbers),
+def _mapped(size: int, banded: bool) -> int:
+    """Bytes that what is kept from frame to frame takes for planes of that ``size``."""
+    return size if banded or size < SMALLEST else in_large_pages(size)
+
+
+def of_sequence(sequence: Sequence, held: PlanesHeld, layers: Mapping[str, str] = NO_LAYERS) -> Memory:
+    """Memory of a resolve of ``sequence``; ``layers`` as for ``of_resolve``."""
+    decoded = exr_core.core() is not None
+    memory = of_resolve(
+        sequence.width, sequence.height, sequence.channels,
+        max(path.stat().st_size for path in sequence.files),
         max(layout.chunk_bytes for layout in sequence.layouts.values()), held, in_place=sequence.in_place,
         recorded=all(sequence.sha256(number) for number in sequence.numbers),
+        converted=decoded and not sequence.in_place, layers=layers,
     )  # fmt: skip
+    if decoded:
+        return memory
+    # OpenEXR's module decodes every channel, whether it is read or not.
+    spare = (set(layout.channels) - sequence.channels for layout in sequence.layouts.values())
+    return msgspec.structs.replace(
+        memory, reading=memory.reading + REAL * sequence.width * sequence.height * max(map(len, spare))
+    )
 
 
 def of_whole_images(
-    sequence: Sequence, storage: Storage = Storage.FLOAT, *, doubled: bool = False, half: bool = False
-) -> Memory:
+    sequence: Sequence, storage: Storage = Storage.FLOAT, *, doubled: bool = False, half: bool = False,
+    layers: Mapping[str, str] = NO_LAYERS,
+) -> Memory:  # fmt: skip
     """Memory of a resolve of ``sequence`` over whole images, with each step that its channels allow; no frames kept.
 
-    ``storage``, ``doubled`` and ``half`` are those of ``PlanesHeld``.
+    ``storage``, ``doubled`` and ``half`` are those of ``PlanesHeld``, ``layers`` those of ``of_resolve``.
     """
     holds = sequence.holds
     steps = Steps(own_motion="motion" in holds, alpha="alpha" in holds, reactive="reactive" in holds)
-    return of_sequence(sequence, PlanesHeld(steps, storage, doubled=doubled, half=half))
+    return of_sequence(sequence, PlanesHeld(steps, storage, doubled=doubled, half=half), layers)

@@ -8,6 +8,7 @@ so that every pixel sees the neighbours that it sees in one piece.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
@@ -27,7 +28,7 @@ from cltaa.memory.layout import Layout
 from cltaa.parameters.build import Storage, edge_build
 from cltaa.parameters.choices import HistoryOf
 from cltaa.parameters.presets import Preset
-from cltaa.planning.memory import Memory, of_whole_images
+from cltaa.planning.memory import NO_LAYERS, Memory, of_whole_images
 from cltaa.resolve.buffers import Buffers
 from cltaa.resolve.frame_record import Past, frame_record
 from cltaa.resolve.one_thread import one_thread
@@ -173,16 +174,17 @@ class BandedResolver(Resolver):
 
 def resolver_for(
     preset: Preset, device: str | None, sequence: Sequence, band_rows: int | None = None, *,
-    storage: Storage = Storage.FLOAT, half: bool = False, **options: Any,
+    storage: Storage = Storage.FLOAT, half: bool = False, layers: Mapping[str, str] = NO_LAYERS, **options: Any,
 ) -> Resolver:  # fmt: skip
     """A resolver for the frames of ``sequence``: in bands where whole ones take more memory than this machine has.
 
-    ``half`` says that halves will be written. ``band_rows`` chooses in the machine's place; 0 is whole images. Raises
-    ResourceError where they would have to be resolved in bands and the preset keeps frames or a history at 200 %, which
-    only whole images can.
+    ``half`` says that halves will be written, ``layers`` are as ``of_resolve`` takes them. ``band_rows`` chooses in the
+    machine's place; 0 is whole images. Raises ResourceError where they would have to be resolved in bands and the
+    preset keeps frames or a history at 200 %, which only whole images can.
     """
     if band_rows is None:
-        whole = of_whole_images(sequence, storage, doubled=preset.choices.history_of is HistoryOf.DOUBLED, half=half)
+        doubled = preset.choices.history_of is HistoryOf.DOUBLED
+        whole = of_whole_images(sequence, storage, doubled=doubled, half=half, layers=layers)
         band_rows = band_rows_for(whole)
         if band_rows and preset.choices.history_of is not HistoryOf.RESULT:
             raise ResourceError(

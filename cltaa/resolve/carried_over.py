@@ -40,6 +40,22 @@ def kept_channels(layout: Layout, layers: tuple[str, ...], replaced: frozenset[s
     return frozenset(kept) - left_out
 
 
+def chosen_layers(names: tuple[str, ...] | None, sequence: Sequence) -> tuple[str, ...]:
+    """Layers by what ``--layers`` says: names, ``all`` or ``none``; by itself all of another tool's files."""
+    if names is None:
+        names = ("all",) if sequence.notes else ("none",)
+    return () if names == ("none",) else ALL if names == ("all",) else names
+
+
+def kept_kinds(sequence: Sequence, layers: tuple[str, ...]) -> dict[str, str]:
+    """The channels that any file of ``sequence`` has carried over -> "uint", "half" or "float"; nothing is read."""
+    kept: dict[str, str] = {}
+    for layout in sequence.layouts.values():
+        names = kept_channels(layout, layers, sequence.replaced)
+        kept |= {name: layout.channels[name] for name in names}
+    return kept
+
+
 def carried_over(path: Path, kept: frozenset[str], file: FrameFile | None = None) -> CarriedOver:
     """Read what is carried over from ``path``: every attribute, and the ``kept`` channels.
 

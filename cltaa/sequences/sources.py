@@ -17,7 +17,7 @@ import numpy as np
 from cltaa.errors import DataError, UsageError
 from cltaa.exr import core as exr_core
 from cltaa.exr.attributes import FrameHeader
-from cltaa.exr.channels import check_float_channels
+from cltaa.exr.channels import OF_FRAMES, check_float_channels
 from cltaa.exr.read import FrameFile, ImageHeader, read_frame_and_header, read_header
 from cltaa.files.manifest import read_capture_record, recorded_hashes
 from cltaa.files.names import NUMBERED, name_of, number_of
@@ -76,8 +76,12 @@ class Sequence(NumberedFiles):
     @property
     def holds(self) -> frozenset[str]:
         """Which of motion, alpha and reactive its frames have, one of them at least."""
-        there = {name for layout in self.layouts.values() for name in layout.channels}
-        return frozenset(part for part, name in CHANNEL_OF.items() if name in there)
+        return frozenset(part for part, name in CHANNEL_OF.items() if name in self.channels)
+
+    @property
+    def channels(self) -> frozenset[str]:
+        """The channels that its frames hold, one of them at least, by the names of own files; no other is read."""
+        return OF_FRAMES & {name for layout in self.layouts.values() for name in layout.channels}
 
     @cached_property
     def header(self) -> ImageHeader:
