@@ -167,6 +167,18 @@ def test_rounding_is_an_axis_of_its_own(window: Browser) -> None:
     choose(window, "metric", "mse")
 
 
+def test_an_axis_on_which_nothing_errs_was_measured(window: Browser) -> None:
+    """As after --rounding-frames 1: a first frame is not rounded."""
+    choose(window, "metric", "rounding")
+    cells, front = "current().cells", "return document.getElementById('front').textContent"
+    window.run(f"window.kept = {cells}")
+    for rounding, said in (("null", "this axis was not measured"), ("{rms: 0, frames: [0]}", "nothing errs here")):
+        window.run(f"{cells} = window.kept.map((c) => ({{ ...c, rounding: {rounding} }})); drawFront()")
+        assert window.run(front) == said
+    window.run(f"{cells} = window.kept; drawFront()")
+    choose(window, "metric", "mse")
+
+
 def test_bits_are_those_of_the_terminal(window: Browser) -> None:
     column = "drawNumbers(); return document.querySelector('#numbers tbody tr').cells[6].textContent"
     rounding = "current().cells[0].rounding"

@@ -111,7 +111,7 @@ function drawFront() {
   const times = cells.flatMap((c) => [timeOf(c).low, timeOf(c).high]).concat(yards.map((s) => s.added), [measured.floor]);
   const svg = element("svg", { viewBox: `0 0 ${width} ${height}`, role: "group", "aria-label": "Error against time" });
   host.replaceChildren(svg);
-  if (!cells.length) { svg.append(element("text", { x: 20, y: 40 }, state.metric === "rounding" ? "this axis was not measured" : "nothing errs here")); return; }
+  if (!cells.length) { svg.append(element("text", { x: 20, y: 40 }, state.metric === "rounding" && !measured.cells.some((c) => c.rounding) ? "this axis was not measured" : "nothing errs here")); return; }
   const x = logScale(tidy(times), box.left, box.right);
   const y = logarithmic ? logScale(tidy(errors), box.bottom, box.top)
     : linearScale(Math.min(...errors), Math.max(...errors), box.bottom, box.top);
