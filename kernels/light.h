@@ -64,11 +64,19 @@ typedef struct
     colour left, own, right;
 } texel_row;
 
+#if LANES > 1
+// Texel by texel, the three channels of each.
+STAGE texel_row texels_of(const real v[9])
+{
+    return (texel_row) { { v[0], v[1], v[2] }, { v[3], v[4], v[5] }, { v[6], v[7], v[8] } };
+}
+#endif
+
 // They, j rows below, with their neighbours.
 STAGE texel_row nearest_row(history_in p, nearest_t n, int j, size_t plane, int stride)
 {
 #if LANES > 1
-    if (n.close > n.alike) {
+    if (n.close & !n.alike) {
         const mask right = n.dx != n.x, down = n.dy != n.y;
         real line[9];
         ROLLED
@@ -83,8 +91,7 @@ STAGE texel_row nearest_row(history_in p, nearest_t n, int j, size_t plane, int 
             line[i + 3] = right ? c : b;
             line[i + 6] = right ? d : c;
         }
-        return (
-            texel_row) { { line[0], line[1], line[2] }, { line[3], line[4], line[5] }, { line[6], line[7], line[8] } };
+        return texels_of(line);
     }
     if (!n.alike) {
         const whole steps = steps_apart(n.dx, n.dy, stride);
@@ -93,8 +100,7 @@ STAGE texel_row nearest_row(history_in p, nearest_t n, int j, size_t plane, int 
         ROLLED
         for (int i = 0; i < 9; ++i)
             line[i] = history_apart(q + (size_t)(i % 3) * plane + (i / 3 - 1), steps);
-        return (
-            texel_row) { { line[0], line[1], line[2] }, { line[3], line[4], line[5] }, { line[6], line[7], line[8] } };
+        return texels_of(line);
     }
 #endif
     history_in q = ROW_BELOW(p, n.at, j, stride);
