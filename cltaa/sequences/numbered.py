@@ -189,11 +189,11 @@ def shared_region(one: NumberedFiles, other: NumberedFiles) -> Window | None:
 def check_same_size(one: NumberedFiles, other: NumberedFiles) -> None:
     """Raise DataError unless both have the same width and height, and show one region of one display window."""
     first, second = one.layouts[one.first], other.layouts[other.first]
+    named = str(one.folder if len(one) > 1 else first.path)  # two files may lie in one folder
     if (one.width, one.height) != (other.width, other.height):
-        path = other.path(other.first)
-        raise DataError(f"size differs from {one.folder}", path=path, expected=first.size, found=second.size)
+        raise DataError(f"size differs from {named}", path=second.path, expected=first.size, found=second.size)
     if first.display_size == second.display_size:  # else one of the two was written without its place
-        check_region(second, first, str(one.folder))
+        check_region(second, first, named)
 
 
 def numbered_files(folder: Path, suffix: str = ".exr") -> tuple[Path, str, dict[int, Path]]:

@@ -95,6 +95,7 @@ CASES: list[tuple[str, int, str]] = [
     ("compare seq nowhere", MISSING, "nowhere: the file is missing"),
     ("compare file.txt", DATA, "file.txt: this is not an EXR file"),
     ("compare seq small", DATA, "size differs from seq (expected 37 x 23, found 20 x 10)"),
+    ("compare seq/synthetic.0000.exr small/synthetic.0001.exr", DATA, "size differs from seq/synthetic.0000.exr (expe"),
     ("compare small", WRONG, "nothing to compare with"),
     ("compare seq --metrics nonsense", WRONG, "unknown metric"),
     ("compare seq --metrics pnsr", WRONG, "unknown metric pnsr; did you mean psnr?"),
