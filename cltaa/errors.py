@@ -84,10 +84,16 @@ def closest(name: str, names: Iterable[str]) -> str | None:
 
 
 def known(name: str, names: Iterable[str], kind: str) -> str:
-    """The cure for a name that is none of ``names``: the one that was meant, where one is close, else all of them."""
+    """The cure for a name that is none of ``names``: the one that was meant, where one is close, else all of them.
+
+    Of many those that have the name in them stand for all: there are sixty parameters, two with ``gamma``.
+    """
     names = list(names)
-    close = closest(name, names)
-    return f"did you mean {close}?" if close else f"known {kind}: {', '.join(names)}"
+    if close := closest(name, names):
+        return f"did you mean {close}?"
+    having = [other for other in names if len(name) > 2 and name.lower() in other.lower()]
+    listed = f"known {kind}: {', '.join(names)}"
+    return f"did you mean {'one of ' * (len(having) > 1)}{', '.join(having)}?" if having else listed
 
 
 def room_cure(error: OSError) -> str:
