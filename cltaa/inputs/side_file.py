@@ -47,6 +47,8 @@ def read_side_file(path: Path) -> dict[int, Side]:
         for name, meant in unknown.items():
             if name in values and meant is not None and meant not in values:
                 raise DataError(f"unknown key {name}", path=path, frame=number, cure=f"did you mean {meant}?")
+        if number in found:
+            raise DataError("the frame is there twice", path=path, frame=number, cure="leave one of the two")
         found[number] = _side(path, number, values)
     if not found:
         raise DataError("the side file names no frame", path=path)

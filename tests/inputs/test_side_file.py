@@ -174,3 +174,18 @@ def test_a_frame_that_is_no_number_is_told(frame: str, tmp_path: Path) -> None:
     path.write_text(f"frame,exposure\n{frame},2\n")
     with pytest.raises(DataError, match="line 2: frame is no whole number"):
         read_side_file(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.txt", "frame 1\njitter_px 0 0\nframe 2\njitter_px 0 0\nframe 1\njitter_px .5 0"),
+        ("a.csv", "frame,exposure\n1,1\n1.0,2\n"),
+        ("a.json", '{"frames": {"1": {"exposure": 1}, "01": {"exposure": 2}}}'),
+    ],
+)
+def test_two_accounts_of_one_frame_are_refused(name: str, text: str, tmp_path: Path) -> None:
+    """As of two takes, one behind the other: the later counted, without a word."""
+    (tmp_path / name).write_text(text)
+    with pytest.raises(DataError, match=f"{name} frame 1: the frame is there twice"):
+        read_side_file(tmp_path / name)
