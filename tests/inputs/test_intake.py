@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.errors import InputMissing
+from cltaa.errors import DataError, InputMissing
 from cltaa.exr.channels import Pixels
 from cltaa.exr.write import write_image
 from cltaa.frames import Frame
@@ -60,6 +60,31 @@ def test_without_matrices_and_jitter_it_says_so(tmp_path: Path) -> None:
     frame = read(tmp_path)[1]
     assert frame.jitter_px == (0.0, 0.0)
     np.testing.assert_array_equal(frame.camera.world_to_view, np.eye(4))
+
+
+@pytest.mark.parametrize("jitter", ["no numbers", 0.25, [0.25]])
+def test_a_jitter_that_is_none_is_told(jitter: object, tmp_path: Path) -> None:
+    folder = write_own(tmp_path, frames(), **{"cltaa:jitterPx": jitter})
+    with pytest.raises(DataError, match=r"own.0000.exr frame 0: attribute cltaa:jitterPx is no jitter"):
+        read(folder, "motion.swap=false")
+    assert [frame.jitter_px for frame in read(folder, "jitter.source=none")] == [(0.0, 0.0)] * 3
+
+
+@pytest.mark.parametrize(
+    "assignments",
+    [
+        ("camera.standard=true", "camera.view=worldToCamera", "camera.projection=worldToNDC"),
+        ("camera.sense=camera-to-world",),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_a_matrix_without_an_inverse_is_told(assignments: tuple[str, ...], tmp_path: Path) -> None:
+    """As some writers leave it where they have no camera: all zeros."""
+    none = {name: np.zeros((4, 4), np.float32) for name in ("worldToCamera", "worldToNDC")}
+    folder = write_own(tmp_path, frames(), **none, **{"cltaa:worldToView": np.zeros((4, 4))})
+    with pytest.raises(DataError, match=r"own.0000.exr frame 0: a matrix of the camera has no inverse.*source=none"):
+        read(folder, *assignments)
+    assert len(read(folder, *assignments, "camera.source=none")) == 3
 
 
 def test_colour_alone(tmp_path: Path) -> None:
