@@ -41,8 +41,8 @@ def unnumbered(folder: Path) -> list[str]:
 def file_sets(folder: Path, without: Container[Path] = ()) -> dict[str, dict[int, Path]]:
     """The numbered files of a folder and its subfolders by name: ``beauty.0001.exr`` or ``beauty/x.0001.exr``.
 
-    Subfolders with truth are left out, and those that a resolve wrote: what came of a sequence is no part of it.
-    So are the files ``without``.
+    Hidden subfolders are left out, those with truth, and those that a resolve wrote: what came of a sequence is no part
+    of it. So are the files ``without``.
     Raises InputMissing where there is none, or none but captures in folders of their own.
     """
     if not folder.is_dir():
@@ -68,7 +68,7 @@ def file_sets(folder: Path, without: Container[Path] = ()) -> dict[str, dict[int
 
 
 def _is_input(folder: Path) -> bool:
-    return not folder.name.startswith(REFERENCE) and not (folder / MANIFEST).exists()
+    return not folder.name.startswith((REFERENCE, ".")) and not (folder / MANIFEST).exists()
 
 
 def assign(profile: Profile, channels: Mapping[str, Iterable[str]]) -> dict[str, tuple[Place, ...]]:

@@ -161,6 +161,19 @@ def test_a_folder_for_each_channel_set(tmp_path: Path) -> None:
         open_intake(tmp_path)
 
 
+def test_hidden_folders_are_no_input(tmp_path: Path) -> None:
+    """What a file browser or a backup keeps there is nobody's frame, and may be cut off."""
+    for frame in frames():
+        name = f"shot.{frame.index:04d}.exr"
+        for folder, planes in (("beauty", np.moveaxis(frame.colour, -1, 0)), (".thumbs", [frame.depth] * 3)):
+            (tmp_path / folder).mkdir(exist_ok=True)
+            write_image(tmp_path / folder / name, dict(zip("RGB", planes, strict=True)))
+    (tmp_path / ".backup").mkdir()
+    (tmp_path / ".backup" / "Z.0000.exr").write_bytes(b"half")
+    assert [*open_intake(tmp_path).sets] == ["beauty/shot"]
+    assert main(["inspect", str(tmp_path)]) == 0
+
+
 def test_what_was_resolved_into_the_folder_is_no_input(tmp_path: Path) -> None:
     made = frames()
     for frame in made:
