@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, cast
 
@@ -32,10 +32,14 @@ from cltaa.memory.haloed import empty_haloed
 
 @dataclass(frozen=True, slots=True)
 class ImageHeader:
-    """A file's layout and its attributes by name, as ``attributes_of`` gives them, read without its pixels."""
+    """A file's layout and its attributes by name, as ``attributes_of`` gives them, read without its pixels.
+
+    ``views`` are those of channels by what attribute ``view`` of their part says.
+    """
 
     layout: Layout
     attributes: dict[str, object]
+    views: Mapping[str, str] = field(default_factory=dict)
 
 
 class FrameFile(NamedTuple):

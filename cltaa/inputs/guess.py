@@ -10,22 +10,22 @@ from cltaa.errors import DataError
 from cltaa.inputs.profile import Profile, load_profile, profile_names
 from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import assign, equal_matches, shown_name
-from cltaa.inputs.views import assign_view
+from cltaa.inputs.views import ONE_VIEW, Views, assign_view
 from cltaa.printable import counted
 
 OF_NO_TOOL = {"parts": 1, "cltaa": 2}  # and which goes before which
 LUMINANCE = "Y"  # of a picture in greys, as OpenEXR calls it
 
 
-def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]], views: Many[str] = ()) -> DataError:
+def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]], views: Views = ONE_VIEW) -> DataError:
     """The error where nothing is the colour, or several sets of files or ``views`` could be."""
     if (
-        views
+        views.names
         and not profile.colour.view
-        and "colour" in assign_view(override(profile, [f"colour.view={views[0]}"]), channels, views)
+        and "colour" in assign_view(override(profile, [f"colour.view={views.names[0]}"]), channels, views)
     ):
-        cure = f"choose one: --input colour.view={views[0]}"
-        return DataError("the picture has several views", path=folder, found=", ".join(views), cure=cure)
+        cure = f"choose one: --input colour.view={views.names[0]}"
+        return DataError("the picture has several views", path=folder, found=", ".join(views.names), cure=cure)
     several = equal_matches(profile.colour.channels, channels)
     if several:
         names = " ".join(shown_name(place, several=True) for place in several[0])

@@ -22,7 +22,7 @@ from cltaa.inputs.profile import Profile, load_profile
 from cltaa.inputs.profile_text import override
 from cltaa.inputs.roles import KEYS, Place, Roles, describe, file_sets, shown_name, whole_numbers
 from cltaa.inputs.side_file import Side, read_side_file
-from cltaa.inputs.views import assign_view, views_of
+from cltaa.inputs.views import ONE_VIEW, Views, assign_view, views_of
 from cltaa.sequences.frame_numbers import (
     FrameRange,
     OnBreak,
@@ -55,6 +55,7 @@ class Intake:
     step: int = 1  # how far frame numbers lie apart
     asked: tuple[str, Many[str]] = ("auto", ())  # profile and assignments, for a truth beside the frames
     damaged: Collection[int] = ()  # frames of which a file was left out, for it cannot be read
+    views: Views = ONE_VIEW
     notes: list[str] = field(default_factory=list)  # what is missing, and what is done without it
 
     @property
@@ -106,7 +107,8 @@ def open_intake(
         attributes = header.attributes | attributes
     chosen, reason = (load_profile(profile), "as asked") if profile != "auto" else guessed_profile(attributes, channels)
     chosen = override(chosen, assignments)
-    roles = _assigned(folder, chosen, assignments, channels, views_of(attributes, channels))
+    views = views_of(attributes, channels, [header.views for header in first.values()])
+    roles = _assigned(folder, chosen, assignments, channels, views)
     main = sets[roles["colour"][0].files]
     read = [sets[label] for label in {place.files for all_of in roles.values() for place in all_of}]
     there = sorted(number for number in main if all(number in files for files in read))
@@ -132,7 +134,7 @@ def open_intake(
     intake = Intake(
         chosen, reason, roles, sets, given, layouts, declared,
         {label: header.layout for label, header in first.items()}, gaps, on_resize, step, (profile, assignments),
-        frozenset(damaged.values()),
+        frozenset(damaged.values()), views,
     )  # fmt: skip
     intake.notes += notes_of(intake, folder)
     return intake
@@ -151,7 +153,7 @@ def open_with_gaps(folder: Path, **reading: Any) -> Intake:
 
 
 def _assigned(
-    folder: Path, profile: Profile, assignments: Many[str], channels: Mapping[str, Many[str]], views: Many[str]
+    folder: Path, profile: Profile, assignments: Many[str], channels: Mapping[str, Many[str]], views: Views
 ) -> Roles:
     """The channels of each role.
 

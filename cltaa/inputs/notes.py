@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cltaa.inputs.roles import assign, unnumbered
-from cltaa.inputs.views import view_of, views_of, without_view
+from cltaa.inputs.views import Views
 
 if TYPE_CHECKING:
     from cltaa.inputs.intake import Intake
@@ -50,12 +50,12 @@ def notes_of(intake: Intake, folder: Path) -> list[str]:
 
 def _left_out(intake: Intake, folder: Path) -> list[str]:
     """One line for each thing that is there and is not read."""
-    views, notes = _views(intake), list[str]()
-    if len(views) > 1:
-        taken = view_of((place.channel for place in intake.roles["colour"]), views)
-        other = next(view for view in views if view != taken)
+    views, notes = intake.views, list[str]()
+    if len(views.names) > 1:
+        taken = views.of(place.channel for place in intake.roles["colour"])
+        other = next(view for view in views.names if view != taken)
         notes.append(
-            f"several views: {taken} of {', '.join(views)} is taken; to take {other}: --input colour.view={other}"
+            f"several views: {taken} of {', '.join(views.names)} is taken; to take {other}: --input colour.view={other}"
         )
     if others := _like_the_colour(intake, views):
         taken = shlex.quote(" ".join(f"{others[0]}.{name.channel.split('.')[-1]}" for name in intake.roles["colour"]))
@@ -80,23 +80,17 @@ def _late(intake: Intake) -> list[str]:
     return [place.channel for place in places if place.channel not in intake.first[files].channels]
 
 
-def _views(intake: Intake) -> list[str]:
-    """The views of the picture, if there are several."""
-    channels = {label: [*layout.channels] for label, layout in intake.first.items()}
-    return views_of(intake.attributes[min(intake.attributes)], channels)
-
-
-def _like_the_colour(intake: Intake, views: Sequence[str]) -> list[str]:
+def _like_the_colour(intake: Intake, views: Views) -> list[str]:
     """Other layers that are called as that of the colour is, such as the beauty of another view layer.
 
     Those of the colour's view, if there are ``views``.
     """
     colour = intake.roles["colour"][0].channel
-    tail, view = without_view(colour, views).split(".")[-2:], view_of([colour], views)
+    tail, view = views.without(colour).split(".")[-2:], views.of([colour])
     return [
         name.rpartition(".")[0]
         for name in intake.unused
-        if len(tail) > 1 and without_view(name, views).split(".")[-2:] == tail and view_of([name], views) == view
+        if len(tail) > 1 and views.without(name).split(".")[-2:] == tail and views.of([name]) == view
     ]
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Collection, Container, Sized
+from collections.abc import Collection, Container, Iterable, Mapping, Sized
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,10 @@ def read_any_header(path: Path, *, chunks: bool = True) -> ImageHeader:
 
     ``chunks`` as ``read_header``. Raises InputMissing or DataError.
     """
-    return _many_header(path, chunks) if _is_multi_part(path) else read_header(path, chunks=chunks)
+    if _is_multi_part(path):
+        return _many_header(path, chunks)
+    header = read_header(path, chunks=chunks)
+    return replace(header, views=_views((header.layout,), [header.attributes]))
 
 
 def read_planes(path: Path, wanted: Container[str] | None = None, *, sha256: str | None = None) -> dict[str, Pixels]:
@@ -108,7 +112,18 @@ def _described(layouts: tuple[Layout, ...], file: OpenEXR.File) -> ImageHeader:
         full_name(layout.part or "", name): kind for layout in layouts for name, kind in layout.channels.items()
     }
     layout = Layout(first.path, channels, shared_window(layouts), first.display_window, first.compression)
-    return ImageHeader(layout, attributes_of(file))
+    return ImageHeader(layout, attributes_of(file), _views(layouts, [part.header for part in file.parts]))
+
+
+def _views(layouts: Iterable[Layout], attributes: Iterable[Mapping[str, object]]) -> dict[str, str]:
+    """The views of channels by their full names, as attribute ``view`` of their part has it."""
+    found = [(layout, its.get("view")) for layout, its in zip(layouts, attributes, strict=True)]
+    return {
+        full_name(layout.part or "", name): view
+        for layout, view in found
+        if isinstance(view, str) and view
+        for name in layout.channels
+    }
 
 
 def _check_count(path: Path, layouts: Sized, found: Sized) -> None:

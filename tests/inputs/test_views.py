@@ -10,6 +10,7 @@ import pytest
 from cltaa.cli import main
 from cltaa.errors import DataError, UsageError
 from cltaa.exr.channels import Pixels
+from cltaa.exr.openexr import OpenEXR
 from cltaa.exr.read import read_image
 from cltaa.exr.write import write_image
 from cltaa.inputs.intake import intake_lines, open_intake
@@ -127,3 +128,62 @@ def test_the_only_view_needs_no_choice(tmp_path: Path) -> None:
     write_image(tmp_path / "a.0001.exr", {name: flat(0.0) for name in names}, {**BLENDER, "multiView": ["left"]})
     assert taken(tmp_path) == of_blender("left")
     assert not any("view" in line for line in open_intake(tmp_path).notes)
+
+
+def of_parts(folder: Path, views: dict[str, str | None]) -> Path:
+    """A file whose parts say in attribute ``view`` of which view they are; names of parts as compositors write them."""
+    folder.mkdir()
+    channels = {"rgba": "RGBA", "depth": "Z", "forward": ("forward.u", "forward.v"), "disparityL": ("x", "y")}
+    parts = []
+    for name, view in views.items():
+        planes = {channel: flat(view == "right") for channel in channels[name.split("_")[0]]}
+        header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
+        parts.append(OpenEXR.Part(header | ({"view": view} if view else {}), planes, name))
+    OpenEXR.File(parts).write(str(folder / "a.0001.exr"))
+    return folder
+
+
+@pytest.mark.parametrize("eye", EYES)
+def test_a_view_that_an_attribute_of_parts_names_is_one(eye: str, tmp_path: Path) -> None:
+    """Parts are called as those of the stereo pictures among OpenEXR's own examples, in their order."""
+    names = ("rgba_right", "depth_left", "forward_left", "rgba_left", "depth_right", "forward_right")
+    views = {name: name.split("_")[1] for name in names}
+    folder = of_parts(tmp_path / "in", {**views, "disparityL": None})
+    expected = {
+        "colour": f"rgba_{eye}.R rgba_{eye}.G rgba_{eye}.B", "alpha": f"rgba_{eye}.A", "depth": f"depth_{eye}.Z",
+    }  # fmt: skip
+    assert taken(folder, f"colour.view={eye}") == expected
+    assert taken(folder, f"colour.channels={expected['colour']}") == expected
+    assert taken(folder, f"colour.channels=*_{eye}.R *_{eye}.G *_{eye}.B") == expected
+    assert taken(folder) == taken(folder, "colour.view=left")
+    note = "several views: left of left, right is taken; to take right: --input colour.view=right"
+    assert note in open_intake(folder).notes
+    assert open_pictures(folder, assignments=[f"colour.view={eye}"]).image(1)[0, 0, 0] == EYES.index(eye)
+    with pytest.raises(UsageError, match=r"colour\.view=middle: no such view \(expected left, right\)"):
+        open_intake(folder, assignments=["colour.view=middle"])
+
+
+def test_the_one_view_of_all_parts_may_be_asked_for(tmp_path: Path) -> None:
+    folder = of_parts(tmp_path / "in", {"rgba": "main", "depth": "main"})
+    assert taken(folder, "colour.view=main") == taken(folder)
+    assert taken(folder)["depth"] == "depth.Z"
+    assert not any("views" in line for line in open_intake(folder).notes)
+
+
+def test_a_picture_of_one_view_may_be_asked_for_by_its_name(tmp_path: Path) -> None:
+    write_image(tmp_path / "a.0001.exr", dict.fromkeys("RGBZ", flat(0.5)), {"view": "left"})
+    assert taken(tmp_path, "colour.view=left") == taken(tmp_path) == {"colour": "R G B", "depth": "Z"}
+    with pytest.raises(UsageError, match=r"no such view \(expected left\)"):
+        open_intake(tmp_path, assignments=["colour.view=right"])
+
+
+@pytest.mark.parametrize("eye", EYES)
+def test_folders_of_one_view_each_are_told_apart_as_folders(eye: str, tmp_path: Path) -> None:
+    for view in EYES:
+        (tmp_path / view).mkdir()
+        channels = ("R", "G", "B", *(("backward.u", "backward.v") if view == eye else ()))
+        write_image(tmp_path / view / "a.0001.exr", dict.fromkeys(channels, flat(0.5)), {"view": view})
+    with pytest.raises(DataError, match="several sets of files may be the colour"):
+        open_intake(tmp_path)
+    roles = open_intake(tmp_path, assignments=[f"colour.channels={eye}.R {eye}.G {eye}.B"]).roles
+    assert {place.files.split("/")[0] for role in ("colour", "motion") for place in roles[role]} == {eye}
