@@ -11,20 +11,25 @@ import click
 from click.core import ParameterSource
 from rich.table import Table
 
-from cltaa.commands.names import EFFECT_LIST, PRESET
-from cltaa.commands.options import FILE_PATH, NAMES, chosen_effects, input_options, json_option
+from cltaa.commands.names import ASSIGNMENT, EFFECT_LIST, PRESET
+from cltaa.commands.options import FILE_PATH, NAMES, assigned, chosen_effects, input_options, json_option
 from cltaa.commands.printing import Console, print_line
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.description import Description, describe_input
 from cltaa.inputs.opening import is_own, open_input
 from cltaa.inspection.facts import Inspection
 from cltaa.inspection.findings import inspect_folder
+from cltaa.parameters.build import STORAGES, Storage
+from cltaa.parameters.presets import Preset, preset_of
 from cltaa.printable import bytes_of, counted, json_of, printable, shown
 from cltaa.progress import shown_progress
 from cltaa.sequences.pixel_statistics import ChannelStatistics
 from cltaa.sequences.sources import Sequence
 
-OF_PLAN = ("preset", "device", "effects", "half", "layers")
+OF_PLAN = {
+    "preset": "preset", "device": "device", "effects": "effects", "storage": "storage", "half": "half",
+    "layers": "layers", "band_rows": "band-rows", "config": "config", "changes": "set",
+}  # fmt: skip
 
 
 @click.command()
@@ -39,6 +44,13 @@ OF_PLAN = ("preset", "device", "effects", "half", "layers")
 @click.option("--device", metavar="NAME", help="With --plan: where; its index or a part of its name.")
 @click.option("--effects", type=EFFECT_LIST, metavar="LIST", default="auto", show_default=True,
               help="With --plan: auto (as declared), all, or names.")  # fmt: skip
+@click.option("--config", type=FILE_PATH, help="With --plan: TOML file of parameters, over the preset.")
+@click.option("--set", "changes", type=ASSIGNMENT, multiple=True, metavar="KEY=VALUE",
+              help="With --plan: one parameter; may be repeated.")  # fmt: skip
+@click.option("--storage", type=click.Choice([kind.value for kind in STORAGES]), default=Storage.FLOAT.value,
+              show_default=True, help="With --plan: number that the history is kept in.")  # fmt: skip
+@click.option("--band-rows", type=click.IntRange(min=0), metavar="N",
+              help="With --plan: of a resolve in bands of N rows (0: whole images).")  # fmt: skip
 @click.option("--half", is_flag=True, help="With --plan: of results in half precision, which take less memory.")
 @click.option("--layers", type=NAMES, help="With --plan: channels of the input that are kept, as cltaa resolve has it.")
 @input_options
@@ -53,6 +65,10 @@ def inspect(
     preset: str,
     device: str | None,
     effects: str,
+    config: Path | None,
+    changes: tuple[str, ...],
+    storage: str,
+    band_rows: int | None,
     half: bool,
     layers: tuple[str, ...] | None,
     as_json: bool,
@@ -66,7 +82,9 @@ def inspect(
     """
     _check_options(ctx, planned=planned, pixels=pixels)
     if planned:
-        _plan(open_input(folder, **reading), preset, device, effects, as_json, half=half, layers=layers)
+        wanted = assigned(preset_of(preset, config), changes)
+        memory = {"storage": Storage(storage), "half": half, "layers": layers, "band_rows": band_rows}
+        _plan(open_input(folder, **reading), wanted, device, effects, as_json, **memory)
         return
     profile, asked = reading["profile"], reading["assignments"] or reading["side_file"] is not None
     named = asked or profile not in ("auto", "cltaa")
@@ -90,12 +108,12 @@ def _check_options(ctx: click.Context, *, planned: bool, pixels: bool) -> None:
     """Raise UsageError for an option that would change nothing: who gave it waits for what does not come."""
     if planned and pixels:
         raise UsageError("--pixels and --plan are two reports", cure="leave one of them out")
-    for name in OF_PLAN:
+    for name, said in OF_PLAN.items():
         if not planned and ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            raise UsageError(f"--{name} says how to plan a resolve", cure="add --plan")
+            raise UsageError(f"--{said} says how to plan a resolve", cure="add --plan")
 
 
-def _plan(source: Sequence, preset: str, device: str | None, effects: str, as_json: bool, **resolved: Any) -> None:
+def _plan(source: Sequence, preset: Preset, device: str | None, effects: str, as_json: bool, **resolved: Any) -> None:
     from cltaa.commands.plan_table import print_plan  # here: these load OpenCL, and a look at headers must not
     from cltaa.inspection.sequence_plan import plan
 

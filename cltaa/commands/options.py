@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
+import msgspec
 
 from cltaa.commands.names import EFFECT_LIST, INPUT, PROFILE
 from cltaa.errors import UsageError, known
@@ -19,6 +20,7 @@ from cltaa.printable import printable
 
 if TYPE_CHECKING:
     from cltaa.inputs.opening import Reading
+    from cltaa.parameters.presets import Preset
     from cltaa.sequences.sources import Sequence
 
 Command = Callable[..., Any]
@@ -213,3 +215,24 @@ def chosen_effects(text: str) -> frozenset[Effect] | Literal["auto", "all"]:
         if name and name not in [*Effect]:
             raise UsageError(f"--effects: unknown effect {name}", cure=known(name, ["auto", "all", *Effect], "effects"))
     return parse_effects(text)
+
+
+def assigned(preset: Preset, assignments: tuple[str, ...]) -> Preset:
+    """``preset`` with what ``--set`` says, which its name tells; raises UsageError for what is no assignment."""
+    from cltaa.parameters.presets import override  # here: most commands have none
+
+    values = _values(assignments)
+    if not values:
+        return preset
+    told = ", ".join(f"{key}={value}" for key, value in values.items())
+    return msgspec.structs.replace(override(preset, values), name=f"{preset.name} with {told}")
+
+
+def _values(assignments: tuple[str, ...]) -> dict[str, str]:
+    values: dict[str, str] = {}
+    for assignment in assignments:
+        key, equals, value = assignment.partition("=")
+        if not equals:
+            raise UsageError(f"--set {assignment}: no value", expected="KEY=VALUE", found=assignment)
+        values[key.strip()] = value.strip()
+    return values

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-from msgspec.structs import replace
 
 from cltaa.commands.names import ASSIGNMENT, PRESET, VIEW_LIST
 from cltaa.commands.options import (
@@ -14,6 +13,7 @@ from cltaa.commands.options import (
     FRAME_RANGE,
     MILLISECONDS,
     NAMES,
+    assigned,
     chosen_effects,
     effects_option,
     input_options,
@@ -24,11 +24,11 @@ from cltaa.devices.launch import launcher_for
 from cltaa.errors import UsageError
 from cltaa.inputs.opening import check_declared, open_input
 from cltaa.parameters.build import STORAGES, Storage
-from cltaa.parameters.presets import Preset, override, preset_of
+from cltaa.parameters.presets import Preset, preset_of
 from cltaa.printable import counted, json_of, printable, shown
-from cltaa.resolve.bands import resolver_for
 from cltaa.resolve.carried_over import carried_compression, chosen_layers, kept_kinds
 from cltaa.resolve.checkpoint import CHECKPOINT_EVERY
+from cltaa.resolve.fitting import resolver_for
 from cltaa.resolve.outcome import Outcome, stage_rows
 from cltaa.resolve.pipeline import resolve_sequence
 from cltaa.resolve.views import View, parse_views
@@ -123,7 +123,7 @@ def resolve(
         click.echo("\n".join(map(printable, source.notes)), err=True)
     declared = chosen_effects(effects)
     check_declared(source, declared)
-    settings, kept = _assigned(preset_of(preset, config), changes), Storage(storage)
+    settings, kept = assigned(preset_of(preset, config), changes), Storage(storage)
     if budget_ms is not None:
         if preset != "default" or config is not None:
             raise UsageError("--budget-ms chooses the preset itself", cure="leave out --preset and --config")
@@ -166,25 +166,7 @@ def within_budget(
 
     choice = choose(launcher_for(device).description, budget_ms, *size)
     click.echo(choice.why, err=True)
-    return _assigned(choice.variant.preset, assignments), choice.variant.storage
-
-
-def _assigned(preset: Preset, assignments: tuple[str, ...]) -> Preset:
-    values = _values(assignments)
-    if not values:
-        return preset
-    told = ", ".join(f"{key}={value}" for key, value in values.items())
-    return replace(override(preset, values), name=f"{preset.name} with {told}")
-
-
-def _values(assignments: tuple[str, ...]) -> dict[str, str]:
-    values: dict[str, str] = {}
-    for assignment in assignments:
-        key, equals, value = assignment.partition("=")
-        if not equals:
-            raise UsageError(f"--set {assignment}: no value", expected="KEY=VALUE", found=assignment)
-        values[key.strip()] = value.strip()
-    return values
+    return assigned(choice.variant.preset, assignments), choice.variant.storage
 
 
 def _print_outcome(outcome: Outcome, preview: Path | None, views: str, *, foreign: bool) -> None:

@@ -11,13 +11,13 @@ import numpy as np
 
 from cltaa.devices.launch import Launcher
 from cltaa.frames import Effect
-from cltaa.parameters.build import Steps
+from cltaa.parameters.build import Steps, Storage
 from cltaa.parameters.choices import HistoryOf, LightChange
 from cltaa.parameters.presets import Preset
 from cltaa.planning.frame_plan import Plan, plan_frame, toggled, with_effects
-from cltaa.planning.memory import NO_LAYERS, Memory, PlanesHeld, of_sequence, of_whole_images, program_bytes
-from cltaa.resolve.bands import band_rows_for
+from cltaa.planning.memory import NO_LAYERS, Memory, PlanesHeld, of_sequence, program_bytes
 from cltaa.resolve.carried_over import check_layers, chosen_layers, kept_kinds
+from cltaa.resolve.fitting import band_rows_for, has_bands, of_whole
 from cltaa.resolve.frame_record import Past
 from cltaa.resolve.resolver import Resolver
 from cltaa.sequences.sources import Sequence
@@ -67,18 +67,20 @@ def plan(
     *,
     effects: Effects = "auto",
     rounds: int = ROUNDS,
+    storage: Storage = Storage.FLOAT,
     half: bool = False,
     layers: tuple[str, ...] | None = None,
+    band_rows: int | None = None,
 ) -> SequencePlan:
     """Say which steps of ``preset`` run on which frames of ``sequence`` and why, from its headers alone.
 
     With ``rounds`` each step is also timed on ``device``, on and off in turn, on two frames of the sequence; 0 reads no
-    pixels. ``half`` counts the memory of results in halves, ``layers`` that of channels that are kept, as ``cltaa
-    resolve --layers`` has them. Raises what opening the device and reading raise, and UsageError for no such layer.
+    pixels. ``storage``, ``half``, ``layers`` and ``band_rows`` are those of ``cltaa resolve``: they decide what memory
+    it takes. Raises what opening the device and reading raise, and UsageError for no such layer.
     """
     layers = chosen_layers(layers, sequence)
     check_layers(sequence, layers)
-    resolver = Resolver(preset, device, every_step=True)
+    resolver = Resolver(preset, device, storage=storage, every_step=True)
     sections: list[Section] = []
     plans: list[Plan] = []
     for number, starts, planned in _plans(sequence, resolver.preset, effects):
@@ -101,28 +103,36 @@ def plan(
     return SequencePlan(
         folder=str(sequence.folder), preset=resolver.preset.name, device=resolver.launcher.description,
         kernels=kernels, sections=sections,
-        memory=memory(sequence, resolver, plans, half=half, layers=kept_kinds(sequence, layers)),
+        memory=memory(sequence, resolver, plans, half=half, layers=kept_kinds(sequence, layers), rows=band_rows),
     )  # fmt: skip
 
 
 def memory(
     sequence: Sequence, resolver: Resolver, plans: list[Plan], *, half: bool = False,
-    layers: Mapping[str, str] = NO_LAYERS,
+    layers: Mapping[str, str] = NO_LAYERS, rows: int | None = None,
 ) -> Memory:  # fmt: skip
     """What a resolve of ``sequence`` takes at its peak, in bands where it would run in bands, ``half`` to halves.
 
-    ``layers`` are as ``of_resolve`` takes them.
+    ``layers`` are as ``of_resolve`` takes them, ``rows`` those of a band (0: whole images) where that is not chosen.
     """
     preset, shared = resolver.preset, resolver.launcher.shares_memory
     used = {name: any(getattr(each.steps, name) for each in plans) for name in Steps.__struct_fields__}
     histories = {each.choices.history_of for each in plans}
-    whole = of_whole_images(sequence, half=half, layers=layers)
-    rows = band_rows_for(whole) if preset.choices.history_of is HistoryOf.RESULT else 0
+    if rows is None:
+        whole = of_whole(sequence, resolver, half=half, layers=layers)
+        rows = band_rows_for(whole) if has_bands(resolver) else 0
     kept, doubled = HistoryOf.SAMPLES in histories, HistoryOf.DOUBLED in histories
     frames_kept = preset.settings.frames_kept if kept else 0
     spans = kept and any(each.choices.light_change is LightChange.SPANS for each in plans)
     held = PlanesHeld(
-        Steps(**used), band_rows=rows, frames_kept=frames_kept, spans=spans, doubled=doubled, shared=shared, half=half
+        Steps(**used),
+        resolver.storage,
+        band_rows=rows,
+        frames_kept=frames_kept,
+        spans=spans,
+        doubled=doubled,
+        shared=shared,
+        half=half,
     )
     return msgspec.structs.replace(of_sequence(sequence, held, layers), program=program_bytes())
 

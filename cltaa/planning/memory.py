@@ -169,12 +169,12 @@ def of_sequence(sequence: Sequence, held: PlanesHeld, layers: Mapping[str, str] 
 
 def of_whole_images(
     sequence: Sequence, storage: Storage = Storage.FLOAT, *, doubled: bool = False, half: bool = False,
-    layers: Mapping[str, str] = NO_LAYERS,
+    shared: bool = False, layers: Mapping[str, str] = NO_LAYERS,
 ) -> Memory:  # fmt: skip
     """Memory of a resolve of ``sequence`` over whole images, with each step that its channels allow; no frames kept.
 
-    ``storage``, ``doubled`` and ``half`` are those of ``PlanesHeld``, ``layers`` those of ``of_resolve``.
+    ``storage``, ``doubled``, ``half`` and ``shared`` are those of ``PlanesHeld``, ``layers`` those of ``of_resolve``.
     """
     holds = sequence.holds
     steps = Steps(own_motion="motion" in holds, alpha="alpha" in holds, reactive="reactive" in holds)
-    return of_sequence(sequence, PlanesHeld(steps, storage, doubled=doubled, half=half), layers)
+    return of_sequence(sequence, PlanesHeld(steps, storage, doubled=doubled, half=half, shared=shared), layers)

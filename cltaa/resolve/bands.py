@@ -8,9 +8,7 @@ so that every pixel sees the neighbours that it sees in one piece.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -20,29 +18,21 @@ from numpy.typing import NDArray
 from cltaa.constants import PAD_X, PAD_Y
 from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.devices.launch import Buffer, storage_dtype
-from cltaa.errors import ResourceError, UsageError
-from cltaa.files.content import memory_limit
+from cltaa.errors import UsageError
 from cltaa.frame_checks import check_frame
 from cltaa.frames import Frame, Image
 from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Storage, edge_build
+from cltaa.parameters.build import edge_build
 from cltaa.parameters.choices import HistoryOf
 from cltaa.parameters.presets import Preset
-from cltaa.planning.memory import NO_LAYERS, Memory, of_whole_images
 from cltaa.resolve.buffers import Buffers
 from cltaa.resolve.frame_record import Past, frame_record
 from cltaa.resolve.one_thread import one_thread
 from cltaa.resolve.passes import Passes
 from cltaa.resolve.resolver import Resolver, Times
 from cltaa.resolve.upload import upload
-from cltaa.sequences.sources import Sequence
 
 BAND_ROWS = 512  # 400 MB of band at 16384 columns
-
-
-def band_rows_for(whole: Memory) -> int:
-    """Rows of a band that suit a run that would take ``whole`` over whole images; 0 where this machine has that."""
-    return BAND_ROWS if whole.whole > memory_limit() else 0
 
 
 class Band(Layout):
@@ -118,10 +108,17 @@ class BandedResolver(Resolver):
             raise UsageError("NumPy resolves whole images only", cure="leave --band-rows out, or name a device")
         if self.preset.choices.history_of is not HistoryOf.RESULT:
             raise UsageError(
-                f"preset {self.preset.name} {_keeps(self.preset)}, so it resolves whole images only",
+                f"preset {self.preset.name} {keeps(self.preset)}, so it resolves whole images only",
                 cure="leave --band-rows out, or take --preset default",
             )
         self._rows = band_rows
+
+    @classmethod
+    def beside(cls, whole: Resolver, band_rows: int, **options: Any) -> BandedResolver:
+        """One on the device that ``whole`` has opened, with the options that it was made with."""
+        banded = cls(whole.preset, whole.launcher, band_rows=band_rows, **options)
+        banded._device = whole._device  # to open again
+        return banded
 
     @one_thread
     def resolve(self, frame: Frame, *, half: bool = False) -> NDArray[Any]:
@@ -172,35 +169,8 @@ class BandedResolver(Resolver):
         return Buffers(self.launcher, band, alpha, storage_dtype(self._shape), layout)
 
 
-def resolver_for(
-    preset: Preset, device: str | None, sequence: Sequence, band_rows: int | None = None, *,
-    storage: Storage = Storage.FLOAT, half: bool = False, layers: Mapping[str, str] = NO_LAYERS, **options: Any,
-) -> Resolver:  # fmt: skip
-    """A resolver for the frames of ``sequence``: in bands where whole ones take more memory than this machine has.
-
-    ``half`` says that halves will be written, ``layers`` are as ``of_resolve`` takes them. ``band_rows`` chooses in the
-    machine's place; 0 is whole images. Raises ResourceError where they would have to be resolved in bands and the
-    preset keeps frames or a history at 200 %, which only whole images can.
-    """
-    if band_rows is None:
-        doubled = preset.choices.history_of is HistoryOf.DOUBLED
-        whole = of_whole_images(sequence, storage, doubled=doubled, half=half, layers=layers)
-        band_rows = band_rows_for(whole)
-        if band_rows and preset.choices.history_of is not HistoryOf.RESULT:
-            raise ResourceError(
-                f"{sequence.width} x {sequence.height} pixels are too many for preset {preset.name}, which "
-                f"{_keeps(preset)}, so it resolves whole images only",
-                expected=f"{whole.whole / 1e6:.0f} MB beside what it keeps",
-                found=f"{memory_limit() / 1e6:.0f} MB of memory",
-                cure="take --preset default, which resolves them in bands, or --band-rows 0 to try all the same",
-            )
-        if device == "numpy":
-            band_rows = 0
-    kind = partial(BandedResolver, band_rows=band_rows) if band_rows else Resolver
-    return kind(preset, device, storage=storage, **options)
-
-
-def _keeps(preset: Preset) -> str:
+def keeps(preset: Preset) -> str:
+    """What a preset does for which whole images are needed."""
     return "keeps frames" if preset.choices.history_of is HistoryOf.SAMPLES else "keeps its history at 200 %"
 
 

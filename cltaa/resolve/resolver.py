@@ -84,9 +84,14 @@ class Resolver(Recurrent):
         return super().__reduce_ex__(protocol)
 
     @property
+    def storage(self) -> Storage:
+        """The numbers that the history is kept in."""
+        return self._shape.storage
+
+    @property
     def keeps_halves(self) -> bool:
         """True where the history is kept in halves."""
-        return self._shape.storage in HALVES
+        return self.storage in HALVES
 
     def settings(self) -> dict[str, Any]:
         """Everything that decides the bits of a result, beside the frames."""

@@ -13,7 +13,8 @@ from cltaa.exr.attributes import frame_attributes
 from cltaa.exr.channels import frame_planes
 from cltaa.exr.write import write_image
 from cltaa.inputs.opening import open_input
-from cltaa.parameters.build import Steps
+from cltaa.memory.layout import Layout
+from cltaa.parameters.build import Steps, texel_planes
 from cltaa.planning import memory
 from cltaa.planning.memory import PlanesHeld, of_sequence
 from cltaa.resolve.carried_over import chosen_layers, kept_kinds
@@ -61,6 +62,29 @@ def test_layers_stay_until_their_result_is_written(layered: Path, capsys: pytest
     assert some["packing"] - none["packing"] == blocks * (2 + 4) * TEXELS
     assert every["packing"] - none["packing"] == blocks * (4 + 4 + 2 + 4) * TEXELS  # the result has its own R G B
     assert every["frames"] == none["frames"]
+
+
+def test_what_decides_the_history_is_counted(layered: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    haloed = Layout(WIDTH, HEIGHT).plane
+    floats, halves, doubled, both = (
+        planned(layered, capsys, *more)["device"]
+        for more in (
+            [], ["--storage", "half"], ["--set", "history_of=doubled"],
+            ["--storage", "half", "--set", "history_of=doubled"],
+        )
+    )  # fmt: skip
+    assert halves - floats == -2 * 3 * 2 * haloed  # history and result
+    assert doubled - floats == 2 * texel_planes(False) * 4 * haloed
+    assert both - halves == 2 * texel_planes(False) * 2 * haloed
+    config = tmp_path / "doubled.toml"
+    config.write_text('history_of = "doubled"\n')
+    assert planned(layered, capsys, "--config", str(config))["device"] == doubled
+
+
+def test_bands_that_are_asked_for_are_counted(layered: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    whole, bands = planned(layered, capsys), planned(layered, capsys, "--band-rows", "4")
+    assert bands["results"] == 4 * TEXELS  # the count of each pixel
+    assert bands["device"] < whole["device"]
 
 
 def test_a_layer_that_is_not_there_is_refused_by_name(layered: Path, capsys: pytest.CaptureFixture[str]) -> None:

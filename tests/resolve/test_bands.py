@@ -13,17 +13,20 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.devices.device import Device
+from cltaa.devices.device_launcher import DeviceLauncher
 from cltaa.devices.shape import Shape
 from cltaa.errors import UsageError
 from cltaa.exr.write import write_image
 from cltaa.files.manifest import Manifest
 from cltaa.frames import Frame
+from cltaa.inspection.sequence_plan import plan
 from cltaa.memory.allocator import KEPT_BLOCKS
 from cltaa.parameters.build import Steps, Storage
 from cltaa.parameters.presets import load_preset
 from cltaa.planning.memory import Memory, PlanesHeld, of_resolve, of_whole_images
-from cltaa.resolve.bands import BandedResolver, band_rows_for, resolver_for
+from cltaa.resolve.bands import BandedResolver
 from cltaa.resolve.checkpoint import Checkpoints
+from cltaa.resolve.fitting import band_rows_for, resolver_for
 from cltaa.resolve.pipeline import resolve_sequence
 from cltaa.resolve.resolver import Resolver
 from cltaa.sequences.sources import open_sequence
@@ -117,7 +120,7 @@ def test_numpy_has_no_bands() -> None:
 
 
 def test_only_large_images_are_banded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cltaa.resolve.bands.memory_limit", lambda: 24 * 10**9)
+    monkeypatch.setattr("cltaa.resolve.fitting.memory_limit", lambda: 24 * 10**9)
     assert band_rows_for(whole_images(3840, 2160)) == 0
     assert band_rows_for(whole_images(7680, 4320)) == 0
     assert band_rows_for(whole_images(16384, 16384)) > 0
@@ -132,18 +135,44 @@ def whole_images(width: int, height: int) -> Memory:
     )  # fmt: skip
 
 
+@pytest.mark.parametrize("shared", [False, True])
 @pytest.mark.parametrize("half", [False, True])
 @pytest.mark.parametrize("storage", [Storage.FLOAT, Storage.HALF])
 def test_bands_begin_where_the_formula_says(
-    storage: Storage, half: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    storage: Storage, half: bool, shared: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sequence = open_sequence(write_sequence(tmp_path / "in", 2))
-    plain, whole = of_whole_images(sequence).whole, of_whole_images(sequence, storage, half=half).whole
-    assert (whole != plain) == (half or storage is Storage.HALF)
+    """A device with the host's memory reads channels where they are, so that larger images fit whole."""
+    sequence, launcher = open_sequence(write_sequence(tmp_path / "in", 2)), DeviceLauncher()
+    launcher.shares_memory = shared
+    plain = of_whole_images(sequence).whole
+    whole = of_whole_images(sequence, storage, half=half, shared=shared).whole
+    assert (whole != plain) == (half or shared or storage is Storage.HALF)
     for memory, banded in ((whole, False), (whole - 1, True)):
-        monkeypatch.setattr("cltaa.resolve.bands.memory_limit", lambda memory=memory: memory)
-        resolver = resolver_for(load_preset("default"), None, sequence, storage=storage, half=half)
+        monkeypatch.setattr("cltaa.resolve.fitting.memory_limit", lambda memory=memory: memory)
+        resolver = resolver_for(load_preset("default"), launcher, sequence, storage=storage, half=half)
         assert isinstance(resolver, BandedResolver) == banded
+        found = plan(sequence, device=launcher, rounds=0, storage=storage, half=half).memory
+        assert (found.results < plan(sequence, rounds=0, half=half, band_rows=0).memory.results) == banded
+
+
+def test_numpy_that_the_environment_names_resolves_whole_images(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cltaa.resolve.fitting.memory_limit", lambda: 10**5)
+    monkeypatch.setenv("CLTAA_DEVICE", "numpy")
+    assert main(["resolve", str(write_sequence(tmp_path / "in", 2)), "-o", str(tmp_path / "out")]) == 0
+    assert (tmp_path / "out" / "synthetic.0001.exr").exists()
+    told = plan(open_sequence(tmp_path / "in"), rounds=0).memory
+    whole = plan(open_sequence(tmp_path / "in"), rounds=0, band_rows=0).memory
+    assert (told.device, told.results) == (whole.device, whole.results)
+
+
+def test_bands_open_the_device_again_by_the_wish_for_it(tmp_path: Path) -> None:
+    resolver = resolver_for(load_preset("default"), "pthread", open_sequence(write_sequence(tmp_path / "in", 2)), 6)
+    assert isinstance(resolver, BandedResolver)
+    lost = resolver.launcher
+    resolver.reopen()
+    assert resolver.launcher is not lost
 
 
 def test_a_preset_that_keeps_frames_has_no_bands(
@@ -153,7 +182,7 @@ def test_a_preset_that_keeps_frames_has_no_bands(
     command = ["resolve", str(write_sequence(tmp_path / "in", 2)), "-o", str(tmp_path / "out"), "--preset", "t5"]
     assert main([*command, "--band-rows", "6"]) == 64
     assert "preset t5 keeps frames, so it resolves whole images only; leave --band-rows out" in capsys.readouterr().err
-    monkeypatch.setattr("cltaa.resolve.bands.memory_limit", lambda: 10**5)
+    monkeypatch.setattr("cltaa.resolve.fitting.memory_limit", lambda: 10**5)
     assert main(command) == 75
     said = capsys.readouterr().err
     assert "37 x 23 pixels are too many for preset t5, which keeps frames, so it resolves whole images only" in said
