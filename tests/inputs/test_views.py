@@ -181,9 +181,10 @@ def test_a_picture_of_one_view_may_be_asked_for_by_its_name(tmp_path: Path) -> N
 def test_folders_of_one_view_each_are_told_apart_as_folders(eye: str, tmp_path: Path) -> None:
     for view in EYES:
         (tmp_path / view).mkdir()
-        channels = ("R", "G", "B", *(("backward.u", "backward.v") if view == eye else ()))
+        channels = ("R", "G", "B", *(("depth.Z",) if view == eye else ()))
         write_image(tmp_path / view / "a.0001.exr", dict.fromkeys(channels, flat(0.5)), {"view": view})
     with pytest.raises(DataError, match="several sets of files may be the colour"):
         open_intake(tmp_path)
-    roles = open_intake(tmp_path, assignments=[f"colour.channels={eye}.R {eye}.G {eye}.B"]).roles
-    assert {place.files.split("/")[0] for role in ("colour", "motion") for place in roles[role]} == {eye}
+    asked = [f"colour.channels={eye}.R {eye}.G {eye}.B"]
+    roles = open_intake(tmp_path, profile="parts", assignments=asked).roles
+    assert {place.files.split("/")[0] for role in ("colour", "depth") for place in roles[role]} == {eye}
