@@ -81,6 +81,7 @@ def plan(
     layers = chosen_layers(layers, sequence)
     check_layers(sequence, layers)
     resolver = Resolver(preset, device, storage=storage, every_step=True)
+    program = program_bytes()  # before a kernel is built
     sections: list[Section] = []
     plans: list[Plan] = []
     for number, starts, planned in _plans(sequence, resolver.preset, effects):
@@ -100,10 +101,10 @@ def plan(
             elif key in timed:
                 _copy_times(timed[key], section)
     kernels = len({(planned.choices, planned.steps) for planned in plans})
+    needed = memory(sequence, resolver, plans, half=half, layers=kept_kinds(sequence, layers), rows=band_rows)
     return SequencePlan(
         folder=str(sequence.folder), preset=resolver.preset.name, device=resolver.launcher.description,
-        kernels=kernels, sections=sections,
-        memory=memory(sequence, resolver, plans, half=half, layers=kept_kinds(sequence, layers), rows=band_rows),
+        kernels=kernels, sections=sections, memory=msgspec.structs.replace(needed, program=program),
     )  # fmt: skip
 
 
@@ -134,7 +135,7 @@ def memory(
         shared=shared,
         half=half,
     )
-    return msgspec.structs.replace(of_sequence(sequence, held, layers), program=program_bytes())
+    return of_sequence(sequence, held, layers)
 
 
 def _plans(sequence: Sequence, preset: Preset, effects: Effects) -> Iterator[tuple[int, bool, Plan]]:

@@ -33,6 +33,7 @@ BLOCKS = 3
 # Interpreter, libraries and driver: the peak of a resolve of 16 x 16 pixels with built kernels, PoCL 3.0, 2026-11-21,
 # and what of it is no file's (2026-11-22). Kernels that have to be built first take 100 to 190 MB more, and keep them.
 PROGRAM, ALLOCATED = 102_000_000, 38_000_000
+RUNNING = 12_000_000  # of files, seen to be touched by the first frame that is read and resolved (2026-11-24)
 STATUS = Path("/proc/self/status")
 MADE = frozenset("RGBA")  # channels that a result has of its own
 NO_LAYERS: Mapping[str, str] = MappingProxyType({})
@@ -89,7 +90,8 @@ class Memory(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def program_bytes() -> int:
-    """Bytes that this process takes without planes: what it allocates, and the pages of files that it has touched.
+    """Bytes that this process takes without planes: what it allocates, and the pages of files that it has touched,
+    the device opened and no kernel run: one that is built here leaves pages of the compiler that a resolve never sees.
 
     With the device the drivers of every OpenCL platform are loaded that is installed, and those may be large.
     """
@@ -97,8 +99,10 @@ def program_bytes() -> int:
         status = STATUS.read_text(encoding="utf-8")
     except OSError:  # another system than Linux
         return PROGRAM
-    return ALLOCATED + 1024 * sum(
-        int(kilobytes) for kilobytes in re.findall(r"^Rss(?:File|Shmem):\s+(\d+)", status, re.M)
+    return (
+        ALLOCATED
+        + RUNNING
+        + 1024 * sum(int(kilobytes) for kilobytes in re.findall(r"^Rss(?:File|Shmem):\s+(\d+)", status, re.M))
     )
 
 
