@@ -11,12 +11,12 @@ from cltaa.commands.names import PRESET
 from cltaa.commands.options import FILE_PATH, FOLDER, json_option, measured_options, open_each
 from cltaa.devices.launch import launcher_for
 from cltaa.errors import UsageError
-from cltaa.files.atomic import atomic_path, check_creatable
+from cltaa.files.atomic import check_creatable
 from cltaa.inputs.opening import Reading
 from cltaa.parameters.presets import preset_of
 from cltaa.printable import counted, json_of, printable
 from cltaa.tuning.goal import parse_goal
-from cltaa.tuning.search import Tuned, preset_text, tune
+from cltaa.tuning.search import Tuned, tune
 
 
 @click.command("tune")
@@ -67,7 +67,7 @@ def command(
         raise UsageError("a sequence is both searched and checked on", cure="name another one with --check")
     check_creatable(output)
     opened = open_each([*sequences, *checked], reading)
-    tuned, found = tune(
+    tuned = tune(
         [opened[path] for path in sequences],
         [opened[path] for path in checked],
         goal,
@@ -77,8 +77,6 @@ def command(
         seed=seed,
         output=output,
     )
-    with atomic_path(output) as temporary:
-        temporary.write_text(preset_text(tuned, found), encoding="utf-8")
     if as_json:
         click.echo(json_of(tuned))
     else:

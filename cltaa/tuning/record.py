@@ -15,6 +15,7 @@ import msgspec
 
 from cltaa.devices.kernel_files import code_sha256
 from cltaa.errors import StorageError, room_cure
+from cltaa.files.atomic import atomic_path
 from cltaa.files.content import read_text
 from cltaa.judging.decided_by import stamps
 from cltaa.sequences.sources import Sequence
@@ -36,43 +37,49 @@ def key_of(*decided: object, sequences: Collection[Sequence]) -> str:
 
 
 class Record:
-    """The trials of the search that ``key`` stands for, in a hidden file beside its ``output``; None keeps none."""
+    """The trials of the search that ``key`` stands for, in a hidden file beside its ``output``."""
 
-    def __init__(self, output: Path | None, key: str) -> None:
-        self._path = None if output is None else output.with_name(f".{output.name}.trials")
-        self._trials = [] if self._path is None else _trials(self._path, key)
+    def __init__(self, output: Path, key: str) -> None:
+        """Read what there is; raises OutputError and StorageError where no trial can be kept."""
+        self._path, self._key = output.with_name(f".{output.name}.trials"), key
+        self._trials = _trials(self._path, key)
         self._kept = 0
-        if self._path is not None:
-            self._write(self._path, "w", key, *(msgspec.json.encode(trial).decode() for trial in self._trials))
+        self._write()
 
     def replay(self, values: dict[str, str | float]) -> Trial | None:
         """The next trial where it was measured before with these settings; what stands behind another is dropped."""
-        if self._kept < len(self._trials) and self._trials[self._kept].values == values:
+        if self._kept == len(self._trials):
+            return None
+        if self._trials[self._kept].values == values:
             self._kept += 1
             return self._trials[self._kept - 1]
         self._trials = self._trials[: self._kept]
+        self._write()
         return None
 
     def add(self, trial: Trial) -> None:
-        """Keep a trial that was measured now."""
+        """Keep a trial that was measured now; raises StorageError."""
         self._trials.append(trial)
         self._kept += 1
-        if self._path is not None:
-            self._write(self._path, "a", msgspec.json.encode(trial).decode())
+        try:
+            with self._path.open("a", encoding="utf-8") as stream:
+                stream.write(_line(trial))
+        except OSError as error:
+            what = f"a trial cannot be kept: {error.strerror}"
+            raise StorageError(what, path=self._path, cure=room_cure(error)) from error
 
     def clear(self) -> None:
         """Delete the record: the search has ended."""
-        if self._path is not None:
-            self._path.unlink(missing_ok=True)
+        self._path.unlink(missing_ok=True)
 
-    @staticmethod
-    def _write(path: Path, mode: str, *lines: str) -> None:
-        try:
-            with path.open(mode, encoding="utf-8") as stream:
-                stream.writelines(f"{line}\n" for line in lines)
-        except OSError as error:
-            what = f"a trial cannot be kept: {error.strerror}"
-            raise StorageError(what, path=path, cure=room_cure(error)) from error
+    def _write(self) -> None:
+        """Write all of it anew: what was measured is there, as it was or as it is, whenever this ends."""
+        with atomic_path(self._path) as temporary:
+            temporary.write_text("".join([f"{self._key}\n", *map(_line, self._trials)]), encoding="utf-8")
+
+
+def _line(trial: Trial) -> str:
+    return f"{msgspec.json.encode(trial).decode()}\n"
 
 
 def _trials(path: Path, key: str) -> list[Trial]:

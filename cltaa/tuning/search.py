@@ -14,6 +14,7 @@ import numpy as np
 
 from cltaa.devices.launch import Launcher
 from cltaa.extras import import_extra
+from cltaa.files.atomic import atomic_path
 from cltaa.judging.comparison import truth_of
 from cltaa.judging.metrics import METRICS
 from cltaa.parameters.choices import Choices
@@ -101,12 +102,13 @@ def tune(
     base: Preset,
     trials: int,
     seed: int,
-    output: Path | None = None,
-) -> tuple[Tuned, Preset]:
-    """Search ``trials`` settings, the first of which is ``base`` as it is; raises UsageError without optuna.
+    output: Path,
+) -> Tuned:
+    """Search ``trials`` settings, the first of which is ``base`` as it is, and write the best as TOML to ``output``.
 
     ``checked`` are sequences that the search never sees; what it found is measured on them at the end. Trials are kept
-    beside ``output`` till then: a search that was interrupted goes on with the same arguments, and maybe more trials.
+    beside ``output`` till that is written: a search that was interrupted goes on with the same arguments, and maybe
+    more trials. Raises UsageError without optuna, OutputError and StorageError.
     """
     for sequence in checked:
         truth_of(sequence)  # missed now, and not when the search is over
@@ -126,8 +128,10 @@ def tune(
         study.tell(asked, goal.score(trial.error, trial.milliseconds))
         found.append(trial)
     tuned, preset = _judged(found, searched, checked, goal, launcher, base)
+    with atomic_path(output) as temporary:
+        temporary.write_text(preset_text(tuned, preset), encoding="utf-8")
     record.clear()
-    return tuned, preset
+    return tuned
 
 
 def _study(seed: int) -> Any:
@@ -166,7 +170,7 @@ def _judged(
 
 def overfits(gain: float, elsewhere: float) -> bool:
     """Whether a gain holds only where it was searched: elsewhere less than half of it, in log, is left."""
-    return gain > 1.0 and math.log(elsewhere) < OVERFIT * math.log(gain)
+    return gain > 1.0 and (elsewhere <= 0.0 or math.log(elsewhere) < OVERFIT * math.log(gain))
 
 
 def _members(field: str) -> list[str]:
