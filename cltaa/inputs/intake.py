@@ -130,7 +130,8 @@ def open_intake(
     side = {} if side_file is None else _side_of(side_file, numbers)
     known = declared_frames(chosen, given, side, pictures, step)
     declared = {number: known[number] for number in numbers}
-    _check_complete(folder, declared)
+    delays = {"matrices": step * chosen.camera.delay, "jitter": step * chosen.jitter.delay, "exposure": 0}
+    _check_complete(folder, known, numbers, delays, side_file, side)
     intake = Intake(
         chosen, reason, roles, sets, given, layouts, declared,
         {label: header.layout for label, header in first.items()}, gaps, on_resize, step, (profile, assignments),
@@ -196,16 +197,34 @@ def _side_of(path: Path, numbers: Many[int]) -> dict[int, Side]:
     return side
 
 
-def _check_complete(folder: Path, declared: Mapping[int, Declared]) -> None:
-    """Raise DataError where some frames have matrices, jitter or exposure and others have none: it would jump."""
-    for what, otherwise, without in (
-        ("matrices", "with --input camera.source=none", [n for n, known in declared.items() if known.camera is None]),
-        ("jitter", "with --input jitter.source=none", [n for n, known in declared.items() if known.jitter_px is None]),
-        ("exposure", "of them", [n for n, known in declared.items() if known.exposure is None]),
+def _check_complete(
+    folder: Path,
+    known: Mapping[int, Declared],
+    numbers: Many[int],
+    delays: Mapping[str, int],
+    side_file: Path | None,
+    side: Mapping[int, Side],
+) -> None:
+    """Raise DataError where some frames have matrices, jitter or exposure and others have none: it would jump.
+
+    The error names the frames that lack it, which lie by ``delays`` behind those that are read by it, and the side file
+    where that has it for others.
+    """
+    for what, otherwise, told, given in (
+        ("matrices", "with --input camera.source=none", "camera", "world_to_view"),
+        ("jitter", "with --input jitter.source=none", "jitter_px", "jitter_px"),
+        ("exposure", "of them", "exposure", "exposure"),
     ):
-        if 0 < len(without) < len(declared):
-            cure = f"give it to every frame with --camera FILE, or to none {otherwise}"
-            raise DataError(f"no {what} for {named_frames(without)}", path=folder, cure=cure)
+        without = [number for number in numbers if getattr(known[number], told) is None]
+        if 0 < len(without) < len(numbers):
+            late = delays[what]
+            lacking = sorted({number + late if number + late in known else number for number in without})
+            beside = any(getattr(one, given) is not None for one in side.values())
+            where = "there" if beside else "with --camera FILE"
+            raise DataError(
+                f"no {what} for {named_frames(lacking)}", path=side_file if beside else folder,
+                cure=f"give it to every frame {where}, or to none {otherwise}",
+            )  # fmt: skip
 
 
 def intake_lines(intake: Intake) -> Iterator[str]:

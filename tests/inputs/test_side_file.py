@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 from cltaa.errors import DataError, UsageError
+from cltaa.exr.read import read_header, read_image
+from cltaa.exr.write import write_image
 from cltaa.inputs.opening import open_input
 from cltaa.inputs.side_file import read_side_file
-from tests.inputs.foreign import frames, side_text, write_blender
+from tests.inputs.foreign import frames, side_text, write_blender, write_own
 
 
 def test_side_files_hold_exact_doubles_in_each_format(tmp_path: Path) -> None:
@@ -81,7 +83,7 @@ def test_semicolons_stand_between_columns_where_commas_stand_in_decimals(row: st
     ("numbered", "message"),
     [
         ((4, 5, 6), r"none of the frames is in the side file \(expected frames 0-2, found 4-6\)"),
-        ((0, 2, 3), r"no matrices for frame 1; give it to every frame"),
+        ((0, 2, 3), r"camera\.txt: no matrices for frame 1; give it to every frame there, or to none with --input"),
     ],
 )
 def test_a_side_file_of_other_frames(numbered: tuple[int, ...], message: str, tmp_path: Path) -> None:
@@ -91,6 +93,29 @@ def test_a_side_file_of_other_frames(numbered: tuple[int, ...], message: str, tm
     side.write_text(side_text([replace(frame, index=number) for frame, number in zip(made, numbered, strict=True)]))
     write_blender(tmp_path / "shot", made)
     with pytest.raises(DataError, match=message):
+        open_input(tmp_path / "shot", side_file=side)
+
+
+def test_the_frame_that_a_side_file_leaves_out_is_named_where_its_matrices_are_late(tmp_path: Path) -> None:
+    """With a delay of 1 it is the frame before whose matrices they would have been."""
+    made, side = frames(), tmp_path / "camera.txt"
+    side.write_text(side_text(made[:2]))
+    write_blender(tmp_path / "shot", made)
+    late = ["camera.delay=1", "jitter.delay=1"]
+    with pytest.raises(DataError, match=r"camera\.txt: no matrices for frame 2;"):
+        open_input(tmp_path / "shot", side_file=side, assignments=late)
+
+
+def test_jitter_that_the_files_of_some_frames_lack_is_told_of_the_files(tmp_path: Path) -> None:
+    """The side file, which has the matrices of all, says nothing of a jitter."""
+    made, side = frames(), tmp_path / "camera.txt"
+    lines = side_text(made).splitlines(keepends=True)
+    side.write_text("".join(line for line in lines if not line.startswith("jitter_px")))
+    write_own(tmp_path / "shot", made)
+    path = tmp_path / "shot" / "own.0001.exr"
+    told = {name: value for name, value in read_header(path).attributes.items() if name != "cltaa:jitterPx"}
+    write_image(path, read_image(path)[0], told)
+    with pytest.raises(DataError, match=r"shot: no jitter for frame 1; give it to every frame with --camera FILE"):
         open_input(tmp_path / "shot", side_file=side)
 
 
@@ -141,7 +166,10 @@ def test_exposure_and_cut_of_a_side_file_reach_the_frames(suffix: str, tmp_path:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({0: {"exposure": 1}, 1: {"exposure": 2}}, "no exposure for frame 2; give it to every frame"),
+        (
+            {0: {"exposure": 1}, 1: {"exposure": 2}},
+            r"camera\.json: no exposure for frame 2; give it to every frame there",
+        ),
         ({n: {"exposure": -(2**n)} for n in range(3)}, "frame 0: exposure is wrong .*positive factor.*found -1"),
         ({n: {"exposure": 1, "cut": 2} for n in range(3)}, "frame 0: cut is wrong .*0 or 1, found 2"),
         ({n: {"expsoure": 1, "cut": 0} for n in range(3)}, "unknown key expsoure; did you mean exposure?"),
