@@ -94,8 +94,9 @@ def probe(name: str, serves: str, cure: str, *arguments: str, **environment: str
     command = [sys.executable, "-m", "cltaa.probes", *arguments]
     try:
         child = subprocess.run(
-            command, capture_output=True, text=True, timeout=PROBE_SECONDS, check=False, env=os.environ | environment
-        )
+            command, capture_output=True, text=True, errors="replace", timeout=PROBE_SECONDS, check=False,
+            env=os.environ | environment,
+        )  # fmt: skip
     except subprocess.TimeoutExpired:
         return Finding(name, serves, ok=False, found=f"no answer in {PROBE_SECONDS} s", cure=cure)
     if child.returncode:
@@ -160,7 +161,8 @@ def look_at_linker() -> Finding:
     with tempfile.TemporaryDirectory() as folder:
         command = [compiler, "-shared", "-x", "c", "-o", str(Path(folder, "probe.so")), "-"]
         source = "#include <math.h>\nint probe(void) { return 0; }\n"
-        child = subprocess.run(command, input=source, capture_output=True, text=True, check=False)
+        child = subprocess.run(command, input=source, capture_output=True, text=True, errors="replace", check=False)
     if child.returncode:
-        return Finding(name, "resolve", ok=False, found=child.stderr.splitlines()[-1], cure=LINKER_CURE)
+        found = _last_line(child.stderr, child.returncode)
+        return Finding(name, "resolve", ok=False, found=found, cure=LINKER_CURE)
     return Finding(name, "resolve", ok=True, found=f"{compiler} links")

@@ -46,6 +46,22 @@ def test_without_a_linker_the_driver_may_abort_and_doctor_goes_on(tmp_path: Path
     assert found["capture on OSMesa"]["ok"] or found["capture on EGL"]["ok"]
 
 
+@pytest.mark.parametrize(
+    ("script", "found"),
+    [("exit 4", "ended with 4"), (r"printf 'cass\351\n' >&2; exit 1", "cass\N{REPLACEMENT CHARACTER}")],
+)
+def test_a_compiler_that_says_nothing_or_not_in_utf_8(
+    script: str, found: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("gcc", "ld"):
+        (tmp_path / name).write_text(f"#!/bin/sh\n{script}\n")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert doctor.look_at_linker().found == found
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "gcc"))
+    assert doctor.probe("x", "resolve", "do this", "files").found == found
+
+
 def test_a_cache_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("POCL_CACHE_DIR", str(tmp_path / "file" / "cache"))
