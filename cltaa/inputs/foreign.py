@@ -73,7 +73,7 @@ class ForeignSequence(Sequence):
     @property
     def files(self) -> tuple[Path, ...]:
         """Every file that frames are read from."""
-        return tuple(path for number in self.numbers for path in sorted(self._files(number)))
+        return tuple(path for number in self.numbers for path in sorted(self.files_of(number)))
 
     @property
     def told(self) -> list[float]:
@@ -182,13 +182,13 @@ class ForeignSequence(Sequence):
 
     def beside_sha256(self, number: int) -> str | None:
         """Return the SHA-256 of a frame's other files and of what is declared, the last frame's jitter included."""
-        beside = sorted(self._files(number) - {self.path(number)})
+        beside = sorted(self.files_of(number) - {self.path(number)})
         told = self._told(number)
         if not beside and not told:
             return None
         return hashlib.sha256(msgspec.json.encode([*map(file_sha256, beside), told])).hexdigest()
 
-    def _files(self, number: int) -> set[Path]:
+    def files_of(self, number: int) -> set[Path]:
         """The files that a frame is read from."""
         sets = {place.files for places in self._roles.values() for place in places}
         return {self.intake.sets[files][number] for files in sets}

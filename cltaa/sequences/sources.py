@@ -53,6 +53,10 @@ class Sequence(NumberedFiles):
         """Every file that frames are read from."""
         return self.paths
 
+    def files_of(self, number: int) -> set[Path]:
+        """The files that a frame is read from."""
+        return {self.path(number)}
+
     @property
     def told(self) -> list[float]:
         """Matrices, jitter and such of every frame, where they may stand beside its files; own ones: none do."""

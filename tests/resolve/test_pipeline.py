@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.errors import DeviceLost, UsageError
+from cltaa.errors import DataError, DeviceLost, UsageError
 from cltaa.exr.write import write_frame, write_image
 from cltaa.frames import Effect, Frame
 from cltaa.memory.allocator import Block
@@ -194,3 +194,30 @@ def test_the_header_of_an_input_is_parsed_once(tmp_path: Path, monkeypatch: pyte
     resolve_sequence(sequence, tmp_path / "once", Resolver(device="numpy"))
     for path in sequence.paths:
         assert (tmp_path / "once" / path.name).read_bytes() == (tmp_path / "twice" / path.name).read_bytes()
+
+
+@pytest.mark.parametrize("in_place", [True, False])
+def test_a_file_that_is_drawn_anew_while_it_is_read_vouches_for_no_result(
+    in_place: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the hash of the new file would stand beside what was made from the old one, for every later run."""
+    folder, whole = write_sequence(tmp_path / "in", 3), Sequence.frame_and_file
+    anew = folder / "synthetic.0001.exr"
+    (folder / "sequence.json").unlink(missing_ok=True)  # whose hashes would tell
+
+    def then_drawn(self: Sequence, number: int, kept: Any) -> Any:
+        read = whole(self, number, kept)
+        if number == 1:
+            write_frame(tmp_path / "other.exr", make_frame(1, seed=5))
+            content = (tmp_path / "other.exr").read_bytes()
+            anew.write_bytes(content) if in_place else (tmp_path / "other.exr").replace(anew)
+        return read
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Sequence, "frame_and_file", then_drawn)
+        with pytest.raises(DataError, match=r"synthetic.0001.exr frame 1: a file changed while it was read"):
+            resolve_sequence(open_sequence(folder), tmp_path / "out", Resolver(device="numpy"), progress=False)
+    resolve_sequence(open_sequence(folder), tmp_path / "out", Resolver(device="numpy"), progress=False)
+    resolve_sequence(open_sequence(folder), tmp_path / "whole", Resolver(device="numpy"), progress=False)
+    name = anew.name
+    assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
