@@ -9,6 +9,16 @@ from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.roles import shown_name
 from cltaa.printable import counted
 from cltaa.sequences.frame_numbers import ranges
+from cltaa.sequences.problems import Problems
+
+
+def unreadable(wrong: Problems) -> list[Finding]:
+    """Findings about files that cannot be read, one for each thing that is ``wrong``."""
+    evidence = "left out of all else that is found"
+    return [
+        Finding(name="file-unreadable", mistake=True, confidence=0.99, what=line, evidence=evidence)
+        for line in wrong.lines
+    ]
 
 
 def check_files(intake: Intake) -> list[Finding]:

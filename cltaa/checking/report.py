@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from cltaa.checking.detector import check_frames
-from cltaa.checking.files import check_files
+from cltaa.checking.files import check_files, unreadable
 from cltaa.checking.finding import Finding
 from cltaa.checking.shots import Shot
 from cltaa.checking.untold import untold
+from cltaa.errors import CltaaError, DataError, UsageError
+from cltaa.frames import Frame
 from cltaa.inputs.correction import correct
+from cltaa.inputs.damage import Damaged, damaged_files
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import Intake, intake_lines, open_with_gaps
 from cltaa.inputs.notes import OPAQUE
 from cltaa.inputs.profile import Profile, load_profile
 from cltaa.inputs.profile_text import assignments_of, differences, option_text
+from cltaa.inputs.roles import file_sets
 from cltaa.printable import counted
 from cltaa.progress import track
 from cltaa.sequences.frame_numbers import FrameRange
 from cltaa.sequences.pixel_statistics import is_opaque
+from cltaa.sequences.problems import Problems
 
 FRAMES = 12  # looked at unless asked otherwise: 11 pairs tell a gain of jitter to a few hundredths
 ROUNDS = 6  # of looking and reading again: matrices, depth, its unit, vectors and jitter, then nothing
@@ -61,17 +66,23 @@ def check_folder(
     """Check some frames of ``folder``, read as ``profile`` says; also return the profile that mends it.
 
     ``frames`` is how many from the first on, or the numbers of the first and the last, both included: then no other
-    counts. What is wrong is read again as it is right, since a wrong depth hides a wrong jitter. Raises what opening
-    and reading raise.
+    counts. What is wrong is read again as it is right, since a wrong depth hides a wrong jitter. Files that cannot be
+    read are findings, and left out. Raises what opening raises, and reading where no frame can be read.
     """
     count, only = (frames, None) if isinstance(frames, int) else (None, frames)
-    reading: dict[str, Any] = {"side_file": side_file, "step": step, "frames": only}
-    first = intake = open_with_gaps(folder, profile=profile, assignments=assignments, **reading)
+    damaged = damaged_files(file_sets(folder))
+    without = {path: file.number for path, file in damaged.items()}
+    reading: dict[str, Any] = {"side_file": side_file, "step": step, "frames": only, "damaged": without}
+    try:
+        first = intake = open_with_gaps(folder, profile=profile, assignments=assignments, **reading)
+    except CltaaError as error:
+        raise _weightier(error, damaged.values()) from None
+    wrong = _wrong_with(first, damaged.values(), only)
     name = profile if profile != "auto" else intake.profile.name
     base, findings = load_profile(name), list[Finding]()
     for _ in range(ROUNDS):
         known = {finding.name for finding in findings}
-        seen, shot = _look(intake, folder, count)
+        seen, shot = _look(intake, folder, count, wrong)
         found = [finding for finding in seen if finding.name not in known]
         findings += [_with_option(finding, intake.profile) for finding in found]
         mended = intake.profile
@@ -84,8 +95,9 @@ def check_folder(
         intake = open_with_gaps(folder, profile=name, assignments=again, **reading)
     options = f"{profile_options(name, side_file, step)} {option_text(changes)}".strip()
     report = Report(
-        folder=str(folder), frames=len(shot.frames), reading=[*intake_lines(first)], findings=findings,
-        untold=untold(shot), options=options, profile=msgspec.to_builtins(mended),
+        folder=str(folder), frames=len(shot.frames), reading=[*intake_lines(first)],
+        findings=unreadable(wrong) + findings, untold=untold(shot), options=options,
+        profile=msgspec.to_builtins(mended),
     )  # fmt: skip
     return report, mended
 
@@ -100,12 +112,45 @@ def profile_options(profile: str, side_file: Path | None, step: int) -> str:
     return shlex.join(words)
 
 
-def _look(intake: Intake, folder: Path, count: int | None) -> tuple[list[Finding], Shot]:
-    """What files and pixels say under one reading, and the frames so read."""
+def _weightier(error: CltaaError, damaged: Iterable[Damaged]) -> CltaaError:
+    """What to tell where a folder cannot be opened without its damaged files: what is wrong with one of them.
+
+    That is of the frame that the error misses, where it is of one; other words that mean nothing are told first.
+    """
+    errors = {file.number: file.error for file in reversed([*damaged])}  # of a frame the first
+    if error.frame in errors:
+        return errors[error.frame]
+    return error if isinstance(error, UsageError) or not errors else errors[min(errors)]
+
+
+def _wrong_with(intake: Intake, damaged: Iterable[Damaged], frames: FrameRange | None) -> Problems:
+    """What is wrong with files that would be read, or of whose set none can be, within ``frames``."""
+    wrong = Problems()
+    read = {place.files for places in intake.roles.values() for place in places}
+    for file in damaged:
+        asked = frames is None or frames[0] <= file.number <= frames[1]
+        if asked and (file.label in read or file.label not in intake.sets):
+            wrong.add(file.number, file.error)
+    return wrong
+
+
+def _look(intake: Intake, folder: Path, count: int | None, wrong: Problems) -> tuple[list[Finding], Shot]:
+    """What files and pixels say under one reading, and the frames so read; those that cannot be are ``wrong``.
+
+    Raises DataError where none can be.
+    """
     numbers = sorted(intake.declared)[:count]
     sequence = ForeignSequence(folder, intake, numbers, strict=False)
     sequence.refuse_result()
-    read = [sequence.frame(number) for number in track(numbers, len(numbers), "reading")]
+    read, failed = list[Frame](), list[DataError]()
+    for number in track(numbers, len(numbers), "reading"):
+        try:
+            read.append(sequence.frame(number))
+        except DataError as error:
+            wrong.add(number, error)
+            failed.append(error)
+    if not read:
+        raise failed[0]
     known = Shot(
         read, sequence.layouts[numbers[0]].display_size, has_depth="depth" in intake.roles,
         has_camera=intake.has_camera, has_jitter=intake.has_jitter,

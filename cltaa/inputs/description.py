@@ -9,10 +9,10 @@ import msgspec
 
 from cltaa.errors import CltaaError
 from cltaa.exr.channels import frame_planes
+from cltaa.inputs.damage import damaged_files
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import Intake, open_with_gaps
 from cltaa.inputs.notes import OPAQUE
-from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.roles import file_sets, shown_name
 from cltaa.sequences.frame_numbers import OnBreak, ranges
 from cltaa.sequences.numbered import check_size
@@ -59,20 +59,16 @@ def describe_input(
     With ``pixels`` every frame is read and converted as for a resolve, and what is wrong with it is listed, not raised.
     ``advance(done, total)`` is called after each frame. Raises as ``open_with_gaps``, where no file is damaged.
     """
-    wrong, damaged = Problems(), dict[Path, int]()
-    for files in (sets := file_sets(folder)).values():
-        for number, path in files.items():
-            try:
-                read_any_header(path)
-            except CltaaError as error:
-                wrong.add(number, error)
-                damaged[path] = number
+    wrong, sets = Problems(), file_sets(folder)
+    damaged = damaged_files(sets)
+    for file in damaged.values():
+        wrong.add(file.number, file.error)
     if len(damaged) == sum(map(len, sets.values())):
         return Description(folder=str(folder), problems=wrong.lines)
     try:
         intake = open_with_gaps(
-            folder, profile=profile, assignments=assignments, side_file=side_file, step=step, damaged=damaged,
-            on_resize=OnBreak.RESET,
+            folder, profile=profile, assignments=assignments, side_file=side_file, step=step,
+            damaged={path: file.number for path, file in damaged.items()}, on_resize=OnBreak.RESET,
         )  # fmt: skip
     except CltaaError as error:
         if not damaged:
