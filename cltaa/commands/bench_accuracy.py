@@ -15,7 +15,7 @@ from cltaa.bench.accuracy.budget import remember
 from cltaa.bench.accuracy.distribution import run_all
 from cltaa.bench.accuracy.html_page import page
 from cltaa.bench.accuracy.ladder import Variant, ladder
-from cltaa.bench.accuracy.measurement import bench_accuracy, build_programs, tasks_of
+from cltaa.bench.accuracy.measurement import ERRORS_SHARE, bench_accuracy, build_programs, tasks_of
 from cltaa.bench.accuracy.plots import import_pyplot
 from cltaa.bench.accuracy.report import write_report
 from cltaa.bench.accuracy.results import Accuracy, MeasuredSequence
@@ -67,7 +67,9 @@ from cltaa.timing import Clock
 @click.option("--pixels", type=click.IntRange(min=1), metavar="N",
               help="Pixels of the frames that are timed, at least.  [default: what fills the device]")  # fmt: skip
 @click.option("--time-limit", default=math.inf, type=click.FloatRange(min=0, min_open=True), metavar="SECONDS",
-              help="Report what is finished after about so long; the same command goes on from there.")  # fmt: skip
+              help=f"Begin no error after {ERRORS_SHARE * 100:g} % of so long (with --dask all begin at once), then "
+              "time and report the sequences whose errors are complete; the same command "
+              "goes on from there.")  # fmt: skip
 @click.option(
     "--jobs", default=1, show_default=True, type=click.IntRange(min=1), help="Processes to measure errors in."
 )

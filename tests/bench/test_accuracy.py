@@ -119,6 +119,19 @@ def test_what_draws_the_report_is_missed_before_the_work(
     assert not (tmp_path / "tasks").exists()
 
 
+def test_a_limit_of_time_that_errors_used_up_is_told(
+    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An error that was begun in time ends; what is timed next goes on from there."""
+    monkeypatch.setattr("cltaa.bench.accuracy.measurement.ERRORS_SHARE", math.inf)
+    options = ["--only", "reject", "--rounds", "3", "--rounding-frames", "0", "--metrics", "mse", "--pixels", "1"]
+    options += ["-o", str(tmp_path), "--time-limit", "1e-9"]
+    assert main(["bench", "accuracy", str(sequence), *options]) == 75
+    said = capsys.readouterr().err
+    assert "the 1e-09 s of --time-limit were over before a sequence was timed (found " in said
+    assert "run the same again, which goes on from here, or allow more time" in said
+
+
 def test_a_limit_of_time_leaves_whole_sequences_out(
     sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -126,7 +139,9 @@ def test_a_limit_of_time_leaves_whole_sequences_out(
     options = ["-o", str(tmp_path / "out"), "--only", "reject", "--rounds", "3", "--rounding-frames", "0", "--json"]
     options += ["--metrics", "mse", "--patience", "0", "--pixels", "1"]
     assert main(["bench", "accuracy", str(other), *options, "--time-limit", "1e-9"]) == 75
-    assert "no sequence was finished within 1e-09 s" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "no sequence has all of its errors (found 0 of 2 after " in said
+    assert "; none is begun after 60 % of --time-limit 1e-09, which leaves the rest for times: run the same" in said
     assert main(["bench", "accuracy", str(other), *options, "--jobs", "2"]) == 0
     assert json.loads(capsys.readouterr().out)["missing"] == []
     monkeypatch.setattr("cltaa.bench.accuracy.measurement.ERRORS_SHARE", 0.0)  # no error is begun

@@ -70,8 +70,9 @@ def bench_accuracy(
 ) -> Accuracy:
     """Build what ``tasks`` need in ``jobs`` processes, run what is missing, time every variant here; all together.
 
-    A sequence that is finished is kept in ``output``. Beyond ``time_limit`` seconds no other is begun: those that are
-    not finished are ``missing``; raises ResourceError where that is all of them.
+    A sequence that is finished is kept in ``output``. No error is begun after ``ERRORS_SHARE`` of ``time_limit``
+    seconds, but on Dask, where all begin at once; then those sequences are timed whose errors are complete, and none
+    but the first that would end beyond the limit. The others are ``missing``; raises ResourceError where that is all.
     """
     before, begun = load_average(), time.monotonic()
     for task in {task.sequence: task for task in tasks}.values():
@@ -102,8 +103,7 @@ def bench_accuracy(
         if (measured := kept(paths[folder], MeasuredSequence)) is not None:
             sequences.append(measured)
     if not sequences:
-        cure = "run the same again, which goes on from here, or allow more time"
-        raise ResourceError(f"no sequence was finished within {time_limit:g} s", path=output, cure=cure)
+        raise _none_finished(tasks, output, time.monotonic() - begun, time_limit)
     finished = {measured.folder for measured in sequences}
     return Accuracy(
         environment=environment(launcher.description, before, units=units),
@@ -113,6 +113,21 @@ def bench_accuracy(
         sequences=sequences,
         missing=[Path(folder).name for folder in folders if folder not in finished],
     )
+
+
+def _none_finished(tasks: Sequence[Task], output: Path, spent: float, time_limit: float) -> ResourceError:
+    """The error where ``spent`` seconds finished no sequence: for want of errors, or of time after them."""
+    again = "run the same again, which goes on from here, or allow more time"
+    lacking = {task.sequence for task in tasks if not path_of(task, output).is_file()}
+    if lacking != {task.sequence for task in tasks}:
+        what = f"the {time_limit:g} s of --time-limit were over before a sequence was timed"
+        return ResourceError(what, path=output, found=f"{spent:.3g} s", cure=again)
+    done = sum(path_of(task, output).is_file() for task in tasks)
+    share = f"{ERRORS_SHARE * 100:g} % of --time-limit {time_limit:g}"
+    return ResourceError(
+        "no sequence has all of its errors", path=output, found=f"{done} of {len(tasks)} after {spent:.3g} s",
+        cure=f"none is begun after {share}, which leaves the rest for times: {again}",
+    )  # fmt: skip
 
 
 def build_programs(
