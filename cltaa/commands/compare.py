@@ -11,7 +11,7 @@ import click
 from cltaa.commands.compare_tables import print_one, print_several
 from cltaa.commands.names import METRIC_LIST
 from cltaa.commands.options import FILE_PATH, FRAME_RANGE, STOPS, input_options, json_option, verify_option
-from cltaa.errors import UsageError
+from cltaa.errors import LONGEST_VALUE, UsageError
 from cltaa.files.atomic import make_folder
 from cltaa.inputs.png_images import is_png
 from cltaa.judging.comparison import Comparison, pair_up, truth_samples
@@ -21,8 +21,8 @@ from cltaa.judging.metrics import DEFAULT_METRICS, METRICS, Metric, mean, parse_
 from cltaa.judging.one_pass import Found, Judged, judge
 from cltaa.judging.same_scene import doubts
 from cltaa.judging.video_scores import SCORES
-from cltaa.printable import json_of, printable
-from cltaa.sequences.frame_numbers import even_step, ranges
+from cltaa.printable import counted, json_of, printable
+from cltaa.sequences.frame_numbers import even_step, named_frames, ranges
 from cltaa.sequences.images import ImageSequence
 from cltaa.sequences.sources import Sequence
 
@@ -78,8 +78,8 @@ def compare(
     Heat maps run from black over red and yellow to white; they show FLIP where it is among the metrics, else the
     absolute difference on the display.
 
-    Where headers or records say that A and B show different things, or that B is no truth, that is said on standard
-    error, as a warning.
+    Where headers or records say that A and B show different things, or that B is no truth, or where A has not all of
+    the frames of B, as a resolve that was interrupted, that is said on standard error, as a warning.
     """
     asked = parse_metrics(metric_names)
     metrics = tuple(dict.fromkeys((*asked, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
@@ -92,14 +92,21 @@ def compare(
         for comparison in comparisons:
             _check_followed(comparison)
     _tell_reading(named, in_time)
-    warnings = [_warn(comparison, in_time, heatmap, name) for name, comparison in named.items()]
+    # Who names a single file asks for it alone.
+    lacking = [
+        comparison.not_judged(frames) if test.is_dir() else []
+        for test, comparison in zip(tests, comparisons, strict=True)
+    ]
+    warnings = [_warn(*one, without, in_time, heatmap) for one, without in zip(named.items(), lacking, strict=True)]
     found = judge(comparisons, metrics, stops, in_time=in_time, heatmap=heatmap)
     truth = comparisons[0].reference.folder if comparisons[0].capture else reference
     facts = {"reference": str(truth), "stops": stops, "versions": versions_of(metrics)}
     results = [
-        {"test": str(test)} | facts | _summary(comparison, judged, found, metrics) | {"warnings": warned}
-        for test, comparison, judged, warned in zip(tests, comparisons, found.tests, warnings, strict=True)
-    ]
+        {"test": str(test)} | facts | _summary(comparison, judged, found, metrics)
+        | {"not_judged": without, "warnings": warned}
+        for test, comparison, judged, without, warned in
+        zip(tests, comparisons, found.tests, lacking, warnings, strict=True)
+    ]  # fmt: skip
     if as_json:
         click.echo(json_of(results[0] if len(results) == 1 else {"compared": results}))
     elif len(results) == 1:
@@ -142,9 +149,15 @@ def _tell_reading(comparisons: Mapping[str, Comparison], in_time: bool) -> None:
         click.echo(f"judged where both show something: {size} of the display window", err=True)
 
 
-def _warn(comparison: Comparison, in_time: bool, heatmap: Path | None, name: str) -> list[str]:
+def _warn(name: str, comparison: Comparison, lacking: list[int], in_time: bool, heatmap: Path | None) -> list[str]:
     """Return what speaks against a comparison with A, after saying it on standard error, where A is called ``name``."""
     warnings = doubts(comparison, followed=in_time)
+    if lacking:
+        have, which = len(comparison.test), printable(named_frames(lacking), longest=LONGEST_VALUE)
+        warnings.append(
+            f"A has {have} of the {counted(have + len(lacking), 'frame')} of B: {which}"
+            f" {'is' if len(lacking) == 1 else 'are'} not judged; finish A, or choose frames with --frames"
+        )
     if heatmap is not None:
         make_folder(heatmap)
         for images in (comparison.test, comparison.reference):

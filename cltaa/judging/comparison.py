@@ -15,7 +15,7 @@ from cltaa.exr.layout import Part, Window
 from cltaa.inputs.opening import is_own, open_input
 from cltaa.inputs.pictures import open_pictures, stated
 from cltaa.printable import counted
-from cltaa.sequences.frame_numbers import OnBreak, ranges
+from cltaa.sequences.frame_numbers import FrameRange, OnBreak, ranges
 from cltaa.sequences.images import ImageSequence
 from cltaa.sequences.numbered import NumberedFiles, shared_region
 from cltaa.sequences.sources import Sequence
@@ -54,6 +54,16 @@ class Comparison:
         """The frame of the reference that a frame of the test is judged against."""
         return self.reference.first if self._two_images else number
 
+    def not_judged(self, frames: FrameRange | None = None) -> list[int]:
+        """Frames, of those in the range ``frames``, that the reference and any capture have and the test has not."""
+        if self._two_images:
+            return []
+        there = set(self.reference.numbers)
+        if self.capture is not None:
+            there &= set(self.capture.numbers)
+        first, last = frames or (min(there), max(there))
+        return sorted(number for number in there - set(self.test.numbers) if first <= number <= last)
+
     def check(self) -> None:
         """Raise DataError for sizes that differ and InputMissing for a frame that one of the others has not."""
         shared_region(self.test, self.reference)
@@ -86,7 +96,7 @@ def check_yardsticks(wanted: NumberedFiles, found: Mapping[int, ImageSequence]) 
 def pair_up(
     tests: Many[Path],
     reference: Path | None,
-    frames: tuple[int, int] | None = None,
+    frames: FrameRange | None = None,
     *,
     side_file: Path | None = None,
     step: int = 1,
