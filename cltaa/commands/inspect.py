@@ -26,10 +26,7 @@ from cltaa.progress import shown_progress
 from cltaa.sequences.pixel_statistics import ChannelStatistics
 from cltaa.sequences.sources import Sequence
 
-OF_PLAN = {
-    "preset": "preset", "device": "device", "effects": "effects", "storage": "storage", "half": "half",
-    "layers": "layers", "band_rows": "band-rows", "config": "config", "changes": "set",
-}  # fmt: skip
+OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_rows", "config", "changes")
 
 
 @click.command()
@@ -108,9 +105,10 @@ def _check_options(ctx: click.Context, *, planned: bool, pixels: bool) -> None:
     """Raise UsageError for an option that would change nothing: who gave it waits for what does not come."""
     if planned and pixels:
         raise UsageError("--pixels and --plan are two reports", cure="leave one of them out")
-    for name, said in OF_PLAN.items():
-        if not planned and ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            raise UsageError(f"--{said} says how to plan a resolve", cure="add --plan")
+    for option in ctx.command.params:
+        given = ctx.get_parameter_source(option.name or "") is ParameterSource.COMMANDLINE
+        if given and option.name in OF_PLAN and not planned:
+            raise UsageError(f"{option.opts[0]} says how to plan a resolve", cure="add --plan")
 
 
 def _plan(source: Sequence, preset: Preset, device: str | None, effects: str, as_json: bool, **resolved: Any) -> None:
