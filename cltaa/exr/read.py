@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.errors import DataError
-from cltaa.exr import core as exr_core
 from cltaa.exr.attributes import STRUCTURAL, FrameHeader, Single
 from cltaa.exr.channels import COLOUR, GROUPS, Pixels, check_float_channels, frame_channels
 from cltaa.exr.layout import Layout
@@ -159,9 +158,7 @@ def decode_all(layout: Layout, content: BinaryIO | Copy) -> tuple[dict[str, Pixe
 
 
 def _decode_into(layout: Layout, content: Copy, planes: Mapping[str, NDArray[Any]]) -> dict[str, object]:
-    """Decode those channels of a file into planes [H, W] of float32 or uint32; returns the attributes."""
-    if exr_core.decode(content, layout, planes):
-        return _open(layout, content, header_only=True)[1]
+    """Decode a file and move those of its channels into planes [H, W] of float32 or uint32; returns the attributes."""
     pixels, attributes = decode_all(layout, content)
     for name, plane in planes.items():
         plane[...] = pixels.pop(name)

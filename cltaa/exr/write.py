@@ -11,11 +11,10 @@ import numpy as np
 from cltaa.errors import DataError, StorageError, UsageError
 from cltaa.exr.attributes import STRUCTURAL, Single, frame_attributes
 from cltaa.exr.channels import Pixels, frame_planes
-from cltaa.exr.isal_core import fast_deflate
 from cltaa.exr.layout import COMPRESSION_NUMBERS, Windows, check_lossless
 from cltaa.exr.openexr import OpenEXR
 from cltaa.exr.outline import read_layout
-from cltaa.exr.zip import ROWS_A_CHUNK, write_zip
+from cltaa.exr.zip import ROWS_A_CHUNK, fast_deflate, write_zip
 from cltaa.files.atomic import atomic_path
 from cltaa.frames import Frame
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from cltaa.constants import SPANS
 from cltaa.devices.launch import storage_dtype
-from cltaa.exr import core as exr_core
 from cltaa.exr import zip as exr_zip
 from cltaa.exr.channels import GROUPS
 from cltaa.exr.layout import PIXEL_BYTES
@@ -108,19 +107,19 @@ def program_bytes() -> int:
 
 def of_resolve(
     width: int, height: int, channels: Collection[str], file: int, chunk: int, held: PlanesHeld, *,
-    in_place: bool = False, recorded: bool = False, converted: bool = False,
+    recorded: bool = False, converted: bool = False,
     layers: Mapping[str, str] = NO_LAYERS,
 ) -> Memory:  # fmt: skip
     """Memory of a resolve of frames in float ``channels``, whose packed files have ``file`` bytes.
 
     ``chunk`` is what a chunk of such a file unpacks to. Memory of packed files, of groups of planes and of results is
-    kept from frame to frame. Where channels are not decoded ``in_place``, what stands beside those of the frame until
-    it is moved there is counted for one of the frames that are read at a time, since they seldom are in one step. In
-    bands one frame at a time is in memory, its result in its place, and beside it the count of each pixel, and the
-    result in halves where that is what is written; nothing is kept. Those that read hash files too, of which no
-    hash was ``recorded``. ``layers`` are channels that are carried over -> "uint", "half" or "float": each stays
-    until its result is written, and is not there yet while its file is being read. Those of another tool are
-    ``converted``: then each that reads holds channels as they were decoded, and beside each other, until they are.
+    kept from frame to frame. What is decoded stands beside the planes of the frame until it is moved there, and is
+    counted for one of the frames that are read at a time, since they seldom are in one step. In bands one frame at a
+    time is in memory, its result in its place, and beside it the count of each pixel, and the result in halves where
+    that is what is written; nothing is kept. Those that read hash files too, of which no hash was ``recorded``.
+    ``layers`` are channels that are carried over -> "uint", "half" or "float": each stays until its result is written,
+    and is not there yet while its file is being read. Those of another tool are ``converted``: then each that reads
+    holds channels as they were decoded, and beside each other, until they are.
     """
     banded, half = bool(held.band_rows), held.half
     plane, planes = REAL * width * height, 3 + held.steps.alpha
@@ -132,9 +131,9 @@ def of_resolve(
     carried = sum(_mapped(PIXEL_BYTES[kind] * width * height, banded) for kind in layers.values())
     texel = planes * number + sum(PIXEL_BYTES[kind] for name, kind in layers.items() if name not in MADE)
     frames, results, decoded = (1, plane + half * image, 1) if banded else (FRAMES, RESULTS * image, AHEAD)
-    unpacking = (1 if in_place or converted else decoded) * OpenEXR.global_thread_count() * BLOCKS * chunk
+    unpacking = (1 if converted else decoded) * OpenEXR.global_thread_count() * BLOCKS * chunk
     readers, writers = (1, 1) if banded else (AHEAD, BEHIND)
-    beside = 0 if banded or in_place else sum(groups)
+    beside = 0 if banded else sum(groups)
     if converted:
         beside = readers * 2 * len(channels)
     blocks = exr_zip.THREADS * (BLOCKS - 1) + writers * exr_zip.BEGUN
@@ -154,21 +153,17 @@ def _mapped(size: int, banded: bool) -> int:
 
 def of_sequence(sequence: Sequence, held: PlanesHeld, layers: Mapping[str, str] = NO_LAYERS) -> Memory:
     """Memory of a resolve of ``sequence``; ``layers`` as for ``of_resolve``."""
-    decoded = exr_core.core() is not None
     memory = of_resolve(
         sequence.width, sequence.height, sequence.channels,
         max(path.stat().st_size for path in sequence.files),
-        max(layout.chunk_bytes for layout in sequence.layouts.values()), held, in_place=sequence.in_place,
+        max(layout.chunk_bytes for layout in sequence.layouts.values()), held,
         recorded=all(sequence.sha256(number) for number in sequence.numbers),
-        converted=decoded and not sequence.in_place, layers=layers,
+        converted=sequence.converted, layers=layers,
     )  # fmt: skip
-    if decoded:
-        return memory
     # OpenEXR's module decodes every channel, whether it is read or not.
-    spare = (set(layout.channels) - sequence.channels for layout in sequence.layouts.values())
-    return msgspec.structs.replace(
-        memory, reading=memory.reading + REAL * sequence.width * sequence.height * max(map(len, spare))
-    )
+    readers = AHEAD if sequence.converted and not held.band_rows else 1
+    spare = readers * max(0, max(len(layout.channels) for layout in sequence.layouts.values()) - len(sequence.channels))
+    return msgspec.structs.replace(memory, reading=memory.reading + REAL * sequence.width * sequence.height * spare)
 
 
 def of_whole_images(

@@ -15,7 +15,6 @@ from typing import Any, Self
 import numpy as np
 
 from cltaa.errors import DataError, UsageError
-from cltaa.exr import core as exr_core
 from cltaa.exr.attributes import FrameHeader
 from cltaa.exr.channels import OF_FRAMES, check_float_channels
 from cltaa.exr.read import FrameFile, ImageHeader, read_frame_and_header, read_header
@@ -73,9 +72,9 @@ class Sequence(NumberedFiles):
         return []
 
     @property
-    def in_place(self) -> bool:
-        """Whether channels are decoded to where they stay; own ones: where the library for it is there."""
-        return exr_core.core() is not None
+    def converted(self) -> bool:
+        """Whether what is decoded is converted before it is a frame; own ones: no."""
+        return False
 
     @property
     def holds(self) -> frozenset[str]:
