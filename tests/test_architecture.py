@@ -31,7 +31,7 @@ LAYERS = (
     "resolve", "judging", "inspection", "checking", "tuning", "bench", "commands",
 )  # fmt: skip
 # The only modules that speak OpenCL.
-SPEAK_OPENCL = {TOP / "cltaa" / "devices" / name for name in ("device.py", "program.py", "free_calls.py")}
+SPEAK_OPENCL = {TOP / "cltaa" / "devices" / name for name in ("device.py", "program.py")}
 
 VAGUE_NAME = re.compile(r"(?i)(manager|helper|utils?$|utils?_|^common|_common|_misc|^misc)")
 LONGEST_MODULE, LONGEST_FUNCTION = 250, 40  # lines, docs/design.md

@@ -20,7 +20,6 @@ os.environ.setdefault("PYOPENCL_NO_CACHE", "1")
 
 import pyopencl as cl
 
-from cltaa.devices.free_calls import map_memory, unmap_memory
 from cltaa.devices.kernel_cache import check_cache, filling
 from cltaa.devices.launch import WISH
 from cltaa.devices.one_process import OneProcess
@@ -127,12 +126,13 @@ class Memory(OneProcess):
         queue = self._device.queue
         if self._device.shares_memory:
             with device_errors(self._device):
-                array = map_memory(queue, self.buffer, self.size, write=write)
+                flags, kind = cl.map_flags.WRITE if write else cl.map_flags.READ, cast(Any, self.dtype)
+                array, _ = cl.enqueue_map_buffer(queue, self.buffer, flags, 0, self.shape, kind)
             try:
-                yield array.view(self.dtype).reshape(self.shape)
+                yield cast(NDArray[Any], array)
             finally:
                 with device_errors(self._device):
-                    unmap_memory(queue, self.buffer, array)
+                    cast(Any, array.base).release(queue)
             return
         if self._staging is None:
             self._staging = self._pinned()

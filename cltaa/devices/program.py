@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pyopencl as cl
 
-from cltaa.devices.free_calls import start_kernel
 from cltaa.devices.kernel_cache import cache_folder, save_log
 from cltaa.devices.kernel_files import kernel_folder, kernel_names
 from cltaa.devices.one_process import OneProcess
@@ -72,8 +71,6 @@ class Kernel(OneProcess):
             raise InternalError(what, cure=cure) from error
         # A kernel's function is its file's name and _kernel, so that stage functions can have the plain name.
         self._kernel = cl.Kernel(program, f"{Path(name).name}_kernel")
-        # The way for numbers and structs that pyopencl's own calls take; ``set_arg`` first tries all that they are not.
-        self._set_bytes = getattr(self._kernel, "_set_arg_buf", self._kernel.set_arg)
         # Their names, in order.
         self.arguments: list[str] = [
             str(self._kernel.get_arg_info(index, cl.kernel_arg_info.NAME)) for index in range(self._kernel.num_args)
@@ -99,6 +96,5 @@ class Kernel(OneProcess):
                 value = arguments[name]
                 if isinstance(value, int | np.integer):
                     value = np.int32(value)
-                given_by_value = isinstance(value, np.ndarray | np.generic)
-                (self._set_bytes if given_by_value else self._kernel.set_arg)(index, value)
-            return start_kernel(queue, self._kernel, size, group)
+                self._kernel.set_arg(index, value)
+            return cl.enqueue_nd_range_kernel(queue, self._kernel, size, group)

@@ -78,7 +78,7 @@ def resolve_sequence(
     if preview is not None:
         check_film(preview, sequence, output)
         rate = rate_of(sequence.attributes, sequence.sequence_json, sequence.step)
-    keeping = kept_memory(4 * sequence.width * sequence.height, images=not isinstance(resolver, BandedResolver))
+    keeping = kept_memory(images=not isinstance(resolver, BandedResolver))
     with keeping, owned(output), stop_signals() as stop:
         if preview is not None:
             check_creatable(preview)  # again, now that the output is there, which may be the film's folder

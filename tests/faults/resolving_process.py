@@ -89,7 +89,7 @@ def main(side: int) -> None:
         resolver.resolve(replace(frames[number % FRAMES], index=number, camera=camera))
         return time.perf_counter() - begin
 
-    with kept_memory(4 * side * side):
+    with kept_memory():
         for line in sys.stdin:
             begin = time.process_time()
             seconds = array("d", (resolve() for _ in range(int(line))))
