@@ -6,6 +6,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
+from cltaa.process import is_own
+
 
 class _RateColumn(ProgressColumn):
     """Frames (or whatever ``unit`` says) a second since the start."""
@@ -24,4 +26,5 @@ def progress_bar(unit: str) -> Progress:
     """A bar on standard error that shows a task's description and ``unit`` a second, and vanishes at the end."""
     description = TextColumn("{task.description}", markup=False)
     columns = (description, BarColumn(), MofNCompleteColumn(), _RateColumn(unit), TimeRemainingColumn())
-    return Progress(*columns, console=Console(stderr=True), transient=True)
+    own = is_own()  # what is printed above the bar goes through it then
+    return Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=own, redirect_stderr=own)

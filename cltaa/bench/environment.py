@@ -17,6 +17,7 @@ from cltaa.devices.kernel_files import kernel_folder
 from cltaa.devices.unknown_cpu import cpu_flags, cpu_name
 from cltaa.parameters.build import Build
 from cltaa.printable import counted
+from cltaa.process import is_own
 
 # What of the CPU decides the speed of vector code, among its hundred flags.
 TELLING_FLAGS = ("sse4_2", "avx", "avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512_fp16", "asimd", "sve")
@@ -59,11 +60,11 @@ def load_average() -> float:
 
 
 def pin_threads() -> None:
-    """Let PoCL, if this process has not loaded it yet, keep each thread on a processor, where it may use them all.
+    """Let PoCL, if this process is our own and has not loaded it yet, keep each thread on a processor, of them all.
 
     Two threads that share a core while another idles take half as long again, in one run and not in the next.
     """
-    if os.cpu_count() == CORES:
+    if is_own() and os.cpu_count() == CORES:
         os.environ.setdefault("POCL_AFFINITY", "1")
 
 

@@ -16,6 +16,7 @@ from cltaa.commands.options import FILE_PATH, SIZE, device_option, json_option
 from cltaa.commands.printing import print_line, print_table
 from cltaa.errors import UsageError
 from cltaa.frames import Image
+from cltaa.interrupt import stop_signals
 from cltaa.judging.equal_quality import equal_quality_samples
 from cltaa.judging.metrics import METRICS, mean, measure, named_metrics
 from cltaa.pictures.png import side_by_side, write_image_png, write_png
@@ -72,7 +73,7 @@ def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: s
     resolver = Resolver(device=device)  # a device that is not there is told before the work, not after it
     _capture(scene, folder, frames, size)
     sequence = open_sequence(folder).select(0, frames - 1)
-    outcome = resolve_sequence(sequence, resolved, resolver, restart=True)
+    outcome = resolve_sequence(sequence, resolved, resolver, restart=True, stopping=stop_signals())
     after = open_images(resolved).select(0, frames - 1)
     assert sequence.reference is not None
     gain = _judge(open_images(folder).select(0, frames - 1), after, sequence.reference, outcome)

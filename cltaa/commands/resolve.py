@@ -23,6 +23,7 @@ from cltaa.commands.options import (
 from cltaa.devices.launch import launcher_for
 from cltaa.errors import UsageError
 from cltaa.inputs.opening import check_declared, open_input
+from cltaa.interrupt import stop_signals
 from cltaa.parameters.build import STORAGES, Storage
 from cltaa.parameters.presets import Preset, preset_of
 from cltaa.printable import counted, json_of, printable, shown
@@ -144,6 +145,7 @@ def resolve(
         checkpoint_every=checkpoint,
         debug=parse_views(views),
         layers=carried,
+        stopping=stop_signals(),
     )
     if as_json:
         click.echo(json_of(outcome))

@@ -5,20 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
-
-# A folder of our own keeps other programs out of PoCL's cache (cltaa/devices/kernel_cache.py); a cache of pyopencl's
-# would only repeat the drivers', and its lock outlives a killed process. Set before pyopencl loads the driver.
-os.environ.setdefault(
-    "POCL_CACHE_DIR", str(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "cltaa" / "pocl")
-)
-os.environ.setdefault("PYOPENCL_NO_CACHE", "1")
-
 import pyopencl as cl
+from numpy.typing import NDArray
 
 from cltaa.devices.kernel_cache import check_cache, filling
 from cltaa.devices.launch import WISH

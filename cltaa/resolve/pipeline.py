@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from statistics import median
 from typing import Any, Literal
@@ -12,7 +13,7 @@ from cltaa.exr.layout import check_lossless
 from cltaa.files.atomic import check_creatable, owned
 from cltaa.files.manifest import REFERENCE
 from cltaa.frames import Effect
-from cltaa.interrupt import Stop, stop_signals
+from cltaa.interrupt import Stop
 from cltaa.memory.allocator import kept_memory
 from cltaa.pictures.video import check_film, rate_of, write_video
 from cltaa.planning.frame_plan import with_effects
@@ -47,16 +48,20 @@ def resolve_sequence(
     debug: tuple[View, ...] = (),
     layers: tuple[str, ...] = (),
     progress: bool = True,
+    stopping: AbstractContextManager[Stop] | None = None,
 ) -> Outcome:
     """Resolve every frame of ``sequence`` into ``output``, one EXR a frame under the same names.
 
     ``effects`` overrides what the sequence declares: ``auto`` keeps it, ``all`` runs every step of the preset whatever
     the frames call for, and a set leaves out the steps and channels of all other effects. ``preview`` is an MP4 of the
-    result. A run that was cut short goes on where it stopped, to the same bits; SIGINT and SIGTERM finish the frame in
-    work, save the state and raise KeyboardInterrupt. A device that is lost is opened once more. Views to
-    ``debug`` become layers of the EXRs, and PNGs in a folder of that name. Channels of the input that match one of
-    ``layers`` are kept beside the resolved ones, and its attributes and windows always. Without ``progress`` nothing
-    is shown while it runs.
+    result. A run that was cut short goes on where it stopped, to the same bits. A device that is lost is opened once
+    more. Views to ``debug`` become layers of the EXRs, and PNGs in a folder of that name. Channels of the input that
+    match one of ``layers`` are kept beside the resolved ones, and its attributes and windows always. Without
+    ``progress`` nothing is shown while it runs.
+
+    ``stopping`` is entered for the run and tells when to stop: then the frame in work is finished, the state saved and
+    KeyboardInterrupt raised. ``cltaa.interrupt.stop_signals()`` does so for SIGINT and SIGTERM; signals are left alone
+    without it.
 
     Raises UsageError where ``output`` is the sequence's own folder or was begun with other settings (unless
     ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
@@ -79,7 +84,7 @@ def resolve_sequence(
         check_film(preview, sequence, output)
         rate = rate_of(sequence.attributes, sequence.sequence_json, sequence.step)
     keeping = kept_memory(images=not isinstance(resolver, BandedResolver))
-    with keeping, owned(output), stop_signals() as stop:
+    with keeping, owned(output), stopping or nullcontext(Stop()) as stop:
         if preview is not None:
             check_creatable(preview)  # again, now that the output is there, which may be the film's folder
         folder = OutputFolder(output, settings, preset=resolver.preset.name, restart=restart)

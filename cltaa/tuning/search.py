@@ -20,6 +20,7 @@ from cltaa.judging.metrics import METRICS
 from cltaa.parameters.choices import Choices
 from cltaa.parameters.presets import Preset, load_preset, override, preset_names
 from cltaa.printable import counted
+from cltaa.process import is_own
 from cltaa.progress import track
 from cltaa.resolve.resolver import Resolver
 from cltaa.resolve.timed_resolve import resolve_job, timed_frames
@@ -137,7 +138,8 @@ def tune(
 def _study(seed: int) -> Any:
     """A search of optuna's, which asks for values and is told their scores; raises UsageError without it."""
     optuna: Any = import_extra("optuna", package="optuna", extra="tune", purpose="cltaa tune")
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    if is_own():
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
     return optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
 
 

@@ -19,6 +19,7 @@ import msgspec
 import numpy as np
 
 from cltaa.memory.allocator import kept_memory
+from cltaa.process import configure
 from cltaa.resolve.resolver import Resolver
 from tests.sequence_factory import make_camera, make_frame
 
@@ -102,4 +103,5 @@ def main(side: int) -> None:
 
 
 if __name__ == "__main__":
+    configure()
     main(int(sys.argv[1]))

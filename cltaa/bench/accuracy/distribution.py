@@ -26,6 +26,7 @@ from cltaa.cores import CORES
 from cltaa.devices.launch import WISH
 from cltaa.errors import ResourceError, UsageError
 from cltaa.extras import import_extra
+from cltaa.process import configure
 
 FOLDER = "tasks"
 RETRIES = 3  # of a task whose worker was lost
@@ -109,7 +110,11 @@ def _in_processes(
 
 
 def share_processors(threads: int) -> None:
-    """Let what this process has not loaded yet, PoCL and OpenMP, use that many threads: its fellows have the others."""
+    """Let what this process has not loaded yet, PoCL and OpenMP, use that many threads: its fellows have the others.
+
+    For a process that was started for its work alone.
+    """
+    configure()
     os.environ |= {"POCL_MAX_PTHREAD_COUNT": str(threads), "POCL_AFFINITY": "0", "OMP_NUM_THREADS": str(threads)}
 
 

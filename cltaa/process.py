@@ -1,0 +1,52 @@
+"""What cltaa changes of the process that it runs in: all of it hangs on ``configure``, which the command line calls.
+
+A program that imports cltaa keeps its environment, signal handlers, standard streams, and settings of other libraries.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+# Where nothing else is asked for: pyopencl's cache would only repeat the drivers', and its lock outlives a killed
+# process. NumPy's linear algebra starts a thread a core, which then waits busily, and our matrices are 4x4. FLIP's
+# module brings an OpenMP of its own, whose threads spin while they wait: nine times as long on a busy machine.
+ENVIRONMENT = {"PYOPENCL_NO_CACHE": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive"}
+
+_own = False
+_waiting: list[Callable[[], None]] = []
+
+
+def configure() -> None:
+    """Take this process for cltaa's own, and set it up: before NumPy, pyopencl and flip_evaluator are imported.
+
+    For the command line and processes that it starts; another call changes nothing.
+    """
+    global _own
+    _own = True
+    for name, value in ENVIRONMENT.items():
+        os.environ.setdefault(name, value)
+    with suppress(RuntimeError):  # a folder of our own keeps other programs out of PoCL's cache
+        os.environ.setdefault("POCL_CACHE_DIR", str(user_cache() / "cltaa" / "pocl"))
+    while _waiting:
+        _waiting.pop()()
+
+
+def is_own() -> bool:
+    """Whether the process is cltaa's own; else it is that of a program that uses the library."""
+    return _own
+
+
+def once_own(change: Callable[[], None]) -> None:
+    """Change the process now, or when it is configured, or never."""
+    if _own:
+        change()
+    else:
+        _waiting.append(change)
+
+
+def user_cache() -> Path:
+    """The user's folder for what can be made again; raises RuntimeError where the user has no home."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
