@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from enum import StrEnum
@@ -11,6 +10,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+import tomli_w
 
 from cltaa.devices.launch import Launcher
 from cltaa.extras import import_extra
@@ -209,10 +209,11 @@ def preset_text(tuned: Tuned, preset: Preset) -> str:
     if tuned.overfits:
         about += f"; over-fits: not borne out on {', '.join(tuned.checked_on)}"
     base = load_preset(preset.name if preset.name in preset_names() else "default")
-    lines = [f"description = {json.dumps(about)}", f"preset = {json.dumps(base.name)}"]
+    values: dict[str, Any] = {"description": about, "preset": base.name}
     for part, default in ((preset.choices, base.choices), (preset.settings, base.settings)):
-        for name in type(default).__struct_fields__:
-            value = getattr(part, name)
-            if value != getattr(default, name):
-                lines.append(f"{name} = {json.dumps(str(value) if isinstance(value, StrEnum) else value)}")
-    return "\n".join(lines) + "\n"
+        values |= {
+            name: value
+            for name, value in msgspec.to_builtins(part).items()
+            if value != msgspec.to_builtins(default)[name]
+        }
+    return tomli_w.dumps(values)
