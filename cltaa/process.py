@@ -5,6 +5,7 @@ A program that imports cltaa keeps its environment, signal handlers, standard st
 
 from __future__ import annotations
 
+import ctypes
 import os
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,6 +15,10 @@ from pathlib import Path
 # process. NumPy's linear algebra starts a thread a core, which then waits busily, and our matrices are 4x4. FLIP's
 # module brings an OpenMP of its own, whose threads spin while they wait: nine times as long on a busy machine.
 ENVIRONMENT = {"PYOPENCL_NO_CACHE": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive"}
+
+# glibc's malloc.h: which parameter of mallopt, and its value.
+M_TRIM_THRESHOLD, NEVER = -1, 2**31 - 1  # bytes of free memory at the end of the heap that go back to the system
+M_MMAP_THRESHOLD, LARGEST = -3, 32 * 2**20  # bytes from which on a block is mapped on its own; glibc takes no more
 
 _own = False
 _waiting: list[Callable[[], None]] = []
@@ -30,8 +35,18 @@ def configure() -> None:
         os.environ.setdefault(name, value)
     with suppress(RuntimeError):  # a folder of our own keeps other programs out of PoCL's cache
         os.environ.setdefault("POCL_CACHE_DIR", str(user_cache() / "cltaa" / "pocl"))
+    _keep_heap()
     while _waiting:
         _waiting.pop()()
+
+
+def _keep_heap() -> None:
+    """Let glibc keep what is freed: OpenEXR's module allocates the channels of each frame anew, and pages that were
+    given back fault again, which takes a third of the time of reading."""
+    library = ctypes.CDLL(None)
+    if hasattr(library, "mallopt"):  # other C libraries have none
+        library.mallopt(M_TRIM_THRESHOLD, NEVER)
+        library.mallopt(M_MMAP_THRESHOLD, LARGEST)
 
 
 def is_own() -> bool:
