@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from statistics import median
 from typing import Any, Literal
@@ -78,13 +79,13 @@ def resolve_sequence(
         options["debug"] = sorted(debug)
     if layers:
         options["layers"] = list(layers)
-    resolver.every_step = resolver.every_step or effects == "all"
     settings = {**resolver.settings(), **options, "compression": compression, **sequence_settings(sequence)}
     if preview is not None:
         check_film(preview, sequence, output)
         rate = rate_of(sequence.attributes, sequence.sequence_json, sequence.step)
     keeping = kept_memory(images=not isinstance(resolver, BandedResolver))
-    with keeping, owned(output), stopping or nullcontext(Stop()) as stop:
+    every = _every_step(resolver, resolver.every_step or effects == "all")
+    with keeping, every, owned(output), stopping or nullcontext(Stop()) as stop:
         if preview is not None:
             check_creatable(preview)  # again, now that the output is there, which may be the film's folder
         folder = OutputFolder(output, settings, preset=resolver.preset.name, restart=restart)
@@ -105,6 +106,16 @@ def resolve_sequence(
     if preview is not None:
         write_video(preview, open_images(output, gaps=OnBreak.RESET).select(sequence.first, sequence.last), rate=rate)
     return outcome
+
+
+@contextmanager
+def _every_step(resolver: Resolver, every: bool) -> Iterator[None]:
+    """Let a resolver run every step, or not, until the end of the block."""
+    before, resolver.every_step = resolver.every_step, every
+    try:
+        yield
+    finally:
+        resolver.every_step = before
 
 
 def _refuse_place(output: Path, sequence: Sequence) -> None:
