@@ -63,4 +63,6 @@ def resolver_for(
             )
         if not has_bands(resolver):
             band_rows = 0
-    return BandedResolver.beside(resolver, band_rows, storage=storage, **options) if band_rows else resolver
+    if not band_rows:
+        return resolver
+    return BandedResolver.beside(resolver, band_rows, in_place=True, storage=storage, **options)

@@ -16,7 +16,8 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 def one_thread(method: Method) -> Method:
     """``method``, which raises UsageError while another thread is in it for the same object.
 
-    It does not wait for the other: frames come in order, and which of two threads is first is chance.
+    It does not wait for the other: frames come in order, and which of two threads is first is chance. A method that
+    is decorated calls no other one of its object: the inner would end the guard of the outer.
     """
 
     @wraps(method)

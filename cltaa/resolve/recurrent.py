@@ -12,6 +12,7 @@ from cltaa.planning.frame_plan import channel_steps
 from cltaa.resolve.buffers import Buffers
 from cltaa.resolve.frame_record import Past
 from cltaa.resolve.kept_frames import KeptFrames
+from cltaa.resolve.one_thread import one_thread
 
 
 class Recurrent:
@@ -28,10 +29,12 @@ class Recurrent:
         self._kept: KeptFrames | None = None
         self._previous: Past | None = None
 
+    @one_thread
     def reset(self) -> None:
         """Forget the history: the next frame starts a new one."""
         self._previous = None
 
+    @one_thread
     def recurrent(self) -> tuple[Past, dict[str, Buffer]]:
         """What the next frame depends on: facts about the last one, and the memory that holds its result.
 
@@ -46,6 +49,7 @@ class Recurrent:
             return past, memory
         return replace(past, earlier=self._kept.past), {**memory, "kept": self._kept.planes}
 
+    @one_thread
     def restore(self, past: Past) -> dict[str, Buffer]:
         """Go on after ``past``; returns the memory to fill with what ``recurrent`` gave then, by the same names."""
         layout = Layout(past.shape[1], past.shape[0])
