@@ -27,9 +27,24 @@ FORBIDDEN = {
 }
 # The packages of cltaa in the order of its data: each imports only those before it. What lies beside them is for all.
 LAYERS = (
-    "memory", "files", "parameters", "exr", "sequences", "pictures", "inputs", "reference", "devices", "planning",
-    "resolve", "judging", "inspection", "checking", "tuning", "bench", "commands",
-)  # fmt: skip
+    "memory",
+    "files",
+    "parameters",
+    "exr",
+    "sequences",
+    "pictures",
+    "inputs",
+    "reference",
+    "devices",
+    "planning",
+    "resolve",
+    "judging",
+    "inspection",
+    "checking",
+    "tuning",
+    "bench",
+    "commands",
+)
 # The only modules that speak OpenCL.
 SPEAK_OPENCL = {TOP / "cltaa" / "devices" / name for name in ("device.py", "program.py", "free_calls.py")}
 
@@ -37,9 +52,19 @@ VAGUE_NAME = re.compile(r"(?i)(manager|helper|utils?$|utils?_|^common|_common|_m
 LONGEST_MODULE, LONGEST_FUNCTION = 250, 40  # lines, docs/design.md
 
 PUBLIC = [
-    "Camera", "Choices", "CltaaError", "Effect", "Frame", "Preset", "Resolver", "Sequence", "Settings", "load_preset",
-    "open_sequence", "plan",
-]  # fmt: skip
+    "Camera",
+    "Choices",
+    "CltaaError",
+    "Effect",
+    "Frame",
+    "Preset",
+    "Resolver",
+    "Sequence",
+    "Settings",
+    "load_preset",
+    "open_sequence",
+    "plan",
+]
 
 
 def imported(tree: ast.AST) -> Iterator[str]:

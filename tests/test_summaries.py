@@ -13,9 +13,14 @@ TOP = Path(__file__).parents[1]
 QUALITY, SCENES = "docs/quality.md", "docs/quality-scenes.md"
 ENGINES = ("karis", "playdead", "godot", "filament", "bevy", "intel", "fsr3-native")
 ARTICLES = (
-    "vireo-article", "vireo-source", "simvx", "babylon-accumulate", "babylon-disable-on-camera-move",
-    "babylon-reproject", "babylon-reproject-clamp",
-)  # fmt: skip
+    "vireo-article",
+    "vireo-source",
+    "simvx",
+    "babylon-accumulate",
+    "babylon-disable-on-camera-move",
+    "babylon-reproject",
+    "babylon-reproject-clamp",
+)
 LOWER = ("t0", "t1", "t2", "t3", "t3-200", "t4", "default")
 Row = dict[str, str]
 

@@ -19,16 +19,23 @@ from typing import Any, NamedTuple
 from numpy.typing import NDArray
 
 from cltaa.exr.core_structures import Channel, Chunk, Pipeline
-from cltaa.exr.layout import PIXEL_BYTES, Layout
-from cltaa.exr.openexr import OpenEXR
-from cltaa.exr.quiet import muted_output
-from cltaa.files.content import Copy
+from cltaa.io.content import Copy
+from cltaa.io.exr_layout import PIXEL_BYTES, Layout
+from cltaa.io.openexr import OpenEXR
+from cltaa.io.quiet import muted_output
 
 VERSION = (3, 5)  # of the library: the first two numbers
 FUNCTIONS = (
-    "start_read", "finish", "read_scanline_chunk_info", "read_tile_chunk_info", "decoding_initialize",
-    "decoding_choose_default_routines", "decoding_update", "decoding_run", "decoding_destroy",
-)  # fmt: skip
+    "start_read",
+    "finish",
+    "read_scanline_chunk_info",
+    "read_tile_chunk_info",
+    "decoding_initialize",
+    "decoding_choose_default_routines",
+    "decoding_update",
+    "decoding_run",
+    "decoding_destroy",
+)
 TYPES = {"uint32": 0, "float16": 1, "float32": 2}  # the library's numbers of that
 
 

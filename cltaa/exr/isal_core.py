@@ -53,12 +53,22 @@ _NONE = c_char * 0
 
 class _Stream(Structure):
     _fields_ = (
-        ("next_in", c_void_p), ("avail_in", c_uint32), ("total_in", c_uint32),
-        ("next_out", c_void_p), ("avail_out", c_uint32), ("total_out", c_uint32),
-        ("hufftables", c_void_p), ("level", c_uint32), ("level_buf_size", c_uint32), ("level_buf", c_void_p),
-        ("end_of_stream", c_uint16), ("flush", c_uint16), ("gzip_flag", c_uint16), ("hist_bits", c_uint16),
+        ("next_in", c_void_p),
+        ("avail_in", c_uint32),
+        ("total_in", c_uint32),
+        ("next_out", c_void_p),
+        ("avail_out", c_uint32),
+        ("total_out", c_uint32),
+        ("hufftables", c_void_p),
+        ("level", c_uint32),
+        ("level_buf_size", c_uint32),
+        ("level_buf", c_void_p),
+        ("end_of_stream", c_uint16),
+        ("flush", c_uint16),
+        ("gzip_flag", c_uint16),
+        ("hist_bits", c_uint16),
         ("others", c_uint8 * STATE_BYTES),
-    )  # fmt: skip
+    )
 
 
 class _Core(NamedTuple):

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.exr.header import places_of
+from cltaa.io.exr_header import places_of
 
 Value = tuple[Hashable, bytes]  # what a value is, and its bytes, of which there are as many for all of its kind
 

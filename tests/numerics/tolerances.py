@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.launch import Launcher
-from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.parameters.build import HALVES, Build
+from cltaa.core.backend import Launcher
+from cltaa.core.build import HALVES, Build
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import Planes
 from tests.kernels.stage_chain import ALL_STEPS, WRITES, Work, arguments_of, chain_work, run_stage, variants
 from tests.numerics.units import OUTPUTS, STORED, Output, U
