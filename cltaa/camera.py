@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.frame import Camera
-from cltaa.io.exr_layout import Layout
 
 # Depth of the sky as closeness: 1/Z is exactly 0; -Z has no such value, so the farthest usable one stands for it.
 SKY_PERSPECTIVE = 0.0
@@ -53,17 +52,6 @@ def closeness_at(reversed_depth: float, camera: Camera) -> float:
     """Closeness 1/Z of a perspective camera's (1 - z_ndc) / 2: 1 at the near plane, 0 at the far one."""
     _, _, by_z, constant = camera.view_to_clip[2]
     return float((1.0 - 2.0 * reversed_depth + by_z) / constant)
-
-
-def of_region(camera: Camera, layout: Layout) -> Camera:
-    """The camera of a file's picture from that of its display window: the same view, clip space moved and scaled."""
-    if layout.data_window == layout.display_window:
-        return camera
-    (columns, rows), (left, top, *_) = layout.display_size, layout.region
-    region = np.eye(4)
-    region[0, 0], region[0, 3] = columns / layout.width, (columns - 2 * left) / layout.width - 1.0
-    region[1, 1], region[1, 3] = rows / layout.height, 1.0 - (rows - 2 * top) / layout.height
-    return Camera(camera.world_to_view, region @ camera.view_to_clip)
 
 
 def is_still(camera: Camera, previous: Camera) -> bool:

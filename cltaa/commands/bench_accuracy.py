@@ -23,10 +23,11 @@ from cltaa.commands.options import (
     open_each,
 )
 from cltaa.commands.printing import print_line, print_table, three_digits
-from cltaa.core.presets import Preset, load_preset, preset_names, preset_of
+from cltaa.core.presets import Preset, load_preset, preset_names
 from cltaa.errors import UsageError, known
 from cltaa.inputs.open import Reading
 from cltaa.io.atomic import make_folder
+from cltaa.io.preset_file import preset_of
 from cltaa.lab.bench.accuracy.budget import remember
 from cltaa.lab.bench.accuracy.figures import import_pyplot
 from cltaa.lab.bench.accuracy.html_page import page

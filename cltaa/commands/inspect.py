@@ -24,10 +24,11 @@ from cltaa.commands.options import (
 )
 from cltaa.commands.printing import Console, print_line
 from cltaa.core.build import STORAGES, Storage
-from cltaa.core.presets import Preset, preset_of
+from cltaa.core.presets import Preset
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.open import is_own, open_input
 from cltaa.io.pixel_statistics import ChannelStatistics
+from cltaa.io.preset_file import preset_of
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.inspect.description import Description, describe_input
 from cltaa.lab.inspect.findings import Inspection, inspect_folder

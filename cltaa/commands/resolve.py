@@ -24,10 +24,11 @@ from cltaa.commands.options import (
 )
 from cltaa.core.backend import launcher_for
 from cltaa.core.build import STORAGES, Storage
-from cltaa.core.presets import Preset, preset_of
+from cltaa.core.presets import Preset
 from cltaa.errors import UsageError
 from cltaa.inputs.open import check_declared, open_input
 from cltaa.io.numbered import OnBreak
+from cltaa.io.preset_file import preset_of
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY
 from cltaa.pipeline.debug_views import View, parse_views
 from cltaa.pipeline.output import carried_compression, chosen_layers, kept_kinds

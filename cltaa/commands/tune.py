@@ -9,10 +9,10 @@ import click
 
 from cltaa.commands.options import FILE_PATH, FOLDER, PRESET, json_option, measured_options, open_each
 from cltaa.core.backend import launcher_for
-from cltaa.core.presets import preset_of
 from cltaa.errors import UsageError
 from cltaa.inputs.open import Reading
 from cltaa.io.atomic import check_creatable
+from cltaa.io.preset_file import preset_of
 from cltaa.lab.tune.search import Tuned, parse_goal, tune
 from cltaa.printable import counted, json_of, printable
 

@@ -29,6 +29,7 @@ class Launcher(Protocol):
 
     description: str
     shares_memory: bool  # with the host, so that what is there already need not be copied
+    takes_bands: bool  # runs kernels over bands of rows, not over whole images alone
 
     def build(self, plan_build: Build) -> Build:
         """The build shaped for this launcher (lanes, rows)."""

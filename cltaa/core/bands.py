@@ -28,7 +28,6 @@ from cltaa.core.record import Past, frame_record
 from cltaa.core.resolver import Resolver, Times, one_thread, upload
 from cltaa.errors import UsageError
 from cltaa.frame import Frame, Image
-from cltaa.opencl.launcher import DeviceLauncher
 
 BAND_ROWS = 512  # 400 MB of band at 16384 columns
 
@@ -102,7 +101,7 @@ class BandedResolver(Resolver):
 
     def __init__(self, *arguments: Any, band_rows: int = BAND_ROWS, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        if not isinstance(self.launcher, DeviceLauncher):
+        if not self.launcher.takes_bands:
             raise UsageError("NumPy resolves whole images only", cure="leave --band-rows out, or name a device")
         if self.preset.choices.history_of is not HistoryOf.RESULT:
             raise UsageError(

@@ -10,19 +10,7 @@ from pathlib import Path
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 # What a resolve loads, the modules beside these packages apart; tests/opencl/test_deciding_files.py looks after it.
-_DECIDING = (
-    "devices",
-    "exr",
-    "files",
-    "inputs",
-    "memory",
-    "parameters",
-    "pictures",
-    "planning",
-    "reference",
-    "resolve",
-    "sequences",
-)
+_DECIDING = ("core", "exr", "inputs", "io", "opencl", "pipeline", "reference")
 
 
 @cache

@@ -14,9 +14,7 @@ import numpy as np
 
 from cltaa.core.parameters import Choices, Settings
 from cltaa.errors import DataError, UsageError, known
-from cltaa.io.content import read_text
 
-LARGEST_CONFIG = 1 << 16  # bytes; every parameter with a comment takes a few thousand
 _FOLDER = resources.files("cltaa") / "presets"
 
 
@@ -103,23 +101,15 @@ def load_preset(name: str = "default") -> Preset:
             cure = f"cltaa {takers}; elsewhere a preset is named that lies in {_FOLDER}"
         raise UsageError(f"unknown preset {name}", cure=cure)
     text = (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
-    parsed = _parse(text, f"preset {name}", Preset(name=name, description=""))
+    parsed = parse_preset(text, f"preset {name}", Preset(name=name, description=""))
     return msgspec.structs.replace(parsed, name=name)  # also where it begins with another
 
 
-def load_config(path: Path, base: Preset) -> Preset:
-    """``base`` with the keys of a TOML file over it, and so named; its optional key ``preset`` names another base."""
-    parsed = _parse(read_text(path, "a TOML file", LARGEST_CONFIG), str(path), base)
-    return msgspec.structs.replace(parsed, name=f"{path.name} over {parsed.name}")
+def parse_preset(text: str, origin: str, base: Preset) -> Preset:
+    """``base`` with the keys of a TOML text over it; its optional key ``preset`` names another base.
 
-
-def preset_of(name: str, config: Path | None) -> Preset:
-    """The preset of that name, with a TOML file over it where one is given; raises what reading either raises."""
-    preset = load_preset(name)
-    return preset if config is None else load_config(config, preset)
-
-
-def _parse(text: str, origin: str, base: Preset) -> Preset:
+    Raises DataError for what is no TOML, UsageError for a key or value that no preset has; ``origin`` names the text.
+    """
     try:
         values = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:

@@ -261,7 +261,7 @@ class Resolver(Recurrent):
         """The resolved colour of ``frame``, [H, W, 3] float32, or [H, W, 4] where the frame has alpha.
 
         With ``half`` float16, infinite where it is 65504 or beyond; ``halves.limit_halves`` limits that.
-        Raises DataError where ``cltaa.core.frame_checks`` finds a frame wrong, and UsageError where another thread is in it.
+        Raises DataError where ``core.frame_checks`` finds a frame wrong, and UsageError where another thread is in it.
         """
         check_frame(frame)
         started = perf_counter()

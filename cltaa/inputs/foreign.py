@@ -14,7 +14,6 @@ from typing import Any, Self
 import msgspec
 import numpy as np
 
-from cltaa.camera import of_region
 from cltaa.core.frame_checks import check_camera
 from cltaa.core.planes import haloed
 from cltaa.errors import DataError
@@ -26,7 +25,7 @@ from cltaa.inputs.profile import Encoding, Profile, load_profile, override
 from cltaa.inputs.roles import channel_missing, describe, whole_numbers
 from cltaa.io.content import open_regular
 from cltaa.io.exr_frame import COLOUR, GROUPS, MATRICES, Pixels
-from cltaa.io.exr_layout import Layout
+from cltaa.io.exr_layout import Layout, of_region
 from cltaa.io.exr_read import FrameFile, ImageHeader
 from cltaa.io.manifest import file_sha256, recorded_hashes
 from cltaa.io.names import name_of, number_of

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.camera import of_region
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.frame import Camera, Matrix
 from cltaa.inputs.convert import Offset, jitter_px, mended_camera, standard_camera
@@ -39,7 +38,7 @@ from cltaa.inputs.roles import (
     whole_numbers,
 )
 from cltaa.inputs.side_file import Side, read_side_file
-from cltaa.io.exr_layout import Layout
+from cltaa.io.exr_layout import Layout, of_region
 from cltaa.io.exr_read import ImageHeader
 from cltaa.io.names import renumbered
 from cltaa.io.numbered import (

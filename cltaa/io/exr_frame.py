@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.camera import of_region
 from cltaa.core.frame_checks import check_camera, check_numbers
 from cltaa.errors import DataError
 from cltaa.frame import (
@@ -25,7 +24,7 @@ from cltaa.frame import (
     format_effects,
     parse_effects,
 )
-from cltaa.io.exr_layout import Layout
+from cltaa.io.exr_layout import Layout, of_region
 from cltaa.io.names import number_of
 
 Pixels = NDArray[np.float16] | NDArray[np.float32] | NDArray[np.uint32]

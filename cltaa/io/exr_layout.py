@@ -6,7 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from cltaa.errors import DataError, UsageError
+from cltaa.frame import Camera
 
 PIXEL_BYTES = {"uint": 4, "half": 2, "float": 4}
 # Name and scan lines a chunk, in the order of their numbers in the file.
@@ -145,3 +148,14 @@ def shared_window(parts: Sequence[Layout]) -> Window:
     """The picture that all parts of a file have: their data window if it is one, else the display window."""
     windows = {part.data_window for part in parts}
     return windows.pop() if len(windows) == 1 else parts[0].display_window
+
+
+def of_region(camera: Camera, layout: Layout) -> Camera:
+    """The camera of a file's picture from that of its display window: the same view, clip space moved and scaled."""
+    if layout.data_window == layout.display_window:
+        return camera
+    (columns, rows), (left, top, *_) = layout.display_size, layout.region
+    region = np.eye(4)
+    region[0, 0], region[0, 3] = columns / layout.width, (columns - 2 * left) / layout.width - 1.0
+    region[1, 1], region[1, 3] = rows / layout.height, 1.0 - (rows - 2 * top) / layout.height
+    return Camera(camera.world_to_view, region @ camera.view_to_clip)

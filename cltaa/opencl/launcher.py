@@ -26,6 +26,8 @@ EDGE_GROUP = 256  # work-items of a group of extend_edges
 class DeviceLauncher(OneProcess):
     """Runs kernels on an OpenCL device, building each once."""
 
+    takes_bands = True
+
     def __init__(self, wish: str | None = None) -> None:
         from cltaa.opencl.device import Device
 

@@ -259,11 +259,11 @@ def _clear(folder: Path) -> None:
 
 
 def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in settings.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{key}.")
+    for key, setting in settings.items():
+        if isinstance(setting, dict):
+            yield from _flat(setting, f"{prefix}{key}.")
         else:
-            yield prefix + key, value
+            yield prefix + key, setting
 
 
 class Read(NamedTuple):

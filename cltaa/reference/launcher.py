@@ -32,6 +32,7 @@ class NumpyLauncher:
 
     description = "NumPy (float32 oracle)"
     shares_memory = False  # so that a twin in other numbers than those of files has its own
+    takes_bands = False
 
     def build(self, plan_build: Build) -> Build:
         """The build as it is: the oracle has no lanes."""

@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.core.presets import load_config, load_preset
+from cltaa.core.presets import load_preset
 from cltaa.errors import DataError, InputMissing
 from cltaa.io.exr_frame import frame_attributes
 from cltaa.io.exr_read import read_frame, read_image
 from cltaa.io.exr_write import write_image
 from cltaa.io.manifest import LARGEST_RECORD
+from cltaa.io.preset_file import load_config
 from cltaa.io.sequence import open_sequence
 from cltaa.printable import printable
 from cltaa_datasets.gltf_file import GltfFile
@@ -151,7 +152,8 @@ def test_file_that_is_cut_short_while_it_is_read(tmp_path: Path) -> None:
     path = tmp_path / "synthetic.0000.exr"
     code = (
         "import os, sys, threading\nfrom pathlib import Path\nfrom cltaa.errors import CltaaError\n"
-        "from cltaa.io.exr_read import read_frame\npath = Path(sys.argv[1])\ncontent = path.read_bytes()\ndone = False\n"
+        "from cltaa.io.exr_read import read_frame\n"
+        "path = Path(sys.argv[1])\ncontent = path.read_bytes()\ndone = False\n"
         "def cut():\n    while not done:\n        os.truncate(path, 1000)\n        path.write_bytes(content)\n"
         "thread = threading.Thread(target=cut)\nthread.start()\n"
         "for _ in range(200):\n    try:\n        read_frame(path)\n    except CltaaError:\n        pass\n"

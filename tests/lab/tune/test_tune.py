@@ -14,8 +14,9 @@ import pytest
 from cltaa.cli import main
 from cltaa.commands.tune import outcome_lines
 from cltaa.core.backend import Launcher, launcher_for
-from cltaa.core.presets import Preset, load_config, load_preset, override
+from cltaa.core.presets import Preset, load_preset, override
 from cltaa.errors import UsageError
+from cltaa.io.preset_file import load_config
 from cltaa.lab.tune.record import Trial
 from cltaa.lab.tune.search import Goal, Tuned, overfits, parse_goal, preset_text
 from tests.sequence_factory import write_sequence

@@ -12,10 +12,11 @@ from typing import NamedTuple
 
 import msgspec
 
-from cltaa.core.presets import Preset, load_config, load_preset, preset_names
+from cltaa.core.presets import Preset, load_preset, preset_names
 from cltaa.errors import CltaaError, InputMissing, UsageError, known
 from cltaa.frame import Effect
 from cltaa.io.numbered import ranges
+from cltaa.io.preset_file import load_config
 from cltaa.io.sequence import FrameSequence, ImageSequence, open_sequence
 from cltaa.process import run_cltaa
 
