@@ -39,7 +39,7 @@ def effects(
 ) -> None:
     """Resolve SCENES (all, unless named) as planned and with every effect on; compare bits and time.
 
-    Missing captures are drawn by cltaa capture. The table is Markdown, as it stands in docs/effects.md. The exit code
+    Missing captures are drawn by cltaa capture. The table is Markdown, as in docs/generated/effects.md. The exit code
     is 65 where a step that was left out would have changed a bit.
     """
     rows: list[EffectRow] = []

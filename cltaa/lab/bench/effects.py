@@ -114,7 +114,7 @@ def _again(resolver: Resolver, frame: Frame, before: Frame) -> Callable[[], floa
 
 
 def markdown(rows: Iterable[EffectRow]) -> str:
-    """The table of docs/effects.md."""
+    """The table of docs/generated/effects.md."""
     heads = (
         "scene",
         "effects",
