@@ -44,7 +44,8 @@ def circles(arrows: dict[str, set[str]]) -> list[list[str]]:
     """Groups of modules that import each other, each reachable from each."""
 
     def reach(start: str) -> set[str]:
-        seen, left = set(), [start]
+        seen: set[str] = set()
+        left = [start]
         while left:
             for other in arrows[left.pop()] - seen:
                 seen.add(other)

@@ -110,10 +110,16 @@ class ForeignSequence(FrameSequence):
         self.replaced = frozenset(place.channel for place in resolved if place.files == resolved[0].files)
         self._hashes: dict[Path, dict[str, str]] = {}
         main = intake.sets[intake.roles["colour"][0].files]
-        self.folder, self.name = folder, name_of(main[numbers[0]])
-        self.verify, self.gaps, self.on_resize, self.step = verify, intake.gaps, intake.on_resize, intake.step
-        self._paths = {number: main[number] for number in numbers}
-        self.layouts = {number: intake.layouts[number] for number in numbers}
+        super().__init__(
+            folder,
+            name_of(main[numbers[0]]),
+            {number: main[number] for number in numbers},
+            verify=verify,
+            gaps=intake.gaps,
+            on_resize=intake.on_resize,
+            step=intake.step,
+            layouts=intake.layouts,
+        )
 
     @property
     def effects(self) -> frozenset[Effect] | None:
@@ -320,10 +326,16 @@ class ForeignImages(ImageSequence):
     def __init__(self, sequence: ForeignSequence) -> None:
         """Take the frames of ``sequence``."""
         self.sequence = sequence
-        self.folder, self.name, self.verify = sequence.folder, sequence.name, sequence.verify
-        self.gaps, self.on_resize, self.step = sequence.gaps, sequence.on_resize, sequence.step
-        self._paths = {number: sequence.path(number) for number in sequence.numbers}
-        self.layouts = sequence.layouts
+        super().__init__(
+            sequence.folder,
+            sequence.name,
+            {number: sequence.path(number) for number in sequence.numbers},
+            verify=sequence.verify,
+            gaps=sequence.gaps,
+            on_resize=sequence.on_resize,
+            step=sequence.step,
+            layouts=sequence.layouts,
+        )
 
     @property
     def notes(self) -> list[str]:

@@ -224,15 +224,24 @@ class NumberedFiles:
         on_resize: OnBreak = OnBreak.ERROR,
         frames: FrameRange | None = None,
         step: int = 1,
+        layouts: Mapping[int, Layout] | None = None,
     ) -> None:
-        """Read every layout; raises InputMissing for a gap and DataError for damaged files or sizes that differ."""
+        """Read every layout; raises InputMissing for a gap and DataError for damaged files or sizes that differ.
+
+        ``layouts``, of every number in ``paths``, are those of files that were read and checked before.
+        """
         self.folder, self.name, self.verify = folder, name, verify
         self.gaps, self.on_resize = on_break(gaps), on_break(on_resize)
         self.step = step
+        self._paths: dict[int, Path]
+        self.layouts: dict[int, Layout]
+        if layouts is not None:
+            self._paths, self.layouts = dict(paths), {number: layouts[number] for number in paths}
+            return
         numbers = chosen_numbers(sorted(paths), frames, folder)
         check_steps(paths, (numbers[0], numbers[-1]), step, self.gaps)
         self._paths = {number: paths[number] for number in numbers}
-        self.layouts: dict[int, Layout] = {}
+        self.layouts = {}
         before: Layout | None = None
         for number, path in self._paths.items():
             self.layouts[number] = layout = self.layout_of(path)

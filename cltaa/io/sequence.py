@@ -18,6 +18,7 @@ from cltaa.errors import DataError, UsageError
 from cltaa.exr import core as exr_core
 from cltaa.frame import Effect, Frame, Image, name_effects
 from cltaa.io.exr_frame import OF_FRAMES, FrameHeader, check_float_channels
+from cltaa.io.exr_layout import Layout
 from cltaa.io.exr_read import FrameFile, ImageHeader, read_colour, read_frame_and_header, read_header
 from cltaa.io.manifest import read_capture_record, recorded_hashes
 from cltaa.io.names import NUMBERED, name_of, number_of
@@ -53,9 +54,24 @@ class ImageSequence(NumberedFiles):
 class ChangedImages(ImageSequence):
     """What ``change`` makes of each of ``images`` when it is read."""
 
-    def __init__(self, images: ImageSequence, change: Callable[[Image], Image], notes: list[str]) -> None:
-        """Take the files of ``images``; ``notes`` say how they are read."""
-        vars(self).update(vars(images))
+    def __init__(
+        self,
+        images: ImageSequence,
+        change: Callable[[Image], Image],
+        notes: list[str],
+        layouts: Mapping[int, Layout] | None = None,
+    ) -> None:
+        """Take the files of ``images``; ``notes`` say how they are read, ``layouts`` what is left of each."""
+        super().__init__(
+            images.folder,
+            images.name,
+            {number: images.path(number) for number in images.numbers},
+            verify=images.verify,
+            gaps=images.gaps,
+            on_resize=images.on_resize,
+            step=images.step,
+            layouts=layouts or images.layouts,
+        )
         self._images, self._change, self._notes = images, change, notes
 
     @property
@@ -69,9 +85,7 @@ class ChangedImages(ImageSequence):
 
     def select(self, first: int, last: int) -> Self:
         """Return the frames ``first`` to ``last``, both included."""
-        selected = type(self)(self._images.select(first, last), self._change, self._notes)
-        selected.layouts = {number: self.layouts[number] for number in selected.numbers}
-        return selected
+        return type(self)(self._images.select(first, last), self._change, self._notes, self.layouts)
 
 
 def as_shown(images: ImageSequence, by: NumberedFiles) -> ImageSequence:
@@ -82,9 +96,8 @@ def as_shown(images: ImageSequence, by: NumberedFiles) -> ImageSequence:
     mine, theirs = by.layouts[by.first], images.layouts[images.first]
     if theirs.display_size == mine.display_size and theirs.region != mine.region and theirs.covers(mine.region):
         part = images.shows(mine.region)
-        region = ChangedImages(images, lambda image: image[part].copy(), images.notes)  # the rest is let go
-        region.layouts = {number: layout.cropped(mine.region) for number, layout in images.layouts.items()}
-        return region
+        layouts = {number: layout.cropped(mine.region) for number, layout in images.layouts.items()}
+        return ChangedImages(images, lambda image: image[part].copy(), images.notes, layouts)  # the rest is let go
     check_same_size(by, images)
     return images
 
