@@ -12,30 +12,30 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from cltaa.core.parameters import Choices, Settings
+    from cltaa.core.presets import Preset, load_preset
+    from cltaa.core.resolver import Resolver
     from cltaa.errors import CltaaError
-    from cltaa.frames import Camera, Effect, Frame
-    from cltaa.inspection.sequence_plan import plan
-    from cltaa.parameters.choices import Choices, Settings
-    from cltaa.parameters.presets import Preset, load_preset
-    from cltaa.resolve.resolver import Resolver
-    from cltaa.sequences.sources import Sequence, open_sequence
+    from cltaa.frame import Camera, Effect, Frame
+    from cltaa.io.sequence import FrameSequence, open_sequence
+    from cltaa.lab.inspect.plan import plan
 
 __version__ = "0.1.0"
 
 # Public name -> module. Imported on first use, so that ``import cltaa`` loads neither OpenCL nor OpenEXR.
 _HOMES = {
-    "Camera": "cltaa.frames",
-    "Choices": "cltaa.parameters.choices",
+    "Camera": "cltaa.frame",
+    "Choices": "cltaa.core.parameters",
     "CltaaError": "cltaa.errors",
-    "Effect": "cltaa.frames",
-    "Frame": "cltaa.frames",
-    "Preset": "cltaa.parameters.presets",
-    "Resolver": "cltaa.resolve.resolver",
-    "Sequence": "cltaa.sequences.sources",
-    "Settings": "cltaa.parameters.choices",
-    "load_preset": "cltaa.parameters.presets",
-    "open_sequence": "cltaa.sequences.sources",
-    "plan": "cltaa.inspection.sequence_plan",
+    "Effect": "cltaa.frame",
+    "Frame": "cltaa.frame",
+    "Preset": "cltaa.core.presets",
+    "Resolver": "cltaa.core.resolver",
+    "FrameSequence": "cltaa.io.sequence",
+    "Settings": "cltaa.core.parameters",
+    "load_preset": "cltaa.core.presets",
+    "open_sequence": "cltaa.io.sequence",
+    "plan": "cltaa.lab.inspect.plan",
 }
 
 __all__ = [
@@ -44,9 +44,9 @@ __all__ = [
     "CltaaError",
     "Effect",
     "Frame",
+    "FrameSequence",
     "Preset",
     "Resolver",
-    "Sequence",
     "Settings",
     "load_preset",
     "open_sequence",

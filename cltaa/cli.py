@@ -11,12 +11,12 @@ from typing import Any
 import click
 
 from cltaa import __version__
+from cltaa.commands.lazy import Entry, LazyGroup
 from cltaa.errors import CltaaError, InternalError, ResourceError, StorageError, UsageError
 from cltaa.interrupt import Stop, ends_at_once, ignore_signals, interrupts
-from cltaa.lazy import Entry, LazyGroup
+from cltaa.pipeline.debug_views import are_views
 from cltaa.printable import printable
 from cltaa.process import configure
-from cltaa.resolve.views import are_views
 
 # A module is imported when its command runs, and not to list it: ``cltaa resolve`` needs no OpenGL, ``cltaa capture``
 # no OpenCL, and ``cltaa --help`` neither.
@@ -30,7 +30,7 @@ COMMANDS = {
     "inspect": Entry("cltaa.commands.inspect", "inspect", "Say what is in a sequence."),
     "kernels": Entry("cltaa.commands.kernels", "kernels", "List the OpenCL kernels, or print one as it is built."),
     "presets": Entry("cltaa.commands.presets", "presets", "List the presets and what each sets."),
-    "profiles": Entry("cltaa.commands.profiles", "profiles", "List the reader profiles for files of other tools."),
+    "profiles": Entry("cltaa.commands.presets", "profiles", "List the reader profiles for files of other tools."),
     "resolve": Entry("cltaa.commands.resolve", "resolve", "Anti-alias a sequence over time."),
     "scenes": Entry("cltaa_datasets.cli", "scenes", "List the scenes that capture can draw."),
     "tune": Entry("cltaa.commands.tune", "command", "Search for the best settings within a time or an error."),

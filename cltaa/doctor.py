@@ -16,9 +16,9 @@ from pathlib import Path
 
 import msgspec
 
-from cltaa.devices import kernel_cache
-from cltaa.devices.unknown_cpu import cpu_facts, cpu_flags, cpu_name, level_of
 from cltaa.errors import UsageError
+from cltaa.opencl import cache as kernel_cache
+from cltaa.opencl.pocl_cpu_name import cpu_facts, cpu_flags, cpu_name, level_of
 from cltaa.printable import counted
 
 # A cold build of every kernel takes about 10 s on one core, 60 s on one that ten others want too; far beyond that a
@@ -94,9 +94,14 @@ def probe(name: str, serves: str, cure: str, *arguments: str, **environment: str
     command = [sys.executable, "-m", "cltaa.probes", *arguments]
     try:
         child = subprocess.run(
-            command, capture_output=True, text=True, errors="replace", timeout=PROBE_SECONDS, check=False,
+            command,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=PROBE_SECONDS,
+            check=False,
             env=os.environ | environment,
-        )  # fmt: skip
+        )
     except subprocess.TimeoutExpired:
         return Finding(name, serves, ok=False, found=f"no answer in {PROBE_SECONDS} s", cure=cure)
     if child.returncode:

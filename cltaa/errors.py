@@ -17,8 +17,10 @@ The codes are those of sysexits.h. A message says where, what, expected against 
 from __future__ import annotations
 
 import errno
+import importlib
 from collections.abc import Iterable
 from pathlib import Path
+from types import ModuleType
 from typing import ClassVar
 
 from cltaa.printable import printable
@@ -153,3 +155,14 @@ class ResourceError(CltaaError):
 
 class DeviceLost(ResourceError):
     """The device stopped answering; running the same command again resumes."""
+
+
+def import_extra(module: str, *, package: str, extra: str, purpose: str) -> ModuleType:
+    """Import ``module`` of ``package``; raises UsageError with the command that installs the extra it belongs to."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise UsageError(
+            f"{purpose} needs {package}, which cannot be imported: {error}",
+            cure=f"install it with: pip install 'cltaa[{extra}]'",
+        ) from error

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.devices.kernel_cache import cache_folder, check_cache
 from cltaa.errors import CltaaError
-from cltaa.frames import Camera, Frame
+from cltaa.frame import Camera, Frame
+from cltaa.opencl.cache import cache_folder, check_cache
 from cltaa.process import configure
 
 # Bits of cl_device_fp_config (OpenCL 1.2, table 4.3).
@@ -33,8 +33,8 @@ def files() -> str:
     """Write an EXR, read it back and compare; return the version of OpenEXR."""
     from importlib.metadata import version
 
-    from cltaa.exr.read import read_image
-    from cltaa.exr.write import write_image
+    from cltaa.io.exr_read import read_image
+    from cltaa.io.exr_write import write_image
 
     written = np.random.default_rng(0).random((HEIGHT, WIDTH), np.float32)
     with tempfile.TemporaryDirectory() as folder:
@@ -48,7 +48,7 @@ def files() -> str:
 
 def cache() -> str:
     """Write into the folder where the driver keeps built kernels, and look at the space left there."""
-    importlib.import_module("cltaa.devices.device")  # decides where that folder is
+    importlib.import_module("cltaa.opencl.device")  # decides where that folder is
     try:
         return f"{cache_folder()}, {check_cache() / 1e9:.1f} GB free"
     except CltaaError as error:
@@ -57,7 +57,7 @@ def cache() -> str:
 
 def devices() -> list[dict[str, object]]:
     """Return what each OpenCL device can do, in the order in which they are chosen from."""
-    from cltaa.devices.device import devices as found
+    from cltaa.opencl.device import devices as found
 
     return [_facts(device) for device in found()]
 
@@ -81,7 +81,7 @@ def _facts(device: Any) -> dict[str, object]:
 
 def resolve() -> str:
     """Build the production kernel, resolve three frames of noise and look at the result."""
-    from cltaa.resolve.resolver import Resolver
+    from cltaa.core.resolver import Resolver
 
     resolver = Resolver()
     random = np.random.default_rng(0)

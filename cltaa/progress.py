@@ -8,7 +8,12 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.text import Text
+
 from cltaa.printable import printable
+from cltaa.process import is_own
 
 Item = TypeVar("Item")
 Advance = Callable[[int, int], None]  # called with how many are done, and of how many
@@ -38,7 +43,6 @@ def shown_progress(action: str, unit: str = "frames") -> Iterator[Advance]:
     if not sys.stderr.isatty():
         yield _lines(action, unit)
         return
-    from cltaa.progress_bar import progress_bar  # here: importing rich takes as long as several frames
 
     with progress_bar(unit) as bar:
         task = bar.add_task(action, total=None)
@@ -59,3 +63,24 @@ def _lines(action: str, unit: str) -> Advance:
             print(f"{action}: {done} of {total} {unit}, {rate:.1f} {unit}/s", file=sys.stderr)
 
     return advance
+
+
+class _RateColumn(ProgressColumn):
+    """Frames (or whatever ``unit`` says) a second since the start."""
+
+    def __init__(self, unit: str) -> None:
+        super().__init__()
+        self._unit = unit
+
+    def render(self, task: Task) -> Text:
+        """Format the rate, or nothing before the first frame."""
+        rate = task.finished_speed or task.speed
+        return Text("" if rate is None else f"{rate:.1f} {self._unit}/s", style="progress.data.speed")
+
+
+def progress_bar(unit: str) -> Progress:
+    """A bar on standard error that shows a task's description and ``unit`` a second, and vanishes at the end."""
+    description = TextColumn("{task.description}", markup=False)
+    columns = (description, BarColumn(), MofNCompleteColumn(), _RateColumn(unit), TimeRemainingColumn())
+    own = is_own()  # what is printed above the bar goes through it then
+    return Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=own, redirect_stderr=own)

@@ -11,17 +11,27 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.exr.write import write_frame, write_image
-from cltaa.frames import Camera, Effect, Frame, Image
+from cltaa.frame import Camera, Effect, Frame, Image
+from cltaa.io.exr_write import write_frame, write_image
 
 WIDTH, HEIGHT = 37, 23
 
 # float32 bit patterns that a careless path changes: quiet and signalling NaN with payloads, -0, denormals, infinities,
 # the largest number, and values that half precision cannot hold.
 SPECIAL_BITS = (
-    0x7FC00000, 0x7FC12345, 0x7F800001, 0xFFC0BEEF, 0x80000000, 0x00000001, 0x807FFFFF, 0x7F800000, 0xFF800000,
-    0x7F7FFFFF, 0x477FF000, 0x3F800001,
-)  # fmt: skip
+    0x7FC00000,
+    0x7FC12345,
+    0x7F800001,
+    0xFFC0BEEF,
+    0x80000000,
+    0x00000001,
+    0x807FFFFF,
+    0x7F800000,
+    0xFF800000,
+    0x7F7FFFFF,
+    0x477FF000,
+    0x3F800001,
+)
 
 
 def make_camera(position: tuple[float, float, float] = (0.0, 0.0, 5.0), aspect: float = WIDTH / HEIGHT) -> Camera:

@@ -11,8 +11,8 @@ import click
 import pytest
 
 from cltaa.cli import root
+from cltaa.core.presets import load_preset, override
 from cltaa.errors import CltaaError
-from cltaa.parameters.presets import load_preset, override
 
 TOP = Path(__file__).parents[1]
 PAGES = sorted([TOP / "README.md", TOP / "CONTRIBUTING.md", *(TOP / "docs").glob("*.md")])

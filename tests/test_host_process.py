@@ -49,7 +49,7 @@ if command_line == "yes":
     from cltaa.process import configure
 
     configure()
-from cltaa.resolve.pipeline import resolve_sequence
+from cltaa.pipeline.run import resolve_sequence
 
 File = OpenEXR.File
 

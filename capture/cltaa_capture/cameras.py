@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.frames import Camera, Matrix
+from cltaa.frame import Camera, Matrix
 from cltaa_datasets.scene import Instant, Lens, Orthographic
 
 

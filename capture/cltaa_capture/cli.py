@@ -74,7 +74,7 @@ def complete_scene(_context: click.Context, _parameter: click.Parameter, incompl
 @json_option
 def capture(
     scene: str, output: Path | None, size: tuple[int, int], explained: bool, as_json: bool, **options: Any
-) -> None:  # fmt: skip
+) -> None:
     """Draw SCENE (a name of cltaa scenes, or file:PATH) into a jittered EXR sequence.
 
     Every frame holds one sample a pixel: linear HDR colour, planar depth, un-jittered matrices, the jitter, and only
@@ -130,11 +130,19 @@ def _print_explanation(
 def _print_summary(request: Request, captured: Captured, seconds: float, as_json: bool) -> None:
     if as_json:
         summary = {
-            "folder": str(request.output), "scene": captured.scene.name, "effects": sorted(captured.scene.effects),
-            "frames": request.frames, "drawn": captured.drawn, "kept": captured.kept, "width": request.width,
-            "height": request.height, "reference": request.reference, "backend": captured.backend,
-            "opengl": captured.opengl, "seconds": round(seconds, 3),
-        }  # fmt: skip
+            "folder": str(request.output),
+            "scene": captured.scene.name,
+            "effects": sorted(captured.scene.effects),
+            "frames": request.frames,
+            "drawn": captured.drawn,
+            "kept": captured.kept,
+            "width": request.width,
+            "height": request.height,
+            "reference": request.reference,
+            "backend": captured.backend,
+            "opengl": captured.opengl,
+            "seconds": round(seconds, 3),
+        }
         click.echo(json_of(summary))
         return
     kept = f", {captured.kept} kept" if captured.kept else ""

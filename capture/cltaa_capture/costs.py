@@ -13,8 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
-from cltaa.exr.write import write_frame
-from cltaa.frames import Effect
+from cltaa.frame import Effect
+from cltaa.io.exr_write import write_frame
 from cltaa_capture.osmesa import open_context
 from cltaa_datasets.scene import Instant, Scene, Sun
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_capture.costs import SHADOW, casts_shadow
 from cltaa_datasets.scene import Scene
 

@@ -20,9 +20,9 @@ from typing import Any
 
 from cltaa import __version__
 from cltaa.errors import DataError, UsageError
-from cltaa.files.atomic import atomic_path, make_folder, remove_stale_temporaries
-from cltaa.files.content import read_text
-from cltaa.files.manifest import CAPTURE, LARGEST_RECORD, RESTART_CURE, file_sha256
+from cltaa.io.atomic import atomic_path, make_folder, remove_stale_temporaries
+from cltaa.io.content import read_text
+from cltaa.io.manifest import CAPTURE, LARGEST_RECORD, RESTART_CURE, file_sha256
 
 REFERENCE = "reference"
 FORMAT = 1
@@ -30,8 +30,13 @@ LIBRARIES = ("numpy", "OpenEXR", "pyrender", "PyOpenGL", "trimesh", "scipy", "Pi
 SAVE_EVERY = 1.0  # seconds; what a kill can cost
 SHADER_SUFFIXES = (".vert", ".frag", ".glsl")
 # What talks, measures or keeps the record, and draws nothing.
-NOT_DRAWING = ("cltaa_capture/cli.py", "cltaa_capture/costs.py", "cltaa_capture/explain.py",
-               "cltaa_capture/manifest.py", "cltaa_datasets/cli.py")  # fmt: skip
+NOT_DRAWING = (
+    "cltaa_capture/cli.py",
+    "cltaa_capture/costs.py",
+    "cltaa_capture/explain.py",
+    "cltaa_capture/manifest.py",
+    "cltaa_datasets/cli.py",
+)
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef)
 
 
@@ -92,7 +97,7 @@ class Manifest:
     """The finished files of one capture folder."""
 
     def __init__(self, folder: Path, settings: dict[str, Any], facts: dict[str, Any], *, restart: bool = False) -> None:
-        """Open or begin the manifest of ``folder``, which is this process' own (``cltaa.files.atomic.owned``).
+        """Open or begin the manifest of ``folder``, which is this process' own (``cltaa.io.atomic.owned``).
 
         ``settings`` decide the pixels: a folder begun with others is refused by a UsageError that names the
         difference, unless ``restart``, which deletes what the folder's own manifest began. ``facts`` are only noted.

@@ -10,7 +10,7 @@ import numpy as np
 import pyrender
 from OpenGL import GL
 
-from cltaa.frames import Effect, Frame, Image
+from cltaa.frame import Effect, Frame, Image
 from cltaa_capture.cameras import camera_at, planar_depth
 from cltaa_capture.jitter import Offsets
 from cltaa_capture.programs import ProgramShelf, Uniforms
@@ -38,11 +38,19 @@ class Drawn:
         """Return it as a frame of ``scene``, with the channels that its effects call for."""
         height, width = self.depth.shape
         return Frame(
-            index=index, colour=np.ascontiguousarray(self.colour[..., :3]), depth=self.depth,
-            camera=camera_at(now, width / height), jitter_px=jitter_px, motion=self.motion,
+            index=index,
+            colour=np.ascontiguousarray(self.colour[..., :3]),
+            depth=self.depth,
+            camera=camera_at(now, width / height),
+            jitter_px=jitter_px,
+            motion=self.motion,
             alpha=np.ascontiguousarray(self.colour[..., 3]) if Effect.ALPHA in scene.effects else None,
-            reactive=self.reactive, cut=cut, exposure=now.exposure, scene=scene.name, effects=scene.effects,
-        )  # fmt: skip
+            reactive=self.reactive,
+            cut=cut,
+            exposure=now.exposure,
+            scene=scene.name,
+            effects=scene.effects,
+        )
 
 
 class SceneRenderer(pyrender.Renderer):  # type: ignore[misc]

@@ -13,11 +13,11 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from cltaa.errors import CltaaError, ResourceError, UsageError
-from cltaa.exr.header import LARGEST_SIDE
-from cltaa.exr.write import write_frame, write_image
-from cltaa.files.atomic import make_folder, owned
-from cltaa.files.manifest import file_sha256
-from cltaa.frames import Effect, Frame, Image, format_effects
+from cltaa.frame import Effect, Frame, Image, format_effects
+from cltaa.io.atomic import make_folder, owned
+from cltaa.io.exr_header import LARGEST_SIDE
+from cltaa.io.exr_write import write_frame, write_image
+from cltaa.io.manifest import file_sha256
 from cltaa.printable import counted
 from cltaa_capture.jitter import USUAL, jitter_sequence
 from cltaa_capture.manifest import REFERENCE, Manifest, code_sha256, versions
@@ -52,9 +52,16 @@ class Request:
     def settings(self) -> dict[str, Any]:
         """Return everything that decides the pixels of a frame; frames and yardstick do not, so they may grow."""
         settings = {
-            "scene": self.scene, "seed": self.seed, "motion": self.motion, "width": self.width, "height": self.height,
-            "fps": self.fps, "jitter": self.jitter, "reference": self.reference, "code_sha256": code_sha256(),
-        }  # fmt: skip
+            "scene": self.scene,
+            "seed": self.seed,
+            "motion": self.motion,
+            "width": self.width,
+            "height": self.height,
+            "fps": self.fps,
+            "jitter": self.jitter,
+            "reference": self.reference,
+            "code_sha256": code_sha256(),
+        }
         if self.scene.startswith(FILE_PREFIX):
             settings["model_sha256"] = file_sha256(Path(self.scene.removeprefix(FILE_PREFIX)))
         return settings
@@ -139,9 +146,11 @@ def _capture(request: Request, scene: Scene, context: Context, progress: Callabl
 
     opengl = f"{context.version}, {context.renderer}"
     facts = {
-        "scene": scene.name, "effects": format_effects(scene.effects), "frames": request.frames,
+        "scene": scene.name,
+        "effects": format_effects(scene.effects),
+        "frames": request.frames,
         "versions": versions(f"{opengl} ({context.backend})"),
-    }  # fmt: skip
+    }
     settings = request.settings() | {"opengl": opengl}
     manifest = Manifest(request.output, settings, facts, restart=request.restart)
     drawn = 0

@@ -12,7 +12,7 @@ import numpy as np
 from OpenGL import GL
 
 from cltaa.errors import InternalError, ResourceError
-from cltaa.frames import Matrix
+from cltaa.frame import Matrix
 from cltaa_capture.cameras import reversed_projection
 from cltaa_datasets.animation import look_at
 from cltaa_datasets.scene import Instant, Light, Orthographic, Shadow, Sun

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.errors import InternalError
-from cltaa.frames import Effect, Matrix
+from cltaa.frame import Effect, Matrix
 from cltaa_capture.cameras import camera_at, clip_to_world_direction, jitter_ndc, reversed_projection
 from cltaa_capture.shadows import casting_sun, shadow_uniforms, world_to_shadow
 from cltaa_capture.upload import Drawable

@@ -11,7 +11,7 @@ import pyrender
 from numpy.typing import NDArray
 from OpenGL import GL
 
-from cltaa.frames import Matrix
+from cltaa.frame import Matrix
 from cltaa_datasets.meshes import texture_coordinates
 from cltaa_datasets.scene import AlphaMode, Material, Part, Scene, Texture
 

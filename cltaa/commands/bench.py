@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from cltaa.lazy import Entry, LazyGroup
+from cltaa.commands.lazy import Entry, LazyGroup
 
 MEASUREMENTS = {
     "accuracy": Entry("cltaa.commands.bench_accuracy", "accuracy", "Measure what each step of accuracy costs in time."),
@@ -12,7 +12,7 @@ MEASUREMENTS = {
     "files": Entry("cltaa.commands.bench_files", "files", "Time files, and how well the stages of a resolve overlap."),
     "growth": Entry("cltaa.commands.bench_growth", "growth", "Time a pixel from small images to large ones."),
     "kernels": Entry("cltaa.commands.bench_kernels", "kernels", "Time the kernels against the alternatives."),
-    "overview": Entry("cltaa.commands.bench_overview", "overview", "Put reports of bench accuracy together."),
+    "overview": Entry("cltaa.commands.bench_accuracy", "overview", "Put reports of bench accuracy together."),
     "quality": Entry("cltaa.commands.bench_quality", "quality", "Judge presets on scenes against the truth."),
 }
 

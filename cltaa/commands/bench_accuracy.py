@@ -1,4 +1,4 @@
-"""``cltaa bench accuracy``: what each step of accuracy costs in time."""
+"""``cltaa bench accuracy`` and ``cltaa bench overview``: what each step of accuracy costs in time."""
 
 from __future__ import annotations
 
@@ -11,35 +11,37 @@ from pathlib import Path
 import click
 from rich.table import Table
 
-from cltaa.bench.accuracy.budget import remember
-from cltaa.bench.accuracy.distribution import run_all
-from cltaa.bench.accuracy.html_page import page
-from cltaa.bench.accuracy.ladder import Variant, ladder
-from cltaa.bench.accuracy.measurement import ERRORS_SHARE, bench_accuracy, build_programs, tasks_of
-from cltaa.bench.accuracy.plots import import_pyplot
-from cltaa.bench.accuracy.report import write_report
-from cltaa.bench.accuracy.results import Accuracy, MeasuredSequence
-from cltaa.bench.accuracy.sequence import cost
-from cltaa.bench.accuracy.variant_errors import Task
-from cltaa.commands.names import METRIC_LIST, PRESET
 from cltaa.commands.options import (
     FILE_PATH,
     FOLDER,
+    METRIC_LIST,
     NAMES,
+    PRESET,
     device_option,
     json_option,
     measured_options,
     open_each,
 )
 from cltaa.commands.printing import print_line, print_table, three_digits
-from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.core.presets import Preset, load_preset, preset_names
 from cltaa.errors import UsageError, known
-from cltaa.files.atomic import make_folder
-from cltaa.inputs.opening import Reading
-from cltaa.judging.metrics import parse_metrics
-from cltaa.parameters.presets import Preset, load_preset, preset_names, preset_of
+from cltaa.inputs.open import Reading
+from cltaa.io.atomic import make_folder
+from cltaa.io.preset_file import preset_of
+from cltaa.lab.bench.accuracy.budget import remember
+from cltaa.lab.bench.accuracy.figures import import_pyplot
+from cltaa.lab.bench.accuracy.html_page import page
+from cltaa.lab.bench.accuracy.ladder import Variant, ladder
+from cltaa.lab.bench.accuracy.measurement import ERRORS_SHARE, bench_accuracy, build_programs, tasks_of
+from cltaa.lab.bench.accuracy.report import falling_metrics, merged, read_report, write_report
+from cltaa.lab.bench.accuracy.results import Accuracy, MeasuredSequence
+from cltaa.lab.bench.accuracy.sequence import cost
+from cltaa.lab.bench.accuracy.tasks import run_all
+from cltaa.lab.bench.accuracy.variants import Task
+from cltaa.lab.judge.metrics import parse_metrics
+from cltaa.lab.timing import Clock
+from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.printable import counted, json_of, printable, shown
-from cltaa.timing import Clock
 
 
 @click.command("accuracy")
@@ -57,27 +59,59 @@ from cltaa.timing import Clock
 )
 @click.option("--variant", "named", multiple=True, metavar="NAME", help="Only these variants, beside those of --only.")
 @click.option("--full", is_flag=True, help="Also every combination of the choices that cost time, for the front.")
-@click.option("--metrics", type=METRIC_LIST, default="mse,flip", show_default=True, metavar="LIST",
-              help="Errors against the truth; see cltaa compare.")  # fmt: skip
-@click.option("--rounding-frames", default=8, show_default=True, type=click.IntRange(min=0),
-              help="Frames that are also resolved in float64, by NumPy, to measure rounding; 0 for none.")  # fmt: skip
+@click.option(
+    "--metrics",
+    type=METRIC_LIST,
+    default="mse,flip",
+    show_default=True,
+    metavar="LIST",
+    help="Errors against the truth; see cltaa compare.",
+)
+@click.option(
+    "--rounding-frames",
+    default=8,
+    show_default=True,
+    type=click.IntRange(min=0),
+    help="Frames that are also resolved in float64, by NumPy, to measure rounding; 0 for none.",
+)
 @click.option("--rounds", default=15, show_default=True, type=click.IntRange(min=3), help="Rounds of timing, at least.")
-@click.option("--patience", default=20.0, show_default=True, type=click.FloatRange(min=0), metavar="SECONDS",
-              help="Time for more rounds of a sequence, while the default is not like its own copy.")  # fmt: skip
-@click.option("--pixels", type=click.IntRange(min=1), metavar="N",
-              help="Pixels of the frames that are timed, at least.  [default: what fills the device]")  # fmt: skip
-@click.option("--time-limit", default=math.inf, type=click.FloatRange(min=0, min_open=True), metavar="SECONDS",
-              help=f"Begin no error after {ERRORS_SHARE * 100:g} % of so long (with --dask all begin at once), then "
-              "time and report the sequences whose errors are complete; the same command "
-              "goes on from there.")  # fmt: skip
+@click.option(
+    "--patience",
+    default=20.0,
+    show_default=True,
+    type=click.FloatRange(min=0),
+    metavar="SECONDS",
+    help="Time for more rounds of a sequence, while the default is not like its own copy.",
+)
+@click.option(
+    "--pixels",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Pixels of the frames that are timed, at least.  [default: what fills the device]",
+)
+@click.option(
+    "--time-limit",
+    default=math.inf,
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="SECONDS",
+    help=f"Begin no error after {ERRORS_SHARE * 100:g} % of so long (with --dask all begin at once), then "
+    "time and report the sequences whose errors are complete; the same command "
+    "goes on from there.",
+)
 @click.option(
     "--jobs", default=1, show_default=True, type=click.IntRange(min=1), help="Processes to measure errors in."
 )
-@click.option("--build-only", is_flag=True,
-              help="Only build what errors and times of these sequences need, in --jobs processes.")  # fmt: skip
+@click.option(
+    "--build-only", is_flag=True, help="Only build what errors and times of these sequences need, in --jobs processes."
+)
 @click.option("--dask", metavar="ADDRESS", help="Measure errors on a Dask cluster: the scheduler's address.")
-@click.option("--pictured", default=4, show_default=True, type=click.IntRange(min=0),
-              help="Sequences, the first ones, whose frames the page shows and that are plotted.")  # fmt: skip
+@click.option(
+    "--pictured",
+    default=4,
+    show_default=True,
+    type=click.IntRange(min=0),
+    help="Sequences, the first ones, whose frames the page shows and that are plotted.",
+)
 @click.option("--list", "listed", is_flag=True, help="Print one command line a task, for a render farm, and stop.")
 @click.option("--task", "number", type=click.IntRange(min=0), metavar="K", help="Do task K of that list, and stop.")
 @measured_options
@@ -134,8 +168,15 @@ def accuracy(
     import_pyplot()  # this and what is read how are told before the work, not after it
     open_each(sequences, reading)
     result = bench_accuracy(
-        tasks, output, rounds=rounds, patience=patience, pixels=pixels, jobs=jobs, dask=dask, time_limit=time_limit,
-    )  # fmt: skip
+        tasks,
+        output,
+        rounds=rounds,
+        patience=patience,
+        pixels=pixels,
+        jobs=jobs,
+        dask=dask,
+        time_limit=time_limit,
+    )
     write_report(result, output, pictured, {"index.html": page(result, tasks, output, pictured)})
     if why := remember(result):
         click.echo(f"not kept for resolve --budget-ms: {printable(why)}", err=True)
@@ -220,3 +261,28 @@ def _table(result: Accuracy, measured: MeasuredSequence) -> Table:
         errors = (f"{row.errors[name].mean:.4g}" for name in result.metrics)
         table.add_row(f"{counted(row.samples, 'sample')} a pixel", added, "", "", *errors, "", "", style="dim")
     return table
+
+
+@click.command("overview")
+@click.argument("reports", nargs=-1, required=True, type=FILE_PATH, metavar="REPORT...")
+@click.option("-o", "--output", required=True, type=FILE_PATH, help="Folder to write into.")
+@click.option(
+    "--pictured",
+    default=4,
+    show_default=True,
+    type=click.IntRange(min=0),
+    help="Sequences, the first ones, that have plots of their own.",
+)
+@json_option
+def overview(reports: tuple[Path, ...], output: Path, pictured: int, as_json: bool) -> None:
+    """Put the reports of cltaa bench accuracy together: their sequences in one figure, one table, one JSON and CSV.
+
+    Each REPORT is the folder of one; all must be of the same device, kernels and variants, as when several processes,
+    each on a card of its own, measured some of the sequences.
+    """
+    result = merged([(folder, read_report(folder)) for folder in reports])
+    if not falling_metrics(result):
+        raise UsageError("no error to compare by: no metric that falls with it", found=", ".join(result.metrics))
+    make_folder(output)
+    text = write_report(result, output, pictured, of_one=True)
+    click.echo(json_of(result) if as_json else text, nl=as_json)

@@ -6,15 +6,14 @@ from pathlib import Path
 
 import click
 
-from cltaa.bench.effects import EffectRow, cells, judge_effects, line, markdown
-from cltaa.bench.quality.cases import check_scenes, known_scenes
-from cltaa.child_command import run_cltaa
-from cltaa.commands.names import PRESET
-from cltaa.commands.options import FILE_PATH, SIZE, device_option, json_option
-from cltaa.devices.launch import launcher_for
+from cltaa.commands.options import FILE_PATH, PRESET, SIZE, device_option, json_option
+from cltaa.core.backend import launcher_for
 from cltaa.errors import DataError
+from cltaa.io.sequence import open_sequence
+from cltaa.lab.bench.effects import EffectRow, cells, judge_effects, line, markdown
+from cltaa.lab.bench.quality.cases import check_scenes, known_scenes
 from cltaa.printable import json_of, printable
-from cltaa.sequences.sources import open_sequence
+from cltaa.process import run_cltaa
 
 
 @click.command("effects")
@@ -40,7 +39,7 @@ def effects(
 ) -> None:
     """Resolve SCENES (all, unless named) as planned and with every effect on; compare bits and time.
 
-    Missing captures are drawn by cltaa capture. The table is Markdown, as it stands in docs/effects.md. The exit code
+    Missing captures are drawn by cltaa capture. The table is Markdown, as in docs/generated/effects.md. The exit code
     is 65 where a step that was left out would have changed a bit.
     """
     rows: list[EffectRow] = []

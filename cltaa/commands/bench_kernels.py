@@ -5,15 +5,14 @@ from __future__ import annotations
 import click
 from rich.table import Table
 
-from cltaa.bench.frames import Motion
-from cltaa.bench.kernels import KernelBench, Row, Timing, bench_kernels
-from cltaa.commands.names import PRESET
-from cltaa.commands.options import SIZE, device_option, json_option
+from cltaa.commands.options import PRESET, SIZE, device_option, json_option
 from cltaa.commands.printing import print_line, print_table, three_digits
-from cltaa.parameters.build import STORAGES, Storage
-from cltaa.parameters.presets import load_preset
+from cltaa.core.build import STORAGES, Storage
+from cltaa.core.presets import load_preset
+from cltaa.lab.bench.frames import Motion
+from cltaa.lab.bench.kernels import KernelBench, Row, Timing, bench_kernels
+from cltaa.lab.timing import Interval
 from cltaa.printable import json_of, shown
-from cltaa.timing import Interval
 
 
 @click.command("kernels")
@@ -28,11 +27,21 @@ from cltaa.timing import Interval
 )
 @click.option("--size", type=SIZE, default="1920x1080", show_default=True, help="Pixels.")
 @device_option
-@click.option("--motion", "motions", multiple=True, type=click.Choice([kind.value for kind in Motion]),
-              help="Camera motion: uniform, or turn (rotation with zoom, another displacement at each pixel); "
-                   "repeatable; both unless given.")  # fmt: skip
-@click.option("--storage", type=click.Choice([kind.value for kind in STORAGES]), default=Storage.FLOAT.value,
-              show_default=True, help="Number that the history is kept in.")  # fmt: skip
+@click.option(
+    "--motion",
+    "motions",
+    multiple=True,
+    type=click.Choice([kind.value for kind in Motion]),
+    help="Camera motion: uniform, or turn (rotation with zoom, another displacement at each pixel); "
+    "repeatable; both unless given.",
+)
+@click.option(
+    "--storage",
+    type=click.Choice([kind.value for kind in STORAGES]),
+    default=Storage.FLOAT.value,
+    show_default=True,
+    help="Number that the history is kept in.",
+)
 @click.option("--rounds", default=31, show_default=True, type=click.IntRange(min=3), help="Rounds of all contenders.")
 @click.option("--oracle/--no-oracle", default=True, show_default=True, help="Also time the NumPy oracle, in 3 rounds.")
 @json_option

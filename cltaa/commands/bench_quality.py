@@ -10,30 +10,13 @@ import msgspec
 from rich.box import SIMPLE
 from rich.table import Table as Grid
 
-from cltaa.bench.by_name import by_name
-from cltaa.bench.quality.cases import (
-    GIVEN,
-    HELD_OUT,
-    TRAIN,
-    Case,
-    Shape,
-    capture,
-    check_scenes,
-    known_scenes,
-    open_case,
-    planned,
-)
-from cltaa.bench.quality.cells import Cells
-from cltaa.bench.quality.judge import COLUMNS, ONE_SAMPLE, Judged, check_judged, import_judges, judge_sequence
-from cltaa.bench.quality.markdown_page import check_pages, write_pages, written
-from cltaa.bench.quality.pictures import write_pictures
-from cltaa.bench.quality.presets import chosen_presets
-from cltaa.bench.quality.summary import Table, about_of, ordered, score, summarise
-from cltaa.commands.names import ALL_SCENES, PRESET, SCENES
 from cltaa.commands.options import (
+    ALL_SCENES,
     FILE_PATH,
     FOLDER,
     FROM_0,
+    PRESET,
+    SCENES,
     SIZE,
     device_option,
     json_option,
@@ -41,13 +24,38 @@ from cltaa.commands.options import (
     open_each,
 )
 from cltaa.commands.printing import print_line, print_table
-from cltaa.devices.launch import Launcher, launcher_for
+from cltaa.core.backend import Launcher, launcher_for
+from cltaa.core.presets import Preset
 from cltaa.errors import UsageError
-from cltaa.inputs.opening import AS_EVER, Reading
-from cltaa.judging.metrics import METRICS, versions_of
-from cltaa.parameters.presets import Preset
+from cltaa.inputs.open import AS_EVER, Reading
+from cltaa.io.sequence import FrameSequence
+from cltaa.lab.bench.quality.cases import (
+    GIVEN,
+    HELD_OUT,
+    TRAIN,
+    Case,
+    Shape,
+    by_name,
+    capture,
+    check_scenes,
+    chosen_presets,
+    known_scenes,
+    open_case,
+    planned,
+)
+from cltaa.lab.bench.quality.judge import (
+    COLUMNS,
+    ONE_SAMPLE,
+    Cells,
+    Judged,
+    check_judged,
+    import_judges,
+    judge_sequence,
+)
+from cltaa.lab.bench.quality.page import Table, about_of, check_pages, ordered, score, summarise, write_pages, written
+from cltaa.lab.bench.quality.pictures import write_pictures
+from cltaa.lab.judge.metrics import METRICS, versions_of
 from cltaa.printable import json_of, printable, shown
-from cltaa.sequences.sources import Sequence
 
 
 @click.command("quality")
@@ -68,9 +76,15 @@ from cltaa.sequences.sources import Sequence
     help="A sequence with its truth in reference/, also another tool's, beside scenes or in their place; repeatable.",
 )
 @click.option("--preset", "presets", type=PRESET, multiple=True, metavar="NAME", help="Repeatable.  [default: all]")
-@click.option("--config", "configs", type=FILE_PATH, multiple=True, metavar="FILE",
-              help="TOML file of parameters, over the default or what it names, as for cltaa resolve; beside the "
-              "presets or in their place; repeatable.")  # fmt: skip
+@click.option(
+    "--config",
+    "configs",
+    type=FILE_PATH,
+    multiple=True,
+    metavar="FILE",
+    help="TOML file of parameters, over the default or what it names, as for cltaa resolve; beside the "
+    "presets or in their place; repeatable.",
+)
 @device_option
 @click.option("--size", type=SIZE, default="320x180", show_default=True, help="Pixels of a capture.")
 @click.option("--frames", default=64, show_default=True, type=click.IntRange(min=2), help="Frames of a capture.")
@@ -101,9 +115,13 @@ from cltaa.sequences.sources import Sequence
     help="Folder of captures and finished cells.",
 )
 @click.option("--any-code", is_flag=True, help="Keep cells that other versions of the code measured.")
-@click.option("--page", type=FILE_PATH, metavar="PAGE.md",
-              help="Markdown page to put the table into, between its marks, or to begin; each scene goes to "
-              "PAGE-scenes.md beside it.")  # fmt: skip
+@click.option(
+    "--page",
+    type=FILE_PATH,
+    metavar="PAGE.md",
+    help="Markdown page to put the table into, between its marks, or to begin; each scene goes to "
+    "PAGE-scenes.md beside it.",
+)
 @click.option(
     "--pictures",
     type=FILE_PATH,
@@ -182,7 +200,7 @@ def quality(
             _print_captions(texts, pictures)
 
 
-def _opened(folders: tuple[Path, ...], settled: int, reading: Reading) -> dict[str, Sequence]:
+def _opened(folders: tuple[Path, ...], settled: int, reading: Reading) -> dict[str, FrameSequence]:
     """The sequences that are there, by the names of their folders; what cannot be judged is told before the work."""
     by_name(folders, "sequences")
     opened = open_each(folders, reading)
@@ -201,7 +219,7 @@ def _planned(scenes: tuple[str, ...], seeds: dict[int, str], shape: Shape, work:
 
 
 def _judge(
-    sequence: Sequence, presets: list[Preset], cells: Cells, launcher: Launcher, settled: int, flip_every: int
+    sequence: FrameSequence, presets: list[Preset], cells: Cells, launcher: Launcher, settled: int, flip_every: int
 ) -> dict[str, Judged]:
     """Every cell of one sequence, those that are missing measured in one pass."""
     wanted: dict[str, Preset | None] = {ONE_SAMPLE: None} | {preset.name: preset for preset in presets}

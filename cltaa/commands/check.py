@@ -9,23 +9,26 @@ from typing import Any
 import click
 import msgspec
 
-from cltaa.checking.report import FRAMES, Report, check_folder, profile_options
 from cltaa.commands.options import FILE_PATH, SOME_FRAMES, input_options, json_option
 from cltaa.commands.printing import print_line
 from cltaa.errors import DataError
-from cltaa.files.atomic import atomic_path, check_creatable
-from cltaa.inputs.profile_text import toml_text
+from cltaa.inputs.profile import toml_text
+from cltaa.io.atomic import atomic_path, check_creatable
+from cltaa.lab.check.report import FRAMES, Report, check_folder, profile_options
 from cltaa.printable import counted, json_of, printable, shown
 
 
 @click.command()
 @click.argument("sequence", type=FILE_PATH)
 @input_options
-@click.option("--frames", type=SOME_FRAMES, default=FRAMES, show_default=True,
-              help="Only these frames, both included, or the first N; "
-              "8 or more tell the jitter's mistakes apart.")  # fmt: skip
-@click.option("--fix", type=FILE_PATH, metavar="FILE.toml",
-              help="Write a profile that reads the sequence right.")  # fmt: skip
+@click.option(
+    "--frames",
+    type=SOME_FRAMES,
+    default=FRAMES,
+    show_default=True,
+    help="Only these frames, both included, or the first N; 8 or more tell the jitter's mistakes apart.",
+)
+@click.option("--fix", type=FILE_PATH, metavar="FILE.toml", help="Write a profile that reads the sequence right.")
 @json_option
 @click.pass_context
 def check(

@@ -1,30 +1,136 @@
-"""``cltaa compare``: errors of images against the truth."""
+"""``cltaa compare``: errors of images against the truth, frame by frame or as means of several sequences."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
+from rich.table import Table
 
-from cltaa.commands.compare_tables import print_one, print_several
-from cltaa.commands.names import METRIC_LIST
-from cltaa.commands.options import FILE_PATH, FRAME_RANGE, STOPS, input_options, json_option, verify_option
+from cltaa.commands.options import (
+    FILE_PATH,
+    FRAME_RANGE,
+    METRIC_LIST,
+    STOPS,
+    input_options,
+    json_option,
+    verify_option,
+)
+from cltaa.commands.printing import print_line, print_table
 from cltaa.errors import LONGEST_VALUE, UsageError
-from cltaa.files.atomic import make_folder
-from cltaa.inputs.png_images import is_png
-from cltaa.judging.comparison import Comparison, pair_up, truth_samples
-from cltaa.judging.equal_quality import equal_quality
-from cltaa.judging.heat_maps import stale_maps
-from cltaa.judging.metrics import DEFAULT_METRICS, METRICS, Metric, mean, parse_metrics, versions_of
-from cltaa.judging.one_pass import Found, Judged, judge
-from cltaa.judging.same_scene import doubts
-from cltaa.judging.video_scores import SCORES
-from cltaa.printable import counted, json_of, printable
-from cltaa.sequences.frame_numbers import even_step, named_frames, ranges
-from cltaa.sequences.images import ImageSequence
-from cltaa.sequences.sources import Sequence
+from cltaa.inputs.foreign import is_png
+from cltaa.io.atomic import make_folder
+from cltaa.io.numbered import even_step, named_frames, ranges
+from cltaa.io.sequence import FrameSequence, ImageSequence
+from cltaa.lab.judge.comparison import Comparison, doubts, pair_up, truth_samples
+from cltaa.lab.judge.equal_quality import equal_quality
+from cltaa.lab.judge.metrics import (
+    DEFAULT_METRICS,
+    METRICS,
+    Metric,
+    mean,
+    parse_metrics,
+    versions_of,
+)
+from cltaa.lab.judge.one_pass import Found, Judged, judge, stale_maps
+from cltaa.lab.judge.video_scores import SCORES
+from cltaa.printable import counted, json_of, printable, shown
+
+Values = Mapping[str, float]
+BOUNDS = {None: "", "at least": "≥ ", "at most": "≤ "}
+
+
+def print_one(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
+    """Print a result frame by frame, with its mean and what was found besides."""
+    print_line(f"{shown(result['test'])} against {shown(result['reference'])}")
+    table = Table()
+    table.add_column("frame", justify="right")
+    for metric in metrics:
+        table.add_column(_head(metric), justify="right")
+    for row in result["frames"]:
+        table.add_row(str(row["frame"]), *_cells(row["metrics"], metrics))
+    table.add_section()
+    table.add_row("mean", *_cells(result["mean"], metrics), style="bold")
+    if "mean_one_sample" in result:
+        table.add_row("one sample", *_cells(result["mean_one_sample"], metrics), style="dim")
+    print_table(table)
+    for metric in metrics:
+        print_line(f"  {metric.name}: {metric.title}", "dim")
+    if "video" in result:
+        _print_video(result)
+    if "equal_quality_samples" in result:
+        _print_equal_quality(result["equal_quality_samples"])
+
+
+def _print_equal_quality(equal: dict[str, Any]) -> None:
+    if math.isinf(equal["samples"]):  # no number of samples errs as little as nothing
+        print_line("equal-quality samples: no number, for A equals its truth up to white")
+        return
+    bound = f"{equal['bound']} " if equal["bound"] else ""
+    print_line(f"equal-quality samples: {bound}[bold]{equal['samples']:.1f}[/] a pixel ({equal['method']})")
+
+
+def _print_video(result: dict[str, Any]) -> None:
+    table = Table(title="as moving pictures")
+    table.add_column("")
+    for score in SCORES:
+        table.add_column(f"{score.name} ↓", justify="right")
+    for label, name in (("A", "video"), ("one sample", "video_one_sample")):
+        if name in result:
+            table.add_row(label, *_video_cells(result[name]), style="bold" if name == "video" else "dim")
+    print_table(table)
+    for score in SCORES:
+        print_line(f"  {score.name}: {score.title}", "dim")
+
+
+def _cells(values: Values, metrics: tuple[Metric, ...]) -> list[str]:
+    return ["identical" if math.isinf(v) else format(v, m.form) for m in metrics for v in (values[m.name],)]
+
+
+def print_several(results: Sequence[dict[str, Any]], metrics: tuple[Metric, ...]) -> None:
+    """Print the means of several results that were judged against one reference, a line each."""
+    first = results[0]
+    single = next((result for result in results if "mean_one_sample" in result), None)  # none beside the capture itself
+    scores = SCORES if "video" in first else ()
+    print_line(f"{shown(first['reference'])} is the truth; means of {counted(len(first['frames']), 'frame')}")
+    table = Table()
+    table.add_column("")
+    for column in (*(_head(metric) for metric in metrics), *(f"{score.name} ↓" for score in scores)):
+        table.add_column(column, justify="right")
+    if single:
+        table.add_column("samples ↑", justify="right")
+    for result in results:
+        moving = _video_cells(result["video"]) if scores else []
+        samples = [_samples(result)] if single else []
+        table.add_row(shown(result["test"]), *_cells(result["mean"], metrics), *moving, *samples)
+    if single:
+        table.add_section()
+        moving = _video_cells(single["video_one_sample"]) if scores else []
+        table.add_row("one sample", *_cells(single["mean_one_sample"], metrics), *moving, "1", style="dim")
+    print_table(table)
+    for measure in (*metrics, *scores):
+        print_line(f"  {measure.name}: {measure.title}", "dim")
+    if single:
+        print_line("  samples: equal-quality samples, so many a pixel a supersampler needs for the same error", "dim")
+
+
+def _samples(result: Mapping[str, Any]) -> str:
+    """The equal-quality samples as a cell."""
+    equal = result.get("equal_quality_samples")
+    if equal is None:
+        return "–"
+    return "identical" if math.isinf(equal["samples"]) else f"{BOUNDS[equal['bound']]}{equal['samples']:.1f}"
+
+
+def _head(metric: Metric) -> str:
+    return f"{metric.name} {'↑' if metric.higher_is_better else '↓'}"
+
+
+def _video_cells(values: Values) -> list[str]:
+    return ["–" if math.isnan(v) else format(v, s.form) for s in SCORES for v in (values[s.name],)]
 
 
 @click.command()
@@ -102,11 +208,14 @@ def compare(
     truth = comparisons[0].reference.folder if comparisons[0].capture else reference
     facts = {"reference": str(truth), "stops": stops, "versions": versions_of(metrics)}
     results = [
-        {"test": str(test)} | facts | _summary(comparison, judged, found, metrics)
+        {"test": str(test)}
+        | facts
+        | _summary(comparison, judged, found, metrics)
         | {"not_judged": without, "warnings": warned}
-        for test, comparison, judged, without, warned in
-        zip(tests, comparisons, found.tests, lacking, warnings, strict=True)
-    ]  # fmt: skip
+        for test, comparison, judged, without, warned in zip(
+            tests, comparisons, found.tests, lacking, warnings, strict=True
+        )
+    ]
     if as_json:
         click.echo(json_of(results[0] if len(results) == 1 else {"compared": results}))
     elif len(results) == 1:
@@ -124,9 +233,12 @@ def _check_alike(comparisons: Mapping[str, Comparison], heatmap: Path | None) ->
         expected, found = (comparisons[name].test.numbers for name in (first, test))
         if expected != found:
             raise UsageError(
-                f"other frames than those of {first}", path=Path(test), expected=ranges(expected), found=ranges(found),
+                f"other frames than those of {first}",
+                path=Path(test),
+                expected=ranges(expected),
+                found=ranges(found),
                 cure="choose frames that all have with --frames",
-            )  # fmt: skip
+            )
         if comparisons[first].region != comparisons[test].region:
             what = f"what it shares with B is another region than what {first} does"
             raise UsageError(what, path=Path(test), cure="compare them with B one at a time")
@@ -134,7 +246,7 @@ def _check_alike(comparisons: Mapping[str, Comparison], heatmap: Path | None) ->
 
 def _tell_reading(comparisons: Mapping[str, Comparison], in_time: bool) -> None:
     """Say on standard error how each A, by its name, and B are read."""
-    read: dict[str, ImageSequence | Sequence] = {}
+    read: dict[str, ImageSequence | FrameSequence] = {}
     for name, comparison in comparisons.items():
         read |= {name: comparison.test, "B": comparison.reference}
         if in_time and comparison.capture is not None:  # more of it is read than its colour
@@ -177,15 +289,21 @@ def _check_followed(comparison: Comparison) -> None:
     if comparison.region is not None:
         expected, found = (images.layouts[images.first].size for images in (comparison.reference, comparison.test))
         raise UsageError(
-            "--video judges whole pictures only", path=comparison.test.folder, expected=expected, found=found,
+            "--video judges whole pictures only",
+            path=comparison.test.folder,
+            expected=expected,
+            found=found,
             cure="leave --video out for a region",
-        )  # fmt: skip
+        )
     apart = even_step(comparison.test.numbers)
     if apart > 1 and comparison.capture.step == 1:
         raise UsageError(
-            "--video follows each frame to the next, but no number lies beside another", path=comparison.test.folder,
-            expected="frames 1 apart", found=f"{apart} apart", cure=f"say --step {apart} if each continues the last",
-        )  # fmt: skip
+            "--video follows each frame to the next, but no number lies beside another",
+            path=comparison.test.folder,
+            expected="frames 1 apart",
+            found=f"{apart} apart",
+            cure=f"say --step {apart} if each continues the last",
+        )
 
 
 def _summary(comparison: Comparison, judged: Judged, found: Found, metrics: tuple[Metric, ...]) -> dict[str, Any]:

@@ -10,23 +10,20 @@ import click
 import numpy as np
 from rich.table import Table
 
-from cltaa.child_command import call_cltaa
-from cltaa.commands.names import SCENE
-from cltaa.commands.options import FILE_PATH, SIZE, device_option, json_option
+from cltaa.commands.options import FILE_PATH, SCENE, SIZE, device_option, json_option
 from cltaa.commands.printing import print_line, print_table
+from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
-from cltaa.frames import Image
+from cltaa.frame import Image
 from cltaa.interrupt import stop_signals
-from cltaa.judging.equal_quality import equal_quality_samples
-from cltaa.judging.metrics import METRICS, mean, measure, named_metrics
-from cltaa.pictures.png import side_by_side, write_image_png, write_png
-from cltaa.pictures.video import import_av, write_side_by_side
+from cltaa.io.png import side_by_side, write_image_png, write_png
+from cltaa.io.sequence import ImageSequence, open_images, open_sequence
+from cltaa.io.video import import_av, write_side_by_side
+from cltaa.lab.judge.equal_quality import equal_quality_samples
+from cltaa.lab.judge.metrics import METRICS, mean, measure, named_metrics
+from cltaa.pipeline.run import Outcome, resolve_sequence
 from cltaa.printable import counted, json_of, shown
-from cltaa.resolve.outcome import Outcome
-from cltaa.resolve.pipeline import resolve_sequence
-from cltaa.resolve.resolver import Resolver
-from cltaa.sequences.images import ImageSequence
-from cltaa.sequences.sources import open_images, open_sequence
+from cltaa.process import call_cltaa
 
 SETTLED = 8  # frames after which the history is full enough to be judged
 FLIP_EVERY = 8  # FLIP takes longer than the resolve, so only every so many-th frame is judged by it
@@ -48,8 +45,14 @@ class Gain:
 
 
 @click.command("demo")
-@click.option("-o", "--output", type=FILE_PATH, default=Path("demo"), show_default=True,
-              help="Folder for everything that the demo leaves.")  # fmt: skip
+@click.option(
+    "-o",
+    "--output",
+    type=FILE_PATH,
+    default=Path("demo"),
+    show_default=True,
+    help="Folder for everything that the demo leaves.",
+)
 @click.option(
     "--scene", type=SCENE, default="spinner", show_default=True, help="What to capture; list scenes with: cltaa scenes"
 )
@@ -87,9 +90,17 @@ def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: s
 def _capture(scene: str, folder: Path, frames: int, size: tuple[int, int]) -> None:
     """Run ``cltaa capture`` in a process of its own, so that OpenGL and OpenCL never meet in one."""
     arguments = [
-        "capture", scene, "-o", str(folder), "--frames", str(frames), "--size", f"{size[0]}x{size[1]}",
-        "--reference", str(TRUTH_SAMPLES),
-    ]  # fmt: skip
+        "capture",
+        scene,
+        "-o",
+        str(folder),
+        "--frames",
+        str(frames),
+        "--size",
+        f"{size[0]}x{size[1]}",
+        "--reference",
+        str(TRUTH_SAMPLES),
+    ]
     begun = folder.exists()
     code = call_cltaa(arguments).returncode
     if code == UsageError.exit_code and begun:

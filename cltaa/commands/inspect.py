@@ -1,4 +1,4 @@
-"""``cltaa inspect``: what is in a sequence, and what is wrong with it."""
+"""``cltaa inspect``: what is in a sequence, what is wrong with it, and the plan of its resolve."""
 
 from __future__ import annotations
 
@@ -11,20 +11,76 @@ import click
 from click.core import ParameterSource
 from rich.table import Table
 
-from cltaa.commands.names import ASSIGNMENT, EFFECT_LIST, PRESET
-from cltaa.commands.options import FILE_PATH, NAMES, assigned, chosen_effects, input_options, json_option
+from cltaa.commands.options import (
+    ASSIGNMENT,
+    EFFECT_LIST,
+    FILE_PATH,
+    NAMES,
+    PRESET,
+    assigned,
+    chosen_effects,
+    input_options,
+    json_option,
+)
 from cltaa.commands.printing import Console, print_line
+from cltaa.core.build import STORAGES, Storage
+from cltaa.core.presets import Preset
 from cltaa.errors import DataError, UsageError
-from cltaa.inputs.description import Description, describe_input
-from cltaa.inputs.opening import is_own, open_input
-from cltaa.inspection.facts import Inspection
-from cltaa.inspection.findings import inspect_folder
-from cltaa.parameters.build import STORAGES, Storage
-from cltaa.parameters.presets import Preset, preset_of
+from cltaa.inputs.open import is_own, open_input
+from cltaa.io.pixel_statistics import ChannelStatistics
+from cltaa.io.preset_file import preset_of
+from cltaa.io.sequence import FrameSequence
+from cltaa.lab.inspect.description import Description, describe_input
+from cltaa.lab.inspect.findings import Inspection, inspect_folder
+from cltaa.lab.inspect.plan import Section, SequencePlan
 from cltaa.printable import bytes_of, counted, json_of, printable, shown
 from cltaa.progress import shown_progress
-from cltaa.sequences.pixel_statistics import ChannelStatistics
-from cltaa.sequences.sources import Sequence
+
+
+def print_plan(plan: SequencePlan) -> None:
+    """Print a table for each run of frames that share a plan; one that was shown before is only named."""
+    builds = counted(plan.kernels, "build")
+    print_line(f"preset {shown(plan.preset)}, {builds} of the resolve, on {shown(plan.device)}")
+    parts = {
+        "on the device": plan.memory.device,
+        "of frames": plan.memory.frames,
+        "of results": plan.memory.results,
+        **({"of layers": plan.memory.layers} if plan.memory.layers else {}),
+        "of reading": plan.memory.reading,
+        "of packing": plan.memory.packing,
+        "of the program": plan.memory.program,
+    }
+    told = " + ".join(f"{size / 1e6:.0f} {what}" for what, size in parts.items())
+    print_line(f"memory at the peak: {plan.memory.whole / 1e6:.0f} MB = {told}")
+    before: dict[tuple[tuple[str, bool, str], ...], str] = {}
+    for section in plan.sections:
+        first, last = section.first, section.last
+        frames = f"frame {first}" if first == last else f"frames {first} to {last}"
+        title = frames + (", history begins" if section.starts else "")
+        key = tuple((step.name, step.on, step.why) for step in section.steps)
+        if key in before:
+            print_line(f"{title}: as {before[key]}")
+            continue
+        before[key] = frames
+        Console().print(_table(section, title))
+
+
+def _table(section: Section, title: str) -> Table:
+    planned, every = section.milliseconds, section.every_milliseconds
+    if planned is not None and every is not None:
+        # Without what would make another estimate, such as the test for a change of light: that has its own line alone.
+        same_bits = f"{every:.2f} with every step that leaves the bits as they are ({every / planned:.2f} x)"
+        title += f": {planned:.2f} ms a frame, {same_bits}"
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))
+    for heading in ("step", "runs", "why"):
+        table.add_column(heading)
+    table.add_column("ms a frame", justify="right")
+    for step in section.steps:
+        cost = "" if step.milliseconds is None else f"{step.milliseconds:+.2f}"
+        # What runs is paid for; what does not is shown in brackets as what it would cost.
+        table.add_row(step.name, "yes" if step.on else "no", step.why, cost if step.on or not cost else f"({cost})")
+    return table
+
 
 OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_rows", "config", "changes")
 
@@ -39,15 +95,36 @@ OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_row
 @click.option("--plan", "planned", is_flag=True, help="Say which steps a resolve runs, why, and what each costs here.")
 @click.option("--preset", type=PRESET, default="default", show_default=True, help="With --plan: whose steps.")
 @click.option("--device", metavar="NAME", help="With --plan: where; its index or a part of its name.")
-@click.option("--effects", type=EFFECT_LIST, metavar="LIST", default="auto", show_default=True,
-              help="With --plan: auto (as declared), all, or names.")  # fmt: skip
+@click.option(
+    "--effects",
+    type=EFFECT_LIST,
+    metavar="LIST",
+    default="auto",
+    show_default=True,
+    help="With --plan: auto (as declared), all, or names.",
+)
 @click.option("--config", type=FILE_PATH, help="With --plan: TOML file of parameters, over the preset.")
-@click.option("--set", "changes", type=ASSIGNMENT, multiple=True, metavar="KEY=VALUE",
-              help="With --plan: one parameter; may be repeated.")  # fmt: skip
-@click.option("--storage", type=click.Choice([kind.value for kind in STORAGES]), default=Storage.FLOAT.value,
-              show_default=True, help="With --plan: number that the history is kept in.")  # fmt: skip
-@click.option("--band-rows", type=click.IntRange(min=0), metavar="N",
-              help="With --plan: of a resolve in bands of N rows (0: whole images).")  # fmt: skip
+@click.option(
+    "--set",
+    "changes",
+    type=ASSIGNMENT,
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="With --plan: one parameter; may be repeated.",
+)
+@click.option(
+    "--storage",
+    type=click.Choice([kind.value for kind in STORAGES]),
+    default=Storage.FLOAT.value,
+    show_default=True,
+    help="With --plan: number that the history is kept in.",
+)
+@click.option(
+    "--band-rows",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="With --plan: of a resolve in bands of N rows (0: whole images).",
+)
 @click.option("--half", is_flag=True, help="With --plan: of results in half precision, which take less memory.")
 @click.option("--layers", type=NAMES, help="With --plan: channels of the input that are kept, as cltaa resolve has it.")
 @input_options
@@ -111,9 +188,10 @@ def _check_options(ctx: click.Context, *, planned: bool, pixels: bool) -> None:
             raise UsageError(f"{option.opts[0]} says how to plan a resolve", cure="add --plan")
 
 
-def _plan(source: Sequence, preset: Preset, device: str | None, effects: str, as_json: bool, **resolved: Any) -> None:
-    from cltaa.commands.plan_table import print_plan  # here: these load OpenCL, and a look at headers must not
-    from cltaa.inspection.sequence_plan import plan
+def _plan(
+    source: FrameSequence, preset: Preset, device: str | None, effects: str, as_json: bool, **resolved: Any
+) -> None:
+    from cltaa.lab.inspect.plan import plan
 
     if source.notes:
         click.echo("\n".join(map(printable, source.notes)), err=True)

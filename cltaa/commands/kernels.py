@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import click
 
-from cltaa.commands.names import KERNEL, PRESET
-from cltaa.commands.options import json_option
-from cltaa.devices.kernel_files import kernel_names
-from cltaa.parameters.build import Build, Steps
-from cltaa.parameters.presets import load_preset
+from cltaa.commands.options import KERNEL, PRESET, json_option
+from cltaa.core.build import Build, Steps
+from cltaa.core.kernel_source import kernel_names
+from cltaa.core.presets import load_preset
 from cltaa.printable import json_of
 
 
@@ -26,7 +25,7 @@ from cltaa.printable import json_of
 @json_option
 def kernels(show: str | None, preset: str, lanes: str, strict: bool, as_json: bool) -> None:
     """List the OpenCL kernels with the hash of their text, or print one as the compiler sees it."""
-    from cltaa.devices.program import source, source_hash
+    from cltaa.opencl.program import source, source_hash
 
     build = Build(choices=load_preset(preset).choices, steps=Steps(), lanes=int(lanes), rows=32, strict=strict)
     if show is not None:

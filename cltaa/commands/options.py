@@ -1,4 +1,4 @@
-"""Options and types of arguments that several subcommands share."""
+"""Options and types of arguments that several subcommands share, and what a shell completes."""
 
 from __future__ import annotations
 
@@ -11,17 +11,132 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 import msgspec
+from click.shell_completion import CompletionItem
 
-from cltaa.commands.names import EFFECT_LIST, INPUT, PROFILE
+from cltaa.core.frame_checks import EXPOSURE_STOPS
 from cltaa.errors import UsageError, known
-from cltaa.frame_checks import EXPOSURE_STOPS
-from cltaa.frames import Effect, parse_effects
+from cltaa.frame import Effect, parse_effects
 from cltaa.printable import printable
 
 if TYPE_CHECKING:
-    from cltaa.inputs.opening import Reading
-    from cltaa.parameters.presets import Preset
-    from cltaa.sequences.sources import Sequence
+    from cltaa.core.presets import Preset
+    from cltaa.inputs.open import Reading
+    from cltaa.io.sequence import FrameSequence
+
+
+ALL_SCENES = "all"  # every scene of cltaa scenes
+
+
+class _Name(click.ParamType[str]):
+    """One name."""
+
+    name = "name"
+
+    def __init__(self, listed: Callable[[], list[str]], *, or_file: bool = False) -> None:
+        self._listed, self._or_file = listed, or_file
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        found = [CompletionItem(name) for name in self._listed() if name.startswith(incomplete)]
+        return found or [CompletionItem(incomplete, type="file")] * self._or_file
+
+
+class _NameList(_Name):
+    """A comma-separated list of names, or ``instead`` of one a word; what stands in it is not offered again."""
+
+    def __init__(self, listed: Callable[[], list[str]], *, instead: tuple[str, ...] = ()) -> None:
+        super().__init__(listed)
+        self._instead = instead
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        before, comma, last = incomplete.rpartition(",")
+        found = super().shell_complete(ctx, param, last)
+        names = [one.value for one in found if one.value not in before.split(",")]
+        names += [word for word in self._instead if not comma and word.startswith(last)]
+        return [CompletionItem(before + comma + name) for name in names]
+
+
+class _Assignment(_Name):
+    """``KEY=VALUE``: one of the keys, then one of its words where it has some."""
+
+    def __init__(self, listed: Callable[[], list[str]], words: Callable[[str], list[str]]) -> None:
+        super().__init__(listed)
+        self._words = words
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        key, equals, _ = incomplete.partition("=")
+        begun = [f"{key}={word}" for word in self._words(key)] if equals else [f"{name}=" for name in self._listed()]
+        return [CompletionItem(text) for text in begun if text.startswith(incomplete)]
+
+
+# What lists the names is imported when a shell asks: no command needs it before it runs.
+def _presets() -> list[str]:
+    from cltaa.core.presets import preset_names
+
+    return preset_names()
+
+
+def _profiles() -> list[str]:
+    from cltaa.inputs.profile import profile_names
+
+    return ["auto", *profile_names()]
+
+
+def _kernels() -> list[str]:
+    from cltaa.core.kernel_source import kernel_names
+
+    return kernel_names()
+
+
+def _scenes() -> list[str]:
+    from cltaa.lab.bench.quality.cases import known_scenes
+
+    return [*known_scenes()]
+
+
+def _effects() -> list[str]:
+    from cltaa.frame import Effect
+
+    return [*Effect]
+
+
+def _metrics() -> list[str]:
+    from cltaa.lab.judge.metrics import METRICS
+
+    return [*METRICS]
+
+
+def _views() -> list[str]:
+    from cltaa.pipeline.debug_views import View
+
+    return [*View]
+
+
+def _parameters() -> list[str]:
+    from cltaa.core.presets import FIELDS
+
+    return sorted(FIELDS)
+
+
+def _words_of(parameter: str) -> list[str]:
+    from cltaa.core.presets import FIELDS, words_of
+
+    return words_of(parameter) if parameter in FIELDS else []
+
+
+def _keys() -> dict[str, list[str]]:
+    from cltaa.inputs.profile import profile_keys
+
+    return profile_keys()
+
+
+PRESET, PROFILE = _Name(_presets), _Name(_profiles, or_file=True)
+KERNEL, SCENE = _Name(_kernels), _Name(_scenes)
+SCENES = _Name(lambda: [ALL_SCENES, *_scenes()])  # or all of them
+METRIC_LIST, VIEW_LIST = _NameList(_metrics, instead=("all",)), _NameList(_views)
+EFFECT_LIST = _NameList(_effects, instead=("auto", "all"))
+ASSIGNMENT = _Assignment(_parameters, _words_of)
+INPUT = _Assignment(lambda: [*_keys()], lambda key: _keys().get(key, []))
+
 
 Command = Callable[..., Any]
 DIGITS = "[0-9]{1,20}"  # of a whole number: Python refuses to read one of thousands
@@ -145,13 +260,21 @@ device_option = click.option(
     "--device", metavar="NAME", help="OpenCL device: its index or a part of its name; see cltaa doctor."
 )
 effects_option = click.option(
-    "--effects", type=EFFECT_LIST, metavar="LIST", default="auto", show_default=True,
+    "--effects",
+    type=EFFECT_LIST,
+    metavar="LIST",
+    default="auto",
+    show_default=True,
     help="auto (as declared), all, or a comma-separated list.",
-)  # fmt: skip
+)
 step_option = click.option(
-    "--step", type=click.IntRange(min=1), default=1, show_default=True, metavar="N",
+    "--step",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    metavar="N",
     help="Frame numbers are N apart, and motion vectors span N (docs/inputs.md).",
-)  # fmt: skip
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON and nothing else.")
 
 
@@ -159,13 +282,30 @@ def input_options(command: Command) -> Command:
     """Add ``--profile``, ``--input``, ``--camera`` and ``--step``, by the names of ``open_input``."""
     for option in (
         step_option,
-        click.option("--camera", "side_file", type=FILE_PATH, metavar="FILE",
-                     help="Matrices, jitter, exposure and cuts of each frame: .json, .csv or text (docs/inputs.md)."),
-        click.option("--input", "assignments", type=INPUT, multiple=True, metavar="SECTION.KEY=VALUE",
-                     help="One key of the profile, such as motion.scale=1,-1; may be repeated."),
-        click.option("--profile", type=PROFILE, metavar="NAME", default="auto", show_default=True,
-                     help="Who wrote the files: auto, a name (cltaa profiles), or FILE.toml."),
-    ):  # fmt: skip
+        click.option(
+            "--camera",
+            "side_file",
+            type=FILE_PATH,
+            metavar="FILE",
+            help="Matrices, jitter, exposure and cuts of each frame: .json, .csv or text (docs/inputs.md).",
+        ),
+        click.option(
+            "--input",
+            "assignments",
+            type=INPUT,
+            multiple=True,
+            metavar="SECTION.KEY=VALUE",
+            help="One key of the profile, such as motion.scale=1,-1; may be repeated.",
+        ),
+        click.option(
+            "--profile",
+            type=PROFILE,
+            metavar="NAME",
+            default="auto",
+            show_default=True,
+            help="Who wrote the files: auto, a name (cltaa profiles), or FILE.toml.",
+        ),
+    ):
         command = option(command)
     return command
 
@@ -175,7 +315,7 @@ def reading_options(command: Command) -> Command:
 
     @wraps(command)
     def read(*, side_file: Path | None, truth: Path | None = None, **others: Any) -> Any:
-        from cltaa.inputs.opening import Reading
+        from cltaa.inputs.open import Reading
 
         chosen_effects(others["effects"])  # a name that is none is told here
         files: dict[str, Any] = {"side_file": side_file and str(side_file), "truth": truth and str(truth)}
@@ -188,15 +328,17 @@ def reading_options(command: Command) -> Command:
 def measured_options(command: Command) -> Command:
     """Add ``--truth`` and ``reading_options``, all as one argument ``reading``, to what judges by a truth."""
     truth = click.option(
-        "--truth", type=FILE_PATH, metavar="DIR",
+        "--truth",
+        type=FILE_PATH,
+        metavar="DIR",
         help="Where the truth is, as B of cltaa compare.  [default: reference/ of each sequence]",
-    )  # fmt: skip
+    )
     return reading_options(truth(command))
 
 
-def open_each(folders: Iterable[Path], reading: Reading) -> dict[Path, Sequence]:
+def open_each(folders: Iterable[Path], reading: Reading) -> dict[Path, FrameSequence]:
     """Open sequences as they are asked to be read; says on standard error what was decided about another tool's."""
-    from cltaa.inputs.opening import readings
+    from cltaa.inputs.open import readings
 
     opened = {folder: how.open(folder) for folder, how in readings(folders, reading).items()}
     for folder, sequence in opened.items():
@@ -219,7 +361,7 @@ def chosen_effects(text: str) -> frozenset[Effect] | Literal["auto", "all"]:
 
 def assigned(preset: Preset, assignments: tuple[str, ...]) -> Preset:
     """``preset`` with what ``--set`` says, which its name tells; raises UsageError for what is no assignment."""
-    from cltaa.parameters.presets import override  # here: most commands have none
+    from cltaa.core.presets import override
 
     values = _values(assignments)
     if not values:

@@ -1,4 +1,4 @@
-"""``cltaa presets``: list the presets, what each sets, and every parameter there is."""
+"""``cltaa presets`` and ``cltaa profiles``: what comes with cltaa, what each sets, and every parameter there is."""
 
 from __future__ import annotations
 
@@ -11,20 +11,23 @@ from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
 
-from cltaa.commands.names import PRESET
-from cltaa.commands.options import json_option
+from cltaa.commands.options import PRESET, PROFILE, json_option
 from cltaa.commands.printing import Console
+from cltaa.core.parameters import Choices, Settings
+from cltaa.core.presets import Preset, allowed, load_preset, preset_names
 from cltaa.errors import UsageError
-from cltaa.parameters.choices import Choices, Settings
-from cltaa.parameters.presets import Preset, allowed, load_preset, preset_names
+from cltaa.inputs.profile import load_profile, profile_names, toml_text
 from cltaa.printable import json_of
 
 
 @click.command("presets")
 @click.argument("name", required=False, type=PRESET)
 @click.option("--against", type=PRESET, help="Print only what NAME sets otherwise than this preset does.")
-@click.option("--parameters", is_flag=True,
-              help="List every parameter with its range, unit and meaning, and what NAME sets it to.")  # fmt: skip
+@click.option(
+    "--parameters",
+    is_flag=True,
+    help="List every parameter with its range, unit and meaning, and what NAME sets it to.",
+)
 @json_option
 def presets(name: str | None, against: str | None, parameters: bool, as_json: bool) -> None:
     """List the presets; with NAME, print that one as TOML for cltaa resolve --config."""
@@ -131,3 +134,22 @@ def _print_parameters(rows: list[dict[str, Any]], preset: Preset | None) -> None
 
 def _written(value: str | float) -> str:
     return value if isinstance(value, str) else f"{value:g}"
+
+
+@click.command()
+@click.argument("name", required=False, type=PROFILE)
+@json_option
+def profiles(name: str | None, as_json: bool) -> None:
+    """List the reader profiles, or print every key of NAME as TOML to start one's own from."""
+    if name is not None:
+        profile = load_profile(name)
+        click.echo(json_of(profile) if as_json else toml_text(profile), nl=as_json)
+        return
+    if as_json:
+        rows = [{"profile": known, "description": load_profile(known).description} for known in profile_names()]
+        click.echo(json_of(rows))
+        return
+    table = Table("profile", "what it reads", box=None)
+    for known in profile_names():
+        table.add_row(known, load_profile(known).description)
+    Console().print(table)

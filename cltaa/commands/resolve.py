@@ -7,12 +7,14 @@ from typing import Any
 
 import click
 
-from cltaa.commands.names import ASSIGNMENT, PRESET, VIEW_LIST
 from cltaa.commands.options import (
+    ASSIGNMENT,
     FILE_PATH,
     FRAME_RANGE,
     MILLISECONDS,
     NAMES,
+    PRESET,
+    VIEW_LIST,
     assigned,
     chosen_effects,
     effects_option,
@@ -20,20 +22,19 @@ from cltaa.commands.options import (
     json_option,
     verify_option,
 )
-from cltaa.devices.launch import launcher_for
+from cltaa.core.backend import launcher_for
+from cltaa.core.build import STORAGES, Storage
+from cltaa.core.presets import Preset
 from cltaa.errors import UsageError
-from cltaa.inputs.opening import check_declared, open_input
+from cltaa.inputs.open import check_declared, open_input
 from cltaa.interrupt import stop_signals
-from cltaa.parameters.build import STORAGES, Storage
-from cltaa.parameters.presets import Preset, preset_of
+from cltaa.io.numbered import OnBreak
+from cltaa.io.preset_file import preset_of
+from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY
+from cltaa.pipeline.debug_views import View, parse_views
+from cltaa.pipeline.output import carried_compression, chosen_layers, kept_kinds
+from cltaa.pipeline.run import Outcome, resolve_sequence, resolver_for, stage_rows
 from cltaa.printable import counted, json_of, printable, shown
-from cltaa.resolve.carried_over import carried_compression, chosen_layers, kept_kinds
-from cltaa.resolve.checkpoint import CHECKPOINT_EVERY
-from cltaa.resolve.fitting import resolver_for
-from cltaa.resolve.outcome import Outcome, stage_rows
-from cltaa.resolve.pipeline import resolve_sequence
-from cltaa.resolve.views import View, parse_views
-from cltaa.sequences.frame_numbers import OnBreak
 
 
 @click.command(
@@ -60,27 +61,65 @@ from cltaa.sequences.frame_numbers import OnBreak
 )
 @click.option("--half", is_flag=True, help="Write half-precision EXRs (values saturate at 65504).")
 @click.option("--compression", help="EXR compression that loses nothing.  [default: the input's, else zip]")
-@click.option("--layers", type=NAMES,
-              help="Channels of the input to keep beside the resolved ones: all, none, or names separated by commas, "
-              "* for anything.  [default: all of other tools' files]")  # fmt: skip
-@click.option("--storage", type=click.Choice([kind.value for kind in STORAGES]), default=Storage.FLOAT.value,
-              show_default=True, help="Number that the history is kept in.")  # fmt: skip
-@click.option("--budget-ms", type=MILLISECONDS, metavar="MS",
-              help="Take what cltaa bench accuracy found best on this device within MS a frame.")  # fmt: skip
+@click.option(
+    "--layers",
+    type=NAMES,
+    help="Channels of the input to keep beside the resolved ones: all, none, or names separated by commas, "
+    "* for anything.  [default: all of other tools' files]",
+)
+@click.option(
+    "--storage",
+    type=click.Choice([kind.value for kind in STORAGES]),
+    default=Storage.FLOAT.value,
+    show_default=True,
+    help="Number that the history is kept in.",
+)
+@click.option(
+    "--budget-ms",
+    type=MILLISECONDS,
+    metavar="MS",
+    help="Take what cltaa bench accuracy found best on this device within MS a frame.",
+)
 @click.option("--strict", is_flag=True, help="Kernels that match the NumPy oracle bit for bit.")
 @input_options
 @verify_option
-@click.option("--band-rows", type=click.IntRange(min=0), metavar="N",
-              help="Resolve in bands of N rows (0: whole images).  [default: as memory asks]")  # fmt: skip
-@click.option("--gaps", type=click.Choice([mode.value for mode in OnBreak]), default=OnBreak.ERROR.value,
-              show_default=True, help="A missing frame: refuse it, or begin a new history behind it.")  # fmt: skip
-@click.option("--on-resize", type=click.Choice([mode.value for mode in OnBreak]), default=OnBreak.ERROR.value,
-              show_default=True, help="Another size: refuse it, or begin a new history with it.")  # fmt: skip
+@click.option(
+    "--band-rows",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Resolve in bands of N rows (0: whole images).  [default: as memory asks]",
+)
+@click.option(
+    "--gaps",
+    type=click.Choice([mode.value for mode in OnBreak]),
+    default=OnBreak.ERROR.value,
+    show_default=True,
+    help="A missing frame: refuse it, or begin a new history behind it.",
+)
+@click.option(
+    "--on-resize",
+    type=click.Choice([mode.value for mode in OnBreak]),
+    default=OnBreak.ERROR.value,
+    show_default=True,
+    help="Another size: refuse it, or begin a new history with it.",
+)
 @click.option("--restart", is_flag=True, help="Begin the output folder anew, whatever it was begun with.")
-@click.option("--checkpoint", type=click.IntRange(min=1), default=CHECKPOINT_EVERY, show_default=True,
-              metavar="N", help="Save the state every N frames, for a run that goes on after a kill.")  # fmt: skip
-@click.option("--debug", "views", type=VIEW_LIST, default="", metavar="LIST",
-              help=f"Also show what was decided at each pixel, as EXR layers and PNGs: {', '.join(View)}.")  # fmt: skip
+@click.option(
+    "--checkpoint",
+    type=click.IntRange(min=1),
+    default=CHECKPOINT_EVERY,
+    show_default=True,
+    metavar="N",
+    help="Save the state every N frames, for a run that goes on after a kill.",
+)
+@click.option(
+    "--debug",
+    "views",
+    type=VIEW_LIST,
+    default="",
+    metavar="LIST",
+    help=f"Also show what was decided at each pixel, as EXR layers and PNGs: {', '.join(View)}.",
+)
 @json_option
 @click.pass_context
 def resolve(
@@ -164,7 +203,7 @@ def within_budget(
     budget_ms: float, device: str | None, size: tuple[int, int], assignments: tuple[str, ...]
 ) -> tuple[Preset, Storage]:
     """What the last measurement on the device found best within the time; says which and why on standard error."""
-    from cltaa.bench.accuracy.budget import choose  # here: it loads all that measures
+    from cltaa.lab.bench.accuracy.budget import choose
 
     choice = choose(launcher_for(device).description, budget_ms, *size)
     click.echo(choice.why, err=True)
@@ -175,7 +214,7 @@ def _print_outcome(outcome: Outcome, preview: Path | None, views: str, *, foreig
     from rich.table import Table  # here and below: when the frames are written, and not before the first is read
 
     from cltaa.commands.printing import print_line, print_table
-    from cltaa.inputs.notes import OPAQUE
+    from cltaa.inputs.intake import OPAQUE
 
     what = f"{counted(outcome.frames, 'frame')}, {outcome.width} x {outcome.height}, preset {shown(outcome.preset)}"
     print_line(what)

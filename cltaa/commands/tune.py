@@ -7,16 +7,14 @@ from pathlib import Path
 
 import click
 
-from cltaa.commands.names import PRESET
-from cltaa.commands.options import FILE_PATH, FOLDER, json_option, measured_options, open_each
-from cltaa.devices.launch import launcher_for
+from cltaa.commands.options import FILE_PATH, FOLDER, PRESET, json_option, measured_options, open_each
+from cltaa.core.backend import launcher_for
 from cltaa.errors import UsageError
-from cltaa.files.atomic import check_creatable
-from cltaa.inputs.opening import Reading
-from cltaa.parameters.presets import preset_of
+from cltaa.inputs.open import Reading
+from cltaa.io.atomic import check_creatable
+from cltaa.io.preset_file import preset_of
+from cltaa.lab.tune.search import Tuned, parse_goal, tune
 from cltaa.printable import counted, json_of, printable
-from cltaa.tuning.goal import parse_goal
-from cltaa.tuning.search import Tuned, tune
 
 
 @click.command("tune")
@@ -26,8 +24,14 @@ from cltaa.tuning.search import Tuned, tune
 )
 @click.option("--target", metavar="METRIC=VALUE", help="Least time with at most this error, as flip=0.02.")
 @click.option("--metric", default="mse", show_default=True, help="What is minimised within a --budget.")
-@click.option("--check", "checked", multiple=True, type=FOLDER, metavar="SEQUENCE",
-              help="Only check the outcome on this one; repeatable.  [default: the last SEQUENCE]")  # fmt: skip
+@click.option(
+    "--check",
+    "checked",
+    multiple=True,
+    type=FOLDER,
+    metavar="SEQUENCE",
+    help="Only check the outcome on this one; repeatable.  [default: the last SEQUENCE]",
+)
 @click.option("--preset", type=PRESET, default="default", show_default=True, help="Where the search begins.")
 @click.option("--config", type=FILE_PATH, help="TOML file of parameters, over the preset.")
 @click.option("--trials", default=40, show_default=True, type=click.IntRange(min=2), help="Settings to try.")

@@ -1,38 +1,95 @@
-"""A sequence of another tool as the sequence of frames that a resolve takes."""
+"""PNGs to be judged, as any tool writes them: 8 bits a channel, sRGB-encoded, with straight alpha."""
 
 from __future__ import annotations
 
 import hashlib
+import struct
 from collections.abc import Collection, Iterable, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
 import msgspec
 import numpy as np
 
-from cltaa.cameras import of_region
-from cltaa.exr.attributes import MATRICES
-from cltaa.exr.channels import COLOUR, GROUPS, Pixels
-from cltaa.exr.read import FrameFile, ImageHeader
-from cltaa.files.manifest import file_sha256, recorded_hashes
-from cltaa.files.names import name_of
-from cltaa.frame_checks import check_camera
-from cltaa.frames import Camera, Effect, Frame, Image, format_effects
+from cltaa.core.frame_checks import check_camera
+from cltaa.core.planes import haloed
+from cltaa.errors import DataError
+from cltaa.frame import Camera, Effect, Frame, Image, format_effects
 from cltaa.inputs.convert import check_depth, linear_colour, motion_px, planar_depth, still_camera
-from cltaa.inputs.intake import Intake, intake_lines
+from cltaa.inputs.intake import Intake, intake_lines, open_intake
 from cltaa.inputs.parts import read_any_header, read_planes
-from cltaa.inputs.roles import channel_missing, whole_numbers
-from cltaa.memory.haloed import haloed
-from cltaa.sequences.frame_numbers import OnBreak
-from cltaa.sequences.images import ImageSequence
-from cltaa.sequences.sources import CHANNEL_OF, NO_PIXELS, Sequence
+from cltaa.inputs.profile import Encoding, Profile, load_profile, override
+from cltaa.inputs.roles import channel_missing, describe, whole_numbers
+from cltaa.io.content import open_regular
+from cltaa.io.exr_frame import COLOUR, GROUPS, MATRICES, Pixels
+from cltaa.io.exr_layout import Layout, of_region
+from cltaa.io.exr_read import FrameFile, ImageHeader
+from cltaa.io.manifest import file_sha256, recorded_hashes
+from cltaa.io.names import name_of, number_of
+from cltaa.io.numbered import FrameRange, OnBreak, even_step, numbered_files
+from cltaa.io.sequence import CHANNEL_OF, NO_PIXELS, ChangedImages, FrameSequence, ImageSequence, open_images
+
+SUFFIX = ".png"
+HEADER = struct.Struct(">8s4x4sIIB")  # signature, length, kind of the first chunk, columns, rows, bits a channel
+SIGNATURE, FIRST = b"\x89PNG\r\n\x1a\n", b"IHDR"
+DEEPEST = 8  # bits a channel: of 16 Pillow reads the upper 8
+
+
+def is_png(path: Path) -> bool:
+    """True for a PNG, and for a folder that holds some and no EXR."""
+    return path.suffix == SUFFIX or (path.is_dir() and not any(path.glob("*.exr")) and any(path.glob(f"*{SUFFIX}")))
+
+
+class PngImages(ImageSequence):
+    """PNGs as linear light, premultiplied where they are see-through."""
+
+    @property
+    def notes(self) -> list[str]:
+        """How they are read."""
+        return ["PNG, taken for sRGB: what was above white is lost"]
+
+    @staticmethod
+    def layout_of(path: Path) -> Layout:
+        """Read the size from the header; raises InputMissing, and DataError for what is no PNG of 8 bits."""
+        with open_regular(path) as file:
+            start = file.read(HEADER.size)
+        if len(start) < HEADER.size or not start.startswith(SIGNATURE) or HEADER.unpack(start)[1] != FIRST:
+            raise DataError("is no PNG", path=path, cure="write it again")
+        *_, width, height, bits = HEADER.unpack(start)
+        if bits > DEEPEST:
+            cure = "write it with 8 bits, or as EXR"
+            raise DataError("too many bits a channel", path=path, expected=DEEPEST, found=bits, cure=cure)
+        window = (0, 0, width - 1, height - 1)
+        return Layout(path, dict.fromkeys("RGB", "uint"), window, window, "zip")
+
+    def image(self, number: int) -> Image:
+        """Read one frame number, [H, W, 3] linear float32; raises DataError where it is damaged."""
+        from PIL import Image as Pillow  # here: most comparisons read none
+
+        path = self.path(number)
+        try:
+            with Pillow.open(path) as file:
+                texels = np.asarray(file.convert("RGBA"), np.float32) / np.float32(255)
+        except (OSError, ValueError, SyntaxError, Pillow.DecompressionBombError) as error:
+            raise DataError(f"the PNG cannot be read ({error})", path=path, cure="write it again") from error
+        return linear_colour(texels[..., :3], Encoding.SRGB) * texels[..., 3:]
+
+
+def open_png(path: Path, *, gaps: OnBreak = OnBreak.ERROR, frames: FrameRange | None = None) -> PngImages:
+    """Open a PNG, or a folder of numbered ones, with the options and errors of ``open_images``."""
+    if path.is_dir():
+        files = numbered_files(path, SUFFIX)
+        return PngImages(*files, verify=False, gaps=gaps, frames=frames, step=even_step(sorted(files[2])))
+    return PngImages(path.parent, name_of(path), {number_of(path) or 0: path}, verify=False, frames=frames)
+
 
 EFFECT_OF = {"motion": Effect.MOTION, "alpha": Effect.ALPHA, "reactive": Effect.REACTIVE}  # what a channel is there for
 
 
-class ForeignSequence(Sequence):
+class ForeignSequence(FrameSequence):
     """A ``Sequence`` whose frames are converted while they are read; ``strict`` False lets wrong matrices pass."""
 
     def __init__(
@@ -53,10 +110,16 @@ class ForeignSequence(Sequence):
         self.replaced = frozenset(place.channel for place in resolved if place.files == resolved[0].files)
         self._hashes: dict[Path, dict[str, str]] = {}
         main = intake.sets[intake.roles["colour"][0].files]
-        self.folder, self.name = folder, name_of(main[numbers[0]])
-        self.verify, self.gaps, self.on_resize, self.step = verify, intake.gaps, intake.on_resize, intake.step
-        self._paths = {number: main[number] for number in numbers}
-        self.layouts = {number: intake.layouts[number] for number in numbers}
+        super().__init__(
+            folder,
+            name_of(main[numbers[0]]),
+            {number: main[number] for number in numbers},
+            verify=verify,
+            gaps=intake.gaps,
+            on_resize=intake.on_resize,
+            step=intake.step,
+            layouts=intake.layouts,
+        )
 
     @property
     def effects(self) -> frozenset[Effect] | None:
@@ -119,12 +182,11 @@ class ForeignSequence(Sequence):
         numbers = [number for number in self.numbers if first <= number <= last]
         selected = type(self)(
             self.folder, self.intake, numbers, strict=self._strict, verify=self.verify, effects=self._declared
-        )  # fmt: skip
+        )
         selected.truth = self.truth
         return selected
 
     def _open_alike(self, folder: Path) -> ImageSequence:
-        from cltaa.inputs.pictures import open_pictures  # here: those are made of such sequences
 
         profile, assignments = self.intake.asked
         return open_pictures(folder, verify=self.verify, gaps=OnBreak.RESET, profile=profile, assignments=assignments)
@@ -166,10 +228,18 @@ class ForeignSequence(Sequence):
                 check_depth(self.intake.profile.depth, camera, self.path(number), number)
         empty: dict[str, Any] = dict.fromkeys(self.holds, NO_PIXELS)
         return Frame(
-            index=number, colour=NO_PIXELS, depth=NO_PIXELS, camera=camera, jitter_px=self._jitter(number, number),
-            cut=declared.cut, exposure=1.0 if declared.exposure is None else declared.exposure,
-            path=self.path(number), step=self.step, effects=self._declared, **empty,
-        )  # fmt: skip
+            index=number,
+            colour=NO_PIXELS,
+            depth=NO_PIXELS,
+            camera=camera,
+            jitter_px=self._jitter(number, number),
+            cut=declared.cut,
+            exposure=1.0 if declared.exposure is None else declared.exposure,
+            path=self.path(number),
+            step=self.step,
+            effects=self._declared,
+            **empty,
+        )
 
     def _jitter(self, number: int, otherwise: int) -> tuple[float, float]:
         """What frame ``number`` declares, or where there is no such frame ``otherwise``; nothing counts as none."""
@@ -248,3 +318,83 @@ def _numbers(camera: Camera | None) -> list[float]:
 
 def _only(plane: Image | None) -> Image | None:
     return None if plane is None else plane[..., 0]
+
+
+class ForeignImages(ImageSequence):
+    """The colour of another tool's frames as an ``ImageSequence``."""
+
+    def __init__(self, sequence: ForeignSequence) -> None:
+        """Take the frames of ``sequence``."""
+        self.sequence = sequence
+        super().__init__(
+            sequence.folder,
+            sequence.name,
+            {number: sequence.path(number) for number in sequence.numbers},
+            verify=sequence.verify,
+            gaps=sequence.gaps,
+            on_resize=sequence.on_resize,
+            step=sequence.step,
+            layouts=sequence.layouts,
+        )
+
+    @property
+    def notes(self) -> list[str]:
+        """Profile and why, and the channels that are the colour."""
+        intake = self.sequence.intake
+        channels = describe({"colour": intake.roles["colour"]}, len(intake.sets) > 1)
+        return [f"profile {intake.profile.name}: {intake.reason}", channels]
+
+    def image(self, number: int) -> Image:
+        """Read the colour of one frame number, [H, W, 3] linear float32."""
+        return self.sequence.colour(number)
+
+    def select(self, first: int, last: int) -> Self:
+        """Return the frames ``first`` to ``last``, both included."""
+        return type(self)(self.sequence.select(first, last))
+
+
+def open_pictures(
+    path: Path,
+    *,
+    verify: bool = True,
+    gaps: OnBreak = OnBreak.ERROR,
+    frames: FrameRange | None = None,
+    profile: str = "auto",
+    assignments: Many[str] = (),
+) -> ImageSequence:
+    """Open images as ``open_images`` does, with its options, a folder of another tool's files by a profile, or PNGs.
+
+    Of the latter a missing frame is no error before it is asked for. Of channels R, G and B that are not cltaa's own a
+    profile only says how they are encoded. Raises what ``open_images`` and ``open_intake`` raise.
+    """
+    if is_png(path):
+        return open_png(path, gaps=gaps, frames=frames)
+    asked = override(Profile() if profile == "auto" else load_profile(profile), assignments)
+    if not _of_another(path) and not asked.colour.view:
+        images = open_images(path, verify=verify, gaps=gaps, frames=frames)
+        encoded = asked.colour.encoding is Encoding.SRGB
+        if not encoded or _own(images):
+            return images
+        return ChangedImages(images, partial(linear_colour, encoding=Encoding.SRGB), ["colour.encoding srgb, as asked"])
+    intake = open_intake(path, profile=profile, assignments=assignments, gaps=OnBreak.RESET, frames=frames)
+    return ForeignImages(ForeignSequence(path, intake, sorted(intake.declared), strict=False, verify=verify))
+
+
+def stated(path: Path) -> dict[str, object]:
+    """The attributes of an EXR's header; a PNG states none. Raises InputMissing or DataError."""
+    return {} if is_png(path) else read_any_header(path).attributes
+
+
+def _own(images: ImageSequence) -> bool:
+    """True for what cltaa wrote, which is linear."""
+    return any(name.startswith("cltaa:") for name in read_any_header(images.path(images.first)).attributes)
+
+
+def _of_another(path: Path) -> bool:
+    """True for a folder of files of several names, or whose first has its colour under other names, or in a part."""
+    files = sorted(path.glob("*.exr")) if path.is_dir() else []
+    if not files:
+        return False
+    if len({name_of(file) for file in files if number_of(file) is not None}) > 1:
+        return True
+    return not set(COLOUR) <= read_any_header(files[0]).layout.channels.keys()

@@ -1,31 +1,50 @@
-"""Opening a sequence that anybody wrote: choose the profile, find the channels, say what is missing, read frames."""
+"""Files of a folder whose headers cannot be read, or that end too early: what a look at the others leaves out."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+import re
+import shlex
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from collections.abc import Sequence as Many
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
-from cltaa.errors import DataError, InputMissing, UsageError
-from cltaa.exr.layout import Layout
-from cltaa.exr.read import ImageHeader
-from cltaa.files.names import renumbered
-from cltaa.inputs.declared import Declared, declared_frames
-from cltaa.inputs.guess import guessed_profile, no_colour
-from cltaa.inputs.notes import notes_of
+import numpy as np
+
+from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
+from cltaa.frame import Camera, Matrix
+from cltaa.inputs.convert import Offset, jitter_px, mended_camera, standard_camera
 from cltaa.inputs.parts import read_any_header
-from cltaa.inputs.profile import Profile, load_profile
-from cltaa.inputs.profile_text import override
-from cltaa.inputs.roles import KEYS, Place, Roles, describe, file_sets, shown_name, whole_numbers
+from cltaa.inputs.profile import Cameras, Profile, load_profile, override
+from cltaa.inputs.roles import (
+    KEYS,
+    ONE_VIEW,
+    Place,
+    Roles,
+    Views,
+    assign,
+    assign_view,
+    describe,
+    file_sets,
+    guessed_profile,
+    no_colour,
+    shown_name,
+    unnumbered,
+    views_of,
+    whole_numbers,
+)
 from cltaa.inputs.side_file import Side, read_side_file
-from cltaa.inputs.views import ONE_VIEW, Views, assign_view, views_of
-from cltaa.sequences.frame_numbers import (
+from cltaa.io.exr_layout import Layout, of_region
+from cltaa.io.exr_read import ImageHeader
+from cltaa.io.names import renumbered
+from cltaa.io.numbered import (
     FrameRange,
     OnBreak,
+    check_size,
     check_steps,
     chosen_numbers,
     even_step,
@@ -35,7 +54,127 @@ from cltaa.sequences.frame_numbers import (
     on_break,
     ranges,
 )
-from cltaa.sequences.numbered import check_size
+
+
+class Damaged(NamedTuple):
+    """What is wrong with a file, which frame it is of, and the label of its set of files."""
+
+    label: str
+    number: int
+    error: CltaaError
+
+
+def damaged_files(sets: Mapping[str, Mapping[int, Path]]) -> dict[Path, Damaged]:
+    """The files among ``sets``, by label and frame number, that cannot be read; pixels are not looked at."""
+    damaged = {}
+    for label, files in sets.items():
+        for number, path in files.items():
+            try:
+                read_any_header(path)
+            except CltaaError as error:
+                damaged[path] = Damaged(label, number, error)
+    return damaged
+
+
+Attributes = Mapping[str, object]
+
+
+class Declared(NamedTuple):
+    """What is known of one frame besides its pixels; None where nothing is declared."""
+
+    camera: Camera | None
+    jitter_px: Offset | None
+    exposure: float | None
+    cut: bool
+
+
+def declared_frames(
+    profile: Profile,
+    attributes: Mapping[int, Attributes],
+    side: Mapping[int, Side],
+    layouts: Mapping[int, Layout],
+    step: int = 1,
+) -> dict[int, Declared]:
+    """Jitter and camera of every frame number; numbers are ``step`` apart, ``layouts`` are of the files.
+
+    Raises DataError for a jitter that is none, and for matrices that cannot be converted.
+    """
+    jitters: dict[int, Offset | None] = dict.fromkeys(attributes)
+    matrices: dict[int, tuple[Matrix, Matrix] | None] = dict.fromkeys(attributes)
+    for number, given in attributes.items():
+        if profile.jitter.source != "none":
+            jitters[number] = _jitter(profile, given, side.get(number), layouts[number].path, number)
+        if profile.camera.source != "none":
+            with _converted(layouts[number].path, number):
+                matrices[number] = _matrices(profile.camera, given, side.get(number))
+    frames = {}
+    for number in attributes:
+        # At the ends of the sequence there may be no frame of that delay: the frame's own number is the best guess.
+        raw = jitters.get(number + profile.jitter.delay * step, jitters[number])
+        jitter = None if raw is None else jitter_px(raw, profile.jitter)
+        pair = matrices.get(number + profile.camera.delay * step, matrices[number])
+        camera = None
+        if pair is not None:
+            layout = layouts[number]
+            with _converted(layout.path, number):
+                whole = mended_camera(*pair, profile.camera, jitter or (0.0, 0.0), *layout.display_size)
+            camera = of_region(whole, layout)
+        frames[number] = Declared(camera, jitter, *_exposure_and_cut(attributes[number], side.get(number)))
+    return frames
+
+
+@contextmanager
+def _converted(path: Path, number: int) -> Iterator[None]:
+    """Raise DataError for a matrix without an inverse; what else is wrong with one is found when a frame is made."""
+    try:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            yield
+    except np.linalg.LinAlgError:
+        cure = "write the camera's own, or do without by --input camera.source=none"
+        raise DataError("a matrix of the camera has no inverse", path=path, frame=number, cure=cure) from None
+
+
+def _exposure_and_cut(attributes: Attributes, side: Side | None) -> tuple[float | None, bool]:
+    exposure, cut = (None, None) if side is None else (side.exposure, side.cut)
+    if exposure is None:
+        value = attributes.get("cltaa:exposure")
+        exposure = float(value) if isinstance(value, int | float) else None
+    return exposure, attributes.get("cltaa:cut") == 1 if cut is None else cut
+
+
+def _jitter(profile: Profile, attributes: Attributes, side: Side | None, path: Path, number: int) -> Offset | None:
+    if side is not None and side.jitter_px is not None:
+        return side.jitter_px
+    value = attributes.get(profile.jitter.attribute)
+    if value is None:
+        return None
+    try:
+        x, y = np.asarray(value, np.float64).ravel()[:2].tolist()
+    except (ValueError, TypeError):
+        raise DataError(
+            f"attribute {profile.jitter.attribute} is no jitter",
+            path=path,
+            frame=number,
+            expected="two numbers",
+            cure="write both, or do without by --input jitter.source=none",
+        ) from None
+    return x, y
+
+
+def _matrices(rule: Cameras, attributes: Attributes, side: Side | None) -> tuple[Matrix, Matrix] | None:
+    if side is not None and side.world_to_view is not None and side.view_to_clip is not None:
+        return side.world_to_view, side.view_to_clip
+    view, projection = _matrix(attributes.get(rule.view)), _matrix(attributes.get(rule.projection))
+    if view is None or projection is None:
+        return None
+    return standard_camera(view, projection, rule.near) if rule.standard else (view, projection)
+
+
+def _matrix(value: object) -> Matrix | None:
+    """A matrix attribute as NumPy's for column vectors (Imath: row vectors), or None."""
+    if not isinstance(value, np.ndarray) or value.shape != (4, 4):
+        return None
+    return np.ascontiguousarray(value.T, np.float64)
 
 
 @dataclass(slots=True)
@@ -133,10 +272,21 @@ def open_intake(
     delays = {"matrices": step * chosen.camera.delay, "jitter": step * chosen.jitter.delay, "exposure": 0}
     _check_complete(folder, known, numbers, delays, side_file, side)
     intake = Intake(
-        chosen, reason, roles, sets, given, layouts, declared,
-        {label: header.layout for label, header in first.items()}, gaps, on_resize, step, (profile, assignments),
-        frozenset(damaged.values()), views,
-    )  # fmt: skip
+        chosen,
+        reason,
+        roles,
+        sets,
+        given,
+        layouts,
+        declared,
+        {label: header.layout for label, header in first.items()},
+        gaps,
+        on_resize,
+        step,
+        (profile, assignments),
+        frozenset(damaged.values()),
+        views,
+    )
     intake.notes += notes_of(intake, folder)
     return intake
 
@@ -172,9 +322,11 @@ def _assigned(
                 shown_name(Place(label, name), len(channels) > 1) for label in channels for name in channels[label]
             ]
             raise UsageError(
-                f"--input {key}={names}: no such channels", path=folder, found=" ".join(there),
+                f"--input {key}={names}: no such channels",
+                path=folder,
+                found=" ".join(there),
                 cure=f"do without by --input {key}='{' '.join(['none'] * (1 + (role == 'motion')))}'",
-            )  # fmt: skip
+            )
     return roles
 
 
@@ -191,9 +343,12 @@ def _side_of(path: Path, numbers: Many[int]) -> dict[int, Side]:
     side = read_side_file(path)
     if not side.keys() & set(numbers):
         raise DataError(
-            "none of the frames is in the side file", path=path, expected=named_frames(numbers),
-            found=ranges(sorted(side)), cure="number its frames as the files are",
-        )  # fmt: skip
+            "none of the frames is in the side file",
+            path=path,
+            expected=named_frames(numbers),
+            found=ranges(sorted(side)),
+            cure="number its frames as the files are",
+        )
     return side
 
 
@@ -222,9 +377,10 @@ def _check_complete(
             beside = any(getattr(one, given) is not None for one in side.values())
             where = "there" if beside else "with --camera FILE"
             raise DataError(
-                f"no {what} for {named_frames(lacking)}", path=side_file if beside else folder,
+                f"no {what} for {named_frames(lacking)}",
+                path=side_file if beside else folder,
                 cure=f"give it to every frame {where}, or to none {otherwise}",
-            )  # fmt: skip
+            )
 
 
 def intake_lines(intake: Intake) -> Iterator[str]:
@@ -232,3 +388,96 @@ def intake_lines(intake: Intake) -> Iterator[str]:
     yield f"profile {intake.profile.name}: {intake.reason}"
     yield f"channels: {describe(intake.roles, len(intake.sets) > 1)}"
     yield from intake.notes
+
+
+# What tools call vectors and depth, in the name of a channel or of its file.
+MOTION_NAME = re.compile(r"mot(ion|vec)|veloc|vector|flow|(^|[._])mvs?($|[._])", re.IGNORECASE)
+DEPTH_NAME = re.compile(r"depth|(^|[._])dist(ance)?($|[._])|(linear|view|eye|scene)_?z($|[._])", re.IGNORECASE)
+# What a resolve of frames that nothing shines through takes for nothing (docs/decisions/0053-alpha-that-is-1.md).
+OPAQUE = "alpha is 1 everywhere: --input colour.alpha=none gives the same colours, a tenth to a fifth faster"
+
+
+def notes_of(intake: Intake, folder: Path) -> list[str]:
+    """One line for each thing that is not there: what is done without it, and how to give it."""
+    notes = []
+    if not intake.has_camera:
+        kept = (
+            "motion vectors alone tell what moves" if "motion" in intake.roles else "the camera is taken to stand still"
+        )
+        notes.append(f"no matrices: {kept}; give them with --camera FILE")
+    if "depth" not in intake.roles:
+        rest = "nothing is told apart by distance, and moving edges are less exact"
+        notes.append(f"no depth: {rest}{_may_be('depth', DEPTH_NAME, intake.unused)}")
+    if "motion" not in intake.roles:
+        rest = (
+            "the camera's motion comes from depth and matrices" if intake.has_camera and "depth" in intake.roles else ""
+        )
+        like = _may_be("motion", MOTION_NAME, intake.unused)
+        notes.append(f"no motion vectors: {rest or 'whatever moves is rectified only'}{like}")
+    elif intake.step > 1:
+        notes.append(
+            f"frames {intake.step} apart: vectors are taken to lead as far back; where they lead one back, "
+            "--input motion.channels='none none' leaves them out"
+        )
+    if not intake.has_jitter:
+        notes.append("no jitter: taken as none; if the pixels are jittered, cltaa check shows by how much")
+    return notes + _left_out(intake, folder)
+
+
+def _left_out(intake: Intake, folder: Path) -> list[str]:
+    """One line for each thing that is there and is not read."""
+    views, notes = intake.views, list[str]()
+    if len(views.names) > 1:
+        taken = views.of(place.channel for place in intake.roles["colour"])
+        other = next(view for view in views.names if view != taken)
+        notes.append(
+            f"several views: {taken} of {', '.join(views.names)} is taken; to take {other}: --input colour.view={other}"
+        )
+    if others := _like_the_colour(intake, views):
+        taken = shlex.quote(" ".join(f"{others[0]}.{name.channel.split('.')[-1]}" for name in intake.roles["colour"]))
+        notes.append(
+            f"another layer: {', '.join(others)} not resolved; to take {others[0]}: --input colour.channels={taken}"
+        )
+    if late := _late(intake):
+        notes.append(
+            f"not in the first frame: {', '.join(late)}; left out of all, for a channel is read of every frame"
+        )
+    if left := unnumbered(folder):
+        notes.append(f"no number: {', '.join(left)}; left out, for the name of a frame ends with its number")
+    return notes
+
+
+def _late(intake: Intake) -> list[str]:
+    """Channels that could play a role that nothing plays, and that only later frames have, in the colour's files."""
+    files = intake.roles["colour"][0].files
+    every = {name for layout in intake.layouts.values() for name in layout.channels}
+    could = assign(intake.profile, {files: sorted(every)})
+    places = [place for role, its in could.items() if role not in intake.roles for place in its]
+    return [place.channel for place in places if place.channel not in intake.first[files].channels]
+
+
+def _like_the_colour(intake: Intake, views: Views) -> list[str]:
+    """Other layers that are called as that of the colour is, such as the beauty of another view layer.
+
+    Those of the colour's view, if there are ``views``.
+    """
+    colour = intake.roles["colour"][0].channel
+    tail, view = views.without(colour).split(".")[-2:], views.of([colour])
+    return [
+        name.rpartition(".")[0]
+        for name in intake.unused
+        if len(tail) > 1 and views.without(name).split(".")[-2:] == tail and views.of([name]) == view
+    ]
+
+
+def _may_be(role: str, pattern: re.Pattern[str], names: Sequence[str]) -> str:
+    """How to take as depth or motion what its name says it is; what its numbers mean is left to ``cltaa check``."""
+    count = 2 if role == "motion" else 1
+    like = [name for name in names if pattern.search(name)]
+    if len(like) < count:
+        return ""
+    letters = "ruxgvy"  # red or u or x is across; a third and a fourth are something else
+    across_first = sorted(like, key=lambda name: (len(name), f"{letters}{name[-1]}".lower().index(name[-1].lower())))
+    taken = " ".join(across_first[:count])
+    option = f"--input {role}.channels={shlex.quote(taken)}"
+    return f"; to take {'those' if count > 1 else 'that'} in {taken}: {option}, which cltaa check judges"

@@ -8,13 +8,19 @@ from dataclasses import replace
 from pathlib import Path
 
 from cltaa.errors import DataError
-from cltaa.exr.channels import Pixels
-from cltaa.exr.header import MULTI_PART
-from cltaa.exr.layout import Layout, shared_window
-from cltaa.exr.openexr import OpenEXR
-from cltaa.exr.outline import Outline, parse_parts, read_outline
-from cltaa.exr.read import ImageHeader, attributes_of, decode_all, loaded_parts, open_content, read_header
-from cltaa.files.content import Copy, check_memory, open_regular
+from cltaa.io.content import Copy, check_memory, open_regular
+from cltaa.io.exr_frame import Pixels
+from cltaa.io.exr_header import MULTI_PART, Outline, parse_parts, read_outline
+from cltaa.io.exr_layout import Layout, shared_window
+from cltaa.io.exr_read import (
+    ImageHeader,
+    attributes_of,
+    decode_all,
+    loaded_parts,
+    open_content,
+    read_header,
+)
+from cltaa.io.openexr import OpenEXR
 
 
 def read_any_header(path: Path, *, chunks: bool = True) -> ImageHeader:
@@ -101,9 +107,12 @@ def _check_count(path: Path, layouts: Sized, found: Sized) -> None:
     """Raise DataError unless OpenEXR finds as many parts as there are."""
     if len(found) != len(layouts):
         raise DataError(
-            "a part is damaged", path=path, expected=f"{len(layouts)} parts", found=f"{len(found)} that can be read",
+            "a part is damaged",
+            path=path,
+            expected=f"{len(layouts)} parts",
+            found=f"{len(found)} that can be read",
             cure="write the file again",
-        )  # fmt: skip
+        )
 
 
 def full_name(part: str, channel: str) -> str:

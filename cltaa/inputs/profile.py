@@ -1,9 +1,11 @@
-"""Reader profiles: what another tool's channels and attributes mean, as data (``cltaa/profiles/*.toml``)."""
+"""Reader profiles: what another tool's channels and attributes mean, as data (``cltaa/inputs/profiles/*.toml``)."""
 
 from __future__ import annotations
 
 import re
+import shlex
 import tomllib
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from importlib import resources
 from operator import attrgetter
@@ -12,13 +14,14 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
+import tomli_w
 
 from cltaa.errors import DataError, UsageError, known
-from cltaa.files.content import read_text
+from cltaa.io.content import read_text
 from cltaa.printable import counted
 
 LARGEST = 1 << 16  # bytes; every key with a comment takes a few thousand
-_FOLDER = resources.files("cltaa") / "profiles"
+_FOLDER = resources.files("cltaa") / "inputs" / "profiles"
 
 Pair = tuple[float, float]
 Source = Literal["declared", "none"]
@@ -26,14 +29,24 @@ MatrixLayout = Literal["row", "column"]
 
 # How an error calls what a key wants, by the key's type.
 KINDS: dict[Any, str] = {
-    float: "a number", float | None: "a number", int: "a whole number", bool: "true or false", Pair: "two numbers",
+    float: "a number",
+    float | None: "a number",
+    int: "a whole number",
+    bool: "true or false",
+    Pair: "two numbers",
     str: "a name",
-}  # fmt: skip
+}
 # All numbers of a profile but depth.sky, which may be infinite.
 FINITE = (
-    "depth.scale", "depth.near", "depth.far", "motion.scale", "motion.offset", "jitter.scale", "jitter.offset",
+    "depth.scale",
+    "depth.near",
+    "depth.far",
+    "motion.scale",
+    "motion.offset",
+    "jitter.scale",
+    "jitter.offset",
     "camera.near",
-)  # fmt: skip
+)
 
 
 class DepthKind(StrEnum):
@@ -211,17 +224,21 @@ def convert_profile(values: dict[str, Any], origin: str) -> Profile:
         if not np.isfinite(attrgetter(path)(profile)).all():
             raise _no_such_value(path, values, origin)
     for key, candidates, count in (
-        ("colour.channels", profile.colour.channels, 3), ("colour.alpha", profile.colour.alpha, 1),
-        ("colour.reactive", profile.colour.reactive, 1), ("depth.channels", profile.depth.channels, 1),
+        ("colour.channels", profile.colour.channels, 3),
+        ("colour.alpha", profile.colour.alpha, 1),
+        ("colour.reactive", profile.colour.reactive, 1),
+        ("depth.channels", profile.depth.channels, 1),
         ("motion.channels", profile.motion.channels, 2),
-    ):  # fmt: skip
+    ):
         for names in candidates:
             if len(names.split()) != count:
                 cure = f"one channel may be named more than once: {' '.join([names.strip() or 'Y'] * count)}"
                 raise DataError(
-                    f"profile: {key} is not {counted(count, 'name')}", path=origin, found=names,
+                    f"profile: {key} is not {counted(count, 'name')}",
+                    path=origin,
+                    found=names,
                     cure=cure if len(names.split()) <= 1 < count else None,
-                )  # fmt: skip
+                )
     return profile
 
 
@@ -235,3 +252,78 @@ def _no_such_value(path: str, values: dict[str, Any], origin: str) -> DataError:
     found = values[section][key]
     found = ",".join(map(str, found)) if isinstance(found, list | tuple) else found
     return DataError(f"profile: {section}.{key} has no such value", path=origin, expected=expected, found=found)
+
+
+def override(profile: Profile, assignments: Sequence[str]) -> Profile:
+    """``profile`` with ``SECTION.KEY=VALUE`` assignments over it; raises UsageError."""
+    values = msgspec.to_builtins(profile)
+    for assignment in assignments:
+        key, equals, text = assignment.partition("=")
+        section, dot, name = key.strip().partition(".")
+        if not (equals and dot):
+            raise UsageError(f"--input {assignment}: no value", expected="SECTION.KEY=VALUE", found=assignment)
+        if name not in values.get(section, {}):
+            keys = [f"{s}.{k}" for s, keys in values.items() if isinstance(keys, dict) for k in keys]
+            raise UsageError(f"--input {assignment}: no such key", cure=known(key.strip(), keys, "keys"))
+        values[section][name] = _value(text.strip(), values[section][name])
+    return convert_profile(values, "--input")
+
+
+def differences(profile: Profile, base: Profile) -> dict[str, dict[str, Any]]:
+    """Keys of ``profile`` that differ from ``base``, by section."""
+    new, old = msgspec.to_builtins(profile), msgspec.to_builtins(base)
+    sections = {
+        section: {key: value for key, value in keys.items() if value != old[section].get(key)}
+        for section, keys in new.items()
+        if isinstance(keys, dict) and section != "recognise"
+    }
+    return {section: keys for section, keys in sections.items() if keys}
+
+
+def assignments_of(values: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """``values`` as ``override`` takes them: ``SECTION.KEY=VALUE``."""
+    return [f"{section}.{key}={_text(value)}" for section, keys in values.items() for key, value in keys.items()]
+
+
+def option_text(values: Mapping[str, Mapping[str, Any]]) -> str:
+    """``values`` as options of the command line, for a shell."""
+    pairs = (assignment.partition("=") for assignment in assignments_of(values))
+    return " ".join(f"--input {key}={shlex.quote(text)}" for key, _, text in pairs)
+
+
+def toml_text(profile: Profile) -> str:
+    """``profile`` as TOML, every key that has a value."""
+    values = msgspec.to_builtins(profile)
+    sections = {
+        name: {key: value for key, value in keys.items() if value is not None}
+        for name, keys in values.items()
+        if isinstance(keys, dict) and keys
+    }
+    return tomli_w.dumps({"description": profile.description, **sections})
+
+
+def _value(text: str, before: object) -> object:
+    """Read the text of an assignment the way TOML would, with lists and words written plainly."""
+    if isinstance(before, list | tuple):
+        entries = [entry.strip() for entry in text.strip("[]").split(",")]
+        return entries if before and isinstance(before[0], str) else [_number(entry) for entry in entries]
+    if text in ("true", "false"):
+        return text == "true"
+    return text if isinstance(before, str) else _number(text)
+
+
+def _number(text: str) -> float | int | str:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
+def _text(value: object) -> str:
+    if isinstance(value, list | tuple):
+        return ",".join(_text(entry) for entry in value)
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value)

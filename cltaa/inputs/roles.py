@@ -1,26 +1,36 @@
-"""Which channel of which file plays which role: the profile's names against the names that are there."""
+"""Which channel of which file and view plays which role: the profile's names against the names that are there.
+
+Names are those of OpenEXR's multi-view files (https://openexr.com/en/latest/TechnicalIntroduction.html, multi-view):
+the view is a word of a channel's name, ``diffuse.right.R``, Blender's ``ViewLayer.Combined.left.R``, or of its part's;
+channels of the first view may have none. Where no word tells, attribute ``view`` of the part does, ``rgba_right``.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Sequence as Many
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
-from cltaa.errors import DataError
-from cltaa.files.manifest import NAME as MANIFEST
-from cltaa.files.names import NUMBERED, number_of
-from cltaa.inputs.profile import Profile
-from cltaa.sequences.below import captures_below, only_below
-from cltaa.sequences.numbered import folder_missing, no_frames
+from cltaa.errors import DataError, UsageError
+from cltaa.inputs.profile import Profile, load_profile, override, profile_names
+from cltaa.io.manifest import NAME as MANIFEST
+from cltaa.io.names import NUMBERED, number_of
+from cltaa.io.numbered import captures_below, folder_missing, no_frames, only_below
+from cltaa.printable import counted
 
 REFERENCE = "reference"  # folders of this name, or that begin with it, hold truth and no input
 
 
 # The key of a profile that names the channels of each role that a frame can do without.
 KEYS = {
-    "depth": "depth.channels", "motion": "motion.channels", "alpha": "colour.alpha", "reactive": "colour.reactive",
-}  # fmt: skip
+    "depth": "depth.channels",
+    "motion": "motion.channels",
+    "alpha": "colour.alpha",
+    "reactive": "colour.reactive",
+}
 
 
 class Place(NamedTuple):
@@ -117,9 +127,13 @@ def channel_missing(place: Place, role: str, count: int, path: Path, there: Iter
 def whole_numbers(place: Place, path: Path) -> DataError:
     """The error where what is to be read as light, depth or motion holds whole numbers."""
     return DataError(
-        "wrong channel type", path=path, channel=place.channel, expected="half or float", found="uint",
+        "wrong channel type",
+        path=path,
+        channel=place.channel,
+        expected="half or float",
+        found="uint",
         cure="write it as 32-bit float",
-    )  # fmt: skip
+    )
 
 
 def describe(roles: Roles, several: bool = False) -> str:
@@ -175,3 +189,156 @@ def _in_set(patterns: Sequence[str], label: str, names: Iterable[str], by_set: b
 def _short(label: str) -> str:
     """The name of a set of files for a reader: that of its folder, if it has one of its own."""
     return label.split("/")[0]
+
+
+USUAL = ("left", "right")  # what views are called where no attribute names them
+
+Channels = Mapping[str, Iterable[str]]  # of each set of files
+
+
+class Views(NamedTuple):
+    """The views of a picture, the first of them first, none where it has one that nothing names."""
+
+    names: tuple[str, ...] = ()
+    stated: Mapping[str, str] = MappingProxyType({})  # of channels, by attributes of their parts
+
+    def within(self, name: str) -> set[str]:
+        """The views that a channel is of: those in its name, else what is stated; empty where nothing tells."""
+        words = set(name.split(".")[:-1]) & set(self.names)
+        return words or ({self.stated[name]} if name in self.stated else set())
+
+    def of(self, channels: Iterable[str]) -> str:
+        """The view that channels are of: the one that is told, else the first; empty where there are none."""
+        told = (view for name in channels for view in self.names if view in self.within(name))
+        return next(told, [*self.names, ""][0])
+
+    def without(self, name: str) -> str:
+        """A channel's name without what says of which view it is."""
+        *words, last = name.split(".")
+        kept = [word for word in words if word not in self.names]
+        if len(kept) == len(words) and name in self.stated:
+            kept = [word.removesuffix(f"_{self.stated[name]}") for word in words]
+        return ".".join([*kept, last])
+
+
+ONE_VIEW = Views()
+
+
+def views_of(attributes: Mapping[str, object], channels: Channels, stated: Iterable[Mapping[str, str]] = ()) -> Views:
+    """The views of a picture; ``stated`` are those of channels by attribute ``view``, of each set of files."""
+    named = attributes.get("multiView", USUAL)
+    words = {word for names in channels.values() for name in names for word in name.split(".")[:-1]}
+    if not isinstance(named, list | tuple):
+        return ONE_VIEW
+    views = [view for view in named if isinstance(view, str)]
+    # Those of the first view may go without its name.
+    there = [view for view in views if view in words]
+    if "multiView" in attributes:
+        return Views(tuple(views)) if there else ONE_VIEW
+    pairs = list(dict.fromkeys(pair for its in stated for pair in its.items()))
+    # Sets of files that are of one view each, with names alike, are told apart as sets.
+    of_parts = dict(pairs) if len(dict(pairs)) == len(pairs) else {}
+    names = [*(views if len(there) > 1 else ()), *of_parts.values()]
+    return Views(tuple(dict.fromkeys([*(view for view in USUAL if view in names), *names])), of_parts)
+
+
+def assign_view(profile: Profile, channels: Channels, views: Views) -> Roles:
+    """The channels of each role, all of one view: that of the profile, else that of the colour that is found.
+
+    Raises UsageError for a view that there is not.
+    """
+    view = profile.colour.view
+    if view and view not in views.names:
+        what, expected = f"--input colour.view={view}: no such view", ", ".join(views.names)
+        raise UsageError(what, expected=expected or "none: the picture has one view, or its names do not tell them")
+    if not views.names:
+        return assign(profile, channels)
+    if not view:
+        found = assign(profile, channels)
+        if "colour" not in found and len(views.names) > 1:  # it is not for us to choose
+            return found
+        view = views.of(place.channel for place in found.get("colour", ()))
+    asked = _asked_for(profile)
+    own = {label: _of_view(names, view, views, asked) for label, names in channels.items()}
+    roles = assign(profile, {label: tuple(named) for label, named in own.items()})
+    return {
+        role: tuple(Place(its.files, own[its.files][its.channel]) for its in places) for role, places in roles.items()
+    }
+
+
+def _asked_for(profile: Profile) -> set[str]:
+    """Every name of a channel that the profile has."""
+    colour = profile.colour
+    every = (colour.channels, colour.alpha, colour.reactive, profile.depth.channels, profile.motion.channels)
+    return {name for candidates in every for names in candidates for name in names.split()}
+
+
+def _of_view(names: Iterable[str], view: str, views: Views, asked: set[str]) -> dict[str, str]:
+    """The channels of one view and those of none, by their names without it, and any that is ``asked`` for in full."""
+    named, others = dict[str, str](), dict[str, str]()
+    for name in names:
+        told = views.within(name)
+        if view in told:
+            named[views.without(name)] = name
+        by_part = view in told and name in views.stated  # whose own name may be asked for by a pattern
+        if (not told and (view == views.names[0] or "." in name)) or by_part or (told and name in asked):
+            others[name] = name
+    return others | named
+
+
+OF_NO_TOOL = {"parts": 1, "cltaa": 2}  # and which goes before which
+LUMINANCE = "Y"  # of a picture in greys, as OpenEXR calls it
+
+
+def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]], views: Views = ONE_VIEW) -> DataError:
+    """The error where nothing is the colour, or several sets of files or ``views`` could be."""
+    if (
+        views.names
+        and not profile.colour.view
+        and "colour" in assign_view(override(profile, [f"colour.view={views.names[0]}"]), channels, views)
+    ):
+        cure = f"choose one: --input colour.view={views.names[0]}"
+        return DataError("the picture has several views", path=folder, found=", ".join(views.names), cure=cure)
+    several = equal_matches(profile.colour.channels, channels)
+    if several:
+        names = " ".join(shown_name(place, several=True) for place in several[0])
+        return DataError(
+            "several sets of files may be the colour",
+            path=folder,
+            found=", ".join(places[0].files for places in several),
+            cure=f"name the folder of one sequence, or the channels, as --input colour.channels='{names}'",
+        )
+    there = [name for names in channels.values() for name in names]
+    found = " ".join(there)
+    grey = LUMINANCE if LUMINANCE in there else there[0] if len(there) == 1 else None
+    # Of a picture in greys one channel is all three.
+    example = " ".join([grey] * 3) if grey else _like_colour(there) or "RED GREEN BLUE"
+    cure = f"name them: --input colour.channels='{example}'"
+    expected = " or ".join(profile.colour.channels)
+    return DataError("no colour channels", path=folder, expected=expected, found=found, cure=cure)
+
+
+def _like_colour(there: Many[str]) -> str | None:
+    """Three of the channels ``there`` that are called red, green and blue in some way, the shortest of such names."""
+    named = {name.lower(): name for name in there}
+    for words in (("r", "g", "b"), ("red", "green", "blue")):
+        for name in sorted(named, key=len):
+            stem, dot, last = name.rpartition(".")
+            three = [f"{stem}{dot}{word}" for word in words]
+            if last == words[0] and named.keys() >= set(three):
+                return " ".join(named[each] for each in three)
+    return None
+
+
+def guessed_profile(attributes: dict[str, object], channels: dict[str, tuple[str, ...]]) -> tuple[Profile, str]:
+    """The profile whose header attribute is there, else the one that finds most roles; and why."""
+    profiles = [load_profile(name) for name in profile_names()]
+    for profile in profiles:
+        for name, word in profile.recognise.items():
+            if name in attributes and word in str(attributes[name]):
+                shown = str(attributes[name])[:40] if word else "there"
+                return profile, f"header attribute {name} is {shown}"
+    scores = {profile.name: len(assign(profile, channels)) for profile in profiles}
+    # Of profiles that fit alike those of no tool win: a tool names itself in the header, and its units are its own.
+    best = max(profiles, key=lambda profile: (scores[profile.name], OF_NO_TOOL.get(profile.name, 0)))
+    return best, f"no header names the writer; its channel names fit best ({counted(scores[best.name], 'role')})"

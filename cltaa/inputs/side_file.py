@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cltaa.core.frame_checks import EXPOSURE_STOPS
 from cltaa.errors import DataError, closest
-from cltaa.files.content import read_text
-from cltaa.frame_checks import EXPOSURE_STOPS
-from cltaa.frames import Matrix
+from cltaa.frame import Matrix
+from cltaa.io.content import read_text
 from cltaa.printable import counted
 
 LARGEST = 1 << 28  # bytes; a frame takes less than 2000, so that a hundred thousand fit

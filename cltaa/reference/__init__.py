@@ -8,7 +8,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from cltaa.reference import doubled, gathering, resolve, spans, stages, to_halves, weigh_spans
+from cltaa.reference import (
+    doubled,
+    gathering,
+    resolve,
+    spans,
+    stages,
+    weigh_spans,
+)
+from cltaa.reference import (
+    store as to_halves,
+)
 
 # Kernel name -> twin; called with (build, layout, **arguments by the kernel's own names).
 KERNELS: dict[str, Callable[..., Any]] = {

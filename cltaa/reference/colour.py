@@ -1,10 +1,22 @@
-"""Twin of ``colour.h``: RGB and the box space. A colour is a tuple of three arrays [H, W]."""
+"""Twin of ``colour.h`` and ``repair.h``: RGB, the box space, and texels outside the domain."""
 
 from __future__ import annotations
 
-from cltaa.parameters.build import Build
-from cltaa.parameters.choices import BoxSpace, Tonemap
-from cltaa.reference.real import Array, Mask, constant, greater, number, outside_domain
+import numpy as np
+
+from cltaa.core.build import Build, Real
+from cltaa.core.constants import PAD_X, PAD_Y
+from cltaa.core.parameters import BoxSpace, Tonemap
+from cltaa.core.planes import Layout
+from cltaa.reference.real import (
+    Array,
+    Mask,
+    constant,
+    greater,
+    number,
+    outside_domain,
+    quiet,
+)
 
 Colour = tuple[Array, Array, Array]
 
@@ -79,3 +91,33 @@ def from_range(v: Colour, build: Build) -> Colour:
 def colour_outside_domain(v: Colour) -> Mask:
     """True where any channel is unusable."""
     return outside_domain(v[0]) | outside_domain(v[1]) | outside_domain(v[2])
+
+
+@quiet
+def repaired_planes(planes: Array, layout: Layout) -> Array:
+    """Repaired copy of colour planes [3, rows, stride], halo included (the edge repeated).
+
+    The sum runs over the 3x3 row by row and the mean is one division, as in the kernel.
+    """
+    bad = colour_outside_domain((planes[0], planes[1], planes[2]))
+    repaired = planes.copy()
+    rows, columns = np.nonzero(layout.inside(bad))
+    if rows.size:
+        rows, columns = rows + PAD_Y, columns + PAD_X
+        zero = np.zeros_like(planes[:3, rows, columns])
+        total, count = zero, zero[0]
+        for j in (-1, 0, 1):
+            for i in (-1, 0, 1):
+                usable = ~bad[rows + j, columns + i]
+                total = np.where(usable, total + planes[:3, rows + j, columns + i], total)
+                count = np.where(usable, count + number(1.0, count), count)
+        repaired[:3, rows, columns] = np.where(count > number(0.0, count), total / greater(count, 1.0), zero)
+        layout.extend_edges(repaired)
+    return repaired
+
+
+def usable_colour(current: Array, build: Build, layout: Layout) -> Colour:
+    """Each pixel's own colour [H, W], repaired where need be, in the range that everything is compared in."""
+    real = np.float64 if build.real is Real.DOUBLE else np.float32
+    r, g, b = (layout.inside(plane).astype(real) for plane in repaired_planes(current, layout)[:3])
+    return to_range((r, g, b), build)

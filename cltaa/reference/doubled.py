@@ -7,17 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.constants import PAD_X, PAD_Y
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Record, texel_planes
-from cltaa.parameters.choices import Reject
-from cltaa.reference.blend import storable_colour
-from cltaa.reference.colour import Colour, colour_outside_domain
-from cltaa.reference.history import History, same_surface
-from cltaa.reference.history_filter import SIX_TAPS, Row, history_weights, weigh, weigh_rows
-from cltaa.reference.light import history_in_range
-from cltaa.reference.neighbourhood import Surface, nearest_surface
-from cltaa.reference.pixel import (
+from cltaa.core.build import Build, Record, texel_planes
+from cltaa.core.constants import PAD_X, PAD_Y
+from cltaa.core.parameters import Reject
+from cltaa.core.planes import Layout
+from cltaa.reference.accumulate import (
     Pixel,
     Resolved,
     believed_samples,
@@ -25,13 +19,36 @@ from cltaa.reference.pixel import (
     current_pixel,
     past_alpha,
     resolve_beside,
+    storable_colour,
 )
+from cltaa.reference.colour import Colour, colour_outside_domain
+from cltaa.reference.history import History, same_surface
+from cltaa.reference.illumination import history_in_range
+from cltaa.reference.neighbourhood import Surface, nearest_surface
 from cltaa.reference.planes import extend_stored, read_rows, store_resolved
-from cltaa.reference.projection import Motion, motion_to_edge, on_screen, surface_motion
-from cltaa.reference.real import Array, Mask, constant, limit, number, quiet
+from cltaa.reference.real import (
+    Array,
+    Mask,
+    constant,
+    limit,
+    number,
+    quiet,
+)
 from cltaa.reference.rectify import Rectification, rectify
-from cltaa.reference.sampling import Footprint, Quad, bilinear, footprint_of, sample_quad
-from cltaa.reference.storage import stored_history
+from cltaa.reference.reprojection import Motion, motion_to_edge, on_screen, surface_motion
+from cltaa.reference.sampling import (
+    SIX_TAPS,
+    Footprint,
+    Quad,
+    Row,
+    bilinear,
+    footprint_of,
+    history_weights,
+    sample_quad,
+    weigh,
+    weigh_rows,
+)
+from cltaa.reference.store import stored_history
 
 TEXELS = ((0, 0), (1, 0), (0, 1), (1, 1))  # right, down: the order in which they are kept
 

@@ -7,10 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Record
-from cltaa.parameters.choices import AlphaFrom, CurrentFilter, FilterUse, GatherFit, LightChange
-from cltaa.reference.blend import filtered_share, sample_share, storable_colour
+from cltaa.core.build import Build, Record
+from cltaa.core.parameters import AlphaFrom, CurrentFilter, FilterUse, GatherFit, LightChange
+from cltaa.core.planes import Layout
+from cltaa.reference.accumulate import (
+    Pixel,
+    Resolved,
+    box_gamma,
+    drawn_towards,
+    fading_share,
+    filtered_share,
+    fresh_colour,
+    sample_share,
+    storable_colour,
+)
 from cltaa.reference.colour import Colour, from_range
 from cltaa.reference.gather_fit import (
     Gathered,
@@ -24,17 +34,16 @@ from cltaa.reference.gather_sample import View, gather_sample
 from cltaa.reference.gather_sides import NEIGHBOURS, Layers, Side, range_of_side
 from cltaa.reference.gather_track import Track
 from cltaa.reference.neighbourhood import Surface
-from cltaa.reference.pixel import (
-    Pixel,
-    Resolved,
-    box_gamma,
-    drawn_towards,
-    fading_share,
-    fresh_colour,
+from cltaa.reference.real import (
+    Array,
+    Mask,
+    constant,
+    greater,
+    limit,
+    number,
 )
-from cltaa.reference.projection import Motion, motion_from_depth, on_screen, pixel_grid
-from cltaa.reference.real import Array, Mask, constant, greater, limit, number
 from cltaa.reference.rectify import rectify
+from cltaa.reference.reprojection import Motion, motion_from_depth, on_screen, pixel_grid
 from cltaa.reference.sampling import footprint_of
 
 

@@ -7,12 +7,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Record
-from cltaa.parameters.choices import GatherFit
+from cltaa.core.build import Build, Record
+from cltaa.core.parameters import GatherFit
+from cltaa.core.planes import Layout
 from cltaa.reference.neighbourhood import Surface
-from cltaa.reference.projection import Motion, pixel_grid
-from cltaa.reference.real import Array, Mask, constant, lesser, limit, number
+from cltaa.reference.real import (
+    Array,
+    Mask,
+    constant,
+    lesser,
+    limit,
+    number,
+)
+from cltaa.reference.reprojection import Motion, pixel_grid
 
 
 @dataclass(slots=True)

@@ -6,18 +6,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Record
-from cltaa.parameters.choices import GatherFit, LightChange
-from cltaa.reference.blend import sample_share, share_difference
+from cltaa.core.build import Build, Record
+from cltaa.core.parameters import GatherFit, LightChange
+from cltaa.core.planes import Layout
+from cltaa.reference.accumulate import Pixel, as_reactive, sample_share, share_difference, usable_share
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.gather_fit import Gathered, Places, window
 from cltaa.reference.gather_sides import Layers
 from cltaa.reference.gather_track import KEPT_CLOSENESS, kept_alpha, kept_reactive, seen_then, texel_at
 from cltaa.reference.neighbourhood import Surface, usable_closeness
-from cltaa.reference.pixel import Pixel, as_reactive, usable_share
-from cltaa.reference.projection import Motion
 from cltaa.reference.real import Array, Mask, number
+from cltaa.reference.reprojection import Motion
 from cltaa.reference.sampling import Footprint
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.constants import PAD_X, PAD_Y
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Record
+from cltaa.core.build import Build, Record
+from cltaa.core.constants import PAD_X, PAD_Y
+from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.neighbourhood import Row, Surface, usable_closeness
 from cltaa.reference.real import Array, Mask, constant, number

@@ -6,15 +6,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.constants import THIN_COLUMNS, THIN_FARTHER, THIN_ROWS, THIN_STEP
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Record
-from cltaa.parameters.choices import ThinSearch
+from cltaa.core.build import Build, Record
+from cltaa.core.constants import THIN_COLUMNS, THIN_FARTHER, THIN_ROWS, THIN_STEP
+from cltaa.core.parameters import ThinSearch
+from cltaa.core.planes import Layout
 from cltaa.reference.gather_sides import NEIGHBOURS, Layers, texels_beside
 from cltaa.reference.gather_track import KEPT_CLOSENESS, KEPT_MOTION, texel_at, untold
 from cltaa.reference.neighbourhood import Surface, usable_closeness
-from cltaa.reference.projection import motion_from_depth, on_screen
 from cltaa.reference.real import Array, Mask, constant, greater, number
+from cltaa.reference.reprojection import motion_from_depth, on_screen
 from cltaa.reference.sampling import footprint_of
 
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.parameters.build import Build, Record, Steps
-from cltaa.parameters.choices import GatherFit, Reject
+from cltaa.core.build import Build, Record, Steps
+from cltaa.core.parameters import GatherFit, Reject
 from cltaa.reference.history import same_surface
 from cltaa.reference.neighbourhood import Surface, usable_closeness
-from cltaa.reference.projection import Motion
 from cltaa.reference.real import Array, Mask, constant, outside_domain
+from cltaa.reference.reprojection import Motion
 from cltaa.reference.sampling import Footprint, Quad
 
 KEPT_CLOSENESS, KEPT_MOTION = 3, 4

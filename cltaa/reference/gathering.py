@@ -6,21 +6,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from cltaa.constants import WANDER_FRAMES
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Record, kept_planes
-from cltaa.parameters.choices import GatherFit
-from cltaa.reference.blend import sample_share
+from cltaa.core.build import Build, Record, kept_planes
+from cltaa.core.constants import WANDER_FRAMES
+from cltaa.core.parameters import GatherFit
+from cltaa.core.planes import Layout
+from cltaa.reference.accumulate import Pixel, Resolved, current_pixel, sample_share
 from cltaa.reference.gather import add_side, gather_samples, in_front, resolve_gathered
 from cltaa.reference.gather_fit import Gathered, first_sample
 from cltaa.reference.gather_sides import Layers, layers_of, side_of, sides_of
 from cltaa.reference.gather_thin import recall_thin
 from cltaa.reference.gather_track import Track, untold
 from cltaa.reference.neighbourhood import Surface, nearest_surface
-from cltaa.reference.pixel import Pixel, Resolved, current_pixel
 from cltaa.reference.planes import extend_stored, read_rows, store_resolved
-from cltaa.reference.projection import Motion, surface_motion
 from cltaa.reference.real import Array, quiet
+from cltaa.reference.reprojection import Motion, surface_motion
 
 FARTHEST = 1  # its place among the layers of a pixel, after the nearest
 
@@ -97,9 +96,21 @@ class Gathering:
         """The samples of some kept frames, those that follow on what was gathered."""
         for place, (s, layers, sums, track) in enumerate(self.sides):
             gather_samples(
-                self.slots, past, sums, self.pixel, s, layers, build, layout, frame, settings,
-                far_only=place == FARTHEST, track=track, before=before, recent=0 if place else recent,
-            )  # fmt: skip
+                self.slots,
+                past,
+                sums,
+                self.pixel,
+                s,
+                layers,
+                build,
+                layout,
+                frame,
+                settings,
+                far_only=place == FARTHEST,
+                track=track,
+                before=before,
+                recent=0 if place else recent,
+            )
 
     def resolved(self, build: Build, layout: Layout, settings: Record) -> Resolved:
         """The pixel from the samples gathered so far."""
@@ -125,10 +136,22 @@ class Gathering:
 
 @quiet
 def gather(
-    build: Build, layout: Layout, *, current: Array, closeness: Array, motion: Array | None, alpha: Array | None,
-    reactive: Array | None, kept: Array, past: Any, frames: int, output: Array, output_count: Array, frame: Record,
+    build: Build,
+    layout: Layout,
+    *,
+    current: Array,
+    closeness: Array,
+    motion: Array | None,
+    alpha: Array | None,
+    reactive: Array | None,
+    kept: Array,
+    past: Any,
+    frames: int,
+    output: Array,
+    output_count: Array,
+    frame: Record,
     settings: Record,
-) -> None:  # fmt: skip
+) -> None:
     """Resolve one frame from padded planes and ``frames`` kept ones into ``output`` and ``output_count``."""
     gathering = Gathering.begin(build, layout, locals(), parted=True)
     gathering.add(past[:frames], build, layout, frame, settings, recent=WANDER_FRAMES)

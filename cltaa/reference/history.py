@@ -7,16 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Record
-from cltaa.parameters.choices import LightChange, Reject
+from cltaa.core.build import Build, Record
+from cltaa.core.parameters import LightChange, Reject
+from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, colour_outside_domain
-from cltaa.reference.history_filter import history_weights
-from cltaa.reference.light import above_lobes, history_in_light, history_in_range
+from cltaa.reference.illumination import above_lobes, history_in_light, history_in_range
 from cltaa.reference.neighbourhood import Surface
-from cltaa.reference.projection import Motion, motion_to_edge, on_screen
 from cltaa.reference.real import Array, Mask, greater, limit, number
-from cltaa.reference.sampling import Quad, bilinear, footprint_of, sample_plane, sample_quad
+from cltaa.reference.reprojection import Motion, motion_to_edge, on_screen
+from cltaa.reference.sampling import Quad, bilinear, footprint_of, history_weights, sample_plane, sample_quad
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Real, Record
+from cltaa.core.build import Build, Real, Record
+from cltaa.core.planes import Layout
+from cltaa.reference.accumulate import Resolved
+from cltaa.reference.colour import repaired_planes
 from cltaa.reference.neighbourhood import Row, read_row
-from cltaa.reference.pixel import Resolved
 from cltaa.reference.real import Array, constant
-from cltaa.reference.repair import repaired_planes
-from cltaa.reference.storage import stored_history
+from cltaa.reference.store import stored_history
 
 
 def real_type(build: Build) -> Any:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.constants import value
+from cltaa.core.constants import value
 
 Array = NDArray[Any]  # [H, W] of the stage's real
 Mask = NDArray[np.bool_]  # [H, W]

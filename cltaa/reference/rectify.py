@@ -6,13 +6,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Record
-from cltaa.parameters.choices import Accumulate, AntiFlicker, Box, Rectify
+from cltaa.core.build import Build, Record
+from cltaa.core.parameters import Accumulate, AntiFlicker, Box, Rectify
+from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, from_box_space, to_box_space
 from cltaa.reference.neighbourhood import Statistics
-from cltaa.reference.projection import Motion
-from cltaa.reference.real import Array, constant, greater, lesser, limit, number
+from cltaa.reference.real import (
+    Array,
+    constant,
+    greater,
+    lesser,
+    limit,
+    number,
+)
+from cltaa.reference.reprojection import Motion
 
 
 class BoxOf(NamedTuple):

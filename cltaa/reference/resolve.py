@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Record
+from cltaa.core.build import Build, Record
+from cltaa.core.planes import Layout
+from cltaa.reference.accumulate import box_gamma, current_pixel, past_alpha, resolve_pixel
 from cltaa.reference.history import sample_history
 from cltaa.reference.neighbourhood import nearest_surface
-from cltaa.reference.pixel import box_gamma, current_pixel, past_alpha, resolve_pixel
 from cltaa.reference.planes import extend_stored, read_rows, store_resolved
-from cltaa.reference.projection import surface_motion
 from cltaa.reference.real import Array, quiet
 from cltaa.reference.rectify import rectify
+from cltaa.reference.reprojection import surface_motion
 
 
 @quiet

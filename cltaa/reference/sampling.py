@@ -1,18 +1,130 @@
-"""Twin of ``sampling.h``: reading the previous frame between its texels."""
+"""Twin of ``sampling.h`` and ``history_filter.h``: reading the previous frame between its texels."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.constants import PAD_X, PAD_Y
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build
-from cltaa.reference.history_filter import SIX_TAPS, Row, Weights, weigh, weigh_rows
-from cltaa.reference.projection import Motion
+from cltaa.core.build import Build
+from cltaa.core.constants import PAD_X, PAD_Y
+from cltaa.core.parameters import HistoryFilter
+from cltaa.core.planes import Layout
 from cltaa.reference.real import Array, Mask, number
+from cltaa.reference.reprojection import Motion
+
+SIX_TAPS: Final = (HistoryFilter.LANCZOS_3,)
+IN_PAIRS: Final = (HistoryFilter.CATMULL_ROM_9, HistoryFilter.CATMULL_ROM_5)
+LANCZOS_3_REST: Final = (
+    1.08880002e-9,
+    -5.33705067e-8,
+    1.250181346e-6,
+    -1.846066788e-5,
+    1.8136861741e-4,
+    -1.0968711551e-3,
+    3.08639261435e-3,
+)
+
+
+class Weights(NamedTuple):
+    """Of all taps but tap 1; of Catmull-Rom's 16 taps those of the steps from tap to tap."""
+
+    first: Array
+    w0: Array
+    w2: Array
+    w3: Array
+    last: Array
+
+
+class Row(NamedTuple):
+    """What the taps of a row come to: their mean, or a pair in the middle and what the sides add to it."""
+
+    middle: Array
+    sides: Array
+
+
+def catmull_rom(t: Array, build: Build) -> Weights:
+    """Catmull and Rom 1974, tension 1/2, at fraction ``t``."""
+    k = t.dtype.type
+    w3 = (t * t) * (k(-0.5) + k(0.5) * t)
+    if build.choices.history_filter in IN_PAIRS:
+        w0 = t * (k(-0.5) + t * (k(1.0) - k(0.5) * t))
+        w2 = t * (k(0.5) + t * (k(2.0) - k(1.5) * t)) / (k(1.0) - (w0 + w3))
+    else:
+        w0 = t * (k(0.5) - t * (k(1.0) - k(0.5) * t))
+        w2 = t * (k(0.5) + t * (k(1.5) - t))
+    zero = np.zeros_like(t)
+    return Weights(zero, w0, w2, w3, zero)
+
+
+def lanczos_3(s: Array) -> Array:
+    """sinc(x) sinc(x / 3) for ``s`` = x^2 <= 9."""
+    k = s.dtype.type
+    q = k(LANCZOS_3_REST[0]) * s + k(LANCZOS_3_REST[1])
+    for coefficient in LANCZOS_3_REST[2:]:
+        q = q * s + k(coefficient)
+    double_zero = k(9.0) - s
+    w: Array = ((k(1.0) - s) * (k(4.0) - s)) * ((double_zero * double_zero) * q)
+    return w
+
+
+def lanczos(t: Array) -> Weights:
+    """Six taps of Lanczos' kernel (Duchon 1979) at fraction ``t``, made to sum to 1."""
+    k = t.dtype.type
+    a, b, c, d, e = t + k(2.0), t + k(1.0), k(1.0) - t, k(2.0) - t, k(3.0) - t
+    first, w0, w2, w3, last = (lanczos_3(x * x) for x in (a, b, c, d, e))
+    total = ((first + last) + (w0 + w3)) + (w2 + lanczos_3(t * t))
+    return Weights(first / total, w0 / total, w2 / total, w3 / total, last / total)
+
+
+def history_weights(t: Array, build: Build) -> Weights:
+    """Weights at fraction ``t`` of the build's history filter."""
+    k, kind = t.dtype.type, build.choices.history_filter
+    zero = np.zeros_like(t)
+    if kind is HistoryFilter.NEAREST:
+        return Weights(zero, zero, np.where(t >= k(0.5), k(1.0), k(0.0)), zero, zero)
+    if kind is HistoryFilter.BILINEAR:
+        return Weights(zero, zero, t, zero, zero)
+    return lanczos(t) if kind in SIX_TAPS else catmull_rom(t, build)
+
+
+def weigh(p: Sequence[Array], w: Weights, build: Build) -> Row:
+    """The taps of a line as one of them, or their pair in the middle, plus weighted differences from it."""
+    kind = build.choices.history_filter
+    first, (p0, p1, p2, p3), last = (p[0], p[1:5], p[5]) if kind in SIX_TAPS else (None, p, None)
+    pair: Array = p1 + w.w2 * (p2 - p1)
+    middle, sides = pair, np.zeros_like(pair)
+    if kind is HistoryFilter.CATMULL_ROM:
+        middle = ((p1 + w.w0 * (p1 - p0)) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p2)
+    if kind is HistoryFilter.CATMULL_ROM_9:
+        middle = pair + (w.w0 * (p0 - pair) + w.w3 * (p3 - pair))
+    if kind is HistoryFilter.CATMULL_ROM_5:
+        sides = w.w0 * (p0 - pair) + w.w3 * (p3 - pair)
+    if first is not None and last is not None:
+        inner = (w.w0 * (p0 - p1) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p1)
+        middle = p1 + (inner + (w.first * (first - p1) + w.last * (last - p1)))
+    return Row(middle, sides)
+
+
+def without_corners(rows: Sequence[Row], wx: Weights, wy: Weights) -> Array:
+    """Five of the nine pairs of Catmull-Rom, made to sum to 1 (Jimenez 2016)."""
+    r0, r1, r2, r3 = rows
+    one = number(1.0, wx.w0)
+    pair_x, pair_y = one - (wx.w0 + wx.w3), one - (wy.w0 + wy.w3)
+    centre = r1.middle + wy.w2 * (r2.middle - r1.middle)
+    sides = r1.sides + wy.w2 * (r2.sides - r1.sides)
+    ends = wy.w0 * (r0.middle - centre) + wy.w3 * (r3.middle - centre)
+    value: Array = centre + (pair_y * sides + pair_x * ends) / (pair_y + pair_x * (one - pair_y))
+    return value
+
+
+def weigh_rows(rows: Sequence[Row], wx: Weights, wy: Weights, build: Build) -> Array:
+    """Rows weighed along y."""
+    if build.choices.history_filter is HistoryFilter.CATMULL_ROM_5:
+        return without_corners(rows, wx, wy)
+    return weigh([row.middle for row in rows], wy, build).middle
 
 
 class Footprint(NamedTuple):

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from cltaa.constants import CONSTANTS
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Record
-from cltaa.reference.blend import sample_share
+from cltaa.core.build import Build, Record
+from cltaa.core.constants import CONSTANTS
+from cltaa.core.planes import Layout
+from cltaa.reference.accumulate import sample_share
 from cltaa.reference.colour import Colour, colour_outside_domain
-from cltaa.reference.real import Array, constant, greater, lesser, limit, number
+from cltaa.reference.real import (
+    Array,
+    constant,
+    greater,
+    lesser,
+    limit,
+    number,
+)
 from cltaa.reference.span_weights import Drift, around
 
 TEXELS = 9
@@ -56,9 +63,15 @@ def said_around(spans: list[Array], shares: list[Array], layout: Layout) -> list
 
 
 def moved_to_now(
-    v: Colour, spans: list[Array], shares: list[Array], current: Array, build: Build, layout: Layout,
-    frame: Record, settings: Record,
-) -> Colour:  # fmt: skip
+    v: Colour,
+    spans: list[Array],
+    shares: list[Array],
+    current: Array,
+    build: Build,
+    layout: Layout,
+    frame: Record,
+    settings: Record,
+) -> Colour:
     """``v``, what the spans came to, moved to what the 3x3 of ``current`` [3, rows, stride] shows, as far as that is no
     chance."""
     zero, one = np.zeros_like(v[0]), np.ones_like(v[0])

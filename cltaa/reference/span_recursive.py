@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build
-from cltaa.reference.pixel import Resolved, drawn_towards
-from cltaa.reference.real import Array, constant, greater, lesser, limit, number
+from cltaa.core.build import Build
+from cltaa.core.planes import Layout
+from cltaa.reference.accumulate import Resolved, drawn_towards
+from cltaa.reference.real import (
+    Array,
+    constant,
+    greater,
+    lesser,
+    limit,
+    number,
+)
 
 
 def recursive_share(recursive: Array, count: Array, latest: Array) -> Array:

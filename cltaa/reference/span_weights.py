@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cltaa.constants import CONSTANTS, PAD_X, PAD_Y, SHORT_SPAN, SPAN_REACH
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Record
-from cltaa.reference.blend import sample_share
+from cltaa.core.build import Build, Record
+from cltaa.core.constants import CONSTANTS, PAD_X, PAD_Y, SHORT_SPAN, SPAN_REACH
+from cltaa.core.planes import Layout
+from cltaa.reference.accumulate import sample_share
 from cltaa.reference.real import Array, constant, greater, lesser, number
 
 TEXELS = (2 * SPAN_REACH + 1) ** 2

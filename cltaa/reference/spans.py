@@ -7,20 +7,27 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.constants import MIDDLE_SPAN, SHORT_SPAN, SPANS, value
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Record, span_planes
-from cltaa.parameters.choices import AlphaFrom
-from cltaa.reference.blend import sample_share, share_difference, storable_colour
+from cltaa.core.build import Build, Record, span_planes
+from cltaa.core.constants import MIDDLE_SPAN, SHORT_SPAN, SPANS, value
+from cltaa.core.parameters import AlphaFrom
+from cltaa.core.planes import Layout
+from cltaa.reference.accumulate import (
+    Pixel,
+    Resolved,
+    as_reactive,
+    sample_share,
+    share_difference,
+    storable_colour,
+    usable_share,
+)
 from cltaa.reference.colour import Colour, colour_outside_domain, from_range, to_range
 from cltaa.reference.gather_fit import Gathered
 from cltaa.reference.gather_track import KEPT_CLOSENESS, kept_alpha, kept_reactive, seen_then
 from cltaa.reference.gathering import Gathering
 from cltaa.reference.neighbourhood import Surface, usable_closeness
-from cltaa.reference.pixel import Pixel, Resolved, as_reactive, usable_share
 from cltaa.reference.planes import extend_stored
-from cltaa.reference.projection import Motion
 from cltaa.reference.real import Array, constant, greater, number, quiet
+from cltaa.reference.reprojection import Motion
 
 
 def span_ends(frames: int) -> list[int]:
@@ -144,10 +151,23 @@ def resolve_unmoved(
 
 @quiet
 def gather_spans(
-    build: Build, layout: Layout, *, current: Array, closeness: Array, motion: Array | None, alpha: Array | None,
-    reactive: Array | None, kept: Array, past: Any, frames: int, standing: int, spans: Array,
-    repeats: Array, frame: Record, settings: Record,
-) -> None:  # fmt: skip
+    build: Build,
+    layout: Layout,
+    *,
+    current: Array,
+    closeness: Array,
+    motion: Array | None,
+    alpha: Array | None,
+    reactive: Array | None,
+    kept: Array,
+    past: Any,
+    frames: int,
+    standing: int,
+    spans: Array,
+    repeats: Array,
+    frame: Record,
+    settings: Record,
+) -> None:
     """Resolve one frame from each span of ``frames`` kept ones into ``spans`` [SPANS * SPAN_PLANES, rows, stride]; the
     latest ``standing`` of them were seen by the camera of now. What repeated samples say of the span without
     motion goes into ``repeats`` [1, rows, stride]."""

@@ -6,18 +6,17 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Record
-from cltaa.parameters.choices import FilterUse
-from cltaa.reference.colour import Colour
+from cltaa.core.build import Build, Record
+from cltaa.core.parameters import FilterUse
+from cltaa.core.planes import Layout
+from cltaa.reference.accumulate import Pixel, box_gamma, load_shares, past_alpha, resolve_pixel
+from cltaa.reference.colour import Colour, repaired_planes, usable_colour
 from cltaa.reference.history import History, sample_history
 from cltaa.reference.neighbourhood import Statistics, Surface, current_sample, nearest_surface, neighbourhood_statistics
-from cltaa.reference.pixel import Pixel, box_gamma, load_shares, past_alpha, resolve_pixel
 from cltaa.reference.planes import read_rows, real_type, store_resolved
-from cltaa.reference.projection import Motion, surface_motion
 from cltaa.reference.real import Array, number, quiet
 from cltaa.reference.rectify import Rectification, rectify
-from cltaa.reference.repair import repaired_planes, usable_colour
+from cltaa.reference.reprojection import Motion, surface_motion
 
 
 def repair_colour_kernel(build: Build, layout: Layout, *, current: Array, repaired: Array, frame: Record) -> None:  # noqa: ARG001

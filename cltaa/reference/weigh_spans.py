@@ -6,16 +6,22 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.constants import SPANS
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Record, span_planes
-from cltaa.reference.blend import storable_colour
-from cltaa.reference.pixel import Resolved
+from cltaa.core.build import Build, Record, span_planes
+from cltaa.core.constants import SPANS
+from cltaa.core.planes import Layout
+from cltaa.reference.accumulate import Resolved, storable_colour
 from cltaa.reference.planes import real_type, store_resolved
 from cltaa.reference.real import Array, constant, lesser, quiet
 from cltaa.reference.span_now import held_by_now, moved_to_now
 from cltaa.reference.span_recursive import beside_recursive
-from cltaa.reference.span_weights import believed, drifts_of, shared_noise, sum_around, trust, unsettled
+from cltaa.reference.span_weights import (
+    believed,
+    drifts_of,
+    shared_noise,
+    sum_around,
+    trust,
+    unsettled,
+)
 
 
 def errors_of(parts: Any, repeats: Array, layout: Layout) -> tuple[list[Array], Array, Array]:
@@ -32,9 +38,19 @@ def errors_of(parts: Any, repeats: Array, layout: Layout) -> tuple[list[Array], 
 
 @quiet
 def weigh_spans(
-    build: Build, layout: Layout, *, current: Array, spans: Array, repeats: Array, recursive: Array,
-    recursive_count: Array, output: Array, output_count: Array, frame: Record, settings: Record,
-) -> None:  # fmt: skip
+    build: Build,
+    layout: Layout,
+    *,
+    current: Array,
+    spans: Array,
+    repeats: Array,
+    recursive: Array,
+    recursive_count: Array,
+    output: Array,
+    output_count: Array,
+    frame: Record,
+    settings: Record,
+) -> None:
     """Write each pixel from the spans of its past, padded planes [SPANS * SPAN_PLANES, rows, stride], what repeated
     samples say of the last, [1, rows, stride], the current frame [3, rows, stride], and the recursive resolve of it:
     planes [3 or 4, rows, stride] in the numbers of the history, and of its samples, [1, rows, stride]."""

@@ -7,7 +7,7 @@ from rich.table import Table
 
 from cltaa.commands.options import json_option
 from cltaa.commands.printing import Console
-from cltaa.frames import format_effects
+from cltaa.frame import format_effects
 from cltaa.printable import json_of
 from cltaa_datasets.models import FORMATS, MOTIONS
 

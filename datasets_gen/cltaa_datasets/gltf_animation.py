@@ -14,8 +14,10 @@ from cltaa_datasets.scene import Matrix
 
 Floats = NDArray[np.float64]
 REST: dict[str, tuple[float, ...]] = {
-    "translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0),
-}  # fmt: skip
+    "translation": (0.0, 0.0, 0.0),
+    "rotation": (0.0, 0.0, 0.0, 1.0),
+    "scale": (1.0, 1.0, 1.0),
+}
 NEARLY_PARALLEL = 1.0 - 1e-9  # cosine between quaternions from which a straight line is as good as an arc
 
 

@@ -120,10 +120,12 @@ class AnimatedModel:
             joints, shares = vertices.read("JOINTS_0").astype(np.int64), vertices.read("WEIGHTS_0")
             shares = shares / np.maximum(shares.sum(axis=1, keepdims=True), np.finfo(np.float32).tiny)
         part = Part(
-            name, meshes.make_mesh(positions, vertices.faces, rest.normals, uv),
-            self._material(primitive.get("material")), _colours(vertices, count),
+            name,
+            meshes.make_mesh(positions, vertices.faces, rest.normals, uv),
+            self._material(primitive.get("material")),
+            _colours(vertices, count),
             deforms=bool(targets) or skin is not None,
-        )  # fmt: skip
+        )
         weights = weights or (0.0,) * len(targets)
         return Piece(part, node, rest, targets, weights, skin, joints, shares)
 
@@ -195,6 +197,4 @@ def _still(part: Part, shape: Shape | None) -> Part:
     if shape is None:
         return part
     uv = meshes.texture_coordinates(part.mesh)
-    return replace(
-        part, mesh=meshes.make_mesh(shape.positions, part.mesh.faces, shape.normals, uv), deforms=False
-    )  # fmt: skip
+    return replace(part, mesh=meshes.make_mesh(shape.positions, part.mesh.faces, shape.normals, uv), deforms=False)

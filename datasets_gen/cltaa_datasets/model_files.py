@@ -12,8 +12,8 @@ import trimesh
 from numpy.typing import NDArray
 
 from cltaa.errors import DataError, InputMissing, UsageError
-from cltaa.frames import Effect
-from cltaa.pictures.srgb import decoded
+from cltaa.frame import Effect
+from cltaa.io.display import decoded
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.gltf_model import at_rest
 from cltaa_datasets.models import FORMATS, GLTF, MOTIONS

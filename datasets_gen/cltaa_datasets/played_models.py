@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.errors import CltaaError
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets import animation, model_files
 from cltaa_datasets.gltf_model import AnimatedModel
 from cltaa_datasets.scene import Instant, Perspective, Scene, Sun

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets.scene import Instant, Part, Scene
 
 # What a scene's function returns: its parts, and how they stand at a time.

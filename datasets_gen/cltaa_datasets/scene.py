@@ -13,7 +13,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 
 Colour = tuple[float, float, float]
 Vector = tuple[float, float, float]

@@ -34,9 +34,16 @@ def placed(body: Floats, centres: Floats, sizes: Floats) -> Shape:
 
 
 def fountain(
-    rng: np.random.Generator, count: int, *, life: float, rest: float, speeds: tuple[Floats, Floats], pull: Floats,
-    growth: float, size: float,
-) -> Path:  # fmt: skip
+    rng: np.random.Generator,
+    count: int,
+    *,
+    life: float,
+    rest: float,
+    speeds: tuple[Floats, Floats],
+    pull: Floats,
+    growth: float,
+    size: float,
+) -> Path:
     """Throw bodies from the origin again and again, each from a random moment on, with a random velocity.
 
     ``speeds`` are the least and greatest velocities, ``pull`` the acceleration, ``size`` that at the start, ``growth``

@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_capture.cameras import view_to_clip
 from cltaa_capture.osmesa import open_context
 from cltaa_datasets import meshes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cltaa.frames import Camera
+from cltaa.frame import Camera
 from cltaa_capture.cameras import (
     clip_to_world_direction,
     jitter_ndc,

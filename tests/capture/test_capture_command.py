@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from cltaa.cli import main
-from cltaa.sequences.sources import open_sequence
+from cltaa.io.sequence import open_sequence
 from cltaa_capture import osmesa
 from tests.capture.test_sequence import digests
 
@@ -138,8 +138,11 @@ def test_egl_without_a_surfaceless_display_draws_on_a_device(tmp_path: Path) -> 
     arguments = ["capture", "conveyor", *TINY, "--backend", "egl", "-o"]
     done = subprocess.run(
         [sys.executable, "-c", program, *arguments, str(tmp_path / "device")],
-        capture_output=True, text=True, check=False, timeout=PATIENCE,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=PATIENCE,
+    )
     assert done.returncode == 0, done.stderr
     surfaceless = run_alone(*arguments, str(tmp_path / "surfaceless"))
     assert surfaceless.returncode == 0, surfaceless.stderr

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cltaa.checking.jitter import LARGEST_MEAN_PX
+from cltaa.core.presets import load_preset, preset_names
 from cltaa.errors import UsageError
-from cltaa.parameters.presets import load_preset, preset_names
+from cltaa.lab.check.jitter import LARGEST_MEAN_PX
 from cltaa_capture.cli import capture
 from cltaa_capture.jitter import (
     LONGEST_LATTICE,
@@ -27,7 +27,7 @@ from cltaa_capture.jitter import (
     radical_inverse,
 )
 from cltaa_capture.sequence import Request
-from tests.presets.transcriptions import babylon, simvx, vireo
+from tests.core.transcriptions import babylon, simvx, vireo
 
 # 0.5 is exact and an offset has at most 53 bits: the mean of N offsets is off by N/2 roundings of 2^-54 at the most.
 MEAN_ERROR = 2.0**-50

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cltaa.errors import InternalError
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets.animation import rotation
 from cltaa_datasets.scene import Matrix, Part, Scene, Shape
 from tests.capture.analytic_scenes import (

@@ -14,11 +14,11 @@ import pytest
 import cltaa_capture
 import cltaa_datasets
 from cltaa.errors import DataError, OutputError, StorageError, UsageError
-from cltaa.exr.read import read_colour, read_image
-from cltaa.exr.write import write_frame
-from cltaa.files.manifest import file_sha256
-from cltaa.frames import Effect, Image
-from cltaa.sequences.sources import open_sequence
+from cltaa.frame import Effect, Image
+from cltaa.io.exr_read import read_colour, read_image
+from cltaa.io.exr_write import write_frame
+from cltaa.io.manifest import file_sha256
+from cltaa.io.sequence import open_sequence
 from cltaa_capture import manifest, sequence
 from cltaa_capture.jitter import Offsets, jitter_sequence
 from cltaa_capture.sequence import Request, capture_sequence

@@ -10,8 +10,8 @@ import OpenEXR
 import pytest
 
 from cltaa.cli import main
-from cltaa.exr.read import read_header, read_image
 from cltaa.inputs.parts import read_any_header
+from cltaa.io.exr_read import read_header, read_image
 from tests.faults.exr_surgery import dissect
 from tests.inputs.foreign import write_blender
 from tests.sequence_factory import make_frame, write_sequence
@@ -32,9 +32,13 @@ def foreign(tmp_path: Path) -> Path:
     rng = np.random.default_rng(0)
     corners = (np.array([5, 7], np.int32), np.array([16, 15], np.int32))
     header = {
-        "type": OpenEXR.scanlineimage, "compression": OpenEXR.PIZ_COMPRESSION, "chromaticities": CHROMATICITIES,
-        "owner": "somebody", "dataWindow": corners, "displayWindow": corners,
-    }  # fmt: skip
+        "type": OpenEXR.scanlineimage,
+        "compression": OpenEXR.PIZ_COMPRESSION,
+        "chromaticities": CHROMATICITIES,
+        "owner": "somebody",
+        "dataWindow": corners,
+        "displayWindow": corners,
+    }
     for index in range(2):
         channels = {
             name: rng.random((9, 12)).astype(np.float32) for name in ("R", "G", "B", "Z", "diffuse.R", "diffuse.G")
@@ -138,6 +142,6 @@ def test_another_tools_file_is_decoded_once(foreign: Path, monkeypatch: pytest.M
     def again(path: Path, **_: object) -> None:
         raise AssertionError(f"{path} was opened again")
 
-    monkeypatch.setattr("cltaa.resolve.carried_over.read_any_header", again)
-    monkeypatch.setattr("cltaa.resolve.carried_over.read_planes", again)
+    monkeypatch.setattr("cltaa.pipeline.output.read_any_header", again)
+    monkeypatch.setattr("cltaa.pipeline.output.read_planes", again)
     assert {"diffuse.R", "mask", "id"} <= read_image(resolve(foreign))[0].keys()

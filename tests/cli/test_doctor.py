@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from cltaa import doctor
-from cltaa.devices import kernel_cache
+from cltaa.opencl import cache as kernel_cache
 
 
 def run_doctor(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:

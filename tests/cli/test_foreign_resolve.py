@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.exr.write import write_image
-from cltaa.sequences.sources import open_images
+from cltaa.io.exr_write import write_image
+from cltaa.io.sequence import open_images
 from tests.inputs.foreign import write_blender
 from tests.sequence_factory import make_frame
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from cltaa import cli, errors
-from cltaa.exr.read import read_image
+from cltaa.io.exr_read import read_image
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -25,9 +25,13 @@ from cltaa.exr.read import read_image
     ],
 )
 def test_interrupt_that_another_module_swallows(
-    number: signal.Signals, error: Exception, code: int, words: str, monkeypatch: pytest.MonkeyPatch,
+    number: signal.Signals,
+    error: Exception,
+    code: int,
+    words: str,
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     """Packages that are interrupted while they are imported go on without a part of theirs; our own errors stand."""
 
     def swallowed(*_: object, **__: object) -> None:
@@ -45,7 +49,7 @@ import sys
 from pathlib import Path
 import numpy as np
 from cltaa import cli
-from cltaa.sequences.streams import Writer
+from cltaa.io.streams import Writer
 def work(*_, **__):
     noise = np.random.default_rng(0).random((1080, 1920), np.float32)
     with Writer() as writer:

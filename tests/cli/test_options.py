@@ -5,7 +5,14 @@ from __future__ import annotations
 import click
 import pytest
 
-from cltaa.commands.options import FRAME_RANGE, FROM_0, FROM_2, MILLISECONDS, NAMES, SIZE
+from cltaa.commands.options import (
+    FRAME_RANGE,
+    FROM_0,
+    FROM_2,
+    MILLISECONDS,
+    NAMES,
+    SIZE,
+)
 
 
 @pytest.mark.parametrize(

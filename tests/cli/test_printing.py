@@ -59,5 +59,10 @@ def test_a_name_is_printed_to_the_letter(capsys: pytest.CaptureFixture[str]) -> 
 
 def test_thousands_are_in_full() -> None:
     assert [three_digits(value) for value in (0.0, 0.01234, 7.946, 999.4, 1288.7, 2.36e4)] == [
-        "0", "0.0123", "7.95", "999", "1289", "23600",
-    ]  # fmt: skip
+        "0",
+        "0.0123",
+        "7.95",
+        "999",
+        "1289",
+        "23600",
+    ]

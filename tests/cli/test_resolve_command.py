@@ -13,11 +13,12 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.commands.presets import parameter_rows
-from cltaa.exr.read import read_frame, read_image
-from cltaa.exr.write import write_frame
-from cltaa.parameters.presets import FIELDS, load_config, load_preset, preset_names
-from cltaa.resolve.resolver import Resolver
-from cltaa.sequences.sources import open_sequence
+from cltaa.core.presets import FIELDS, load_preset, preset_names
+from cltaa.core.resolver import Resolver
+from cltaa.io.exr_read import read_frame, read_image
+from cltaa.io.exr_write import write_frame
+from cltaa.io.preset_file import load_config
+from cltaa.io.sequence import open_sequence
 from tests.sequence_factory import bits, write_sequence
 
 

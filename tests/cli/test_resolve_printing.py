@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 
 from cltaa.cli import main
-from cltaa.frames import Effect
-from cltaa.inputs.notes import OPAQUE
-from cltaa.parameters.build import Storage
-from cltaa.parameters.presets import Preset
-from cltaa.resolve.outcome import Outcome, StageTimes
-from cltaa.resolve.resolver import Resolver
-from cltaa.resolve.views import View
+from cltaa.core.build import Storage
+from cltaa.core.presets import Preset
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Effect
+from cltaa.inputs.intake import OPAQUE
+from cltaa.pipeline.debug_views import View
+from cltaa.pipeline.run import Outcome, StageTimes
 from tests.inputs.foreign import write_blender
 from tests.sequence_factory import make_frame, write_sequence
 
@@ -22,9 +22,18 @@ from tests.sequence_factory import make_frame, write_sequence
 def outcome(**changes: Any) -> Outcome:
     seconds = StageTimes(read=0.001, upload=0.002, kernels=0.003, read_back=0.004, write=0.005, whole=0.0125)
     made: dict[str, Any] = {
-        "output": "/out", "frames": 5, "resolved": 5, "repaired": 0, "opaque": 0, "saturated": 0, "width": 37,
-        "height": 23, "device": "a device", "preset": "default", "seconds": seconds,
-    }  # fmt: skip
+        "output": "/out",
+        "frames": 5,
+        "resolved": 5,
+        "repaired": 0,
+        "opaque": 0,
+        "saturated": 0,
+        "width": 37,
+        "height": 23,
+        "device": "a device",
+        "preset": "default",
+        "seconds": seconds,
+    }
     return Outcome(**made | changes)
 
 
@@ -34,17 +43,24 @@ def outcome(**changes: Any) -> Outcome:
         ({}, [], []),
         ({"resolved": 4}, [], ["1 frame finished already"]),
         ({"resolved": 2, "repaired": 1}, [], ["3 frames finished already", "1 pixel without a usable number repaired"]),
-        ({"repaired": 7, "saturated": 9}, [], ["7 pixels without a usable number repaired",
-                                               "9 pixels saturated at 65504, the largest half"]),
+        (
+            {"repaired": 7, "saturated": 9},
+            [],
+            ["7 pixels without a usable number repaired", "9 pixels saturated at 65504, the largest half"],
+        ),
         ({}, ["--debug", "count"], ["debug views in /out/debug"]),
         ({}, ["--preview", "a [b].mp4"], ["film a [b].mp4"]),
         ({"opaque": 5}, [], []),  # of cltaa's own files
     ],
-)  # fmt: skip
+)
 def test_what_is_said_of_a_run(
-    changes: dict[str, Any], options: list[str], said: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    changes: dict[str, Any],
+    options: list[str],
+    said: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     monkeypatch.setattr("cltaa.commands.resolve.resolve_sequence", lambda *_, **__: outcome(**changes))
     command = ["resolve", str(write_sequence(tmp_path / "in", 1)), "-o", str(tmp_path / "out"), "--device", "numpy"]
     assert main([*command, *options]) == 0
@@ -82,13 +98,42 @@ def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr("cltaa.commands.resolve.resolve_sequence", run)
     monkeypatch.setattr("cltaa.commands.resolve.resolver_for", built)
     options = [
-        "--set", " gamma_still = 2 ", "--device", "numpy", "--storage", "half", "--half", "--strict", "--band-rows",
-        "8", "--compression", "piz", "--checkpoint", "3", "--restart", "--debug", "count", "--effects", "camera",
-    ]  # fmt: skip
+        "--set",
+        " gamma_still = 2 ",
+        "--device",
+        "numpy",
+        "--storage",
+        "half",
+        "--half",
+        "--strict",
+        "--band-rows",
+        "8",
+        "--compression",
+        "piz",
+        "--checkpoint",
+        "3",
+        "--restart",
+        "--debug",
+        "count",
+        "--effects",
+        "camera",
+    ]
     out = tmp_path / "out"
     assert main(["resolve", str(write_sequence(tmp_path / "in", 1)), "-o", str(out), *options]) == 0
     assert asked == {
-        "gamma": 2.0, "device": "numpy", "storage": Storage.HALF, "strict": True, "band_rows": 8, "half": True,
-        "resolver": "the resolver", "output": out, "effects": frozenset({Effect.CAMERA}), "compression": "piz",
-        "preview": None, "restart": True, "checkpoint_every": 3, "debug": (View.COUNT,), "layers": (),
-    }  # fmt: skip
+        "gamma": 2.0,
+        "device": "numpy",
+        "storage": Storage.HALF,
+        "strict": True,
+        "band_rows": 8,
+        "half": True,
+        "resolver": "the resolver",
+        "output": out,
+        "effects": frozenset({Effect.CAMERA}),
+        "compression": "piz",
+        "preview": None,
+        "restart": True,
+        "checkpoint_every": 3,
+        "debug": (View.COUNT,),
+        "layers": (),
+    }

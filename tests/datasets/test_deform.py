@@ -54,9 +54,15 @@ def test_a_skinned_normal_stays_square_to_its_surface(ball: Shape) -> None:
 def test_no_body_of_a_swarm_jumps_while_it_is_seen() -> None:
     speeds = np.full(3, -1.0), np.full(3, 1.0)
     path = swarms.fountain(
-        np.random.default_rng(1), 200, life=0.8, rest=0.1, speeds=speeds, pull=np.array([0.0, -9.8, 0.0]), growth=0.3,
+        np.random.default_rng(1),
+        200,
+        life=0.8,
+        rest=0.1,
+        speeds=speeds,
+        pull=np.array([0.0, -9.8, 0.0]),
+        growth=0.3,
         size=0.01,
-    )  # fmt: skip
+    )
     jumped = 0
     for frame in range(1, 60):
         (before, smaller), (now, size) = path((frame - 1) / 30.0), path(frame / 30.0)

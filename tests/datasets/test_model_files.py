@@ -11,7 +11,7 @@ import trimesh
 from PIL import Image
 
 from cltaa.errors import DataError, InputMissing, UsageError
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets import meshes
 from cltaa_datasets.model_files import load_model, model_scene
 from cltaa_datasets.scene import AlphaMode
@@ -58,9 +58,14 @@ def test_materials_and_textures_of_gltf(tmp_path: Path) -> None:
     visual: Any = mesh.visual
     material_class: Any = trimesh.visual.material.PBRMaterial
     visual.material = material_class(
-        baseColorTexture=Image.fromarray(texels), alphaMode="MASK", alphaCutoff=0.3, doubleSided=True,
-        metallicFactor=0.25, roughnessFactor=0.75, emissiveFactor=[0.5, 0.25, 1.0],
-    )  # fmt: skip
+        baseColorTexture=Image.fromarray(texels),
+        alphaMode="MASK",
+        alphaCutoff=0.3,
+        doubleSided=True,
+        metallicFactor=0.25,
+        roughnessFactor=0.75,
+        emissiveFactor=[0.5, 0.25, 1.0],
+    )
     (part,), _, _ = load_model(export(tmp_path, "sheet.glb", mesh))
     material = part.material
     assert material.base_texture is not None

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cltaa.errors import DataError, InputMissing
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets.gltf_animation import Channel, quaternion_matrix, slerp
 from cltaa_datasets.gltf_file import GltfFile
 from cltaa_datasets.gltf_model import AnimatedModel

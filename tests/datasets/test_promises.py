@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets.scene import Instant, Scene
 from cltaa_datasets.scenes import registered
 from tests.built_scenes import built

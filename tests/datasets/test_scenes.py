@@ -13,7 +13,7 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.errors import UsageError
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets import textures
 from cltaa_datasets.registry import SCENES
 from cltaa_datasets.scene import AlphaMode, Instant, Material, Perspective, Scene, Sky

@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 
 from cltaa.errors import CltaaError
-from cltaa.exr.read import read_frame
-from cltaa.frames import Frame
+from cltaa.frame import Frame
+from cltaa.io.exr_read import read_frame
 from cltaa.process import configure
 
 HANG = 5.0  # seconds of processor time after which reading one small file counts as hanging

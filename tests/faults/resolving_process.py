@@ -18,9 +18,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from cltaa.memory.allocator import kept_memory
+from cltaa.core.planes import kept_memory
+from cltaa.core.resolver import Resolver
 from cltaa.process import configure
-from cltaa.resolve.resolver import Resolver
 from tests.sequence_factory import make_camera, make_frame
 
 TOP = Path(__file__).parents[2]

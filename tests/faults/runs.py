@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cltaa.cli import main
-from cltaa.exr.read import read_image
-from cltaa.files.manifest import file_sha256, recorded_hashes
+from cltaa.io.exr_read import read_image
+from cltaa.io.manifest import file_sha256, recorded_hashes
 from tests.sequence_factory import write_sequence
 
 FRAMES = 7  # with a checkpoint every 2 frames both slots are written and overwritten
@@ -106,8 +106,11 @@ def start(command: list[str], **variables: str) -> subprocess.Popen[str]:
     """Start ``cltaa`` with ``command`` in a process of its own."""
     return subprocess.Popen(
         [sys.executable, "-m", "cltaa.cli", *command],
-        env={**os.environ, **variables}, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        env={**os.environ, **variables},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
 # What a test does in the midst of a run must not depend on who is faster: all frames but the first few wait to be
@@ -116,7 +119,7 @@ HELD = """
 import itertools, os, sys, time
 from pathlib import Path
 from cltaa.cli import main
-from cltaa.files.manifest import Manifest
+from cltaa.io.manifest import Manifest
 
 append, numbers, parent = Manifest.append, itertools.count(), os.getppid()
 go, most = Path(sys.argv[1]), int(sys.argv[2])
@@ -138,8 +141,10 @@ def start_held(command: list[str], go: Path, frames: int) -> subprocess.Popen[st
     """Start ``cltaa`` with ``command``, which waits for the file ``go`` when ``frames`` frames are finished."""
     return subprocess.Popen(
         [sys.executable, "-c", HELD, str(go), str(frames), *command],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
 def wait_for_frames(process: subprocess.Popen[str], output: Path, frames: int) -> None:
@@ -189,6 +194,9 @@ def unprivileged(command: list[str], **variables: str) -> tuple[int, str]:
     """Exit code and standard error of ``cltaa`` run by a user whom permissions bind."""
     child = subprocess.run(
         [sys.executable, "-c", UNPRIVILEGED, *command],
-        env=os.environ | variables, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        env=os.environ | variables,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     return child.returncode, child.stderr

@@ -17,8 +17,8 @@ from pathlib import Path
 import pytest
 
 from cltaa.cli import main
-from cltaa.devices import kernel_cache
 from cltaa.errors import ResourceError
+from cltaa.opencl import cache as kernel_cache
 from tests.faults.runs import (
     PATIENCE,
     check_after_fault,
@@ -77,9 +77,13 @@ def test_a_limit_on_the_size_of_files_is_seen_before_the_compiler_aborts(
     """In blocks of 512 or 1024 bytes, as the shell has it: room for a frame, and none for the text of a kernel."""
     command = shlex.join([sys.executable, "-m", "cltaa", *arguments(on_device[0], tmp_path / "out")])
     done = subprocess.run(
-        ["sh", "-c", f"ulimit -f 1000; exec {command}"], env=os.environ | {"POCL_CACHE_DIR": str(tmp_path / "cache")},
-        capture_output=True, text=True, timeout=PATIENCE, check=False,
-    )  # fmt: skip
+        ["sh", "-c", f"ulimit -f 1000; exec {command}"],
+        env=os.environ | {"POCL_CACHE_DIR": str(tmp_path / "cache")},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
     assert done.returncode == 75, done.stderr
     assert "files may not grow large enough for built kernels (expected 4.2 MB, found at most " in done.stderr
     assert "the shell limits the size of a file: ulimit -f unlimited" in done.stderr
@@ -117,9 +121,14 @@ def test_cache_on_a_disk_that_is_full(tmp_path: Path, on_device: tuple[Path, dic
 def test_processes_on_one_cold_cache(tmp_path: Path, rounds: int) -> None:
     command = [sys.executable, "-m", "tests.faults.cold_cache", str(tmp_path), str(rounds)]
     child = subprocess.run(
-        command, cwd=Path(__file__).parents[2], env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-        capture_output=True, text=True, timeout=PATIENCE, check=False,
-    )  # fmt: skip
+        command,
+        cwd=Path(__file__).parents[2],
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
     assert child.returncode == 0, child.stderr[-3000:]
     assert [json.loads(line)["codes"] for line in child.stdout.splitlines()] == [[0] * PROCESSES] * rounds
 
@@ -184,7 +193,7 @@ def test_who_builds_after_an_aborted_compiler_is_told(
     with kernel_cache.filling("a"):
         pass
     assert capfd.readouterr().err == ""
-    aborting = "import os; from cltaa.devices.kernel_cache import filling\nwith filling('a'): os.abort()"
+    aborting = "import os; from cltaa.opencl.cache import filling\nwith filling('a'): os.abort()"
     command = [sys.executable, "-c", aborting]
     assert subprocess.run(command, check=False, cwd=Path(__file__).parents[2]).returncode == -signal.SIGABRT
     with kernel_cache.filling("b"):

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 from cltaa.cli import main
-from cltaa.resolve.room import Room
+from cltaa.pipeline.run import Room
 from tests.faults.runs import (
     PATIENCE,
     arguments,
@@ -53,8 +53,12 @@ def test_disk_that_is_full_after_k_pages(tmp_path: Path, capsys: pytest.CaptureF
 def test_files_that_may_not_grow_beyond_k_bytes(tmp_path: Path) -> None:
     child = subprocess.run(
         [sys.executable, "-m", "tests.faults.small_files", str(tmp_path), str(STEPS)],
-        cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=PATIENCE, check=False,
-    )  # fmt: skip
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
     assert child.returncode == 0, child.stderr[-3000:]
     trials = [json.loads(line) for line in child.stdout.splitlines()]
     assert len(trials) == STEPS
@@ -94,7 +98,7 @@ def test_a_disk_that_will_not_do_is_told_before_it_is_full(
     """Once, as soon as some files show how large they are; and the run goes on, for it is a guess."""
     folder, whole = prepare(tmp_path, 12, width=64, height=36)
     capsys.readouterr()
-    monkeypatch.setattr("cltaa.resolve.room.shutil.disk_usage", lambda _: SimpleNamespace(free=free))
+    monkeypatch.setattr("cltaa.pipeline.run.shutil.disk_usage", lambda _: SimpleNamespace(free=free))
     assert main(arguments(folder, tmp_path / "out")) == 0
     said = capsys.readouterr().err
     assert said.count("frames left will take about") == told

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.exr.read import read_image
-from cltaa.exr.write import write_frame
-from cltaa.files.manifest import file_sha256
-from cltaa.resolve.resolver import Resolver
+from cltaa.core.resolver import Resolver
+from cltaa.io.exr_read import read_image
+from cltaa.io.exr_write import write_frame
+from cltaa.io.manifest import file_sha256
 from tests.faults.runs import arguments, unprivileged
 from tests.sequence_factory import bits, make_frame, write_sequence
 
@@ -184,10 +184,15 @@ def other_number(path: Path) -> None:
 @pytest.mark.parametrize(
     ("damage", "codes"),
     [
-        (empty, {65}), (folder_instead, {65, 66}), (dangling, {66}), (in_a_circle, {66, 74}), (pipe, {65, 66}),
-        (doubled, {65}), (other_number, {65}),
+        (empty, {65}),
+        (folder_instead, {65, 66}),
+        (dangling, {66}),
+        (in_a_circle, {66, 74}),
+        (pipe, {65, 66}),
+        (doubled, {65}),
+        (other_number, {65}),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_frame_is_refused_by_name(
     tmp_path: Path, damage: Callable[[Path], None], codes: set[int], gaps: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -68,9 +68,9 @@ def paired(one: Resolving, others: list[Resolving]) -> float:
 COUNTING = """
 import resource, sys
 from pathlib import Path
-from cltaa.resolve.pipeline import resolve_sequence
-from cltaa.resolve.resolver import Resolver
-from cltaa.sequences.sources import open_sequence
+from cltaa.pipeline.run import resolve_sequence
+from cltaa.core.resolver import Resolver
+from cltaa.io.sequence import open_sequence
 
 faults = []
 

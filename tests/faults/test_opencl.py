@@ -12,10 +12,11 @@ import pyopencl as cl
 import pytest
 
 from cltaa.cli import main
-from cltaa.devices import device, device_launcher, program
+from cltaa.core.presets import load_preset
+from cltaa.core.resolver import Resolver
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError
-from cltaa.parameters.presets import load_preset
-from cltaa.resolve.resolver import Resolver
+from cltaa.opencl import device, program
+from cltaa.opencl import launcher as device_launcher
 from tests.faults.runs import check_after_fault, check_finished, digests, run
 from tests.faults.runs import on_first_device as arguments
 from tests.sequence_factory import make_frame
@@ -95,9 +96,14 @@ def copying(monkeypatch: pytest.MonkeyPatch) -> None:
     ("stride", "turn"), [(5, 0), pytest.param(1, 0, marks=pytest.mark.big), pytest.param(1, 1, marks=pytest.mark.big)]
 )
 def test_device_lost_at_the_nth_call(
-    tmp_path: Path, on_device: tuple[Path, dict[str, str]], call: str, stride: int, turn: int,
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    tmp_path: Path,
+    on_device: tuple[Path, dict[str, str]],
+    call: str,
+    stride: int,
+    turn: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     """Once: the device is opened again and the run ends with the same bits. From then on: 75, and a rerun finishes.
 
     What the driver says is a RuntimeError and a MemoryError of pyopencl by turns.
@@ -131,12 +137,17 @@ def test_device_lost_at_the_nth_call(
 
 
 @pytest.mark.parametrize("name", ["enqueue_fill", "Buffer"])
-@pytest.mark.parametrize("more", [[], ["--band-rows", "5"], ["--preset", "t5"], None],
-                         ids=["whole", "bands", "gathering", "copying"])  # fmt: skip
+@pytest.mark.parametrize(
+    "more", [[], ["--band-rows", "5"], ["--preset", "t5"], None], ids=["whole", "bands", "gathering", "copying"]
+)
 def test_no_memory_for_the_nth_buffer(
-    tmp_path: Path, on_device: tuple[Path, dict[str, str]], name: str, more: list[str] | None,
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+    tmp_path: Path,
+    on_device: tuple[Path, dict[str, str]],
+    name: str,
+    more: list[str] | None,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     """Buffers are touched when they are made: a lack of memory shows before the first frame, with the bytes needed."""
     copies = more is None
     if more is None:
@@ -175,13 +186,16 @@ def test_no_memory_for_the_nth_buffer(
 def test_memory_limit_of_the_driver() -> None:
     """POCL_MEMORY_LIMIT=1 (GiB) and frames that need more: 75 before the first frame."""
     code = (
-        "import numpy as np\nfrom cltaa.devices.device_launcher import DeviceLauncher\nlauncher = DeviceLauncher()\n"
+        "import numpy as np\nfrom cltaa.opencl.launcher import DeviceLauncher\nlauncher = DeviceLauncher()\n"
         "launcher.allocate((3, 20000, 20000))\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], env=os.environ | {"POCL_MEMORY_LIMIT": "1"}, capture_output=True, text=True,
+        [sys.executable, "-c", code],
+        env=os.environ | {"POCL_MEMORY_LIMIT": "1"},
+        capture_output=True,
+        text=True,
         check=False,
-    )  # fmt: skip
+    )
     assert "ResourceError: not enough memory on" in done.stderr
     assert "expected 4800000000 bytes in one buffer" in done.stderr
 

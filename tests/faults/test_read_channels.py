@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cltaa.exr.channels import Pixels
-from cltaa.exr.read import read_frame, read_image
-from cltaa.exr.write import write_frame, write_image
-from cltaa.frames import Frame
-from tests.exr.test_bad_input import refusal
+from cltaa.frame import Frame
+from cltaa.io.exr_frame import Pixels
+from cltaa.io.exr_read import read_frame, read_image
+from cltaa.io.exr_write import write_frame, write_image
+from tests.io.test_bad_input import refusal
 from tests.sequence_factory import HEIGHT, WIDTH, bits, make_frame
 
 REQUIRED = ("R", "G", "B", "Z")

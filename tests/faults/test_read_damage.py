@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from cltaa.errors import DataError
-from cltaa.exr.read import read_frame, read_header
-from cltaa.exr.write import write_frame
-from cltaa.frames import Frame
+from cltaa.frame import Frame
+from cltaa.io.exr_read import read_frame, read_header
+from cltaa.io.exr_write import write_frame
 from tests.faults import reading_process
 from tests.sequence_factory import make_frame
 

@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from cltaa.exr.layout import COMPRESSIONS
-from cltaa.exr.write import write_frame
+from cltaa.io.exr_layout import COMPRESSIONS
+from cltaa.io.exr_write import write_frame
 from tests.faults import reading_process
 from tests.faults.exr_surgery import VERSION, Anatomy, channel, dissect, window
 from tests.faults.runs import PATIENCE
@@ -120,12 +120,16 @@ CASES: dict[str, tuple[Change, int, str]] = {
     "display window larger": (sized(0, 0, WIDTH, HEIGHT, only=b"displayWindow"), 0, ""),
     "data window that reaches over it": (sized(9, 0, WIDTH + 8, HEIGHT - 1, only=b"dataWindow"), 0, ""),
     "data window beside it": (
-        sized(WIDTH, 0, 2 * WIDTH - 1, HEIGHT - 1, only=b"dataWindow"), 65, "outside of the display window",
+        sized(WIDTH, 0, 2 * WIDTH - 1, HEIGHT - 1, only=b"dataWindow"),
+        65,
+        "outside of the display window",
     ),
     "data window before it": (sized(-WIDTH, 0, -1, HEIGHT - 1, only=b"dataWindow"), 65, "outside of the display"),
     "data window above it": (sized(0, -HEIGHT, WIDTH - 1, -1, only=b"dataWindow"), 65, "outside of the display"),
     "data window below it": (
-        sized(0, HEIGHT, WIDTH - 1, 2 * HEIGHT - 1, only=b"dataWindow"), 65, "outside of the display window",
+        sized(0, HEIGHT, WIDTH - 1, 2 * HEIGHT - 1, only=b"dataWindow"),
+        65,
+        "outside of the display window",
     ),
     "far from the origin": (sized(LARGE - 9, LARGE - 9, LARGE, LARGE), 65, ""),
     "largest, table missing": (sized(0, 0, 16383, 16383), 65, "the file is truncated"),
@@ -139,7 +143,8 @@ CASES: dict[str, tuple[Change, int, str]] = {
     "1025 channels": (channels(*RGBZ, *(channel(b"c%d" % n) for n in range(1021))), 65, WRONG),
     "1.1 TB of pixels": (
         many(largest_picture("piz"), channels(*RGBZ, *(channel(b"c%d" % n) for n in range(1020)))),
-        75, "does not fit into memory (expected at most",
+        75,
+        "does not fit into memory (expected at most",
     ),
     "no channels": (channels(), 65, "channel R: channel is missing"),
     "channel list without end": (put(b"channels", b"".join(RGBZ)), 65, WRONG),
@@ -197,7 +202,7 @@ CASES: dict[str, tuple[Change, int, str]] = {
     "chunk of -1 bytes": (first_chunk_says(-1), 65, CHUNKS),
     "chunk of 2^31 bytes": (first_chunk_says(LARGE), 65, CHUNKS),
     "origin below nought": (moved(-7, -5), 0, ""),
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")
@@ -216,8 +221,12 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any
     jobs.append(json.dumps({"path": str(sound)}))
     child = subprocess.run(
         [sys.executable, reading_process.__file__],
-        input="\n".join(jobs), capture_output=True, text=True, check=False, timeout=PATIENCE,
-    )  # fmt: skip
+        input="\n".join(jobs),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=PATIENCE,
+    )
     assert child.returncode == 0, child.stderr
     replies = [json.loads(line) for line in child.stdout.splitlines()]
     return dict(zip([*CASES, "sound"], replies, strict=True))

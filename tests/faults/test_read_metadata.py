@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError
-from cltaa.exr.attributes import frame_attributes
-from cltaa.exr.read import read_frame
-from cltaa.exr.write import write_image
-from cltaa.frames import Camera, Matrix
-from cltaa.resolve.resolver import Resolver
-from cltaa.sequences.sources import open_sequence
+from cltaa.frame import Camera, Matrix
+from cltaa.io.exr_frame import frame_attributes
+from cltaa.io.exr_read import read_frame
+from cltaa.io.exr_write import write_image
+from cltaa.io.sequence import open_sequence
 from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame
 
 NAN, INF, EYE = float("nan"), float("inf"), np.eye(4)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.exr.read import read_frame
-from cltaa.exr.write import write_frame
-from cltaa.frames import Effect, Frame, Image
-from cltaa.resolve.resolver import Resolver
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Effect, Frame, Image
+from cltaa.io.exr_read import read_frame
+from cltaa.io.exr_write import write_frame
 from tests.sequence_factory import bits, make_camera, make_frame
 
 HEIGHT, WIDTH, FRAMES = 40, 56, 4
@@ -22,12 +22,21 @@ PLACE = (HEIGHT // 2, WIDTH // 2)
 REACH_A_FRAME = 6
 
 POINTS = {
-    "quiet NaN": 0x7FC00000, "signalling NaN": 0x7F800001, "negative NaN": 0xFFC0BEEF,
-    "infinity": 0x7F800000, "-infinity": 0xFF800000, "-0": 0x80000000, "denormal": 0x00000001,
-    "-denormal": 0x807FFFFF, "largest": 0x7F7FFFFF, "-largest": 0xFF7FFFFF,
-    **{f"{value:g}": int(np.float32(value).view(np.uint32))
-       for value in (65504.0, 65520.0, -1.0, 1e3, 1e6, 1e10, 1e20, 1e30)},
-}  # fmt: skip
+    "quiet NaN": 0x7FC00000,
+    "signalling NaN": 0x7F800001,
+    "negative NaN": 0xFFC0BEEF,
+    "infinity": 0x7F800000,
+    "-infinity": 0xFF800000,
+    "-0": 0x80000000,
+    "denormal": 0x00000001,
+    "-denormal": 0x807FFFFF,
+    "largest": 0x7F7FFFFF,
+    "-largest": 0xFF7FFFFF,
+    **{
+        f"{value:g}": int(np.float32(value).view(np.uint32))
+        for value in (65504.0, 65520.0, -1.0, 1e3, 1e6, 1e10, 1e20, 1e30)
+    },
+}
 PLANES = ("all black", "all one", "checker of +1 and -1")
 CHANNELS = ("R", "Z", "A", "backward.u", "backward.v", "reactive")
 
@@ -36,8 +45,16 @@ def sequence() -> list[Frame]:
     effects = frozenset({Effect.MOTION, Effect.ALPHA, Effect.REACTIVE})
     frames = []
     for index in range(FRAMES):
-        frame = make_frame(index, width=WIDTH, height=HEIGHT, motion=True, alpha=True, reactive=True,
-                           camera=make_camera(aspect=WIDTH / HEIGHT), effects=effects)  # fmt: skip
+        frame = make_frame(
+            index,
+            width=WIDTH,
+            height=HEIGHT,
+            motion=True,
+            alpha=True,
+            reactive=True,
+            camera=make_camera(aspect=WIDTH / HEIGHT),
+            effects=effects,
+        )
         frames.append(frame)
     return frames
 
@@ -48,9 +65,13 @@ def plane(frame: Frame, channel: str) -> Image:
     assert frame.alpha is not None
     assert frame.reactive is not None
     return {
-        "R": frame.colour[..., 0], "Z": frame.depth, "A": frame.alpha, "backward.u": frame.motion[..., 0],
-        "backward.v": frame.motion[..., 1], "reactive": frame.reactive,
-    }[channel]  # fmt: skip
+        "R": frame.colour[..., 0],
+        "Z": frame.depth,
+        "A": frame.alpha,
+        "backward.u": frame.motion[..., 0],
+        "backward.v": frame.motion[..., 1],
+        "reactive": frame.reactive,
+    }[channel]
 
 
 @pytest.fixture(scope="module")

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.exr.read import read_image
-from cltaa.exr.write import write_frame
-from cltaa.sequences.sources import open_sequence
+from cltaa.io.exr_read import read_image
+from cltaa.io.exr_write import write_frame
+from cltaa.io.sequence import open_sequence
 from tests.sequence_factory import bits, make_frame, write_sequence
 
 NAMES = {
@@ -95,8 +95,11 @@ def run(arguments: list[str], environment: dict[str, str], before: str = "") -> 
     code = f"{before}\nimport sys\nfrom cltaa.cli import main\nsys.exit(main(sys.argv[1:]))"
     done = subprocess.run(
         [sys.executable, "-c", code, *arguments],
-        capture_output=True, text=True, check=False, env=os.environ | environment,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | environment,
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 
 from cltaa.cli import main
+from cltaa.core.presets import load_preset
+from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError
-from cltaa.exr.write import write_frame
-from cltaa.files.manifest import Manifest
-from cltaa.parameters.presets import load_preset
-from cltaa.resolve.checkpoint import SLOTS
-from cltaa.resolve.resolver import Resolver
+from cltaa.io.exr_write import write_frame
+from cltaa.io.manifest import Manifest
+from cltaa.pipeline.checkpoint import SLOTS
 from tests.faults.runs import (
     FRAMES,
     PATIENCE,

@@ -14,14 +14,15 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
+from cltaa.core.presets import load_preset
 from cltaa.errors import DataError, InputMissing
-from cltaa.exr.attributes import frame_attributes
-from cltaa.exr.read import read_frame, read_image
-from cltaa.exr.write import write_image
-from cltaa.files.manifest import LARGEST_RECORD
-from cltaa.parameters.presets import load_config, load_preset
+from cltaa.io.exr_frame import frame_attributes
+from cltaa.io.exr_read import read_frame, read_image
+from cltaa.io.exr_write import write_image
+from cltaa.io.manifest import LARGEST_RECORD
+from cltaa.io.preset_file import load_config
+from cltaa.io.sequence import open_sequence
 from cltaa.printable import printable
-from cltaa.sequences.sources import open_sequence
 from cltaa_datasets.gltf_file import GltfFile
 from cltaa_datasets.models import FORMATS
 from tests.sequence_factory import HEIGHT, WIDTH, make_frame, write_sequence
@@ -62,9 +63,14 @@ def test_attributes_name_no_file_and_no_command(tmp_path: Path, text: str, monke
     assert main(command) == 0
     assert main(["inspect", str(folder), "--pixels"]) in (0, 65)
     assert files_in(tmp_path) == {
-        "home", "home/in", "home/in/a.0000.exr", "home/in/a.0001.exr", "home/film.mp4", "home/out",
+        "home",
+        "home/in",
+        "home/in/a.0000.exr",
+        "home/in/a.0001.exr",
+        "home/film.mp4",
+        "home/out",
         *(f"home/out/{path.name}" for path in (home / "out").iterdir()),
-    }  # fmt: skip
+    }
     assert {path.suffix for path in (home / "out").iterdir()} <= {".exr", ".json", ".jsonl", ".lock"}
     _, header = read_image(home / "out" / "a.0001.exr")
     assert header["cltaa:scene"] == text  # kept, and used for nothing
@@ -146,7 +152,8 @@ def test_file_that_is_cut_short_while_it_is_read(tmp_path: Path) -> None:
     path = tmp_path / "synthetic.0000.exr"
     code = (
         "import os, sys, threading\nfrom pathlib import Path\nfrom cltaa.errors import CltaaError\n"
-        "from cltaa.exr.read import read_frame\npath = Path(sys.argv[1])\ncontent = path.read_bytes()\ndone = False\n"
+        "from cltaa.io.exr_read import read_frame\n"
+        "path = Path(sys.argv[1])\ncontent = path.read_bytes()\ndone = False\n"
         "def cut():\n    while not done:\n        os.truncate(path, 1000)\n        path.write_bytes(content)\n"
         "thread = threading.Thread(target=cut)\nthread.start()\n"
         "for _ in range(200):\n    try:\n        read_frame(path)\n    except CltaaError:\n        pass\n"

@@ -23,9 +23,13 @@ def forked(top: Path, shim: Path, work: str, how: str, number: signal.Signals, c
     """What ``forked.py`` says about each run; it has checked the invariants."""
     child = subprocess.run(
         [sys.executable, "-m", "tests.faults.forked", str(top), str(shim), work, how, str(int(number)), str(count)],
-        cwd=Path(__file__).parents[2], env=os.environ | {"LD_PRELOAD": str(shim), "OPENBLAS_NUM_THREADS": "1"},
-        capture_output=True, text=True, timeout=PATIENCE, check=False,
-    )  # fmt: skip
+        cwd=Path(__file__).parents[2],
+        env=os.environ | {"LD_PRELOAD": str(shim), "OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
     runs = [json.loads(line) for line in child.stdout.splitlines()]
     print(f"{number.name}: {len(runs)} runs, {dict(Counter(run['code'] for run in runs))}")
     assert child.returncode == 0, child.stderr[-3000:]

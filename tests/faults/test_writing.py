@@ -18,17 +18,24 @@ PATIENCE = 300.0
 @pytest.mark.parametrize(
     ("work", "stride"),
     [
-        ("short resolve", 1), ("capture", 11),
-        pytest.param("resolve", 1, marks=pytest.mark.big), pytest.param("capture", 1, marks=pytest.mark.big),
+        ("short resolve", 1),
+        ("capture", 11),
+        pytest.param("resolve", 1, marks=pytest.mark.big),
+        pytest.param("capture", 1, marks=pytest.mark.big),
     ],
-)  # fmt: skip
+)
 def test_every_call_that_can_fail(tmp_path: Path, shim: Path, work: str, action: str, stride: int) -> None:
     """The n-th open, write, flush or rename in the output folder fails, for every n (see ``failing.py``)."""
     command = [sys.executable, "-m", "tests.faults.failing", str(tmp_path), str(shim), work, action, str(stride)]
     child = subprocess.run(
-        command, cwd=HERE.parents[1], env={**os.environ, "LD_PRELOAD": str(shim)},
-        capture_output=True, text=True, timeout=PATIENCE, check=False,
-    )  # fmt: skip
+        command,
+        cwd=HERE.parents[1],
+        env={**os.environ, "LD_PRELOAD": str(shim)},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
     assert child.returncode == 0, child.stderr[-3000:]
     trials = [json.loads(line) for line in child.stdout.splitlines()]
     failed = [trial for trial in trials if trial["code"]]

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 
-from cltaa.exr.channels import Pixels, frame_planes
-from cltaa.exr.write import write_image
-from cltaa.frames import Frame
+from cltaa.frame import Frame
 from cltaa.inputs.foreign import ForeignSequence
-from cltaa.inputs.opening import open_input
+from cltaa.inputs.open import open_input
+from cltaa.io.exr_frame import Pixels, frame_planes
+from cltaa.io.exr_write import write_image
 from tests.sequence_factory import make_camera, make_frame
 
 
@@ -83,9 +83,10 @@ def side_text(frames: Sequence[Frame]) -> str:
         lines.append(f"frame {frame.index}")
         camera = frame.camera
         for name, numbers in (
-            ("world_to_view", camera.world_to_view.ravel()), ("view_to_clip", camera.view_to_clip.ravel()),
+            ("world_to_view", camera.world_to_view.ravel()),
+            ("view_to_clip", camera.view_to_clip.ravel()),
             ("jitter_px", np.array(frame.jitter_px)),
-        ):  # fmt: skip
+        ):
             lines.append(f"{name} {' '.join(repr(float(number)) for number in numbers)}")
     return "\n".join(lines) + "\n"
 

@@ -12,9 +12,9 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.errors import InputMissing
-from cltaa.exr.read import read_image
-from cltaa.exr.write import write_image
 from cltaa.inputs.intake import open_intake
+from cltaa.io.exr_read import read_image
+from cltaa.io.exr_write import write_image
 from tests.inputs.foreign import frames, side_text, write_blender, write_colour
 
 

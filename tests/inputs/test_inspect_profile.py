@@ -9,10 +9,10 @@ import numpy as np
 from click.testing import CliRunner
 
 from cltaa.cli import root
-from cltaa.exr.write import write_image
-from cltaa.inputs.opening import open_input
-from cltaa.parameters.build import Steps
-from cltaa.planning.memory import PlanesHeld, of_sequence, of_whole_images
+from cltaa.core.build import Steps
+from cltaa.inputs.open import open_input
+from cltaa.io.exr_write import write_image
+from cltaa.pipeline.memory import PlanesHeld, of_sequence, of_whole_images
 from tests.inputs.foreign import write_blender, write_colour, write_parts
 from tests.sequence_factory import make_frame
 

@@ -10,19 +10,19 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.errors import DataError, InputMissing
-from cltaa.exr.channels import Pixels
-from cltaa.exr.write import write_image
-from cltaa.frames import Frame
+from cltaa.frame import Frame
 from cltaa.inputs.intake import intake_lines, open_intake
-from cltaa.inputs.opening import open_input
-from cltaa.sequences.sources import Sequence
+from cltaa.inputs.open import open_input
+from cltaa.io.exr_frame import Pixels
+from cltaa.io.exr_write import write_image
+from cltaa.io.sequence import FrameSequence
 from tests.inputs.foreign import frames, read, side_text, write_blender, write_own, write_parts
 from tests.sequence_factory import write_sequence
 
 
 def test_own_sequences_are_opened_as_ever(tmp_path: Path) -> None:
     sequence = open_input(write_sequence(tmp_path, 2))
-    assert type(sequence) is Sequence
+    assert type(sequence) is FrameSequence
 
 
 def assert_the_same(ours: Frame, theirs: Frame) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cltaa.errors import DataError
-from cltaa.frames import Camera, Frame
+from cltaa.frame import Camera, Frame
 from cltaa.inputs.convert import ray_length
 from tests.inputs.foreign import frames, read, write_own, write_parts
 from tests.numerics.exact_cameras import orthographic

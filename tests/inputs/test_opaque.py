@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cltaa.checking.report import check_folder
 from cltaa.cli import main
-from cltaa.exr.read import read_image
-from cltaa.exr.write import write_image
-from cltaa.inputs.description import describe_input
-from cltaa.inputs.notes import OPAQUE
+from cltaa.inputs.intake import OPAQUE
+from cltaa.io.exr_read import read_image
+from cltaa.io.exr_write import write_image
+from cltaa.lab.check.report import check_folder
+from cltaa.lab.inspect.description import describe_input
 from tests.inputs.foreign import frames
 
 

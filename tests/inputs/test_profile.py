@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
-from cltaa.inputs.profile import load_profile, profile_names
-from cltaa.inputs.profile_text import override, toml_text
+from cltaa.inputs.profile import load_profile, override, profile_names, toml_text
 
 
 @pytest.mark.parametrize("name", profile_names())

@@ -9,22 +9,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cltaa.cameras import displacement
+from cltaa.camera import displacement
 from cltaa.cli import main
+from cltaa.core.presets import load_preset
+from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError
-from cltaa.exr.attributes import frame_attributes
-from cltaa.exr.channels import frame_planes
-from cltaa.exr.layout import Window
-from cltaa.exr.read import read_frame, read_header, read_image
-from cltaa.exr.write import write_image
-from cltaa.frames import Frame
+from cltaa.frame import Frame
 from cltaa.inputs.convert import ray_length
-from cltaa.inputs.opening import Reading, open_input
-from cltaa.judging.comparison import open_yardsticks, truth_of
-from cltaa.parameters.presets import load_preset
-from cltaa.resolve.pipeline import resolve_sequence
-from cltaa.resolve.resolver import Resolver
-from cltaa.sequences.frame_numbers import OnBreak
+from cltaa.inputs.open import Reading, open_input
+from cltaa.io.exr_frame import frame_attributes, frame_planes
+from cltaa.io.exr_layout import Window
+from cltaa.io.exr_read import read_frame, read_header, read_image
+from cltaa.io.exr_write import write_image
+from cltaa.io.numbered import OnBreak
+from cltaa.lab.judge.comparison import open_yardsticks, truth_of
+from cltaa.pipeline.run import resolve_sequence
 from tests.inputs.foreign import side_text, write_parts
 from tests.sequence_factory import make_camera, make_frame, write_images
 
@@ -143,9 +142,10 @@ def test_vectors_as_fractions_are_fractions_of_the_display_window(tmp_path: Path
     frame = make_frame(1, width=WIDTH, height=HEIGHT, motion=True)
     write_parts(tmp_path / "in" / "a.0001.exr", parts(frame), {"dataWindow": box(REGION), "displayWindow": box(WHOLE)})
     sequence = open_input(
-        tmp_path / "in", profile="parts",
+        tmp_path / "in",
+        profile="parts",
         assignments=["motion.units=uv", "motion.channels=motion.backward.u motion.backward.v"],
-    )  # fmt: skip
+    )
     motion = sequence.frame(1).motion
     assert motion is not None
     np.testing.assert_allclose(motion, np.broadcast_to([1.5, -0.5], motion.shape), rtol=1e-6)

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from cltaa.errors import DataError, UsageError
-from cltaa.exr.read import read_header, read_image
-from cltaa.exr.write import write_image
-from cltaa.inputs.opening import open_input
+from cltaa.inputs.open import open_input
 from cltaa.inputs.side_file import read_side_file
+from cltaa.io.exr_read import read_header, read_image
+from cltaa.io.exr_write import write_image
 from tests.inputs.foreign import frames, side_text, write_blender, write_own
 
 
@@ -24,11 +24,12 @@ def test_side_files_hold_exact_doubles_in_each_format(tmp_path: Path) -> None:
     text.write_text(side_text(made))
     content = {
         str(f.index): {
-            "world_to_view": f.camera.world_to_view.tolist(), "view_to_clip": f.camera.view_to_clip.tolist(),
+            "world_to_view": f.camera.world_to_view.tolist(),
+            "view_to_clip": f.camera.view_to_clip.tolist(),
             "jitter_px": f.jitter_px,
         }
         for f in made
-    }  # fmt: skip
+    }
     (tmp_path / "camera.json").write_text(json.dumps({"frames": content}))
     with (tmp_path / "camera.csv").open("w") as file:
         writer = csv.writer(file)
@@ -54,12 +55,20 @@ def test_side_files_hold_exact_doubles_in_each_format(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("a.json", "{"), ("a.json", "[]"), ("a.json", '{"frames": {"1": {"jitter_px": [1]}}}'), ("a.csv", "a,b\n1,2\n"),
-        ("a.txt", "world_to_view 1"), ("a.txt", "frame 1\njitter_px x y"), ("a.txt", "frame 1\nnear 1"), ("a.txt", ""),
-        ("a.json", '{"frames": {"1": {"jitter": [1, 2]}}}'), ("a.csv", "frame,jitter\n1,2\n"), ("a.txt", "frame 1\n"),
+        ("a.json", "{"),
+        ("a.json", "[]"),
+        ("a.json", '{"frames": {"1": {"jitter_px": [1]}}}'),
+        ("a.csv", "a,b\n1,2\n"),
+        ("a.txt", "world_to_view 1"),
+        ("a.txt", "frame 1\njitter_px x y"),
+        ("a.txt", "frame 1\nnear 1"),
+        ("a.txt", ""),
+        ("a.json", '{"frames": {"1": {"jitter": [1, 2]}}}'),
+        ("a.csv", "frame,jitter\n1,2\n"),
+        ("a.txt", "frame 1\n"),
         ("a.json", '{"frames": {"1": {"world_to_view": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}}}'),
     ],
-)  # fmt: skip
+)
 def test_damaged_side_files(name: str, text: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(DataError, match=name):

@@ -9,12 +9,12 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.errors import DataError, UsageError
-from cltaa.exr.channels import Pixels
-from cltaa.exr.openexr import OpenEXR
-from cltaa.exr.read import read_image
-from cltaa.exr.write import write_image
+from cltaa.inputs.foreign import open_pictures
 from cltaa.inputs.intake import intake_lines, open_intake
-from cltaa.inputs.pictures import open_pictures
+from cltaa.io.exr_frame import Pixels
+from cltaa.io.exr_read import read_image
+from cltaa.io.exr_write import write_image
+from cltaa.io.openexr import OpenEXR
 from tests.inputs.foreign import write_parts
 
 BLENDER = {"Software": "Blender 5.0.1"}
@@ -150,8 +150,10 @@ def test_a_view_that_an_attribute_of_parts_names_is_one(eye: str, tmp_path: Path
     views = {name: name.split("_")[1] for name in names}
     folder = of_parts(tmp_path / "in", {**views, "disparityL": None})
     expected = {
-        "colour": f"rgba_{eye}.R rgba_{eye}.G rgba_{eye}.B", "alpha": f"rgba_{eye}.A", "depth": f"depth_{eye}.Z",
-    }  # fmt: skip
+        "colour": f"rgba_{eye}.R rgba_{eye}.G rgba_{eye}.B",
+        "alpha": f"rgba_{eye}.A",
+        "depth": f"depth_{eye}.Z",
+    }
     assert taken(folder, f"colour.view={eye}") == expected
     assert taken(folder, f"colour.channels={expected['colour']}") == expected
     assert taken(folder, f"colour.channels=*_{eye}.R *_{eye}.G *_{eye}.B") == expected

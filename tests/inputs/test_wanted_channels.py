@@ -12,11 +12,11 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.errors import DataError
-from cltaa.exr.channels import Pixels
-from cltaa.exr.read import read_image
 from cltaa.inputs.foreign import ForeignSequence
-from cltaa.inputs.opening import open_input
+from cltaa.inputs.open import open_input
 from cltaa.inputs.parts import read_planes
+from cltaa.io.exr_frame import Pixels
+from cltaa.io.exr_read import read_image
 from tests.inputs.foreign import read, write_parts
 from tests.sequence_factory import bits
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from cltaa.errors import DataError
-from cltaa.exr.write import write_image
 from cltaa.inputs.intake import intake_lines, open_intake
 from cltaa.inputs.roles import Place, equal_matches
+from cltaa.io.exr_write import write_image
 from tests.inputs.foreign import frames, read, write_colour
 
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.constants import SPANS
-from cltaa.constants import value as value_of
-from cltaa.memory.layout import Layout
+from cltaa.core.constants import SPANS
+from cltaa.core.constants import value as value_of
+from cltaa.core.planes import Layout
 from tests.sequence_factory import SPECIAL_BITS
 
 Planes = dict[str, NDArray[Any]]

@@ -16,17 +16,25 @@ import pytest
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from cltaa.constants import SPANS
-from cltaa.constants import value as value_of
-from cltaa.devices.launch import Launcher, storage_dtype
-from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import FRAME_DTYPE, HALVES, Build, Record, Steps, settings_record, span_planes
-from cltaa.parameters.choices import Choices, CurrentFilter, LightChange, Settings
-from cltaa.parameters.presets import load_preset
+from cltaa.core.backend import Launcher, storage_dtype
+from cltaa.core.build import (
+    FRAME_DTYPE,
+    HALVES,
+    Build,
+    Record,
+    Steps,
+    settings_record,
+    span_planes,
+)
+from cltaa.core.constants import SPANS
+from cltaa.core.constants import value as value_of
+from cltaa.core.parameters import Choices, CurrentFilter, LightChange, Settings
+from cltaa.core.planes import Layout
+from cltaa.core.presets import load_preset
+from cltaa.core.record import Past, frame_record
 from cltaa.reference import KERNELS
-from cltaa.reference.light import with_change
-from cltaa.resolve.frame_record import Past, frame_record
+from cltaa.reference.illumination import with_change
+from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import KEPT, Planes, hard_planes
 from tests.kernels.test_resolve import turned
 from tests.sequence_factory import bits, make_frame

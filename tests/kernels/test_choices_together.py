@@ -14,12 +14,12 @@ from typing import Any
 import msgspec
 import pytest
 
-from cltaa.devices.device import Device
-from cltaa.devices.shape import INTEL_16
-from cltaa.frames import Effect
-from cltaa.parameters.build import Terms
-from cltaa.parameters.choices import Choices, LightChange
-from cltaa.parameters.presets import load_preset
+from cltaa.core.build import Terms
+from cltaa.core.parameters import Choices, LightChange
+from cltaa.core.presets import load_preset
+from cltaa.frame import Effect
+from cltaa.opencl.device import Device
+from cltaa.opencl.shape import INTEL_16
 from tests.kernels.test_resolve import ALONE, CHOICES, differing, hard_frames
 
 Row = dict[str, Any]  # choices by name
@@ -76,10 +76,10 @@ def differing_with(way: str, row: Row) -> int:
     """Values that differ between kernel and twin, over three frames."""
     with pytest.MonkeyPatch.context() as patch:
         # The first frame has nothing to blur, which changes no bit (test_terms.py): it needs no kernel of its own.
-        patch.setattr("cltaa.resolve.resolver.Terms.of", lambda _: Terms())
+        patch.setattr("cltaa.core.resolver.Terms.of", lambda _: Terms())
         if way == "along":
             patch.setattr(Device, "shape", INTEL_16._replace(lanes=LANES, columns=COLUMNS[way]))
-            patch.setattr("cltaa.devices.shape.ITEMS_A_UNIT", 0)
+            patch.setattr("cltaa.opencl.shape.ITEMS_A_UNIT", 0)
         effects = frozenset(Effect) if "light_change" in row else None
         frames = [replace(frame, effects=effects) for frame in hard_frames()]
         return differing({**row, "fresh_blur": 0.5}, frames, LANES, ROWS)

@@ -9,10 +9,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.parameters.build import Build, Steps, Storage
-from cltaa.parameters.choices import Choices, HistoryFilter, LightChange
+from cltaa.core.build import Build, Steps, Storage
+from cltaa.core.parameters import Choices, HistoryFilter, LightChange
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import padded
 from tests.kernels.stage_chain import Work, differing, hard_work, run_stage
 

@@ -9,11 +9,18 @@ from typing import get_type_hints
 import numpy as np
 import pytest
 
-from cltaa.frames import Camera, Effect, Frame
-from cltaa.parameters.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Real, Storage, prelude
-from cltaa.parameters.choices import Choices
-from cltaa.parameters.presets import load_preset, override
-from cltaa.resolve.resolver import Resolver
+from cltaa.core.build import (
+    FRAME_DTYPE,
+    SETTINGS_DTYPE,
+    Build,
+    Real,
+    Storage,
+    prelude,
+)
+from cltaa.core.parameters import Choices
+from cltaa.core.presets import load_preset, override
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Camera, Effect, Frame
 from tests.sequence_factory import bits, make_frame, special_values
 
 # Every choice that shapes a kernel, with the kind of its values.
@@ -40,9 +47,15 @@ def hard_frames(width: int = 70, height: int = 41, count: int = 3) -> Iterator[F
     for index in range(count):
         random = np.random.default_rng(index)
         frame = make_frame(
-            index, width=width, height=height, motion=True, alpha=True, reactive=True,
-            camera=turned(index, width, height), effects=None,
-        )  # fmt: skip
+            index,
+            width=width,
+            height=height,
+            motion=True,
+            alpha=True,
+            reactive=True,
+            camera=turned(index, width, height),
+            effects=None,
+        )
         assert frame.motion is not None
         colour, depth, motion = frame.colour.copy(), frame.depth.copy(), 8 * frame.motion
         wild = random.random((height, width)) < 0.03

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.launch import storage_dtype
-from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.parameters.build import Build, Steps, Storage
-from cltaa.parameters.choices import Choices, HistoryFilter, Reject
+from cltaa.core.backend import storage_dtype
+from cltaa.core.build import Build, Steps, Storage
+from cltaa.core.parameters import Choices, HistoryFilter, Reject
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import Planes, padded, storable
 from tests.kernels.stage_chain import Work, chain_work, differing, run_stage
 
@@ -53,8 +53,15 @@ def moves(name: str) -> Moves:
 
 
 WAYS = [
-    "still", "still, -0", "on texels", "on rows", "on columns", "whole, not alike", "one lane between", "nothing seen",
-]  # fmt: skip
+    "still",
+    "still, -0",
+    "on texels",
+    "on rows",
+    "on columns",
+    "whole, not alike",
+    "one lane between",
+    "nothing seen",
+]
 
 
 def work_with(motion: Moves, history: NDArray[np.float32] | None = None) -> Work:

@@ -14,10 +14,8 @@ import msgspec
 import pyopencl as cl
 import pytest
 
-from cltaa.devices.device import POCL, Device, devices
-from cltaa.devices.program import source
-from cltaa.parameters.build import Build, Steps, Terms
-from cltaa.parameters.choices import (
+from cltaa.core.build import Build, Steps, Terms
+from cltaa.core.parameters import (
     Box,
     Choices,
     Dilation,
@@ -29,6 +27,8 @@ from cltaa.parameters.choices import (
     Variance,
     Weighting,
 )
+from cltaa.opencl.device import POCL, Device, devices
+from cltaa.opencl.program import source
 
 BARE = Steps(camera_motion=False, own_motion=False, orthographic=False, exposure=False, alpha=False, reactive=False)
 PLAIN = Choices(rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE, weighting=Weighting.NONE)

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.launch import Buffer
-from cltaa.frames import Effect
-from cltaa.parameters.build import Build, settings_record
-from cltaa.parameters.presets import load_preset, override
-from cltaa.resolve.frame_record import Past, frame_record
-from cltaa.resolve.resolver import Resolver
+from cltaa.core.backend import Buffer
+from cltaa.core.build import Build, settings_record
+from cltaa.core.presets import load_preset, override
+from cltaa.core.record import Past, frame_record
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Effect
+from cltaa.opencl.launcher import DeviceLauncher
 from tests.kernels.test_resolve import hard_frames
 from tests.sequence_factory import bits
 
@@ -45,14 +45,36 @@ class Kept(Resolver):
         run("repair_colour", current=current, repaired=made["repaired"], **image)
         run("neighbourhood_statistics", **window, statistics_out=made["statistics"], **image)
         run("surface_motion", **window, motion_out=made["motion"], **both)
-        run("sample_history", current=current, motion_in=made["motion"], history=read.output,
-            history_count=read.output_count, previous_closeness=read.closeness,
-            history_at=made["history"], **both)  # fmt: skip
-        run("rectify_history", statistics_in=made["statistics"], motion_in=made["motion"],
-            history_at=made["history"], change_out=made["change"], **both)  # fmt: skip
-        run("blend", current=current, alpha=read.channels["alpha"], reactive=read.channels["reactive"],
-            statistics_in=made["statistics"], history_at=made["history"], change_in=made["change"],
-            output=made["output"], output_count=made["count"], **both)  # fmt: skip
+        run(
+            "sample_history",
+            current=current,
+            motion_in=made["motion"],
+            history=read.output,
+            history_count=read.output_count,
+            previous_closeness=read.closeness,
+            history_at=made["history"],
+            **both,
+        )
+        run(
+            "rectify_history",
+            statistics_in=made["statistics"],
+            motion_in=made["motion"],
+            history_at=made["history"],
+            change_out=made["change"],
+            **both,
+        )
+        run(
+            "blend",
+            current=current,
+            alpha=read.channels["alpha"],
+            reactive=read.channels["reactive"],
+            statistics_in=made["statistics"],
+            history_at=made["history"],
+            change_in=made["change"],
+            output=made["output"],
+            output_count=made["count"],
+            **both,
+        )
         self.launcher.finish()
         with made["output"].mapped(write=False) as planes:
             return np.moveaxis(layout.inside(planes).copy(), 0, -1)

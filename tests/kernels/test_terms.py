@@ -7,14 +7,14 @@ from functools import cache
 import pytest
 from msgspec.structs import replace
 
-from cltaa.devices.device import Device
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.devices.shape import LEAST_ROWS, NVIDIA, Shape
-from cltaa.parameters.build import Build, Terms
-from cltaa.parameters.choices import Settings
-from cltaa.parameters.presets import load_preset
-from cltaa.resolve.resolver import Resolver
+from cltaa.core.build import Build, Terms
+from cltaa.core.parameters import Settings
+from cltaa.core.presets import load_preset
+from cltaa.core.resolver import Resolver
+from cltaa.opencl.device import Device
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.opencl.shape import LEAST_ROWS, NVIDIA, Shape
+from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import Planes
 from tests.kernels.stage_chain import ALL_STEPS, Work, differing, hard_work, run_stage
 from tests.sequence_factory import make_frame

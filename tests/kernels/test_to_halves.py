@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.constants import PAD_X, PAD_Y
-from cltaa.devices.device import Device
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.launch import Launcher, storage_dtype
-from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.devices.shape import Shape
-from cltaa.frames import Effect
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import FRAME_DTYPE, Build, Storage
-from cltaa.resolve.halves import limit_halves, saturated_pixels
-from cltaa.resolve.resolver import Resolver
+from cltaa.core.backend import Launcher, storage_dtype
+from cltaa.core.build import FRAME_DTYPE, Build, Storage
+from cltaa.core.constants import PAD_X, PAD_Y
+from cltaa.core.planes import Layout
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Effect
+from cltaa.opencl.device import Device
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.opencl.shape import Shape
+from cltaa.pipeline.output import limit_halves, saturated_pixels
+from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.stage_chain import UNWRITTEN
 from tests.sequence_factory import bits, make_camera, make_frame, special_values
 

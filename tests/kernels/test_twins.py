@@ -15,16 +15,15 @@ import pyopencl as cl
 import pytest
 from msgspec.structs import replace
 
-from cltaa.constants import PAD_X, PAD_Y
-from cltaa.devices.device import POCL
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.launch import storage_dtype
-from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Steps, Storage
-from cltaa.parameters.choices import HOST_CHOICES, Choices, Rectify
-from cltaa.parameters.presets import load_preset
-from cltaa.parameters.settings import HOST_SETTINGS, Settings
+from cltaa.core.backend import storage_dtype
+from cltaa.core.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Steps, Storage
+from cltaa.core.constants import PAD_X, PAD_Y
+from cltaa.core.parameters import HOST_CHOICES, HOST_SETTINGS, Choices, Rectify, Settings
+from cltaa.core.planes import Layout
+from cltaa.core.presets import load_preset
+from cltaa.opencl.device import POCL
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.stage_chain import (
     ALL_STEPS,
     FUSED,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.opencl.launcher import DeviceLauncher
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.frames import Camera
+from cltaa.frame import Camera
 
 Exact = NDArray[np.longdouble]
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Record
+from cltaa.core.build import FRAME_DTYPE, SETTINGS_DTYPE, Build, Record
+from cltaa.core.planes import Layout
+from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import KEPT, Planes, padded
 from tests.kernels.stage_chain import ALL_STEPS, STAGES, WRITES, Work, hard_work, run_stage
 

@@ -21,13 +21,13 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from cltaa.devices import shape
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.launch import Buffer
-from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.parameters.build import Build, Storage
-from cltaa.parameters.presets import load_preset, override
-from cltaa.resolve.resolver import Resolver
+from cltaa.core.backend import Buffer
+from cltaa.core.build import Build, Storage
+from cltaa.core.presets import load_preset, override
+from cltaa.core.resolver import Resolver
+from cltaa.opencl import shape
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import padded
 from tests.kernels.stage_chain import ALL_STEPS, WRITES, Work, chain_work, differing, run_stage, variants
 from tests.kernels.test_resolve import hard_frames
@@ -41,25 +41,50 @@ WALKS = [*((lanes, 1) for lanes in LANES), (4, 3), (16, 3)]  # lanes, and column
 EDITS = [
     Mutation("no inlining", "kernels/lanes.h", " __attribute__((always_inline))", ""),
     Mutation("library root", "kernels/real.h", "#define SCALAR_ROOT __builtin_sqrtf", "#define SCALAR_ROOT sqrt"),
-    Mutation("halves of masks", "kernels/lanes.h",
-             "return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0;", "return any(m != 0);"),
+    Mutation(
+        "halves of masks",
+        "kernels/lanes.h",
+        "return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0;",
+        "return any(m != 0);",
+    ),
     Mutation("no reading ahead", "kernels/lanes.h", "#if __has_builtin(__builtin_prefetch)", "#if 0"),
     Mutation("no reductions", "kernels/lanes.h", "#if __has_builtin(__builtin_reduce_or)", "#if 0"),
-    Mutation("no floor", "kernels/lanes.h", "#if __has_builtin(__builtin_elementwise_floor)",
-             "#if 0 && __has_builtin(__builtin_elementwise_floor)"),
-]  # fmt: skip
+    Mutation(
+        "no floor",
+        "kernels/lanes.h",
+        "#if __has_builtin(__builtin_elementwise_floor)",
+        "#if 0 && __has_builtin(__builtin_elementwise_floor)",
+    ),
+]
 STORED = "store_colour(repaired + texel_offset(frame, x, y), plane, v);"
 # Fault and the simulator's word for it.
 PLANTED = [
-    (Mutation("read beyond the end", "kernels/repair_colour.cl", STORED,
-              "v.r += 0.0f * current[4 * plane]; " + STORED), "Invalid read"),
-    (Mutation("write beyond the end", "kernels/repair_colour.cl", STORED,
-              STORED.replace("repaired", "repaired + 4 * plane")), "Invalid write"),
-    (Mutation("two work-items write one texel", "kernels/repair_colour.cl", STORED,
-              STORED + " *repaired = (float)x;"), "data race"),
-    (Mutation("a sum that begins with nothing", "kernels/repair.h", "float sum = 0.0f;",
-              "float sum;"), "Uninitialized"),
-]  # fmt: skip
+    (
+        Mutation(
+            "read beyond the end", "kernels/repair_colour.cl", STORED, "v.r += 0.0f * current[4 * plane]; " + STORED
+        ),
+        "Invalid read",
+    ),
+    (
+        Mutation(
+            "write beyond the end",
+            "kernels/repair_colour.cl",
+            STORED,
+            STORED.replace("repaired", "repaired + 4 * plane"),
+        ),
+        "Invalid write",
+    ),
+    (
+        Mutation(
+            "two work-items write one texel", "kernels/repair_colour.cl", STORED, STORED + " *repaired = (float)x;"
+        ),
+        "data race",
+    ),
+    (
+        Mutation("a sum that begins with nothing", "kernels/repair.h", "float sum = 0.0f;", "float sum;"),
+        "Uninitialized",
+    ),
+]
 
 
 class Written(DeviceLauncher):

@@ -92,9 +92,14 @@ def noticed_by(tree: Path, selection: list[str]) -> str:
     settings = {"PYTHONPATH": paths, "POCL_CACHE_DIR": str(tree.with_name(f"{tree.name}-cache"))}
     try:
         run = subprocess.run(
-            command, cwd=tree, env={**os.environ, **settings}, capture_output=True, text=True, check=False,
+            command,
+            cwd=tree,
+            env={**os.environ, **settings},
+            capture_output=True,
+            text=True,
+            check=False,
             timeout=SECONDS,
-        )  # fmt: skip
+        )
     except subprocess.TimeoutExpired:
         return f"no end within {SECONDS} s"
     if "does not build" in run.stdout:

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.devices.launch import Launcher
-from cltaa.frames import Effect, Frame, Image
-from cltaa.parameters.build import Storage
-from cltaa.parameters.presets import Preset, load_preset, override
-from cltaa.resolve.buffers import fill
-from cltaa.resolve.resolver import Resolver
+from cltaa.core.backend import Launcher
+from cltaa.core.buffers import fill
+from cltaa.core.build import Storage
+from cltaa.core.presets import Preset, load_preset, override
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Effect, Frame, Image
 from tests.sequence_factory import make_camera
 
 UNIT_ROUNDOFF = 2.0**-24  # of float32

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.exr.read import read_image
-from cltaa.exr.write import write_frame
-from cltaa.parameters.build import Storage
-from cltaa.resolve.halves import limit_halves, saturated_pixels
+from cltaa.core.build import Storage
+from cltaa.io.exr_read import read_image
+from cltaa.io.exr_write import write_frame
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.pipeline.output import limit_halves, saturated_pixels
 from tests.numerics.still_frames import accumulator, grey, still_frame
 from tests.sequence_factory import make_frame
 

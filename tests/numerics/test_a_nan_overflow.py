@@ -10,19 +10,26 @@ import msgspec
 import numpy as np
 import pytest
 
-from cltaa.constants import value
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.devices.program import Kernel, source_hash
+from cltaa.core.build import Build, Steps
+from cltaa.core.constants import value
+from cltaa.core.parameters import (
+    Box,
+    Choices,
+    GatherFit,
+    HistoryOf,
+    LightChange,
+    Neighbourhood,
+)
+from cltaa.core.planes import Layout
+from cltaa.core.presets import load_preset, override
+from cltaa.core.resolver import Resolver
 from cltaa.errors import InternalError
-from cltaa.frames import Effect, Frame, Image
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Steps
-from cltaa.parameters.choices import Box, Choices, GatherFit, HistoryOf, LightChange, Neighbourhood
-from cltaa.parameters.presets import load_preset, override
-from cltaa.reference.projection import Motion, on_screen
+from cltaa.frame import Effect, Frame, Image
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.opencl.program import Kernel, source_hash
+from cltaa.reference.launcher import NumpyLauncher
+from cltaa.reference.reprojection import Motion, on_screen
 from cltaa.reference.sampling import footprint_of
-from cltaa.resolve.resolver import Resolver
 from tests.kernels.hard_planes import padded
 from tests.kernels.stage_chain import chain_work, differing, hard_work, run_stage
 from tests.kernels.test_resolve import turned
@@ -106,9 +113,15 @@ def test_a1_any_bits_of_input_give_finite_output(
 
     for index in range(4):
         frame = make_frame(
-            index, width=WIDTH, height=HEIGHT, motion=True, alpha=True, reactive=True,
-            camera=turned(index, WIDTH, HEIGHT), effects=None,
-        )  # fmt: skip
+            index,
+            width=WIDTH,
+            height=HEIGHT,
+            motion=True,
+            alpha=True,
+            reactive=True,
+            camera=turned(index, WIDTH, HEIGHT),
+            effects=None,
+        )
         channels: dict[str, Any] = {
             name: any_bits(getattr(frame, name)) for name in ("colour", "depth", "motion", "alpha", "reactive")
         }

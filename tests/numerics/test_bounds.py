@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.parameters.build import Build, Storage
-from cltaa.parameters.choices import Accumulate
+from cltaa.core.build import Build, Storage
+from cltaa.core.parameters import Accumulate
+from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.reference.real import greater
 from tests.kernels.stage_chain import ALL_STEPS, WRITES, chain_work, run_stage, variant_names, variants
 from tests.numerics.bounded import Bounded

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Steps, settings_record
-from cltaa.parameters.choices import BoxSpace, Choices, Neighbourhood, Settings, Variance
-from cltaa.resolve.frame_record import Past, frame_record
-from cltaa.resolve.resolver import Resolver
+from cltaa.core.build import Build, Steps, settings_record
+from cltaa.core.parameters import BoxSpace, Choices, Neighbourhood, Settings, Variance
+from cltaa.core.planes import Layout
+from cltaa.core.record import Past, frame_record
+from cltaa.core.resolver import Resolver
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import padded, tiles
 from tests.kernels.stage_chain import Work, run_stage
 from tests.numerics.still_frames import CAMERA, UNIT_ROUNDOFF, accumulator, grey, still_frame

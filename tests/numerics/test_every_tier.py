@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.frames import Effect, Frame, Image
-from cltaa.parameters.choices import Box, HistoryOf, LightChange
-from cltaa.parameters.presets import load_preset, override
-from cltaa.resolve.resolver import Resolver
+from cltaa.core.parameters import Box, HistoryOf, LightChange
+from cltaa.core.presets import load_preset, override
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Effect, Frame, Image
+from cltaa.opencl.launcher import DeviceLauncher
 from tests.kernels.test_resolve import hard_frames, turned
 from tests.numerics.still_frames import still_frame
 from tests.sequence_factory import bits, make_frame
@@ -32,9 +32,15 @@ def moving(count: int, declared: str) -> Iterator[Frame]:
     """Random frames with every channel, under a camera that turns, zooms and moves."""
     for index in range(count):
         yield make_frame(
-            index, width=WIDTH, height=HEIGHT, motion=True, alpha=True, reactive=declared != "no light",
-            camera=turned(index, WIDTH, HEIGHT), effects=DECLARED[declared],
-        )  # fmt: skip
+            index,
+            width=WIDTH,
+            height=HEIGHT,
+            motion=True,
+            alpha=True,
+            reactive=declared != "no light",
+            camera=turned(index, WIDTH, HEIGHT),
+            effects=DECLARED[declared],
+        )
 
 
 def check_plan(resolver: Resolver, declared: str) -> None:

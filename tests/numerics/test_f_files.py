@@ -11,12 +11,12 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.cli import main
+from cltaa.core.frame_checks import check_camera
 from cltaa.errors import DataError
-from cltaa.exr.attributes import frame_attributes
-from cltaa.exr.read import read_frame
-from cltaa.exr.write import write_frame, write_image
-from cltaa.frame_checks import check_camera
-from cltaa.frames import Camera
+from cltaa.frame import Camera
+from cltaa.io.exr_frame import frame_attributes
+from cltaa.io.exr_read import read_frame
+from cltaa.io.exr_write import write_frame, write_image
 from tests.numerics.exact_cameras import perspective, rotation, view_at
 from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame
 

@@ -12,13 +12,13 @@ import pytest
 from numpy.typing import NDArray
 
 from cltaa.cli import main
+from cltaa.core.frame_checks import LARGEST_JITTER
+from cltaa.core.parameters import CurrentFilter
+from cltaa.core.presets import load_preset, override
+from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError
-from cltaa.exr.write import write_frame
-from cltaa.frame_checks import LARGEST_JITTER
-from cltaa.frames import Camera, Effect
-from cltaa.parameters.choices import CurrentFilter
-from cltaa.parameters.presets import load_preset, override
-from cltaa.resolve.resolver import Resolver
+from cltaa.frame import Camera, Effect
+from cltaa.io.exr_write import write_frame
 from tests.numerics.exact_cameras import perspective
 from tests.sequence_factory import make_frame
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.cameras import SKY_ORTHOGRAPHIC, SKY_PERSPECTIVE, closeness, displacement
-from cltaa.checking.shots import planar_closeness
-from cltaa.frames import Camera
+from cltaa.camera import SKY_ORTHOGRAPHIC, SKY_PERSPECTIVE, closeness, displacement
+from cltaa.frame import Camera
+from cltaa.lab.check.registration import planar_closeness
 from tests.numerics.exact_cameras import orthographic, perspective, rotation, view_at
 from tests.numerics.test_f_reprojection import TURN, compared, worst
 from tests.sequence_factory import make_camera

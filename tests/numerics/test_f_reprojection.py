@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.cameras import displacement
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.launch import Launcher
-from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.frames import Camera, Frame
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import Build, Steps, settings_record
-from cltaa.parameters.choices import Choices, Dilation, Settings
-from cltaa.parameters.presets import override
-from cltaa.resolve.frame_record import Past, frame_record
-from cltaa.resolve.resolver import Resolver
+from cltaa.camera import displacement
+from cltaa.core.backend import Launcher
+from cltaa.core.build import Build, Steps, settings_record
+from cltaa.core.parameters import Choices, Dilation, Settings
+from cltaa.core.planes import Layout
+from cltaa.core.presets import override
+from cltaa.core.record import Past, frame_record
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Camera, Frame
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import padded
 from tests.kernels.stage_chain import Work, run_stage
 from tests.numerics.exact_cameras import displacement_of, orthographic, perspective, rotation, view_at
@@ -200,7 +200,7 @@ def test_f4_f5_the_kind_of_depth_buffer_changes_nothing(clip: NDArray[np.float64
 def test_f5_closeness_keeps_the_precision_of_depth() -> None:
     # 1/Z in float32 is within 1 u of exact wherever Z is: no plane near or far spoils it.
     depth = (10.0 ** np.random.default_rng(32).uniform(-3, 8, (64, 64))).astype(np.float32)
-    from cltaa.cameras import closeness
+    from cltaa.camera import closeness
 
     out = np.empty_like(depth)
     closeness(depth, make_camera(), out)

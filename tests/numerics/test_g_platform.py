@@ -17,14 +17,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cltaa.devices.device import POCL, devices
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.frames import Frame, Image
-from cltaa.parameters.build import Build, prelude
-from cltaa.parameters.choices import HistoryFilter
-from cltaa.parameters.presets import load_preset, override
-from cltaa.resolve.resolver import Resolver
+from cltaa.core.build import Build, prelude
+from cltaa.core.parameters import HistoryFilter
+from cltaa.core.presets import load_preset, override
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Frame, Image
+from cltaa.opencl.device import POCL, devices
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import Planes
 from tests.kernels.stage_chain import ALL_STEPS, WRITES, chain_work, differing, run_stage
 from tests.kernels.test_twins import CutUp
@@ -110,10 +110,28 @@ def test_g3_fractions_are_not_quantised(launcher: DeviceLauncher) -> None:
 
 
 INEXACT = (
-    r"half_(?!width|storable)\w+", r"native_\w+", r"fast_\w+", "mix", "dot", "length", "normalize",
-    "distance", r"pow\w*", r"exp\w*", r"log\w*", "rsqrt", "cbrt", "sin", "cos",
-    "tan", "fma", "mad", "hypot", "fmod", "remainder",
-)  # fmt: skip
+    r"half_(?!width|storable)\w+",
+    r"native_\w+",
+    r"fast_\w+",
+    "mix",
+    "dot",
+    "length",
+    "normalize",
+    "distance",
+    r"pow\w*",
+    r"exp\w*",
+    r"log\w*",
+    "rsqrt",
+    "cbrt",
+    "sin",
+    "cos",
+    "tan",
+    "fma",
+    "mad",
+    "hypot",
+    "fmod",
+    "remainder",
+)
 
 
 def test_g4_no_library_function_but_the_root() -> None:

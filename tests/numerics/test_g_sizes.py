@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.devices.device_launcher import DeviceLauncher
+from cltaa.core.bands import BandedResolver
+from cltaa.core.planes import Layout
+from cltaa.core.resolver import Resolver
 from cltaa.errors import ResourceError
-from cltaa.files.content import memory_limit
-from cltaa.frames import Effect, Frame, Image
-from cltaa.memory.layout import Layout
-from cltaa.resolve.bands import BandedResolver
-from cltaa.resolve.resolver import Resolver
+from cltaa.frame import Effect, Frame, Image
+from cltaa.io.content import memory_limit
+from cltaa.opencl.launcher import DeviceLauncher
 from tests.kernels.test_resolve import hard_frames
 from tests.numerics.kernel_text import kernel_files, without_comments
 from tests.sequence_factory import bits, make_camera, make_frame
@@ -41,7 +41,7 @@ def test_g5_a_plane_is_counted_in_32_bits_and_planes_in_64() -> None:
     text = without_comments(kernel_files()["image.h"])
     assert text.count("(size_t)row_stride(frame) * (size_t)") == 2  # both kinds of plane_size
     assert "uint texel_offset" in text
-    assert Layout(16384, 16384).plane < 2**31  # larger images are refused: cltaa.resolve.upload
+    assert Layout(16384, 16384).plane < 2**31  # larger images are refused: cltaa.core.resolver
 
 
 SIDE, TILE = 16384, 256

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.launch import Launcher
-from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.parameters.build import Build
+from cltaa.core.backend import Launcher
+from cltaa.core.build import Build
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.stage_chain import ALL_STEPS, STAGES, WRITES, differing, run_stage
 from tests.numerics.golden import FOLDER, LAYOUT, read_table, read_work
 

@@ -1,7 +1,7 @@
 """How far the kernels are from both oracles, measured: ``python -m tests.numerics.tolerances`` prints the tables.
 
 A fast build of each stage is held against its twin in float64 with a running error bound, a strict build against its
-twin in float32, bit for bit. ``--write`` puts the tables into docs/numerics-tables.md. The device is the one that
+twin in float32, bit for bit. ``--write`` puts them into docs/generated/numerics-tables.md. The device is the one that
 CLTAA_DEVICE names, else the first.
 """
 
@@ -16,16 +16,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.devices.device_launcher import DeviceLauncher
-from cltaa.devices.launch import Launcher
-from cltaa.devices.numpy_launcher import NumpyLauncher
-from cltaa.parameters.build import HALVES, Build
+from cltaa.core.backend import Launcher
+from cltaa.core.build import HALVES, Build
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import Planes
 from tests.kernels.stage_chain import ALL_STEPS, WRITES, Work, arguments_of, chain_work, run_stage, variants
 from tests.numerics.units import OUTPUTS, STORED, Output, U
 from tests.numerics.with_bounds import with_bounds
 
-PAGE = Path(__file__).parents[2] / "docs" / "numerics-tables.md"
+PAGE = Path(__file__).parents[2] / "docs" / "generated" / "numerics-tables.md"
 LEAST_SCALE = 2.0**-90  # below it, what flushes to 0 is more than what rounds
 
 
@@ -190,7 +190,7 @@ def main() -> None:
     """Print the tables, or write them into the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--side", type=int, default=1024, help="pixels a side (default: %(default)s, a million pixels)")
-    parser.add_argument("--write", metavar="NAME", help="write between the marks NAME of docs/numerics-tables.md")
+    parser.add_argument("--write", metavar="NAME", help=f"write between the marks NAME of {PAGE.name}")
     given = parser.parse_args()
     text = tables(given.side, DeviceLauncher())
     if given.write:

@@ -8,17 +8,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.constants import PAD_X, PAD_Y, SPANS
-from cltaa.constants import value as value_of
-from cltaa.parameters.build import Build, Real
+from cltaa.core.build import Build, Real
+from cltaa.core.constants import PAD_X, PAD_Y, SPANS
+from cltaa.core.constants import value as value_of
+from cltaa.reference.accumulate import current_pixel
 from cltaa.reference.gather import gather_samples
 from cltaa.reference.gather_fit import Gathered
 from cltaa.reference.gather_sides import layers_of
 from cltaa.reference.neighbourhood import nearest_surface
-from cltaa.reference.pixel import current_pixel
 from cltaa.reference.planes import read_rows
-from cltaa.reference.projection import Motion, on_screen
 from cltaa.reference.real import outside_domain, quiet
+from cltaa.reference.reprojection import Motion, on_screen
 from cltaa.reference.sampling import footprint_of
 from cltaa.reference.span_weights import around
 from tests.kernels.stage_chain import ALL_STEPS, Work

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from cltaa.constants import value as value_of
-from cltaa.memory.layout import Layout
-from cltaa.parameters.build import HALVES, Build, Storage
+from cltaa.core.build import HALVES, Build, Storage
+from cltaa.core.constants import value as value_of
+from cltaa.core.planes import Layout
 from cltaa.reference import KERNELS
 from tests.numerics.bounded import Bounded
 

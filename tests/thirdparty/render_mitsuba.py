@@ -47,17 +47,26 @@ def scene(frame: int, width: int, height: int) -> tuple[Any, Any]:
         "type": "scene",
         "integrator": {"type": "aov", "aovs": "depth:depth", "image": {"type": "direct"}},
         "sensor": {
-            "type": "perspective", "fov": FIELD_OF_VIEW, "fov_axis": "x", "to_world": to_world, "near_clip": 0.1,
-            "principal_point_offset_x": jx / width, "principal_point_offset_y": jy / height,
+            "type": "perspective",
+            "fov": FIELD_OF_VIEW,
+            "fov_axis": "x",
+            "to_world": to_world,
+            "near_clip": 0.1,
+            "principal_point_offset_x": jx / width,
+            "principal_point_offset_y": jy / height,
             "film": {
-                "type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"},
-                "pixel_format": "rgb", "component_format": "float32",
+                "type": "hdrfilm",
+                "width": width,
+                "height": height,
+                "rfilter": {"type": "box"},
+                "pixel_format": "rgb",
+                "component_format": "float32",
             },
             "sampler": {"type": "stratified", "sample_count": 1, "jitter": False},
         },
         "floor": box(move([0, -1, 0]).scale([12, 0.1, 12]), (0.05, 0.04, 0.03), (0.6, 0.5, 0.4), 12),
         "wall": box(move([0, 2, -6]).scale([12, 4, 0.1]), (0.1, 0.1, 0.3), (0.7, 0.6, 0.2), 8),
-    }  # fmt: skip
+    }
     rng = np.random.default_rng(3)
     for place in range(6):
         at = rng.uniform((-3, -0.5, -3), (3, 1.5, 2)).tolist()

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.checking.report import check_folder
 from cltaa.cli import main
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import intake_lines, open_intake
-from cltaa.inputs.opening import open_input
-from cltaa.sequences.sources import open_images
+from cltaa.inputs.open import open_input
+from cltaa.io.sequence import open_images
+from cltaa.lab.check.report import check_folder
 
 HERE = Path(__file__).parent
 RECORDED = HERE / "recorded"

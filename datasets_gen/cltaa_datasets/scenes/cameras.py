@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets import animation
 from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import Instant, Lens, Matrix, Orthographic, Perspective

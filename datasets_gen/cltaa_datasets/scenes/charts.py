@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import Instant, Material, Orthographic, Part, Texture
@@ -23,8 +23,11 @@ TILT = np.radians(45.0)
 def _printed(texture: Texture) -> Material:
     """Shine by itself: what is printed is what is measured, whatever the light."""
     return Material(
-        base_colour=(0.0, 0.0, 0.0, 1.0), specular=0.0, emissive=(1.0, 1.0, 1.0), emissive_texture=texture,
-    )  # fmt: skip
+        base_colour=(0.0, 0.0, 0.0, 1.0),
+        specular=0.0,
+        emissive=(1.0, 1.0, 1.0),
+        emissive_texture=texture,
+    )
 
 
 @lru_cache(KEPT)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import Instant, Material, Part, Perspective, Sky, Sun
@@ -14,9 +14,14 @@ LENGTH = 160.0  # of the colonnade
 BAY = 4.0  # from column to column
 SUN = animation.direction(-60.0, 38.0)
 SKY = Sky(
-    zenith=(0.12, 0.28, 0.66), horizon=(0.90, 0.80, 0.66), ground=(0.34, 0.30, 0.26), glow=(0.9, 0.6, 0.3),
-    glow_direction=animation.direction(-12.0, 6.0), fog=0.012, ambient=0.6,
-)  # fmt: skip
+    zenith=(0.12, 0.28, 0.66),
+    horizon=(0.90, 0.80, 0.66),
+    ground=(0.34, 0.30, 0.26),
+    glow=(0.9, 0.6, 0.3),
+    glow_direction=animation.direction(-12.0, 6.0),
+    fog=0.012,
+    ambient=0.6,
+)
 
 
 def colonnade(rng: np.random.Generator) -> tuple[Part, Part]:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import trimesh
 
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets import animation, deform, meshes, textures
 from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import Instant, Material, Matrix, Part, Shape
@@ -29,9 +29,12 @@ def banner(rng: np.random.Generator) -> tuple[Part, Callable[[float], Shape]]:
     """Return a printed cloth and its shape as a function of time; it shines by itself, so that no colour changes."""
     page = textures.lettering(rng, (0.05, 0.06, 0.30), (0.86, 0.80, 0.62), 20)
     print_ = Material(
-        base_colour=(0.0, 0.0, 0.0, 1.0), specular=0.0, emissive=(0.8, 0.8, 0.8), emissive_texture=page,
+        base_colour=(0.0, 0.0, 0.0, 1.0),
+        specular=0.0,
+        emissive=(0.8, 0.8, 0.8),
+        emissive_texture=page,
         double_sided=True,
-    )  # fmt: skip
+    )
     phase = float(rng.random())
 
     def waving(time: float) -> trimesh.Trimesh:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import AlphaMode, Instant, Material, Part, Perspective, Sky, Sun
@@ -46,9 +46,11 @@ def depth_range(seed: int) -> Staging:
     """Sway behind a lattice: it runs across the picture while the hills only turn with the camera."""
     rng = np.random.default_rng(seed)
     net = Material(
-        base_texture=textures.lattice((0.12, 0.10, 0.08), 6, 0.16), specular=0.0, alpha_mode=AlphaMode.MASK,
+        base_texture=textures.lattice((0.12, 0.10, 0.08), 6, 0.16),
+        specular=0.0,
+        alpha_mode=AlphaMode.MASK,
         double_sided=True,
-    )  # fmt: skip
+    )
     grass = Material(base_texture=textures.mottle(rng, (0.10, 0.16, 0.04), (0.34, 0.38, 0.14), 16), specular=0.0)
     brick = Material(
         base_texture=textures.blocks(rng, (0.66, 0.32, 0.20), (0.60, 0.56, 0.50), 6, 12, 0.012), specular=0.0

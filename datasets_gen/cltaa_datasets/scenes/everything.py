@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets import animation, swarms
 from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import Instant, Perspective, Shadow, Sky, Sun
@@ -40,11 +40,16 @@ def everything(seed: int) -> Staging:
             "cloth": waving(time),
         }
         return standing(
-            parts, animation.look_at((x, 1.65, 5.0), (0.5 * x, 1.0, -1.0)), moving=PLACES,
+            parts,
+            animation.look_at((x, 1.65, 5.0), (0.5 * x, 1.0, -1.0)),
+            moving=PLACES,
             lens=Perspective(FIELD_OF_VIEW * (1.0 + 0.1 * swing)),
-            lights=(Sun(animation.direction(130.0 + 20.0 * swing, 45.0), (3.4, 3.1, 2.7), SHADOW),), sky=SKY,
-            exposure=EXPOSURES[animation.whole_periods(time, STEP) % len(EXPOSURES)], shot=shot, shapes=shapes,
-        )  # fmt: skip
+            lights=(Sun(animation.direction(130.0 + 20.0 * swing, 45.0), (3.4, 3.1, 2.7), SHADOW),),
+            sky=SKY,
+            exposure=EXPOSURES[animation.whole_periods(time, STEP) % len(EXPOSURES)],
+            shot=shot,
+            shapes=shapes,
+        )
 
     return parts, at
 

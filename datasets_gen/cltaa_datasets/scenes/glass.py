@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets import animation, meshes, swarms, textures
 from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import AlphaMode, Instant, Material, Part
@@ -54,9 +54,13 @@ def puffs() -> Part:
     soft = textures.make_texture(np.ones((64, 64, 3)), density)
     # They shine by themselves and alike, so that it does not matter in which order they are drawn.
     grey = Material(
-        base_colour=(0.0, 0.0, 0.0, 0.5), base_texture=soft, specular=0.0, emissive=(0.45, 0.45, 0.47),
-        alpha_mode=AlphaMode.BLEND, double_sided=True,
-    )  # fmt: skip
+        base_colour=(0.0, 0.0, 0.0, 0.5),
+        base_texture=soft,
+        specular=0.0,
+        emissive=(0.45, 0.45, 0.47),
+        alpha_mode=AlphaMode.BLEND,
+        double_sided=True,
+    )
     return Part("smoke", swarms.repeated(swarms.CARD, swarms.HALVES, PUFFS), grey, deforms=True)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import Instant, Lamp, Material, Part, Shadow, Sun

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import AlphaMode, Instant, Material, Matrix, Part
@@ -23,9 +23,14 @@ def hedge(seed: int, rows: int = 3) -> tuple[Part, ...]:
     leaves = textures.leaves(rng, (0.04, 0.12, 0.03), (0.24, 0.40, 0.10), 170)
     # Shining by itself, a leaf that sways keeps its colour.
     green = Material(
-        base_colour=(0.0, 0.0, 0.0, 1.0), base_texture=leaves, emissive=(1.0, 1.0, 1.0), emissive_texture=leaves,
-        specular=0.0, alpha_mode=AlphaMode.MASK, double_sided=True,
-    )  # fmt: skip
+        base_colour=(0.0, 0.0, 0.0, 1.0),
+        base_texture=leaves,
+        emissive=(1.0, 1.0, 1.0),
+        emissive_texture=leaves,
+        specular=0.0,
+        alpha_mode=AlphaMode.MASK,
+        double_sided=True,
+    )
     sheet = meshes.sheet((-0.5, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.1, 0.0), (1.5, 1.6))
     grown = []
     for row in range(rows):

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import Instant, Material, Matrix, Part, Perspective, Sky, Sun
 
 SUN = animation.direction(125.0, 42.0)
 SKY = Sky(
-    zenith=(0.10, 0.20, 0.46), horizon=(0.66, 0.72, 0.80), ground=(0.26, 0.22, 0.19), glow=(1.2, 1.0, 0.8),
-    glow_direction=SUN, fog=0.01, ambient=0.55,
-)  # fmt: skip
+    zenith=(0.10, 0.20, 0.46),
+    horizon=(0.66, 0.72, 0.80),
+    ground=(0.26, 0.22, 0.19),
+    glow=(1.2, 1.0, 0.8),
+    glow_direction=SUN,
+    fog=0.01,
+    ambient=0.55,
+)
 BALL_TURNS = 0.16  # a second
 CRATE_TURNS = 0.12
 KNOT_TURNS = 0.10

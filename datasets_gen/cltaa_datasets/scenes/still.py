@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import AlphaMode, Instant, Material, Part, Perspective, Sky, Sun
@@ -39,9 +39,11 @@ def things(rng: np.random.Generator) -> tuple[Part, ...]:
     page = textures.lettering(rng, (0.06, 0.05, 0.05), (0.80, 0.74, 0.62), 26)
     striped = textures.stripes((0.70, 0.14, 0.08), (0.84, 0.80, 0.72), 6)
     green = Material(
-        base_texture=textures.leaves(rng, (0.04, 0.12, 0.03), (0.24, 0.40, 0.10)), specular=0.0,
-        alpha_mode=AlphaMode.MASK, double_sided=True,
-    )  # fmt: skip
+        base_texture=textures.leaves(rng, (0.04, 0.12, 0.03), (0.24, 0.40, 0.10)),
+        specular=0.0,
+        alpha_mode=AlphaMode.MASK,
+        double_sided=True,
+    )
     sheets = [
         meshes.moved(
             meshes.sheet((-0.7, 0.0, 0.0), (1.4, 0.0, 0.0), (0.0, 1.9, 0.0), (1.0, 1.4)),
@@ -83,7 +85,10 @@ def still(seed: int) -> Staging:
     rng = np.random.default_rng(seed)
     parts = (*courtyard(rng), *things(rng))
     now = Instant(
-        animation.look_at((0.1, 1.65, 5.0), (0.1, 1.0, -1.0)), Perspective(np.radians(44.0)), (np.eye(4),) * len(parts),
-        (Sun(SUN, (3.4, 3.1, 2.7)),), SKY,
-    )  # fmt: skip
+        animation.look_at((0.1, 1.65, 5.0), (0.1, 1.0, -1.0)),
+        Perspective(np.radians(44.0)),
+        (np.eye(4),) * len(parts),
+        (Sun(SUN, (3.4, 3.1, 2.7)),),
+        SKY,
+    )
     return parts, lambda _: now

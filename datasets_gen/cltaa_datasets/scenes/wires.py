@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from cltaa.frames import Effect
+from cltaa.frame import Effect
 from cltaa_datasets import animation, meshes, textures
 from cltaa_datasets.registry import Staging, register
 from cltaa_datasets.scene import Instant, Material, Part, Perspective, Sky, Sun
@@ -15,9 +15,14 @@ from cltaa_datasets.scene import Instant, Material, Part, Perspective, Sky, Sun
 WALK = 0.9  # metres a second
 SUN = animation.direction(70.0, 32.0)
 SKY = Sky(
-    zenith=(0.10, 0.25, 0.62), horizon=(0.86, 0.82, 0.76), ground=(0.30, 0.30, 0.20), glow=(0.5, 0.35, 0.15),
-    glow_direction=animation.direction(40.0, 10.0), fog=0.004, ambient=0.6,
-)  # fmt: skip
+    zenith=(0.10, 0.25, 0.62),
+    horizon=(0.86, 0.82, 0.76),
+    ground=(0.30, 0.30, 0.20),
+    glow=(0.5, 0.35, 0.15),
+    glow_direction=animation.direction(40.0, 10.0),
+    fog=0.004,
+    ambient=0.6,
+)
 
 
 def fence(rng: np.random.Generator, posts: int = 18, spacing: float = 2.5) -> tuple[Part, Part]:

@@ -1,1 +1,0 @@
-"""Measuring: time against the alternatives and the floor, and error against time."""

@@ -1,1 +1,0 @@
-"""Presets judged on the same frames: sequences, cells of the table, and the page that holds it."""

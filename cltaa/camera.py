@@ -1,0 +1,143 @@
+"""Camera motion between two frames as the matrix that the kernels apply (docs/conventions.md, Matrices)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.frame import Camera
+
+# Depth of the sky as closeness: 1/Z is exactly 0; -Z has no such value, so the farthest usable one stands for it.
+SKY_PERSPECTIVE = 0.0
+SKY_ORTHOGRAPHIC = -(2.0**50)
+
+Rows = list[list[float]]  # of a matrix
+Three = tuple[float, float, float]
+Four = tuple[float, float, float, float]
+_NONE = [0.0] * 4
+
+
+class Displacement(NamedTuple):
+    """Rows x, y, w of D (columns px, py, closeness, 1) and the change of closeness, float64; all zero for no motion."""
+
+    rows: NDArray[np.float64]  # [3, 4]
+    closeness: NDArray[np.float64]  # [4], orthographic cameras only
+
+
+def sky_closeness(camera: Camera) -> float:
+    """The closeness that stands for a direction at infinity."""
+    return SKY_ORTHOGRAPHIC if camera.orthographic else SKY_PERSPECTIVE
+
+
+def closeness(depth: NDArray[np.float32], camera: Camera, out: NDArray[np.float32]) -> None:
+    """Planar depth [H, W] as closeness, into ``out``: 1/Z, or -Z for an orthographic camera; sky as ``sky_closeness``.
+
+    Depth that is no distance (NaN; 0 or less before a perspective camera) counts as sky.
+    """
+    if camera.orthographic:
+        np.negative(depth, out=out)
+        out[~np.isfinite(depth)] = SKY_ORTHOGRAPHIC
+        return
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        np.divide(np.float32(1.0), depth, out=out)
+        # 1/inf is 0 already; what is negative, infinite or NaN, which min and max hand on, there seldom is.
+        if not (out.min(initial=0.0) >= 0.0 and out.max(initial=0.0) < np.inf):
+            out[~((out >= 0.0) & (out < np.inf))] = SKY_PERSPECTIVE
+
+
+def closeness_at(reversed_depth: float, camera: Camera) -> float:
+    """Closeness 1/Z of a perspective camera's (1 - z_ndc) / 2: 1 at the near plane, 0 at the far one."""
+    _, _, by_z, constant = camera.view_to_clip[2]
+    return float((1.0 - 2.0 * reversed_depth + by_z) / constant)
+
+
+def is_still(camera: Camera, previous: Camera) -> bool:
+    """True when both matrices are the same, to the bit: then nothing moves, and D is exactly zero."""
+    # As lists: a frame waits for this, and nothing of NumPy is in a cache then.
+    return bool(
+        camera.world_to_view.tolist() == previous.world_to_view.tolist()
+        and camera.view_to_clip.tolist() == previous.view_to_clip.tolist()
+    )
+
+
+def displacement(camera: Camera, previous: Camera, width: int, height: int) -> Displacement:
+    """D between two frames, in pixels from the image centre (x right, y down), computed camera-relative in float64.
+
+    With p = (px, py, closeness, 1) the previous position is (p_xy + D_xy p) / (1 + D_w p).
+    """
+    *rows, closer = displacement_rows(camera, previous, width, height)
+    return Displacement(np.array(rows), np.array(closer))
+
+
+def displacement_rows(camera: Camera, previous: Camera, width: int, height: int) -> Rows:
+    """The three rows of ``displacement`` and the change of closeness, [4][4], in plain Python.
+
+    A frame waits for these few numbers, and after its kernels nothing of NumPy and LAPACK is in a cache.
+    """
+    now, then = camera.view_to_clip.tolist(), previous.view_to_clip.tolist()
+    here, there = camera.world_to_view.tolist(), previous.world_to_view.tolist()
+    if now == then and here == there:
+        return [_NONE] * 4
+    parallel = now[3][2] == 0.0
+    view = _view_position(now, 2.0 / width, -2.0 / height, parallel=parallel)
+    moved = [[_dot(row, by) for by in view] for row in _relative_change(here[:3], there[:3])]
+    moved_by = list(zip(*moved, _NONE, strict=True))
+    rows: Rows = []
+    for row, scale in ((0, width / 2.0), (1, -height / 2.0), (3, 1.0)):
+        # Each part is a difference before anything is multiplied: what does not change leaves exactly nothing behind.
+        before, zoomed = then[row], [one - other for one, other in zip(then[row], now[row], strict=True)]
+        both = zip(moved_by, view, strict=True)
+        rows.append([scale * (_dot(before, by_move) + _dot(zoomed, by)) for by_move, by in both])
+    return [*rows, moved[2] if parallel else _NONE]
+
+
+def _view_position(clip: Rows, ndc_x: float, ndc_y: float, *, parallel: bool) -> list[Four]:
+    """Homogeneous view-space position by px, by py, by closeness and by 1, [4][4]; NDC = ndc_x px, ndc_y py.
+
+    Perspective: the position divided by depth, (ray, -1) with w = closeness. Orthographic: the position itself, w = 1.
+    """
+    (xx, xy, xz, x1), (yx, yy, yz, y1), *_ = clip
+    size = xx * yy - xy * yx
+    xx, xy, yx, yy = yy / size, -xy / size, -yx / size, xx / size
+    by_x, by_y = (xx * ndc_x, yx * ndc_x, 0.0, 0.0), (xy * ndc_y, yy * ndc_y, 0.0, 0.0)
+    by_z, by_1 = (xx * xz + xy * yz, yx * xz + yy * yz), (xx * x1 + xy * y1, yx * x1 + yy * y1)
+    if parallel:
+        return [by_x, by_y, (-by_z[0], -by_z[1], 1.0, 0.0), (-by_1[0], -by_1[1], 0.0, 1.0)]
+    return [by_x, by_y, (-by_1[0], -by_1[1], 0.0, 1.0), (*by_z, -1.0, 0.0)]
+
+
+def _relative_change(now: Rows, then: Rows) -> list[Four]:
+    """What takes a position as the view ``now`` [3][4] has it to ``then``, minus the identity, [3][4].
+
+    World positions never appear.
+    """
+    (here, inverse), (there, _) = _origin(now), _origin(then)
+    apart = (there[0] - here[0], there[1] - here[1], there[2] - here[2], 0.0)
+    change: list[Four] = []
+    for before, after in zip(then, now, strict=True):
+        x, y, z = before[0] - after[0], before[1] - after[1], before[2] - after[2]
+        by_x, by_y, by_z = (x * p + y * q + z * r for p, q, r in inverse)
+        change.append((by_x, by_y, by_z, _dot(before, apart)))
+    return change
+
+
+def _origin(view: Rows) -> tuple[list[float], list[Three]]:
+    """Where the world's origin lies beside a camera of ``view`` [3][4], along the world's axes; and the columns of the
+    inverse of its first three columns."""
+    (a, b, c, x), (d, e, f, y), (g, h, i, z) = view
+    first = (e * i - f * h, f * g - d * i, d * h - e * g)
+    second = (c * h - b * i, a * i - c * g, b * g - a * h)
+    third = (b * f - c * e, c * d - a * f, a * e - b * d)
+    size = a * first[0] + b * first[1] + c * first[2]
+    inverse = [(p / size, q / size, r / size) for p, q, r in (first, second, third)]
+    return [p * x + q * y + r * z for p, q, r in zip(*inverse, strict=True)], inverse
+
+
+def _dot(one: Sequence[float], other: Four) -> float:
+    """In doubles, from the left, whatever the machine: a BLAS sums otherwise on each."""
+    a, b, c, d = one
+    x, y, z, w = other
+    return a * x + b * y + c * z + d * w

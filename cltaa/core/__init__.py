@@ -1,0 +1,1 @@
+"""Frames in, images out: the resolve, which knows no file."""

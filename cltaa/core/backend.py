@@ -1,0 +1,71 @@
+"""What runs kernels: an OpenCL device (``device_launcher``), or NumPy (``numpy_launcher``)."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.core.build import Build, Storage
+from cltaa.core.planes import Layout
+from cltaa.errors import UsageError
+
+WISH = "CLTAA_DEVICE"  # the variable that names a device where nothing else does
+
+
+class Buffer(Protocol):
+    """Memory of a launcher that the host can fill or read."""
+
+    def mapped(self, *, write: bool) -> AbstractContextManager[NDArray[Any]]:
+        """The contents as an array, for writing all of it or for reading."""
+
+
+class Launcher(Protocol):
+    """Allocates memory and runs kernels by name."""
+
+    description: str
+    shares_memory: bool  # with the host, so that what is there already need not be copied
+    takes_bands: bool  # runs kernels over bands of rows, not over whole images alone
+
+    def build(self, plan_build: Build) -> Build:
+        """The build shaped for this launcher (lanes, rows)."""
+
+    def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
+        """Zeroed memory."""
+
+    def take(self, planes: NDArray[np.float32]) -> Buffer:
+        """Memory that kernels read, which are ``planes`` of the host, where this launcher shares its memory."""
+
+    def prepare(self, kernel: str, build: Build) -> None:
+        """Build a kernel before it is run."""
+
+    def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
+        """Run a kernel over an image of ``layout``; arguments are buffers, struct records, whole numbers or None."""
+
+    def copy(self, source: Buffer, target: Buffer, offset: int) -> None:
+        """Copy all of ``source`` into ``target``, from its element ``offset`` on; both hold the same numbers."""
+
+    def finish(self) -> None:
+        """Wait for everything that was started."""
+
+
+def storage_dtype(build: Build) -> Any:
+    """NumPy type of the history."""
+    return {Storage.FLOAT: np.float32, Storage.DOUBLE: np.float64}.get(build.storage, np.float16)
+
+
+def launcher_for(device: str | int | Launcher | None) -> Launcher:
+    """A launcher as it is, or that of ``--device`` or CLTAA_DEVICE: ``numpy``, or a wish for ``choose_device``."""
+    if device is not None and not isinstance(device, str | int):
+        if not hasattr(device, "build"):
+            raise UsageError("no device", expected="its index, a part of its name, or numpy", found=repr(device))
+        return device
+    from cltaa.opencl.launcher import DeviceLauncher
+    from cltaa.reference.launcher import NumpyLauncher
+
+    wish = str(device) if isinstance(device, int) else device or os.environ.get(WISH)
+    return NumpyLauncher() if wish == "numpy" else DeviceLauncher(wish)

@@ -1,0 +1,214 @@
+"""Images too large to lie in memory several times: resolved in bands of rows, to the same bits as in one piece.
+
+What recurs (history, counts, closeness) is whole, once; of the frame that arrives and of its result the device holds
+one band at a time, and the result replaces the frame's own arrays band by band. A band takes the rows around it along,
+so that every pixel sees the neighbours that it sees in one piece.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.core.backend import Buffer, storage_dtype
+from cltaa.core.buffers import Buffers
+from cltaa.core.build import edge_build
+from cltaa.core.constants import PAD_X, PAD_Y
+from cltaa.core.frame_checks import check_frame
+from cltaa.core.parameters import HistoryOf
+from cltaa.core.passes import Passes
+from cltaa.core.planes import Layout
+from cltaa.core.presets import Preset
+from cltaa.core.record import Past, frame_record
+from cltaa.core.resolver import Resolver, Times, one_thread, upload
+from cltaa.errors import UsageError
+from cltaa.frame import Frame, Image
+
+BAND_ROWS = 512  # 400 MB of band at 16384 columns
+
+
+class Band(Layout):
+    """Layout of planes that hold some rows of an image and, around them, up to PAD_Y more of its rows."""
+
+    first: int
+    whole: int
+
+    @classmethod
+    def of(cls, image: Layout, first: int, rows: int) -> Band:
+        """The ``rows`` rows of an image from ``first`` on; the last band of an image may reach beyond it."""
+        band = cls(image.width, rows)
+        band.first, band.whole = first, image.height
+        return band
+
+    @property
+    def taken(self) -> slice:
+        """Rows of the image that the planes hold."""
+        return slice(max(self.first - PAD_Y, 0), min(self.first + self.height + PAD_Y, self.whole))
+
+    @property
+    def own(self) -> slice:
+        """Rows of the image that the band is for."""
+        return slice(self.first, min(self.first + self.height, self.whole))
+
+    @property
+    def held(self) -> slice:
+        """Rows of a plane that hold rows of the image."""
+        above = PAD_Y - self.first
+        return slice(self.taken.start + above, self.taken.stop + above)
+
+    def copied(self, buffer: Buffer, dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
+        """A copy of the band's own rows of a buffer, [C, own rows, W] ``dtype``."""
+        rows = slice(PAD_Y, PAD_Y + self.own.stop - self.own.start)
+        with buffer.mapped(write=False) as planes:
+            return planes[:, rows, PAD_X : PAD_X + self.width].astype(dtype)
+
+
+class _Result(NamedTuple):
+    """What a band became; it is stored when no band below takes its rows along any more."""
+
+    band: Band
+    output: NDArray[np.float32]
+    samples: NDArray[np.float32]
+    closeness: NDArray[np.float32]
+
+
+class _Whole(NamedTuple):
+    """Where the results of all bands of a frame go: mostly the frame's own arrays."""
+
+    colour: Image  # [H, W, 3]
+    alpha: Image | None
+    samples: Image
+    closeness: Image
+
+    def store(self, result: _Result) -> None:
+        rows = result.band.own
+        self.colour[rows] = np.moveaxis(result.output[:3], 0, -1)
+        if self.alpha is not None:
+            self.alpha[rows] = result.output[3]
+        self.samples[rows], self.closeness[rows] = result.samples[0], result.closeness[0]
+
+
+class BandedResolver(Resolver):
+    """A resolver that works in bands of ``band_rows`` rows, for images that do not fit into memory several times.
+
+    With ``in_place`` the arrays of a frame are used up: the image that ``resolve`` returns lies in them, and no copy
+    of them is in memory beside.
+    """
+
+    def __init__(self, *arguments: Any, band_rows: int = BAND_ROWS, in_place: bool = False, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        if not self.launcher.takes_bands:
+            raise UsageError("NumPy resolves whole images only", cure="leave --band-rows out, or name a device")
+        if self.preset.choices.history_of is not HistoryOf.RESULT:
+            raise UsageError(
+                f"preset {self.preset.name} {keeps(self.preset)}, so it resolves whole images only",
+                cure="leave --band-rows out, or take --preset default",
+            )
+        self._rows, self._in_place = band_rows, in_place
+
+    @classmethod
+    def beside(cls, whole: Resolver, band_rows: int, **options: Any) -> BandedResolver:
+        """One on the device that ``whole`` has opened, with the options that it was made with."""
+        banded = cls(whole.preset, whole.launcher, band_rows=band_rows, **options)
+        banded._device = whole._device  # to open again
+        return banded
+
+    @one_thread
+    def resolve(self, frame: Frame, *, half: bool = False) -> NDArray[Any]:
+        """The resolved colour of ``frame`` as ``Resolver.resolve`` gives it."""
+        check_frame(frame)
+        started = perf_counter()
+        if not self._in_place:
+            frame = _copied(frame)
+        previous, build = self._begin(frame)
+        buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
+        assert self.plan is not None
+        record = frame_record(frame, previous, buffers.whole, self.plan)
+        passes = Passes(self.launcher, self.plan, build, buffers, record)
+        whole = _whole(frame, build.steps.alpha)
+        planes = 3 if frame.alpha is None else 4
+        halves = np.empty((planes if half else 0, frame.height, frame.width), np.float16)
+        waiting: deque[_Result] = deque()  # rows that the bands below still take along as they came
+        for first in range(0, frame.height, self._rows):
+            band = buffers.layout = Band.of(buffers.whole, first, self._rows)
+            upload(_rows(frame, band.taken), buffers, build.steps, self.preset.settings)
+            while waiting and waiting[0].band.own.stop <= band.own.stop - PAD_Y:
+                whole.store(waiting.popleft())
+            record["first_row"], record["band_rows"] = first, self._rows
+            passes.resolve()
+            rounded = passes.to_halves(buffers.output) if half else None
+            self.launcher.finish()
+            if rounded is not None:
+                halves[:, band.own] = band.copied(rounded, np.float16)[:planes]
+            written = (buffers.output, buffers.output_count, buffers.closeness)
+            waiting.append(_Result(band, *(band.copied(buffer) for buffer in written)))
+        for result in waiting:
+            whole.store(result)
+        _keep(whole, buffers)
+        self._previous = Past.of(frame)
+        self.times = Times(0.0, perf_counter() - started, 0.0)
+        if half:
+            return np.moveaxis(halves, 0, -1)
+        if frame.alpha is None:
+            return whole.colour
+        return np.concatenate([whole.colour, frame.alpha[..., None]], axis=-1)
+
+    @one_thread
+    def reserve(self, width: int, height: int, *, alpha: bool, half: bool = False) -> None:
+        """Allocate memory for frames of a size, with or without alpha; the edges of bands are the host's."""
+        self._fitting(Layout(width, height), alpha or self.every_step)
+        if half:
+            self.launcher.prepare("to_halves", edge_build(self.launcher.build(self._shape)))
+
+    def _new_buffers(self, layout: Layout, alpha: bool) -> Buffers:
+        band = Band.of(layout, 0, self._rows)
+        return Buffers(self.launcher, band, alpha, storage_dtype(self._shape), layout)
+
+
+def keeps(preset: Preset) -> str:
+    """What a preset does for which whole images are needed."""
+    return "keeps frames" if preset.choices.history_of is HistoryOf.SAMPLES else "keeps its history at 200 %"
+
+
+def _whole(frame: Frame, alpha: bool) -> _Whole:
+    size = (frame.height, frame.width)
+    return _Whole(
+        frame.colour,
+        np.empty(size, np.float32) if alpha and frame.alpha is None else frame.alpha,
+        np.empty(size, np.float32),
+        frame.depth,
+    )
+
+
+def _copied(frame: Frame) -> Frame:
+    """The frame with copies of those arrays that its result takes the place of."""
+    alpha = None if frame.alpha is None else frame.alpha.copy()
+    return replace(frame, colour=frame.colour.copy(), depth=frame.depth.copy(), alpha=alpha)
+
+
+def _rows(frame: Frame, rows: slice) -> Frame:
+    """Those rows of a frame, without what no step reads."""
+    planes: dict[str, Any] = {
+        name: None if getattr(frame, name) is None else getattr(frame, name)[rows]
+        for name in ("colour", "depth", "motion", "alpha", "reactive")
+    }
+    return replace(frame, **planes, object_id=None, normal=None)
+
+
+def _keep(whole: _Whole, buffers: Buffers) -> None:
+    """Make the result what the next frame reads."""
+    colour = np.moveaxis(whole.colour, -1, 0)
+    for buffer, planes in (
+        (buffers.history, [*colour, *([] if whole.alpha is None else [whole.alpha])]),
+        (buffers.history_count, [whole.samples]),
+        (buffers.previous_closeness, [whole.closeness]),
+    ):
+        with buffer.mapped(write=True) as target:
+            for place, plane in zip(buffers.whole.inside(target), planes, strict=True):
+                place[...] = plane
+            buffers.whole.extend_edges(target)

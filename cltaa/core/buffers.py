@@ -1,0 +1,294 @@
+"""Device memory of a resolve: planes of the current frame, the history, the result, and the ring of past frames."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from cltaa.camera import is_still
+from cltaa.core.backend import Buffer, Launcher
+from cltaa.core.build import FRAME_DTYPE, Build, Record, Steps, kept_planes, span_planes, texel_planes
+from cltaa.core.constants import MIDDLE_SPAN, SHORT_SPAN, SPANS, value
+from cltaa.core.parameters import Choices, HistoryOf, LightChange
+from cltaa.core.plan import Plan
+from cltaa.core.planes import Layout, around, empty_image
+from cltaa.core.record import Past, frame_record
+from cltaa.errors import ResourceError
+from cltaa.frame import Frame
+from cltaa.printable import counted
+
+# Kernels step in 31 bits over the four planes of a channel at 200 %.
+MOST_DOUBLED = 2**29 - 1
+
+# Those of a float but its sign and the last ones, which hold a change of light.
+_COUNT_BITS = 0x7FFFFFFF & ~int(value("KEPT_CHANGES"))
+
+
+class LastRun(NamedTuple):
+    """What the fused kernel was given for the last frame; its memory holds that until the next one.
+
+    The arguments of a resolve that gathers samples have ``kept``, its ring of frames, among them.
+    """
+
+    build: Build
+    layout: Layout
+    arguments: dict[str, Any]
+
+
+class Buffers:
+    """Device memory of one image size; history and output, and closeness now and then, change places each frame."""
+
+    def __init__(
+        self, launcher: Launcher, layout: Layout, alpha: bool, dtype: Any, whole: Layout | None = None
+    ) -> None:
+        """``alpha`` adds a plane to the history, ``dtype`` is the number that the history is kept in.
+
+        ``whole`` is the layout of what recurs, where ``layout`` is only that of a band of it.
+        """
+        self.layout, self.whole, self._launcher = layout, whole or layout, launcher
+        self.result_planes = 4 if alpha else 3
+        self.closeness = self._planes(1)
+        self.output, self.output_count = self._planes(self.result_planes, dtype), self._planes(1)
+        self.history = self._planes(self.result_planes, dtype, self.whole)
+        self.history_count, self.previous_closeness = self._planes(1, layout=whole), self._planes(1, layout=whole)
+        self.channels: dict[str, Buffer] = {}  # of the frame: current, motion, alpha, reactive
+        self._copies: dict[str, Buffer] = {}  # memory for those that were copied once
+        self._dtype = dtype
+        self._texels: list[Buffer] = []  # at 200 %: those that are read, and those that are written
+        self._shown: dict[str, Buffer] = {}
+        self._halves: Buffer | None = None
+        self.doubled = False  # whether the last frame left a history at 200 %
+        self.marked = False  # whether the counts that the last frame left hold changes of light
+
+    def _planes(self, count: int, dtype: Any = np.float32, layout: Layout | None = None) -> Buffer:
+        layout = layout or self.layout
+        return self._launcher.allocate((count, layout.rows, layout.stride), dtype)
+
+    def fit(self, layout: Layout, alpha: bool) -> bool:
+        """True when these buffers serve a frame of that size, with or without alpha."""
+        return layout == self.whole and (4 if alpha else 3) == self.result_planes
+
+    def bring(self, name: str, planes: NDArray[np.float32]) -> None:
+        """Give the frame's channel of that name its planes [C, H, W], or [C, 1, 1] for all pixels.
+
+        Those that lie as the kernels read them are taken where they are, on a device that can; others are copied.
+        """
+        whole = around(planes, self.layout) if self._launcher.shares_memory else None
+        if whole is not None:
+            self.layout.extend_edges(whole)
+            self.channels[name] = self._launcher.take(whole)
+            return
+        if name not in self._copies:
+            self._copies[name] = self._planes(len(planes))
+        fill(self._copies[name], self.layout, planes)
+        self.channels[name] = self._copies[name]
+
+    def texels(self) -> tuple[Buffer, Buffer]:
+        """The history at 200 % that is read and the one that is written, allocated when first asked for.
+
+        Raises ResourceError where a channel of it has more texels than kernels can step over.
+        """
+        if self.layout.plane > MOST_DOUBLED:
+            raise ResourceError(
+                "the image is too large for a history at 200 %",
+                found=f"{self.layout.width} x {self.layout.height}",
+                expected=f"at most {MOST_DOUBLED} texels with the halo",
+                cure="take --preset default",
+            )
+        planes = texel_planes(self.result_planes == 4)
+        while len(self._texels) < 2:
+            self._texels.append(self._planes(planes, self._dtype))
+        return self._texels[0], self._texels[1]
+
+    def shown(self) -> dict[str, Buffer]:
+        """What takes the place of the output and its counts where the next frame reads another image than is shown;
+        allocated when first asked for."""
+        if not self._shown:
+            self._shown = {
+                "output": self._planes(self.result_planes, self._dtype),
+                "output_count": self._planes(1),
+            }
+        return self._shown
+
+    def halves(self) -> Buffer:
+        """What holds the result in halves, allocated when first asked for."""
+        if self._halves is None:
+            self._halves = self._planes(self.result_planes, np.float16)
+        return self._halves
+
+    def written(self, doubled: bool) -> list[dict[str, Any]]:
+        """What a resolve writes for the next frame, as ``extend_edges`` is given it."""
+        counted = {"planes": self.result_planes, "more": 1}
+        images: list[dict[str, Any]] = [{"image": self.output, "floats": self.output_count, **counted}]
+        if doubled:
+            planes = texel_planes(self.result_planes == 4)
+            images.append({"image": self.texels()[1], "floats": None, "planes": planes, "more": 0})
+        return images
+
+    def read(self, image: Buffer, alpha: bool, dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
+        """The output, what is ``shown`` in its place, or ``halves``, as [H, W, 3 or 4] ``dtype``, planar in memory."""
+        with image.mapped(write=False) as planes:
+            stored = self.layout.inside(planes)[: 4 if alpha else 3]
+            inside = empty_image(stored.shape, dtype)
+            inside[...] = stored
+        return np.moveaxis(inside, 0, -1)
+
+    def swap(self) -> None:
+        """What was written becomes what is read."""
+        self.history, self.output = self.output, self.history
+        self.history_count, self.output_count = self.output_count, self.history_count
+        self.closeness, self.previous_closeness = self.previous_closeness, self.closeness
+        self._texels.reverse()
+
+    def ready_counts(self, choices: Choices, *, read: bool) -> None:
+        """Ready the counts for a frame of those choices, which does or does not read them.
+
+        Where it tests light and the last frame did not, their last bits are no change of light (``light.h``).
+        """
+        tests = choices.history_of is HistoryOf.RESULT and choices.light_change is not LightChange.IGNORE
+        if tests and read and not self.marked:
+            self._clear_changes()
+        self.marked = tests
+
+    def _clear_changes(self) -> None:
+        with self.history_count.mapped(write=False) as counts:
+            cleared = counts.view(np.uint32) & np.uint32(_COUNT_BITS)
+        with self.history_count.mapped(write=True) as counts:
+            counts[...] = cleared.view(np.float32)
+
+    def arguments(self, frame: Record, settings: Record, steps: Steps) -> dict[str, Any]:
+        """What every kernel that resolves is given beside what recurs."""
+        return {
+            "current": self.channels["current"],
+            "closeness": self.closeness,
+            "motion": self.channels["motion"] if steps.own_motion else None,
+            "alpha": self.channels["alpha"] if steps.alpha else None,
+            "reactive": self.channels["reactive"] if steps.reactive else None,
+            "output": self.output,
+            "output_count": self.output_count,
+            "frame": frame,
+            "settings": settings,
+        }
+
+    def recurrent(self) -> dict[str, Buffer]:
+        """The memory that the next frame reads beside its own input, by name; valid until the next ``swap``."""
+        return {
+            "history": self.history,
+            "history_count": self.history_count,
+            "previous_closeness": self.previous_closeness,
+        }
+
+    def doubling(self) -> dict[str, Buffer]:
+        """The same, and what is written, of a resolve with a history at 200 %."""
+        texels, texels_out = self.texels()
+        return {"previous_closeness": self.previous_closeness, "texels": texels, "texels_out": texels_out}
+
+
+def fill(buffer: Buffer, layout: Layout, planes: NDArray[np.float32]) -> None:
+    """Copy planes [C, H, W] into a buffer and repeat their edge into its halo."""
+    with buffer.mapped(write=True) as target:
+        layout.inside(target)[: len(planes)] = planes
+        layout.extend_edges(target)
+
+
+class KeptFrames:
+    """A ring of ``count`` frames of one size and the one in work; ``past``: the facts about each, the latest first."""
+
+    def __init__(self, launcher: Launcher, layout: Layout, count: int, steps: Steps) -> None:
+        self.layout, self._launcher, self._count = layout, launcher, count
+        self._planes, self._channels = kept_planes(steps), _channels(steps)
+        self._slots = count + 1
+        self.planes = _ring(launcher, (self._slots * self._planes, layout.rows, layout.stride), self._slots)
+        self.records = launcher.allocate((count,), FRAME_DTYPE)
+        self.past: tuple[Past, ...] = ()
+        self._spans: dict[str, Buffer] = {}
+
+    def fit(self, layout: Layout, count: int, steps: Steps) -> bool:
+        """True when this ring holds ``count`` frames of that size and with those channels."""
+        return (layout, count, _channels(steps)) == (self.layout, self._count, self._channels)
+
+    def build(self, build: Build, frame: Frame) -> Build:
+        """``build`` with camera motion where the camera differs from that of any kept frame."""
+        moved = any(not is_still(frame.camera, past.camera) for past in self.past)
+        return replace(build, steps=replace(build.steps, camera_motion=build.steps.camera_motion or moved))
+
+    def span_memory(self, steps: Steps) -> dict[str, Buffer]:
+        """Memory for what is gathered of the spans of the past, allocated when first asked for."""
+        if not self._spans:
+            for name, planes in (("spans", SPANS * span_planes(steps)), ("repeats", 1)):
+                shape = (planes, self.layout.rows, self.layout.stride)
+                self._spans[name] = self._launcher.allocate(shape, np.float32)
+        return self._spans
+
+    def standing(self, frame: Frame) -> int:
+        """How many of the latest kept frames were seen by the camera of ``frame``."""
+        told = self.past[: self._count]
+        return next((place for place, past in enumerate(told) if not is_still(frame.camera, past.camera)), len(told))
+
+    def describe(self, frame: Frame, plan: Plan) -> int:
+        """Tell the device how ``frame`` looks from each kept frame; returns how many there are."""
+        with self.records.mapped(write=True) as records:
+            for place, past in enumerate(self.past[: self._count]):
+                record = frame_record(frame, past, self.layout, plan)
+                record["jitter_x"], record["jitter_y"] = past.jitter_px
+                record["slot"] = past.index // frame.step % self._slots
+                records[place] = record
+            self._tell_repeats(frame, records)
+        return min(len(self.past), self._count)
+
+    def _tell_repeats(self, frame: Frame, records: NDArray[Any]) -> None:
+        """Tell of each frame, that of now first, which other kept frame of one camera has its samples nearest to where
+        they lie in their pixels, of the latest ones before them; of no more frames than the middle span has none."""
+        standing, records["again"] = self.standing(frame), -1
+        if standing <= MIDDLE_SPAN:
+            return
+        jitters = np.array([frame.jitter_px, *(past.jitter_px for past in self.past[:standing])])
+        apart = np.square(jitters[:-1, None] - jitters[1:]).sum(-1)
+        itself = np.arange(1, standing)
+        apart[itself, itself - 1] = np.inf
+        for place in range(1, SHORT_SPAN + 1):
+            apart[place, :place] = np.inf
+        records["again"][:standing] = apart.argmin(-1)
+
+    def keep(self, frame: Frame, buffers: Buffers, steps: Steps) -> None:
+        """Copy what was uploaded of ``frame`` into the ring, in the place of the oldest."""
+        sources = [(buffers.channels["current"], 3), (buffers.closeness, 1)]
+        if steps.own_motion:
+            sources.append((buffers.channels["motion"], 2))
+        if steps.alpha:
+            sources.append((buffers.channels["alpha"], 1))
+        if steps.reactive:
+            sources.append((buffers.channels["reactive"], 1))
+        at = (frame.index // frame.step % self._slots) * self._planes * self.layout.plane
+        for source, planes in sources:
+            self._launcher.copy(source, self.planes, at)
+            at += planes * self.layout.plane
+        self.past = (Past.of(frame), *self.past)[: self._slots]
+
+    def go_back(self, last: Past | None) -> None:
+        """Forget what was kept after ``last``, as of a frame that was interrupted; all where there is none."""
+        self.past = tuple(past for past in self.past if last is not None and past.index <= last.index)
+
+    def take_back(self) -> None:
+        """Forget the frame that was kept last; those before it are all still there."""
+        self.past = self.past[1:]
+
+
+def _channels(steps: Steps) -> tuple[bool, ...]:
+    """Which channels are kept: as many others take as much of the ring, but not of the memory for spans."""
+    return steps.own_motion, steps.alpha, steps.reactive
+
+
+def _ring(launcher: Launcher, shape: tuple[int, int, int], frames: int) -> Buffer:
+    try:
+        return launcher.allocate(shape, np.float32)
+    except ResourceError as error:
+        raise ResourceError(
+            f"{error.what} to keep {counted(frames, 'frame')}",
+            expected=error.expected,
+            found=error.found,
+            cure="keep fewer with --set frames_kept=N, or none with --preset default",
+        ) from error

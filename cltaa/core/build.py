@@ -1,0 +1,248 @@
+"""What a kernel is built from beside its source: the prelude with structs, constants and choices."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.core.constants import CONSTANTS, WANDER_FRAMES, WHOLE_NUMBERS
+from cltaa.core.parameters import HOST_CHOICES, KERNEL_SETTINGS, Choices, GatherFit, HistoryOf, Settings, ThinSearch
+from cltaa.errors import UsageError, known
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+class Real(StrEnum):
+    """The number that the stages compute with."""
+
+    FLOAT = "float"
+    DOUBLE = "double"
+
+
+class Storage(StrEnum):
+    """The number that the history is kept in."""
+
+    FLOAT = "float"
+    HALF = "half"  # rounded to the nearest: an old history stands still within ulp / (2 weight) of its goal
+    HALF_STOCHASTIC = "half-stochastic"  # rounded up or down at random: true on average, at the price of noise
+    DOUBLE = "double"  # for the ladder of cltaa bench accuracy alone
+
+
+def storage_of(name: str) -> Storage:
+    """The storage of that name; raises UsageError, for kernels of no storage write beyond their memory."""
+    try:
+        return Storage(name)
+    except ValueError:
+        raise UsageError(f"no such storage {name}", cure=known(str(name), Storage, "storages")) from None
+
+
+HALVES = (Storage.HALF, Storage.HALF_STOCHASTIC)
+# What a result may be asked for in.
+STORAGES = (Storage.FLOAT, *HALVES)
+
+
+class Steps(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
+    """Which optional steps a frame calls for; each one left out is not even compiled."""
+
+    camera_motion: bool = True
+    own_motion: bool = True
+    orthographic: bool = False
+    exposure: bool = True
+    alpha: bool = False
+    reactive: bool = False
+
+
+class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
+    """Which terms the settings call for. One that they make nothing of is not compiled, and no bit changes."""
+
+    resample_cost: bool = True
+    pull_cost: bool = True
+    gamma_by_motion: bool = True
+    fresh_blur: bool = True
+    wander: bool = True
+
+    @classmethod
+    def of(cls, settings: Settings) -> Terms:
+        """The terms that ``settings`` call for."""
+        return cls(
+            resample_cost=settings.resample_cost != 0.0,
+            pull_cost=settings.pull_cost != 0.0,
+            gamma_by_motion=settings.gamma_still != settings.gamma_moving,
+            fresh_blur=settings.fresh_blur != 0.0,
+            wander=settings.frames_kept > WANDER_FRAMES,
+        )
+
+
+def kept_planes(steps: Steps) -> int:
+    """Planes of a kept frame: r, g, b, closeness, and where steps read them own motion, alpha, reactivity."""
+    return 4 + 2 * steps.own_motion + steps.alpha + steps.reactive
+
+
+def texel_planes(alpha: bool) -> int:
+    """Planes of a history at 200 %: four each of r, g, b, alpha where there is any, and count (texels.h)."""
+    return 4 * (4 + alpha)
+
+
+def span_planes(steps: Steps) -> int:
+    """Planes of a span: r, g, b, error, count, and alpha where there is such (SPAN_PLANES)."""
+    return 5 + steps.alpha
+
+
+class Build(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
+    """Everything that decides a kernel's text and flags, apart from its source files."""
+
+    choices: Choices = Choices()
+    steps: Steps = Steps()
+    terms: Terms = Terms()
+    real: Real = Real.FLOAT
+    storage: Storage = Storage.FLOAT
+    lanes: int = 0  # 0: what suits the device
+    rows: int = 0
+    stride: int = 0  # texels from one row of a plane to the next, where kernels are built for one width; 0: any
+    plane: int = 0  # texels of a plane, where kernels are built for one size of images in one piece; 0: any
+    registers: int = 0  # the most a work-item may have, where the compiler can be told; 0: as many as it likes
+    columns_ahead: int = 0  # work-items right of one whose texels it fetches (kernels/ahead.h); 0: only the next one's
+    far_first: bool = False  # whether these come into the first cache, not into the second alone
+    columns: int = 0  # the most that a work-item of the resolve walks row by row; 0: what suits the device
+    strict: bool = False
+    relaxed: bool = False  # what the compiler may do with -cl-fast-relaxed-math: only to be timed (decision 16)
+
+    @property
+    def extends(self) -> bool:
+        """Whether kernels repeat the edges of what they store themselves, as a CPU's do (``kernels/edges.h``)."""
+        return self.lanes > 1
+
+    def flags(self) -> tuple[str, ...]:
+        """Options of the OpenCL compiler."""
+        always: tuple[str, ...] = ("-cl-std=CL1.2", "-Werror", "-cl-kernel-arg-info")
+        if self.registers:
+            always += (f"-cl-nv-maxrregcount={self.registers}",)
+        if self.strict:
+            return (*always, "-cl-fp32-correctly-rounded-divide-sqrt")
+        return (*always, "-cl-fast-relaxed-math") if self.relaxed else always
+
+
+def shared(build: Build) -> Build:
+    """``build`` without what its kernels make nothing of: what does not gather is the default's program."""
+    if build.choices.history_of is HistoryOf.SAMPLES:
+        return build
+    choices = msgspec.structs.replace(build.choices, gather_fit=GatherFit.MEAN, thin_search=ThinSearch.OWN_WAY)
+    terms = msgspec.structs.replace(build.terms, wander=True)
+    return msgspec.structs.replace(build, choices=choices, terms=terms)
+
+
+def edge_build(build: Build) -> Build:
+    """That of ``extend_edges`` and ``to_halves``, which copy the result: alike, whatever else decides the resolve."""
+    return Build(lanes=build.lanes, rows=build.rows, storage=build.storage)
+
+
+# The per-frame struct: name -> (C type, meaning). All members have 4 bytes, so that every compiler lays it out alike.
+FRAME_FIELDS: dict[str, tuple[str, str]] = {
+    "width": ("int", "pixels a row"),
+    "height": ("int", "rows"),
+    "stride": ("int", "floats from one row to the next"),
+    "first_row": ("int", "row of the image that the planes of the frame begin with"),
+    "band_rows": ("int", "rows that the planes of the frame hold; 0: all"),
+    "reset": ("int", "1: there is no history"),
+    "number": ("int", "number of the frame, for what differs from frame to frame"),
+    "origin_x": ("float", "px of pixel x's sample = x + origin_x: 0.5 + jitter - width / 2"),
+    "origin_y": ("float", "py of pixel y's sample = y + origin_y: 0.5 + jitter - height / 2"),
+    "xx": ("float", "row x of D, by px"),
+    "xy": ("float", "row x of D, by py"),
+    "xq": ("float", "row x of D, by closeness"),
+    "x1": ("float", "row x of D, constant"),
+    "yx": ("float", "row y of D, by px"),
+    "yy": ("float", "row y of D, by py"),
+    "yq": ("float", "row y of D, by closeness"),
+    "y1": ("float", "row y of D, constant"),
+    "wx": ("float", "row w of D, by px"),
+    "wy": ("float", "row w of D, by py"),
+    "wq": ("float", "row w of D, by closeness"),
+    "w1": ("float", "row w of D, constant"),
+    "zx": ("float", "change of closeness by px (orthographic)"),
+    "zy": ("float", "change of closeness by py (orthographic)"),
+    "zq": ("float", "change of closeness by closeness (orthographic)"),
+    "z1": ("float", "change of closeness, constant (orthographic)"),
+    "sky_closeness": ("float", "closeness of the sky"),
+    "exposure_ratio": ("float", "exposure now over exposure then"),
+    "jitter_x": ("float", "the frame's sample, in pixels right of the pixel's centre"),
+    "jitter_y": ("float", "the same, below it"),
+    "slot": ("int", "where the frame is kept"),
+    "again": ("int", "place of the kept frame whose samples lie nearest to those of the frame after this one, or -1"),
+    "left_weight": ("float", "weight of the left column in the current filter"),
+    "right_weight": ("float", "weight of the right column"),
+    "above_weight": ("float", "weight of the row above"),
+    "below_weight": ("float", "weight of the row below"),
+    "left_mass": ("float", "what the sample counts for in the left texels of a pixel's history at 200 %"),
+    "right_mass": ("float", "the same in the right ones"),
+    "upper_mass": ("float", "a factor to it in the upper ones"),
+    "lower_mass": ("float", "a factor to it in the lower ones"),
+}
+
+# A struct of a kernel as a 0-dimensional structured array.
+Record = NDArray[np.void]
+
+_NUMPY_TYPES = {"int": np.int32, "float": np.float32}
+FRAME_DTYPE = np.dtype([(name, _NUMPY_TYPES[kind]) for name, (kind, _) in FRAME_FIELDS.items()])
+SETTINGS_KEPT = 16  # records of settings that are kept: frames of a sequence have one, or a few by their effects
+SETTINGS_DTYPE = np.dtype([(name, np.float32) for name in KERNEL_SETTINGS])
+
+
+@lru_cache(maxsize=SETTINGS_KEPT)
+def settings_record(settings: Settings) -> Record:
+    """The settings as the struct that a kernel receives, every value rounded to float32; not to be written to."""
+    record = np.array(tuple(getattr(settings, name) for name in KERNEL_SETTINGS), SETTINGS_DTYPE)
+    record.flags.writeable = False
+    return record
+
+
+def _macro(name: str) -> str:
+    return name.upper().replace("-", "_")
+
+
+def _enum_lines(name: str, value: StrEnum) -> Iterator[str]:
+    macro = _macro(name)
+    for number, member in enumerate(type(value)):
+        yield f"#define {macro}_{_macro(member.value)} {number}"
+    yield f"#define {macro} {macro}_{_macro(value.value)}"
+
+
+def _literal(value: float, real: Real) -> str:
+    return f"{float(np.float32(value)).hex()}f" if real is Real.FLOAT else value.hex()
+
+
+def _struct_lines(name: str, fields: dict[str, str]) -> Iterator[str]:
+    yield "typedef struct {"
+    yield from (f"    {kind} {field};" for field, kind in fields.items())
+    yield f"}} {name};"
+
+
+# Members of a build that kernels are told by their own names.
+SHAPED = "lanes", "rows", "stride", "plane", "columns_ahead", "columns", "far_first", "strict", "relaxed"
+
+
+def prelude(build: Build) -> str:
+    """The text in front of every kernel: build constants, choices, named constants and structs."""
+    numbers = {
+        **{_macro(name): int(getattr(build, name)) for name in SHAPED},
+        "REAL_DOUBLE": int(build.real is Real.DOUBLE),
+        "STORAGE_DOUBLE": int(build.storage is Storage.DOUBLE),
+        "STORAGE_HALF": int(build.storage in HALVES),
+        "STORAGE_STOCHASTIC": int(build.storage is Storage.HALF_STOCHASTIC),
+        **WHOLE_NUMBERS,
+        **{_macro(name): int(getattr(build.steps, name)) for name in Steps.__struct_fields__},
+        **{_macro(name): int(getattr(build.terms, name)) for name in Terms.__struct_fields__},
+    }
+    lines = [f"#define {name} {value}" for name, value in numbers.items()]
+    for name in sorted(set(Choices.__struct_fields__) - HOST_CHOICES):
+        lines.extend(_enum_lines(name, getattr(build.choices, name)))
+    lines.extend(f"#define {name} {_literal(constant.value, build.real)}" for name, constant in CONSTANTS.items())
+    lines.extend(_struct_lines("frame_t", {name: kind for name, (kind, _) in FRAME_FIELDS.items()}))
+    lines.extend(_struct_lines("settings_t", dict.fromkeys(KERNEL_SETTINGS, "float")))
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,242 @@
+"""What must hold of a frame before anything is worked out from it, whether a file's reader made it or a program."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from cltaa.core.constants import PAD_X, PAD_Y
+from cltaa.core.planes import Layout
+from cltaa.errors import DataError, known
+from cltaa.frame import Camera, Effect, Frame, Matrix
+
+# Kernels count the texels of a plane in 32 bits, and steps from one to another in 31.
+MOST_TEXELS = 2**31 - 1
+OPTIONAL = ("motion", "alpha", "reactive")  # channels that a frame need not have
+INVERSE_TOLERANCE = 1e-6  # largest |M inv(M) - I|; a sound camera 10^6 m from the origin stays below 1e-9
+LARGEST_SCALE = 1e100  # of a determinant of a matrix, either way: cameras divide by it, and their numbers end at 1e308
+CAMERAS_KEPT = 64  # that were found sound: those of a frame, and of all that are read, resolved and written beside it
+LARGEST_JITTER = 2.0  # pixels; from it on no sample may lie within a filter's reach, and the number is in another unit
+EXPOSURE_STOPS = 32.0  # largest |log2(exposure)|; from starlight to the sun's disc is about 30 stops
+AWAY = np.array([1.0, 1.0, -1.0, 1.0])  # a view space whose camera looks the other way along z
+WHOLE = "a whole number from 1 on"
+_EFFECTS = frozenset(Effect)
+
+
+def check_frame(frame: Frame) -> None:
+    """Raise DataError for a frame that cannot be resolved: channels, camera, jitter, exposure, effects, numbers."""
+    if not isinstance(frame, Frame):
+        raise DataError("no frame", expected="a cltaa.Frame", found=_kind(frame))
+    check_channels(frame)
+    _check_types(frame)
+    check_camera(frame.camera, path=frame.path, frame=frame.index)
+    check_numbers(frame.jitter_px, frame.exposure, path=frame.path, frame=frame.index)
+    _check_effects(frame)
+    if frame.step < 1:
+        raise _wrong(frame, "step", WHOLE)
+
+
+def _check_types(frame: Frame) -> None:
+    """Raise DataError where something else stands for the camera, a number or a yes or no."""
+    for name, kinds, expected in (
+        ("index", (int, np.integer), "a whole number"),
+        ("step", (int, np.integer), WHOLE),
+        ("camera", Camera, "a cltaa.Camera"),
+        ("exposure", (int, float, np.integer, np.floating), "a number"),
+        ("cut", (bool, np.bool_, int), "True or False"),
+    ):
+        if not isinstance(getattr(frame, name), kinds):
+            raise _wrong(frame, name, expected)
+
+
+def _wrong(frame: Frame, name: str, expected: str) -> DataError:
+    found = getattr(frame, name)
+    shown = type(found).__name__ if found is None or isinstance(found, np.ndarray) else repr(found)
+    return _error(frame, f"{name} is wrong", expected, shown)
+
+
+def _error(frame: Frame, what: str, expected: object, found: object, cure: str | None = None) -> DataError:
+    number = frame.index if isinstance(frame.index, int | np.integer) else None
+    return DataError(what, path=frame.path, frame=number, expected=expected, found=found, cure=cure)
+
+
+def check_channels(frame: Frame) -> None:
+    """Raise DataError where a channel holds no floats, channels differ in size, or a plane is too large to count."""
+    _check_floats(frame)
+    _check_colour(frame)
+    size = frame.colour.shape[:2]
+    if Layout(size[1], size[0]).plane > MOST_TEXELS:
+        most = f"at most {MOST_TEXELS} texels, the halo of {PAD_X} columns and {PAD_Y} rows a side included"
+        raise _error(frame, "the image is too large", most, f"{size[1]} x {size[0]}", "resolve it in parts")
+    expected = {"depth": size, "motion": (*size, 2), "alpha": size, "reactive": size}
+    for name, shape in expected.items():
+        array = getattr(frame, name)
+        if array is not None and array.shape != shape:
+            cure = "all channels of a frame share one size"
+            raise _error(frame, f"{name} has the wrong shape", shape, array.shape, cure)
+
+
+def _check_colour(frame: Frame) -> None:
+    shape = frame.colour.shape
+    if len(shape) == 3 and shape[2] == 3 and 0 not in shape:
+        return
+    expected, cure = "[H, W, 3]", None
+    if len(shape) == 3 and shape[2] == 4:
+        cure = "the fourth is alpha: colour=rgba[..., :3], alpha=rgba[..., 3]"
+    elif len(shape) == 3 and shape[0] == 3:
+        cure = "put the axis of the channels last: np.moveaxis(colour, 0, -1)"
+    elif 0 in shape:
+        expected = "at least one pixel"
+    raise _error(frame, "colour has the wrong shape", expected, shape, cure)
+
+
+def _check_floats(frame: Frame) -> None:
+    for name in ("colour", "depth", *OPTIONAL):
+        array: object = getattr(frame, name)
+        if array is None and name in OPTIONAL:
+            continue
+        if not isinstance(array, np.ndarray) or array.dtype.kind != "f":
+            found = array.dtype if isinstance(array, np.ndarray) else type(array).__name__
+            cure = "bytes of a picture are no linear light: decode them first" if name == "colour" else None
+            raise _error(frame, f"{name} is no array of floats", "float32", found, cure)
+
+
+def _check_effects(frame: Frame) -> None:
+    if frame.effects is None:
+        return
+    if not isinstance(frame.effects, set | frozenset):
+        expected = "frozenset of cltaa.Effect, or None"
+        raise _error(frame, "effects are no set", expected, type(frame.effects).__name__)
+    for name in frame.effects - _EFFECTS:
+        cure = known(str(name), Effect, "effects")
+        raise DataError(f"unknown effect {name}", path=frame.path, frame=frame.index, cure=cure)
+
+
+def check_camera(camera: Camera, *, path: Path | None = None, frame: int | None = None) -> None:
+    """Raise DataError unless both matrices are finite, invertible, right-handed and look along -z.
+
+    The last row of the projection must give w = distance along the view axis (perspective) or w = 1 (orthographic):
+    that is positive for every point in front, and false for a matrix that was transposed by mistake.
+    """
+    matrices = camera.world_to_view, camera.view_to_clip
+    if all(isinstance(matrix, np.ndarray) and matrix.shape == (4, 4) and matrix.dtype == float for matrix in matrices):
+        with suppress(DataError):  # which says nothing of file and frame
+            _check_again(*(matrix.tobytes() for matrix in matrices))
+            return
+    _check_camera(camera, path, frame)
+
+
+@lru_cache(maxsize=CAMERAS_KEPT)
+def _check_again(view: bytes, clip: bytes) -> None:
+    """Look once at what is asked of a frame when it is read, when it is resolved, and when its result is written."""
+    _check_camera(Camera(*(np.frombuffer(matrix).reshape(4, 4) for matrix in (view, clip))), None, None)
+
+
+def _check_camera(camera: Camera, path: Path | None, frame: int | None) -> None:
+    for name, matrix in (("worldToView", camera.world_to_view), ("viewToClip", camera.view_to_clip)):
+        attribute = f"matrix cltaa:{name}"
+        if not isinstance(matrix, np.ndarray) or matrix.shape != (4, 4) or not _is_real(matrix):
+            raise DataError(f"{attribute} is no 4 x 4 matrix", path=path, frame=frame, found=_kind(matrix))
+        if not np.isfinite(matrix).all():
+            raise DataError(f"{attribute} holds NaN or infinity", path=path, frame=frame, cure="write the frame again")
+        error = _inverse_error(matrix)
+        if not error < INVERSE_TOLERANCE:
+            expected, found = f"|M inv(M) - I| < {INVERSE_TOLERANCE:g}", f"{error:.3g}"
+            raise DataError(f"{attribute} cannot be inverted", path=path, frame=frame, expected=expected, found=found)
+    view, clip = camera.world_to_view, camera.view_to_clip
+    _check_row("worldToView", view, ([0, 0, 0, 1],), path, frame)
+    _check_row("viewToClip", clip, ([0, 0, -1, 0], [0, 0, 0, 1]), path, frame)
+    with np.errstate(over="ignore"):
+        size, across = (float(np.linalg.det(part)) for part in (view[:3, :3], clip[:2, :2]))
+    for name, scale in (("worldToView", abs(size)), ("viewToClip", abs(across))):
+        if not 1 / LARGEST_SCALE <= scale <= LARGEST_SCALE:
+            raise DataError(
+                f"matrix cltaa:{name} scales beyond use",
+                path=path,
+                frame=frame,
+                found=f"{scale:.3g}",
+                expected=f"a determinant from {1 / LARGEST_SCALE:g} to {LARGEST_SCALE:g}",
+                cure="use another unit",
+            )
+    if size < 0:
+        raise DataError(
+            "matrix cltaa:worldToView mirrors the world",
+            path=path,
+            frame=frame,
+            expected="right-handed view space, -z forward",
+            cure="flip its z row",
+        )
+
+
+def _check_row(name: str, matrix: Matrix, allowed: tuple[list[int], ...], path: Path | None, frame: int | None) -> None:
+    def right(row: Matrix) -> bool:
+        return any(np.abs(row - expected).max() < INVERSE_TOLERANCE for expected in allowed)
+
+    if right(matrix[3]):
+        return
+    cure = "check whether it is transposed"
+    for kind, row in (
+        ("transposed", matrix[:, 3]),
+        ("of a camera along +z", matrix[3] * AWAY),
+        ("transposed, and of a camera along +z", matrix[:, 3] * AWAY),
+    ):
+        if right(row):
+            cure = f"it is {kind}: of files cltaa check names the options that mend it, of arrays see docs/python.md"
+            break
+    expected = " or ".join(" ".join(map(str, numbers)) for numbers in allowed)
+    raise DataError(
+        f"matrix cltaa:{name} has a wrong last row",
+        path=path,
+        frame=frame,
+        expected=expected,
+        found=" ".join(f"{number:g}" for number in matrix[3]),
+        cure=cure,
+    )
+
+
+def _inverse_error(matrix: Matrix) -> float:
+    try:
+        return float(np.abs(matrix @ np.linalg.inv(matrix) - np.eye(4)).max())
+    except np.linalg.LinAlgError:
+        return float("inf")
+
+
+def check_numbers(
+    jitter_px: tuple[float, float], exposure: float, *, path: Path | None = None, frame: int | None = None
+) -> None:
+    """Raise DataError unless the jitter is two numbers of a pixel or so and the exposure one that light can have."""
+    sound = _is_real(jitter_px) and np.shape(jitter_px) == (2,) and np.abs(jitter_px).max() < LARGEST_JITTER
+    if not sound:  # NaN too
+        raise DataError(
+            "attribute cltaa:jitterPx is no jitter",
+            path=path,
+            frame=frame,
+            expected=f"two numbers of less than {LARGEST_JITTER:g} pixels",
+            found=jitter_px,
+        )
+    if not 2.0**-EXPOSURE_STOPS <= exposure <= 2.0**EXPOSURE_STOPS:
+        raise DataError(
+            "attribute cltaa:exposure is no exposure",
+            path=path,
+            frame=frame,
+            expected=f"a positive factor within {EXPOSURE_STOPS:g} stops of 1",
+            found=exposure,
+        )
+
+
+def _is_real(value: object) -> bool:
+    """True for a number or numbers that are not complex and stand for nothing else."""
+    try:
+        return np.asarray(value).dtype.kind in "fiu"
+    except ValueError:  # of several lengths
+        return False
+
+
+def _kind(value: object) -> object:
+    """The shape of an array of numbers, the type of other entries, and of anything else its type."""
+    if not isinstance(value, np.ndarray):
+        return type(value).__name__
+    return list(value.shape) if _is_real(value) else value.dtype

@@ -1,0 +1,397 @@
+"""Every parameter of the resolve, declared once: choices that shape the kernels, and settings that they are given.
+
+From these declarations come the range check, the TOML key, the ``--set`` option, the row in the docs, the C struct that
+a kernel receives and the ``#define`` lines of its prelude.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated, Self
+
+import msgspec
+from msgspec import Meta
+
+
+class Choice(StrEnum):
+    """A value of a parameter that shapes the code; ``meaning`` is empty where the word says it all."""
+
+    meaning: str
+
+    def __new__(cls, word: str, meaning: str = "") -> Self:
+        """Make the value that presets call ``word``."""
+        value = str.__new__(cls, word)
+        value._value_, value.meaning = word, meaning
+        return value
+
+
+class HistoryFilter(Choice):
+    """How the history is read between its texels."""
+
+    NEAREST = "nearest"
+    BILINEAR = "bilinear"
+    CATMULL_ROM = "catmull-rom", "4x4 texels"
+    CATMULL_ROM_9 = "catmull-rom-9", "the same, regrouped into nine reads between texels"
+    CATMULL_ROM_5 = "catmull-rom-5", "those nine without the four in the corners"
+    LANCZOS_3 = "lanczos-3", "6x6 texels"
+
+
+class CurrentFilter(Choice):
+    """How the sample at the pixel's centre is rebuilt from the jittered samples of its 3x3."""
+
+    NONE = "none", "the pixel's own sample stands for the pixel"
+    BILINEAR = "bilinear", "read between the samples, as a texture unit would at the unjittered place"
+    GAUSSIAN = "gaussian", "exp(-filter_falloff d^2), d in pixels from the centre"
+    LANCZOS = "lanczos", "windowed sinc of radius 2, its ringing held inside the extremes of the 3x3"
+
+
+class FilterUse(Choice):
+    """Where the current filter stands for the pixel's own sample."""
+
+    ALWAYS = "always"
+    FEW = "few-samples", "the less, the more samples there are: its share goes as 1 / n, of a history later as 1 / n^2"
+
+
+def _number(meaning: str, low: float, high: float, unit: str, source: str) -> Meta:
+    return Meta(ge=low, le=high, description=meaning, extra={"unit": unit, "source": source})
+
+
+class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbid_unknown_fields=True):
+    """Numbers; those that kernels look at reach them as one struct of floats by value.
+
+    Changing one costs nothing, except where a term comes to nothing, or to something again: that is another build
+    (``Terms``).
+    """
+
+    blend_weight: Annotated[
+        float, _number("least weight of the current sample (exponential)", 1e-6, 1.0, "1", "Karis 2014: 0.1")
+    ] = 0.1
+    moving_weight: Annotated[
+        float, _number("greatest weight of the current sample (adaptive)", 1e-6, 1.0, "1", "the Vireo article: 0.25")
+    ] = 0.25
+    motion_rate: Annotated[
+        float, _number("rise of that weight by motion (adaptive)", 0.0, 1e6, "1 / screens a frame", "the same: 30")
+    ] = 30.0
+    clip_rate: Annotated[
+        float, _number("rise of that weight by the rectified distance (adaptive)", 0.0, 1e6, "1 / scene unit", "3")
+    ] = 3.0
+    differing_share: Annotated[
+        float, _number("factor of the weight where luminances differ (difference)", 0.0, 1.0, "1", "INSIDE 2016: 0.12")
+    ] = 0.12
+    agreeing_share: Annotated[
+        float, _number("factor of the weight where luminances agree (difference)", 0.0, 1.0, "1", "INSIDE 2016: 0.03")
+    ] = 0.03
+    difference_knee: Annotated[
+        float, _number("least luminance that a difference is held against", 1e-3, 1e6, "scene units", "INSIDE: 0.2")
+    ] = 0.2
+    filter_falloff: Annotated[
+        float, _number("falloff of the gaussian current filter", 0.0, 64.0, "1 / pixel^2", "2.29: Blackman-Harris, 3.3")
+    ] = 2.29
+    texel_falloff: Annotated[
+        float, _number("falloff of a sample's mass (history_of doubled)", 0.0, 16.0, "1 / pixel^2", "measured")
+    ] = 8.0
+    filter_samples: Annotated[
+        float,
+        _number("samples of a history beyond which the filter's share falls as 1 / n^2", 1.0, 2.0**20, "1", "measured"),
+    ] = 8.0
+    frames_kept: Annotated[
+        int, _number("earlier frames whose samples are kept (history_of samples)", 1, 64, "frames", "measured")
+    ] = 15
+    fit_ridge: Annotated[
+        float,
+        _number("even samples' worth that holds the fitted slope back", 2.0**-6, 2.0**20, "1", "measured"),
+    ] = 0.125
+    fit_reach: Annotated[
+        float,
+        _number(
+            "where few samples no longer count, from the pixel's centre along an axis",
+            0.5625,
+            1.0,
+            "pixels",
+            "measured",
+        ),
+    ] = 0.8
+    thin_frames: Annotated[
+        int, _number("kept frames in which things thinner than a pixel are looked for", 0, 64, "frames", "measured")
+    ] = 4
+    sample_limit: Annotated[
+        float, _number("most samples that the history counts for", 1.0, 2.0**20, "samples", "measured")
+    ] = 24.0
+    changing_cost: Annotated[
+        float, _number("resample_cost, where light is declared to change", 0.0, 16.0, "1", "measured")
+    ] = 0.0
+    changing_gamma: Annotated[
+        float, _number("gamma_still, where a change of light is tested for", 0.0, 64.0, "the same", "measured")
+    ] = 1.0
+    change_t: Annotated[
+        float, _number("Student's t of the 3x3 from which light that goes on has changed", 0.125, 1e6, "1", "measured")
+    ] = 2.3
+    change_kept: Annotated[
+        float, _number("share of such a t that is added to that of the next frame", 0.0, 1.0, "1", "measured")
+    ] = 0.75
+    change_floor: Annotated[
+        float, _number("standard error added to that of the 3x3, over its luminance", 0.0, 1.0, "1", "measured")
+    ] = 0.03
+    lobe_floor: Annotated[
+        float,
+        _number("share of the least of 3 texels that history keeps (light_change test)", 0.0, 1.0, "1", "measured"),
+    ] = 0.5
+    resample_cost: Annotated[
+        float, _number("loss of count per fraction f(1-f) read between texels", 0.0, 16.0, "1", "measured")
+    ] = 1.5
+    pull_cost: Annotated[
+        float, _number("loss of count per half extent that rectification moved the history", 0.0, 64.0, "1", "measured")
+    ] = 0.5
+    gamma_still: Annotated[
+        float, _number("half width of the box where nothing moves", 0.0, 64.0, "deviations, half extents", "measured")
+    ] = 1.0
+    gamma_moving: Annotated[
+        float, _number("half width of the box in motion", 0.0, 64.0, "the same", "Salvi 2016: 0.75 to 1.25")
+    ] = 1.0
+    motion_px: Annotated[
+        float, _number("motion from which gamma_moving holds", 1e-3, 1e6, "pixels a frame", "measured")
+    ] = 1.0
+    box_floor: Annotated[
+        float,
+        _number("least half extent of the box over its size (clip, ellipsoid)", 0.0, 1.0, "1", "2^-10: NUMERICS D2"),
+    ] = 2.0**-10
+    depth_tolerance: Annotated[
+        float, _number("relative slack of the depth test", 0.0, 1.0, "1", "0.02, two engines' value")
+    ] = 0.05
+    edge_tolerance: Annotated[
+        float, _number("relative skew of closeness in the 3x3 that makes a depth edge", 0.0, 1.0, "1", "measured")
+    ] = 0.03
+    luminance_knee: Annotated[
+        float,
+        _number("luminance from which a sample's weight falls", 1e-3, 1e6, "scene units", "Karis 2014: 1; measured: 4"),
+    ] = 4.0
+    sky_below: Annotated[
+        float, _number("reversed depth up to which a texel counts as sky (perspective)", 0.0, 0.5, "1", "simvx: 1e-4")
+    ] = 0.0
+    sky_at: Annotated[
+        float, _number("reversed depth at which the sky is reprojected; 0: at infinity", 0.0, 0.5, "1", "simvx: 1e-3")
+    ] = 0.0
+    fresh_blur: Annotated[
+        float, _number("share of the 3x3 mean in a pixel without history", 0.0, 1.0, "1", "measured")
+    ] = 0.5
+
+
+# What the host alone looks at: it does not reach the kernels' struct.
+HOST_SETTINGS = frozenset(
+    {"changing_cost", "changing_gamma", "filter_falloff", "frames_kept", "sky_at", "sky_below", "texel_falloff"}
+)
+KERNEL_SETTINGS = tuple(name for name in Settings.__struct_fields__ if name not in HOST_SETTINGS)
+
+
+class HistoryOf(Choice):
+    """What is remembered of earlier frames."""
+
+    RESULT = "result", "their resolved image: any number of frames in one"
+    DOUBLED = "doubled", "the same at 200 %: four texels a pixel"
+    SAMPLES = "samples", "the samples of the last frames_kept frames, as they were drawn"
+
+
+class GatherFit(Choice):
+    """What the gathered samples of a pixel are taken for (history_of samples)."""
+
+    MEAN = "mean", "as many draws of one value"
+    PLANE = "plane", "points of a plane over the pixel, whose value at the centre is taken"
+    LAYERS = "layers", "the same, and across a depth edge a nearer surface and a farther one, each on its own way"
+
+
+class ThinSearch(Choice):
+    """Along which ways things thinner than a pixel are looked for (gather_fit layers)."""
+
+    OWN_WAY = "own-way", "that of what the pixel shows"
+    BESIDE = "beside", "where light does not change, that of the nearest thing around it too, twice as many frames back"
+
+
+class Tonemap(Choice):
+    """The range in which everything is compared and blended."""
+
+    NONE = "none"
+    PEAK = "peak", "c / (1 + max(r, g, b)), undone when the result is stored"
+
+
+class Reproject(Choice):
+    """What the history position follows."""
+
+    FULL = "full", "camera and own motion"
+    CAMERA = "camera", "the camera alone"
+    NONE = "none", "nothing: the same pixel"
+
+
+class OnCameraMove(Choice):
+    """What happens to the history when the camera moves."""
+
+    KEEP = "keep"
+    RESET = "reset"
+
+
+class RayThrough(Choice):
+    """Where in the pixel the surface is taken to lie that the depth tells of."""
+
+    SAMPLE = "sample", "at the jittered sample that was drawn"
+    CENTRE = "centre", "at the pixel's centre, as resolves that reproject by unjittered matrices have it"
+
+
+class ExposureChange(Choice):
+    """What a change of exposure does to the history."""
+
+    FOLLOW = "follow", "it is scaled by the ratio"
+    IGNORE = "ignore"
+
+
+class ReactiveMask(Choice):
+    """What the reactive channel does."""
+
+    USE = "use", "less history where it is high"
+    IGNORE = "ignore"
+
+
+class OffScreen(Choice):
+    """What a history position outside the previous image means."""
+
+    FRESH = "fresh", "no history"
+    EDGE = "edge", "the nearest texel of the edge"
+
+
+class AlphaFrom(Choice):
+    """Where the alpha of the result comes from."""
+
+    BLEND = "blend", "accumulated like colour"
+    CURRENT = "current", "the current frame's"
+
+
+class Negatives(Choice):
+    """What happens to light that a negative lobe or a chroma clamp made negative."""
+
+    RAISE = "raise", "to 0, or to the current sample where that is negative itself"
+    KEEP = "keep"
+
+
+class Neighbourhood(Choice):
+    """Which texels around a pixel its statistics are taken over."""
+
+    CROSS = "cross"
+    SQUARE = "square"
+    WEIGHTED = "weighted", "the square, its mean and deviation with weights 1 2 1 both ways"
+
+
+class Variance(Choice):
+    """How the deviation of the neighbourhood is summed up."""
+
+    SHIFTED = "shifted", "of differences from the centre: right at any mean"
+    NAIVE = "naive", "E[x^2] - E[x]^2, the popular form: it cancels where the mean is large beside the deviation"
+
+
+class Box(Choice):
+    """What the history is held against."""
+
+    VARIANCE = "variance", "mean +- gamma standard deviations"
+    EXTREMES = "extremes", "least and greatest value of each channel"
+    BOTH = "both", "the intersection of the two"
+    ROUNDED = "rounded", "the mean of the extremes of the 3x3 and of the cross"
+    UNIT = "unit", "the extremes, but at least [0, 1] is inside; alpha is held in its own"
+
+
+class BoxSpace(Choice):
+    """The colour space of the box."""
+
+    RGB = "rgb"
+    YCOCG = "ycocg"
+
+
+class Rectify(Choice):
+    """How implausible history is moved into the box."""
+
+    NONE = "none"
+    CLAMP = "clamp", "each channel on its own; moves no further than the history moved"
+    CLIP = "clip", "along the line to the centre, extents floored"
+    CLIP_UNGUARDED = "clip-unguarded", "the popular form without the floor: discontinuous for flat boxes"
+    CLIP_CURRENT = "clip-current", "along the line to the current sample, itself clamped"
+    ELLIPSOID = "ellipsoid", "along the line to the centre, onto the ellipsoid inside the box"
+
+
+class Dilation(Choice):
+    """Whose motion a pixel follows."""
+
+    NONE = "none", "its own"
+    CLOSEST = "closest", "that of the nearest surface in its 3x3"
+    EDGE = "edge", "the same, but only across a depth edge"
+
+
+class LightChange(Choice):
+    """What becomes of history whose light has changed since."""
+
+    IGNORE = "ignore", "its box alone tells"
+    TEST = "test", "the more the 3x3 of now differs from that of the history all one way, the less it counts"
+    SPANS = "spans", "the span of the past that the latest samples bear out; without gathered samples: test"
+
+
+class Reject(Choice):
+    """How history of another surface is recognised."""
+
+    NONE = "none"
+    DEPTH = "depth", "by the closeness that the previous frame should have had there"
+
+
+class Accumulate(Choice):
+    """How the weight of the current sample follows from the number of samples in the history."""
+
+    COUNT = "count", "running mean: 1 / (count + 1)"
+    EXPONENTIAL = "exponential", "the same, but never below blend_weight"
+    CONSTANT = "constant", "blend_weight from the second frame on"
+    ADAPTIVE = "adaptive", "from blend_weight to moving_weight, by motion and by what rectification moved"
+
+
+class Weighting(Choice):
+    """What else weighs in the blend."""
+
+    NONE = "none"
+    LUMINANCE = "luminance", "1 / (knee + Y): one firefly does not outweigh a pixel's whole past"
+
+
+class AntiFlicker(Choice):
+    """What lowers the weight of the current sample where the picture is likely to flicker."""
+
+    NONE = "none"
+    DIFFERENCE = "difference", "by the luminance difference between the sample and its history (Lottes)"
+    CLAMP_DISTANCE = "clamp-distance", "by the distance of the history from the ends of its box (Karis 2014)"
+
+
+class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbid_unknown_fields=True):
+    """Parameters that shape the code; they reach the kernels as ``#define`` lines and cost one cached build."""
+
+    history_filter: HistoryFilter = HistoryFilter.CATMULL_ROM
+    history_of: HistoryOf = HistoryOf.RESULT
+    gather_fit: GatherFit = GatherFit.MEAN
+    thin_search: ThinSearch = ThinSearch.OWN_WAY
+    current_filter: CurrentFilter = CurrentFilter.NONE
+    filter_use: FilterUse = FilterUse.ALWAYS
+    tonemap: Tonemap = Tonemap.NONE
+    reproject: Reproject = Reproject.FULL
+    on_camera_move: OnCameraMove = OnCameraMove.KEEP
+    off_screen: OffScreen = OffScreen.FRESH
+    ray_through: RayThrough = RayThrough.SAMPLE
+    exposure_change: ExposureChange = ExposureChange.FOLLOW
+    reactive_mask: ReactiveMask = ReactiveMask.USE
+    neighbourhood: Neighbourhood = Neighbourhood.SQUARE
+    variance: Variance = Variance.SHIFTED
+    box: Box = Box.EXTREMES
+    box_space: BoxSpace = BoxSpace.YCOCG
+    rectify: Rectify = Rectify.CLAMP
+    dilation: Dilation = Dilation.EDGE
+    reject: Reject = Reject.DEPTH
+    light_change: LightChange = LightChange.IGNORE
+    accumulate: Accumulate = Accumulate.COUNT
+    weighting: Weighting = Weighting.LUMINANCE
+    anti_flicker: AntiFlicker = AntiFlicker.NONE
+    alpha_from: AlphaFrom = AlphaFrom.BLEND
+    negatives: Negatives = Negatives.RAISE
+
+
+# What the host alone looks at: it does not reach the kernels' text.
+HOST_CHOICES = frozenset(
+    {"exposure_change", "history_of", "on_camera_move", "ray_through", "reactive_mask", "reproject"}
+)

@@ -1,0 +1,99 @@
+"""The kernels of one frame, in the order in which they run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from cltaa.core.backend import Buffer, Launcher
+from cltaa.core.buffers import Buffers, KeptFrames, LastRun
+from cltaa.core.build import Build, Record, edge_build, settings_record, span_planes
+from cltaa.core.constants import SPANS
+from cltaa.core.parameters import HistoryOf
+from cltaa.core.plan import Plan
+from cltaa.frame import Frame
+
+
+@dataclass(frozen=True, slots=True)
+class Passes:
+    """Starts the kernels that resolve what ``buffers`` hold of a frame, and waits for none.
+
+    ``record`` is the frame as the kernels are told of it. Each of the ways to resolve returns what its kernel was
+    given. Raises DeviceLost.
+    """
+
+    launcher: Launcher
+    plan: Plan
+    build: Build
+    buffers: Buffers
+    record: Record
+
+    def resolve(self) -> LastRun:
+        """Resolve from the history of results, at 100 or at 200 %."""
+        buffers = self.buffers
+        self._ready_counts()
+        arguments = self._arguments()
+        if self.plan.choices.history_of is HistoryOf.DOUBLED:
+            self.record["reset"] |= not buffers.doubled  # the last frame may have left no history at 200 %
+            kernel, given = "resolve_doubled", arguments | buffers.doubling()
+        else:
+            kernel, given = "resolve", arguments | buffers.recurrent()
+        self.launcher.run(kernel, self.build, buffers.layout, given)
+        return LastRun(self.build, buffers.layout, arguments | buffers.recurrent())
+
+    def gather(self, frame: Frame, kept: KeptFrames) -> LastRun:
+        """Resolve from the samples of the ``kept`` frames."""
+        last = self._gathering(frame, kept)
+        self._ready_counts()
+        self.launcher.run("gather", *last)
+        return last
+
+    def gather_spans(self, frame: Frame, kept: KeptFrames, recursive: Passes) -> LastRun:
+        """Resolve from spans of the past and, beside them, from a ``recursive`` resolve of the frame.
+
+        The latter's result is all that the next frame reads.
+        """
+        last = self._gathering(frame, kept)
+        recursive.resolve()
+        build, layout, arguments = last
+        memory = kept.span_memory(build.steps)
+        inputs = {name: value for name, value in arguments.items() if name not in ("output", "output_count")}
+        standing = {"standing": kept.standing(frame)}
+        self.launcher.run("gather_spans", build, layout, inputs | memory | standing)
+        if not build.extends:
+            gathered = {"image": memory["spans"], "floats": memory["repeats"], "frame": self.record}
+            planes = {"planes": SPANS * span_planes(build.steps), "more": 1}
+            floats = Build(lanes=build.lanes, rows=build.rows)  # as spans are, whatever the history is kept in
+            self.launcher.run("extend_edges", floats, layout, gathered | planes)
+        shown = self.buffers.shown()
+        weighed = {name: arguments[name] for name in ("current", "frame", "settings")}
+        beside = {"recursive": self.buffers.output, "recursive_count": self.buffers.output_count}
+        self.launcher.run("weigh_spans", build, layout, weighed | memory | beside | shown)
+        return LastRun(build, layout, arguments | shown)
+
+    def extend_edges(self) -> None:
+        """Repeat the edges of what the next frame reads, where its kernels have not."""
+        if self.build.extends:
+            return
+        for written in self.buffers.written(self.buffers.doubled):
+            given = {"frame": self.record, **written}
+            self.launcher.run("extend_edges", edge_build(self.build), self.buffers.layout, given)
+
+    def to_halves(self, image: Buffer) -> Buffer:
+        """Round the result ``image``; returns the memory of the halves, infinite from the largest half on."""
+        halves = self.buffers.halves()
+        given = {"image": image, "halves": halves, "frame": self.record, "planes": self.buffers.result_planes}
+        self.launcher.run("to_halves", edge_build(self.build), self.buffers.layout, given)
+        return halves
+
+    def _ready_counts(self) -> None:
+        self.buffers.ready_counts(self.plan.choices, read=not self.record["reset"])
+
+    def _arguments(self) -> dict[str, Any]:
+        return self.buffers.arguments(self.record, settings_record(self.plan.settings), self.build.steps)
+
+    def _gathering(self, frame: Frame, kept: KeptFrames) -> LastRun:
+        """What a kernel that gathers is given."""
+        told = kept.describe(frame, self.plan)
+        ring = {"kept": kept.planes, "past": kept.records, "frames": told}
+        return LastRun(kept.build(self.build, frame), self.buffers.layout, self._arguments() | ring)

@@ -1,0 +1,311 @@
+"""The plan: which steps of the resolve a frame calls for, each with its reason.
+
+Unlike the steps that ``frame_plan`` leaves out, these change the picture. Each rests on the promise that nothing
+happens but what a sequence declares, and docs/effects.md bounds what it may change.
+
+A sequence that declares its effects promises that nothing else happens in it; one that declares none gets every step
+that its channels and cameras call for. A step that is left out would have changed no bit; what a declared stillness or
+an absence of highlights *replaces* (plain mean, plain weights) is another estimate, and docs/effects.md bounds it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from enum import StrEnum
+from typing import Any, Literal, NamedTuple
+
+import msgspec
+
+from cltaa.camera import is_still
+from cltaa.core.build import Steps
+from cltaa.core.parameters import (
+    Choices,
+    Dilation,
+    ExposureChange,
+    HistoryOf,
+    LightChange,
+    ReactiveMask,
+    Rectify,
+    Reject,
+    Reproject,
+    Settings,
+    Weighting,
+)
+from cltaa.core.presets import Preset
+from cltaa.frame import Camera, Effect, Frame
+
+
+class Reason(NamedTuple):
+    """One decision of the plan."""
+
+    step: str
+    on: bool
+    why: str
+
+
+# Steps whose absence is another estimate.
+RECTIFICATION, REJECTION, WEIGHTS, GATHERING = "rectification", "rejection", "luminance weights", "gathering"
+LIGHT, DOUBLING = "change of light", "history at 200 %"
+
+# Effects that can make a pixel's history wrong.
+CHANGING = frozenset({Effect.CAMERA, Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.REACTIVE, Effect.EXPOSURE})
+
+
+def estimate(
+    preset: Preset, settings: Settings, declared: frozenset[Effect] | None
+) -> tuple[Choices, Settings, list[Reason]]:
+    """The choices of ``preset`` and ``settings`` as the declared effects ask for, with a reason for each decision."""
+    choices, reasons = preset.choices, []
+    if choices.history_of is HistoryOf.SAMPLES:
+        choices, reason = _gathered(choices, declared)
+        reasons.append(reason)
+    if choices.history_of is HistoryOf.DOUBLED:
+        choices, reason = _doubled(choices, declared)
+        reasons.append(reason)
+    # A published resolve does what it does whether the scene calls for it or not.
+    free = not preset.published
+    still = nothing_changes(declared)
+    if free and still:
+        choices, settings = plain_mean(choices, settings)
+    elif free and _light_may_change(declared):
+        settings = for_changing_light(choices, settings, declared)
+    choices, reason = _testing_light(preset, choices, declared)
+    reasons.append(reason)
+    rectified = choices.rectify is not Rectify.NONE
+    reasons.append(Reason(RECTIFICATION, rectified, _why_rectified(preset, rectified, free and still)))
+    choices, reason = _rejecting(preset, choices, declared)
+    reasons.append(reason)
+    if free and declared is not None and Effect.HDR not in declared:
+        choices = msgspec.structs.replace(choices, weighting=Weighting.NONE)
+    weighted = choices.weighting is Weighting.LUMINANCE
+    why = declined(preset, "weighting", Weighting.LUMINANCE)
+    why = why or (declared_or_not(Effect.HDR, declared) if free else "as published")
+    reasons.append(Reason(WEIGHTS, weighted, why))
+    return choices, settings, reasons
+
+
+def declined(preset: Preset, field: str, *wanted: StrEnum) -> str:
+    """Why a step is off whatever the frame holds: a choice of the preset; empty where that is one of ``wanted``."""
+    choice = getattr(preset.choices, field)
+    return "" if choice in wanted else f"the preset says {field} = {choice}"
+
+
+def nothing_changes(declared: frozenset[Effect] | None) -> bool:
+    """True where a sequence promises that every frame shows the same."""
+    return declared is not None and not declared & CHANGING
+
+
+def plain_mean(choices: Choices, settings: Settings) -> tuple[Choices, Settings]:
+    """Nothing can make history wrong: the plain mean of all samples is the best estimate there is."""
+    choices = msgspec.structs.replace(
+        choices, rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE, history_of=HistoryOf.RESULT
+    )
+    return choices, msgspec.structs.replace(settings, sample_limit=2.0**20)
+
+
+def for_changing_light(choices: Choices, settings: Settings, declared: frozenset[Effect] | None) -> Settings:
+    """Light that changes without motion: where a change is declared and tested for, the test tells of what stands, and
+    the box there may be wide; else the box alone tells, and is no wider than the 3x3."""
+    tested = declared is not None and choices.light_change is not LightChange.IGNORE
+    still = max(settings.gamma_still, settings.changing_gamma) if tested else min(settings.gamma_still, 1.0)
+    changed = {"gamma_still": still, "gamma_moving": min(settings.gamma_moving, 1.0)}
+    if declared is not None:
+        changed["resample_cost"] = max(settings.resample_cost, settings.changing_cost)
+    return msgspec.structs.replace(settings, **changed)
+
+
+def _why_rectified(preset: Preset, rectified: bool, still: bool) -> str:
+    if rectified:
+        return "as published" if preset.published else "something may make history wrong"
+    if preset.choices.rectify is Rectify.NONE:
+        return "the preset says rectify = none"
+    return "declared still: plain mean of all samples" if still else "kept samples are chosen, not moved into a box"
+
+
+def _light_may_change(declared: frozenset[Effect] | None) -> bool:
+    return declared is None or bool(declared & {Effect.SHADING, Effect.REACTIVE})
+
+
+def _testing_light(preset: Preset, choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choices, Reason]:
+    """Where no change of light is declared there is none to test for."""
+    if why := declined(preset, "light_change", LightChange.TEST, LightChange.SPANS):
+        return choices, Reason(LIGHT, False, why)
+    if preset.published:
+        return choices, Reason(LIGHT, True, "as published")
+    if declared is not None and _light_may_change(declared):
+        return choices, Reason(LIGHT, True, "effect shading or reactive is declared")
+    why = "neither effect shading nor reactive is declared"
+    return msgspec.structs.replace(choices, light_change=LightChange.IGNORE), Reason(LIGHT, False, why)
+
+
+def _gathered(choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choices, Reason]:
+    """What gathering samples asks of a sequence: old samples say nothing of light that has changed since, so that
+    several spans of the past have to be told apart, or the resolved image has to do, which forgets faster."""
+    if declared is None:
+        return choices, Reason(GATHERING, True, "the sequence declares no effects: the past is held in its box")
+    if _light_may_change(declared) and choices.light_change is not LightChange.SPANS:
+        why = "light changes without motion: the resolved image forgets faster than samples do"
+        return msgspec.structs.replace(choices, history_of=HistoryOf.RESULT), Reason(GATHERING, False, why)
+    if _light_may_change(declared):
+        why = "light changes without motion: each pixel from the span of the past that its latest samples bear out"
+        return msgspec.structs.replace(choices, rectify=Rectify.NONE), Reason(GATHERING, True, why)
+    why = "no change of light is declared: samples of the same surface stand"
+    return msgspec.structs.replace(choices, rectify=Rectify.NONE), Reason(GATHERING, True, why)
+
+
+def _doubled(choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choices, Reason]:
+    """What a history at 200 % asks of a sequence: it holds more samples of one place, and so forgets more slowly."""
+    if nothing_changes(declared):
+        why = "declared still: plain mean of all samples"
+    elif declared is not None and _light_may_change(declared):
+        why = "light changes without motion: a history at 100 % forgets faster"
+    else:
+        return choices, Reason(DOUBLING, True, "what moves is read between texels of half the size")
+    return msgspec.structs.replace(choices, history_of=HistoryOf.RESULT), Reason(DOUBLING, False, why)
+
+
+def _rejecting(preset: Preset, choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choices, Reason]:
+    """Depth tells what was uncovered; where nothing is, it has nothing to reject. Samples are chosen by it always."""
+    free = not preset.published
+    why = declared_or_not(Effect.UNCOVER, declared) if free else "as published"
+    if not_wanted := declined(preset, "reject", Reject.DEPTH):
+        why = not_wanted
+    elif free and choices.history_of is HistoryOf.SAMPLES:
+        why = "which surface a kept sample shows"
+    elif free and declared is not None and Effect.UNCOVER not in declared:
+        choices = msgspec.structs.replace(choices, reject=Reject.NONE)
+    return choices, Reason(REJECTION, choices.reject is not Reject.NONE, why)
+
+
+def declared_or_not(effect: Effect, declared: frozenset[Effect] | None) -> str:
+    """Why a step that belongs to one effect runs, or does not."""
+    if declared is None:
+        return "the sequence declares no effects, so any may occur"
+    return f"effect {effect} is {'declared' if effect in declared else 'not declared'}"
+
+
+class Plan(NamedTuple):
+    """What is compiled and with which settings, for one frame."""
+
+    choices: Choices
+    settings: Settings
+    steps: Steps
+    reasons: tuple[Reason, ...]
+
+
+# Steps that are left out without changing a bit: name among ``Steps`` -> word.
+STEP_NAMES = {
+    "camera_motion": "reprojection",
+    "own_motion": "own motion",
+    "exposure": "exposure",
+    "alpha": "alpha",
+    "reactive": "reactive",
+}
+# The choices without one of which a preset does not have such a step: name among ``Steps`` -> field, values.
+WANTED: dict[str, tuple[Any, ...]] = {
+    "camera_motion": ("reproject", Reproject.CAMERA, Reproject.FULL),
+    "own_motion": ("reproject", Reproject.FULL),
+    "exposure": ("exposure_change", ExposureChange.FOLLOW),
+    "reactive": ("reactive_mask", ReactiveMask.USE),
+}
+# Those that are one choice: step -> field among ``Choices``, its value where the step does not run, and where it does.
+CHOICE_OF_STEP: dict[str, tuple[str, StrEnum, StrEnum]] = {
+    REJECTION: ("reject", Reject.NONE, Reject.DEPTH),
+    GATHERING: ("history_of", HistoryOf.RESULT, HistoryOf.SAMPLES),
+    DOUBLING: ("history_of", HistoryOf.RESULT, HistoryOf.DOUBLED),
+    LIGHT: ("light_change", LightChange.IGNORE, LightChange.TEST),
+    WEIGHTS: ("weighting", Weighting.NONE, Weighting.LUMINANCE),
+}
+
+
+def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: bool = False) -> Plan:
+    """The plan of ``frame`` whose predecessor was seen by ``previous`` (None at the start and after a cut).
+
+    ``every`` adds each step that the preset allows and the frame does not call for: it costs time and changes no bit.
+    """
+    declared = frame.effects
+    if previous is None:
+        # There is no history to read; the kernel that the next frame needs will do for this one too.
+        camera_moves = declared is None or Effect.CAMERA in declared
+    else:
+        camera_moves = not is_still(frame.camera, previous)
+    steps = _steps(preset, frame, camera_moves, every=every)
+    reasons = _reasons(preset, steps, camera_moves, declared, every=every)
+    settings = preset.settings
+    if previous is None:
+        # The blur is for pixels that appear amid others with a past.
+        settings = msgspec.structs.replace(settings, fresh_blur=0.0)
+    choices, settings, estimated = estimate(preset, settings, declared)
+    return Plan(choices, settings, steps, (*reasons, *estimated))
+
+
+def recursive(preset: Preset) -> Preset:
+    """The recursive resolve that runs beside the spans of ``preset``: its own choices, with a history of results."""
+    choices = msgspec.structs.replace(preset.choices, history_of=HistoryOf.RESULT, light_change=LightChange.TEST)
+    return msgspec.structs.replace(preset, choices=choices)
+
+
+def toggled(plan: Plan, preset: Preset, step: str) -> Plan:
+    """``plan`` with one of the steps that its reasons name turned on where it is off, and off where it is on."""
+    on = next(reason.on for reason in plan.reasons if reason.step == step)
+    if step == RECTIFICATION:
+        whole = msgspec.structs.replace(preset.choices, weighting=plan.choices.weighting), preset.settings
+        choices, settings = plain_mean(plan.choices, plan.settings) if on else whole
+        return plan._replace(choices=choices, settings=settings)
+    if step in CHOICE_OF_STEP:
+        field, off, runs = CHOICE_OF_STEP[step]
+        if (own := getattr(preset.choices, field)) is not off:
+            runs = own
+        return plan._replace(choices=msgspec.structs.replace(plan.choices, **{field: off if on else runs}))
+    field = next(name for name, said in STEP_NAMES.items() if said == step)
+    return plan._replace(steps=msgspec.structs.replace(plan.steps, **{field: not on}))
+
+
+def with_effects(frame: Frame, effects: frozenset[Effect] | Literal["auto", "all"]) -> Frame:
+    """``frame`` as it is to be planned: as it declares (``auto``), as if it declared nothing (``all``), or with just
+    the effects of a set and the channels that belong to them."""
+    if effects == "auto":
+        return frame
+    if effects == "all":
+        return replace(frame, effects=None)
+    channels = {Effect.MOTION: "motion", Effect.REACTIVE: "reactive", Effect.ALPHA: "alpha"}
+    dropped: dict[str, Any] = {channel: None for effect, channel in channels.items() if effect not in effects}
+    return replace(frame, effects=effects, **dropped)
+
+
+def channel_steps(preset: Preset, *, motion: bool, alpha: bool, reactive: bool, every: bool) -> Steps:
+    """The steps that read channels of a frame that has these, as far as ``preset`` lets them run; else as ``Steps``."""
+    return Steps(
+        own_motion=(every or motion) and preset.choices.reproject is Reproject.FULL,
+        alpha=every or alpha,
+        reactive=(every or reactive) and preset.choices.reactive_mask is ReactiveMask.USE,
+    )
+
+
+def _steps(preset: Preset, frame: Frame, camera_moves: bool, *, every: bool) -> Steps:
+    has = {name: getattr(frame, name) is not None for name in ("motion", "alpha", "reactive")}
+    exposure = frame.effects is None or Effect.EXPOSURE in frame.effects
+    return msgspec.structs.replace(
+        channel_steps(preset, **has, every=every),
+        camera_motion=(every or camera_moves) and preset.choices.reproject is not Reproject.NONE,
+        orthographic=frame.camera.orthographic,
+        exposure=(every or exposure) and preset.choices.exposure_change is ExposureChange.FOLLOW,
+    )
+
+
+def _reasons(
+    preset: Preset, steps: Steps, camera_moves: bool, declared: frozenset[Effect] | None, *, every: bool
+) -> list[Reason]:
+    called_for = {
+        "camera_motion": "the camera moves" if camera_moves else "the camera stands",
+        "own_motion": "channel backward.u" if steps.own_motion else "no motion channel",
+        "exposure": declared_or_not(Effect.EXPOSURE, declared),
+        "alpha": "channel A" if steps.alpha else "no alpha channel",
+        "reactive": "channel reactive" if steps.reactive else "no reactive channel",
+    }
+    reasons = []
+    for name, said in STEP_NAMES.items():
+        why = declined(preset, *WANTED[name]) if name in WANTED else ""
+        why = why or ("every step is asked for" if every else called_for[name])
+        reasons.append(Reason(said, getattr(steps, name), why))
+    return reasons

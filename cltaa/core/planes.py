@@ -1,0 +1,199 @@
+"""Padded planes in memory: their layout, a pool of them, and images that already lie so.
+
+memory reads them where they are, and nothing is copied.
+"""
+
+from __future__ import annotations
+
+import mmap
+import threading
+from collections import deque
+from collections.abc import Hashable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.core.constants import PAD_X, PAD_Y, ROW_ALIGNMENT
+
+Plane = NDArray[Any]
+
+
+class Layout(NamedTuple):
+    """Size of an image and of the planes that hold it, in texels."""
+
+    width: int
+    height: int
+
+    @property
+    def stride(self) -> int:
+        """Texels from one row to the next."""
+        return -(-self.width // ROW_ALIGNMENT) * ROW_ALIGNMENT + 2 * PAD_X
+
+    @property
+    def rows(self) -> int:
+        """Rows of a plane, halo included."""
+        return self.height + 2 * PAD_Y
+
+    @property
+    def plane(self) -> int:
+        """Texels of a plane."""
+        return self.stride * self.rows
+
+    @property
+    def held(self) -> slice:
+        """Rows of a plane that hold rows of the image."""
+        return slice(PAD_Y, PAD_Y + self.height)
+
+    def inside(self, planes: Plane) -> Plane:
+        """View of the image inside ``planes`` [..., rows, stride] -> [..., height, width]."""
+        return planes[..., self.held, PAD_X : PAD_X + self.width]
+
+    def extend_edges(self, planes: Plane) -> None:
+        """Repeat the edge of ``planes`` [..., rows, stride] into the halo, in place."""
+        first_row, last_row, last_column = self.held.start, self.held.stop - 1, PAD_X + self.width - 1
+        image = planes[..., self.held, :]
+        image[..., :PAD_X] = image[..., PAD_X : PAD_X + 1]
+        image[..., last_column + 1 :] = image[..., last_column : last_column + 1]
+        planes[..., :first_row, :] = planes[..., first_row : first_row + 1, :]
+        planes[..., last_row + 1 :, :] = planes[..., last_row : last_row + 1, :]
+
+    def zeros(self, planes: int, dtype: Any = np.float32) -> Plane:
+        """``planes`` planes of zeros, [planes, rows, stride]."""
+        return np.zeros((planes, self.rows, self.stride), dtype)
+
+
+SMALLEST = 4 * 2**20  # bytes from which on images are kept: NumPy's, for large pages
+LARGE_PAGE = 2 * 2**20  # bytes; the system begins a mapping of a multiple of it at one
+
+
+@contextmanager
+def kept_memory(*, images: bool = True) -> Iterator[None]:
+    """Keep what ``empty_image`` and copies of files leave for those that come next; all goes back at the end.
+
+    Else each is mapped and unmapped: page faults, and each unmapping halts all threads of the process. Without
+    ``images`` nothing is kept.
+    """
+    with KEPT_BLOCKS if images else nullcontext():
+        yield
+
+
+class KeptBlocks:
+    """What frames have left, by its kind, while somebody is inside of ``kept_memory``."""
+
+    def __init__(self) -> None:
+        self._lock, self._users, self._left = threading.Lock(), 0, dict[Hashable, deque[Any]]()
+
+    def __enter__(self) -> None:
+        """Begin to keep."""
+        with self._lock:
+            self._users += 1
+
+    def __exit__(self, *_: object) -> None:
+        """Give everything back, where nobody else is inside."""
+        with self._lock:
+            self._users -= 1
+            if not self._users:
+                self._left.clear()
+
+    def take(self, kind: Hashable) -> Any | None:
+        """What was left of that kind last, or None."""
+        with suppress(KeyError, IndexError):
+            return self._left[kind].pop()
+        return None
+
+    def leave(self, kind: Hashable, block: object) -> None:
+        """Keep what is not needed any more; takes no lock, since it may be called wherever an array ends."""
+        if self._users:
+            self._left.setdefault(kind, deque()).append(block)
+
+
+KEPT_BLOCKS = KeptBlocks()
+
+
+def empty_image(shape: tuple[int, ...], dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
+    """Planes like those of ``np.empty``, inside ``kept_memory`` in what earlier ones of the same size have left."""
+    small = np.dtype(dtype).itemsize * int(np.prod(shape)) < SMALLEST
+    return np.empty(shape, dtype) if small else mapped_image(shape, dtype)
+
+
+def mapped_image(shape: tuple[int, ...], dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
+    """The same of any size in a mapping of its own, which begins at a page."""
+    count = int(np.prod(shape))
+    pages = in_large_pages(np.dtype(dtype).itemsize * count)
+    return np.asarray(Block(KEPT_BLOCKS.take(pages) or _mapped(pages, pages))).view(dtype)[:count].reshape(shape)
+
+
+def bytes_in_large_pages(size: int) -> NDArray[np.uint8]:
+    """Bytes in a mapping of their own, in as many large pages as they fill: no more memory than they are."""
+    return np.frombuffer(_mapped(in_large_pages(size), size // LARGE_PAGE * LARGE_PAGE), np.uint8)[:size]
+
+
+def in_large_pages(size: int) -> int:
+    """Bytes that a mapping for ``size`` of them takes."""
+    return -(-size // LARGE_PAGE) * LARGE_PAGE
+
+
+def _mapped(size: int, large: int) -> mmap.mmap:
+    """A mapping of ``size`` bytes, the first ``large`` of them in large pages."""
+    try:
+        memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    except OSError as error:
+        raise MemoryError(f"no {size} bytes") from error
+    if hasattr(mmap, "MADV_HUGEPAGE") and large:
+        memory.madvise(mmap.MADV_HUGEPAGE, 0, large)
+    return memory
+
+
+class Block:
+    """What arrays over a piece of memory refer to; with the last of them the memory is free."""
+
+    def __init__(self, memory: mmap.mmap) -> None:
+        self._memory = memory
+        address = np.frombuffer(memory, np.uint8).ctypes.data
+        self.__array_interface__ = {
+            "data": (address, False),
+            "shape": (len(memory) // 4,),
+            "typestr": "<f4",
+            "version": 3,
+        }
+
+    def __del__(self) -> None:
+        """Leave it to what is allocated next."""
+        KEPT_BLOCKS.leave(len(self._memory), self._memory)
+
+
+def empty_haloed(count: int, height: int, width: int) -> NDArray[np.float32]:
+    """Planes [count, H, W], not filled, inside of memory with a halo."""
+    layout = Layout(width, height)
+    inside: NDArray[np.float32] = layout.inside(mapped_image((count, layout.rows, layout.stride)))
+    return inside
+
+
+def haloed(planes: Sequence[NDArray[np.generic]]) -> NDArray[np.float32]:
+    """Copies of planes [H, W] as float32 [planes, H, W], inside of memory with a halo that is not filled."""
+    copies = empty_haloed(len(planes), *planes[0].shape)
+    for copy, plane in zip(copies, planes, strict=True):
+        copy[...] = plane
+    return copies
+
+
+def around(planes: NDArray[np.float32], layout: Layout) -> NDArray[np.float32] | None:
+    """The planes [C, rows, stride] of ``layout`` that ``planes`` [C, H, W] are the inside of.
+
+    None where they are not all that ``haloed`` made for an image of that size: rows of it, or memory of another kind.
+    """
+    lies: object = planes
+    while isinstance(lies, np.ndarray):
+        whole, lies = lies, lies.base
+    shape, size = (len(planes), layout.rows, layout.stride), (layout.height, layout.width)
+    if not isinstance(lies, Block) or whole.size < np.prod(shape) or planes.shape[1:] != size:
+        return None
+    whole = whole[: np.prod(shape)].reshape(shape)
+    return whole if _place(layout.inside(whole)) == _place(planes) else None
+
+
+def _place(planes: NDArray[np.float32]) -> tuple[object, ...]:
+    steps = [step for step, length in zip(planes.strides, planes.shape, strict=True) if length > 1]
+    return planes.ctypes.data, planes.shape, steps, planes.dtype

@@ -1,0 +1,124 @@
+"""Presets: named sets of choices and settings, as TOML files beside this module, files of users and ``--set`` say."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from enum import StrEnum
+from importlib import resources
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import msgspec
+import numpy as np
+
+from cltaa.core.parameters import Choices, Settings
+from cltaa.errors import DataError, UsageError, known
+
+_FOLDER = resources.files("cltaa") / "presets"
+
+
+class Published(StrEnum):
+    """Where a resolve was published that a preset reproduces."""
+
+    NO = ""
+    ARTICLE = "article"
+    ENGINE = "engine"
+
+
+class Preset(msgspec.Struct, frozen=True, kw_only=True):
+    """A named set of choices and settings."""
+
+    name: str
+    description: str
+    jitter: str = ""  # the sample positions that it was published with, as ``cltaa capture --jitter`` takes them
+    published: Published = Published.NO  # the plan leaves nothing out of somebody else's resolve
+    choices: Choices = Choices()
+    settings: Settings = Settings()
+
+    def deciding(self) -> dict[str, Any]:
+        """What of it decides the bits of a result; what it is called and says of itself does not."""
+        parts: dict[str, Any] = msgspec.to_builtins(self)
+        return {part: parts[part] for part in ("choices", "settings", "published")}
+
+
+FIELDS: dict[str, type[Settings] | type[Choices]] = {
+    **dict.fromkeys(Settings.__struct_fields__, Settings),
+    **dict.fromkeys(Choices.__struct_fields__, Choices),
+}
+
+
+def words_of(key: str) -> list[str]:
+    """The names that a choice can be set to; none of a number."""
+    return [*get_type_hints(Choices)[key]] if FIELDS[key] is Choices else []
+
+
+def allowed(key: str) -> str:
+    """What a key can be set to: the names of a choice, or the range of a number."""
+    if FIELDS[key] is Choices:
+        return ", ".join(words_of(key))
+    hint: Any = get_type_hints(Settings, include_extras=True)[key]
+    (meta,) = hint.__metadata__
+    return f"{meta.ge:g} to {meta.le:g}" + (" (whole)" if hint.__origin__ is int else "")
+
+
+def override(preset: Preset, values: Mapping[str, object], origin: str = "--set") -> Preset:
+    """``preset`` with some keys replaced; text is converted to the key's type.
+
+    ``origin`` names where the values came from in errors. Raises UsageError for an unknown key or a value out of range.
+    """
+    for key in values:
+        if key not in FIELDS:
+            raise UsageError(f"{origin}: unknown key {key}", cure=known(key, sorted(FIELDS), "keys"))
+    parts: dict[str, Any] = {}
+    for part in ("choices", "settings"):
+        current = getattr(preset, part)
+        merged = msgspec.to_builtins(current)
+        for key, value in values.items():
+            if FIELDS[key] is type(current):
+                merged[key] = value.item() if isinstance(value, np.generic) else value
+        try:
+            parts[part] = msgspec.convert(merged, type(current), strict=False)
+        except msgspec.ValidationError as error:
+            key = str(error).rpartition("`$.")[2].rstrip("`")
+            raise UsageError(
+                f"{origin}: {key} has no such value", expected=allowed(key), found=values.get(key)
+            ) from None
+    return msgspec.structs.replace(preset, **parts)
+
+
+def preset_names() -> list[str]:
+    """Names of the presets that come with cltaa, sorted."""
+    return sorted(Path(entry.name).stem for entry in _FOLDER.iterdir() if entry.name.endswith(".toml"))
+
+
+def load_preset(name: str = "default") -> Preset:
+    """The preset of that name; raises UsageError where there is none."""
+    if name not in preset_names():
+        cure = known(name, preset_names(), "presets")
+        if name.endswith(".toml"):
+            takers = "resolve, tune, bench accuracy and bench quality take a file by --config"
+            cure = f"cltaa {takers}; elsewhere a preset is named that lies in {_FOLDER}"
+        raise UsageError(f"unknown preset {name}", cure=cure)
+    text = (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
+    parsed = parse_preset(text, f"preset {name}", Preset(name=name, description=""))
+    return msgspec.structs.replace(parsed, name=name)  # also where it begins with another
+
+
+def parse_preset(text: str, origin: str, base: Preset) -> Preset:
+    """``base`` with the keys of a TOML text over it; its optional key ``preset`` names another base.
+
+    Raises DataError for what is no TOML, UsageError for a key or value that no preset has; ``origin`` names the text.
+    """
+    try:
+        values = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise DataError(f"not TOML: {error}", path=origin) from None
+    if "preset" in values:
+        base = load_preset(str(values.pop("preset")))
+    said = {key: values.pop(key) for key in ("description", "jitter", "published") if key in values}
+    try:
+        named = msgspec.convert(msgspec.to_builtins(base) | said, Preset)
+    except msgspec.ValidationError as error:
+        raise UsageError(f"{origin}: {error}".replace("`$.", "`")) from None
+    return override(named, values, origin)

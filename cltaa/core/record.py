@@ -1,0 +1,138 @@
+"""The frame record: what the kernels get of a frame beside its pixels, and what the next frame needs of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from cltaa.camera import displacement_rows, is_still, sky_closeness
+from cltaa.core.build import FRAME_DTYPE, Record
+from cltaa.core.parameters import (
+    Choices,
+    CurrentFilter,
+    FilterUse,
+    HistoryOf,
+    OnCameraMove,
+    RayThrough,
+    Settings,
+)
+from cltaa.core.plan import Plan
+from cltaa.core.planes import Layout
+from cltaa.frame import Camera, Frame
+
+
+class AxisWeights(NamedTuple):
+    """Weights along an axis: of the outer two of three samples, which sum to 1, or in the two texels of a pixel."""
+
+    before: float
+    after: float
+
+
+def axis_weights(jitter: float, choices: Choices, settings: Settings) -> AxisWeights:
+    """Weights along one axis for samples that lie ``jitter`` pixels after their pixels' centres."""
+    if choices.current_filter is CurrentFilter.NONE:
+        return AxisWeights(0.0, 0.0)
+    before, middle, after = (_value(abs(step + jitter), choices.current_filter, settings) for step in (-1, 0, 1))
+    total = before + middle + after
+    return AxisWeights(before / total, after / total)
+
+
+def axis_masses(jitter: float, settings: Settings) -> AxisWeights:
+    """What a sample ``jitter`` pixels after its pixel's centre counts for in two texels along an axis.
+
+    exp(-texel_falloff d^2) at the distance d from a texel's centre, a quarter of a pixel before the pixel's or after.
+    """
+    return AxisWeights(*(exp(-settings.texel_falloff * (jitter - place) ** 2) for place in (-0.25, 0.25)))
+
+
+def _value(d: float, kind: CurrentFilter, settings: Settings) -> float:
+    """The kernel at distance ``d`` in pixels."""
+    if kind is CurrentFilter.BILINEAR:
+        return max(0.0, 1.0 - d)
+    if kind is CurrentFilter.GAUSSIAN:
+        return exp(-settings.filter_falloff * d * d)
+    # Lanczos-2 as a polynomial: (d^2 - 1) (d^2 - 4)^3 / 64, within 0.05 of the windowed sinc.
+    return (d * d - 1.0) * (d * d - 4.0) ** 3 / 64.0 if d < 2.0 else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Past:
+    """What the next frame needs to know of this one, without its pixels."""
+
+    index: int
+    camera: Camera
+    exposure: float
+    shape: tuple[int, ...]
+    alpha: bool
+    own_motion: bool
+    reactive: bool
+    jitter_px: tuple[float, float]
+    doubled: bool = False  # whether it left a history at 200 %
+    marked: bool = False  # whether the counts that it left hold changes of light
+    earlier: tuple[Past, ...] = ()  # the frames before it whose samples are kept, the latest first
+
+    @classmethod
+    def of(cls, frame: Frame) -> Past:
+        """The past that ``frame`` becomes."""
+        channels = frame.alpha is not None, frame.motion is not None, frame.reactive is not None
+        return cls(frame.index, frame.camera, frame.exposure, frame.colour.shape, *channels, frame.jitter_px)
+
+    def continues_in(self, frame: Frame, choices: Choices) -> bool:
+        """Tell whether the history goes on in ``frame``: no cut, no gap, planes and lens of the same kind."""
+        if frame.cut or frame.index != self.index + frame.step:
+            return False
+        same_planes = (frame.colour.shape, frame.alpha is not None) == (self.shape, self.alpha)
+        same_kind = frame.camera.orthographic == self.camera.orthographic
+        starts_anew = choices.on_camera_move is OnCameraMove.RESET and not is_still(frame.camera, self.camera)
+        return same_planes and same_kind and not starts_anew
+
+
+def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan | None = None) -> Record:
+    """The per-frame struct of the kernels for ``frame``, whose history is that of ``previous`` (None: none).
+
+    Without a ``plan`` the current filter has no weights.
+    """
+    earlier: Camera = frame.camera if previous is None else previous.camera
+    moved = displacement_rows(frame.camera, earlier, layout.width, layout.height)
+    across, down = frame.jitter_px
+    x, y = (across, down) if plan is None or plan.choices.ray_through is not RayThrough.CENTRE else (0.0, 0.0)
+    ratio = 1.0 if previous is None else frame.exposure / previous.exposure
+    weights: tuple[float, ...] = (0.0,) * 4
+    masses = weights
+    if plan is not None:
+        choices = plan.choices
+        if previous is None and not frame.cut and choices.filter_use is FilterUse.FEW:
+            # A first frame is what was drawn, to the bit. After a cut it is one of a film, and as aliased as that.
+            choices = msgspec.structs.replace(choices, current_filter=CurrentFilter.NONE)
+        weights = (*axis_weights(across, choices, plan.settings), *axis_weights(down, choices, plan.settings))
+        if choices.history_of is HistoryOf.DOUBLED:
+            masses = (*axis_masses(across, plan.settings), *axis_masses(down, plan.settings))
+    # In the order of FRAME_FIELDS, and by one call: a frame waits for this, and a name for each costs a third of it.
+    values = (
+        layout.width,
+        layout.height,
+        layout.stride,
+        0,
+        0,
+        int(previous is None),
+        frame.index % 2**31,
+        0.5 + x - layout.width / 2.0,
+        0.5 + y - layout.height / 2.0,
+        *moved[0],
+        *moved[1],
+        *moved[2],
+        *moved[3],
+        sky_closeness(frame.camera),
+        ratio,
+        across,
+        down,
+        0,
+        0,
+        *weights,
+        *masses,
+    )
+    return np.array(values, FRAME_DTYPE)

@@ -1,0 +1,361 @@
+"""The resolver: frames in, anti-aliased images out; it never knows who drew the pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import wraps
+from threading import get_ident
+from time import perf_counter
+from typing import Any, Literal, NamedTuple, NoReturn, SupportsIndex, TypeVar, cast, overload
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.camera import closeness, closeness_at
+from cltaa.core.backend import Buffer, Launcher, launcher_for, storage_dtype
+from cltaa.core.buffers import Buffers, KeptFrames, LastRun
+from cltaa.core.build import (
+    HALVES,
+    Build,
+    Steps,
+    Storage,
+    Terms,
+    edge_build,
+    shared,
+    storage_of,
+)
+from cltaa.core.frame_checks import check_frame
+from cltaa.core.kernel_source import code_sha256
+from cltaa.core.parameters import Choices, HistoryOf, LightChange, Settings
+from cltaa.core.passes import Passes
+from cltaa.core.plan import Plan, channel_steps, plan_frame, recursive
+from cltaa.core.planes import Layout
+from cltaa.core.presets import Preset, load_preset
+from cltaa.core.record import Past, frame_record
+from cltaa.errors import UsageError
+from cltaa.frame import Frame
+from cltaa.process import OneProcess, no_copy
+
+INSIDE = "_inside"  # the attribute that names the thread
+Method = TypeVar("Method", bound=Callable[..., Any])
+
+
+def one_thread(method: Method) -> Method:
+    """``method``, which raises UsageError while another thread is in it for the same object.
+
+    It does not wait for the other: frames come in order, and which of two threads is first is chance.
+    """
+
+    @wraps(method)
+    def alone(owner: Any, *given: Any, **named: Any) -> Any:
+        # Who is in it, and no lock: an interrupt between taking and the try would leave that taken for good.
+        state, me = vars(owner), get_ident()
+        if state.setdefault(INSIDE, me) != me:
+            raise UsageError("two threads use one resolver at once", cure="frames come in order: take one a thread")
+        try:
+            return method(owner, *given, **named)
+        finally:
+            state.pop(INSIDE, None)
+
+    return cast(Method, alone)
+
+
+class Recurrent:
+    """Facts about the last frame, memory for images of its size, and the ring of kept frames where there is one."""
+
+    launcher: Launcher
+    preset: Preset
+    every_step: bool
+    _shape: Build
+
+    def __init__(self) -> None:
+        """Nothing is kept yet; the rest is the resolver's own to say."""
+        self._buffers: Buffers | None = None
+        self._kept: KeptFrames | None = None
+        self._previous: Past | None = None
+
+    @one_thread
+    def reset(self) -> None:
+        """Forget the history: the next frame starts a new one."""
+        self._previous = None
+
+    @one_thread
+    def recurrent(self) -> tuple[Past, dict[str, Buffer]]:
+        """What the next frame depends on: facts about the last one, and the memory that holds its result.
+
+        Raises ValueError before the first frame and after ``reset``.
+        """
+        if self._previous is None or self._buffers is None:
+            raise ValueError("there is no history")
+        memory, past = self._buffers.recurrent(), replace(self._previous, marked=self._buffers.marked)
+        if self._buffers.doubled:
+            return replace(past, doubled=True), {**memory, "texels": self._buffers.texels()[0]}
+        if self._kept is None:
+            return past, memory
+        return replace(past, earlier=self._kept.past), {**memory, "kept": self._kept.planes}
+
+    @one_thread
+    def restore(self, past: Past) -> dict[str, Buffer]:
+        """Go on after ``past``; returns the memory to fill with what ``recurrent`` gave then, by the same names."""
+        layout = Layout(past.shape[1], past.shape[0])
+        buffers = self._allocate(layout, past.alpha or self.every_step)
+        self._previous, self._kept = past, None
+        buffers.doubled, buffers.marked = past.doubled, past.marked
+        if past.doubled:
+            return {**buffers.recurrent(), "texels": buffers.texels()[0]}
+        if not past.earlier:
+            return buffers.recurrent()
+        steps = channel_steps(
+            self.preset, motion=past.own_motion, alpha=past.alpha, reactive=past.reactive, every=self.every_step
+        )
+        kept = self._ring(past, layout, steps)
+        kept.past = past.earlier
+        return {**buffers.recurrent(), "kept": kept.planes}
+
+    def _fitting(self, layout: Layout, alpha: bool) -> Buffers:
+        """Memory for images of a size: what there is, where that fits."""
+        if self._buffers is None or not self._buffers.fit(layout, alpha):
+            return self._allocate(layout, alpha)
+        return self._buffers
+
+    def _allocate(self, layout: Layout, alpha: bool) -> Buffers:
+        self._buffers = None  # released before the new ones are allocated
+        self._buffers = self._new_buffers(layout, alpha)
+        return self._buffers
+
+    def _new_buffers(self, layout: Layout, alpha: bool) -> Buffers:
+        return Buffers(self.launcher, layout, alpha, storage_dtype(self._shape))
+
+    def _ring(self, previous: Past | None, layout: Layout, steps: Steps) -> KeptFrames:
+        """The ring of kept frames for this frame; it holds none where there is no predecessor."""
+        count = self.preset.settings.frames_kept
+        if self._kept is None or not self._kept.fit(layout, count, steps):
+            self._kept = None  # released before the new one is allocated
+            self._kept = KeptFrames(self.launcher, layout, count, steps)
+        self._kept.go_back(previous)
+        return self._kept
+
+
+# What a channel that a frame does not have would hold: no vector, all covered, nothing to distrust.
+NOTHING = {"motion": np.nan, "alpha": 1.0, "reactive": 0.0}
+
+
+def upload(frame: Frame, buffers: Buffers, steps: Steps, settings: Settings) -> None:
+    """Bring the channels that ``steps`` read onto the device; those that the frame does not have hold nothing.
+
+    Where the device takes them as they lie in the frame, nobody changes that until the next one is brought.
+    """
+    layout = buffers.layout
+    buffers.bring("current", np.moveaxis(frame.colour, -1, 0))
+    with buffers.closeness.mapped(write=True) as planes:
+        inside = layout.inside(planes)[0]
+        closeness(frame.depth, frame.camera, out=inside)
+        if settings.sky_at > 0.0 and not frame.camera.orthographic:
+            sky = inside <= closeness_at(settings.sky_below, frame.camera)
+            inside[sky] = closeness_at(settings.sky_at, frame.camera)
+        layout.extend_edges(planes)
+    planes_of = {"motion": 2, "alpha": 1, "reactive": 1}
+    for name, wanted in (("motion", steps.own_motion), ("alpha", steps.alpha), ("reactive", steps.reactive)):
+        channel = getattr(frame, name)
+        if channel is not None:
+            buffers.bring(name, np.atleast_3d(channel).transpose(2, 0, 1))
+        elif wanted:
+            buffers.bring(name, np.full((planes_of[name], 1, 1), NOTHING[name], np.float32))
+
+
+class Times(NamedTuple):
+    """Seconds that one frame spent in each step."""
+
+    upload: float
+    kernels: float
+    read_back: float
+
+
+class Resolver(Recurrent):
+    """Accumulates a sequence frame by frame.
+
+    ``preset`` is a name or a Preset; ``device`` is None (first OpenCL device), a part of a device's name, its index,
+    ``numpy``, or a launcher to share; ``strict`` builds kernels that match the NumPy oracle bit for bit; ``storage`` is
+    the numbers that the history is kept in; ``every_step`` runs steps too that no frame calls for. A measurement gives
+    a whole ``build`` in place of ``strict`` and ``storage``; of it the plan decides choices, steps and terms.
+    A cut, a gap in the frame numbers or a change of size starts a new history.
+    """
+
+    def __init__(
+        self,
+        preset: str | Preset = "default",
+        device: str | int | Launcher | None = None,
+        *,
+        strict: bool = False,
+        storage: Storage = Storage.FLOAT,
+        every_step: bool = False,
+        build: Build | None = None,
+    ) -> None:
+        super().__init__()
+        self.every_step = every_step
+        if not isinstance(preset, str | Preset):
+            raise UsageError("no preset", expected="a name or a cltaa.Preset", found=repr(preset))
+        self.preset = load_preset(preset) if isinstance(preset, str) else preset
+        self._device = device
+        self.launcher = launcher_for(device)
+        self._shape = build or Build(strict=strict, storage=storage_of(storage))
+        self._builds: dict[tuple[Choices, Settings, Steps], Build] = {}
+        self.plan: Plan | None = None
+        self.last: LastRun | None = None
+        self.times = Times(0.0, 0.0, 0.0)
+
+    def __copy__(self) -> NoReturn:
+        """Refuse: the copy's results would go where the history of this one is."""
+        raise UsageError(
+            "a copy of a resolver would write to the same memory",
+            cure="make another one, or take copy.deepcopy on NumPy",
+        )
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
+        """What ``pickle`` and ``copy.deepcopy`` ask for; raises UsageError where a device is held."""
+        if isinstance(self.launcher, OneProcess):
+            raise no_copy(self)
+        return super().__reduce_ex__(protocol)
+
+    @property
+    def storage(self) -> Storage:
+        """The numbers that the history is kept in."""
+        return self._shape.storage
+
+    @property
+    def keeps_halves(self) -> bool:
+        """True where the history is kept in halves."""
+        return self.storage in HALVES
+
+    def settings(self) -> dict[str, Any]:
+        """Everything that decides the bits of a result, beside the frames."""
+        return {
+            "code_sha256": code_sha256(),
+            "device": self.launcher.description,
+            "preset": self.preset.deciding(),
+            "build": msgspec.to_builtins(self._shape),
+        }
+
+    @one_thread
+    def reopen(self) -> None:
+        """Open the device again after it was lost, without a history; raises what opening it raises."""
+        self._buffers, self._kept, self._previous = None, None, None
+        self.launcher, self._builds = launcher_for(self._device), {}
+
+    @one_thread
+    def reserve(self, width: int, height: int, *, alpha: bool, half: bool = False) -> None:
+        """Do what every frame of a size needs, with or without alpha, while the first of them is still being read."""
+        self._fitting(Layout(width, height), alpha or self.every_step)
+        build = edge_build(self.launcher.build(self._shape))
+        for kernel in (*([] if build.extends else ["extend_edges"]), *(["to_halves"] if half else [])):
+            self.launcher.prepare(kernel, build)
+
+    @overload
+    def resolve(self, frame: Frame, *, half: Literal[False] = False) -> NDArray[np.float32]: ...
+
+    @overload
+    def resolve(self, frame: Frame, *, half: Literal[True]) -> NDArray[np.float16]: ...
+
+    @overload
+    def resolve(self, frame: Frame, *, half: bool) -> NDArray[np.float32] | NDArray[np.float16]: ...
+
+    @one_thread
+    def resolve(self, frame: Frame, *, half: bool = False) -> NDArray[Any]:
+        """The resolved colour of ``frame``, [H, W, 3] float32, or [H, W, 4] where the frame has alpha.
+
+        With ``half`` float16, infinite where it is 65504 or beyond; ``halves.limit_halves`` limits that.
+        Raises DataError where ``core.frame_checks`` finds a frame wrong, and UsageError where another thread is in it.
+        """
+        check_frame(frame)
+        started = perf_counter()
+        previous, build = self._begin(frame)
+        buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
+        upload(frame, buffers, build.steps, self.preset.settings)
+        uploaded = perf_counter()
+        passes = self._run(frame, previous, build, buffers)
+        assert self.last is not None
+        output = self.last.arguments["output"]
+        result = passes.to_halves(output) if half else output
+        self.launcher.finish()
+        resolved = perf_counter()
+        image = buffers.read(result, frame.alpha is not None, np.float16 if half else np.float32)
+        self.times = Times(uploaded - started, resolved - uploaded, perf_counter() - resolved)
+        self._previous = None  # an interrupt from here on leaves no history, rather than a half of one
+        buffers.swap()
+        self._previous = Past.of(frame)
+        return image
+
+    @one_thread
+    def release(self) -> None:
+        """Let go of the channels of the last frame, which ``last`` and ``run_again`` need: the next may lie there."""
+        self.last = None
+        if self._buffers is not None:
+            self._buffers.channels.clear()
+
+    @one_thread
+    def run_again(self, frame: Frame, previous: Frame) -> None:
+        """Run the kernels of the last frame once more, to the same result, and wait for them: something to time.
+
+        ``frame`` is what was resolved last and ``previous`` what was resolved before it.
+        """
+        assert self.plan is not None
+        assert self._buffers is not None
+        self._buffers.swap()
+        if self._kept is not None:
+            self._kept.take_back()
+        self._run(frame, Past.of(previous), self._build(self.plan), self._buffers)
+        self._buffers.swap()
+        self.launcher.finish()
+
+    @one_thread
+    def keep_again(self, frame: Frame, times: int) -> None:
+        """Keep ``frame``, which was resolved last, as the last ``times`` ones, if any are kept: something to time."""
+        if self._kept is None or self._buffers is None or self.plan is None:
+            return
+        self._buffers.swap()  # back to where the frame was uploaded
+        for ago in reversed(range(times)):
+            self._kept.keep(replace(frame, index=frame.index - ago), self._buffers, self.plan.steps)
+        self._buffers.swap()
+
+    def _begin(self, frame: Frame) -> tuple[Past | None, Build]:
+        """Make the plan of ``frame``; returns the past that it continues, and what its kernels are built from."""
+        previous = self._previous
+        if previous is not None and not previous.continues_in(frame, self.preset.choices):
+            previous = None
+        self.plan = self._plan(self.preset, frame, previous)
+        return previous, self._build(self.plan)
+
+    def _build(self, plan: Plan) -> Build:
+        decided_by = plan.choices, plan.settings, plan.steps
+        if decided_by not in self._builds:
+            decided = {"choices": plan.choices, "steps": plan.steps, "terms": Terms.of(plan.settings)}
+            self._builds[decided_by] = self.launcher.build(shared(msgspec.structs.replace(self._shape, **decided)))
+        return self._builds[decided_by]
+
+    def _run(self, frame: Frame, previous: Past | None, build: Build, buffers: Buffers) -> Passes:
+        """Start the kernels of ``frame``, which ``buffers`` hold; returns what started them."""
+        assert self.plan is not None
+        choices, record = self.plan.choices, frame_record(frame, previous, buffers.layout, self.plan)
+        passes = Passes(self.launcher, self.plan, build, buffers, record)
+        if choices.history_of is HistoryOf.SAMPLES:
+            kept = self._ring(previous, buffers.layout, build.steps)
+            if choices.light_change is LightChange.SPANS:
+                self.last = passes.gather_spans(frame, kept, self._beside(passes, frame, previous))
+            else:
+                self.last = passes.gather(frame, kept)
+            kept.keep(frame, buffers, build.steps)
+        else:
+            self.last = passes.resolve()
+        buffers.doubled = choices.history_of is HistoryOf.DOUBLED
+        passes.extend_edges()
+        return passes
+
+    def _beside(self, passes: Passes, frame: Frame, previous: Past | None) -> Passes:
+        """Those of the recursive resolve that runs beside the spans of the past."""
+        plan = self._plan(recursive(self.preset), frame, previous)
+        return replace(passes, plan=plan, build=self._build(plan))
+
+    def _plan(self, preset: Preset, frame: Frame, previous: Past | None) -> Plan:
+        return plan_frame(preset, frame, previous.camera if previous else None, every=self.every_step)

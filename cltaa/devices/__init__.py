@@ -1,1 +1,0 @@
-"""What kernels run on: OpenCL devices, or the NumPy twins in their place; how each kernel is built for them."""

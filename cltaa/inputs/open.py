@@ -1,0 +1,136 @@
+"""A folder of frames, opened as what it is: a sequence of cltaa's own, or of another tool."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from collections.abc import Sequence as Many
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from cltaa.errors import CltaaError, UsageError
+from cltaa.frame import Effect, format_effects, parse_effects
+from cltaa.inputs.parts import read_any_header
+from cltaa.io.exr_frame import MATRICES
+from cltaa.io.numbered import OnBreak
+from cltaa.io.sequence import RESOLVED, FrameSequence, open_capture
+from cltaa.printable import counted
+
+Declared = frozenset[Effect] | Literal["auto", "all"]  # as the files declare, nothing, or these
+PLACE = "{}"  # in the name of a file that each of several sequences has: its folder
+
+
+def open_input(
+    folder: str | Path,
+    *,
+    profile: str = "auto",
+    assignments: Many[str] = (),
+    side_file: str | Path | None = None,
+    effects: Declared = "auto",
+    **options: Any,
+) -> FrameSequence:
+    """Open ``folder`` as its profile says; ``options`` are those of ``open_sequence``, whoever wrote the files.
+
+    ``effects`` are declared in place of what the files declare; ``all`` declares nothing, so that every step is on.
+
+    Raises what ``open_sequence`` and ``open_intake`` raise, and UsageError for what a resolve wrote.
+    """
+    folder, side_file = Path(folder), None if side_file is None else Path(side_file)
+    plain = not assignments and side_file is None and effects == "auto"
+    if plain and profile in ("auto", "cltaa") and is_own(folder):
+        return open_capture(folder, **options)
+    from cltaa.inputs.foreign import ForeignSequence
+    from cltaa.inputs.intake import open_intake
+
+    verify = options.pop("verify", True)
+    intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file, **options)
+    sequence = ForeignSequence(folder, intake, sorted(intake.declared), verify=verify)
+    sequence.refuse_result()
+    check_declared(sequence, effects)
+    if isinstance(effects, str):
+        return sequence
+    return ForeignSequence(folder, intake, sorted(intake.declared), verify=verify, effects=effects)
+
+
+def check_declared(sequence: FrameSequence, effects: Declared) -> None:
+    """Raise UsageError where declared effects would leave out vectors that alone tell what moves."""
+    without = "motion" in sequence.holds and not sequence.undeclared.isdisjoint(MATRICES)
+    if not isinstance(effects, str) and Effect.MOTION not in effects and without:
+        what, cure = "without matrices the vectors alone tell what moves", "declare motion too, or give --camera FILE"
+        raise UsageError(what, path=sequence.folder, found=f"effects {format_effects(effects) or 'none'}", cure=cure)
+
+
+class Reading(msgspec.Struct, frozen=True, kw_only=True):
+    """How a sequence is read: the options of ``open_input``, and its truth, as words for a task elsewhere."""
+
+    profile: str = "auto"
+    assignments: tuple[str, ...] = ()
+    side_file: str | None = None
+    truth: str | None = None  # its folder, or that of a capture that holds one; None: reference/ of the sequence
+    effects: str = "auto"  # or all, or a comma-separated list
+    step: int = 1
+
+    def open(self, folder: Path) -> FrameSequence:
+        """Open a folder so; raises what ``open_input`` raises."""
+        named: Any = self.effects if self.effects in ("auto", "all") else parse_effects(self.effects)
+        sequence = open_input(
+            folder,
+            profile=self.profile,
+            assignments=self.assignments,
+            side_file=self.side_file,
+            step=self.step,
+            effects=named,
+        )
+        if self.truth is not None:
+            from cltaa.inputs.foreign import open_pictures
+
+            within = Path(self.truth) / "reference"
+            sequence.truth = open_pictures(
+                within if within.is_dir() else Path(self.truth),
+                gaps=OnBreak.RESET,
+                profile=self.profile,
+                assignments=self.assignments,
+            )
+        return sequence
+
+    def within(self, folder: Path) -> Reading:
+        """The same, with the folder in place of ``{}`` in the names of its files."""
+        named = {"profile": self.profile, "side_file": self.side_file, "truth": self.truth}
+        placed = {key: name and name.replace(PLACE, str(folder)) for key, name in named.items()}
+        return msgspec.structs.replace(self, **placed)
+
+
+AS_EVER = Reading()  # cltaa's own as they are, another tool's by what their headers say
+
+
+def readings(folders: Iterable[Path], asked: Reading) -> dict[Path, Reading]:
+    """How each of several folders is read where all are asked for alike.
+
+    What is asked for speaks of other tools' files: among those, cltaa's own are read as ever. Raises UsageError where
+    one side file would speak of several.
+    """
+    folders = list(dict.fromkeys(folders))
+    spoken_of = [folder for folder in folders if not is_own(folder)] or folders
+    if len(spoken_of) > 1 and asked.side_file is not None and PLACE not in asked.side_file:
+        cure = f"write {PLACE} for the folder of each: --camera '{PLACE}/{Path(asked.side_file).name}'"
+        what = "--camera is of one sequence"
+        raise UsageError(what, path=asked.side_file, found=counted(len(spoken_of), "sequence"), cure=cure)
+    own = Reading(step=asked.step)
+    return {folder: asked.within(folder) if folder in spoken_of else own for folder in folders}
+
+
+def is_own(folder: Path) -> bool:
+    """True unless the first file that can be read plainly is somebody else's, or where there is none but in subfolders.
+
+    Errors of cltaa's own files are told by its own reader; what a resolve wrote is its own, whatever layers it kept.
+    """
+    files = sorted(folder.glob("*.exr")) if folder.is_dir() else []
+    if not files:
+        return not folder.is_dir() or not any(folder.glob("*/*.exr"))
+    for file in files:
+        try:
+            return not {"cltaa:worldToView", RESOLVED}.isdisjoint(read_any_header(file).attributes)
+        except CltaaError:
+            continue
+    return True

@@ -1,0 +1,1 @@
+"""EXR files, sequences, and every other file that is written."""

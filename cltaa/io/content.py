@@ -1,0 +1,170 @@
+"""The bytes of an input file: opened without surprises, read once, checked against the SHA-256 that was recorded.
+
+A name in a folder may be anything: a folder, a pipe that never answers, a device without an end. Only regular files are
+read. They are copied, not mapped: a mapped file that somebody cuts short kills the process that looks at it.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import stat
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from mmap import mmap
+from pathlib import Path
+from typing import BinaryIO, Self
+
+from cltaa.core.planes import KEPT_BLOCKS
+from cltaa.errors import DataError, InputMissing, ResourceError, StorageError, room_cure
+
+Look = Callable[[int, int], bytes]  # the bytes from a place on, as many as are asked for or fewer where the file ends
+
+_CGROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")
+
+
+@contextmanager
+def open_regular(path: Path, expected: str = "an EXR file") -> Iterator[BinaryIO]:
+    """Open a file that is no folder, pipe or device, for reading bytes; ``expected`` says what it should be.
+
+    Raises InputMissing where there is no such file or it may not be read, DataError where it is of another kind, and
+    StorageError where reading fails, in the block too.
+    """
+    try:
+        # O_NONBLOCK: to open a pipe that nobody writes into would wait for ever.
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        try:
+            _check_kind(path, os.fstat(descriptor), expected)
+            with os.fdopen(descriptor, "rb", closefd=False) as file:
+                yield file
+        finally:
+            os.close(descriptor)
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise InputMissing("the file is missing", path=path, cure="check the name") from error
+    except PermissionError as error:
+        raise InputMissing("the file cannot be read: permission denied", path=path) from error
+    except OSError as error:
+        cure = room_cure(error) if error.errno in (errno.EFBIG, errno.ENOSPC) else None  # of the copy in memory
+        raise StorageError(f"reading failed: {error.strerror or error}", path=path, cure=cure) from error
+
+
+def read_bytes(path: Path, expected: str, largest: int) -> bytes:
+    """Read a file of at most ``largest`` bytes; raises what ``open_regular`` raises, and DataError for a larger one."""
+    with open_regular(path, expected) as file:
+        content = file.read(largest + 1)
+    if len(content) > largest:
+        raise DataError(f"too large for {expected}", path=path, expected=f"at most {largest} bytes")
+    return content
+
+
+def read_text(path: Path, expected: str, largest: int) -> str:
+    """Read a text of at most ``largest`` bytes; errors as ``read_bytes``, and DataError for what is no UTF-8.
+
+    The mark that some editors and spreadsheets put before UTF-8 is no part of it.
+    """
+    try:
+        return read_bytes(path, expected, largest).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise DataError(f"not UTF-8: {error}", path=path, expected=expected) from None
+
+
+class Copy:
+    """A file's bytes in memory, which is a file of no folder, so that nobody can change them; a descriptor of it."""
+
+    def __init__(self) -> None:
+        self._descriptor = os.memfd_create("content")
+        self._memory: mmap | None = None
+        self.size = 0
+
+    def fill(self, path: Path, file: BinaryIO) -> None:
+        """Copy a file of the size that it has now, by as few calls as it takes; raises DataError where it changes."""
+        size = file_size(file)
+        os.ftruncate(self._descriptor, size)  # the pages of an earlier file are used again, up to there
+        if size and (self._memory is None or len(self._memory) < size):
+            self._memory = mmap(self._descriptor, size)
+        self.size, place = size, 0
+        with self.bytes() as content:
+            while place < size:
+                length = os.preadv(file.fileno(), [content[place:]], place)
+                if not length:
+                    raise DataError("the file changed while it was read", path=path, cure="run again")
+                place += length
+
+    def bytes(self) -> memoryview:
+        """What was copied last; release it before the next file."""
+        return memoryview(self._memory or b"")[: self.size]
+
+    def fileno(self) -> int:
+        """The descriptor, by whose name other libraries open the memory."""
+        return self._descriptor
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave the memory to the next file, in a run that keeps it."""
+        KEPT_BLOCKS.leave(Copy, self)
+
+    def __del__(self) -> None:
+        """Give the memory back."""
+        with suppress(AttributeError):  # where there was no descriptor to be had
+            os.close(self._descriptor)
+
+
+def read_all(path: Path, file: BinaryIO, sha256: str | None, check: Callable[[Look, int], None]) -> Copy:
+    """Copy the whole file into memory; use the copy in a ``with`` block.
+
+    ``check`` is given what reads bytes of it, and its size. Raises DataError where its SHA-256, in hexadecimal, is not
+    the given one, or where the file changes meanwhile, and what ``check`` raises.
+    """
+    copy = KEPT_BLOCKS.take(Copy) or Copy()
+    copy.fill(path, file)
+    with copy.bytes() as content:
+        check(lambda place, size: bytes(content[place : place + size]), copy.size)
+        # By one call: where threads are many, each turn with the interpreter is waited for.
+        found = "" if sha256 is None else hashlib.sha256(content).hexdigest()
+    if sha256 is not None and found != sha256:
+        raise DataError(
+            "the content is not what was recorded when it was written",
+            path=path,
+            expected=f"SHA-256 {sha256[:12]}...",
+            found=f"{found[:12]}...",
+            cure="capture or copy the file again",
+        )
+    return copy
+
+
+def file_size(file: BinaryIO) -> int:
+    """Size of an open file in bytes."""
+    return os.fstat(file.fileno()).st_size
+
+
+def check_memory(path: Path, needed: int) -> None:
+    """Raise ResourceError where ``needed`` bytes are more than all the memory that there is."""
+    limit = memory_limit()
+    if needed > limit:
+        raise ResourceError(
+            "the picture does not fit into memory",
+            path=path,
+            expected=f"at most {limit / 1e9:.1f} GB",
+            found=f"{needed / 1e9:.1f} GB",
+            cure="use smaller frames or a machine with more memory",
+        )
+
+
+def memory_limit() -> int:
+    """Bytes of memory that this process may ever have: those of the machine, or fewer where its group is limited."""
+    machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    try:
+        return min(machine, int(_CGROUP_LIMIT.read_text()))
+    except (OSError, ValueError):  # no such group, or "max"
+        return machine
+
+
+def _check_kind(path: Path, status: os.stat_result, expected: str) -> None:
+    if stat.S_ISDIR(status.st_mode):
+        raise DataError("this is a folder", path=path, expected=expected)
+    if not stat.S_ISREG(status.st_mode):
+        raise DataError("this is a pipe or a device", path=path, expected=expected)

@@ -1,0 +1,226 @@
+"""A frame as an EXR file: its channels, and its header as attributes.
+
+Matrices in a file are laid out as Imath lays them out, standard and own alike: a row vector times the matrix, the
+translation in the last row. In memory they are NumPy's row-major matrices for column vectors, so each is transposed
+once on the way out and once on the way in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.core.frame_checks import check_camera, check_numbers
+from cltaa.errors import DataError
+from cltaa.frame import (
+    Camera,
+    Effect,
+    Frame,
+    Image,
+    Matrix,
+    format_effects,
+    parse_effects,
+)
+from cltaa.io.exr_layout import Layout, of_region
+from cltaa.io.names import number_of
+
+Pixels = NDArray[np.float16] | NDArray[np.float32] | NDArray[np.uint32]
+
+COLOUR = ("R", "G", "B")
+MOTION = ("backward.u", "backward.v")
+NORMAL = ("N.X", "N.Y", "N.Z")
+# Those that lie beside each other in a frame.
+GROUPS = (COLOUR, MOTION, ("A",), ("reactive",), NORMAL)
+OF_FRAMES = frozenset({"Z", "id"}.union(*GROUPS))
+
+
+def frame_planes(frame: Frame, path: Path) -> dict[str, Pixels]:
+    """Return the channels [H, W] of a frame by their names in a file; raises DataError for arrays that do not fit."""
+    height, width = frame.colour.shape[:2]
+    planes: dict[str, Pixels | None] = {
+        **_split(COLOUR, frame.colour),
+        "A": frame.alpha,
+        "Z": frame.depth,
+        **_split(MOTION, frame.motion),
+        "reactive": frame.reactive,
+        **_split(NORMAL, frame.normal),
+    }
+    channels: dict[str, Pixels] = {}
+    for name, plane in planes.items():
+        if plane is None:
+            continue
+        if plane.shape != (height, width) or plane.dtype != np.float32:
+            expected, found = f"float32 [{height}, {width}]", f"{plane.dtype} {list(plane.shape)}"
+            raise DataError(
+                "array is wrong", path=path, frame=frame.index, channel=name, expected=expected, found=found
+            )
+        channels[name] = plane
+    if frame.object_id is not None:
+        channels["id"] = _whole_numbers(frame, path)
+    return channels
+
+
+def check_float_channels(layout: Layout, names: Iterable[str]) -> None:
+    """Raise DataError unless every named channel is there and holds half or float numbers."""
+    for name in names:
+        kind = layout.channels.get(name)
+        if kind is None:
+            found = " ".join(sorted(layout.channels)) or "none"
+            cure = "capture or convert the file with this channel"
+            raise DataError("channel is missing", path=layout.path, channel=name, found=found, cure=cure)
+        if kind == "uint":
+            raise DataError("wrong channel type", path=layout.path, channel=name, expected="float", found=kind)
+
+
+def frame_channels(layout: Layout) -> list[str]:
+    """Channels of a frame in the order of its planar block, checked."""
+    names = list(COLOUR)
+    names += [name for name in ("A",) if name in layout.channels]
+    names += ["Z"]
+    for group in (MOTION, ("reactive",), NORMAL):
+        if any(name in layout.channels for name in group):
+            names += group
+    check_float_channels(layout, names)
+    if layout.channels["Z"] == "half":
+        raise DataError(
+            "half-precision depth is refused: it is wrong by metres at a kilometre",
+            path=layout.path,
+            channel="Z",
+            expected="float",
+            found="half",
+            cure="write depth as 32-bit float",
+        )
+    if layout.channels.get("id", "uint") != "uint":
+        found = layout.channels["id"]
+        raise DataError("wrong channel type", path=layout.path, channel="id", expected="uint", found=found)
+    return names
+
+
+def _split(names: Sequence[str], array: Image | None) -> dict[str, Pixels | None]:
+    if array is None:
+        return dict.fromkeys(names)
+    if array.ndim != 3 or array.shape[2] != len(names):
+        raise DataError("array has a wrong number of channels", expected=len(names), found=list(array.shape))
+    return {name: array[..., position] for position, name in enumerate(names)}
+
+
+def _whole_numbers(frame: Frame, path: Path) -> NDArray[np.uint32]:
+    given = np.asarray(frame.object_id)
+    numbers = given.astype(np.uint32)
+    if given.shape != frame.depth.shape or not np.array_equal(numbers, given):
+        expected = f"whole numbers from 0 to 2^32-1, {list(frame.depth.shape)}"
+        raise DataError("array is wrong", path=path, frame=frame.index, channel="id", expected=expected)
+    return numbers
+
+
+# World to camera of the EXR standard is left-handed with +z the viewing direction; OpenGL views along -z.
+_FLIP_Z = np.diag([1.0, 1.0, -1.0, 1.0])
+# Clip space (x right, y up, -1..1) to the standard's NDC: (0, 0) upper left, (1, 1) lower right, depth 0..1.
+_CLIP_TO_NDC = np.array([[0.5, 0, 0, 0.5], [0, -0.5, 0, 0.5], [0, 0, 0.5, 0.5], [0, 0, 0, 1.0]])
+# The attributes that hold matrices, all of them of the whole display window.
+MATRICES = frozenset({"worldToCamera", "worldToNDC", "cltaa:worldToView", "cltaa:viewToClip"})
+# Attributes that describe the file and not the picture: OpenEXR writes them itself.
+STRUCTURAL = frozenset({"channels", "compression", "dataWindow", "displayWindow", "lineOrder", "tiles", "type"})
+
+
+class Single(float):
+    """The value of an attribute that is no double but a float in its file, and is written as one again."""
+
+
+def frame_attributes(frame: Frame) -> dict[str, object]:
+    """Return the attributes of a frame's header; raises DataError for matrices or numbers that mean nothing."""
+    view, clip = frame.camera.world_to_view, frame.camera.view_to_clip
+    check_camera(frame.camera, path=frame.path, frame=frame.index)
+    check_numbers(frame.jitter_px, frame.exposure, path=frame.path, frame=frame.index)
+    standard = {"worldToCamera": _FLIP_Z @ view, "worldToNDC": _CLIP_TO_NDC @ clip @ view}
+    if max(float(np.abs(matrix).max()) for matrix in standard.values()) > np.finfo(np.float32).max:
+        cure = "move the scene nearer to the origin"
+        raise DataError("matrix does not fit float32", path=frame.path, frame=frame.index, cure=cure)
+    attributes: dict[str, object] = {
+        **{name: np.ascontiguousarray(matrix.T, dtype=np.float32) for name, matrix in standard.items()},
+        "cltaa:worldToView": np.ascontiguousarray(view.T, dtype=np.float64),
+        "cltaa:viewToClip": np.ascontiguousarray(clip.T, dtype=np.float64),
+        "cltaa:jitterPx": np.array(frame.jitter_px, dtype=np.float64),
+        "cltaa:frame": int(frame.index),
+        "cltaa:cut": int(frame.cut),
+        "cltaa:exposure": float(frame.exposure),
+        "cltaa:scene": frame.scene,
+    }
+    if frame.effects is not None:
+        attributes["cltaa:effects"] = format_effects(frame.effects)
+    return attributes
+
+
+class FrameHeader:
+    """The attributes of one frame's header, read one by one; every problem is a DataError that names the attribute.
+
+    ``camera`` is that of the picture, which may be a region of the display window.
+    """
+
+    def __init__(self, path: Path, attributes: Mapping[str, object], layout: Layout) -> None:
+        """Keep ``attributes`` as ``ImageHeader`` has them."""
+        self._path, self._attributes = path, attributes
+        self.index = self._integer("cltaa:frame", default=number_of(path) or 0)
+        cut = self._integer("cltaa:cut", default=0)
+        if cut not in (0, 1):
+            raise self._wrong("cltaa:cut", "0 or 1", cut)
+        self.cut = bool(cut)
+        jitter = self._numbers("cltaa:jitterPx", (2,))
+        self.jitter_px = (float(jitter[0]), float(jitter[1]))
+        self.exposure = self._exposure()
+        check_numbers(self.jitter_px, self.exposure, path=path, frame=self.index)
+        whole = Camera(
+            world_to_view=np.ascontiguousarray(self._numbers("cltaa:worldToView", (4, 4)).T),
+            view_to_clip=np.ascontiguousarray(self._numbers("cltaa:viewToClip", (4, 4)).T),
+        )
+        check_camera(whole, path=path, frame=self.index)
+        self.camera = of_region(whole, layout)
+        self.scene = self._text("cltaa:scene") or ""
+        self.effects = self._effects()
+
+    def _integer(self, name: str, *, default: int) -> int:
+        value = self._attributes.get(name, default)
+        if not isinstance(value, int):
+            raise self._wrong(name, "an int", value)
+        return value
+
+    def _exposure(self) -> float:
+        value = self._attributes.get("cltaa:exposure", 1.0)
+        if not isinstance(value, float):
+            raise self._wrong("cltaa:exposure", "a double", value)
+        return value
+
+    def _numbers(self, name: str, shape: tuple[int, ...]) -> Matrix:
+        value = self._attributes.get(name)
+        kind = "V2d" if shape == (2,) else "M44d"
+        if value is None:
+            cure = "capture it with cltaa, or add the attribute"
+            raise DataError("attribute is missing", path=self._path, expected=f"{name} ({kind})", cure=cure)
+        if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype != np.float64:
+            raise self._wrong(name, kind, value)
+        return value
+
+    def _text(self, name: str) -> str | None:
+        value = self._attributes.get(name)
+        if value is not None and not isinstance(value, str):
+            raise self._wrong(name, "a string", value)
+        return value
+
+    def _effects(self) -> frozenset[Effect] | None:
+        text = self._text("cltaa:effects")
+        if text is None:
+            return None
+        try:
+            return parse_effects(text)
+        except ValueError as error:
+            raise self._wrong("cltaa:effects", f"names out of {', '.join(Effect)}", text) from error
+
+    def _wrong(self, name: str, expected: str, value: object) -> DataError:
+        if isinstance(value, np.ndarray):
+            found = f"{value.dtype}{list(value.shape)}"
+        else:  # an attribute of a type that OpenEXR does not know can fail even to print itself
+            found = repr(value) if isinstance(value, (str, int, float)) else type(value).__name__
+        return DataError(f"attribute {name} is wrong", path=self._path, expected=expected, found=found)

@@ -1,0 +1,161 @@
+"""The shape of an EXR image: channels, windows, compression, and what a picture is of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from cltaa.errors import DataError, UsageError
+from cltaa.frame import Camera
+
+PIXEL_BYTES = {"uint": 4, "half": 2, "float": 4}
+# Name and scan lines a chunk, in the order of their numbers in the file.
+COMPRESSIONS = (
+    ("none", 1),
+    ("rle", 1),
+    ("zips", 1),
+    ("zip", 16),
+    ("piz", 32),
+    ("pxr24", 16),
+    ("b44", 32),
+    ("b44a", 32),
+    ("dwaa", 32),
+    ("dwab", 256),
+    ("htj2k256", 256),
+    ("htj2k32", 32),
+    ("lj2k", 256),
+    ("zstd", 1),
+)
+COMPRESSION_NUMBERS = {name: number for number, (name, _) in enumerate(COMPRESSIONS)}
+LOSSLESS = frozenset({"none", "rle", "zips", "zip", "piz", "htj2k256", "htj2k32", "zstd"})
+
+Window = tuple[int, int, int, int]  # x and y of the first pixel, x and y of the last
+Part = tuple[slice, slice]  # rows and columns
+Windows = tuple[Window, Window]  # of the data, and of the display
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Shape of an EXR image or a part of one: channel name -> "uint", "half" or "float", windows, compression.
+
+    The picture is the data window, all that was drawn: a region of the display window, or more than it (overscan).
+    """
+
+    path: Path
+    channels: dict[str, str]
+    data_window: Window
+    display_window: Window
+    compression: str
+    part: str | None = None  # name of the part, None in a file of one image
+    tile: tuple[int, int] | None = None  # columns and rows of a tile, None where chunks are of scan lines
+
+    @property
+    def width(self) -> int:
+        """Columns of the picture, which is the data window."""
+        return self.data_window[2] - self.data_window[0] + 1
+
+    @property
+    def height(self) -> int:
+        """Rows of the picture, which is the data window."""
+        return self.data_window[3] - self.data_window[1] + 1
+
+    @property
+    def display_size(self) -> tuple[int, int]:
+        """Columns and rows of the display window, of which camera matrices and fractions of a picture speak."""
+        return self.display_window[2] - self.display_window[0] + 1, self.display_window[3] - self.display_window[1] + 1
+
+    @property
+    def region(self) -> Window:
+        """The picture as the display window has it: from whose first pixel on x and y are counted."""
+        left, top, *_ = self.display_window
+        return (
+            self.data_window[0] - left,
+            self.data_window[1] - top,
+            self.data_window[2] - left,
+            self.data_window[3] - top,
+        )
+
+    def covers(self, region: Window) -> bool:
+        """True where the picture shows all of a region, which begins at the first pixel of the display window."""
+        return _covers(self.region, region)
+
+    def cropped(self, region: Window) -> Layout:
+        """The layout of a region of the picture alone."""
+        left, top, *_ = self.display_window
+        data = region[0] + left, region[1] + top, region[2] + left, region[3] + top
+        return replace(self, data_window=data)
+
+    @property
+    def size(self) -> str:
+        """Columns and rows for a reader, and of a region or overscan which of the display window it is."""
+        size = f"{self.width} x {self.height}"
+        if self.data_window == self.display_window:
+            return size
+        return f"{size} at ({self.region[0]}, {self.region[1]}) of {self.display_size[0]} x {self.display_size[1]}"
+
+    @property
+    def bytes_a_pixel(self) -> int:
+        """Bytes of all channels of a pixel, as decoded."""
+        return sum(PIXEL_BYTES[kind] for kind in self.channels.values())
+
+    @property
+    def decoded_bytes(self) -> int:
+        """Bytes of all its pixels, as decoded."""
+        return self.width * self.height * self.bytes_a_pixel
+
+    @property
+    def chunk(self) -> tuple[int, int]:
+        """Columns and rows of a chunk; fewer at the right and at the bottom."""
+        width, height = self.tile or (self.width, dict(COMPRESSIONS)[self.compression])
+        return min(width, self.width), min(height, self.height)
+
+    @property
+    def chunk_bytes(self) -> int:
+        """Bytes of a chunk, as decoded."""
+        return self.chunk[0] * self.chunk[1] * self.bytes_a_pixel
+
+    def part_of(self, window: Window) -> Part:
+        """Rows and columns of the picture that lie in ``window``; raises DataError unless it covers all of that."""
+        left, top, *_ = self.data_window
+        if not _covers(self.data_window, window):
+            raise DataError(
+                "the data window does not cover the picture",
+                path=self.path,
+                expected=f"at least {window}",
+                found=self.data_window,
+                cure="write all channels with one data window",
+            )
+        return slice(window[1] - top, window[3] - top + 1), slice(window[0] - left, window[2] - left + 1)
+
+
+def _covers(window: Window, other: Window) -> bool:
+    """True where all of ``other`` lies in ``window``."""
+    left, top, right, bottom = window
+    return left <= other[0] <= other[2] <= right and top <= other[1] <= other[3] <= bottom
+
+
+def check_lossless(compression: str, path: Path | None = None) -> None:
+    """Raise UsageError unless ``compression`` names one that loses nothing; ``path`` is what was to be written so."""
+    if compression not in LOSSLESS:
+        expected = ", ".join(sorted(LOSSLESS))
+        raise UsageError("unknown or lossy compression", path=path, expected=expected, found=compression)
+
+
+def shared_window(parts: Sequence[Layout]) -> Window:
+    """The picture that all parts of a file have: their data window if it is one, else the display window."""
+    windows = {part.data_window for part in parts}
+    return windows.pop() if len(windows) == 1 else parts[0].display_window
+
+
+def of_region(camera: Camera, layout: Layout) -> Camera:
+    """The camera of a file's picture from that of its display window: the same view, clip space moved and scaled."""
+    if layout.data_window == layout.display_window:
+        return camera
+    (columns, rows), (left, top, *_) = layout.display_size, layout.region
+    region = np.eye(4)
+    region[0, 0], region[0, 3] = columns / layout.width, (columns - 2 * left) / layout.width - 1.0
+    region[1, 1], region[1, 3] = rows / layout.height, 1.0 - (rows - 2 * top) / layout.height
+    return Camera(camera.world_to_view, region @ camera.view_to_clip)

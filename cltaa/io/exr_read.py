@@ -1,0 +1,197 @@
+"""EXR files in: frames with everything a resolve needs, and plain images.
+
+Reading checks the file (``cltaa.io.exr_header``) before OpenEXR sees it, its SHA-256
+(``cltaa.io.content``) where one is known, and the header (``cltaa.io.exr_frame``) before a number is used, so that
+wrong input ends in one DataError or InputMissing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple, cast
+
+import numpy as np
+
+from cltaa.core.planes import empty_haloed
+from cltaa.errors import DataError
+from cltaa.frame import Frame, Image
+from cltaa.io.content import Copy, check_memory, file_size, open_regular, read_all
+from cltaa.io.exr_frame import (
+    COLOUR,
+    GROUPS,
+    STRUCTURAL,
+    FrameHeader,
+    Pixels,
+    Single,
+    check_float_channels,
+    frame_channels,
+)
+from cltaa.io.exr_header import Outline, parse_layout, read_outline
+from cltaa.io.exr_layout import Layout
+from cltaa.io.openexr import OpenEXR
+from cltaa.io.quiet import muted_output
+
+
+@dataclass(frozen=True, slots=True)
+class ImageHeader:
+    """A file's layout and its attributes by name, as ``attributes_of`` gives them, read without its pixels.
+
+    ``views`` are those of channels by what attribute ``view`` of their part says.
+    """
+
+    layout: Layout
+    attributes: dict[str, object]
+    views: Mapping[str, str] = field(default_factory=dict)
+
+
+class FrameFile(NamedTuple):
+    """What was read of a frame's file: its header, and other channels [H, W] that were decoded beside the frame."""
+
+    header: ImageHeader
+    planes: Mapping[str, Pixels] | None = None
+
+
+def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
+    """Read one frame; ``colour`` [H, W, 3] and the others are views of planes with a halo (``cltaa.core.planes``).
+
+    Half-precision channels are widened exactly, but half depth is refused. Channels with other names are left alone.
+    ``sha256`` is what the file's content must have, in hexadecimal. Raises InputMissing, DataError, StorageError and
+    ResourceError as in the module's text.
+    """
+    return read_frame_and_header(path, sha256=sha256)[0]
+
+
+def read_frame_and_header(path: Path, *, sha256: str | None = None) -> tuple[Frame, ImageHeader]:
+    """The same, and the header of its file, which was parsed for it."""
+    with _loaded(path, sha256) as (layout, content):
+        names = frame_channels(layout)
+        size = (layout.height, layout.width)
+        pixels, attributes = decode_all(layout, content)
+        # Each group in a block of its own: what is freed fits what is needed next.
+        groups = {group: empty_haloed(len(group), *size) for group in GROUPS if group[0] in names}
+        for group, stack in groups.items():
+            for name, plane in zip(group, stack, strict=True):
+                plane[...] = pixels.pop(name)
+    parts = {group[0]: np.moveaxis(stack, 0, -1) for group, stack in groups.items()}
+    return _frame(FrameHeader(path, attributes, layout), parts, pixels, path), ImageHeader(layout, attributes)
+
+
+def _frame(header: FrameHeader, parts: Mapping[str, Image], others: Mapping[str, Pixels], path: Path) -> Frame:
+    """The frame of a header, with groups of channels by the first of each, and all other channels by their names."""
+    return Frame(
+        index=header.index,
+        colour=parts["R"],
+        depth=cast(Image, others["Z"]),  # which no device takes as it is: it stays where it was decoded
+        camera=header.camera,
+        jitter_px=header.jitter_px,
+        motion=parts.get("backward.u"),
+        alpha=parts["A"][..., 0] if "A" in parts else None,
+        reactive=parts["reactive"][..., 0] if "reactive" in parts else None,
+        object_id=cast(Image | None, others.get("id")),  # uint32: float32 would merge neighbours above 2^24
+        normal=parts.get("N.X"),
+        cut=header.cut,
+        exposure=header.exposure,
+        scene=header.scene,
+        effects=header.effects,
+        path=path,
+    )
+
+
+def read_image(path: Path, *, sha256: str | None = None) -> tuple[dict[str, Pixels], dict[str, object]]:
+    """Read every channel ``[H, W]`` in its own type, and the attributes that describe the picture; errors as above."""
+    with _loaded(path, sha256) as loaded:
+        pixels, attributes = decode_all(*loaded)
+    return pixels, {name: value for name, value in attributes.items() if name not in STRUCTURAL}
+
+
+def read_header(path: Path, *, chunks: bool = True) -> ImageHeader:
+    """Read a file's layout and attributes without decoding pixels.
+
+    Every chunk is known to be inside the file, unless ``chunks`` says that they are nobody's concern.
+    """
+    with open_regular(path) as file:
+        layout = parse_layout(path, file) if chunks else read_outline(path, file).layout
+        return ImageHeader(layout, _open(layout, file, header_only=True)[1])
+
+
+def read_colour(path: Path, *, sha256: str | None = None) -> Image:
+    """Read R G B only, as a [H, W, 3] float32 view of a planar block; errors and ``sha256`` as ``read_frame``."""
+    with _loaded(path, sha256) as (layout, content):
+        check_float_channels(layout, COLOUR)
+        pixels, _ = decode_all(layout, content)
+    return np.moveaxis(np.stack([pixels[name] for name in COLOUR]).astype(np.float32, copy=False), 0, -1)
+
+
+@contextmanager
+def loaded_parts(path: Path, sha256: str | None, *, one: bool = False) -> Iterator[tuple[Outline, Copy]]:
+    """Check the headers, read the whole file, and check in memory what is decoded from there.
+
+    Its content goes at the end of the block: of a large picture little fits into memory twice. Where it is to have
+    ``one`` part a file of many is refused.
+    """
+    with open_regular(path) as file:
+        outline = read_outline(path, file)
+        if one:
+            outline.layout  # noqa: B018  which refuses them
+        check_memory(path, file_size(file))
+        content = read_all(path, file, sha256, outline.check_chunks)
+    with content:
+        yield outline, content
+
+
+@contextmanager
+def _loaded(path: Path, sha256: str | None) -> Iterator[tuple[Layout, Copy]]:
+    """The same of a file of one part, whose pixels fit into memory."""
+    with loaded_parts(path, sha256, one=True) as (outline, content):
+        layout = outline.layout
+        # Beside the pixels stands the packed file first, and then the one channel that is being moved into the frame.
+        check_memory(path, layout.decoded_bytes + max(content.size, 4 * layout.width * layout.height))
+        yield layout, content
+
+
+def decode_all(layout: Layout, content: BinaryIO | Copy) -> tuple[dict[str, Pixels], dict[str, object]]:
+    """Let OpenEXR's module decode every channel of a file of one part; the attributes too. Raises DataError."""
+    file, attributes = _open(layout, content, header_only=False)
+    channels = {name: channel.pixels for name, channel in file.channels().items()}
+    shape = (layout.height, layout.width)
+    if set(channels) != set(layout.channels) or any(plane.shape != shape for plane in channels.values()):
+        raise DataError("the file changed while it was read", path=layout.path, cure="run again")
+    return channels, attributes
+
+
+def _open(layout: Layout, content: BinaryIO | Copy, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:
+    file = open_content(layout.path, content, header_only=header_only)
+    return file, attributes_of(file)
+
+
+def open_content(path: Path, content: BinaryIO | Copy, *, header_only: bool) -> OpenEXR.File:
+    """Let OpenEXR decode an open file whose layout was checked; ``path`` is its name in messages. Raises DataError."""
+    # By the name of the descriptor: the file's own need not be UTF-8, and what OpenEXR itself prints would hold it raw.
+    # Not as a stream: OpenEXR's threads would take hundreds of turns a frame with the interpreter to read from one.
+    name = f"/proc/self/fd/{content.fileno()}"
+    try:
+        # Separate channels: the merging of R, G and B in the module had memory errors, and loses mixed types.
+        with muted_output():
+            file = OpenEXR.File(name, separate_channels=True, header_only=header_only)
+        if not file.parts:  # the module's way of saying that decoding failed
+            raise DataError("the pixels are damaged", path=path, cure="write the file again")
+        file.header()  # whose texts must be UTF-8
+    except (RuntimeError, ValueError, TypeError) as error:  # UnicodeDecodeError is a ValueError
+        said = str(error).replace(name, "it")
+        raise DataError(f"OpenEXR cannot read it: {said}", path=path, cure="write the file again") from error
+    return file
+
+
+def attributes_of(file: OpenEXR.File) -> dict[str, object]:
+    """The attributes of a file's first part by name; a double, which arrives as an array of one, as a float."""
+
+    def scalar(value: Any) -> object:
+        if isinstance(value, float):
+            return Single(value)
+        of_one = isinstance(value, np.ndarray) and value.shape == (1,) and value.dtype == np.float64
+        return float(value[0]) if of_one else value
+
+    return {name: scalar(value) for name, value in file.header().items()}

@@ -1,0 +1,229 @@
+"""EXR files out, each complete or not there, packed with ZIP by ISA-L.
+
+OpenEXR writes the header, so that every attribute is as it writes it. The chunks are made here, as the OpenEXR file
+layout defines them (https://openexr.com/en/latest/OpenEXRFileLayout.html) and OpenEXR's own packer makes them: of the
+bytes of some rows first those at even places and then those at odd ones; of each but the first what it is more than
+the one before it, plus 128; deflated, in a stream of zlib's format.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, partial
+from io import BytesIO
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.errors import DataError, StorageError, UsageError
+from cltaa.frame import Frame
+from cltaa.io.atomic import atomic_path
+from cltaa.io.exr_frame import STRUCTURAL, Pixels, Single, frame_attributes, frame_planes
+from cltaa.io.exr_header import places_of, read_headers, read_layout
+from cltaa.io.exr_layout import COMPRESSION_NUMBERS, Windows, check_lossless
+from cltaa.io.openexr import OpenEXR
+
+try:
+    from isal import isal_zlib
+except ImportError:  # not made for every machine: there OpenEXR packs
+    isal_zlib = None
+
+Bytes = NDArray[np.uint8]
+Deflate = Callable[[Bytes], bytes]  # packs contiguous bytes as a stream of zlib's format
+
+LEVEL = 2  # of ISA-L's 0 to 3; docs/performance.md, Files
+
+# Threads take turns with the interpreter between the steps of their work: so a few of them with much each
+# (docs/decisions/0041-few-turns-with-the-interpreter.md).
+THREADS = 4
+BEGUN = THREADS + 1  # of one file at a time: packed, being packed, or to be packed
+ROWS = 64  # that a thread packs at a time: 4 chunks of ZIP, 64 of ZIPS
+ROWS_A_CHUNK = {"zip": 16, "zips": 1}
+
+
+class Packed(NamedTuple):
+    """Neighbouring chunks as they stand in the file, and the bytes that each of them takes there."""
+
+    sizes: list[int]
+    content: bytes
+
+
+Pack = Callable[[int], Packed]
+
+
+def fast_deflate() -> Deflate | None:
+    """What packs chunks; None where ISA-L is not installed."""
+    return None if isal_zlib is None else _deflate
+
+
+def _deflate(content: Bytes) -> bytes:
+    packed: bytes = isal_zlib.compress(content.data, level=LEVEL)
+    return packed
+
+
+def write_zip(
+    path: Path, header: Mapping[str, Any], channels: Mapping[str, NDArray[Any]], compression: str, deflate: Deflate
+) -> None:
+    """Write contiguous ``channels`` [H, W] as ``OpenEXR.File(header, channels)`` does, but with its ``deflate``.
+
+    ``header`` is one of OpenEXR's for scan lines with that ``compression``, ``zip`` or ``zips``. Raises what OpenEXR
+    raises, and OSError.
+    """
+    height, width = next(iter(channels.values())).shape
+    first, last = header.get("dataWindow", np.array([[0, 0], [width - 1, height - 1]], np.int32))
+    planes = [channels[name].view(np.uint8) for name in sorted(channels)]
+    start = _header(path, header, channels, first, last)
+    pack = partial(_pack, planes, int(first[1]), ROWS_A_CHUNK[compression], deflate)
+    sizes = [0]
+    with path.open("wb") as file:
+        file.write(start + bytes(8 * -(-height // ROWS_A_CHUNK[compression])))
+        sizes[0] = file.tell()
+        for packed in _in_threads(pack, range(0, height, ROWS)):
+            file.write(packed.content)
+            sizes += packed.sizes
+        file.seek(len(start))
+        file.write(np.cumsum(sizes[:-1], dtype="<u8").data)  # where each chunk begins
+
+
+def _in_threads(pack: Pack, rows: range) -> Iterator[Packed]:
+    """``pack(row)`` for each of ``rows``, in their order; ``BEGUN`` of them at a time."""
+    begun = deque[Callable[[], Packed]]()
+    for row in rows:
+        begun.append(_begin(pack, row))
+        if len(begun) == BEGUN:
+            yield begun.popleft()()
+    while begun:
+        yield begun.popleft()()
+
+
+def _begin(pack: Pack, row: int) -> Callable[[], Packed]:
+    try:
+        return _threads().submit(pack, row).result
+    except RuntimeError:  # at the end of the program no thread is given work, and what is queued is written still
+        return partial(pack, row)
+
+
+@cache
+def _threads() -> ThreadPoolExecutor:
+    """For all files that are being written; there until the program ends."""
+    return ThreadPoolExecutor(THREADS, "pack EXR")
+
+
+def _header(
+    path: Path, header: Mapping[str, Any], channels: Mapping[str, NDArray[Any]], first: Any, last: Any
+) -> bytes:
+    """What stands in the file before the table of chunks: that of a file of the first row, but for the last row."""
+
+    row, file = np.array([first, [last[0], first[1]]], np.int32), BytesIO()
+    windows = {"displayWindow": (first, last), **header, "dataWindow": tuple(row)}
+    OpenEXR.File(windows, {name: plane[:1] for name, plane in channels.items()}).write(file)
+    *_, end = read_headers(path, file)
+    content = file.getvalue()
+    window = places_of(content)["dataWindow"].start
+    return content[: window + 12] + struct.pack("<i", last[1]) + content[window + 16 : end]
+
+
+def _pack(planes: list[Bytes], top: int, rows_a_chunk: int, deflate: Deflate, row: int) -> Packed:
+    """The chunks of up to ``ROWS`` rows from ``row`` on, of planes [H, bytes of a row]; ``top`` is y of the first."""
+    end = min(row + ROWS, len(planes[0]))
+    even = end - (end - row) % rows_a_chunk  # from there on the last chunk, which has fewer rows
+    chunks: list[tuple[Bytes, Bytes]] = []
+    for start, stop, each in ((row, even, rows_a_chunk), (even, end, end - even)):
+        if start < stop:
+            chunks += _stepped([plane[start:stop] for plane in planes], each)
+    content, sizes = list[bytes](), list[int]()
+    for y, (raw, steps) in zip(range(top + row, top + end, rows_a_chunk), chunks, strict=True):
+        packed = deflate(steps)
+        if len(packed) >= len(raw):  # what does not become smaller is written as it is: a reader tells it by its size
+            packed = raw.tobytes()
+        content += struct.pack("<2i", y, len(packed)), packed
+        sizes.append(8 + len(packed))
+    return Packed(sizes, b"".join(content))
+
+
+def _stepped(planes: list[Bytes], rows: int) -> Iterator[tuple[Bytes, Bytes]]:
+    """Chunks of ``rows`` rows each, of planes [a multiple of them, bytes of a row]: as they are, and to be deflated."""
+    lines = np.concatenate(planes, axis=1)
+    raw = lines.reshape(-1, lines.shape[1] * rows)
+    pairs, half = raw.view("<u2"), raw.shape[1] // 2
+    split, steps = np.empty_like(raw), np.empty_like(raw)
+    split[:, :half] = pairs  # its lower byte
+    np.right_shift(pairs, 8, out=split[:, half:], casting="unsafe")
+    steps[:, 0] = split[:, 0]
+    np.subtract(split[:, 1:], split[:, :-1], out=steps[:, 1:])
+    steps[:, 1:] += 128
+    return zip(raw, steps, strict=True)
+
+
+# Attributes that OpenEXR wants as float; other Python floats are written as doubles, so that none is rounded.
+_STANDARD_FLOATS = frozenset({"pixelAspectRatio", "screenWindowWidth", "whiteLuminance", "xDensity", "expTime"})
+
+
+def write_frame(path: Path, frame: Frame, *, compression: str = "zip") -> None:
+    """Write one frame as a multi-channel EXR of float32 channels (``id`` uint32), atomically.
+
+    Raises DataError for a frame whose arrays, matrices or numbers are wrong, OutputError and StorageError for disks.
+    """
+    write_image(path, frame_planes(frame, path), frame_attributes(frame), compression=compression)
+
+
+def write_image(
+    path: Path,
+    channels: Mapping[str, Pixels],
+    attributes: Mapping[str, object] | None = None,
+    *,
+    compression: str = "zip",
+    windows: Windows | None = None,
+) -> None:
+    """Write channels ``[H, W]`` (float16, float32 or uint32, as given) and attributes as one EXR, atomically.
+
+    ``compression`` is one that loses nothing; ``windows`` are those of data and display, else both begin at (0, 0).
+    Python floats become doubles, but ``attributes.Single``; arrays keep their precision. Empty lists are left out.
+    Raises UsageError for arguments that mean nothing, OutputError and StorageError for disks.
+    """
+    check_lossless(compression, path)
+    shapes = {pixels.shape for pixels in channels.values()}
+    types = {pixels.dtype.name for pixels in channels.values()}
+    if len(shapes) != 1 or len(next(iter(shapes))) != 2 or not types <= {"float16", "float32", "uint32"}:
+        expected = "channels of one shape [H, W], float16, float32 or uint32"
+        raise UsageError("channels do not make an image", path=path, expected=expected, found=(shapes, types))
+    given = {name: value for name, value in (attributes or {}).items() if name not in STRUCTURAL}
+    # OpenEXR reads an empty list, but cannot tell what would be in it, and writes none.
+    header = {name: _attribute(name, value) for name, value in given.items() if not _is_empty_list(value)}
+    header["compression"] = OpenEXR.Compression(COMPRESSION_NUMBERS[compression])
+    header["type"] = OpenEXR.scanlineimage
+    for name, window in zip(("dataWindow", "displayWindow"), windows or (), strict=False):
+        corners = np.array(window, np.int32).reshape(2, 2)
+        header[name] = (corners[0], corners[1])
+    # OpenEXR writes wrong pixels, silently, from an array that is not contiguous.
+    contiguous = {name: np.ascontiguousarray(pixels) for name, pixels in channels.items()}
+    with atomic_path(path) as temporary:
+        try:
+            deflate = fast_deflate()
+            if deflate is not None and compression in ROWS_A_CHUNK:
+                write_zip(temporary, header, contiguous, compression, deflate)
+            else:
+                # As bytes: a str that came from a name in another encoding than UTF-8 cannot be handed over.
+                OpenEXR.File(header, contiguous).write(os.fsencode(temporary))
+                # A write that fails when OpenEXR closes the file goes unsaid; then the table of chunks is not whole.
+                read_layout(temporary)
+        except (RuntimeError, ValueError, TypeError, DataError) as error:
+            raise StorageError(
+                f"OpenEXR could not write it: {error}", path=path, cure="check the free space"
+            ) from error
+
+
+def _attribute(name: str, value: object) -> object:
+    if isinstance(value, float) and not isinstance(value, Single) and name not in _STANDARD_FLOATS:
+        return np.array([value], dtype=np.float64)  # a bare float would be rounded to float32
+    return value
+
+
+def _is_empty_list(value: object) -> bool:
+    return isinstance(value, list) and not value

@@ -1,0 +1,439 @@
+"""Folders of numbered files: which frames there are, which are missing, and what is wrong with single ones.
+
+cltaa writes ``<name>.<frame:04d>.exr``. Others put ``_``, ``-`` or nothing before the number, or have no name at all:
+Blender writes ``0001.exr`` unless it is told otherwise. The number is the last thing before the suffix.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Sequence as Many
+from enum import StrEnum
+from functools import cached_property
+from itertools import pairwise
+from math import gcd
+from pathlib import Path
+from typing import Self
+
+from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
+from cltaa.io.exr_header import read_layout
+from cltaa.io.exr_layout import Layout, Part, Window
+from cltaa.io.manifest import CAPTURE, REFERENCE, recorded_hashes
+from cltaa.io.names import NUMBERED, renumbered
+from cltaa.printable import counted, printable
+
+DEEPEST = 3  # folders below the one that was named; a project's folder can hold millions of files
+MOST_FOLDERS = 500
+MOST_NAMES = 5
+
+
+def captures_below(folder: Path) -> list[Path]:
+    """Folders right below with a record of a capture or a truth of their own, which no part of one sequence has."""
+    marks = [*folder.glob(f"*/{CAPTURE}"), *folder.glob("*/reference")]
+    return sorted({path.parent for path in marks if not REFERENCE.fullmatch(path.parent.name)})
+
+
+def sequences_below(folder: Path) -> list[Path]:
+    """Folders below that hold EXR files or a ``sequence.json``, in order; truth is none. Few folders are looked at."""
+    found: list[Path] = []
+    for looked_at, (name, folders, files) in enumerate(os.walk(folder)):
+        place = Path(name)
+        if looked_at == MOST_FOLDERS:
+            break
+        if place != folder and (CAPTURE in files or any(file.endswith(".exr") for file in files)):
+            found.append(place)
+        deep = len(place.relative_to(folder).parts) >= DEEPEST
+        folders[:] = [] if deep else sorted(f for f in folders if f[0] != "." and not REFERENCE.fullmatch(f))
+    return found
+
+
+def only_below(folder: Path, found: list[Path]) -> InputMissing:
+    """The error for a folder without frames of its own, but with sequences below it."""
+    names = [printable(str(path.relative_to(folder))) for path in found[:MOST_NAMES]]
+    more = f" and {len(found) - MOST_NAMES} more" if len(found) > MOST_NAMES else ""
+    return InputMissing(
+        "no frames in the folder itself, but sequences below it",
+        path=folder,
+        found=", ".join(names) + more,
+        cure=f"name one of them, such as {printable(str(found[0]))}",
+    )
+
+
+FrameRange = tuple[int, int]  # numbers of the first and the last frame, both included
+
+
+class OnBreak(StrEnum):
+    """What to do where a sequence breaks off: a frame is missing, or the size is another."""
+
+    ERROR = "error"  # refuse the sequence
+    RESET = "reset"  # begin a new history behind it
+
+
+def on_break(mode: OnBreak | str) -> OnBreak:
+    """The mode of that name; raises UsageError for a word that is none."""
+    if mode not in [*OnBreak]:
+        raise UsageError("no such way to go on behind a break", expected=", ".join(OnBreak), found=mode)
+    return OnBreak(mode)
+
+
+def chosen_numbers(numbers: Many[int], frames: FrameRange | None, folder: Path) -> list[int]:
+    """Those of the sorted frame ``numbers`` that are asked for; raises UsageError unless both ends are there."""
+    if frames is None:
+        return list(numbers)
+    first, last = frames
+    for end in frames:
+        if end not in numbers:
+            raise no_such_frame(folder, end, numbers)
+    if first > last:
+        raise UsageError("the range of frames is empty", path=folder, found=f"{first}-{last}")
+    return [number for number in numbers if first <= number <= last]
+
+
+def check_steps(paths: Mapping[int, Path], frames: FrameRange, step: int, gaps: OnBreak) -> None:
+    """Raise DataError for a number between two steps, InputMissing for one that is not there unless it may be.
+
+    A step below 1 is a UsageError.
+    """
+    first, last = frames
+    if step < 1:
+        raise UsageError("the step between frames is wrong", expected="a whole number from 1 on", found=step)
+    numbers = [number for number in sorted(paths) if first <= number <= last]
+    for number in numbers:
+        if (number - first) % step:
+            expected, cure = f"every {step}. frame from {first} on", "leave --step out, or move the others elsewhere"
+            raise DataError(
+                "the frame lies between two steps", path=paths[number], frame=number, expected=expected, cure=cure
+            )
+    for number in range(first, last + 1, step) if gaps is OnBreak.ERROR else ():
+        if number not in paths:
+            apart = even_step(numbers)
+            path = renumbered(next(iter(paths.values())), number)
+            raise frame_missing(path, number, 1 if apart == step else apart)
+
+
+def even_step(numbers: Many[int]) -> int:
+    """How far three or more sorted numbers lie apart, most of them that far and others by multiples of it, else 1."""
+    apart = [after - before for before, after in pairwise(numbers)]
+    even = gcd(*apart)
+    return even if len(apart) > 1 and 2 * apart.count(even) > len(apart) else 1
+
+
+def missing_from(numbers: Many[int], step: int) -> list[int]:
+    """Numbers between the first and the last of the sorted ``numbers``, ``step`` apart, that are none of them."""
+    return sorted(set(range(numbers[0], numbers[-1] + 1, step)) - set(numbers))
+
+
+def no_such_frame(folder: Path, number: int, numbers: Many[int]) -> UsageError:
+    """The error for a frame that was asked for and is none of the sorted ``numbers``."""
+    return UsageError("no such frame", path=folder, frame=number, expected=ranges(numbers))
+
+
+def no_truth(path: Path, number: int, wanted: Iterable[int], there: Collection[int]) -> InputMissing:
+    """The error for a frame without its truth, which has the numbers ``there``."""
+    cure = "capture it again, or render it"
+    if not set(wanted) & set(there):
+        cure = "the two have no frame number in common: number them alike"
+    what = "the reference of this frame is missing"
+    return InputMissing(what, path=path, frame=number, found=ranges(there), cure=cure)
+
+
+def frame_missing(path: Path, number: int, apart: int = 1) -> InputMissing:
+    """The error for a frame that should be there; ``apart`` above 1 is the step that was meant, and was not given."""
+    cure = "capture or render it again, or go on without it by cltaa resolve --gaps reset or cltaa compare --frames A-B"
+    if apart > 1:
+        cure = f"the frames are {apart} apart: --step {apart} takes each as the one after the last"
+    return InputMissing("the frame is missing", path=path, frame=number, cure=cure)
+
+
+def ranges(numbers: Iterable[int]) -> str:
+    """Frame numbers for a reader: write 1, 2, 3, 7 as "1-3, 7"."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][1] + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    return ", ".join(one_range(first, last) for first, last in runs)
+
+
+def named_frames(numbers: Iterable[int]) -> str:
+    """Frames for a reader: write "frame 5", or "frames 1-3, 7"."""
+    several = list(numbers)
+    return f"frame{'s' * (len(several) != 1)} {ranges(several)}"
+
+
+def one_range(first: int, last: int) -> str:
+    """Write ``first`` to ``last`` for a reader."""
+    return str(first) if first == last else f"{first}-{last}"
+
+
+class Problems:
+    """Errors by what is wrong; each is told in the words of the first frame that has it."""
+
+    def __init__(self) -> None:
+        """Nothing is wrong yet."""
+        self._wrong: dict[object, tuple[str, list[int]]] = {}
+
+    def add(self, number: int, error: CltaaError) -> None:
+        """Take an error of frame ``number``; another one of the same frame and kind counts for nothing."""
+        kind = error.what, error.channel, str(error.expected), str(error.found)
+        numbers = self._wrong.setdefault(kind, (str(error), []))[1]
+        if number not in numbers:
+            numbers.append(number)
+
+    @property
+    def numbers(self) -> list[int]:
+        """The frames that something is wrong with, in order."""
+        return sorted({number for _, numbers in self._wrong.values() for number in numbers})
+
+    @property
+    def lines(self) -> list[str]:
+        """A line for each kind of error, in the order in which they were met."""
+        return [_with_others(text, numbers[1:]) for text, numbers in self._wrong.values()]
+
+
+def _with_others(problem: str, others: list[int]) -> str:
+    same = f"the same in {named_frames(sorted(others))}"
+    return f"{problem}; {same}" if others else problem
+
+
+# What a folder without frames may hold in their place.
+PICTURES = frozenset({".bmp", ".dpx", ".exr", ".hdr", ".jpeg", ".jpg", ".png", ".tga", ".tif", ".tiff"})
+ONE_REGION = "render one region in all frames, or the whole picture: no autocrop"
+
+
+class NumberedFiles:
+    """EXR files of one name; frame numbers are those in the file names.
+
+    Each file that is read must have the SHA-256 that is recorded for it, if one is; ``verify`` False leaves that out.
+    ``gaps`` and ``on_resize`` say whether a number may be missing and whether sizes may differ. Where ``frames`` are
+    given, the first and the last number, no file outside them counts, whatever is wrong with it. ``step`` is how far
+    numbers lie apart.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        name: str,
+        paths: dict[int, Path],
+        *,
+        verify: bool = True,
+        gaps: OnBreak = OnBreak.ERROR,
+        on_resize: OnBreak = OnBreak.ERROR,
+        frames: FrameRange | None = None,
+        step: int = 1,
+        layouts: Mapping[int, Layout] | None = None,
+    ) -> None:
+        """Read every layout; raises InputMissing for a gap and DataError for damaged files or sizes that differ.
+
+        ``layouts``, of every number in ``paths``, are those of files that were read and checked before.
+        """
+        self.folder, self.name, self.verify = folder, name, verify
+        self.gaps, self.on_resize = on_break(gaps), on_break(on_resize)
+        self.step = step
+        self._paths: dict[int, Path]
+        self.layouts: dict[int, Layout]
+        if layouts is not None:
+            self._paths, self.layouts = dict(paths), {number: layouts[number] for number in paths}
+            return
+        numbers = chosen_numbers(sorted(paths), frames, folder)
+        check_steps(paths, (numbers[0], numbers[-1]), step, self.gaps)
+        self._paths = {number: paths[number] for number in numbers}
+        self.layouts = {}
+        before: Layout | None = None
+        for number, path in self._paths.items():
+            self.layouts[number] = layout = self.layout_of(path)
+            check_size(layout, before or layout, number, self.on_resize)
+            before = layout
+
+    @staticmethod
+    def layout_of(path: Path) -> Layout:
+        """What a file's header says of its picture; raises InputMissing and DataError."""
+        return read_layout(path)
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """Files in frame order."""
+        return tuple(self._paths.values())
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Frame numbers in order."""
+        return tuple(self._paths)
+
+    @property
+    def first(self) -> int:
+        """Number of the first frame."""
+        return next(iter(self._paths))
+
+    @property
+    def last(self) -> int:
+        """Number of the last frame."""
+        return next(reversed(self._paths))
+
+    @property
+    def width(self) -> int:
+        """Columns of the first frame."""
+        return self.layouts[self.first].width
+
+    @property
+    def height(self) -> int:
+        """Rows of the first frame."""
+        return self.layouts[self.first].height
+
+    def __len__(self) -> int:
+        """Count of frames."""
+        return len(self._paths)
+
+    def __repr__(self) -> str:
+        """The folder, the numbers and the size."""
+        numbers = f"{one_range(self.first, self.last)}, {self.width} x {self.height}"
+        return f"{type(self).__name__}({str(self.folder)!r}: {counted(len(self), 'frame')}, {numbers})"
+
+    def path(self, number: int) -> Path:
+        """Return the file of a frame number; raises UsageError for one outside the sequence."""
+        if number not in self._paths:
+            raise no_such_frame(self.folder, number, self.numbers)
+        return self._paths[number]
+
+    def shows(self, region: Window) -> Part:
+        """Rows and columns of an image that lie in a region, which begins at the first pixel of the display window."""
+        left, top, *_ = self.layouts[self.first].region
+        return slice(region[1] - top, region[3] - top + 1), slice(region[0] - left, region[2] - left + 1)
+
+    def sha256(self, number: int) -> str | None:
+        """Return the SHA-256 that a frame's file must have, or None where none is recorded or is to be verified."""
+        return self._recorded.get(self.path(number).name) if self.verify else None
+
+    def beside_sha256(self, number: int) -> str | None:
+        """Return what vouches for all that a frame is made from beside its file: None, for nothing is."""
+        del number
+        return None
+
+    @cached_property
+    def _recorded(self) -> dict[str, str]:
+        return recorded_hashes(self.folder)
+
+    def select(self, first: int, last: int) -> Self:
+        """Return the frames ``first`` to ``last``, both included; raises UsageError unless these two are there."""
+        return type(self)(
+            self.folder,
+            self.name,
+            self._paths,
+            verify=self.verify,
+            gaps=self.gaps,
+            on_resize=self.on_resize,
+            frames=(first, last),
+            step=self.step,
+        )
+
+
+def check_size(layout: Layout, before: Layout, number: int, on_resize: OnBreak) -> None:
+    """Raise DataError unless frame ``number`` has the size of the one before, or may have another, and its region."""
+    if (layout.width, layout.height) != (before.width, before.height):
+        if on_resize is OnBreak.RESET:
+            return
+        cure = "all frames of a sequence have one size; cltaa resolve --on-resize reset begins anew at each change"
+        if layout.display_size == before.display_size:
+            cure = ONE_REGION
+        raise DataError(
+            "size differs", path=layout.path, frame=number, expected=before.size, found=layout.size, cure=cure
+        )
+    check_region(layout, before, f"the frame before, {before.path.name}", number)
+
+
+def check_region(layout: Layout, other: Layout, named: str, number: int | None = None) -> None:
+    """Raise DataError where two pictures of one size are other regions of their display windows."""
+    if layout.region != other.region or layout.display_size != other.display_size:
+        raise DataError(
+            f"shows another region than {named}",
+            path=layout.path,
+            frame=number,
+            expected=other.size,
+            found=layout.size,
+            cure=ONE_REGION,
+        )
+
+
+def shared_region(one: NumberedFiles, other: NumberedFiles) -> Window | None:
+    """What both show, from the first pixel of their display window on; None where they show one picture.
+
+    Raises DataError where their sizes differ without one display window, or where they show nothing in common.
+    """
+    first, second = one.layouts[one.first], other.layouts[other.first]
+    if first.display_size != second.display_size:
+        check_same_size(one, other)
+        return None
+    if first.region == second.region:
+        return None
+    left, top = (max(first.region[end], second.region[end]) for end in (0, 1))
+    right, bottom = (min(first.region[end], second.region[end]) for end in (2, 3))
+    if left > right or top > bottom:
+        check_region(second, first, str(one.folder))
+    return left, top, right, bottom
+
+
+def check_same_size(one: NumberedFiles, other: NumberedFiles) -> None:
+    """Raise DataError unless both have the same width and height, and show one region of one display window."""
+    first, second = one.layouts[one.first], other.layouts[other.first]
+    named = str(one.folder if len(one) > 1 else first.path)  # two files may lie in one folder
+    if (one.width, one.height) != (other.width, other.height):
+        raise DataError(f"size differs from {named}", path=second.path, expected=first.size, found=second.size)
+    if first.display_size == second.display_size:  # else one of the two was written without its place
+        check_region(second, first, named)
+
+
+def numbered_files(folder: Path, suffix: str = ".exr") -> tuple[Path, str, dict[int, Path]]:
+    """Find the frames of a folder: the folder, their name and the file of each number; errors as ``open_sequence``."""
+    try:
+        files = sorted(entry for entry in folder.iterdir() if entry.suffix == suffix and entry.name[0] != ".")
+    except FileNotFoundError as error:
+        raise folder_missing(folder) from error
+    except OSError as error:
+        cure = "name the folder that its frames are in" if folder.suffix == ".exr" else None
+        raise InputMissing(f"the folder cannot be read: {error.strerror}", path=folder, cure=cure) from error
+    matches = {path: NUMBERED.fullmatch(path.name) for path in files}
+    names = sorted({match["name"] if match else path.name for path, match in matches.items()})
+    if not any(matches.values()):
+        raise no_frames(folder, files)
+    if len(names) > 1:
+        cure = "keep one sequence in a folder; another tool's: use --profile, in Python cltaa.inputs.open.open_input"
+        raise DataError("several sequences in one folder", path=folder, found=", ".join(names), cure=cure)
+    paths: dict[int, Path] = {}
+    for path, match in matches.items():
+        number = int(match["number"]) if match else 0
+        if number in paths:
+            raise DataError("two files have one frame number", path=path, frame=number, found=paths[number].name)
+        paths[number] = path
+    return folder, names[0], paths
+
+
+def folder_missing(folder: Path) -> InputMissing:
+    """The error for a folder that is not there, or for a pattern of files where a folder is meant."""
+    pattern = folder.suffix == ".exr" and folder.parent.is_dir()
+    cure = f"name the folder that its frames are in: {folder.parent}" if pattern else "check the name"
+    return InputMissing("the folder is missing", path=folder, cure=cure)
+
+
+def no_frames(folder: Path, files: Iterable[Path]) -> InputMissing:
+    """The error for a folder none of whose EXR ``files`` has a number."""
+    names = [path.name for path in files]
+    suffix = Path(names[0]).suffix if names else ".exr"
+    cure = f"number the frames, as in {Path(names[0]).stem}.0001{suffix}" if names else None
+    if any(re.search(r"(^|[._-])-[0-9]+\.exr$", name) for name in names):
+        cure = "numbers below 0 are not read: number the frames from 0 or 1 on"
+    elif any(re.search(r"[0-9]{10,}\.exr$", name) for name in names):
+        cure = "numbers have nine digits at most: number the frames from 0 or 1 on"
+    found = ", ".join(names)
+    if not names:
+        below = sequences_below(folder)
+        if below:
+            return only_below(folder, below)
+        others = sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in PICTURES)
+        found = f"no EXR, but {others[0]}" if others else "nothing"
+        cure = "convert the frames to OpenEXR, linear and with .exr in small letters" if others else None
+    return InputMissing(
+        "no frames in the folder", path=folder, expected=f"<name>.<frame>{suffix}", found=found, cure=cure
+    )

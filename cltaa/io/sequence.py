@@ -1,0 +1,334 @@
+"""Sequences on disk: folders of ``<name>.<frame:04d>.exr``, opened as a whole and read a frame at a time.
+
+Opening reads every file's layout (not its pixels), so that a gap, another size or a truncated file is known before
+the first frame is worked on. Only one frame is in memory at a time, unless the caller keeps more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from cltaa.errors import DataError, UsageError
+from cltaa.frame import Effect, Frame, Image, name_effects
+from cltaa.io.exr_frame import OF_FRAMES, FrameHeader, check_float_channels
+from cltaa.io.exr_layout import Layout
+from cltaa.io.exr_read import FrameFile, ImageHeader, read_colour, read_frame_and_header, read_header
+from cltaa.io.manifest import read_capture_record, recorded_hashes
+from cltaa.io.names import NUMBERED, name_of, number_of
+from cltaa.io.numbered import (
+    FrameRange,
+    NumberedFiles,
+    OnBreak,
+    check_same_size,
+    even_step,
+    frame_missing,
+    no_truth,
+    numbered_files,
+)
+
+
+class ImageSequence(NumberedFiles):
+    """Colour only: a reference, or resolved frames. Iteration yields ``[H, W, 3]`` linear float32 in frame order."""
+
+    @property
+    def notes(self) -> list[str]:
+        """What was decided about the files of another tool, line by line; own ones: nothing."""
+        return []
+
+    def image(self, number: int) -> Image:
+        """Read the colour of one frame number, [H, W, 3] linear float32."""
+        return read_colour(self.path(number), sha256=self.sha256(number))
+
+    def __iter__(self) -> Iterator[Image]:
+        """Read the frames one after another."""
+        return (self.image(number) for number in self.numbers)
+
+
+class ChangedImages(ImageSequence):
+    """What ``change`` makes of each of ``images`` when it is read."""
+
+    def __init__(
+        self,
+        images: ImageSequence,
+        change: Callable[[Image], Image],
+        notes: list[str],
+        layouts: Mapping[int, Layout] | None = None,
+    ) -> None:
+        """Take the files of ``images``; ``notes`` say how they are read, ``layouts`` what is left of each."""
+        super().__init__(
+            images.folder,
+            images.name,
+            {number: images.path(number) for number in images.numbers},
+            verify=images.verify,
+            gaps=images.gaps,
+            on_resize=images.on_resize,
+            step=images.step,
+            layouts=layouts or images.layouts,
+        )
+        self._images, self._change, self._notes = images, change, notes
+
+    @property
+    def notes(self) -> list[str]:
+        """How they are read."""
+        return self._notes
+
+    def image(self, number: int) -> Image:
+        """Read the colour of one frame number, [H, W, 3] linear float32."""
+        return self._change(self._images.image(number))
+
+    def select(self, first: int, last: int) -> Self:
+        """Return the frames ``first`` to ``last``, both included."""
+        return type(self)(self._images.select(first, last), self._change, self._notes, self.layouts)
+
+
+def as_shown(images: ImageSequence, by: NumberedFiles) -> ImageSequence:
+    """``images``, or where they are of more than the region that ``by`` shows, that region of them.
+
+    Raises DataError where they do not show it all.
+    """
+    mine, theirs = by.layouts[by.first], images.layouts[images.first]
+    if theirs.display_size == mine.display_size and theirs.region != mine.region and theirs.covers(mine.region):
+        part = images.shows(mine.region)
+        layouts = {number: layout.cropped(mine.region) for number, layout in images.layouts.items()}
+        return ChangedImages(images, lambda image: image[part].copy(), images.notes, layouts)  # the rest is let go
+    check_same_size(by, images)
+    return images
+
+
+NO_PIXELS = np.empty((0, 0), np.float32)
+# The channel that shows that a frame has this part.
+CHANNEL_OF = {"motion": "backward.u", "alpha": "A", "reactive": "reactive"}
+
+RESOLVED = "cltaa:preset"  # the attribute of images that a resolve wrote
+
+
+class FrameSequence(NumberedFiles):
+    """A captured sequence. Iteration yields a ``Frame`` at a time, in frame order.
+
+    ``effects`` is what the first header declares, or None where it declares nothing; ``reference`` is the truth that
+    lies in ``reference/``, or None; ``sequence_json`` is what ``sequence.json`` says about the capture, or empty.
+    """
+
+    truth: ImageSequence | None = None  # where it was given, and is not that in ``reference/``
+    replaced: frozenset[str] = frozenset()  # channels of other names than R, G, B and A that a resolve makes anew
+
+    @property
+    def reading(self) -> dict[str, Any]:
+        """How files are read, where that decides the bits of frames and is not in the files; own ones: the step."""
+        return {} if self.step == 1 else {"step": self.step}
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file that frames are read from."""
+        return self.paths
+
+    def files_of(self, number: int) -> set[Path]:
+        """The files that a frame is read from."""
+        return {self.path(number)}
+
+    @property
+    def told(self) -> list[float]:
+        """Matrices, jitter and such of every frame, where they may stand beside its files; own ones: none do."""
+        return []
+
+    @property
+    def undeclared(self) -> frozenset[str]:
+        """Attributes of a frame's header that its files do not declare and the reader filled in; own ones: none."""
+        return frozenset()
+
+    @property
+    def notes(self) -> list[str]:
+        """What was decided about the files of another tool, line by line; own ones: nothing."""
+        return []
+
+    @property
+    def converted(self) -> bool:
+        """Whether what is decoded is converted before it is a frame; own ones: no."""
+        return False
+
+    @property
+    def holds(self) -> frozenset[str]:
+        """Which of motion, alpha and reactive its frames have, one of them at least."""
+        return frozenset(part for part, name in CHANNEL_OF.items() if name in self.channels)
+
+    @property
+    def channels(self) -> frozenset[str]:
+        """The channels that its frames hold, one of them at least, by the names of own files; no other is read."""
+        return OF_FRAMES & {name for layout in self.layouts.values() for name in layout.channels}
+
+    @cached_property
+    def header(self) -> ImageHeader:
+        """Layout and attributes of the first frame, read without its pixels."""
+        return read_header(self.path(self.first))
+
+    @property
+    def attributes(self) -> Mapping[str, object]:
+        """Attributes of the first frame's header, as its files hold them."""
+        return self.header.attributes
+
+    def refuse_result(self) -> None:
+        """Raise UsageError where these are results of a resolve, which has used up what one needs."""
+        if RESOLVED in self.attributes:
+            raise UsageError(
+                "these are results of cltaa resolve",
+                path=self.folder,
+                found=f"preset {self.attributes[RESOLVED]}",
+                cure="name the folder that they were made from",
+            )
+
+    @cached_property
+    def effects(self) -> frozenset[Effect] | None:
+        """Effects that the first frame declares, or None."""
+        return self.frame_header(self.first).effects
+
+    @cached_property
+    def reference(self) -> ImageSequence | None:
+        """The truth of every frame, or None; raises InputMissing or DataError where it is there but does not fit."""
+        reference = self.known_reference()
+        if reference is None:
+            return None
+        for number in self.numbers:
+            if number not in reference.layouts:
+                raise no_truth(reference.folder / self.path(number).name, number, self.numbers, reference.numbers)
+        return reference.select(self.first, self.last)
+
+    def known_reference(self) -> ImageSequence | None:
+        """The truth of those frames that have one, or None; raises DataError where it does not show what they show."""
+        folder = self.folder / "reference"
+        if self.truth is not None:
+            return as_shown(self.truth, self)
+        return self.open_supersampled(folder) if folder.exists() else None
+
+    def open_supersampled(self, folder: Path) -> ImageSequence:
+        """Open a folder with the truth of some frames, or with as many samples as a yardstick has.
+
+        Of more than a region the region is taken; raises DataError where they do not show what these frames show.
+        """
+        return as_shown(self._open_alike(folder), self)
+
+    def _open_alike(self, folder: Path) -> ImageSequence:
+        """Open pictures as these frames are read."""
+        return open_images(folder, verify=self.verify, gaps=OnBreak.RESET)
+
+    @cached_property
+    def sequence_json(self) -> dict[str, Any]:
+        """Content of ``sequence.json``, or an empty dict where there is none."""
+        return read_capture_record(self.folder)
+
+    def select(self, first: int, last: int) -> Self:
+        """Return the frames ``first`` to ``last``, both included; raises UsageError unless these two are there."""
+        selected = super().select(first, last)
+        selected.truth = self.truth
+        return selected
+
+    def frame_header(self, number: int) -> FrameHeader:
+        """Camera, jitter, cut and exposure of one frame number, checked, read without its pixels."""
+        path = self.path(number)
+        header = read_header(path)
+        return FrameHeader(path, header.attributes, header.layout)
+
+    def outline(self, number: int) -> Frame:
+        """A frame of which only the header was read: its channels are there, and empty."""
+        header, channels = self.frame_header(number), self.layouts[number].channels
+        empty: dict[str, Any] = {part: NO_PIXELS if name in channels else None for part, name in CHANNEL_OF.items()}
+        return Frame(
+            index=number,
+            colour=NO_PIXELS,
+            depth=NO_PIXELS,
+            camera=header.camera,
+            jitter_px=header.jitter_px,
+            cut=header.cut,
+            exposure=header.exposure,
+            scene=header.scene,
+            effects=header.effects,
+            step=self.step,
+            **empty,
+        )
+
+    def frame(self, number: int) -> Frame:
+        """Read one frame by its number; raises DataError where header and sequence disagree."""
+        return self.frame_and_file(number)[0]
+
+    def frame_and_file(self, number: int, kept: Collection[str] = ()) -> tuple[Frame, FrameFile]:
+        """The same, and what was read of its file: ``kept`` channels too, where they are decoded with the frame."""
+        frame, header = read_frame_and_header(self.path(number), sha256=self.sha256(number))
+        if frame.index != number:
+            raise DataError(
+                "the file name and attribute cltaa:frame disagree",
+                path=frame.path,
+                expected=number,
+                found=frame.index,
+                cure="give the file its own number again",
+            )
+        if frame.effects != self.effects:
+            expected, found = name_effects(self.effects), name_effects(frame.effects)
+            what = "declares other effects than the first frame"
+            raise DataError(what, path=frame.path, frame=number, expected=expected, found=found)
+        return frame if self.step == 1 else replace(frame, step=self.step), FrameFile(header)
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Read the frames one after another."""
+        return (self.frame(number) for number in self.numbers)
+
+
+def open_sequence(
+    folder: str | Path,
+    *,
+    verify: bool = True,
+    gaps: OnBreak = OnBreak.ERROR,
+    on_resize: OnBreak = OnBreak.ERROR,
+    frames: FrameRange | None = None,
+    step: int = 1,
+) -> FrameSequence:
+    """Open a folder of ``<name>.<frame:04d>.exr`` files, reading layouts but no pixels.
+
+    With ``verify`` every file that is read later must have the SHA-256 that ``sequence.json`` records for it.
+    Raises InputMissing where the folder, its frames, a frame in the middle or one that ``sequence.json`` lists is
+    missing (unless ``gaps`` allows it), DataError where files are damaged, differ in size (unless ``on_resize`` allows
+    it) or belong to several sequences. ``frames`` are the numbers of the first and the last frame to take, both
+    included, and no other counts; raises UsageError unless both are there. ``step`` is how far numbers lie apart; each
+    frame then counts as the one after the last.
+    """
+    sequence = FrameSequence(
+        *numbered_files(Path(folder)), verify=verify, gaps=gaps, on_resize=on_resize, frames=frames, step=step
+    )
+    if verify and sequence.gaps is OnBreak.ERROR and frames is None:
+        # A frame that is missing before the first or behind the last is no gap, but the capture says that it was there.
+        for name in recorded_hashes(sequence.folder):
+            match = NUMBERED.fullmatch(name)
+            if match and match["name"] == sequence.name and int(match["number"]) not in sequence.layouts:
+                raise frame_missing(sequence.folder / name, int(match["number"]))
+    return sequence
+
+
+def open_capture(folder: str | Path, **options: Any) -> FrameSequence:
+    """Open a folder as ``open_sequence`` does, for a resolve: raises UsageError for the results of one."""
+    sequence = open_sequence(folder, **options)
+    sequence.refuse_result()
+    return sequence
+
+
+def open_images(
+    path: str | Path, *, verify: bool = True, gaps: OnBreak = OnBreak.ERROR, frames: FrameRange | None = None
+) -> ImageSequence:
+    """Open resolved or reference images: a folder as ``open_sequence`` takes it, or one EXR file.
+
+    A single file without a number is frame 0, and numbers may lie evenly apart. ``verify``, ``gaps``, ``frames`` and
+    errors are those of ``open_sequence``, and DataError is raised where R, G or B is missing.
+    """
+    path = Path(path)
+    if path.is_dir():
+        files = numbered_files(path)
+        step = even_step(sorted(files[2]))  # no image needs the one before it
+        images = ImageSequence(*files, verify=verify, gaps=gaps, frames=frames, step=step)
+    else:
+        images = ImageSequence(path.parent, name_of(path), {number_of(path) or 0: path}, verify=verify, frames=frames)
+    for layout in images.layouts.values():
+        check_float_channels(layout, ("R", "G", "B"))
+    return images

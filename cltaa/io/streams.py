@@ -1,0 +1,210 @@
+"""Reading ahead and writing behind: threads beside the work on a frame, a bounded number of frames in memory.
+
+OpenEXR, NumPy and SHA-256 let go of the interpreter while they work, so threads are enough. All of them are stopped and
+joined when their owner is closed, collected or the program ends: one that dies inside OpenEXR aborts the process.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+import weakref
+from array import array
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from itertools import islice, repeat
+from pathlib import Path
+from types import TracebackType
+from typing import Self, TypeVar
+
+from cltaa.io.exr_frame import Pixels
+from cltaa.io.exr_layout import Windows
+from cltaa.io.exr_write import write_image
+from cltaa.process import CORES, MANY_CORES
+
+# Frames that are decoded ahead, and results that wait to be written, each in a thread of its own: several, because a
+# thread is half of the time busy with what those that unpack and pack do not share: the file's bytes, SHA-256, planes,
+# flushes. Where there are cores for it one more of each
+# (docs/decisions/0020-two-frames-at-a-time-in-kept-memory.md).
+AHEAD = BEHIND = 3 if CORES >= MANY_CORES else 2
+
+Item = TypeVar("Item")
+Task = Callable[[], Item]
+
+
+class ReadAhead(Iterator[Item]):
+    """Items made by tasks in ``threads`` threads, up to ``depth`` of them ahead of use, in the order of the tasks.
+
+    An exception is raised where the item that it took the place of was due, and ends the iteration. ``seconds`` holds
+    the time that making each item took. Close it, or use it in a ``with`` block, to stop early.
+    """
+
+    def __init__(self, tasks: Iterable[Task[Item]], depth: int = AHEAD, threads: int = AHEAD) -> None:
+        if depth < 1:
+            raise ValueError(f"depth must be at least 1, not {depth}")
+        self.seconds = array("d")
+        self._tasks, self._items = iter(tasks), deque[Future[Item]]()
+        self._pool = ThreadPoolExecutor(threads, "cltaa read ahead")
+        self._finalizer = weakref.finalize(self, self._pool.shutdown, cancel_futures=True)
+        self._start(depth)
+
+    def _start(self, count: int) -> None:
+        for task in islice(self._tasks, count):
+            self._items.append(self._pool.submit(_timed, task, self.seconds))
+
+    def __next__(self) -> Item:
+        """Return the next item, waiting for it if need be."""
+        if not self._items:
+            self.close()
+            raise StopIteration
+        try:
+            item = self._items.popleft().result()
+        except BaseException:
+            self.close()
+            raise
+        self._start(1)
+        return item
+
+    def close(self) -> None:
+        """Stop the threads and wait for them; what they have made and was not asked for is dropped."""
+        self._finalizer()
+        self._items.clear()
+
+    def __enter__(self) -> Self:
+        """Return itself; the threads run already."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop the threads, whatever ended the block."""
+        self.close()
+
+
+class InTurn(Iterator[Item]):
+    """Items made by tasks, each when it is asked for; the same interface as ``ReadAhead``, without a thread."""
+
+    def __init__(self, tasks: Iterable[Task[Item]]) -> None:
+        self._tasks, self.seconds = iter(tasks), array("d")
+
+    def __next__(self) -> Item:
+        """Make the next item."""
+        return _timed(next(self._tasks), self.seconds)
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Nothing is to be stopped."""
+
+
+def read_ahead(source: Iterable[Item], depth: int = AHEAD) -> ReadAhead[Item]:
+    """Iterate ``source`` in a thread up to ``depth`` items ahead of use: ``for frame in read_ahead(sequence)``."""
+    # The StopIteration of the source is the exception that ends the iteration, where the item after the last was due.
+    return ReadAhead(repeat(partial(next, iter(source))), depth, 1)
+
+
+def _timed(task: Task[Item], seconds: array[float]) -> Item:
+    begin = time.perf_counter()
+    item = task()
+    seconds.append(time.perf_counter() - begin)
+    return item
+
+
+class Writer:
+    """Writes images in ``threads`` threads; ``write`` waits while ``depth`` of them are unfinished.
+
+    The arrays handed over belong to the writer until ``close``. Files are atomic, so those that exist are complete
+    whatever happens. The first failure is raised by a later ``write``, ``flush`` or by ``close``; images queued behind
+    it are dropped. In a ``with`` block that ends by an exception, the queued images are still written and that
+    exception stands. ``seconds`` holds the time that each image took.
+    """
+
+    def __init__(self, depth: int = BEHIND, *, compression: str = "zip", threads: int = BEHIND) -> None:
+        if depth < 1:
+            raise ValueError(f"depth must be at least 1, not {depth}")
+        self.seconds = array("d")
+        self._compression, self._depth = compression, depth
+        self._images, self._failed = deque[Future[None]](), threading.Event()
+        self._pool = ThreadPoolExecutor(threads, "cltaa write behind")
+        self._finalizer = weakref.finalize(self, self._pool.shutdown)
+
+    def write(
+        self,
+        path: Path,
+        channels: Mapping[str, Pixels] | Callable[[], Mapping[str, Pixels]],
+        attributes: Mapping[str, object] | None = None,
+        then: Callable[[], None] | None = None,
+        windows: Windows | None = None,
+    ) -> None:
+        """Queue one image for ``exr_write.write_image``, and what is to be done ``then``; raises an earlier failure.
+
+        ``channels`` are planes, or make them when it is their turn, in the thread that writes.
+        """
+        if not self._finalizer.alive:
+            raise ValueError("the writer is closed")
+        while len(self._images) >= self._depth or self._failed.is_set():
+            self._finish_one()
+        compression = self._compression  # and not the writer itself, which a queued image would keep alive
+
+        def write() -> None:
+            planes = channels() if callable(channels) else channels
+            write_image(path, planes, attributes, compression=compression, windows=windows)
+
+        self._images.append(self._pool.submit(_write, write, then, self._failed, self.seconds))
+
+    def _finish_one(self) -> None:
+        """Wait for the oldest image; where it failed, stop."""
+        failure = self._images.popleft().exception()
+        if failure is not None:
+            self._stop()
+            raise failure
+
+    def flush(self) -> None:
+        """Wait until every queued image is written; raises the first failure, once."""
+        while self._images:
+            self._finish_one()
+
+    def close(self) -> None:
+        """Finish the queued images and stop the threads; raises the first failure, once."""
+        self._finalizer()
+        self.flush()
+
+    def _stop(self) -> None:
+        self._finalizer()
+        self._images.clear()
+
+    def __enter__(self) -> Self:
+        """Return itself; the threads run already."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Finish the queued images; raise their failure unless another exception is on its way."""
+        if error is None:
+            self.close()
+        else:
+            self._stop()
+
+
+def _write(
+    write: Callable[[], None], then: Callable[[], None] | None, failed: threading.Event, seconds: array[float]
+) -> None:
+    """Write an image unless one before it failed."""
+    if failed.is_set():
+        return
+    begin = time.perf_counter()
+    try:
+        write()
+        if then is not None:
+            then()
+    except BaseException:
+        failed.set()
+        raise
+    seconds.append(time.perf_counter() - begin)

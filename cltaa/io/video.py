@@ -1,0 +1,150 @@
+"""MP4 films of a sequence, H.264 for any player, encoded a frame at a time in constant memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cltaa.errors import DataError, StorageError, UsageError, import_extra
+from cltaa.frame import Image
+from cltaa.io.atomic import atomic_path, check_creatable
+from cltaa.io.display import Picture, to_picture
+from cltaa.io.numbered import NumberedFiles
+from cltaa.io.png import side_by_side
+
+QUALITY = 16  # x264's constant rate factor: finer than its default of 23, whose blocks would hide what is compared
+SUFFIXES = (".mp4", ".m4v")  # players go by them
+USUAL_RATE = Fraction(24)  # frames a second, where nothing tells
+RATES = (1, 240)  # frames a second that a player may be asked for
+BT709 = 1  # number of ITU-R BT.709 in the tables of H.264, for primaries, curve and matrix
+
+
+class Video:
+    """An MP4 file that is being written; every picture has the size of the first."""
+
+    def __init__(self, container: Any, rate: Fraction, path: Path) -> None:
+        self._container, self._rate, self._path = container, rate, path
+        self._stream: Any = None
+        self._size: tuple[int, ...] = ()
+        self.count = 0
+
+    def add(self, picture: Picture) -> None:
+        """Encode one 8-bit picture [H, W, 3]; an odd side is made even by repeating its last row or column."""
+        if self._stream is None:
+            self._start(picture)
+        elif picture.shape != self._size:
+            expected, found = list(self._size), list(picture.shape)
+            raise DataError("picture size differs", path=self._path, frame=self.count, expected=expected, found=found)
+        odd = [(0, side % 2) for side in picture.shape[:2]]
+        padded = np.ascontiguousarray(np.pad(picture, [*odd, (0, 0)], mode="edge"))
+        av = import_av()
+        frame = av.VideoFrame.from_ndarray(padded, format="rgb24")
+        frame = frame.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG")
+        frame.pts = self.count
+        frame.time_base = 1 / self._rate
+        self._container.mux(self._stream.encode(frame))
+        self.count += 1
+
+    def finish(self) -> None:
+        """Encode what the encoder still holds back; raises DataError where no picture was added."""
+        if self._stream is None:
+            raise DataError("a film of no frames", path=self._path)
+        self._container.mux(self._stream.encode(None))
+
+    def _start(self, picture: Picture) -> None:
+        self._size = picture.shape
+        self._stream = self._container.add_stream("libx264", rate=self._rate, options={"crf": str(QUALITY)})
+        self._stream.height, self._stream.width = (side + side % 2 for side in picture.shape[:2])
+        self._stream.pix_fmt = "yuv420p"
+        context = self._stream.codec_context
+        context.colorspace = context.color_primaries = context.color_trc = BT709
+
+
+def import_av() -> Any:
+    """Import PyAV; raises UsageError that says what to install."""
+    return import_extra("av", package="PyAV", extra="video", purpose="writing MP4")
+
+
+@contextmanager
+def open_video(path: Path, rate: Fraction | int = USUAL_RATE) -> Iterator[Video]:
+    """Open an MP4 file for pictures at ``rate`` frames a second; it appears under its name when the block ends well.
+
+    Its index lies at the front, so that it plays while it loads. Raises UsageError without PyAV, OutputError where
+    the file cannot be created and StorageError where writing fails.
+    """
+    av = import_av()
+    with atomic_path(path) as temporary:
+        try:
+            # "file:", or a folder called http: would be taken for an address.
+            with av.open(f"file:{temporary}", "w", format="mp4", options={"movflags": "faststart"}) as container:
+                video = Video(container, Fraction(rate), path)
+                yield video
+                video.finish()
+        except av.FFmpegError as error:
+            raise StorageError(f"encoding failed: {error}", path=path, cure="check the free space") from error
+
+
+def check_film(path: Path, sequence: NumberedFiles, output: Path) -> None:
+    """Tell before the work what would stop a film of ``sequence`` after it; raises UsageError and OutputError.
+
+    A film in a folder that is not there before ``output`` is made, with its parents, is not tried here.
+    """
+    import_av()
+    folder, made = path.parent.resolve(), [output.resolve(), *output.resolve().parents]
+    if path.resolve() in made:
+        raise UsageError("the film would lie where the output does", path=path, cure="name another file or folder")
+    if folder.is_dir() or folder not in made:
+        check_creatable(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise UsageError(
+            "a film is an MP4", path=path, expected=" or ".join(SUFFIXES), found=path.suffix or "no suffix"
+        )
+    if len({(layout.width, layout.height) for layout in sequence.layouts.values()}) > 1:
+        raise UsageError("a film of frames of several sizes", path=path, cure="leave --preview out")
+
+
+def rate_of(attributes: Mapping[str, object], record: Mapping[str, Any], step: int = 1) -> Fraction:
+    """Frames a second to show a sequence with: attribute ``framesPerSecond``, else the ``fps`` of its capture, else 24.
+
+    ``record`` is what ``sequence.json`` says. What is no rate that a player takes counts as nothing. Of frames whose
+    numbers are ``step`` apart fewer are shown, so that things move as fast.
+    """
+    return max(Fraction(RATES[0]), _whole_rate(attributes, record) / step)
+
+
+def _whole_rate(attributes: Mapping[str, object], record: Mapping[str, Any]) -> Fraction:
+    settings = record.get("settings")
+    told: Any = attributes.get("framesPerSecond", settings.get("fps") if isinstance(settings, dict) else None)
+    try:
+        rate = Fraction(told).limit_denominator(1001)
+    except (TypeError, ValueError, ArithmeticError):
+        return USUAL_RATE
+    return rate if RATES[0] <= rate <= RATES[1] else USUAL_RATE
+
+
+def write_video(path: Path, images: Iterable[Image], *, rate: Fraction | int = USUAL_RATE) -> int:
+    """Write linear images [H, W, 3] as an MP4 through the display transform and return their count; errors as above."""
+    with open_video(path, rate) as video:
+        for image in images:
+            video.add(to_picture(image))
+    return video.count
+
+
+def write_side_by_side(
+    path: Path,
+    before: Iterable[Image],
+    after: Iterable[Image],
+    *,
+    labels: tuple[str, str] = ("before", "after"),
+    rate: Fraction | int = USUAL_RATE,
+) -> int:
+    """Write two sequences of equal length and size next to each other, labelled; errors as above."""
+    with open_video(path, rate) as video:
+        for left, right in zip(before, after, strict=True):
+            video.add(side_by_side(left, right, labels))
+    return video.count

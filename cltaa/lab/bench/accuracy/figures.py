@@ -1,0 +1,279 @@
+"""Figures of an accuracy measurement, SVG and PNG by matplotlib (extra ``bench``), and the table over all sequences."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from statistics import geometric_mean
+from typing import Any, NamedTuple
+
+from cltaa.errors import import_extra
+from cltaa.io.atomic import atomic_path
+from cltaa.lab.bench.accuracy.ladder import COMBINATIONS, DEFAULT, PRESETS
+from cltaa.lab.bench.accuracy.results import Accuracy, Cell, MeasuredSequence
+from cltaa.lab.judge.metrics import METRICS
+from cltaa.lab.timing import Clock, Interval
+from cltaa.printable import counted
+
+MOST = 2.0  # times the default's error at which the colours end, both ways
+
+
+class Overall(NamedTuple):
+    """A variant over all sequences: error and time over the default's, one a sequence and their geometric means."""
+
+    variant: str
+    errors: list[float | None]  # None where either of the two has no error at all
+    error: float
+    times: list[Interval]  # of the sequences that were not too noisy to rank
+    rounding: float | None  # root mean square over the sequences
+    best_of: int  # sequences in which nothing has less error
+
+    @property
+    def time(self) -> float | None:
+        """The geometric mean of the times; None where every sequence was too noisy."""
+        return geometric_mean(time.median for time in self.times) if self.times else None
+
+    @property
+    def error_range(self) -> tuple[float, float]:
+        """The least and the greatest of the errors that there are; 1 without any."""
+        there = [error for error in self.errors if error is not None] or [1.0]
+        return min(there), max(there)
+
+
+def overall(result: Accuracy, metric: str) -> list[Overall]:
+    """Every variant, least error first; ``metric`` is one whose values fall as the image gets better."""
+    least = [min(cell.errors[metric].mean for cell in measured.cells) for measured in result.sequences]
+    rows = []
+    for place, variant in enumerate(result.variants):
+        cells = [measured.cells[place] for measured in result.sequences]
+        errors = [_ratio(measured, cell, metric) for measured, cell in zip(result.sequences, cells, strict=True)]
+        times = [measured.cells[place].ratio for measured in result.sequences if not measured.noisy]
+        best = sum(cell.errors[metric].mean <= value for cell, value in zip(cells, least, strict=True))
+        mean = geometric_mean([error for error in errors if error is not None] or [1.0])
+        rows.append(Overall(variant.name, errors, mean, times, _rounding(cells), best))
+    return sorted(rows, key=lambda row: row.error)
+
+
+def table(result: Accuracy, metrics: Sequence[str]) -> str:
+    """Markdown, a row a variant, least error by the first of ``metrics`` first."""
+    every = {metric: {row.variant: row for row in overall(result, metric)} for metric in metrics}
+    heads = ["variant"]
+    for metric in metrics:
+        heads += [metric, "least to greatest", "best in"]
+    heads += ["time", "95 % of every sequence within", "rounding"]
+    lines = [_about(result), "", f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    for variant, row in every[metrics[0]].items():
+        texts = [variant]
+        for rows in every.values():
+            own = rows[variant]
+            texts += [f"{own.error:.3f}", "{:.3f} to {:.3f}".format(*own.error_range), str(own.best_of)]
+        low, high = min((t.low for t in row.times), default=0.0), max((t.high for t in row.times), default=0.0)
+        texts += ["too noisy to rank", "–"] if row.time is None else [f"{row.time:.3f}", f"{low:.3f} to {high:.3f}"]
+        texts.append("–" if row.rounding is None else f"{row.rounding:.1e}" if row.rounding else "0")
+        lines.append(f"| {' | '.join(texts)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _about(result: Accuracy) -> str:
+    noisy = [measured.name for measured in result.sequences if measured.noisy]
+    without = f" Times without those that were too noisy to rank: {', '.join(noisy)}." if noisy else ""
+    where, base = result.environment, result.variants[0].name
+    over = counted(len(result.sequences), "sequence")
+    return (
+        f"{where.hardware}; {where.cpu}; {where.date} UTC. Multiples of those of {base}, geometric means"
+        f" over {over}; rounding is the relative rms distance from float64.{without}"
+    )
+
+
+def overview_figure(pyplot: Any, result: Accuracy, metric: str) -> Any:
+    """Sequences across, variants down: blue where a step has less error than the default there, red where more."""
+    rows, names = overall(result, metric), [measured.name for measured in result.sequences]
+    size = (3.2 + 0.27 * len(names), 1.2 + 0.17 * len(rows))
+    figure, axes = pyplot.subplots(figsize=size)
+    span = math.log2(MOST)
+    shown = [[math.nan if ratio is None else math.log2(ratio) for ratio in row.errors] for row in rows]
+    image = axes.imshow(shown, cmap="RdBu_r", vmin=-span, vmax=span, aspect="auto")
+    axes.set_facecolor("#bbbbbb")
+    axes.set_xticks(range(len(names)), names, rotation=90, fontsize=6)
+    axes.set_yticks(range(len(rows)), [f"{row.variant}  {row.error:.3f}" for row in rows], fontsize=6)
+    axes.set_title(f"{metric} over that of {result.variants[0].name} (behind each name: geometric mean)", fontsize=8)
+    bar = figure.colorbar(image, ax=axes, ticks=[-span, 0, span], shrink=0.5)
+    bar.ax.set_yticklabels([f"1/{MOST:g} and less", "the same", f"{MOST:g} and more"], fontsize=6)
+    return figure
+
+
+def _ratio(measured: MeasuredSequence, cell: Cell, metric: str) -> float | None:
+    base, own = measured.cells[0].errors[metric].mean, cell.errors[metric].mean
+    return own / base if base > 0 and own > 0 else None
+
+
+def _rounding(cells: list[Cell]) -> float | None:
+    found = [cell.rounding.rms for cell in cells if cell.rounding is not None]
+    return math.sqrt(math.fsum(value**2 for value in found) / len(found)) if found else None
+
+
+FORMATS = ("svg", "png")
+DOTS_AN_INCH = 150
+CROWDED = 1e3  # from this ratio of an axis's ends on only powers of ten are written
+FRONT, BEATEN, SAMPLES, LIMIT = "#0b62c4", "#a3a6ad", "#16784a", "#b4500a"
+
+
+def import_pyplot() -> Any:
+    """Import what draws, into files alone; raises UsageError that says what to install."""
+    pyplot: Any = import_extra("matplotlib.pyplot", package="matplotlib", extra="bench", purpose="drawing plots")
+    pyplot.switch_backend("agg")
+    return pyplot
+
+
+def write_plots(result: Accuracy, output: Path, pictured: int | None = None) -> Iterator[Path]:
+    """Write ``front-<sequence>`` and ``steps-<sequence>``, and ``overview`` of several sequences; yield the paths.
+
+    ``pictured`` sequences, the first ones, have plots of their own; None: all. Raises UsageError without matplotlib.
+    """
+    pyplot = import_pyplot()
+    for name, figure in _figures(pyplot, result, result.metrics[0], pictured):
+        for suffix in FORMATS:
+            path = output / f"{name}.{suffix}"
+            with atomic_path(path) as temporary:
+                figure.savefig(temporary, format=suffix, dpi=DOTS_AN_INCH, bbox_inches="tight")
+            yield path
+        pyplot.close(figure)
+
+
+def _figures(pyplot: Any, result: Accuracy, metric: str, pictured: int | None) -> Iterator[tuple[str, Any]]:
+    groups = {variant.name: variant.group for variant in result.variants}
+    weight = result.variants[0].settings.blend_weight
+    for measured in result.sequences[:pictured]:
+        yield f"front-{measured.name}", front_figure(pyplot, measured, metric, weight)
+        yield f"steps-{measured.name}", steps_figure(pyplot, measured, metric, groups)
+    if len(result.sequences) > 1 and not METRICS[metric].higher_is_better:
+        yield "overview", overview_figure(pyplot, result, metric)
+
+
+def time_of(cell: Cell, clock: Clock) -> tuple[float, float, float]:
+    """Milliseconds a megapixel and their interval, by the clock that variants are ranked by."""
+    time = cell.time(clock)
+    return time.median, time.low, time.high
+
+
+def front_figure(pyplot: Any, measured: MeasuredSequence, metric: str, weight: float) -> Any:
+    """Error against time: beside supersampling and what nothing can be better than, and the variants alone, named.
+
+    ``weight`` is that of the exponential mean whose noise is drawn.
+    """
+    figure, (wide, near) = pyplot.subplots(1, 2, figsize=(10, 4.6))
+    cells = _drawn(measured, metric)
+    for axes in (wide, near):
+        for cell in cells:
+            time, low, high = time_of(cell, measured.clock)
+            error, beaten = cell.errors[metric], metric in cell.dominated_by
+            above = error.p95 - error.mean if math.isfinite(error.p95) else 0
+            frames = [[max(error.mean - error.p5, 0)], [max(above, 0)]] if axes is wide else None
+            axes.errorbar(
+                time,
+                error.mean,
+                xerr=[[max(time - low, 0)], [max(high - time, 0)]],
+                yerr=frames,
+                fmt="o",
+                ms=4,
+                lw=0.7,
+                color=BEATEN if beaten else FRONT,
+            )
+        if cells:
+            axes.set_xscale("log")
+        if cells and not METRICS[metric].higher_is_better:
+            axes.set_yscale("log")
+        axes.grid(visible=True, which="major", lw=0.3)
+        axes.tick_params(labelsize=7)
+    _limits(wide, measured, metric, weight)
+    wide.set(xlabel="ms a megapixel, added to drawing one sample", ylabel=f"{metric} against the truth")
+    near.set(xlabel="ms a megapixel", title="the variants alone")
+    ticker: Any = importlib.import_module("matplotlib.ticker")
+    for axis in (near.xaxis, near.yaxis):
+        axis.set_major_formatter("{x:g}")
+        if axis.get_scale() == "log":
+            least, most = axis.get_view_interval()
+            room = axis is near.yaxis or most < CROWDED * least
+            axis.set_minor_formatter("{x:g}" if room else ticker.NullFormatter())
+            axis.set_minor_locator(ticker.LogLocator(subs=(2, 5) if axis is near.xaxis else range(2, 10)))
+    near.tick_params(which="minor", labelsize=6)
+    _name_points(near, measured, metric)
+    wide.set_title(measured.name + (" (times too noisy to rank)" if measured.noisy else ""))
+    return figure
+
+
+def _drawn(measured: MeasuredSequence, metric: str) -> list[Cell]:
+    """The cells that have a place: no error at all has none in logarithms, and as a PSNR it is infinite."""
+    falling = not METRICS[metric].higher_is_better
+    means = [cell.errors[metric].mean for cell in measured.cells]
+    there = [math.isfinite(mean) and (mean > 0 or not falling) for mean in means]
+    return [cell for cell, drawn in zip(measured.cells, there, strict=True) if drawn]
+
+
+def _limits(axes: Any, measured: MeasuredSequence, metric: str, weight: float) -> None:
+    """Supersampling, the floor of time and the noises, with a legend."""
+    yards = [(row.added, row.errors[metric].mean, row.samples) for row in measured.yardstick if row.added]
+    if yards:
+        named = "supersampling, by its drawing time"
+        axes.plot([x for x, _, _ in yards], [y for _, y, _ in yards], "D--", ms=4, lw=0.8, color=SAMPLES, label=named)
+        for x, y, samples in yards:
+            place = {"textcoords": "offset points", "xytext": (-5, -8), "ha": "right"}
+            axes.annotate(f"{samples}×", (x, y), fontsize=6, color=SAMPLES, **place)
+    axes.axvline(measured.floor, color=LIMIT, ls=":", lw=1, label="floor: the least bytes at the speed of a copy")
+    for level, style, named in noise_lines(measured, metric, weight):
+        axes.axhline(level, color=LIMIT, ls=style, lw=1, label=f"{named}: {level:.2g}")
+    axes.legend(fontsize=6, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, frameon=False)
+
+
+def _name_points(axes: Any, measured: MeasuredSequence, metric: str) -> None:
+    """Names beside the default, which comes first, and the points that nothing beats, as far as they do not overlap."""
+    taken: list[Any] = []
+    axes.figure.canvas.draw()  # the scales are final from here on
+    default = measured.cells[0].variant
+    for cell in sorted(_drawn(measured, metric), key=lambda cell: (cell.variant != default, cell.errors[metric].mean)):
+        if metric in cell.dominated_by and cell.variant != default:
+            continue
+        at = time_of(cell, measured.clock)[0], cell.errors[metric].mean
+        name = axes.annotate(cell.variant, at, textcoords="offset points", xytext=(5, 3), fontsize=6)
+        box = name.get_window_extent()
+        if any(box.overlaps(other) for other in taken):
+            name.remove()
+        else:
+            taken.append(box)
+
+
+def noise_lines(measured: MeasuredSequence, metric: str, weight: float) -> Iterator[tuple[float, str, str]]:
+    """Level, line style and name of the noises that are known of an error."""
+    if metric == "mse" and measured.mean_noise:
+        yield measured.mean_noise, "--", f"noise of an exponential mean, weight {weight:g}"
+    if metric == "mse" and measured.truth_noise:
+        yield measured.truth_noise, "-.", "noise of the truth itself"
+
+
+def steps_figure(pyplot: Any, measured: MeasuredSequence, metric: str, groups: dict[str, str]) -> Any:
+    """Error and time of each step as a multiple of those of what the ladder departs from."""
+    name, base = measured.cells[0].variant, measured.cells[0].errors[metric].mean
+    left_out = {DEFAULT, PRESETS, COMBINATIONS}
+    cells = [cell for cell in measured.cells if groups[cell.variant] not in left_out]
+    figure, both = pyplot.subplots(1, 2, figsize=(8, 0.7 + 0.19 * max(len(cells), 2)), sharey=True)
+    names = [cell.variant for cell in cells]
+    ratios = [_over(cell.errors[metric].mean, base) for cell in cells]
+    both[0].barh(names, [ratio - 1 for ratio in ratios], left=1, color=FRONT)
+    errors = [
+        [cell.ratio.median - cell.ratio.low for cell in cells],
+        [cell.ratio.high - cell.ratio.median for cell in cells],
+    ]
+    both[1].barh(names, [cell.ratio.median - 1 for cell in cells], left=1, color=BEATEN, xerr=errors)
+    for axes, title in zip(both, (f"{metric} over that of {name}", f"time over that of {name}"), strict=True):
+        axes.axvline(1, color="black", lw=0.6)
+        axes.set_title(title, fontsize=9)
+        axes.tick_params(labelsize=6)
+    both[0].invert_yaxis()
+    return figure
+
+
+def _over(value: float, base: float) -> float:
+    """``value`` as a multiple of ``base``; 1 where either is no number to divide by or without end."""
+    return value / base if base and math.isfinite(base) and math.isfinite(value) else 1.0

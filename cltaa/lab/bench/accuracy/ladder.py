@@ -1,0 +1,163 @@
+"""The ladder: every variant of the resolve whose error and time ``cltaa bench accuracy`` measures.
+
+One step is changed at a time, so that each bar of the ablation has one cause; whatever is added to the choices
+(``cltaa.core.parameters``) or the storages (``cltaa.core.build``) is on the ladder by itself. ``combinations``
+is the grid for the front.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import msgspec
+
+from cltaa.core.backend import Launcher
+from cltaa.core.build import STORAGES, Build, Real, Storage
+from cltaa.core.parameters import (
+    Accumulate,
+    Box,
+    Choices,
+    Dilation,
+    HistoryFilter,
+    Neighbourhood,
+    Rectify,
+    Reject,
+    Settings,
+)
+from cltaa.core.presets import Preset, Published
+from cltaa.core.resolver import Resolver
+
+DEFAULT, PRESETS, COMBINATIONS = "default", "preset", "combination"
+
+# Continuous steps worth a rung: what the count of samples is limited by, and the blur of pixels without a past.
+SETTINGS_RUNGS: dict[str, tuple[float, ...]] = {
+    "sample_limit": (8.0, 16.0, 48.0, 96.0),
+    "resample_cost": (0.0,),
+    "pull_cost": (0.0,),
+    "fresh_blur": (0.0,),
+}
+# What a box of deviations shows and a box of extremes does not: these choices are also rungs beside that box.
+IN_VARIANCE_BOX = ("neighbourhood", "variance")
+SLOW_WEIGHT = 0.05  # of the exponential blend, beside its own default
+
+
+class Variant(msgspec.Struct, frozen=True, kw_only=True):
+    """One way to resolve. ``group`` is the step that it changes against the default."""
+
+    name: str
+    group: str
+    choices: Choices
+    settings: Settings
+    storage: Storage = Storage.FLOAT
+    real: Real = Real.FLOAT
+    strict: bool = False
+    relaxed: bool = False
+    published: Published = Published.NO
+
+    @property
+    def preset(self) -> Preset:
+        """Choices and settings under the variant's name, published if what it departs from is."""
+        return Preset(
+            name=self.name,
+            description=self.group,
+            published=self.published,
+            choices=self.choices,
+            settings=self.settings,
+        )
+
+    def resolver(self, device: str | Launcher | None) -> Resolver:
+        """A new resolver of this variant."""
+        build = Build(real=self.real, storage=self.storage, strict=self.strict, relaxed=self.relaxed)
+        return Resolver(self.preset, device, build=build)
+
+    @property
+    def laboratory(self) -> bool:
+        """True for what only a measurement asks for: other arithmetic, another build, a history in doubles."""
+        return self.strict or self.relaxed or self.real is not Real.FLOAT or self.storage not in STORAGES
+
+
+def steps(base: Variant) -> Iterator[Variant]:
+    """``base`` with one step changed, for every step there is."""
+    yield from _other_choices(base, Choices.__struct_fields__)
+    if base.choices.box is not Box.VARIANCE:
+        yield from _other_choices(base, IN_VARIANCE_BOX, box=Box.VARIANCE)
+    exponential = {"accumulate": Accumulate.EXPONENTIAL}
+    slow = {"blend_weight": SLOW_WEIGHT}
+    yield _changed(base, "accumulate", f"exponential {SLOW_WEIGHT:g}", choices=exponential, settings=slow)
+    for field, values in SETTINGS_RUNGS.items():
+        for value in values:
+            if value != getattr(base.settings, field):
+                yield _changed(base, field, f"{value:g}", settings={field: value})
+    for storage in Storage:
+        if storage is not base.storage:
+            yield _changed(base, "storage", str(storage), storage=storage)
+    yield _changed(base, "arithmetic", "double", real=Real.DOUBLE)
+    for storage in Storage:
+        if storage is not base.storage:
+            yield _changed(base, "arithmetic", f"double, storage: {storage}", real=Real.DOUBLE, storage=storage)
+    yield _changed(base, "build", "strict", strict=True)
+    yield _changed(base, "build", "fast-relaxed", relaxed=True)
+
+
+def _other_choices(base: Variant, fields: Iterable[str], **beside: Any) -> Iterator[Variant]:
+    """Every other choice of each field, with those ``beside`` it changed too."""
+    also = "".join(f", {field}: {choice}" for field, choice in beside.items())
+    for field in fields:
+        current = getattr(base.choices, field)
+        for choice in type(current):
+            if choice is not current:
+                yield _changed(base, field, f"{choice}{also}", choices={field: choice, **beside})
+
+
+def combinations(base: Variant) -> Iterator[Variant]:
+    """Every combination of the choices that cost time, but for those that the steps already have."""
+    grid = {
+        "history_filter": HistoryFilter,
+        "neighbourhood": Neighbourhood,
+        "rectify": (Rectify.NONE, Rectify.CLAMP, Rectify.CLIP),
+        "dilation": Dilation,
+        "reject": Reject,
+        "storage": STORAGES,
+    }
+    for values in itertools.product(*grid.values()):
+        chosen: dict[str, Any] = dict(zip(grid, values, strict=True))
+        storage = chosen.pop("storage")
+        changed = {field: value for field, value in chosen.items() if value is not getattr(base.choices, field)}
+        if len(changed) + (storage is not base.storage) >= 2:
+            what = [f"{field} {value}" for field, value in changed.items()]
+            what += [f"storage {storage}"] if storage is not base.storage else []
+            yield _changed(base, COMBINATIONS, ", ".join(what), choices=changed, storage=storage)
+
+
+def ladder(base: Preset, presets: Iterable[Preset] = (), *, full: bool = False) -> list[Variant]:
+    """The default, its steps, the other presets and, if ``full``, the combinations."""
+    first = _as_it_is(base, DEFAULT)
+    others = [_as_it_is(preset, PRESETS) for preset in presets if preset.name != base.name]
+    return [first, *steps(first), *others, *(combinations(first) if full else ())]
+
+
+def _as_it_is(preset: Preset, group: str) -> Variant:
+    return Variant(
+        name=preset.name, group=group, choices=preset.choices, settings=preset.settings, published=preset.published
+    )
+
+
+def _changed(
+    base: Variant,
+    group: str,
+    value: str,
+    *,
+    choices: dict[str, Any] | None = None,
+    settings: dict[str, float] | None = None,
+    **shape: Any,
+) -> Variant:
+    return msgspec.structs.replace(
+        base,
+        name=f"{group}: {value}".replace("_", " "),
+        group=group,
+        choices=msgspec.structs.replace(base.choices, **choices or {}),
+        settings=msgspec.structs.replace(base.settings, **settings or {}),
+        **shape,
+    )

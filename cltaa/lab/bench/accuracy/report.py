@@ -1,0 +1,161 @@
+"""The folder of an accuracy report: its tables, written, read, and several put together."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from cltaa.errors import DataError, InputMissing
+from cltaa.io.atomic import atomic_path
+from cltaa.lab.bench.accuracy.figures import table, write_plots
+from cltaa.lab.bench.accuracy.results import Accuracy
+from cltaa.lab.judge.metrics import METRICS
+from cltaa.printable import counted
+
+FIXED = (
+    "sequence",
+    "variant",
+    "group",
+    "ms_per_megapixel",
+    "low",
+    "high",
+    "ratio",
+    "ratio_low",
+    "ratio_high",
+    "noisy",
+    "clock",
+    "rounding_rms",
+    "rounding_largest",
+)
+
+
+def csv_text(result: Accuracy) -> str:
+    """All cells and the yardstick; an error is a column ``<metric>``, and with _p5, _p95 and _largest behind it."""
+    stream = io.StringIO()
+    suffixes = {"": "mean", "_p5": "p5", "_p95": "p95", "_largest": "largest"}
+    columns = [f"{metric}{suffix}" for metric in result.metrics for suffix in suffixes]
+    writer = csv.DictWriter(stream, [*FIXED, *columns], restval="")
+    writer.writeheader()
+    groups = {variant.name: variant.group for variant in result.variants}
+    for measured in result.sequences:
+        for cell in measured.cells:
+            time = cell.time(measured.clock)
+            values = (
+                measured.name,
+                cell.variant,
+                groups[cell.variant],
+                time.median,
+                time.low,
+                time.high,
+                cell.ratio.median,
+                cell.ratio.low,
+                cell.ratio.high,
+                int(measured.noisy),
+                str(measured.clock),
+                cell.rounding.rms if cell.rounding else "",
+                cell.rounding.largest if cell.rounding else "",
+            )
+            row = dict(zip(FIXED, values, strict=True))
+            for metric in result.metrics:
+                row |= {f"{metric}{end}": getattr(cell.errors[metric], name) for end, name in suffixes.items()}
+            writer.writerow(row)
+        for yard in measured.yardstick:
+            row = {"sequence": measured.name, "variant": counted(yard.samples, "sample"), "group": "supersampling"}
+            row |= {} if yard.added is None else {"ms_per_megapixel": yard.added}
+            for metric in result.metrics:
+                row |= {f"{metric}{end}": getattr(yard.errors[metric], name) for end, name in suffixes.items()}
+            writer.writerow(row)
+    return stream.getvalue()
+
+
+NAME = "accuracy.json"
+
+
+def falling_metrics(result: Accuracy) -> list[str]:
+    """Those of its metrics that fall as the image gets better: the errors by which variants can be compared."""
+    return [name for name in result.metrics if not METRICS[name].higher_is_better]
+
+
+def write_report(
+    result: Accuracy,
+    output: Path,
+    pictured: int | None = None,
+    pages: Mapping[str, str] | None = None,
+    *,
+    of_one: bool = False,
+) -> str:
+    """Write the numbers as JSON and CSV, the plots, a table over all sequences, and ``pages``, texts by file name, into
+    the folder ``output``; returns the table, empty where none is written.
+
+    There is one of several sequences, ``of_one`` too, if a metric falls with the error. ``pictured`` sequences, the
+    first ones, have plots of their own. Plots, tables and pages that an earlier report left there and this one has not
+    are deleted. Raises OutputError, StorageError, and UsageError without matplotlib.
+    """
+    texts = {NAME: msgspec.json.encode(result).decode(), "accuracy.csv": csv_text(result), **(pages or {})}
+    falling = falling_metrics(result)
+    whole = table(result, falling) if falling and (of_one or len(result.sequences) > 1) else ""
+    if whole:
+        texts["overview.md"] = whole
+    again = (output / NAME).exists()
+    for name, text in texts.items():
+        with atomic_path(output / name) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    written = {output / name for name in texts} | set(write_plots(result, output, pictured))
+    for pattern in ("front-*", "steps-*", "overview.*", "index.html") if again else ():
+        for path in {*output.glob(pattern)} - written:
+            path.unlink()
+    return whole
+
+
+def read_report(folder: Path) -> Accuracy:
+    """The numbers of a report; raises InputMissing without them and DataError where they are none."""
+    path = folder / NAME
+    try:
+        return msgspec.convert(_restored(msgspec.json.decode(path.read_bytes())), Accuracy)
+    except FileNotFoundError:
+        raise InputMissing("not a report", path=path, cure="make one: cltaa bench accuracy SEQUENCE -o DIR") from None
+    except msgspec.DecodeError as error:
+        raise DataError(f"not the numbers of a report: {error}", path=path) from None
+
+
+def _restored(value: Any, *, error: bool = False) -> Any:
+    """``value`` with infinity where an error is null: JSON has no other form for the PSNR of identical images."""
+    if isinstance(value, dict):
+        return {key: _restored(item, error=error or key == "errors") for key, item in value.items()}
+    if isinstance(value, list):
+        return [_restored(item, error=error) for item in value]
+    return math.inf if error and value is None else value
+
+
+def merged(reports: Sequence[tuple[Path, Accuracy]]) -> Accuracy:
+    """All sequences of some reports as one; raises DataError where they are not of one device, code and ladder."""
+    (_, first), *others = reports
+    for path, other in others:
+        for what, found, expected in _agreements(other, first):
+            if found != expected:
+                raise DataError(f"another {what} than in {reports[0][0]}", path=path, expected=expected, found=found)
+    sequences = [measured for _, report in reports for measured in report.sequences]
+    names = [measured.name for measured in sequences]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise DataError(f"the sequence {twice} is in two reports", path=reports[-1][0], cure="leave one of them out")
+    return msgspec.structs.replace(first, sequences=sequences)
+
+
+def _agreements(one: Accuracy, other: Accuracy) -> Iterable[tuple[str, str, str]]:
+    """What two reports must agree in: what it is, and how either has it."""
+    for what, get in (
+        ("device", lambda report: report.environment.device),
+        ("number of compute units", lambda report: str(report.environment.units)),
+        ("processor", lambda report: report.environment.cpu),
+        ("version of the kernels", lambda report: report.environment.kernels_sha256),
+        ("list of metrics", lambda report: ", ".join(report.metrics)),
+        ("ladder", lambda report: ", ".join(variant.name for variant in report.variants)),
+    ):
+        yield what, get(one), get(other)

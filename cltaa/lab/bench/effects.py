@@ -1,0 +1,152 @@
+"""What the plan saves on a sequence, and proof that it changes time and not the picture (docs/effects.md).
+
+Three resolves: as planned; with every step that was left out running too, which must give the same bits; and as if
+nothing were declared (``all``), where plain means and plain weights give way to the preset's own.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from cltaa.core.backend import Launcher
+from cltaa.core.plan import Plan, with_effects
+from cltaa.core.presets import Preset
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Frame, format_effects
+from cltaa.io.sequence import FrameSequence
+from cltaa.lab.timing import Clock, Interval, Job, Samples, measure
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.progress import track
+
+WAYS = PLANNED, EVERY, ALL = "as planned", "every step", "all effects"
+
+
+class EffectRow(msgspec.Struct, kw_only=True):
+    """One scene. Times are milliseconds of kernels a frame; ``saving`` is how many times as long ``all`` takes.
+
+    On a processor they are its own time, all threads together, which another program's load does not change.
+    """
+
+    scene: str
+    effects: str
+    steps: list[str]  # that run on the last frame
+    frames: int
+    same_bits: bool  # as planned and with every step, in strict mode, all frames
+    replaced: float  # largest difference between as planned and all effects
+    replaced_mean: float
+    planned_ms: float
+    every_ms: float
+    all_ms: float
+    saving: Interval
+
+
+def judge_effects(
+    sequence: FrameSequence,
+    preset: str | Preset,
+    launcher: Launcher,
+    *,
+    rounds: int,
+) -> EffectRow:
+    """Resolve ``sequence`` in the three ways, compare all frames in strict mode, and time the last one.
+
+    Scenes that share a ``launcher`` share its kernels.
+    """
+    same, largest, total = True, 0.0, 0.0
+    strict = {
+        name: Resolver(preset, launcher, strict=True, every_step=name != PLANNED) for name in (PLANNED, EVERY, ALL)
+    }
+    for frame in track(sequence, len(sequence), "resolving"):
+        planned, every, everything = (strict[way].resolve(with_effects(frame, _named(way))) for way in WAYS)
+        same = same and planned.tobytes() == every.tobytes()
+        difference = np.abs(planned.astype(np.float64) - everything)
+        largest, total = max(largest, float(difference.max())), total + float(difference.mean())
+    samples, plan = _time(sequence, preset, launcher, rounds)
+    return EffectRow(
+        scene=sequence.frame_header(sequence.first).scene,
+        effects=format_effects(sequence.effects or ()) or ("none" if sequence.effects is not None else "not declared"),
+        steps=[reason.step for reason in plan.reasons if reason.on],
+        frames=len(sequence),
+        same_bits=same,
+        replaced=largest,
+        replaced_mean=total / len(sequence),
+        planned_ms=float(np.median(samples.seconds(PLANNED, Clock.DEVICE))) * 1e3,
+        every_ms=float(np.median(samples.seconds(EVERY, Clock.DEVICE))) * 1e3,
+        all_ms=float(np.median(samples.seconds(ALL, Clock.DEVICE))) * 1e3,
+        saving=samples.ratio(ALL, PLANNED, Clock.DEVICE),
+    )
+
+
+def _time(sequence: FrameSequence, preset: str | Preset, launcher: Launcher, rounds: int) -> tuple[Samples, Plan]:
+    """Time the kernels of the last frame in the three ways, in turn; also what was planned for it."""
+    before, frame = (sequence.frame(number) for number in sequence.numbers[-2:])
+    before, frame = replace(before, cut=True), replace(frame, cut=False)
+    jobs, plans = [], {}
+    for name in WAYS:
+        resolver = Resolver(preset, launcher, every_step=name != PLANNED)
+        pair = [with_effects(one, _named(name)) for one in (before, frame)]
+        for one in pair:
+            resolver.resolve(one)
+        assert resolver.plan is not None
+        plans[name] = resolver.plan
+        jobs.append(Job(name, _again(resolver, pair[1], pair[0])))
+    return measure(jobs, rounds, warm_up=3), plans[PLANNED]
+
+
+def _named(way: str) -> Literal["auto", "all"]:
+    return "all" if way == ALL else "auto"
+
+
+def _again(resolver: Resolver, frame: Frame, before: Frame) -> Callable[[], float | None]:
+    on_processor = not isinstance(resolver.launcher, DeviceLauncher) or resolver.launcher.device.is_cpu
+
+    def run() -> float | None:
+        started = time.process_time()
+        resolver.run_again(frame, before)
+        return time.process_time() - started if on_processor else None
+
+    return run
+
+
+def markdown(rows: Iterable[EffectRow]) -> str:
+    """The table of docs/generated/effects.md."""
+    heads = (
+        "scene",
+        "effects",
+        "steps that run",
+        "ms planned",
+        "ms every step",
+        "ms all",
+        "all / planned",
+        "same bits",
+        "replaced",
+    )
+    table = [heads, ("---",) * len(heads), *map(cells, rows)]
+    return "".join(line(row) for row in table)
+
+
+def line(row: Iterable[str]) -> str:
+    """A line of a Markdown table."""
+    return f"| {' | '.join(row)} |\n"
+
+
+def cells(row: EffectRow) -> tuple[str, ...]:
+    """The cells of one scene."""
+    saving = f"{row.saving.median:.2f} ({row.saving.low:.2f} to {row.saving.high:.2f})"
+    replaced = "nothing" if row.replaced == 0.0 else f"{row.replaced:.2g}, mean {row.replaced_mean:.1g}"
+    return (
+        row.scene,
+        row.effects.replace(",", " "),
+        ", ".join(row.steps) or "none",
+        f"{row.planned_ms:.2f}",
+        f"{row.every_ms:.2f}",
+        f"{row.all_ms:.2f}",
+        saving,
+        "yes" if row.same_bits else "**no**",
+        replaced,
+    )

@@ -1,0 +1,1 @@
+"""Scene by preset by score."""

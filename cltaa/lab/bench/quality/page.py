@@ -1,0 +1,379 @@
+"""The table of ``cltaa bench quality``: means over sequences, who beats whom, and the Markdown page."""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from statistics import geometric_mean
+from urllib.parse import quote
+
+import msgspec
+
+from cltaa.core.presets import Preset, Published, load_preset, preset_names
+from cltaa.errors import DataError
+from cltaa.io.atomic import atomic_path, check_creatable
+from cltaa.io.sequence import FrameSequence
+from cltaa.lab.bench.quality.cases import Case
+from cltaa.lab.bench.quality.judge import COLUMNS, ONE_SAMPLE, Column, Judged
+from cltaa.lab.judge.comparison import truth_of, truth_samples
+from cltaa.lab.judge.metrics import mean_psnr
+
+DEFAULT = "default"
+LADDER = re.compile(r"t\d(-200)?")  # in the order of their names: t3, t3-200, t4
+DECIDING = ("flip", "psnr")  # the two that a preset is called better by
+HIGHER = {column.name: column.higher_is_better for column in COLUMNS}
+
+
+class Row(msgspec.Struct, kw_only=True):
+    """All presets on one sequence."""
+
+    scene: str
+    split: str
+    key: str
+    presets: dict[str, Judged]
+
+
+class Duel(msgspec.Struct, kw_only=True):
+    """One preset against another: sequences in which it is better by FLIP and PSNR both, and those in which not."""
+
+    preset: str
+    against: str
+    better: int
+    sequences: int
+    not_better: list[str]
+    mean_flip: tuple[float, float]
+    mean_psnr: tuple[float, float]
+
+
+class Table(msgspec.Struct, kw_only=True):
+    """The whole outcome of ``cltaa bench quality``."""
+
+    rows: list[Row]
+    means: dict[str, dict[str, dict[str, float | None]]]  # split -> preset -> score
+    duels: list[Duel]
+
+
+def summarise(judged: Iterable[tuple[Case, Mapping[str, Judged]]]) -> Table:
+    """The table of all cells."""
+    rows = [Row(scene=c.title, split=c.split, key=c.key, presets=dict(presets)) for c, presets in judged]
+    splits = list(dict.fromkeys(row.split for row in rows))
+    names = list(dict.fromkeys(name for row in rows for name in row.presets))
+    means = {
+        split: {name: _mean_scores([row.presets[name] for row in rows if row.split == split]) for name in names}
+        for split in splits
+    }
+    others = [name for name in names if published(name)]
+    duels = [_duel(rows, one, other) for one in contenders(names) for other in others]
+    return Table(rows=rows, means=means, duels=duels)
+
+
+@cache
+def published(name: str) -> Published:
+    """Whether a preset that comes with cltaa is the resolve of an article or of an engine; no other name is."""
+    return load_preset(name).published if name in preset_names() else Published.NO
+
+
+def contenders(names: Collection[str]) -> list[str]:
+    """What is held against the published ones: the default, the last of the ladder, and all that is neither.
+
+    Whoever adds a preset wants to know what it beats.
+    """
+    highest = max(filter(LADDER.fullmatch, names), default=None)
+
+    def contends(name: str) -> bool:
+        return name in (DEFAULT, highest) or not (published(name) or LADDER.fullmatch(name) or name == ONE_SAMPLE)
+
+    return sorted(filter(contends, names), key=lambda name: name != DEFAULT)
+
+
+def best_engine(means: Mapping[str, Mapping[str, float | None]]) -> str | None:
+    """The engine's preset of the least mean FLIP, or None where none was judged."""
+    found = {
+        name: value
+        for name, scores in means.items()
+        if published(name) is Published.ENGINE and (value := scores["flip"])
+    }
+    return min(found, key=lambda name: found[name], default=None)
+
+
+def _mean_scores(cells: list[Judged]) -> dict[str, float | None]:
+    """Means over sequences: of a PSNR by way of its error, of samples the geometric one, else the arithmetic one."""
+    result: dict[str, float | None] = {}
+    for column in COLUMNS:
+        values = [value for cell in cells if (value := score(column.name, cell.scores)) is not None]
+        if not values:
+            result[column.name] = None
+        elif column.name == "psnr":
+            found = mean_psnr(values)
+            result[column.name] = found if math.isfinite(found) else None
+        elif column.name in ("samples", "last", "uncovered"):
+            result[column.name] = geometric_mean(values)
+        else:
+            result[column.name] = math.fsum(values) / len(values)
+    return result
+
+
+def _duel(rows: list[Row], preset: str, against: str) -> Duel:
+    losses = [f"{row.scene} ({row.split})" for row in rows if not _better(row.presets[preset], row.presets[against])]
+    pair = [_mean_scores([row.presets[name] for row in rows]) for name in (preset, against)]
+    flip, decibels = ((_number(name, pair[0]), _number(name, pair[1])) for name in DECIDING)
+    return Duel(
+        preset=preset,
+        against=against,
+        better=len(rows) - len(losses),
+        sequences=len(rows),
+        not_better=losses,
+        mean_flip=flip,
+        mean_psnr=decibels,
+    )
+
+
+def score(name: str, scores: Mapping[str, float | None]) -> float | None:
+    """A score or None where there was nothing to judge; a PSNR is always there, and infinite where it is null."""
+    value = scores.get(name)
+    return math.inf if value is None and name == "psnr" else value
+
+
+def _number(name: str, scores: Mapping[str, float | None]) -> float:
+    value = score(name, scores)
+    return math.nan if value is None else value
+
+
+def _better(one: Judged, other: Judged) -> bool:
+    """Better by both deciding scores."""
+    for name in DECIDING:
+        a, b = _number(name, one.scores), _number(name, other.scores)
+        if not (a > b if HIGHER[name] else a < b):
+            return False
+    return True
+
+
+def ordered(names: Iterable[str]) -> list[str]:
+    """Presets as the tables list them: one sample, articles, engines, the ladder, then all others."""
+
+    def rank(name: str) -> tuple[int, str]:
+        groups = (
+            name == ONE_SAMPLE,
+            published(name) is Published.ARTICLE,
+            published(name) is Published.ENGINE,
+            LADDER.fullmatch(name) is not None,
+            name == DEFAULT,
+        )
+        return next((place for place, found in enumerate(groups) if found), len(groups)), name
+
+    return sorted(names, key=rank)
+
+
+def about_of(table: Table, sequences: Collection[FrameSequence], settled: int, presets: Sequence[Preset]) -> str:
+    """What was judged, as the sequences themselves have it: some may not be as the options say."""
+    devices = sorted({judged.device for row in table.rows for judged in row.presets.values()})
+    splits = Counter(row.split for row in table.rows)
+    counts = " and ".join(f"{count} {split}" for split, count in splits.items())
+    sizes = _either(f"{sequence.width} × {sequence.height}" for sequence in sequences)
+    frames = _either_of((len(sequence) for sequence in sequences), "frame")
+    jitters = _either(sequence.sequence_json.get("settings", {}).get("jitter") for sequence in sequences)
+    truths = _either_of((truth_samples(truth_of(sequence)) for sequence in sequences), "sample")
+    profiles = list(dict.fromkeys(each.reading["profile"]["name"] for each in sequences if "profile" in each.reading))
+    read = f", read by profile {' or '.join(profiles)}" if profiles else ""
+    files = [preset.description for preset in presets if preset.name not in preset_names()]
+    return (
+        f"{counts} sequence{'s' * (len(table.rows) != 1)}, {sizes}, {frames}{read}, "
+        f"jitter {jitters}, judged from frame {settled} on, "
+        f"truth of {truths} a pixel; {time.strftime('%Y-%m-%d', time.gmtime())}, "
+        f"{'; '.join([*devices, *files])}."
+    )
+
+
+def _either_of(numbers: Iterable[int | None], thing: str) -> str:
+    found = _either(numbers)
+    return f"{found} {thing}{'s' * (found != '1')}"
+
+
+def _either(values: Iterable[object]) -> str:
+    return " or ".join("unknown" if value is None else str(value) for value in dict.fromkeys(values))
+
+
+BEGIN, END = "<!-- cltaa bench quality: begin -->", "<!-- cltaa bench quality: end -->"
+OVERVIEW = ("flip", "samples")  # the scores of the table that has a line a scene
+
+
+def scenes_page(page: Path) -> Path:
+    """The page beside a page that holds each scene's own table: ``quality-scenes.md`` beside ``quality.md``."""
+    return page.with_name(f"{page.stem}-scenes{page.suffix}")
+
+
+def write_pages(page: Path, table: Table, about: str, pictures: Mapping[str, str] | None = None) -> None:
+    """Replace what stands between the marks of a page and of that beside it; begin those that are not there.
+
+    ``pictures`` is what ``write_pictures`` returns. Raises what ``check_pages`` does.
+    """
+    beside = scenes_page(page)
+    for path, text in ((beside, scenes(table, about, pictures)), (page, summary(table, about, beside.name))):
+        before, after = _around(path, page)
+        with atomic_path(path) as temporary:
+            temporary.write_text(f"{before}{BEGIN}\n\n{text.strip()}\n\n{END}{after}", encoding="utf-8")
+
+
+def check_pages(page: Path) -> None:
+    """That both can be written; raises DataError where one has no marks, OutputError where one cannot be."""
+    for path in (page, scenes_page(page)):
+        check_creatable(path)
+        _around(path, page)
+
+
+def _around(path: Path, page: Path) -> tuple[str, str]:
+    """What stands before and behind the marks of ``page``, or of that beside it."""
+    try:
+        before, begin, rest = path.read_text(encoding="utf-8").partition(BEGIN)
+    except FileNotFoundError:
+        return "# Presets judged\n\n" if path == page else f"# Each scene of {page.name}\n\n", "\n"
+    _, end, after = rest.partition(END)
+    if not begin or not end:
+        raise DataError("the marks are missing", path=path, expected=f"{BEGIN} and {END}")
+    return before, after
+
+
+def summary(table: Table, about: str, beside: str) -> str:
+    """What is to be seen at once: how it was made, means, who beats whom, a line a scene that leads to ``beside``."""
+    parts = [about, "### Means over sequences", *_means(table), "### Who beats whom", *_duels(table)]
+    return "\n\n".join([*parts, "### Each scene", *_overview(table, beside)])
+
+
+def scenes(table: Table, about: str, pictures: Mapping[str, str] | None = None) -> str:
+    """Each scene's table, and each preset at its worst; all collapsed."""
+    parts = [about]
+    for scene, rows in _by_scene(table).items():
+        parts += [f"## {scene}", _collapsed("all presets and scores", _scene_table(rows))]
+    if pictures:
+        parts.append("## Each preset's worst")
+        for name, text in pictures.items():
+            caption, _, picture = text.partition("\n\n")
+            line = f"<b>{name}.</b> {caption}"
+            parts.append(_collapsed(line, picture) if picture else line)
+    return "\n\n".join(parts)
+
+
+def _collapsed(summary: str, text: str) -> str:
+    return f"<details><summary>{summary}</summary>\n\n{text}\n\n</details>"
+
+
+def _overview(table: Table, beside: str) -> Iterable[str]:
+    """A line a scene, with a link to its table: the best published preset, then those that are held against it."""
+    names = _names(table)
+    shown = {name: [name] for name in contenders(names)}
+    if others := [name for name in names if published(name)]:
+        yield "*Published*: the best preset of an article or an engine, cell by cell."
+        shown = {"best published": others} | shown
+    columns = [column for column in COLUMNS if column.name in OVERVIEW]
+    heads = [
+        f"{column.name} {'↑' if column.higher_is_better else '↓'} {title}" for column in columns for title in shown
+    ]
+    lines = [f"| scene | {' | '.join(heads)} |", "|---|" + "---:|" * len(heads)]
+    for scene, rows in _by_scene(table).items():
+        cells = []
+        for column in columns:
+            groups = [
+                [_best(column, (row.presets[name].scores for name in group if name in row.presets)) for row in rows]
+                for group in shown.values()
+            ]
+            leaders = [_best(column, ({column.name: group[n]} for group in groups)) for n in range(len(rows))]
+            for group in groups:
+                cells.append(" / ".join(_cell(v, column, best) for v, best in zip(group, leaders, strict=True)))
+        lines.append(f"| [{scene}]({quote(beside)}#{_anchor(scene)}) | {' | '.join(cells)} |")
+    yield "\n".join(lines)
+    yield _splits(table.means)
+
+
+def _anchor(heading: str) -> str:
+    """What GitHub calls a heading in links."""
+    return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
+
+
+def _means(table: Table) -> Iterable[str]:
+    yield "PSNR is averaged as mean squared error, samples by the geometric mean, all else by the arithmetic mean."
+    yield _grid({name: [table.means[split][name] for split in table.means] for name in ordered(_names(table))})
+    yield _splits(table.means)
+
+
+def _duels(table: Table) -> Iterable[str]:
+    """One line for each pair; better means a lower FLIP and a higher PSNR, both."""
+    if not table.duels:
+        yield "Nothing to compare: no preset of an article or an engine was judged, or none beside it."
+        return
+    lines = ["| preset | against | better in | mean FLIP | mean PSNR | not better in |", "|---|---|---|---|---|---|"]
+    for duel in table.duels:
+        flip, psnr = (f"{a:{form}} : {b:{form}}" for (a, b), form in ((duel.mean_flip, ".4f"), (duel.mean_psnr, ".2f")))
+        losses = ", ".join(duel.not_better) or "–"
+        lines.append(
+            f"| {duel.preset} | {duel.against} | {duel.better} of {duel.sequences} | {flip} | {psnr} | {losses} |"
+        )
+    yield "*Better*: both lower FLIP and higher PSNR."
+    yield "\n".join(lines)
+    for split, means in table.means.items():
+        engine = best_engine(means)
+        if engine is not None and DEFAULT in means:
+            yield f"Best engine's preset by mean FLIP ({split}): {engine}."
+
+
+def _scene_table(rows: list[Row]) -> str:
+    names = ordered(dict.fromkeys(name for row in rows for name in row.presets))
+    grid = _grid({name: [row.presets[name].scores for row in rows] for name in names})
+    broken = [
+        f"{name}: {row.presets[name].not_finite} values that are not finite in {row.key}"
+        for row in rows
+        for name in names
+        if row.presets[name].not_finite
+    ]
+    return "\n\n".join([grid, _splits(row.split for row in rows), *broken])
+
+
+def _splits(splits: Iterable[str]) -> str:
+    splits = list(splits)
+    return f"Each cell: {' / '.join(splits)}." if len(splits) > 1 else f"All: {splits[0]}."
+
+
+def _grid(cells: Mapping[str, list[dict[str, float | None]]]) -> str:
+    """A Markdown table of presets by scores; the best resolve of each column stands in bold."""
+    heads = [f"{column.name} {'↑' if column.higher_is_better else '↓'}" for column in COLUMNS]
+    lines = [f"| preset | {' | '.join(heads)} |", "|---|" + "---:|" * len(heads)]
+    resolves = [values for name, values in cells.items() if name != ONE_SAMPLE] or [*cells.values()]
+    best = [[_best(column, (values[n] for values in resolves)) for n in range(len(resolves[0]))] for column in COLUMNS]
+    for name, values in cells.items():
+        texts = []
+        for column, leaders in zip(COLUMNS, best, strict=True):
+            pairs = zip(values, leaders, strict=True)
+            texts.append(" / ".join(_cell(score(column.name, each), column, best) for each, best in pairs))
+        lines.append(f"| {name} | {' | '.join(texts)} |")
+    return "\n".join(lines)
+
+
+def _best(column: Column, scores: Iterable[dict[str, float | None]]) -> float | None:
+    """The best value of a column; for shares around 0 that is the one nearest to 0."""
+    values = [value for each in scores if (value := score(column.name, each)) is not None]
+    if not values:
+        return None
+    return max(values) if column.higher_is_better else min(values, key=abs)
+
+
+def _cell(value: float | None, column: Column, best: float | None) -> str:
+    text = written(value, column)
+    return f"**{text}**" if value is not None and value == best else text
+
+
+def written(value: float | None, column: Column) -> str:
+    """A score as the tables have it."""
+    return "–" if value is None else "∞" if math.isinf(value) else format(value, column.form)
+
+
+def _by_scene(table: Table) -> dict[str, list[Row]]:
+    titles = dict.fromkeys(row.scene for row in table.rows)
+    return {title: [row for row in table.rows if row.scene == title] for title in titles}
+
+
+def _names(table: Table) -> list[str]:
+    return list(dict.fromkeys(name for row in table.rows for name in row.presets))

@@ -1,0 +1,140 @@
+"""Where each preset fails most: found by its scores, shown magnified beside the default and the truth."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+from urllib.parse import quote
+
+import numpy as np
+
+from cltaa.core.backend import Launcher
+from cltaa.core.presets import Preset, load_preset, preset_names
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Image
+from cltaa.io.atomic import make_folder
+from cltaa.io.display import Picture, to_picture
+from cltaa.io.png import GAP, error_map, label, write_png
+from cltaa.io.sequence import FrameSequence
+from cltaa.lab.bench.quality.judge import COLUMNS, ONE_SAMPLE
+from cltaa.lab.bench.quality.page import DEFAULT, Row, Table
+from cltaa.lab.judge.detail import import_ndimage
+from cltaa.progress import track
+
+SHARE = 4  # the crop's side is this part of the image's height
+ZOOM = 5
+FAULTS = ("ghosting", "flicker", "blur", "aliasing")
+_FORM = {column.name: column.form for column in COLUMNS}
+
+
+class Crop(NamedTuple):
+    """The same place of one frame, as several see it."""
+
+    excess: float  # of the error over the default's, mean over the crop, display values
+    frame: int
+    images: dict[str, Image]
+
+
+def write_pictures(
+    table: Table,
+    sequences: Mapping[str, FrameSequence],
+    presets: Sequence[Preset],
+    output: Path,
+    page: Path | None,
+    launcher: Launcher,
+) -> dict[str, str]:
+    """Write one PNG a preset into ``output``, and delete those that stand for none of them any more.
+
+    Returns the Markdown that shows each, by preset.
+    """
+    make_folder(output)
+    texts, stale = {}, {*preset_names(), *(preset.name for preset in presets)}
+    for preset in track(presets, len(presets), "showing failures", unit="presets"):
+        if preset.name != DEFAULT and all(row.presets[preset.name] == row.presets.get(DEFAULT) for row in table.rows):
+            texts[preset.name] = f"The same as {DEFAULT} on every sequence."
+            continue
+        if preset.name != DEFAULT and not any(_worse(row, preset.name) for row in table.rows):
+            texts[preset.name] = f"By FLIP worse than {DEFAULT} on no sequence."
+            continue
+        row = worst_row(table.rows, preset.name)
+        others = [] if preset.name == DEFAULT else [load_preset(DEFAULT)]
+        resolvers = {each.name: Resolver(each, launcher) for each in (preset, *others)}
+        crop = worst_crop(sequences[row.key], resolvers, preset.name)
+        path = output / f"{preset.name}.png"
+        write_png(path, _magnified(crop))
+        stale.remove(preset.name)
+        link = os.path.relpath(path, path.parent if page is None else page.parent)
+        texts[preset.name] = (
+            f"{caption(row, preset.name, crop.frame)}\n\n![{preset.name}]({quote(Path(link).as_posix())})"
+        )
+    for name in stale:
+        (output / f"{name}.png").unlink(missing_ok=True)
+    return texts
+
+
+def worst_row(rows: Sequence[Row], preset: str) -> Row:
+    """The sequence in which the preset's FLIP is largest against the default's (for the default: one sample's)."""
+    against = ONE_SAMPLE if preset == DEFAULT else DEFAULT
+
+    def ratio(row: Row) -> float:
+        own, other = (row.presets[name].scores["flip"] if name in row.presets else 1.0 for name in (preset, against))
+        return (own or 0.0) / (other or 1e-9)
+
+    return max(rows, key=ratio)
+
+
+def _worse(row: Row, preset: str) -> bool:
+    """Whether the preset's FLIP is above the default's; True where either is not known."""
+    own, default = (row.presets[name].scores["flip"] if name in row.presets else None for name in (preset, DEFAULT))
+    return own is None or default is None or own > default
+
+
+def worst_crop(sequence: FrameSequence, resolvers: Mapping[str, Resolver], preset: str) -> Crop:
+    """The place and frame at which the preset errs most beyond the default, in the second half of a sequence."""
+    side = max(8, sequence.height // SHARE)
+    return max(_candidates(sequence, resolvers, preset, side), key=lambda crop: crop.excess)
+
+
+def _candidates(sequence: FrameSequence, resolvers: Mapping[str, Resolver], preset: str, side: int) -> Iterator[Crop]:
+    reference = sequence.reference
+    assert reference is not None
+    ndimage, half = import_ndimage(), side // 2
+    for place, frame in enumerate(sequence):
+        outputs = {name: resolver.resolve(frame)[..., :3] for name, resolver in resolvers.items()}
+        if place < len(sequence) // 2:
+            continue
+        truth = reference.image(frame.index)
+        excess = error_map(outputs[preset], truth)
+        for name in outputs.keys() - {preset}:
+            excess = excess - error_map(outputs[name], truth)
+        window = ndimage.uniform_filter(excess, side)[half:-half, half:-half]
+        row, column = (int(place) for place in np.unravel_index(window.argmax(), window.shape))
+        area = np.s_[row : row + side, column : column + side]
+        images = {ONE_SAMPLE: frame.colour, **outputs, "truth": truth}
+        yield Crop(float(window.max()), frame.index, {name: image[area].copy() for name, image in images.items()})
+
+
+def _magnified(crop: Crop) -> Picture:
+    """The crops next to each other, each pixel a square, each with its name."""
+    tiles = []
+    for name, image in crop.images.items():
+        large = to_picture(image).repeat(ZOOM, axis=0).repeat(ZOOM, axis=1)
+        tiles += [label(large, name), np.full((large.shape[0], GAP, 3), 255, np.uint8)]
+    return np.concatenate(tiles[:-1], axis=1)
+
+
+def caption(row: Row, preset: str, frame: int) -> str:
+    """Which fault the preset has worst there, against the median of all presets judged on the sequence."""
+    scores = {name: judged.scores for name, judged in row.presets.items() if name != ONE_SAMPLE}
+    excess = {}
+    for fault in FAULTS:
+        values = [value for each in scores.values() if (value := each[fault]) is not None]
+        own = scores[preset][fault]
+        if own is not None and values:
+            excess[fault] = own / max(float(np.median(np.abs(values))), 1e-3)
+    if not excess:
+        return f"{row.scene} ({row.split}), frame {frame}."
+    worst = max(excess, key=lambda fault: excess[fault])
+    return f"{row.scene} ({row.split}), frame {frame}: {worst} {scores[preset][worst]:{_FORM[worst]}}."

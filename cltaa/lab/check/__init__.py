@@ -1,0 +1,1 @@
+"""Whether a sequence means what it says."""

@@ -1,0 +1,354 @@
+"""Whether cameras' matrices mean what their reader takes them for: transposed, inverted, flipped, late.
+
+Where an engine writes both, most pixels rest in the world, and there the two must be one. Read wrongly they are one
+under no other reading but the right one: tens of thousands of numbers agree with others or do not, which slow motion
+and coarse samples cannot hide as they hide how well pictures match.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from cltaa.camera import is_still, sky_closeness
+from cltaa.core.frame_checks import check_camera
+from cltaa.errors import DataError
+from cltaa.frame import Camera, Frame
+from cltaa.lab.check.hypotheses import COMBINED, MEANINGS, Affine, Change, Finding, affine_maps, regress, spoken
+from cltaa.lab.check.registration import COVERED, LEAST_POINTS, Pair, Shot, Vector, fit_shift, residual_of
+
+MOST_PAIRS, MOST_POINTS = 6, 8000  # looked at for each of a dozen meanings; more only cost time
+CLEARLY_BETTER = 0.85  # residual of the winner over that of the declaration
+
+
+def sound(frame: Frame, change: Change | None = None) -> bool:
+    """True when the camera of a frame, changed so, is one that can be used."""
+    try:
+        check_camera(frame.camera if change is None else change(frame.camera))
+    except (DataError, np.linalg.LinAlgError):
+        return False
+    return True
+
+
+def check_structure(frames: Sequence[Frame]) -> tuple[list[Finding], Change | None]:
+    """Findings about matrices that cannot be cameras, and what makes them ones (None: nothing does, or is needed)."""
+    wrong = [frame for frame in frames if not sound(frame)]
+    if not wrong:
+        return [], None
+    able = [name for name, meant in MEANINGS.items() if all(sound(frame, meant.change) for frame in frames)]
+    if able:
+        mismatch = {name: _mismatch(frames, MEANINGS[name].change) if len(able) > 1 else 0.0 for name in able}
+        name = min(able, key=lambda name: mismatch[name])
+        alike = [other for other in able if other != name and CLEARLY_BETTER * mismatch[other] <= mismatch[name]]
+        what, fix = MEANINGS[name]
+        row = " ".join(f"{number:g}" for number in wrong[0].camera.world_to_view[3])
+        clip = " ".join(f"{number:g}" for number in wrong[0].camera.view_to_clip[3])
+        evidence = f"last rows {row} and {clip} as read, of a camera only when {name.replace('-', ' ')}"
+        if alike:
+            evidence += f"; or {', '.join(alike)}, under which the pictures match about as well"
+        confidence = 0.95 / (1 + len(alike))
+        finding = Finding(
+            name=f"camera-{name}",
+            mistake=True,
+            confidence=confidence,
+            what=what,
+            evidence=evidence,
+            fix={"camera": fix},
+        )
+        return [finding], MEANINGS[name].change
+    evidence = f"frame {wrong[0].index}: neither as read nor transposed, inverted or flipped"
+    what = "the matrices are no camera"
+    return [Finding(name="camera-wrong", mistake=True, confidence=0.95, what=what, evidence=evidence)], None
+
+
+def _mismatch(frames: Sequence[Frame], change: Change) -> float:
+    """How badly frames match under other matrices; 0 where the camera stands, and any of them do."""
+    size = frames[0].width, frames[0].height  # no vectors are looked at
+    shot = Shot([replace(frame, camera=change(frame.camera)) for frame in frames], size)
+    return float(np.mean([camera_residual(pair, pair.camera_motion()) for pair in moving_pairs(shot)] or [0.0]))
+
+
+def check_projection_jitter(shot: Shot) -> list[Finding]:
+    """Find jitter that was left in the projection: its centre follows the declared jitter, frame by frame."""
+    sizes = np.array([shot.frames[0].width, shot.frames[0].height], float)
+    centre = np.array([_centre(frame.camera) for frame in shot.frames]) * sizes * (0.5, -0.5)
+    jitter = np.array([frame.jitter_px for frame in shot.frames])
+    centre, jitter = centre - centre.mean(0), jitter - jitter.mean(0)
+    if len(shot.frames) < 3 or not jitter.any() or np.abs(centre).max() < 1e-4:
+        return []
+    fit = regress(centre, jitter, np.ones(len(jitter)))
+    across, down = np.diag(fit.matrix).tolist()
+    if max(abs(abs(across) - 1.0), abs(abs(down) - 1.0)) > 0.1 or fit.left > 0.05:
+        return []
+    evidence = f"its centre moves by {across:.3f}, {down:.3f} x the declared jitter, to {fit.left:.1g} px"
+    name, fix = "jittered", {"jittered": True}
+    what = "the projection contains the jitter"
+    if across * down < 0.0:  # what is left of the two is found when it is read so
+        if shot.frames[0].camera.view_to_clip[1, 1] > 0.0:
+            return []
+        name, (what, fix) = "y-flipped", MEANINGS["y-flipped"]
+    return [
+        Finding(name=f"camera-{name}", mistake=True, confidence=0.98, what=what, evidence=evidence, fix={"camera": fix})
+    ]
+
+
+def check_travel(shot: Shot) -> list[Finding]:
+    """Judge other meanings of the matrices by how well the previous frame, fetched through them, matches this one."""
+    pairs = moving_pairs(shot)
+    if len(pairs) < 2 or not shot.has_camera:
+        return []
+    declared = np.array([camera_residual(pair, pair.camera_motion()) for pair in pairs])
+    candidates: dict[str, tuple[str, dict[str, object], Vector]] = {}
+    for name, meant in MEANINGS.items():
+        change = meant.change
+        if all(sound(frame, change) for frame in shot.frames):
+            scores = [
+                camera_residual(pair, pair.camera_motion(change(pair.frame.camera), change(pair.previous.camera)))
+                for pair in pairs
+            ]
+            candidates[name] = (meant.what, meant.fix, np.array(scores))
+    candidates |= dict(_late(shot, pairs))
+    if not candidates:
+        return []
+    best = min(candidates, key=lambda name: candidates[name][2].mean())
+    what, fix, winner = candidates[best]
+    if winner.mean() > CLEARLY_BETTER * declared.mean() or not _wins(winner, declared):
+        return []
+    evidence = f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, over {len(pairs)} pairs"
+    confidence = float(np.clip(1.0 - (winner.mean() / declared.mean()) ** 2, 0.3, 0.99))
+    return [
+        Finding(
+            name=f"camera-{best}",
+            mistake=True,
+            confidence=confidence,
+            what=what,
+            evidence=evidence,
+            fix={"camera": fix},
+        )
+    ]
+
+
+def _late(shot: Shot, pairs: Sequence[Pair]) -> Iterator[tuple[str, tuple[str, dict[str, object], Vector]]]:
+    cameras = {frame.index: frame.camera for frame in shot.frames}
+    for delay, name in ((1, "late"), (-1, "early")):  # of two that fit alike the first is taken: writers lag
+        scores = []
+        for pair in pairs:
+            later = delay * pair.frame.step
+            now, before = cameras.get(pair.frame.index + later), cameras.get(pair.previous.index + later)
+            # At the end of the sequence there is no such matrix: neither better nor worse than declared.
+            scores.append(
+                camera_residual(pair, pair.camera_motion(now, before) if now and before else pair.camera_motion())
+            )
+        which = "next" if delay > 0 else "previous"
+        yield name, (f"each frame's true matrices are those of the {which} frame", {"delay": delay}, np.array(scores))
+
+
+def moving_pairs(shot: Shot) -> list[Pair]:
+    """At most MOST_PAIRS pairs between which the camera moves."""
+    pairs = [pair for pair in shot.pairs if not is_still(pair.frame.camera, pair.previous.camera)]
+    return pairs[:: max(1, -(-len(pairs) // MOST_PAIRS))]
+
+
+def _wins(winner: Vector, declared: Vector) -> bool:
+    """True when most pairs in which the two differ agree."""
+    differ = np.abs(winner - declared) > 0.01
+    return bool(differ.any() and (winner < declared)[differ].mean() > 0.7)
+
+
+def camera_residual(pair: Pair, motion: Vector) -> float:
+    """How badly the previous frame, fetched through ``motion`` [2, n] and the best shift, matches; 0 to 1."""
+    there = ~np.isfinite(pair.own).all(0) & pair.usable
+    if there.sum() < LEAST_POINTS:
+        there = pair.usable
+    chosen = np.flatnonzero(there)[:: max(1, -(-int(there.sum()) // MOST_POINTS))]
+    x, y = pair.x[chosen] + motion[0, chosen], pair.y[chosen] + motion[1, chosen]
+    return fit_shift(pair.now[chosen], pair.before, x, y, pair.scale).residual
+
+
+def _centre(camera: Camera) -> Vector:
+    """Where the projection puts the viewing axis in NDC, [2]."""
+    column = 3 if camera.orthographic else 2
+    sign = 1.0 if camera.orthographic else -1.0
+    return sign * camera.view_to_clip[:2, column]
+
+
+MOST_VECTORS = 800  # of a pair: each must agree by itself
+LEAST_MOTION_PX = 0.02  # of the camera, in the middle of the picture's points
+AGREE, DISAGREE = 0.1, 0.25  # middle difference over middle motion; a wrong jitter alone makes 0.05
+ALIKE = 0.01  # differences nearer than that decide nothing: the plainer reading is taken
+SCALES = (1.0, 0.01, 100.0, 0.1, 10.0, 0.001, 1000.0)  # of depth
+MOST_SEEN, SAME = 4000, 1.002  # points of a pair whose picture is looked at; mismatches nearer than that are alike
+LEAKS = (0.0, 1.0, -1.0)  # of the change of jitter, in the vectors
+
+
+class _Reading(NamedTuple):
+    """One reading of matrices, depth and vectors, how far the two then differ, and how fast the camera then moves."""
+
+    camera: str
+    scale: float
+    vectors: str
+    leak: float
+    apart: float
+    moved: float
+
+    @property
+    def changes(self) -> int:
+        """In how many ways it differs from what was declared."""
+        words = len(COMBINED[self.camera].fix) + len(self.vectors.split())
+        return words + (self.scale != 1.0) + (self.leak != 0.0)
+
+
+def check_agreement(shot: Shot) -> list[Finding]:
+    """Findings about matrices, unit of depth and vectors, where only another reading makes them agree."""
+    pairs = _filled(shot)
+    if len(pairs) < 2:
+        return []
+    maps = affine_maps(*shot.window)
+    declared = min(_compared(pairs, "", 1.0, {"": maps[""]}), key=lambda reading: reading.apart)
+    if declared.apart < DISAGREE * max(declared.moved, LEAST_MOTION_PX):
+        return []
+    able = [name for name, meant in COMBINED.items() if all(sound(frame, meant.change) for frame in shot.frames)]
+    tried = [reading for name in able for scale in SCALES for reading in _compared(pairs, name, scale, maps)]
+    agreeing = [r for r in tried if r.moved > LEAST_MOTION_PX and r.apart < AGREE * r.moved]
+    if not agreeing:
+        return []
+    nearest = min(reading.apart / reading.moved for reading in agreeing)
+    alike = [reading for reading in agreeing if reading.apart / reading.moved < nearest + ALIKE]
+    return _findings(_seen(alike, moving_pairs(shot), maps), declared, maps, len(pairs))
+
+
+def tells_map(shot: Shot, meant: Affine) -> bool:
+    """True where vectors that agree with matrices and depth, under ``meant`` alone, would be told apart from it."""
+    pairs, plain = _filled(shot), Affine(np.eye(2))
+    if len(pairs) < 2:
+        return False
+    right, wrong = (min(reading.apart for reading in _compared(pairs, "", 1.0, {"": map_})) for map_ in (plain, meant))
+    moved = float(np.mean([middle_length(pair.camera_motion()) for pair in pairs]))
+    return right < AGREE * moved and wrong >= DISAGREE * max(moved, LEAST_MOTION_PX)
+
+
+def _filled(shot: Shot) -> list[Pair]:
+    """Pairs between which the camera moves and whose vectors fill the picture, at a few of their points."""
+    pairs = [_sparse(pair) for pair in moving_pairs(shot)] if shot.has_camera and shot.has_depth else []
+    pairs = [pair for pair in pairs if len(pair.x) >= LEAST_POINTS and np.isfinite(pair.own).all(0).mean() >= COVERED]
+    # A projection alone changes by a zoom, or by the jitter that was left in it.
+    return [p for p in pairs if not np.array_equal(p.frame.camera.world_to_view, p.previous.camera.world_to_view)]
+
+
+def _seen(alike: Sequence[_Reading], pairs: Sequence[Pair], maps: dict[str, Affine]) -> _Reading:
+    """The plainest of readings that agree, of those of the vectors that the pictures bear out best.
+
+    Inverse matrices and vectors to the frame after agree as well as the right ones do, to the first order.
+    """
+    mismatch = {
+        kind: float(np.mean([_vector_mismatch(pair, maps[kind[0]], kind[1]) for pair in pairs]))
+        for kind in {(reading.vectors, reading.leak) for reading in alike}
+    }
+    most = SAME * min(mismatch.values())
+    return min((r for r in alike if mismatch[r.vectors, r.leak] <= most), key=lambda reading: reading.changes)
+
+
+def _vector_mismatch(pair: Pair, meant: Affine, leak: float) -> float:
+    """How badly the previous frame, fetched through the vectors, matches: by the declared jitter and by any shift."""
+    there = np.flatnonzero(np.isfinite(pair.own).all(0) & pair.usable)
+    there = there[:: max(1, -(-len(there) // MOST_SEEN))]
+    u, v = meant(pair.own[:, there]) - leak * pair.jitter_change[:, None]
+    x, y, now = pair.x[there] + u, pair.y[there] + v, pair.now[there]
+    right, down = pair.jitter_change
+    declared = residual_of(now, pair.before, x + right, y + down, pair.scale)
+    return declared + fit_shift(now, pair.before, x, y, pair.scale).residual
+
+
+def _sparse(pair: Pair) -> Pair:
+    """``pair`` at a few of its points, such as have a depth: the sky says nothing of its unit."""
+    chosen = np.flatnonzero(pair.closeness != sky_closeness(pair.frame.camera))
+    if len(chosen) < LEAST_POINTS:
+        chosen = np.arange(len(pair.x))
+    chosen = chosen[:: max(1, len(chosen) // MOST_VECTORS)]
+    return replace(
+        pair,
+        x=pair.x[chosen],
+        y=pair.y[chosen],
+        now=pair.now[chosen],
+        closeness=pair.closeness[chosen],
+        own=pair.own[:, chosen],
+        usable=pair.usable[chosen],
+    )
+
+
+def _compared(pairs: Sequence[Pair], camera: str, scale: float, maps: dict[str, Affine]) -> Iterator[_Reading]:
+    """How far vectors under each of ``maps`` are from the camera's motion under one reading of that."""
+    change = COMBINED[camera].change
+    motions = [
+        pair.camera_motion(change(pair.frame.camera), change(pair.previous.camera), pair.closeness / scale)
+        for pair in pairs
+    ]
+    moved = float(np.mean([middle_length(motion) for motion in motions]))
+    for name, meant in maps.items():
+        vectors = [meant(pair.own) for pair in pairs]
+        for leak in LEAKS:
+            apart = [
+                middle_length(own - leak * pair.jitter_change[:, None] - motion)
+                for pair, own, motion in zip(pairs, vectors, motions, strict=True)
+            ]
+            yield _Reading(camera, scale, name, leak, float(np.mean(apart)), moved)
+
+
+def middle_length(vectors: Vector) -> float:
+    """The middle length of those of ``vectors`` [2, n] that are numbers; infinite where there is none."""
+    known = vectors[:, np.isfinite(vectors).all(0)]
+    return float(np.median(np.hypot(*known))) if known.size else np.inf
+
+
+def _findings(best: _Reading, declared: _Reading, maps: dict[str, Affine], pairs: int) -> list[Finding]:
+    evidence = f"matrices and vectors of {pairs} pairs agree so, to {best.apart:.2g} px of {best.moved:.2g}, "
+    evidence += f"as declared only to {declared.apart:.2g}"
+    confidence = float(np.clip(1.0 - best.apart / best.moved, 0.3, 0.99))
+    made = []
+    if best.camera:
+        meant = COMBINED[best.camera]
+        made.append((f"camera-{best.camera}", meant.what, {"camera": meant.fix}))
+    if best.scale != 1.0:
+        what = f"depth and matrices have different units: depth times {best.scale:g} fits"
+        made.append(("depth-scaled", what, {"depth": {"scale": best.scale}}))
+    if best.vectors:
+        what = f"the motion vectors are {spoken(best.vectors)}"
+        made.append((f"motion-{best.vectors.replace(' ', '-')}", what, {"motion": maps[best.vectors].fix}))
+    return [
+        Finding(name=name, mistake=True, confidence=confidence, what=what, evidence=evidence, fix=fix)
+        for name, what, fix in made
+    ]
+
+
+def check_upside_down(shot: Shot) -> list[Finding]:
+    """Find a projection that turns the picture over, as Vulkan's does, where the camera moves the same either way.
+
+    A right-handed view and such a projection draw the world mirrored. Only a picture whose rows go up is right so; that
+    is believed where the vectors that fill it, or the pixels, bear it out.
+    """
+    name, clip = "y-flipped", shot.frames[0].camera.view_to_clip
+    if not (shot.has_camera and clip[0, 0] > 0.0 > clip[1, 1]):
+        return []
+    change, pairs = MEANINGS[name].change, moving_pairs(shot)
+    turned = [pair.camera_motion(change(pair.frame.camera), change(pair.previous.camera)) for pair in pairs]
+    if pairs and all(_borne_out(pair, motion) for pair, motion in zip(pairs, turned, strict=True)):
+        return []  # were the vectors turned over too, the check of these would say so
+    matched = [camera_residual(pair, pair.camera_motion()) for pair in pairs]
+    otherwise = [camera_residual(pair, motion) for pair, motion in zip(pairs, turned, strict=True)]
+    if pairs and np.mean(matched) < CLEARLY_BETTER * np.mean(otherwise):
+        return []
+    what, fix = MEANINGS[name]
+    evidence = f"it scales y by {clip[1, 1]:.3g} and x by {clip[0, 0]:.3g}: the world would be seen mirrored"
+    return [
+        Finding(name=f"camera-{name}", mistake=True, confidence=0.9, what=what, evidence=evidence, fix={"camera": fix})
+    ]
+
+
+def _borne_out(pair: Pair, turned: Vector) -> bool:
+    """True where vectors fill the picture that are the declared camera's motion, and not the ``turned`` one [2, n]."""
+    if np.isfinite(pair.own).all(0).mean() < COVERED:
+        return False
+    return middle_length(pair.own - pair.camera_motion()) < DISAGREE * middle_length(pair.own - turned)

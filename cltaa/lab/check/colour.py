@@ -1,0 +1,169 @@
+"""Whether colour is linear light and exposure is declared, both guesses; whether channels hold anything, a fact."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from cltaa.camera import is_still
+from cltaa.frame import Frame
+from cltaa.io.display import encoded
+from cltaa.lab.check.hypotheses import Finding
+from cltaa.lab.check.registration import Vector
+from cltaa.printable import counted
+
+# In linear light a scene that is lit from outside reaches down to its dark paints in shade, some hundredths of its
+# white; the sRGB curve lifts these above a tenth (0.01 to 0.1, 0.05 to 0.25), and squeezes everything below 1.
+DARKEST_ENCODED, MIDDLE_ENCODED = 0.11, 0.35
+SHADOWS = 0.005  # quantile that stands for the dark end; sub-pixel glints and holes are rarer
+MOST_FRAMES, MOST_PIXELS = 4, 250_000  # looked at, and of each frame
+LEVELS = 255
+ON_LEVELS = 0.98  # share of values on 8-bit steps; of float values about 2 in 1000 are, by chance
+HALF = 0.5  # a vector of nothing, in pictures that hold no negative numbers
+HALF_STEPS = 1e-3  # nearness to a step of 8 bits, in steps
+
+
+def check_colour(frames: Sequence[Frame]) -> list[Finding]:
+    """Guess whether colour is encoded for a display, and find 8-bit sources."""
+    step = max(1, frames[0].width * frames[0].height // MOST_PIXELS)
+    colour = np.concatenate([frame.colour.reshape(-1, 3)[::step] for frame in frames[:MOST_FRAMES]]).astype(np.float64)
+    lit = colour[(colour > 0).any(1) & np.isfinite(colour).all(1)]
+    if len(lit) < 100:
+        return []
+    light = lit.ravel()
+    dark, middle, bright = np.quantile(light, [SHADOWS, 0.5, 1.0])
+    numbers = f"darkest {SHADOWS:.1%} below {dark:.3f}, middle {middle:.3f}, brightest {bright:.3f}"
+    if _share_on_levels(lit) > ON_LEVELS:
+        what = "colour consists of 8-bit steps, so it is encoded for a display"
+        return [_encoded(what, f"{_share_on_levels(lit):.0%} of all values are k/{LEVELS}; {numbers}", 0.95)]
+    darker = np.maximum(light[light < 1.0], 0.0)  # white lies on a step, whatever it was made of
+    if bright <= 1.0 and _share_on_levels(encoded(darker)) > ON_LEVELS:
+        what = "colour was made linear from 8 bits: its dark steps are coarse and nothing is brighter than white"
+        return [Finding(name="colour-8-bit", mistake=False, confidence=0.95, what=what, evidence=numbers)]
+    if bright <= 1.0 and dark > DARKEST_ENCODED and middle > MIDDLE_ENCODED:
+        confidence = float(min(0.9, 0.5 + 2 * (dark - DARKEST_ENCODED)))
+        return [_encoded("colour looks encoded for a display (a guess)", numbers, confidence)]
+    return []
+
+
+def check_channels(frames: Sequence[Frame], *, has_camera: bool, has_depth: bool) -> list[Finding]:
+    """Find channels that hold one number only, or nothing that can be used."""
+    return [*_channels(frames, has_camera, has_depth)]
+
+
+def _channels(frames: Sequence[Frame], has_camera: bool, has_depth: bool) -> Iterator[Finding]:
+    colour = np.stack([frame.colour for frame in frames])
+    wrong = float((~np.isfinite(colour)).mean())
+    if wrong:
+        yield _channel("colour-not-finite", wrong > 0.001, f"{wrong:.2%} of colour is NaN or infinite", "colour")
+    if np.isfinite(colour).any() and np.nanmin(colour) == np.nanmax(colour):
+        yield _channel("colour-constant", True, f"every value is {np.nanmin(colour):g}", "colour")
+    if len(frames) > 1 and all(np.array_equal(frame.colour, frames[0].colour) for frame in frames[1:]):
+        yield _channel("colour-repeated", True, f"all {len(frames)} frames are the same picture", "colour")
+    if has_depth:
+        depth = np.stack([frame.depth for frame in frames])
+        if wrong := float(np.isnan(depth).mean()):  # infinity is the sky
+            yield _channel("depth-not-a-number", wrong > 0.001, f"{wrong:.2%} of depth is NaN", "depth")
+        finite = depth[np.isfinite(depth)]
+        if len(finite) and np.ptp(finite) == 0.0 and len(finite) > 0.5 * depth.size:
+            yield _channel("depth-constant", True, f"every depth is {finite[0]:g}", "depth")
+    vectors = [frame.motion for frame in frames[1:] if frame.motion is not None]
+    if vectors:
+        given = np.concatenate([v[np.isfinite(v).all(-1)] for v in vectors])
+        if len(given) and not np.ptp(given, axis=0).any():
+            text = f"every vector of {counted(len(vectors), 'frame')} is ({given[0, 0]:g}, {given[0, 1]:g})"
+            rests = has_camera and all(is_still(f.camera, frames[0].camera) for f in frames)
+            if rests and (given[0] == HALF).all():
+                yield Finding(
+                    name="motion-centred-on-half",
+                    mistake=True,
+                    confidence=0.9,
+                    evidence=text,
+                    what="the motion vectors are around 0.5, and nothing moves",
+                    fix={"motion": {"offset": [HALF] * 2}},
+                )
+            else:
+                yield _channel("motion-constant", not rests or bool(given.any()), text, "motion")
+
+
+def _channel(name: str, mistake: bool, evidence: str, channel: str) -> Finding:
+    what = f"{channel} carries no information" if name.endswith(("constant", "repeated")) else f"{channel} is damaged"
+    return Finding(name=name, mistake=mistake, confidence=0.99, what=what, evidence=evidence)
+
+
+def _encoded(what: str, evidence: str, confidence: float) -> Finding:
+    return Finding(
+        name="colour-encoded",
+        mistake=True,
+        confidence=confidence,
+        what=what,
+        evidence=evidence,
+        fix={"colour": {"encoding": "srgb"}},
+    )
+
+
+def _share_on_levels(values: Vector) -> float:
+    steps = values[(values > 0) & (values < 1)] * LEVELS
+    return float((np.abs(steps - np.round(steps)) < HALF_STEPS).mean()) if len(steps) else 0.0
+
+
+QUANTILES = np.linspace(0.1, 0.9, 9)  # of the light of all pixels; an exposure moves each by one factor
+LEAST_CHANGE = 0.1  # of the logarithm, since the shot began; scenes that are lit alike stay below half of it
+# Of the change, by which all quantiles but one may differ; those of a sun that wanders do by 0.19 in the second of 24
+# frames. One may lie between the light and the dark of a pattern: a few pixels more of either move it far.
+SPREAD = 0.12
+NEAR = 0.25  # of what is declared, by which the change of the pixels may lie beside it
+LEAST_FRAMES = 2  # one alone may be a lamp that is switched on
+LEAST_PIXELS = 100  # with light
+
+
+def check_exposure(frames: Sequence[Frame]) -> list[Finding]:
+    """Find an exposure that changes in the pixels and not in the frames, and one that does so in the frames alone."""
+    changes = list(_changes(frames))
+    if not changes:
+        return []
+    seen = np.array([change for change, _ in changes])
+    told = np.array([exposure for _, exposure in changes])
+    left = seen - told[:, None]
+    middle = np.median(left, axis=1)
+    order = np.abs(left - middle[:, None]).argsort(axis=1)
+    most = np.take_along_axis(left, order[:, :-1], axis=1)  # all but the farthest
+    as_one = (np.ptp(most, axis=1) <= SPREAD * np.abs(middle)) & (np.abs(middle) >= LEAST_CHANGE)
+    if as_one.sum() < LEAST_FRAMES:
+        return []
+    evidence = (
+        f"in {as_one.sum()} of {len(frames)} frames all brightnesses have changed by one factor that is not declared, "
+        f"{np.exp(middle[as_one].min()):.2f} to {np.exp(middle[as_one].max()):.2f}"
+    )
+    told, pixels = told[as_one], (middle + told)[as_one]
+    declared = NEAR * np.abs(told)
+    if (np.abs(told) >= LEAST_CHANGE).all():
+        if (np.abs(pixels) <= declared).all():
+            return [_wrong("not-applied", "the colour was not multiplied by the exposure: leave it out", evidence)]
+        if (np.abs(pixels + told) <= declared).all():
+            return [_wrong("inverted", "the colour was divided by the exposure: declare one over it", evidence)]
+    what = "the picture's brightness changes as a whole; if it is an exposure, give it to each frame with --camera FILE"
+    return [Finding(name="exposure-missing", mistake=False, confidence=0.8, what=what, evidence=evidence)]
+
+
+def _wrong(name: str, what: str, evidence: str) -> Finding:
+    return Finding(name=f"exposure-{name}", mistake=True, confidence=0.9, what=what, evidence=evidence)
+
+
+def _changes(frames: Sequence[Frame]) -> Iterator[tuple[Vector, float]]:
+    """By how much the logarithm of each quantile of the light has changed since the shot began, and the exposure's."""
+    first, exposure = _light(frames[0]), frames[0].exposure
+    for frame in frames[1:]:
+        light = _light(frame)
+        if frame.cut or first is None:
+            first, exposure = light, frame.exposure
+        elif light is not None:
+            yield light - first, float(np.log(frame.exposure / exposure))
+
+
+def _light(frame: Frame) -> Vector | None:
+    """The logarithm of each quantile of the light of those pixels that have any; None for too few."""
+    light = frame.colour.mean(-1, dtype=np.float64)
+    lit = light[(light > 0) & np.isfinite(light)]
+    return None if len(lit) < LEAST_PIXELS else np.asarray(np.log(np.quantile(lit, QUANTILES)), np.float64)

@@ -1,0 +1,197 @@
+"""Which kind of depth the depth channel holds.
+
+A rasteriser draws planes, and over a plane 1/Z is a linear function of the pixel (docs/conventions.md, Matrices). So
+the right reading of the channel is the one under which the second differences of closeness vanish, whatever is shown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.frame import Frame
+from cltaa.inputs.convert import planes_of, ray_length
+from cltaa.lab.check.camera import CLEARLY_BETTER, camera_residual, moving_pairs
+from cltaa.lab.check.hypotheses import Finding
+from cltaa.lab.check.registration import Pair, Shot, Vector
+
+Plane = NDArray[np.float64]
+
+ROUNDING = 16  # steps of the numbers: second difference of three of them, with as much again for the rasteriser
+FINEST, COARSE = 2.0**-23, 2.0**-11.5  # step of float32; the least of halves is 2^-11
+CLEARLY_MORE = 0.8  # share of the pixels that tell two readings apart
+LEAST_PIXELS = 200
+MOST_FRAMES = 3  # a kind of depth is the same in all; more only cost time
+DEVICE = "depth is a device depth, 0 near to 1 far"
+SCALES = (0.001, 0.01, 0.1, 0.2, 0.5, 2.0, 5.0, 10.0, 100.0, 1000.0)  # tried first; the best is then made exact
+STEPS = (2.0**0.5, 2.0**0.25, 2.0**0.125, 2.0**0.0625)  # up and down from there, to about 4 %
+ROUND_NUMBER = 0.1  # how near to a power of ten is meant to be one
+
+
+def check_depth(frames: Sequence[Frame]) -> list[Finding]:
+    """Findings about the kind and direction of depth, from single frames."""
+    frames = frames[:MOST_FRAMES]
+    depth = [frame.depth.astype(np.float64) for frame in frames]
+    finite = np.concatenate([plane[np.isfinite(plane)] for plane in depth])
+    if not len(finite):
+        return []
+    if (finite < 0).mean() > 0.9:
+        evidence = f"{(finite < 0).mean():.0%} of the depths are negative"
+        what = "depth is negative in front of the camera"
+        return [_finding("depth-negative", what, evidence, 0.99, {"scale": -1.0})]
+    shares = _flat_shares(frames, depth)
+    wrong = {kind: share for kind, share in shares.items() if share[kind] > CLEARLY_MORE}
+    for kind, share in wrong.items():
+        evidence = f"of the pixels that tell, {share[kind]:.1%} lie on planes as {kind} and "
+        evidence += f"{share['planar']:.1%} as planar depth"
+        if kind == "ray":
+            what = "depth is the distance along the ray, not along the view axis"
+            return [_finding("depth-ray", what, evidence, share[kind], {"kind": "ray"})]
+        return [_reciprocal(frames, finite, evidence, share[kind])]
+    if _looks_like_device(finite):
+        evidence = f"all values within {finite.min():.4g} and {finite.max():.4g}, their middle {np.median(finite):.4g}"
+        return [_finding("depth-device", DEVICE, evidence, 0.7, {"kind": "device"})]
+    return []
+
+
+def _looks_like_device(finite: Vector) -> bool:
+    """True for values that crowd below 1: planes cannot tell there, for all of 1/Z lies within a few roundings."""
+    return bool(finite.min() >= 0.0 and finite.max() <= 1.0 and np.median(finite) > 0.9)
+
+
+def check_depth_scale(shot: Shot) -> list[Finding]:
+    """Find depth in other units than the matrices, by the parallax of a camera that travels."""
+    pairs = moving_pairs(shot)
+    if len(pairs) < 2 or not (shot.has_depth and shot.has_camera) or shot.frames[0].camera.orthographic:
+        return []
+    declared = np.array([camera_residual(pair, pair.camera_motion()) for pair in pairs])
+    best, winner = min(((scale, _residuals(pairs, scale)) for scale in SCALES), key=lambda tried: tried[1].mean())
+    if winner.mean() > CLEARLY_BETTER * declared.mean() or (winner < declared).mean() < 0.7:
+        return []
+    for step in STEPS:
+        tried = [(best * by, _residuals(pairs, best * by)) for by in (1 / step, step)]
+        best, winner = min([(best, winner), *tried], key=lambda one: one[1].mean())
+    decade = 10.0 ** round(np.log10(best))
+    scale = decade if abs(best / decade - 1) < ROUND_NUMBER else float(f"{best:.2g}")
+    evidence = f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, over {len(pairs)} pairs"
+    confidence = float(np.clip(1.0 - (winner.mean() / declared.mean()) ** 2, 0.3, 0.99))
+    what = f"depth and matrices have different units: depth times {scale:g} fits"
+    return [_finding("depth-scaled", what, evidence, confidence, {"scale": scale})]
+
+
+def _residuals(pairs: Sequence[Pair], scale: float) -> Vector:
+    """How badly each pair matches where depth is ``scale`` times what it says."""
+    return np.array([camera_residual(pair, pair.camera_motion(closeness=pair.closeness / scale)) for pair in pairs])
+
+
+def tells_kind(frames: Sequence[Frame]) -> bool:
+    """True where planes in view lie aslant, so that 1/Z and Z differ over them."""
+    frames = frames[:MOST_FRAMES]
+    return "reciprocal" in _flat_shares(frames, [frame.depth.astype(np.float64) for frame in frames])
+
+
+def _flat_shares(frames: Sequence[Frame], depth: Sequence[Plane]) -> dict[str, dict[str, float]]:
+    """Share of pixels on planes under each other reading and under planar depth, where the two differ."""
+    flat: dict[str, list[NDArray[np.bool_]]] = {"planar": [], "ray": [], "reciprocal": []}
+    for frame, raw in zip(frames, depth, strict=True):
+        usable = np.isfinite(raw) & (raw > 0) & (raw < 1e9)
+        step = _step(raw[usable])
+        for kind, closeness in _readings(frame, np.where(usable, raw, np.nan)).items():
+            # Along rows and along columns: a level floor is at one depth along each row.
+            flat[kind] += [_is_flat(lines, step)[_is_known(lines)] for lines in (closeness, closeness.T)]
+    table = {kind: np.concatenate(planes) for kind, planes in flat.items()}
+    shares = {}
+    for kind in ("ray", "reciprocal"):
+        telling = table[kind] != table["planar"]
+        if telling.sum() >= LEAST_PIXELS:
+            share = float(table[kind][telling].mean())
+            shares[kind] = {kind: share, "planar": 1.0 - share}
+    return shares
+
+
+def _readings(frame: Frame, raw: Plane) -> dict[str, Plane]:
+    """What would be linear over a plane if ``raw`` were planar depth, distance along the ray, or a reciprocal depth."""
+    near = 1.0 / raw
+    if frame.camera.orthographic:
+        return {"planar": raw, "ray": raw, "reciprocal": near}
+    return {"planar": near, "ray": near * ray_length(raw.shape, frame.camera, frame.jitter_px), "reciprocal": raw}
+
+
+def _is_known(lines: Plane) -> NDArray[np.bool_]:
+    return np.isfinite(lines[:, :-2] + lines[:, 1:-1] + lines[:, 2:])
+
+
+def _step(values: Vector) -> float:
+    """How far apart two numbers lie at most, relative to them: of float32, or of the halves that they were."""
+    distinct = np.unique(values)
+    least = float((np.diff(distinct) / distinct[1:]).min()) if len(distinct) > 1 else 0.0
+    return 2.0 * least if least > COARSE else FINEST
+
+
+def _is_flat(lines: Plane, step: float) -> NDArray[np.bool_]:
+    """True where three neighbours of a row lie on a line, to rounding."""
+    left, middle, right = lines[:, :-2], lines[:, 1:-1], lines[:, 2:]
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs(left - 2 * middle + right) <= ROUNDING * step * np.abs(middle))
+
+
+def _reciprocal(frames: Sequence[Frame], finite: Vector, evidence: str, confidence: float) -> Finding:
+    """Tell 1/Z from device depth, and its direction, by range and by what the sky and the lower rows hold."""
+    bounded = finite.max() <= 1.0 and finite.min() >= 0.0
+    sky_at_one, sky_at_zero = float((finite == 1.0).mean()), float((finite == 0.0).mean())
+    depth = np.stack([frame.depth for frame in frames])
+    rows = depth.shape[1]
+    lower, upper = (_middle(part) for part in (depth[:, -(-rows * 5 // 6) :], depth[:, : rows // 2]))
+    nearer_is_smaller = sky_at_one > sky_at_zero if max(sky_at_one, sky_at_zero) > 0.01 else bool(lower < upper)
+    evidence += f"; values {finite.min():.4g} to {finite.max():.4g}"
+    if bounded and nearer_is_smaller:
+        return _finding("depth-device", DEVICE, evidence, confidence, {"kind": "device"})
+    return _finding(
+        "depth-inverse", "depth is 1/Z, or a reversed device depth", evidence, confidence, {"kind": "inverse"}
+    )
+
+
+def _middle(values: NDArray[np.float32]) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else np.inf
+
+
+def tell_device(shot: Shot, found: Finding) -> Finding:
+    """Tell reversed device depth (near / Z) from 1/Z, and which near plane device depth has.
+
+    A projection that falls with distance says so itself. Else the two differ by a factor, which the parallax of a
+    travelling camera shows; of device depth it is 2, as clip space begins at -1 or at 0.
+    """
+    clip = shot.frames[0].camera.view_to_clip
+    reverse = found.name == "depth-inverse"
+    if reverse and clip[2, 3] > 0.0 and not shot.frames[0].camera.orthographic:
+        return _reversed(found, "the projection is reversed too")
+    pairs = moving_pairs(shot)
+    near, other = (planes_of(clip, from_zero=from_zero)[0] for from_zero in (False, True))
+    if len(pairs) < 2 or near <= 0.0 or (reverse and near == 1.0):
+        return found
+    raw = [pair.frame.depth[pair.y.astype(int), pair.x.astype(int)].astype(np.float64) for pair in pairs]
+    stored = raw if reverse else [1.0 - values for values in raw]
+    plain, changed = (
+        np.array([camera_residual(p, p.camera_motion(closeness=q * by)) for p, q in zip(pairs, stored, strict=True)])
+        for by in ((1.0, near) if reverse else (near, other))
+    )
+    if changed.mean() >= plain.mean():
+        return found
+    if reverse:
+        return _reversed(found, f"residual {changed.mean():.3f} as near / Z, {plain.mean():.3f} as 1/Z")
+    evidence = f"{found.evidence}; residual {changed.mean():.3f} with a clip space from 0, {plain.mean():.3f} from -1"
+    return _finding(found.name, found.what, evidence, found.confidence, {"kind": "device", "near": 1.0 / other})
+
+
+def _reversed(found: Finding, evidence: str) -> Finding:
+    what = "depth is a reversed device depth, 1 near to 0 far"
+    return _finding(
+        "depth-device-reversed", what, f"{found.evidence}; {evidence}", found.confidence, {"kind": "device-reversed"}
+    )
+
+
+def _finding(name: str, what: str, evidence: str, confidence: float, fix: dict[str, object]) -> Finding:
+    return Finding(name=name, mistake=True, confidence=confidence, what=what, evidence=evidence, fix={"depth": fix})

@@ -1,0 +1,171 @@
+"""Findings, and the hypotheses that they name: linear maps of vectors, and readings of matrices."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from itertools import product
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from cltaa.frame import Camera
+from cltaa.inputs.convert import mended_camera
+from cltaa.inputs.profile import Cameras
+from cltaa.lab.check.registration import Vector
+
+
+class Finding(msgspec.Struct, frozen=True, kw_only=True):
+    """One thing that is wrong (``mistake``), or worth knowing and not wrong (a note).
+
+    ``confidence`` is 0 to 1; ``evidence`` the numbers behind it; ``fix`` the keys of a reader profile that mend it,
+    relative to how the frames were read, empty where only rendering again helps; ``option`` the same on a command
+    line.
+    """
+
+    name: str
+    mistake: bool
+    confidence: float
+    what: str
+    evidence: str
+    fix: dict[str, dict[str, Any]] = {}
+    option: str = ""
+
+
+_SPOKEN = {
+    "negated": "of the other sign",
+    "x-negated": "of the other sign in x",
+    "y-flipped": "of the other sign in y",
+    "scaled-0.5": "twice the right size",
+    "scaled-2": "half the right size",
+    "swapped": "y before x",
+    "units-uv": "fractions of the picture",
+    "units-ndc": "halves of the picture, y up",
+    "centred-on-half": "around 0.5",
+    "uv": "in fractions of the picture",
+    "ndc": "in halves of the picture, y up",
+}
+_SIGNS = {"": (1.0, 1.0), "negated": (-1.0, -1.0), "x-negated": (-1.0, 1.0), "y-flipped": (1.0, -1.0)}
+
+
+def linear_maps(width: int, height: int) -> dict[str, Vector]:
+    """True value = map @ declared value, [2, 2], for each name; the empty name is the identity.
+
+    ``uv`` and ``ndc`` mean that the declared numbers are fractions of the display window, y down and y up.
+    """
+    maps: dict[str, Vector] = {}
+    for sign, factors in _SIGNS.items():
+        maps[sign] = np.diag(factors)
+        for size in (0.5, 2.0):
+            maps[f"scaled-{size:g} {sign}".strip()] = size * np.diag(factors)
+        maps[f"units-uv {sign}".strip()] = np.diag(np.multiply(factors, (width, height)))
+        maps[f"units-ndc {sign}".strip()] = np.diag(np.multiply(factors, (width / 2, -height / 2)))
+        maps[f"swapped {sign}".strip()] = np.diag(factors) @ np.array([[0.0, 1.0], [1.0, 0.0]])
+    return maps
+
+
+def spoken(name: str) -> str:
+    """What the declared numbers are, if the map of this name makes the true ones of them."""
+    return ", ".join(_SPOKEN[word] for word in name.split())
+
+
+class Affine(NamedTuple):
+    """True vector = matrix @ (declared vector - offset)."""
+
+    matrix: Vector  # [2, 2]
+    offset: float = 0.0  # of both axes
+
+    def __call__(self, declared: Vector) -> Vector:
+        """The true vectors [2, n]."""
+        return np.asarray(self.matrix @ (declared - self.offset), np.float64)
+
+    @property
+    def fix(self) -> dict[str, object]:
+        """Keys of a profile that say so."""
+        return linear_fix(self.matrix) | ({"offset": [self.offset] * 2} if self.offset else {})
+
+
+def affine_maps(width: int, height: int) -> dict[str, Affine]:
+    """The linear maps, and fractions of the picture or halves of it that lie around 0.5, as pictures hold them."""
+    maps = {name: Affine(matrix) for name, matrix in linear_maps(width, height).items()}
+    for name, unit in (("uv", (width, height)), ("ndc", (width, -height))):
+        for sign in (1.0, -1.0):
+            maps[f"centred-on-half {name}{' negated' if sign < 0 else ''}"] = Affine(sign * np.diag(unit), 0.5)
+    return maps
+
+
+def linear_fix(matrix: Vector) -> dict[str, object]:
+    """Keys of a profile, of motion or jitter, for true value = matrix @ declared value."""
+    swap = bool(matrix[0, 0] == 0.0)
+    scale = [float(matrix[0, 1]), float(matrix[1, 0])] if swap else [float(matrix[0, 0]), float(matrix[1, 1])]
+    return {"scale": scale, "swap": True} if swap else {"scale": scale}
+
+
+class Regression(NamedTuple):
+    """Measured = matrix @ declared, by least squares, and what is left over, root mean square in pixels."""
+
+    matrix: Vector  # [2, 2]
+    left: float
+
+
+def regress(measured: Vector, declared: Vector, weights: Vector) -> Regression:
+    """Fit ``measured`` [n, 2] by ``declared`` [n, 2], each row weighed by ``weights`` [n]."""
+    root = np.sqrt(weights)[:, None]
+    matrix, *_ = np.linalg.lstsq(declared * root, measured * root, rcond=None)
+    found = np.asarray(matrix.T, np.float64)
+    return Regression(found, left_over(measured, declared, found, weights))
+
+
+def left_over(measured: Vector, declared: Vector, matrix: Vector, weights: Vector) -> float:
+    """Root mean square length of measured - matrix @ declared, in pixels."""
+    difference = ((measured - declared @ matrix.T) ** 2).sum(1)
+    return float(np.sqrt((difference * weights).sum() / weights.sum()))
+
+
+Change = Callable[[Camera], Camera]
+
+
+class Meaning(NamedTuple):
+    """What it is called, the keys of a profile that say so, and the camera that was meant."""
+
+    what: str
+    fix: dict[str, Any]
+
+    def change(self, camera: Camera) -> Camera:
+        """``camera``, which was read as declared, as it was meant; raises LinAlgError where it cannot be."""
+        rule = Cameras(**self.fix)
+        return mended_camera(camera.world_to_view, camera.view_to_clip, rule, (0.0, 0.0), 1, 1)
+
+
+_TRANSPOSED = {"transposed": Meaning("the matrices are transposed", {"layout": "column"})}
+_HALF_TRANSPOSED = {
+    "view-transposed": Meaning("the view matrix is transposed", {"view_layout": "column"}),
+    "projection-transposed": Meaning("the projection is transposed", {"projection_layout": "column"}),
+}
+_INVERSE = {"inverse": Meaning("the view matrix leads from camera to world", {"sense": "camera-to-world"})}
+_AXES = {
+    "z-forward": Meaning("view space looks along +z", {"flip_z": True}),
+    "z-forward-projection": Meaning("view and projection look along +z", {"flip_z": True, "flip_projection_z": True}),
+    "mirrored": Meaning("the world is left-handed", {"mirrored": True}),
+    "left-handed": Meaning(
+        "world, view and projection are left-handed", {"flip_z": True, "flip_projection_z": True, "mirrored": True}
+    ),
+}
+_FLIPPED = {"y-flipped": Meaning("the projection's y points down", {"flip_y": True})}
+
+
+def _together(*choices: Mapping[str, Meaning]) -> dict[str, Meaning]:
+    """One of each of ``choices``, at once."""
+    made = {}
+    for parts in product(*(choice.items() for choice in choices)):
+        there = [(name, meaning) for name, meaning in parts if name]
+        fix = {key: value for _, meaning in there for key, value in meaning.fix.items()}
+        made["-".join(name for name, _ in there)] = Meaning(", and ".join(m.what for _, m in there), fix)
+    return made
+
+
+_NOT = {"": Meaning("", {})}
+# The crude ones, one at a time: each can be seen by itself.
+MEANINGS = _TRANSPOSED | _HALF_TRANSPOSED | _INVERSE | _AXES | _FLIPPED | _together(_TRANSPOSED, _AXES)
+# Any of them at once, and none of them, under the empty name.
+COMBINED = _together(_NOT | _TRANSPOSED, _NOT | _INVERSE, _NOT | _AXES, _NOT | _FLIPPED)

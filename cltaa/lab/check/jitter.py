@@ -1,0 +1,296 @@
+"""Whether the declared jitter is that of the pixels: sign, axes, scale, phase, presence, mean.
+
+One sample a pixel of fine patterns is locked to the grid, so that a measured shift comes out too small, or with the
+wrong sign. Where the camera stands no shift is needed: any two pixels of any two frames are two samples of one picture,
+a whole number of pixels and the change of jitter apart, and they differ the more the farther that is (the variogram of
+Matheron, 1963, Principles of geostatistics). The whole pixels anchor the scale: under the right jitter the mean
+differences are a smooth function of the distance, under a wrong one they scatter about it.
+
+What lies still moves on the pixel grid by minus the change of jitter. Before a camera that stands the likeness of all
+samples says which jitter they were taken with; else the measured shift between two frames must be the declared change,
+and a least-squares map from one to the other names the mistake.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from cltaa.camera import is_still
+from cltaa.frame import Frame
+from cltaa.lab.check.hypotheses import Finding, left_over, linear_fix, linear_maps, regress, spoken
+from cltaa.lab.check.registration import LEAST_ANCHORS, Fit, Shot, Vector, squeezed_light
+from cltaa.printable import counted
+
+MOST_FRAMES = 16  # each is held against each
+NEIGHBOURS = [(right, down) for down, right in product((-1, 0, 1), repeat=2)]
+WAVE = 1.2  # radians a pixel of the longest wave that the function is made of: half of it spans what is compared
+ORDERS = [(m, n) for m, n in product(range(4), repeat=2) if m + n <= 3]
+LEAST_ROWS = 50  # differences; fewer follow any distance
+LEAST_DIFFERENCE = 0.05  # of the light's own spread; below it the picture is flat, and what is left is noise
+
+
+class Likeness(NamedTuple):
+    """Mean differences [n] of the light of two frames, ``apart`` [n, 2] whole pixels; ``now``, ``before`` [n] are the
+    places of the two among the frames.
+    """
+
+    difference: Vector
+    apart: Vector
+    now: Vector
+    before: Vector
+
+    def scatter(self, jitter: Vector) -> float:
+        """Share of the differences' variance that is no smooth function of distance, were ``jitter`` [frames, 2] true.
+
+        Frames whose jitter is NaN are left out; infinite where too few remain.
+        """
+        right, down = (self.apart - (jitter[self.now] - jitter[self.before])).T
+        known = np.isfinite(right + down)
+        if known.sum() < LEAST_ROWS:
+            return np.inf
+        right, down, measured = right[known], down[known], self.difference[known]
+        # Even in both, as likeness is, but for the term of a slant.
+        waves = [np.cos(WAVE * m * right) * np.cos(WAVE * n * down) for m, n in ORDERS]
+        terms = np.stack([*waves, np.sin(right) * np.sin(down)])
+        fitted, *_ = np.linalg.lstsq(terms.T, measured, rcond=None)
+        return float(((measured - fitted @ terms) ** 2).mean() / max(float(measured.var()), 1e-12))
+
+
+def measure_likeness(shot: Shot) -> Likeness | None:
+    """The likeness of all frames of a camera that stands, at what rests; None where it moves or nothing is seen."""
+    frames = shot.frames[:MOST_FRAMES]
+    stands = all(is_still(frame.camera, frames[0].camera) for frame in frames)
+    if not (shot.has_camera and stands and 0 < len(shot.pairs) == len(shot.frames) - 1):  # no cut, no gap
+        return None
+    rows, columns = _resting(shot)
+    if len(rows) < LEAST_ANCHORS:
+        return None
+    lights = [squeezed_light(frame.colour) for frame in frames]
+    scale = max(2.0 * float(np.std([light[rows, columns] for light in lights])), 1e-6)
+    found = []
+    for now, before in product(range(len(frames)), repeat=2):
+        if now > before:
+            here = lights[now][rows, columns]
+            for right, down in NEIGHBOURS:
+                there = lights[before][rows + down, columns + right]
+                mean = np.minimum(np.abs(here - there) / scale, 1.0).mean()
+                found.append((float(mean), right, down, now, before))
+    if not found:
+        return None
+    table = np.array(found)
+    if table[:, 0].mean() < LEAST_DIFFERENCE:
+        return None
+    return Likeness(table[:, 0], table[:, 1:3], table[:, 3].astype(int), table[:, 4].astype(int))
+
+
+def _resting(shot: Shot) -> tuple[Vector, Vector]:
+    """Rows and columns of points that rest in every pair, with neighbours all around."""
+    first = shot.pairs[0]
+    rests = np.logical_and.reduce([pair.usable & ~pair.moving for pair in shot.pairs[: MOST_FRAMES - 1]])
+    height, width = first.frame.height, first.frame.width
+    inside = (first.x >= 1) & (first.y >= 1) & (first.x < width - 1) & (first.y < height - 1)
+    chosen = rests & inside
+    return first.y[chosen].astype(int), first.x[chosen].astype(int)
+
+
+def declared_jitter(frames: Sequence[Frame]) -> Vector:
+    """Jitter of each frame, [n, 2]."""
+    return np.array([frame.jitter_px for frame in frames[:MOST_FRAMES]], float)
+
+
+LEAST_PAIRS = 4  # two unknown gains an axis, and something left to tell signal from noise
+LEAST_SHIFT_PX = 0.1  # root mean square; less is no jitter
+MOST_LEFT_PX = 0.45  # root mean square; where more is left, jitter is not what moved the picture
+CLEARLY_BETTER = 0.85  # what is left under another map, over what is left as declared
+LARGEST_MEAN_PX = 0.15  # a centred jitter of at least 8 samples stays below, even where the period is cut
+CLEARLY_SCALED = 0.6  # what is left under half or twice, over what is left without: aliasing makes shifts too small
+DELAYS = (-2, -1, 1, 2)
+MOST_SCATTER = 0.45  # of the likeness; where more is left over, distance is not what makes samples differ
+CLEARLY_SMOOTHER = 0.87  # scatter under another map of the same size, over that as declared
+
+
+def check_jitter(shot: Shot, shifts: Sequence[Fit | None]) -> list[Finding]:
+    """Findings about the declared jitter, given the shift measured for each pair (None: not measurable)."""
+    found = _mean(shot)
+    likeness = measure_likeness(shot) if np.ptp(declared_jitter(shot.frames), axis=0).any() else None
+    judged = None if likeness is None else _by_likeness(shot, likeness)
+    return found + (_by_shifts(shot, shifts) if judged is None else judged)
+
+
+def _by_likeness(shot: Shot, likeness: Likeness) -> list[Finding] | None:
+    """What a camera that stands shows; None where it shows nothing."""
+    declared = declared_jitter(shot.frames)
+    maps = linear_maps(*shot.window) | {"absent": np.zeros((2, 2))}
+    scatter = {name: likeness.scatter(declared @ matrix.T) for name, matrix in maps.items()}
+    best = min(scatter, key=lambda name: scatter[name])
+    by_delay = {delay: _delayed(shot, declared, delay) for delay in DELAYS}
+    late = min(by_delay, key=lambda delay: likeness.scatter(by_delay[delay]))
+    known = np.isfinite(by_delay[late])
+    left = likeness.scatter(by_delay[late])
+    plain, other = (likeness.scatter(np.where(known, declared @ maps[name].T, np.nan)) for name in ("", best))
+    if left < min(MOST_SCATTER, CLEARLY_SMOOTHER * min(plain, other)):
+        evidence = f"differences of all samples are a function of distance but for {left:.0%} with the jitter of "
+        evidence += f"{_frames(late)}, {plain:.0%} as declared"
+        return [_late(late, evidence, left, plain)]
+    if scatter[best] > MOST_SCATTER:
+        return None
+    if scatter[best] > CLEARLY_SMOOTHER * scatter[""]:
+        return []
+    evidence = f"differences of all samples are a function of distance but for {scatter[best]:.0%} so, "
+    evidence += f"{scatter['']:.0%} as declared, over {counted(len(declared), 'frame')}"
+    what, fix = _meaning(best, maps[best])
+    return [_finding(_key(best), what, evidence, scatter[best], scatter[""], fix)]
+
+
+def _delayed(shot: Shot, declared: Vector, delay: int) -> Vector:
+    """The jitter of the frames ``delay`` later, [n, 2]; NaN where there is none."""
+    by_index = {frame.index: jitter for frame, jitter in zip(shot.frames, declared, strict=False)}
+    nothing = np.full(2, np.nan)
+    return np.array([by_index.get(f.index + delay * f.step, nothing) for f in shot.frames[: len(declared)]])
+
+
+def _by_shifts(shot: Shot, shifts: Sequence[Fit | None]) -> list[Finding]:
+    known = [place for place, fit in enumerate(shifts) if fit is not None]
+    if len(known) < LEAST_PAIRS:
+        return []
+    measured = np.array([shifts[place].shift for place in known])  # type: ignore[union-attr]
+    declared = np.array([shot.pairs[place].jitter_change for place in known])
+    weights = _weights([shifts[place] for place in known])  # type: ignore[misc]
+    present = float(np.sqrt((measured**2).sum(1).mean()))
+    if not declared.any():
+        return _undeclared(shot, measured, present)
+    as_declared = left_over(measured, declared, np.eye(2), weights)
+    maps = linear_maps(*shot.window) | {"absent": np.zeros((2, 2))}
+    left = {name: left_over(measured, declared, matrix, weights) for name, matrix in maps.items()}
+    best = _plainest(left)
+    delay, delayed = _best_delay(shot, known, measured, weights)
+    if delayed < CLEARLY_BETTER * min(left[best], as_declared) and left[best] > LEAST_SHIFT_PX:
+        evidence = f"shifts of {len(known)} pairs fit the jitter of {_frames(delay)} to {delayed:.2f} px rms, "
+        evidence += f"as declared only to {as_declared:.2f} px"
+        return [_late(delay, evidence, delayed, as_declared)]
+    if not best or as_declared < LEAST_SHIFT_PX or left[best] > min(CLEARLY_BETTER * as_declared, MOST_LEFT_PX):
+        return []
+    gain = regress(measured, declared, weights).matrix
+    evidence = f"measured shift = [[{gain[0, 0]:.3g}, {gain[0, 1]:.3g}], [{gain[1, 0]:.3g}, {gain[1, 1]:.3g}]] x "
+    evidence += f"declared change over {len(known)} pairs; {left[best]:.2f} px rms left, {as_declared:.2f} as declared"
+    what, fix = _meaning(best, maps[best])
+    return [_finding(_key(best), what, evidence, left[best], as_declared, fix)]
+
+
+def _plainest(left: dict[str, float]) -> str:
+    """The map that leaves least, one of half or twice the size only where it is far better than that without."""
+    best = min(left, key=lambda name: left[name])
+    halves = ("scaled", "units-ndc")
+    if not best.startswith(halves):
+        return best
+    whole = min((name for name in left if not name.startswith(halves)), key=lambda name: left[name])
+    return best if left[best] < CLEARLY_SCALED * left[whole] else whole
+
+
+def _weights(fits: Sequence[Fit]) -> Vector:
+    """Pairs with more texture count more, but none more than three times the middle."""
+    strength = np.array([np.sqrt(max(np.linalg.det(fit.information), 0.0)) for fit in fits])
+    middle = float(np.median(strength)) or 1.0
+    return np.clip(strength / middle, 0.1, 3.0)
+
+
+def _mean(shot: Shot) -> list[Finding]:
+    offsets = np.array([frame.jitter_px for frame in shot.frames])
+    if len(offsets) < 8 or not np.ptp(offsets, axis=0).any():
+        constant = len(offsets) > 1 and offsets[0].any() and not np.ptp(offsets, axis=0).any()
+        mean = offsets[0]
+        if not constant:
+            return []
+    else:
+        mean = offsets.mean(0)
+    if np.abs(mean).max() <= LARGEST_MEAN_PX:
+        return []
+    # From the pixel's corner, and seldom any other place: a mean of few frames is off by more than its digits tell.
+    centre = np.where(np.abs(np.abs(mean) - 0.5) < LARGEST_MEAN_PX, np.copysign(0.5, mean), mean)
+    text = f"{mean[0]:.3f}, {mean[1]:.3f}"
+    return [
+        Finding(
+            name="jitter-biased",
+            mistake=True,
+            confidence=0.9,
+            what="the jitter is not centred: the resolved picture is shifted by its mean, for good",
+            evidence=f"mean ({text}) px over {counted(len(offsets), 'frame')}",
+            fix={"jitter": {"offset": [round(float(-centre[0]), 4), round(float(-centre[1]), 4)]}},
+        )
+    ]
+
+
+def _undeclared(shot: Shot, measured: Vector, present: float) -> list[Finding]:
+    if present < LEAST_SHIFT_PX:
+        note = f"still regions move by {present:.3f} px rms between frames"
+        what = "no jitter is declared and none is seen: there is nothing to accumulate but noise"
+        return [Finding(name="jitter-none", mistake=False, confidence=0.8, what=what, evidence=note)]
+    if not shot.has_jitter or not any(np.any(frame.jitter_px) for frame in shot.frames):
+        drift = -measured.mean(0)  # of the picture; what is measured is where the earlier one lies
+        apart = float(np.sqrt(((measured + drift) ** 2).sum(1).mean()))
+        if apart < LEAST_SHIFT_PX:  # jitter goes to and fro
+            return [
+                Finding(
+                    name="motion-missing",
+                    mistake=True,
+                    confidence=float(min(0.99, present / (present + apart))),
+                    what="the picture moves on and nothing says so: give motion vectors, or matrices and depth",
+                    evidence=f"by ({drift[0]:.2f}, {drift[1]:.2f}) px from frame to frame, within {apart:.2f} px",
+                )
+            ]
+        evidence = f"still regions move by {present:.2f} px rms between frames, first by "
+        evidence += ", ".join(f"({x:.2f}, {y:.2f})" for x, y in measured[:4])
+        what = "the pixels are jittered and no jitter is declared: give jitter_px of each frame with --camera FILE"
+        confidence = float(min(0.99, present / (present + 0.05)))
+        return [
+            Finding(name="jitter-missing", mistake=True, confidence=confidence, what=what, evidence=evidence, fix={})
+        ]
+    return []
+
+
+def _best_delay(shot: Shot, known: Sequence[int], measured: Vector, weights: Vector) -> tuple[int, float]:
+    """The delay in frames whose jitter fits best and what it leaves; only pairs that every delay has are compared."""
+    by_index = {frame.index: np.array(frame.jitter_px) for frame in shot.frames}
+    best = (0, np.inf)
+    for delay in DELAYS:
+        rows, targets = [], []
+        for row, place in enumerate(known):
+            frame = shot.pairs[place].frame
+            index = frame.index + delay * frame.step
+            if index in by_index and index - frame.step in by_index:
+                rows.append(row)
+                targets.append(by_index[index] - by_index[index - frame.step])
+        if len(rows) < LEAST_PAIRS:
+            continue
+        left = left_over(measured[rows], np.array(targets), np.eye(2), weights[rows])
+        if left < best[1]:
+            best = (delay, left)
+    return best
+
+
+def _frames(delay: int) -> str:
+    return f"{counted(abs(delay), 'frame')} {'later' if delay > 0 else 'earlier'}"
+
+
+def _finding(name: str, what: str, evidence: str, left: float, declared: float, fix: dict[str, object]) -> Finding:
+    confidence = float(np.clip(1.0 - left / declared, 0.0, 0.99))
+    return Finding(name=name, mistake=True, confidence=confidence, what=what, evidence=evidence, fix={"jitter": fix})
+
+
+def _late(delay: int, evidence: str, left: float, declared: float) -> Finding:
+    what = f"the jitter declared for a frame is that of {_frames(delay)}"
+    return _finding("jitter-late", what, evidence, left, declared, {"delay": delay})
+
+
+def _key(best: str) -> str:
+    return "jitter-" + best.replace(" ", "-")
+
+
+def _meaning(best: str, matrix: Vector) -> tuple[str, dict[str, object]]:
+    if best == "absent":
+        return "jitter is declared but the pixels are not jittered", {"source": "none"}
+    return f"the declared jitter is {spoken(best)}", linear_fix(matrix)

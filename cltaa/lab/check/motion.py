@@ -1,0 +1,297 @@
+"""Whether the motion channel means what its reader takes it for: sign, axes, units, scale, offset, jitter.
+
+Where the vectors err by less than the width of an edge, the residual of whole hypotheses tells little; the gradient of
+all points together tells a hundredth of a pixel. The model is displacement = G m + d + L c: m the declared vectors, d
+the measured shift of the still part, c the change of jitter; G is the identity and L zero when all is right.
+
+Each hypothesis is a linear map of the declared vectors. It is judged by how well the previous frame, fetched through
+it, matches this one; the least residual wins if it wins clearly. The camera's part (points without a vector) tells
+how far jitter alone moved the picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cltaa.lab.check.hypotheses import (
+    Affine,
+    Finding,
+    affine_maps,
+    linear_fix,
+    linear_maps,
+    regress,
+    spoken,
+)
+from cltaa.lab.check.registration import (
+    COVERED,
+    LEAST_POINTS,
+    Fit,
+    Pair,
+    Picture,
+    Shot,
+    Vector,
+    fit_shift,
+    residual_of,
+    sample,
+)
+
+ITERATIONS = 15
+TIE = 1e-3  # of the mean information: what the pixels do not tell stays as declared
+
+
+class Observed(NamedTuple):
+    """Points of one pair that carry a vector; ``shift`` is None where no still part shows what jitter did."""
+
+    own: Vector  # [2, n]
+    x: Vector
+    y: Vector
+    now: Vector
+    before: Picture
+    scale: float
+    shift: Vector | None
+    jitter_change: Vector  # [2]
+
+
+class Model(NamedTuple):
+    """G [2, 2], L [2, 2] and the information [8, 8] about both, row after row."""
+
+    gain: Vector
+    leak: Vector
+    information: Vector
+
+    def distance(self, gain: Vector, leak: Vector) -> float:
+        """How much worse another gain and leak would explain the pixels."""
+        step = np.concatenate([(gain - self.gain).ravel(), (leak - self.leak).ravel()])
+        return float(step @ self.information @ step)
+
+
+def fit_model(observed: Sequence[Observed]) -> Model:
+    """Fit the model to all pairs at once, from the identity, by Gauss-Newton with robust weights."""
+    unknown = np.concatenate([np.eye(2).ravel(), np.zeros(4)])
+    start = unknown.copy()
+    information = np.zeros((8, 8))
+    for _ in range(ITERATIONS):
+        information, gradient = np.zeros((8, 8)), np.zeros(8)
+        for pair in observed:
+            part, towards = _normal_equations(pair, unknown)
+            information += part
+            gradient += towards
+        tie = TIE * np.trace(information) / 8 * np.eye(8) + 1e-12 * np.eye(8)
+        step = np.linalg.solve(information + tie, gradient - tie @ (unknown - start))
+        unknown = unknown + np.clip(step, -0.5, 0.5)
+        if np.abs(step).max() < 1e-3:
+            break
+    return Model(unknown[:4].reshape(2, 2), unknown[4:].reshape(2, 2), information)
+
+
+def explanations(model: Model, maps: Mapping[str, Vector]) -> dict[str, float]:
+    """Distance of the model from each map of the vectors, and from jitter left in them, by name."""
+    none, one = np.zeros((2, 2)), np.eye(2)
+    distances = {name: model.distance(matrix, none) for name, matrix in maps.items()}
+    # Vectors m' = m + c need c taken away again, and the other way round.
+    distances["jittered"] = model.distance(one, -one)
+    distances["jittered-reversed"] = model.distance(one, one)
+    return distances
+
+
+def _normal_equations(pair: Observed, unknown: Vector) -> tuple[Vector, Vector]:
+    gain, leak = unknown[:4].reshape(2, 2), unknown[4:].reshape(2, 2)
+    shift = np.zeros(2) if pair.shift is None else pair.shift
+    u, v = gain @ pair.own + (shift + leak @ pair.jitter_change)[:, None]
+    there = sample(pair.before.signal, pair.x + u, pair.y + v)
+    inside = np.isfinite(there)
+    x, y = (pair.x + u)[inside], (pair.y + v)[inside]
+    left = (pair.now - there)[inside]
+    by_x, by_y = sample(pair.before.gradient, x, y)
+    change = np.repeat(pair.jitter_change[:, None], len(x), axis=1)
+    slope = np.concatenate([by_x * pair.own[:, inside], by_y * pair.own[:, inside], by_x * change, by_y * change])
+    weight = 1.0 / (1.0 + (left / pair.scale) ** 2) ** 2
+    return (slope * weight) @ slope.T, (slope * weight) @ left
+
+
+CLEARLY_BETTER, BETTER = 0.8, 0.93  # residual of the winner over that of the declaration
+CLEARLY_NEARER = 0.45  # squared distance from the model, likewise
+LARGEST_RESIDUAL = 0.445  # of the winner: 0.42 is the most seen of vectors that are right, 0.467 the least of chance
+ALIKE = 1.03  # residuals over the least; among such the plainest is taken, as of half the vectors and all of them
+LEAST_EFFECT_PX = 0.08  # a mistake that moves the vectors by less is not worth a word
+MOST_POINTS = 8000  # looked at for each of two dozen maps; more only cost time
+LEAST_PAIRS = 6  # of them four second differences are left, for two gains an axis
+LEAST_LEAK = 0.5  # of the change of jitter
+
+
+def check_motion(
+    shot: Shot, shifts: Sequence[Fit | None], anchored: bool, maps: Mapping[str, Affine] | None = None
+) -> list[Finding]:
+    """Findings about the motion channel; ``shifts`` were measured without it where ``anchored``.
+
+    ``maps`` are the meanings that it may have, the declared one under the empty name; all unless given.
+    """
+    scenes = _scenes(shot, shifts, anchored)
+    if not any(scene.own.any() for scene in scenes):
+        return _resting_leak(shot)
+    width, height = shot.window
+    maps = maps or affine_maps(width, height)
+    scores = {name: _score(scenes, meant) for name, meant in maps.items()}
+    best = _plainest({name: float(score.mean()) for name, score in scores.items()})
+    if _effect(scenes, maps[best]) < LEAST_EFFECT_PX:
+        best = ""
+    declared, winner = scores[""], scores[best]
+    wins = winner.mean() < LARGEST_RESIDUAL and (winner < declared).mean() > 0.7
+    ratio = float(winner.mean() / declared.mean()) if wins else 1.0
+    coarse = [_named(best, maps[best], declared, winner)] if best else []
+    if best and ratio < CLEARLY_BETTER:
+        return coarse
+    finer = (_finer(scenes, linear_maps(width, height)) if anchored else []) or _resting_leak(shot)
+    if best and ratio < BETTER and not any("jittered" in finding.name for finding in finer):
+        return coarse
+    if best and ratio < 1.0 and anchored and not finer and _borne_out(scenes, maps[best]):
+        return coarse
+    return finer
+
+
+def _plainest(residuals: Mapping[str, float]) -> str:
+    """Of the maps whose residual is about the least, the one of the fewest words."""
+    most = ALIKE * min(residuals.values())
+    return min(
+        (name for name in residuals if residuals[name] <= most), key=lambda name: (len(name.split()), residuals[name])
+    )
+
+
+def _effect(scenes: Sequence[Observed], meant: Affine) -> float:
+    """Root mean square of what the mistake does to the vectors, in pixels."""
+    return float(np.mean([np.sqrt(((meant(scene.own) - scene.own) ** 2).sum(0).mean()) for scene in scenes]))
+
+
+def _borne_out(scenes: Sequence[Observed], meant: Affine) -> bool:
+    """True where the model, started from the vectors that are meant, stays there.
+
+    From fractions of a picture, which say that nothing moves, it never comes so far.
+    """
+    vectors = [meant(scene.own) for scene in scenes]
+    model = fit_model([scene._replace(own=own) for own, scene in zip(vectors, scenes, strict=True)])
+    declared, no_leak = np.asarray(np.linalg.inv(meant.matrix), np.float64), np.zeros((2, 2))
+    return model.distance(np.eye(2), no_leak) < CLEARLY_NEARER * model.distance(declared, no_leak)
+
+
+def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> list[Observed]:
+    scenes = []
+    for pair, fit in zip(shot.pairs, shifts, strict=True):
+        there = pair.moving & pair.usable
+        if there.sum() < LEAST_POINTS or (anchored and fit is None):
+            continue
+        chosen = np.flatnonzero(there)[:: max(1, -(-int(there.sum()) // MOST_POINTS))]
+        shift = fit.shift if anchored and fit is not None else None
+        scenes.append(
+            Observed(
+                pair.own[:, chosen],
+                pair.x[chosen],
+                pair.y[chosen],
+                pair.now[chosen],
+                pair.before,
+                pair.scale,
+                shift,
+                pair.jitter_change,
+            )
+        )
+    return scenes
+
+
+def _score(scenes: Sequence[Observed], meant: Affine) -> Vector:
+    """Residual of each pair under the vectors that are meant."""
+    residuals = []
+    for scene in scenes:
+        u, v = meant(scene.own)
+        x, y = scene.x + u, scene.y + v
+        if scene.shift is None:
+            residuals.append(fit_shift(scene.now, scene.before, x, y, scene.scale).residual)
+        else:
+            x, y = x + scene.shift[0], y + scene.shift[1]
+            residuals.append(residual_of(scene.now, scene.before, x, y, scene.scale))
+    return np.array(residuals)
+
+
+def _named(best: str, meant: Affine, declared: Vector, winner: Vector) -> Finding:
+    wins = int((winner < declared).sum())
+    return Finding(
+        name="motion-" + best.replace(" ", "-"),
+        mistake=True,
+        confidence=float(np.clip(1.0 - (winner.mean() / declared.mean()) ** 2, 0.3, 0.99)),
+        what=f"the motion vectors are {spoken(best)}",
+        evidence=f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, better in {wins} of "
+        f"{len(declared)} pairs",
+        fix={"motion": meant.fix},
+    )
+
+
+def _finer(scenes: Sequence[Observed], maps: Mapping[str, Vector]) -> list[Finding]:
+    """Mistakes smaller than an edge is wide: factors of slow vectors, and jitter left in them."""
+    model = fit_model(scenes)
+    distances = explanations(model, maps)
+    best = min(distances, key=lambda name: distances[name])
+    if not best or distances[best] > CLEARLY_NEARER * distances[""]:
+        return []
+    jittered = best.startswith("jittered")
+    matrix = np.eye(2) if jittered else maps[best]
+    effect = np.array([_difference(scene, matrix, jittered) for scene in scenes])
+    if float(effect.mean()) < LEAST_EFFECT_PX:
+        return []
+    fix: dict[str, object] = {"jittered": 1 if best == "jittered" else -1}
+    if not jittered:
+        fix = linear_fix(matrix)
+    gain, leak = model.gain.round(2).tolist(), model.leak.round(2).tolist()
+    return [
+        Finding(
+            name="motion-" + best.replace(" ", "-"),
+            mistake=True,
+            confidence=float(np.clip(1.0 - distances[best] / distances[""], 0.3, 0.99)),
+            what="the vectors contain the change of jitter" if jittered else f"the motion vectors are {spoken(best)}",
+            evidence=f"true vectors = {gain} x declared + {leak} x change of jitter, over {len(scenes)} pairs",
+            fix={"motion": fix},
+        )
+    ]
+
+
+def _difference(scene: Observed, matrix: Vector, jittered: bool) -> float:
+    """Root mean square of what the mistake does to the vectors, in pixels."""
+    change = scene.jitter_change[:, None] if jittered else (matrix - np.eye(2)) @ scene.own
+    return float(np.sqrt((change**2).sum(0).mean()))
+
+
+def _resting_leak(shot: Shot) -> list[Finding]:
+    """Jitter left in vectors that cover the whole picture: what resting pixels declare follows the jitter."""
+    pairs = [pair for pair in shot.pairs if (np.isfinite(pair.own).all(0) & pair.usable).mean() >= COVERED]
+    change = np.array([pair.jitter_change for pair in pairs])
+    if len(pairs) < LEAST_PAIRS or not change.any():
+        return []
+    # By second differences: what fills the picture moves on smoothly, and jitter goes to and fro.
+    resting, change = (np.diff(of, n=2, axis=0) for of in (np.array([_resting(pair) for pair in pairs]), change))
+    fit = regress(resting, change, np.ones(len(change)))
+    gain = float(np.trace(fit.matrix)) / 2.0
+    spread = float(np.sqrt((change**2).sum(1).mean()))
+    if abs(gain) < LEAST_LEAK or fit.left > 0.5 * spread:
+        return []
+    return [
+        Finding(
+            name="motion-jittered" if gain > 0 else "motion-jittered-reversed",
+            mistake=True,
+            confidence=float(np.clip(1.0 - fit.left / spread, 0.3, 0.99)),
+            what="the vectors contain the change of jitter",
+            evidence=f"resting pixels follow {gain:.2f} x the change of jitter over {len(pairs)} pairs, "
+            f"to {fit.left:.2f} px rms",
+            fix={"motion": {"jittered": 1 if gain > 0 else -1}},
+        )
+    ]
+
+
+def _resting(pair: Pair) -> Vector:
+    """What the vectors say beyond the camera's motion where most agree: the middle of the half nearest the middle."""
+    beyond = pair.own - pair.camera_motion()
+    beyond = beyond[:, np.isfinite(beyond).all(0)]
+    if not beyond.size:
+        return np.full(2, np.nan)
+    middle = np.median(beyond, axis=1)
+    near = np.hypot(*(beyond - middle[:, None]))
+    return np.asarray(np.median(beyond[:, near <= np.quantile(near, 0.5)], axis=1))

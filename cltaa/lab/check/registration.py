@@ -1,0 +1,296 @@
+"""Where one picture lies on another: band-passed pairs of frames, and the shift between them by least squares.
+
+The method is that of Lucas and Kanade (1981, An iterative image registration technique), over all points at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.camera import Displacement, displacement, is_still, sky_closeness
+from cltaa.frame import Camera, Frame, Image
+from cltaa.io.display import LUMA
+
+Vector = NDArray[np.float64]
+Points = tuple[NDArray[np.int64], NDArray[np.int64]]  # columns and rows
+
+FINE_PX = 0.6  # standard deviation of the blur that tames the aliasing of one sample a pixel
+COARSE_PX = 4.0  # and of the one that is subtracted: slower changes are light, not place
+MOST_POINTS = 60_000  # points looked at in a frame; more only cost time
+
+
+def register_signal(colour: Image) -> NDArray[np.float32]:
+    """The band of ``colour`` [H, W, 3] that carries position: [H, W] float32, zero mean locally."""
+    squeezed = squeezed_light(colour)
+    return np.subtract(blur(squeezed, FINE_PX), blur(squeezed, COARSE_PX), dtype=np.float32)
+
+
+def squeezed_light(colour: Image) -> NDArray[np.float32]:
+    """Luminance of ``colour`` [H, W, 3] squeezed into 0 to 1, [H, W] float32."""
+    finite = np.nan_to_num(colour.astype(np.float32), nan=0.0, posinf=65504.0, neginf=0.0)
+    light: NDArray[np.float32] = np.maximum(finite @ LUMA, np.float32(0))
+    # Compressed by its own middle: bright spots do not outweigh the rest, and exposure cancels.
+    middle = float(np.median(light[light > 0])) if (light > 0).any() else 1.0
+    squeezed: NDArray[np.float32] = light / (light + np.float32(middle))
+    return squeezed
+
+
+def blur(image: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:
+    """Gaussian blur of [H, W] with repeated edges."""
+    radius = max(1, round(3 * sigma))
+    offsets = np.arange(-radius, radius + 1)
+    weights = np.exp(-0.5 * (offsets / sigma) ** 2)
+    weights = (weights / weights.sum()).astype(np.float32)
+    for axis in (0, 1):
+        size = image.shape[axis]
+        padded = np.pad(image, [(radius, radius) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
+        image = sum(
+            (w * np.take(padded, range(k, k + size), axis=axis) for k, w in enumerate(weights)), np.zeros_like(image)
+        )
+    return image
+
+
+def grid_points(height: int, width: int) -> Points:
+    """Columns and rows of at most MOST_POINTS pixels in a regular grid."""
+    step = int(np.ceil(np.sqrt(max(1.0, height * width / MOST_POINTS))))
+    y, x = np.mgrid[step // 2 : height : step, step // 2 : width : step]
+    return x.ravel(), y.ravel()
+
+
+def sample(images: NDArray[np.float32], x: Vector, y: Vector) -> Vector:
+    """``images`` [..., H, W] at positions [n] in texels (0 is the first texel's centre), bilinear; NaN outside."""
+    height, width = images.shape[-2:]
+    inside = (x >= 0) & (y >= 0) & (x <= width - 1) & (y <= height - 1)  # false for NaN
+    x, y = np.where(inside, x, 0.0), np.where(inside, y, 0.0)
+    left, top = np.minimum(x.astype(np.int64), max(width - 2, 0)), np.minimum(y.astype(np.int64), max(height - 2, 0))
+    fx, fy = x - left, y - top
+    # By place in the flat image, worked out once for all images and taps: most of the detector's time is spent here.
+    flat, place = images.reshape(*images.shape[:-2], -1), top * width + left
+    right, down = int(width > 1), width * int(height > 1)
+    upper = flat.take(place, axis=-1) * (1 - fx) + flat.take(place + right, axis=-1) * fx
+    lower = flat.take(place + down, axis=-1) * (1 - fx) + flat.take(place + (down + right), axis=-1) * fx
+    return np.where(inside, upper * (1 - fy) + lower * fy, np.nan)
+
+
+ITERATIONS = 8
+FARTHEST_PX = 2.0  # a left-over shift beyond this is no jitter
+LEAST_POINTS = 60  # fewer decide nothing
+
+
+class Picture(NamedTuple):
+    """A signal [H, W] and its gradient [2, H, W], by x and by y."""
+
+    signal: NDArray[np.float32]
+    gradient: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, signal: NDArray[np.float32]) -> Picture:
+        """Differentiate ``signal`` by central differences."""
+        return cls(signal, np.stack([_slope(signal, axis) for axis in (1, 0)]))
+
+
+def _slope(signal: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
+    """Central differences along ``axis``; 0 where there is one pixel and nothing to differ from."""
+    return np.asarray(np.gradient(signal, axis=axis), np.float32) if signal.shape[axis] > 1 else np.zeros_like(signal)
+
+
+class Fit(NamedTuple):
+    """The shift [2] of the earlier picture, the information about it [2, 2] (inverse covariance), and the residual."""
+
+    shift: Vector
+    information: Vector
+    residual: float  # 0: the pictures agree; 1: as different as unrelated ones
+    points: int
+
+
+def fit_shift(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> Fit:
+    """Fit ``now`` = ``before`` at (x, y) + shift, positions in texels; ``scale`` is the size of a residual that counts
+    in full.
+    """
+    shift = np.zeros(2)
+    information = np.zeros((2, 2))
+    for _ in range(ITERATIONS):
+        left, slope, weight = _linear(now, before, x + shift[0], y + shift[1], scale)
+        information = (slope * weight) @ slope.T
+        if len(left) < LEAST_POINTS or np.linalg.cond(information) > 1e6:
+            break
+        step = np.linalg.solve(information, (slope * weight) @ left)
+        shift += np.clip(step, -0.5, 0.5)
+        if np.abs(shift).max() > FARTHEST_PX:
+            shift = np.clip(shift, -FARTHEST_PX, FARTHEST_PX)
+            break
+        if np.abs(step).max() < 1e-3:
+            break
+    found = residual_of(now, before, x + shift[0], y + shift[1], scale)
+    noise = max(found, 1e-3) * scale
+    return Fit(shift, information / noise**2, found, len(now))
+
+
+def residual_of(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> float:
+    """Mean of min(|difference| / scale, 1) over the points; what lies outside the earlier picture counts 1."""
+    if not len(now):
+        return 1.0
+    difference = np.abs(now - sample(before.signal, x, y)) / scale
+    return float(np.minimum(np.nan_to_num(difference, nan=1.0), 1.0).mean())
+
+
+def _linear(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> tuple[Vector, Vector, Vector]:
+    """Residuals, gradients [2, n] and robust weights (Geman-McClure) of the points inside the earlier picture."""
+    there = sample(before.signal, x, y)
+    inside = np.isfinite(there)
+    left = (now - there)[inside]
+    slope = sample(before.gradient, x[inside], y[inside])
+    weight = 1.0 / (1.0 + (left / scale) ** 2) ** 2
+    return left, slope, weight
+
+
+COVERED = 0.5  # share of the points
+AS_FAST = 1e-3  # of the fastest: what moves less rests, but for the rounding of halves
+
+
+@dataclass(slots=True)
+class Pair:
+    """Two neighbouring frames at the points looked at: ``x``, ``y`` pixels, ``now`` the signal there."""
+
+    frame: Frame
+    previous: Frame
+    x: Vector
+    y: Vector
+    now: Vector
+    before: Picture
+    scale: float
+    closeness: Vector  # as declared; the sky's where there is no depth
+    own: Vector  # [2, n], NaN where no vector was given
+    usable: NDArray[np.bool_]  # neither reactive nor NaN
+
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """Where a vector says more than depth and matrices: all that have one, or before a camera that stands and in a
+        picture full of vectors those that do not rest as most do.
+        """
+        given: NDArray[np.bool_] = np.asarray(np.isfinite(self.own).all(0))
+        if given.mean() < COVERED or not is_still(self.frame.camera, self.previous.camera):
+            return given
+        beyond = np.hypot(*(self.own - np.median(self.own[:, given], axis=1)[:, None]))
+        apart: NDArray[np.bool_] = np.asarray(given & (beyond > AS_FAST * np.max(beyond[given])))
+        return apart if apart.mean() < COVERED else given
+
+    @property
+    def jitter_change(self) -> Vector:
+        """Declared jitter of this frame minus that of the previous one, [2]."""
+        change: Vector = np.array(self.frame.jitter_px) - np.array(self.previous.jitter_px)
+        return change
+
+    def camera_motion(
+        self, camera: Camera | None = None, previous: Camera | None = None, closeness: Vector | None = None
+    ) -> Vector:
+        """Motion [2, n] in pixels that the cameras and the closeness give; NaN where the point was not in front."""
+        camera, previous = camera or self.frame.camera, previous or self.previous.camera
+        if is_still(camera, previous):
+            return np.zeros((2, len(self.x)))
+        moved = displacement(camera, previous, self.frame.width, self.frame.height)
+        px = self.x + 0.5 + self.frame.jitter_px[0] - self.frame.width / 2
+        py = self.y + 0.5 + self.frame.jitter_px[1] - self.frame.height / 2
+        return apply_displacement(moved, px, py, self.closeness if closeness is None else closeness)
+
+    def declared_motion(self) -> Vector:
+        """Motion [2, n]: the channel where it holds a vector, else what cameras and depth give."""
+        return np.where(np.isfinite(self.own), self.own, self.camera_motion())
+
+
+def apply_displacement(moved: Displacement, px: Vector, py: Vector, closeness: Vector) -> Vector:
+    """Motion [2, n] of points at (px, py) from the image's centre (docs/conventions.md, Matrices)."""
+    by = np.stack([px, py, closeness, np.ones_like(px)])
+    dx, dy, dw = moved.rows @ by
+    w = 1.0 + dw
+    with np.errstate(divide="ignore", invalid="ignore"):
+        motion = np.stack([dx - px * dw, dy - py * dw]) / w
+    return np.where(w > 0, motion, np.nan)
+
+
+@dataclass(slots=True)
+class Shot:
+    """Frames in order, and which of their numbers were declared and not filled in by the reader.
+
+    ``window`` is the width and height of the display window, of which a frame may show a region.
+    """
+
+    frames: Sequence[Frame]
+    window: tuple[int, int]
+    has_camera: bool = True
+    has_depth: bool = True
+    has_jitter: bool = True
+    pairs: list[Pair] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Prepare the pairs; a cut or a gap parts two frames."""
+        signals = [Picture.of(register_signal(frame.colour)) for frame in self.frames]
+        for place in range(1, len(self.frames)):
+            frame, previous = self.frames[place], self.frames[place - 1]
+            if frame.cut or frame.index != previous.index + frame.step:
+                continue
+            self.pairs.append(_pair(frame, previous, signals[place], signals[place - 1]))
+
+
+def planar_closeness(depth: NDArray[np.float32] | Vector, camera: Camera) -> Vector:
+    """Planar depth as closeness in float64 (``cltaa.camera.closeness`` without its float32)."""
+    wide = depth.astype(np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        near = -wide if camera.orthographic else np.where(wide > 0, 1.0 / wide, 0.0)
+    return np.where(np.isfinite(near), near, sky_closeness(camera))
+
+
+def _pair(frame: Frame, previous: Frame, now: Picture, before: Picture) -> Pair:
+    x, y = grid_points(frame.height, frame.width)
+    own = np.full((2, len(x)), np.nan)
+    if frame.motion is not None:
+        own = frame.motion[y, x].T.astype(np.float64)
+    usable: NDArray[np.bool_] = np.asarray(np.isfinite(frame.colour[y, x]).all(-1))
+    if frame.reactive is not None:
+        usable &= ~(frame.reactive[y, x] > 0.1)
+    signal = now.signal[y, x].astype(np.float64)
+    return Pair(
+        frame=frame,
+        previous=previous,
+        x=x.astype(np.float64),
+        y=y.astype(np.float64),
+        now=signal,
+        before=before,
+        scale=max(2.0 * float(np.std(signal)), 1e-6),
+        closeness=planar_closeness(frame.depth[y, x], frame.camera),
+        own=own,
+        usable=usable,
+    )
+
+
+Mask = NDArray[np.bool_]
+
+LEAST_ANCHORS = 4 * LEAST_POINTS  # that rest in a pair; on fewer the whole picture says more
+LARGEST_RESIDUAL = 0.6  # above it the pictures do not match and a shift means nothing
+
+
+def measure_shifts(shot: Shot) -> tuple[list[Fit | None], bool]:
+    """The shift that jitter gave the picture, for each pair, and whether it was measured without the motion channel."""
+    anchors = [_anchor(pair) for pair in shot.pairs]
+    anchored = shot.has_camera and bool(anchors) and all(anchor.sum() >= LEAST_ANCHORS for anchor in anchors)
+    masks = anchors if anchored else [pair.usable for pair in shot.pairs]
+    return [_shift(pair, mask, anchored) for pair, mask in zip(shot.pairs, masks, strict=True)], anchored
+
+
+def _anchor(pair: Pair) -> Mask:
+    return pair.usable & ~pair.moving
+
+
+def _shift(pair: Pair, there: Mask, anchored: bool) -> Fit | None:
+    motion = pair.camera_motion() if anchored else pair.declared_motion()
+    there = there & np.isfinite(motion).all(0)
+    if there.sum() < LEAST_POINTS:
+        return None
+    x, y = pair.x[there] + motion[0, there], pair.y[there] + motion[1, there]
+    fit = fit_shift(pair.now[there], pair.before, x, y, pair.scale)
+    return fit if fit.residual < LARGEST_RESIDUAL else None

@@ -1,0 +1,290 @@
+"""The whole check of a sequence: its files, its frames, and what would read it right."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from cltaa.errors import CltaaError, DataError, UsageError
+from cltaa.frame import Frame
+from cltaa.inputs.convert import correct
+from cltaa.inputs.foreign import ForeignSequence
+from cltaa.inputs.intake import OPAQUE, Damaged, Intake, damaged_files, intake_lines, open_with_gaps
+from cltaa.inputs.parts import read_any_header
+from cltaa.inputs.profile import Profile, assignments_of, differences, load_profile, option_text
+from cltaa.inputs.roles import file_sets, shown_name
+from cltaa.io.exr_layout import LOSSLESS
+from cltaa.io.numbered import FrameRange, Problems, ranges
+from cltaa.io.pixel_statistics import is_opaque
+from cltaa.lab.check.camera import (
+    check_agreement,
+    check_projection_jitter,
+    check_structure,
+    check_travel,
+    check_upside_down,
+)
+from cltaa.lab.check.colour import check_channels, check_colour, check_exposure
+from cltaa.lab.check.depth import check_depth, check_depth_scale, tell_device
+from cltaa.lab.check.hypotheses import Finding
+from cltaa.lab.check.jitter import check_jitter
+from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
+from cltaa.lab.check.registration import Shot, measure_shifts
+from cltaa.lab.check.unverifiable import untold
+from cltaa.printable import counted
+from cltaa.progress import track
+
+
+def unreadable(wrong: Problems) -> list[Finding]:
+    """Findings about files that cannot be read, one for each thing that is ``wrong``."""
+    evidence = "left out of all else that is found"
+    return [
+        Finding(name="file-unreadable", mistake=True, confidence=0.99, what=line, evidence=evidence)
+        for line in wrong.lines
+    ]
+
+
+def check_files(intake: Intake) -> list[Finding]:
+    """Findings about compression that loses, half-precision channels, and frames and channels that are not there."""
+    found = []
+    if intake.missing:
+        what = f"frames are missing: {ranges(intake.missing)}; render them again, or cltaa resolve --gaps reset"
+        evidence = "the files' names"
+        found.append(Finding(name="frames-missing", mistake=True, confidence=0.99, what=what, evidence=evidence))
+    for role in ("depth", "motion"):
+        places = intake.roles.get(role, ())
+        for label in {place.files for place in places}:
+            files = [path for number, path in intake.sets[label].items() if number in intake.layouts]
+            codecs = {read_any_header(path, chunks=False).layout.compression for path in files}
+            if lossy := sorted(codecs - LOSSLESS):
+                what = f"compression {', '.join(lossy)} loses precision that {role} needs"
+                evidence = f"{role} {' '.join(place.channel for place in places)} in {counted(len(files), 'file')}"
+                found.append(Finding(name="file-lossy", mistake=True, confidence=0.99, what=what, evidence=evidence))
+        types = {intake.first[place.files].channels[place.channel] for place in places}
+        if "half" in types:
+            what = f"{role} is half precision: 11 bits, wrong by up to 1/2048 of its size"
+            evidence = " ".join(shown_name(place, len(intake.sets) > 1) for place in places)
+            found.append(
+                Finding(name=f"{role}-half", mistake=role == "depth", confidence=0.99, what=what, evidence=evidence)
+            )
+    for note in intake.notes:
+        name = note.split(":")[0].replace(" ", "-")
+        found.append(Finding(name=name, mistake=False, confidence=0.99, what=note, evidence="the files' headers"))
+    return found
+
+
+def check_frames(
+    frames: Sequence[Frame],
+    window: tuple[int, int] | None = None,
+    *,
+    has_camera: bool = True,
+    has_depth: bool = True,
+    has_jitter: bool = True,
+) -> list[Finding]:
+    """Findings about frames read as their profile says; ``has_*`` is False for what the reader had to fill in.
+
+    ``window`` is the width and height of the display window where the frames show a region of it.
+
+    A later check rests on an earlier one, so where the matrices or the depth are wrong the rest is looked at only as
+    far as it does not need them.
+    """
+    found = check_channels(frames, has_camera=has_camera, has_depth=has_depth)
+    found += check_colour(frames) + check_exposure(frames)
+    if has_camera:
+        structure, mend = check_structure(frames)
+        found += structure
+        if structure and mend is None:
+            has_camera = False
+        elif mend is not None:
+            frames = [replace(frame, camera=mend(frame.camera)) for frame in frames]
+    if has_depth and has_camera:
+        found += check_depth(frames)
+    window = window or (frames[0].width, frames[0].height)
+    shot = Shot(frames, window, has_camera=has_camera, has_depth=has_depth, has_jitter=has_jitter)
+    found = [_excused(shot, finding) if finding.name == "motion-constant" else finding for finding in found]
+    two_planes = ("depth-inverse", "depth-device")
+    found = [tell_device(shot, finding) if finding.name in two_planes else finding for finding in found]
+    wrong_depth = any(finding.name.startswith("depth-") for finding in found)
+    if has_camera:
+        jittered = check_projection_jitter(shot)
+        found += jittered
+        if jittered:
+            return found
+        if not wrong_depth and (agreed := check_agreement(shot)):
+            # The rest is looked at once it is read so. Vectors that can be read are no empty channel.
+            readable = any(finding.name.startswith("motion-") for finding in agreed)
+            return [one for one in found if not (readable and one.name == "motion-constant")] + agreed
+        if not wrong_depth:
+            # A wrong camera and a wrong scale of depth both spoil the parallax; the camera's mistakes are the cruder.
+            found += check_travel(shot) or check_upside_down(shot) or (check_depth_scale(shot) if has_depth else [])
+    shifts, anchored = measure_shifts(shot)
+    if not any(finding.name.startswith(("camera-", "depth-")) and finding.mistake for finding in found):
+        wrong_vectors = check_motion(shot, shifts, anchored)
+        found += wrong_vectors
+        # Shifts that were measured through wrong vectors tell nothing of the jitter.
+        if anchored or not wrong_vectors:
+            found += check_jitter(shot, shifts)
+    return found
+
+
+def _excused(shot: Shot, finding: Finding) -> Finding:
+    """No mistake where matrices and depth say the same, as of a plane that the camera moves along."""
+    if not (shot.has_camera and shot.has_depth and shot.pairs):
+        return finding
+    apart = np.concatenate([np.abs(pair.own - pair.camera_motion()) for pair in shot.pairs], axis=1)
+    apart = apart[:, np.isfinite(apart).all(0)]
+    alike = apart.size > 0 and float(np.median(apart)) < LEAST_EFFECT_PX
+    return msgspec.structs.replace(finding, mistake=False) if alike else finding
+
+
+FRAMES = 12  # looked at unless asked otherwise: 11 pairs tell a gain of jitter to a few hundredths
+ROUNDS = 6  # of looking and reading again: matrices, depth, its unit, vectors and jitter, then nothing
+
+
+class Report(msgspec.Struct, kw_only=True):
+    """What ``cltaa check`` found; ``options`` reads the sequence right, ``profile`` is the same as data.
+
+    ``untold`` are conventions that could be wrong without a trace in these frames.
+    """
+
+    folder: str
+    frames: int
+    reading: list[str]
+    findings: list[Finding]
+    untold: list[str]
+    options: str
+    profile: dict[str, Any]
+
+    @property
+    def mistakes(self) -> list[Finding]:
+        """Findings that are mistakes."""
+        return [finding for finding in self.findings if finding.mistake]
+
+
+def check_folder(
+    folder: Path,
+    *,
+    profile: str = "auto",
+    assignments: Sequence[str] = (),
+    side_file: Path | None = None,
+    frames: int | FrameRange = FRAMES,
+    step: int = 1,
+) -> tuple[Report, Profile]:
+    """Check some frames of ``folder``, read as ``profile`` says; also return the profile that mends it.
+
+    ``frames`` is how many from the first on, or the numbers of the first and the last, both included: then no other
+    counts. What is wrong is read again as it is right, since a wrong depth hides a wrong jitter. Files that cannot be
+    read are findings, and left out. Raises what opening raises, and reading where no frame can be read.
+    """
+    count, only = (frames, None) if isinstance(frames, int) else (None, frames)
+    damaged = damaged_files(file_sets(folder))
+    without = {path: file.number for path, file in damaged.items()}
+    reading: dict[str, Any] = {"side_file": side_file, "step": step, "frames": only, "damaged": without}
+    try:
+        first = intake = open_with_gaps(folder, profile=profile, assignments=assignments, **reading)
+    except CltaaError as error:
+        raise _weightier(error, damaged.values()) from None
+    wrong = _wrong_with(first, damaged.values(), only)
+    name = profile if profile != "auto" else intake.profile.name
+    base, findings = load_profile(name), list[Finding]()
+    for _ in range(ROUNDS):
+        known = {finding.name for finding in findings}
+        seen, shot = _look(intake, folder, count, wrong)
+        found = [finding for finding in seen if finding.name not in known]
+        findings += [_with_option(finding, intake.profile) for finding in found]
+        mended = intake.profile
+        for finding in found:
+            mended = correct(mended, finding.fix)
+        changes = differences(mended, base)
+        if mended == intake.profile:
+            break
+        again = assignments_of(changes)
+        intake = open_with_gaps(folder, profile=name, assignments=again, **reading)
+    options = f"{profile_options(name, side_file, step)} {option_text(changes)}".strip()
+    report = Report(
+        folder=str(folder),
+        frames=len(shot.frames),
+        reading=[*intake_lines(first)],
+        findings=unreadable(wrong) + findings,
+        untold=untold(shot),
+        options=options,
+        profile=msgspec.to_builtins(mended),
+    )
+    return report, mended
+
+
+def profile_options(profile: str, side_file: Path | None, step: int) -> str:
+    """The options that read a folder by ``profile`` and with what no profile says, for a shell."""
+    words = ["--profile", profile]
+    if step != 1:
+        words += ["--step", str(step)]
+    if side_file is not None:
+        words += ["--camera", str(side_file)]
+    return shlex.join(words)
+
+
+def _weightier(error: CltaaError, damaged: Iterable[Damaged]) -> CltaaError:
+    """What to tell where a folder cannot be opened without its damaged files: what is wrong with one of them.
+
+    That is of the frame that the error misses, where it is of one; other words that mean nothing are told first.
+    """
+    errors = {file.number: file.error for file in reversed([*damaged])}  # of a frame the first
+    if error.frame in errors:
+        return errors[error.frame]
+    return error if isinstance(error, UsageError) or not errors else errors[min(errors)]
+
+
+def _wrong_with(intake: Intake, damaged: Iterable[Damaged], frames: FrameRange | None) -> Problems:
+    """What is wrong with files that would be read, or of whose set none can be, within ``frames``."""
+    wrong = Problems()
+    read = {place.files for places in intake.roles.values() for place in places}
+    for file in damaged:
+        asked = frames is None or frames[0] <= file.number <= frames[1]
+        if asked and (file.label in read or file.label not in intake.sets):
+            wrong.add(file.number, file.error)
+    return wrong
+
+
+def _look(intake: Intake, folder: Path, count: int | None, wrong: Problems) -> tuple[list[Finding], Shot]:
+    """What files and pixels say under one reading, and the frames so read; those that cannot be are ``wrong``.
+
+    Raises DataError where none can be.
+    """
+    numbers = sorted(intake.declared)[:count]
+    sequence = ForeignSequence(folder, intake, numbers, strict=False)
+    sequence.refuse_result()
+    read, failed = list[Frame](), list[DataError]()
+    for number in track(numbers, len(numbers), "reading"):
+        try:
+            read.append(sequence.frame(number))
+        except DataError as error:
+            wrong.add(number, error)
+            failed.append(error)
+    if not read:
+        raise failed[0]
+    known = Shot(
+        read,
+        sequence.layouts[numbers[0]].display_size,
+        has_depth="depth" in intake.roles,
+        has_camera=intake.has_camera,
+        has_jitter=intake.has_jitter,
+    )
+    found = check_frames(
+        read, known.window, has_depth=known.has_depth, has_camera=known.has_camera, has_jitter=known.has_jitter
+    )
+    if all(is_opaque(frame.alpha) for frame in read):
+        evidence = counted(len(read), "frame")
+        found.append(Finding(name="alpha-opaque", mistake=False, confidence=0.99, what=OPAQUE, evidence=evidence))
+    return check_files(intake) + found, known
+
+
+def _with_option(finding: Finding, profile: Profile) -> Finding:
+    if not finding.fix:
+        return finding
+    option = option_text(differences(correct(profile, finding.fix), profile))
+    return msgspec.structs.replace(finding, option=option)

@@ -1,0 +1,175 @@
+"""What a sequence cannot tell of its own conventions, so that nobody takes the check's silence for a yes.
+
+A mistake that changes nothing here may change the next shot that is read by the same profile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+
+from cltaa.camera import is_still
+from cltaa.lab.check.camera import (
+    CLEARLY_BETTER,
+    DISAGREE,
+    LEAST_MOTION_PX,
+    MOST_PAIRS,
+    camera_residual,
+    middle_length,
+    moving_pairs,
+    tells_map,
+)
+from cltaa.lab.check.depth import tells_kind
+from cltaa.lab.check.hypotheses import MEANINGS, Affine, left_over, linear_maps
+from cltaa.lab.check.jitter import LEAST_PAIRS, MOST_SCATTER, declared_jitter, measure_likeness
+from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
+from cltaa.lab.check.registration import COVERED, LEAST_POINTS, Fit, Pair, Shot, Vector, measure_shifts
+
+MOST = 0.95  # quantile of the points: a few near the edge move by more under any mistake
+LARGEST_LEFT = 0.5  # of the jitter's own change: shifts that are farther from it confirm nothing
+WHAT = {"inverse": "their direction", "y-flipped": "their y"}
+UNIT = 2.0  # of depth
+VECTORS = {
+    "negated": "their sign",
+    "x-negated": "the sign of x",
+    "y-flipped": "the sign of y",
+    "swapped": "which is x",
+    "scaled-2": "their size",
+    "scaled-0.5": "their size",
+    "jittered": "jitter in them",
+    "jittered-reversed": "jitter in them",
+}
+AXES = {"the sign of x": 0, "the sign of y": 1}
+
+
+def untold(shot: Shot) -> list[str]:
+    """One line for each convention that could be wrong and this check would not name it in these frames."""
+    if not shot.pairs:
+        return [_alone(shot), *_depth(shot)]
+    return [*_camera(shot), *_depth(shot), *_motion(shot), *_jitter(shot)]
+
+
+def _alone(shot: Shot) -> str:
+    """What shows between a frame and the next, where none has one: of a single frame, or behind cuts and gaps."""
+    vectors = any(frame.motion is not None for frame in shot.frames)
+    here = {
+        "matrices": shot.has_camera,
+        "the unit of depth": shot.has_camera and shot.has_depth,
+        "vectors": vectors,
+        "jitter": True,
+    }
+    hidden = ", ".join(what for what, there in here.items() if there)
+    return f"{hidden}: no frame here follows another; give 8 or more in a row"
+
+
+def _camera(shot: Shot) -> Iterator[str]:
+    if not shot.has_camera:
+        return
+    pairs = moving_pairs(shot)
+    if not pairs:
+        yield "matrices: their direction, their y, a delay; and the unit of depth: the camera stands"
+        return
+    hidden = []
+    for name, what in WHAT.items():
+        change = MEANINGS[name].change
+        wrong = [pair.camera_motion(change(pair.frame.camera), change(pair.previous.camera)) for pair in pairs]
+        if not _shows(pairs, wrong):
+            hidden.append(what)
+    both = [(one, two) for one, two in zip(shot.pairs[1:], shot.pairs, strict=False) if _moves(one) or _moves(two)]
+    late = [one.camera_motion(two.frame.camera, two.previous.camera) for one, two in both]
+    if not _shows([one for one, _ in both], late):
+        hidden.append("a delay")
+    if hidden:
+        yield f"matrices: {', '.join(hidden)}: the pictures match about as well either way"
+    if shot.has_depth:
+        nearer = [pair.camera_motion(closeness=UNIT * pair.closeness) for pair in pairs]
+        if shot.frames[0].camera.orthographic or not _shows(pairs, nearer):
+            yield "the unit of depth: the pictures match about as well with others"
+
+
+def _depth(shot: Shot) -> Iterator[str]:
+    if shot.has_depth and shot.has_camera and not tells_kind(shot.frames):
+        yield "the kind of depth: no plane in view lies aslant"
+
+
+def _shows(pairs: Sequence[Pair], wrong: Sequence[Vector]) -> bool:
+    """True where the check would name a mistake that makes these motions [2, n] of the right ones."""
+    if all(_far(pair, motion) for pair, motion in zip(pairs, wrong, strict=True)):
+        return True  # from the vectors that fill the picture
+    chosen = slice(None, None, max(1, len(pairs) // MOST_PAIRS))
+    right = [camera_residual(pair, pair.camera_motion()) for pair in pairs[chosen]]
+    spoilt = [camera_residual(pair, motion) for pair, motion in zip(pairs[chosen], wrong[chosen], strict=True)]
+    return bool(np.mean(right) <= CLEARLY_BETTER * np.mean(spoilt))
+
+
+def _far(pair: Pair, wrong: Vector) -> bool:
+    """True where vectors fill the picture and the wrong motion lies far from the right one at most points."""
+    if np.isfinite(pair.own).all(0).mean() < COVERED:
+        return False
+    right = pair.camera_motion()
+    return middle_length(wrong - right) > DISAGREE * max(middle_length(wrong), LEAST_MOTION_PX)
+
+
+def _moves(pair: Pair) -> bool:
+    return not is_still(pair.frame.camera, pair.previous.camera)
+
+
+def _motion(shot: Shot) -> Iterator[str]:
+    """Signs and sizes of vectors that are too short, or all of one direction."""
+    own = [pair.own[:, pair.moving & pair.usable] for pair in shot.pairs if pair.frame.motion is not None]
+    own = [vectors for vectors in own if vectors.size]
+    if not any(pair.frame.motion is not None for pair in shot.pairs):
+        return
+    if not any(vectors.shape[1] >= LEAST_POINTS for vectors in own) and any(vectors.any() for vectors in own):
+        yield "the vectors' sign, axes and unit: too few pixels hold one"
+        return
+    if not own and any(np.any(pair.own[np.isfinite(pair.own)]) for pair in shot.pairs):
+        yield "the vectors' sign, axes and unit: before a camera that stands all are alike"
+        return
+    longest = max((float(np.quantile(np.hypot(*vectors), MOST)) for vectors in own), default=0.0)
+    if longest < LEAST_EFFECT_PX:
+        yield f"the vectors' sign, axes and unit: none is longer than {LEAST_EFFECT_PX:g} px"
+        return
+    shifts, anchored = measure_shifts(shot)
+    hidden = [what for name, what in VECTORS.items() if not _shows_vectors(shot, name, shifts, anchored)]
+    for what, axis in AXES.items():
+        # A sign turned over changes a vector by twice what it has on that axis.
+        if max(2 * float(np.sqrt((vectors[axis] ** 2).mean())) for vectors in own) < LEAST_EFFECT_PX:
+            yield f"the vectors: {what}: nothing moves that way"
+            hidden = [other for other in hidden if other != what]
+    if hidden:
+        yield f"the vectors: {', '.join(dict.fromkeys(hidden))}: the pictures match about as well either way"
+
+
+def _shows_vectors(shot: Shot, name: str, shifts: Sequence[Fit | None], anchored: bool) -> bool:
+    """True where the check would name vectors that are wrong so: the declared ones are made so, and judged."""
+    leak = {"jittered": 1.0, "jittered-reversed": -1.0}.get(name, 0.0)
+    meant = Affine(np.eye(2) if leak else linear_maps(*shot.window)[name])
+    wrong = Affine(np.asarray(np.linalg.inv(meant.matrix), np.float64))
+    if not leak and tells_map(shot, wrong):
+        return True
+    spoilt = copy(shot)
+    spoilt.pairs = [replace(p, own=wrong(p.own) + leak * p.jitter_change[:, None]) for p in shot.pairs]
+    maps = {"": Affine(np.eye(2))} | ({} if leak else {name: meant})
+    return bool(check_motion(spoilt, shifts, anchored, maps))
+
+
+def _jitter(shot: Shot) -> Iterator[str]:
+    declared = declared_jitter(shot.frames)
+    if not np.ptp(declared, axis=0).any():
+        return
+    likeness = measure_likeness(shot)
+    if likeness is not None and likeness.scatter(declared) <= MOST_SCATTER:
+        return
+    shifts, _ = measure_shifts(shot)
+    known = [place for place, fit in enumerate(shifts) if fit is not None]
+    if len(known) >= LEAST_PAIRS:
+        measured = np.array([fit.shift for fit in shifts if fit is not None])
+        change = np.array([shot.pairs[place].jitter_change for place in known])
+        ones = np.ones(len(known))
+        if left_over(measured, change, np.eye(2), ones) < LARGEST_LEFT * left_over(0 * change, change, np.eye(2), ones):
+            return
+    yield "the jitter: its sign, axes and size: nothing that rests shows it clearly"

@@ -1,0 +1,329 @@
+"""What is in a captured sequence, and what is wrong with it, file by file and together.
+
+A broken promise (an effect that is there and not declared) makes a resolve wrong, because the plan trusts the list; an
+idle one (declared, and never there) only costs time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from itertools import pairwise
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from cltaa.core.plan import CHANGING, nothing_changes
+from cltaa.errors import CltaaError
+from cltaa.frame import Effect, Matrix
+from cltaa.io.exr_frame import COLOUR, FrameHeader, Pixels, check_float_channels, frame_channels
+from cltaa.io.exr_layout import LOSSLESS, Layout
+from cltaa.io.exr_read import ImageHeader, read_header, read_image
+from cltaa.io.manifest import recorded_hashes
+from cltaa.io.numbered import Problems, even_step, named_frames, numbered_files, one_range
+from cltaa.io.pixel_statistics import ChannelStatistics, needless_channels, pixel_problems
+from cltaa.io.sequence import RESOLVED, open_images
+from cltaa.lab.inspect.changes import ColourChange, DepthChange, Uncovering
+
+LARGEST_MEAN_JITTER = 1e-3  # pixels; a mean that is not 0 shifts the whole image for good
+
+Headers = Mapping[int, FrameHeader]
+
+
+class Jitter(msgspec.Struct, kw_only=True):
+    """Offsets of the samples: frames after which they repeat (None: not within the sequence), mean over a period."""
+
+    period: int | None
+    mean_px: tuple[float, float]
+    largest_px: float
+
+
+class Reference(msgspec.Struct, kw_only=True):
+    """The truth beside a sequence; ``samples`` a pixel where its header tells."""
+
+    frames: int
+    samples: int | None
+
+
+class Inspection(msgspec.Struct, kw_only=True):
+    """Everything that ``cltaa inspect`` reports; frame lists hold frame numbers."""
+
+    folder: str
+    name: str
+    scene: str = ""
+    resolved_by: str = ""  # the preset, where these are results of a resolve
+    first: int = 0
+    last: int = 0
+    frames: int = 0
+    size: str = "unknown"  # and of a region of the display window, which
+    width: int = 0
+    height: int = 0
+    compression: str = ""
+    channels: dict[str, str] = {}
+    effects: list[str] | None = None  # None: nothing is declared
+    jitter: Jitter | None = None
+    camera: str = ""  # still, moves, zooms, moves and zooms
+    orthographic: bool = False
+    cuts: list[int] = []
+    exposures: tuple[float, float] = (1.0, 1.0)  # smallest and largest
+    reference: Reference | None = None
+    disk_bytes: int = 0
+    statistics: dict[str, ChannelStatistics] = {}
+    problems: list[str] = []
+    idle: list[str] = []  # what is declared and never shows: it costs time and nothing else
+
+
+def describe_layouts(result: Inspection, layouts: Mapping[int, Layout]) -> None:
+    """Say in ``result`` what files of these layouts, by frame number, hold; the others are held against the first."""
+    if not layouts:
+        return
+    number, first = next(iter(layouts.items()))
+    result.width, result.height, result.size = first.width, first.height, first.size
+    result.channels, result.compression = dict(sorted(first.channels.items())), first.compression
+    for name, differ in (("size", "differs from that"), ("channels", "differ from those")):
+        others = [other for other, layout in layouts.items() if getattr(layout, name) != getattr(first, name)]
+        if others:
+            result.problems.append(f"{name} of {named_frames(others)} {differ} of frame {number}")
+    lossy = sorted({layout.compression for layout in layouts.values()} - LOSSLESS)
+    if lossy:
+        result.problems.append(f"compression {', '.join(lossy)} loses precision; depth and motion need all of it")
+    for channel in ("backward.u", "backward.v"):
+        if first.channels.get(channel) == "half":
+            result.problems.append(f"channel {channel} is half precision: wrong by up to 1/2048 of its length")
+
+
+def describe_headers(result: Inspection, headers: Headers) -> None:
+    """Say in ``result`` what cameras, jitter, exposure and declared effects do over the frames; at least one."""
+    first = next(iter(headers.values()))
+    result.scene, result.orthographic = first.scene, first.camera.orthographic
+    result.effects = None if first.effects is None else sorted(first.effects)
+    result.cuts = [number for number, header in headers.items() if header.cut]
+    exposures = [header.exposure for header in headers.values()]
+    result.exposures = (min(exposures), max(exposures))
+    moves = not _constant(header.camera.world_to_view for header in headers.values())
+    zooms = not _constant(header.camera.view_to_clip for header in headers.values())
+    result.camera = " and ".join(word for word, on in (("moves", moves), ("zooms", zooms)) if on) or "still"
+    result.jitter = _jitter([header.jitter_px for header in headers.values()])
+    mean = max(abs(component) for component in result.jitter.mean_px)
+    if result.jitter.period is not None and mean > LARGEST_MEAN_JITTER:
+        result.problems.append(f"jitter is not centred: its mean shifts the image by up to {mean:.3g} pixels")
+    renamed = [number for number, header in headers.items() if header.index != number]
+    if renamed:
+        result.problems.append(f"cltaa:frame of {named_frames(renamed)} is not the number in the file name")
+    others = [number for number, header in headers.items() if header.effects != first.effects]
+    if others:
+        result.problems.append(f"other effects than the first are declared by {named_frames(others)}")
+    if first.effects is not None:
+        result.problems += _broken_promises(result, first.effects)
+
+
+def _broken_promises(result: Inspection, declared: frozenset[Effect]) -> list[str]:
+    """Effects that the files show and the declaration leaves out; a resolve would trust the declaration."""
+    shown = {
+        Effect.CAMERA: result.camera != "still",
+        Effect.MOTION: "backward.u" in result.channels,
+        Effect.REACTIVE: "reactive" in result.channels,
+        Effect.ALPHA: "A" in result.channels,
+        Effect.CUT: any(number > result.first for number in result.cuts),
+        Effect.EXPOSURE: result.exposures[0] != result.exposures[1],
+    }
+    return [f"effect {name} is there but not declared" for name, on in shown.items() if on and name not in declared]
+
+
+def describe_reference(result: Inspection, folder: Path, paths: Mapping[int, Path]) -> None:
+    """Say in ``result`` what truth there is in ``folder`` for the frames at ``paths``."""
+    if not (folder / "reference").exists():
+        return
+    try:
+        truth = open_images(folder / "reference")
+        samples = read_header(truth.path(truth.first)).attributes.get("cltaa:samples")
+    except CltaaError as error:
+        result.problems.append(str(error))
+        return
+    result.reference = Reference(frames=len(truth), samples=samples if isinstance(samples, int) else None)
+    result.disk_bytes += sum(map(size_of, truth.paths))
+    without = sorted(set(paths) - set(truth.numbers))
+    if without:
+        result.problems.append(f"reference missing for {named_frames(without)}")
+    if (truth.width, truth.height) != (result.width, result.height):
+        result.problems.append(f"reference is {truth.layouts[truth.first].size}, frames {result.size}")
+
+
+def _jitter(offsets: list[tuple[float, float]]) -> Jitter:
+    count = len(offsets)
+    periods = (p for p in range(1, count) if all(offsets[i] == offsets[i - p] for i in range(p, count)))
+    period = next(periods, None)
+    mean = np.mean(offsets[:period], axis=0)
+    largest = float(np.abs(offsets).max())
+    return Jitter(period=period, mean_px=(float(mean[0]), float(mean[1])), largest_px=largest)
+
+
+def _constant(matrices: Iterable[Matrix]) -> bool:
+    iterator = iter(matrices)
+    first = next(iterator)
+    return all(np.array_equal(matrix, first) for matrix in iterator)
+
+
+def size_of(path: Path) -> int:
+    """Bytes of a file; 0 where it is none."""
+    return path.stat().st_size if path.is_file() else 0
+
+
+BRIGHT = 8.0  # "far above 1"
+# Any of these moves what a pixel shows.
+MOVING = frozenset({Effect.CAMERA, Effect.MOTION, Effect.UNCOVER, Effect.CUT})
+
+
+class Witness:
+    """Looks at the frames of a sequence in order; ``broken`` and ``idle`` say what it saw."""
+
+    def __init__(self) -> None:
+        self._seen: set[Effect] = set()
+        self._brightest = 0.0
+        self._depth, self._colour, self._uncovering = DepthChange(), ColourChange(), Uncovering()
+
+    def look(self, header: FrameHeader, channels: Mapping[str, Pixels]) -> None:
+        """Take in one frame."""
+        self._seen |= set(_shown(channels))
+        self._brightest = max(self._brightest, *(_highest(channels[name]) for name in "RGB"))
+        declared = header.effects
+        if declared is None:
+            return
+        if not declared & MOVING:
+            self._depth.look(header, np.asarray(channels["Z"], np.float32))
+        elif Effect.UNCOVER not in declared:
+            self._uncovering.look(header, channels)
+        if nothing_changes(declared):
+            self._colour.look(header, np.stack([np.asarray(channels[name], np.float32) for name in "RGB"]))
+
+    def broken(self, declared: frozenset[Effect] | None) -> list[str]:
+        """Effects that the pixels show and the declaration leaves out."""
+        if declared is None:
+            return []
+        problems = []
+        if self._brightest > BRIGHT and Effect.HDR not in declared:
+            problems.append(f"effect hdr shows in the pixels (up to {self._brightest:.4g}) but is not declared")
+        if self._depth.frame is not None:
+            problems.append(_undeclared("depth changes", self._depth.frame, MOVING))
+        elif self._colour.frame is not None:
+            problems.append(_undeclared("colour changes", self._colour.frame, CHANGING))
+        if self._uncovering.frame is not None:
+            problems.append(
+                f"something comes into view at frame {self._uncovering.frame}, but effect uncover is not declared"
+            )
+        return problems
+
+    def idle(self, declared: frozenset[Effect] | None) -> list[str]:
+        """Effects that are declared and never show, with what makes that sure."""
+        return [
+            f"effect {effect} is declared, but {says}: leave it out and save its step"
+            for effect, says in _IDLE.items()
+            if effect in (declared or ()) and effect not in self._seen
+        ]
+
+
+def _undeclared(what: str, frame: int, effects: frozenset[Effect]) -> str:
+    return f"{what} at frame {frame}, but no effect out of {', '.join(sorted(effects))} is declared"
+
+
+_IDLE = {
+    Effect.MOTION: "the motion channel is zero or NaN everywhere",
+    Effect.REACTIVE: "channel reactive is 0 everywhere",
+    Effect.ALPHA: "channel A is 1 everywhere",
+    Effect.HDR: "no value is above 1",
+    Effect.SKY: "depth is finite everywhere",
+}
+
+
+def _shown(channels: Mapping[str, Pixels]) -> Iterable[Effect]:
+    """Effects that one frame's pixels show; what lies between 1 and BRIGHT may be called HDR or not."""
+    motion = [channels[name] for name in ("backward.u", "backward.v") if name in channels]
+    if any((np.nan_to_num(plane) != 0).any() for plane in motion):
+        yield Effect.MOTION
+    if "reactive" in channels and (channels["reactive"] != 0).any():
+        yield Effect.REACTIVE
+    if "A" in channels and (channels["A"] != 1).any():
+        yield Effect.ALPHA
+    if any(_highest(channels[name]) > 1.0 for name in "RGB"):
+        yield Effect.HDR
+    if np.isinf(channels["Z"]).any():
+        yield Effect.SKY
+
+
+def _highest(plane: Pixels) -> float:
+    return float(np.max(np.asarray(plane, np.float32), where=np.isfinite(plane), initial=0.0))
+
+
+def inspect_folder(
+    folder: Path, *, pixels: bool = False, step: int = 1, advance: Callable[[int, int], None] | None = None
+) -> Inspection:
+    """Look at every file of a sequence. What is wrong is listed, not raised.
+
+    With ``pixels`` the files are also decoded, and held against the SHA-256 that is recorded for them and against the
+    effects that they declare.
+    ``advance(done, total)`` is called after every file. Raises InputMissing or DataError only where there is no one
+    sequence to look at.
+    """
+    _, name, paths = numbered_files(folder)
+    result = Inspection(folder=str(folder), name=name, first=min(paths), last=max(paths), frames=len(paths))
+    result.problems += _missing(sorted(paths), step)
+    recorded = _recorded(folder, result.problems) if pixels else {}
+    layouts: dict[int, Layout] = {}
+    headers: dict[int, FrameHeader] = {}
+    witness, wrong = Witness(), Problems()
+    for done, (number, path) in enumerate(sorted(paths.items()), start=1):
+        try:
+            header = read_header(path)
+            layouts[number] = header.layout
+            result.resolved_by = str(header.attributes.get(RESOLVED, ""))
+            _check_channels(header)
+            if not result.resolved_by or "cltaa:jitterPx" in header.attributes:  # other tools' files may have none
+                headers[number] = FrameHeader(path, header.attributes, header.layout)
+            if pixels:
+                channels = read_image(path, sha256=recorded.get(path.name))[0]
+                for channel, plane in channels.items():
+                    result.statistics.setdefault(channel, ChannelStatistics()).add(plane)
+                if not result.resolved_by:
+                    witness.look(headers[number], channels)
+        except CltaaError as error:
+            wrong.add(number, error)
+        result.disk_bytes += size_of(path)
+        if advance is not None:
+            advance(done, len(paths))
+    result.problems += wrong.lines
+    describe_layouts(result, layouts)
+    if headers:
+        describe_headers(result, headers)
+    describe_reference(result, folder, paths)
+    result.problems += pixel_problems(result.statistics) + needless_channels(result.statistics)
+    if pixels and headers and not result.resolved_by:
+        declared = next(iter(headers.values())).effects
+        result.problems += witness.broken(declared)
+        result.idle = witness.idle(declared)
+    return result
+
+
+def _missing(numbers: list[int], step: int) -> list[str]:
+    """The problem of frames that are not there, if any."""
+    gaps = [one_range(one + 1, other - 1) for one, other in pairwise(numbers) if other != one + step]
+    if not gaps:
+        return []
+    apart, what = even_step(numbers), f"frames missing: {', '.join(gaps)}"
+    return [what if apart == 1 else f"{what}; those there are {apart} apart: --step {apart}"]
+
+
+def _recorded(folder: Path, problems: list[str]) -> dict[str, str]:
+    """The hashes that files must have; a record that cannot be read is among the ``problems``."""
+    try:
+        return recorded_hashes(folder)
+    except CltaaError as error:
+        problems.append(str(error))
+        return {}
+
+
+def _check_channels(header: ImageHeader) -> None:
+    """Refuse a frame without the channels that it needs: an image that a resolve wrote needs no depth."""
+    if RESOLVED in header.attributes:
+        check_float_channels(header.layout, COLOUR)
+    else:
+        frame_channels(header.layout)

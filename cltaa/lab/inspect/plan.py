@@ -1,0 +1,203 @@
+"""The plan of a whole sequence: which steps run on which frames, why, and what each costs on this device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from cltaa.core.backend import Launcher
+from cltaa.core.build import Steps, Storage
+from cltaa.core.parameters import HistoryOf, LightChange
+from cltaa.core.plan import Plan, plan_frame, toggled, with_effects
+from cltaa.core.presets import Preset
+from cltaa.core.record import Past
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Effect
+from cltaa.io.sequence import FrameSequence
+from cltaa.lab.timing import Job, Samples, measure
+from cltaa.pipeline.memory import NO_LAYERS, Memory, PlanesHeld, of_sequence, program_bytes
+from cltaa.pipeline.output import check_layers, chosen_layers, kept_kinds
+from cltaa.pipeline.run import band_rows_for, has_bands, of_whole
+
+ROUNDS = 9  # of timing, each of which runs every variant once
+PLANNED, EVERY = "as planned", "every step"
+
+Effects = frozenset[Effect] | Literal["auto", "all"]
+
+
+class Step(msgspec.Struct, kw_only=True):
+    """One step on some frames. ``milliseconds`` is what it takes, or would take, on a frame; None: not measured."""
+
+    name: str
+    on: bool
+    why: str
+    milliseconds: float | None = None
+
+
+class Section(msgspec.Struct, kw_only=True):
+    """Frames in a row that share a plan; ``starts`` where nothing of the past is used. Times are a frame's kernels."""
+
+    first: int
+    last: int
+    starts: bool
+    steps: list[Step]
+    milliseconds: float | None = None
+    every_milliseconds: float | None = None  # with every step of the preset on
+
+
+class SequencePlan(msgspec.Struct, kw_only=True):
+    """What ``cltaa inspect --plan`` reports."""
+
+    folder: str
+    preset: str
+    device: str
+    kernels: int  # different builds of the resolve that the sequence needs
+    sections: list[Section]
+    memory: Memory
+
+
+def plan(
+    sequence: FrameSequence,
+    preset: str | Preset = "default",
+    device: str | int | Launcher | None = None,
+    *,
+    effects: Effects = "auto",
+    rounds: int = ROUNDS,
+    storage: Storage = Storage.FLOAT,
+    half: bool = False,
+    layers: tuple[str, ...] | None = None,
+    band_rows: int | None = None,
+) -> SequencePlan:
+    """Say which steps of ``preset`` run on which frames of ``sequence`` and why, from its headers alone.
+
+    With ``rounds`` each step is also timed on ``device``, on and off in turn, on two frames of the sequence; 0 reads no
+    pixels. ``storage``, ``half``, ``layers`` and ``band_rows`` are those of ``cltaa resolve``: they decide what memory
+    it takes. Raises what opening the device and reading raise, and UsageError for no such layer.
+    """
+    layers = chosen_layers(layers, sequence)
+    check_layers(sequence, layers)
+    resolver = Resolver(preset, device, storage=storage, every_step=True)
+    program = program_bytes()  # before a kernel is built
+    sections: list[Section] = []
+    plans: list[Plan] = []
+    for number, starts, planned in _plans(sequence, resolver.preset, effects):
+        if plans and planned.reasons == plans[-1].reasons and not starts:
+            sections[-1].last = number
+            continue
+        steps = [Step(name=reason.step, on=reason.on, why=reason.why) for reason in planned.reasons]
+        sections.append(Section(first=number, last=number, starts=starts, steps=steps))
+        plans.append(planned)
+    if rounds:
+        timed: dict[tuple[object, ...], Section] = {}
+        for section, planned in zip(sections, plans, strict=True):
+            key = tuple((step.name, step.on) for step in section.steps)
+            if key not in timed and section.last > sequence.first:
+                _time(section, planned, sequence, resolver, effects, rounds)
+                timed[key] = section
+            elif key in timed:
+                _copy_times(timed[key], section)
+    kernels = len({(planned.choices, planned.steps) for planned in plans})
+    needed = memory(sequence, resolver, plans, half=half, layers=kept_kinds(sequence, layers), rows=band_rows)
+    return SequencePlan(
+        folder=str(sequence.folder),
+        preset=resolver.preset.name,
+        device=resolver.launcher.description,
+        kernels=kernels,
+        sections=sections,
+        memory=msgspec.structs.replace(needed, program=program),
+    )
+
+
+def memory(
+    sequence: FrameSequence,
+    resolver: Resolver,
+    plans: list[Plan],
+    *,
+    half: bool = False,
+    layers: Mapping[str, str] = NO_LAYERS,
+    rows: int | None = None,
+) -> Memory:
+    """What a resolve of ``sequence`` takes at its peak, in bands where it would run in bands, ``half`` to halves.
+
+    ``layers`` are as ``of_resolve`` takes them, ``rows`` those of a band (0: whole images) where that is not chosen.
+    """
+    preset, shared = resolver.preset, resolver.launcher.shares_memory
+    used = {name: any(getattr(each.steps, name) for each in plans) for name in Steps.__struct_fields__}
+    histories = {each.choices.history_of for each in plans}
+    if rows is None:
+        whole = of_whole(sequence, resolver, half=half, layers=layers)
+        rows = band_rows_for(whole) if has_bands(resolver) else 0
+    kept, doubled = HistoryOf.SAMPLES in histories, HistoryOf.DOUBLED in histories
+    frames_kept = preset.settings.frames_kept if kept else 0
+    spans = kept and any(each.choices.light_change is LightChange.SPANS for each in plans)
+    held = PlanesHeld(
+        Steps(**used),
+        resolver.storage,
+        band_rows=rows,
+        frames_kept=frames_kept,
+        spans=spans,
+        doubled=doubled,
+        shared=shared,
+        half=half,
+    )
+    return of_sequence(sequence, held, layers)
+
+
+def _plans(sequence: FrameSequence, preset: Preset, effects: Effects) -> Iterator[tuple[int, bool, Plan]]:
+    """Number, whether history starts, and plan of every frame."""
+    past: Past | None = None
+    for number in sequence.numbers:
+        frame = with_effects(sequence.outline(number), effects)
+        if past is not None and not past.continues_in(frame, preset.choices):
+            past = None
+        yield (
+            number,
+            past is None,
+            plan_frame(preset, frame, None if past is None else past.camera, every=effects == "all"),
+        )
+        past = Past.of(frame)
+
+
+def _time(
+    section: Section, planned: Plan, sequence: FrameSequence, resolver: Resolver, effects: Effects, rounds: int
+) -> None:
+    """Time the last frame of ``section`` after the one before it: as planned, each step toggled, with every step."""
+    place = max(sequence.numbers.index(section.last), 1)
+    before, frame = (with_effects(sequence.frame(n), effects) for n in sequence.numbers[place - 1 : place + 1])
+    resolver.reset()
+    resolver.resolve(replace(before, cut=True))
+    resolver.resolve(replace(frame, cut=False))
+    every = resolver.plan
+    assert every is not None
+    variants = {PLANNED: planned, EVERY: every}
+    variants |= {step.name: toggled(planned, resolver.preset, step.name) for step in section.steps}
+
+    def run(variant: Plan) -> Callable[[], None]:
+        def once() -> None:
+            resolver.plan = variant
+            resolver.run_again(frame, before)
+
+        return once
+
+    jobs = [Job(name, run(variant)) for name, variant in variants.items()]
+    samples = measure(jobs, rounds, warm_up=2)
+    section.milliseconds = _milliseconds(samples, PLANNED)
+    section.every_milliseconds = _milliseconds(samples, EVERY)
+    for step in section.steps:
+        # The median of the paired differences, so that a load that comes and goes cancels.
+        pairs = samples.seconds(step.name) - samples.seconds(PLANNED)
+        step.milliseconds = float(np.median(-pairs if step.on else pairs)) * 1e3
+
+
+def _milliseconds(samples: Samples, job: str) -> float:
+    return float(np.median(samples.seconds(job))) * 1e3
+
+
+def _copy_times(source: Section, target: Section) -> None:
+    target.milliseconds, target.every_milliseconds = source.milliseconds, source.every_milliseconds
+    for step, other in zip(target.steps, source.steps, strict=True):
+        step.milliseconds = other.milliseconds

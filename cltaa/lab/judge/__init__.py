@@ -1,0 +1,1 @@
+"""Errors and scores of a result against the truth."""

@@ -1,0 +1,309 @@
+"""Which image is judged against which, and whether two sequences show the same scene.
+
+Two pictures of one size may be of anything, and a bad resolve of the right scene can be further from the truth than a
+picture of another. So nothing is guessed: where the files do not say what they show, nothing is said.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from collections.abc import Sequence as Many
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.inputs.foreign import open_pictures, stated
+from cltaa.inputs.open import is_own, open_input
+from cltaa.io.exr_layout import Part, Window
+from cltaa.io.manifest import CAPTURE, Manifest, file_sha256, recorded_hashes
+from cltaa.io.numbered import FrameRange, NumberedFiles, OnBreak, ranges, shared_region
+from cltaa.io.sequence import RESOLVED, FrameSequence, ImageSequence
+from cltaa.printable import counted, printable
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A test sequence and its truth, paired by frame number, and the capture that both come from, where it is known."""
+
+    test: ImageSequence
+    reference: ImageSequence
+    capture: FrameSequence | None
+    yardsticks: Mapping[int, ImageSequence] = field(default_factory=dict)  # of the capture, by samples a pixel
+
+    @property
+    def of_itself(self) -> bool:
+        """True where the test is the capture's own single samples."""
+        return self.capture is not None and self.test.folder.samefile(self.capture.folder)
+
+    @property
+    def region(self) -> Window | None:
+        """What is judged where the two show different regions of one display window; else None, for all."""
+        return shared_region(self.test, self.reference)
+
+    def part_of(self, images: NumberedFiles) -> Part:
+        """Rows and columns of an image of the test, its reference, the capture or a yardstick that are judged."""
+        region = self.region
+        return np.s_[:, :] if region is None else images.shows(region)
+
+    @property
+    def _two_images(self) -> bool:
+        """True for two single images, whose numbers need not agree."""
+        return self.capture is None and len(self.test) == len(self.reference) == 1
+
+    def truth_number(self, number: int) -> int:
+        """The frame of the reference that a frame of the test is judged against."""
+        return self.reference.first if self._two_images else number
+
+    def not_judged(self, frames: FrameRange | None = None) -> list[int]:
+        """Frames, of those in the range ``frames``, that the reference and any capture have and the test has not."""
+        if self._two_images:
+            return []
+        there = set(self.reference.numbers)
+        if self.capture is not None:
+            there &= set(self.capture.numbers)
+        first, last = frames or (min(there), max(there))
+        return sorted(number for number in there - set(self.test.numbers) if first <= number <= last)
+
+    def check(self) -> None:
+        """Raise DataError for sizes that differ and InputMissing for a frame that one of the others has not."""
+        shared_region(self.test, self.reference)
+        if self._two_images:
+            return
+        both = "choose frames that both have with --frames"
+        if self.capture is not None:
+            _check_frames(self.test, self.capture, "single samples", both)
+        _check_frames(self.test, self.reference, "reference", both)
+        check_yardsticks(self.test, self.yardsticks)
+
+
+def _check_frames(wanted: NumberedFiles, other: NumberedFiles, what: str, cure: str) -> None:
+    for number in wanted.numbers:
+        if number not in other.numbers:
+            if not set(wanted.numbers) & set(other.numbers):
+                cure = "the two have no frame number in common: number them alike"
+            raise InputMissing(
+                f"no {what} for this frame", path=other.folder, frame=number, found=ranges(other.numbers), cure=cure
+            )
+
+
+def check_yardsticks(wanted: NumberedFiles, found: Mapping[int, ImageSequence]) -> None:
+    """Raise InputMissing where a yardstick lacks a frame that is wanted."""
+    for count, images in found.items():
+        what = f"yardstick of {counted(count, 'sample')}"
+        _check_frames(wanted, images, what, "capture it again, or take the folder away")
+
+
+def pair_up(
+    tests: Many[Path],
+    reference: Path | None,
+    frames: FrameRange | None = None,
+    *,
+    side_file: Path | None = None,
+    step: int = 1,
+    verify: bool = True,
+    **reading: Any,
+) -> list[Comparison]:
+    """Open tests (folders or files) and their one reference (folder or file, or a capture that holds one).
+
+    Without a reference there is one test, a capture, and its single samples are judged against its own truth.
+    ``frames`` are the first and the last frame number to take, both included; all unless given.
+    ``verify`` is that of ``open_sequence``; ``reading`` are ``profile`` and ``assignments`` of ``open_input``, for what
+    another tool wrote; ``side_file`` and ``step`` are those of the capture.
+    Raises UsageError, InputMissing and DataError where they do not belong together.
+    """
+    against = tests[0] if reference is None else reference
+    capture = _capture(against, verify, step, reading | {"side_file": side_file})
+    images = [open_pictures(test, verify=verify, frames=frames, **reading) for test in tests]
+    truth = None if capture is None else capture.known_reference()
+    if truth is None:
+        if reference is None:
+            cure = "name the reference: cltaa compare TEST REFERENCE"
+            raise UsageError("nothing to compare with: no folder reference/ in it", path=against, cure=cure)
+        truth = open_pictures(reference, verify=verify, gaps=OnBreak.RESET, **reading)
+    yardsticks = {} if capture is None else open_yardsticks(capture)
+    comparisons = [Comparison(test, truth, capture, yardsticks) for test in images]
+    for comparison in comparisons:
+        comparison.check()
+    return comparisons
+
+
+def _capture(path: Path, verify: bool, step: int, reading: Mapping[str, Any]) -> FrameSequence | None:
+    if not (path / "reference").is_dir():
+        return None
+    # A frame that is not there is an error where it is asked for.
+    return open_input(path, verify=verify, gaps=OnBreak.RESET, step=step, **({} if is_own(path) else reading))
+
+
+def truth_of(sequence: FrameSequence) -> ImageSequence:
+    """The truth of a sequence; raises InputMissing where it has none, UsageError for the results of a resolve."""
+    if sequence.reference is None:
+        sequence.refuse_result()
+        cure = (
+            "capture it with --reference 256, best also --yardstick 2,4,8,16,32,64; or render it there yourself, with"
+            " many samples a pixel and the names of the frames; or say by --truth DIR where it is"
+        )
+        raise InputMissing("no truth to measure against", path=sequence.folder / "reference", cure=cure)
+    return sequence.reference
+
+
+def truth_samples(reference: ImageSequence) -> int | None:
+    """Samples a pixel of a truth, as attribute ``cltaa:samples`` of its first frame tells, or None."""
+    path = reference.path(reference.first)
+    count = stated(path).get("cltaa:samples")
+    if count is None or (isinstance(count, int) and count > 0):
+        return count
+    what = "attribute cltaa:samples is wrong"
+    raise DataError(what, path=path, expected="a positive int", found=repr(count), cure="capture the reference again")
+
+
+def open_yardsticks(capture: FrameSequence) -> dict[int, ImageSequence]:
+    """Folders ``reference-<n>/`` of a capture, the same frames drawn with n samples a pixel, by n, fewest first.
+
+    One sample is none of them: the capture itself has that, which would count twice. Raises what opening images does,
+    and DataError for another size.
+    """
+    named = {path.name.removeprefix("reference-"): path for path in capture.folder.glob("reference-*")}
+    folders = sorted((int(name), path) for name, path in named.items() if name.isdecimal() and int(name) > 1)
+    return {count: capture.open_supersampled(path) for count, path in folders}
+
+
+VIEW = "cltaa:worldToView"
+PRIMARIES = "chromaticities"  # of red, green, blue and white, x and y each
+SAME_PRIMARIES = 1e-3  # they are commonly stated in three digits
+NO_TRUTH = (
+    "which has no truth in a folder reference/: the figures are no errors; capture it with --reference 64, or render"
+    " the truth there, with many samples a pixel"
+)
+SAME_VIEW = 1e-6  # of the largest number of the two matrices; a still camera's are equal to the bit
+
+
+def doubts(comparison: Comparison, *, followed: bool = False) -> list[str]:
+    """Why A may not show what B shows, or B is no truth: the weightiest alone, empty where nothing speaks against it.
+
+    With ``followed`` the motion that B's files tell counts too, and so how they are read.
+    Raises what reading a header and a manifest raises.
+    """
+    truth = stated(comparison.reference.path(comparison.reference.first))
+    if comparison.capture is not None and RESOLVED in truth:
+        return [f"the truth of B, {printable(comparison.reference.folder)}, was written by a resolve: capture it again"]
+    if comparison.of_itself:
+        return []
+    test = comparison.test
+    other: NumberedFiles = comparison.reference if comparison.capture is None else comparison.capture
+    number = test.first if test.first in other.numbers else other.first
+    ours, theirs = (stated(path) for path in (test.path(test.first), other.path(number)))
+    scenes = [str(attributes.get("cltaa:scene", "")) for attributes in (ours, theirs)]
+    if all(scenes) and scenes[0] != scenes[1]:
+        return [f"A shows scene {printable(scenes[0])} and B scene {printable(scenes[1])}"]
+    views = [attributes.get(VIEW) for attributes in (ours, theirs)]
+    if test.first == number and _differ(*views):
+        return [f"A and B are seen by different cameras in frame {number}"]
+    if _other_primaries(ours.get(PRIMARIES), truth.get(PRIMARIES)):
+        return ["A and B state different primaries (attribute chromaticities), and neither is converted"]
+    if comparison.capture is None and (without := _no_truth(comparison, truth)):
+        return [f"{without}, {NO_TRUTH}"]
+    if comparison.capture is not None and _of_other_frames(test, comparison.capture):
+        return [
+            "A was resolved from other frames than those of B: from another seed or jitter, or before a new capture"
+        ]
+    if followed and comparison.capture is not None and _read_otherwise(test, comparison.capture):
+        return [
+            "A was resolved from B as other options read it: give --profile, --input, --camera and --step as then,"
+            " for by B's depth, vectors and matrices things are followed"
+        ]
+    return []
+
+
+def _differ(one: object, other: object) -> bool:
+    """True where both are matrices, and not the same."""
+    if not (isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and one.shape == other.shape):
+        return False
+    return bool(np.abs(one - other).max() > SAME_VIEW * max(np.abs(one).max(), np.abs(other).max()))
+
+
+def _other_primaries(one: object, other: object) -> bool:
+    """True where both are stated, and not the same."""
+    if not (isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other)):
+        return False
+    return bool(np.abs(np.subtract(one, other)).max() > SAME_PRIMARIES)
+
+
+def _no_truth(comparison: Comparison, attributes: Mapping[str, object]) -> str | None:
+    """How it is known that B, of such attributes, holds what a resolve begins with; None where nothing says so."""
+    test, reference = comparison.test, comparison.reference
+    entry = Manifest(test.folder).entries.get(test.path(test.first).name)
+    source = reference.path(comparison.truth_number(test.first))
+    if entry is not None and entry.input_sha256 == file_sha256(source):
+        return "A was resolved from the frames of B"
+    # The truth lies in a folder of the capture's, which has the record.
+    drawn = (reference.folder / CAPTURE).exists() and RESOLVED not in attributes
+    return "B is a capture of one sample a pixel" if drawn else None
+
+
+def _of_other_frames(test: NumberedFiles, capture: NumberedFiles) -> bool:
+    """True where the manifest of a resolve names another input than the capture records, for the first frame."""
+    entry = Manifest(test.folder).entries.get(test.path(test.first).name)
+    recorded = capture.sha256(test.first) if test.first in capture.numbers else None
+    return entry is not None and recorded is not None and entry.input_sha256 != recorded
+
+
+def _read_otherwise(test: NumberedFiles, capture: FrameSequence) -> bool:
+    """True where the manifest of a resolve tells another profile or step, or for its first frame other matrices."""
+    manifest = Manifest(test.folder)
+    entry = manifest.entries.get(test.path(test.first).name)
+    if manifest.settings is None or entry is None or test.first not in capture.numbers:
+        return False
+    reading = json.loads(json.dumps(capture.reading))  # as it comes back from a manifest
+    otherwise = any(manifest.settings.get(key) != value for key, value in reading.items())
+    return otherwise or entry.beside_sha256 != capture.beside_sha256(test.first)
+
+
+def content_sha256(sequence: FrameSequence, others: Iterable[NumberedFiles] = ()) -> str:
+    """One SHA-256 over the frames, the truth and others, from what their capture recorded, else from the files.
+
+    Of another tool's files it is also over how they are read; of cltaa's own that is the step alone, which is left out.
+    """
+    recorded: dict[str, str] = {}
+    paths: list[Path] = []
+    for images in _with_truth(sequence, others):
+        paths += images.paths
+        place = _name(images.folder, sequence)
+        below = "" if images.folder == sequence.folder else f"{place}/"
+        recorded |= {f"{below}{name}": found for name, found in recorded_hashes(images.folder).items()}
+    digest = hashlib.sha256()
+    for path in paths:
+        name = _name(path, sequence)
+        digest.update(f"{name} {recorded.get(name) or file_sha256(path)}\n".encode())
+    for number in sequence.numbers:
+        if (beside := sequence.beside_sha256(number)) is not None:
+            digest.update(f"{number} {beside}\n".encode())
+    if sequence.reading.keys() - {"step"}:
+        digest.update(msgspec.json.encode(sequence.reading))
+    return digest.hexdigest()
+
+
+def stamps(sequence: FrameSequence) -> str:
+    """One SHA-256 over place, size and time of every file of the frames and the truth, and over how they are read.
+
+    Quicker than ``content_sha256``; a file that was copied or touched counts as another.
+    """
+    paths = [*sequence.files, *(path for images in _with_truth(sequence)[1:] for path in images.paths)]
+    files = [(str(path.resolve()), path.stat().st_size, path.stat().st_mtime_ns) for path in paths]
+    return hashlib.sha256(msgspec.json.encode([files, sequence.reading, sequence.told])).hexdigest()
+
+
+def _with_truth(sequence: FrameSequence, others: Iterable[NumberedFiles] = ()) -> list[NumberedFiles]:
+    truth = [] if sequence.reference is None else [sequence.reference]
+    return [sequence, *truth, *others]
+
+
+def _name(path: Path, sequence: FrameSequence) -> str:
+    """A path as it lies in the sequence's folder, where it does."""
+    inside = path.is_relative_to(sequence.folder)
+    return (path.relative_to(sequence.folder) if inside else path).as_posix()

@@ -1,0 +1,251 @@
+"""Errors of an image against the truth: MSE, PSNR, SSIM, FLIP; definitions and ranges are in ``docs/metrics.md``.
+
+All functions take the test image first and the reference second, linear [H, W, 3] float32 of one size.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cltaa import __version__
+from cltaa.errors import DataError, UsageError, import_extra, known
+from cltaa.frame import Image
+from cltaa.io.display import luma, shown_light, to_display
+from cltaa.printable import counted
+
+SSIM_SIGMA = 1.5  # pixels; Wang et al. 2004, with the 11 x 11 Gaussian window that goes with it
+SSIM_SMALLEST_SIDE = 11
+# Luminance; FLIP's range of exposures is upside down where the brightest is below float32's epsilon.
+FLIP_DARKEST = 1e-6
+FLIP_PIXELS_PER_DEGREE = 67.0  # FLIP's own default: 0.7 m from a 3840 pixel, 0.7 m wide screen
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """A named error measure: ``function(test, reference, stops)``, what it says, and which direction is better.
+
+    ``needs`` imports the library that it is worked out by, ``package``; raises UsageError that says what to install.
+    """
+
+    name: str
+    function: Callable[[Image, Image, float], float]
+    title: str
+    higher_is_better: bool
+    form: str  # format of a value in a table
+    needs: Callable[[], object] = lambda: None
+    package: str = "numpy"
+
+
+def mse(test: Image, reference: Image) -> float:
+    """Mean squared error over all pixels and channels, in float64; 0 is identical."""
+    return float(np.mean(np.square(test.astype(np.float64) - reference)))
+
+
+def light_mse(test: Image, reference: Image, stops: float = 0.0) -> float:
+    """Mean squared error of the light that a screen can show, linear in [0, 1].
+
+    Linear, so that it falls with the samples of a supersampler by the law of ``cltaa.lab.judge.equal_quality``; cut at
+    white, because otherwise a few highlights far above it decide and the rest of the picture does not count.
+    """
+    return mse(shown_light(test, stops), shown_light(reference, stops))
+
+
+def psnr(mean_squared_error: float) -> float:
+    """Peak signal-to-noise ratio in dB for a peak of 1; infinite where the error is 0."""
+    return math.inf if mean_squared_error == 0 else -10 * math.log10(mean_squared_error)
+
+
+def mean_psnr(values: Sequence[float]) -> float:
+    """The PSNR of the mean of the squared errors that ``values`` say: finite unless all of them are infinite."""
+    return psnr(math.fsum(10 ** (-value / 10) for value in values) / len(values))
+
+
+def ssim(test: Image, reference: Image, stops: float = 0.0) -> float:
+    """Mean structural similarity of the luma of the display images (Wang et al. 2004, Gaussian window); 1 is identical.
+
+    Raises UsageError without scikit-image and DataError for images smaller than the window.
+    """
+    return display_ssim(to_display(test, stops), to_display(reference, stops))
+
+
+def display_ssim(test: Image, reference: Image) -> float:
+    """``ssim`` of two display images [H, W, 3] in [0, 1]; raises as ``ssim`` does."""
+    if min(test.shape[:2]) < SSIM_SMALLEST_SIDE:
+        expected = f"at least {SSIM_SMALLEST_SIDE} pixels a side"
+        found, cure = f"{test.shape[1]} x {test.shape[0]}", "leave it out: --metrics mse,psnr,flip"
+        raise DataError("image too small for SSIM", expected=expected, found=found, cure=cure)
+    value = _import_skimage().structural_similarity(
+        luma(test),
+        luma(reference),
+        gaussian_weights=True,
+        sigma=SSIM_SIGMA,
+        use_sample_covariance=False,
+        data_range=1.0,
+    )
+    return float(value)
+
+
+def _import_skimage() -> Any:
+    return import_extra("skimage.metrics", package="scikit-image", extra="metrics", purpose="metric ssim")
+
+
+def _import_flip() -> Any:
+    return import_extra("flip_evaluator", package="flip-evaluator", extra="metrics", purpose="metric flip")
+
+
+def flip_map(test: Image, reference: Image, stops: float = 0.0, *, hdr: bool = False) -> Image:
+    """Per-pixel FLIP error [H, W] in [0, 1] (Andersson et al. 2020), or HDR-FLIP (2021), at 67 pixels per degree.
+
+    LDR: of the display images. HDR: of the linear images without negative values, the largest error over the range
+    of exposures that FLIP derives from the reference, with its ACES curve. Raises UsageError without flip-evaluator.
+    """
+    light = [np.maximum(image, 0.0) * np.float32(2.0**stops) for image in (test, reference)]
+    # Where it is too dark for HDR-FLIP's range of exposures the module would end the program.
+    if hdr and float(luma(light[1]).max()) >= FLIP_DARKEST:
+        return _flip(light[0], light[1], "HDR")
+    return display_flip(to_display(test, stops), to_display(reference, stops))
+
+
+def display_flip(test: Image, reference: Image) -> Image:
+    """``flip_map`` [H, W] of two display images [H, W, 3] in [0, 1]; raises as ``flip_map`` does."""
+    return _flip(test, reference, "LDR")
+
+
+def _flip(test: Image, reference: Image, scale: str) -> Image:
+    reference_image, test_image = (np.ascontiguousarray(image, dtype=np.float32) for image in (reference, test))
+    error, _, _ = _import_flip().evaluate(
+        reference_image,
+        test_image,
+        scale,
+        applyMagma=False,
+        computeMeanError=False,
+        parameters={"ppd": FLIP_PIXELS_PER_DEGREE},
+    )
+    per_pixel: Image = np.asarray(error, dtype=np.float32)[..., 0]
+    return per_pixel
+
+
+def _display_psnr(test: Image, reference: Image, stops: float) -> float:
+    return psnr(mse(to_display(test, stops), to_display(reference, stops)))
+
+
+METRICS = {
+    metric.name: metric
+    for metric in (
+        Metric("mse", light_mse, "mean squared error of linear light up to white", False, ".4g"),
+        Metric("mse-linear", lambda a, b, _: mse(a, b), "mean squared error of all linear light", False, ".4g"),
+        Metric("psnr", _display_psnr, "PSNR of the display images, dB", True, ".2f"),
+        Metric(
+            "psnr-linear", lambda a, b, _: psnr(mse(a, b)), "PSNR of all linear light for a peak of 1, dB", True, ".2f"
+        ),
+        Metric("ssim", ssim, "SSIM of display luma", True, ".4f", _import_skimage, "scikit-image"),
+        Metric(
+            "flip",
+            lambda a, b, s: float(flip_map(a, b, s).mean()),
+            "mean FLIP of the display images",
+            False,
+            ".4f",
+            _import_flip,
+            "flip-evaluator",
+        ),
+        Metric(
+            "flip-hdr",
+            lambda a, b, s: float(flip_map(a, b, s, hdr=True).mean()),
+            "mean HDR-FLIP",
+            False,
+            ".4f",
+            _import_flip,
+            "flip-evaluator",
+        ),
+    )
+}
+DEFAULT_METRICS = ("mse", "psnr", "ssim", "flip")
+
+
+def versions_of(metrics: Iterable[Metric]) -> dict[str, str]:
+    """Versions of all that works these metrics out, by package, for whoever does it again."""
+    return {"cltaa": __version__} | {metric.package: version(metric.package) for metric in metrics}
+
+
+def parse_metrics(text: str) -> tuple[Metric, ...]:
+    """Metrics named in a comma-separated list, or all of them for ``all``; raises what ``named_metrics`` does."""
+    names = list(METRICS) if text == "all" else [name.strip() for name in text.split(",") if name.strip()]
+    if not names:
+        raise UsageError("no metric is named", expected=", ".join(METRICS))
+    return named_metrics(names)
+
+
+def named_metrics(names: Iterable[str]) -> tuple[Metric, ...]:
+    """Metrics by their names, each once, ready to be worked out.
+
+    Raises UsageError for an unknown name, and where the library of one is not there: before the work, and not in it.
+    """
+    metrics = []
+    for name in dict.fromkeys(names):
+        if name not in METRICS:
+            raise UsageError(f"unknown metric {name}", cure=known(name, METRICS, "metrics"))
+        metrics.append(METRICS[name])
+    for metric in metrics:
+        metric.needs()
+    return tuple(metrics)
+
+
+def measure(
+    test: Image,
+    reference: Image,
+    metrics: Iterable[Metric] | None = None,
+    stops: float = 0.0,
+    *,
+    path: Path | None = None,
+    truth_path: Path | None = None,
+    frame: int | None = None,
+) -> dict[str, float]:
+    """Value of every metric (``DEFAULT_METRICS`` unless given) for one pair of images.
+
+    Raises DataError for sizes that differ, for bytes and greys, and for NaN or infinity, with ``frame`` and the file's
+    path in its text.
+    """
+    if test.shape != reference.shape:
+        expected, found = list(reference.shape), list(test.shape)
+        raise DataError("images differ in size", path=path, frame=frame, expected=expected, found=found)
+    for name, image, file in (("image", test, path), ("reference", reference, truth_path)):
+        if image.dtype.kind != "f" or image.shape[2:] != (3,):
+            raise DataError(
+                f"the {name} is no linear light",
+                path=file,
+                frame=frame,
+                expected="floats [H, W, 3]",
+                found=f"{image.dtype} {list(image.shape)}",
+            )
+        bad = image.size - int(np.isfinite(image).sum())
+        if bad:
+            what = f"NaN or infinity in {counted(bad, 'value')} of the {name}"
+            raise DataError(what, path=file, frame=frame, cure="there is no error to state; look for their cause")
+    if metrics is None:
+        metrics = (METRICS[name] for name in DEFAULT_METRICS)
+    return {metric.name: metric.function(test, reference, stops) for metric in metrics}
+
+
+def finite(image: Image) -> Image:
+    """Single samples [H, W, 3] with black for what is not finite: a resolve mends such texels, so they may be there."""
+    return np.where(np.isfinite(image), image, np.float32(0))
+
+
+def mean(frames: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    """Mean of each metric over frames; that of a PSNR is the PSNR of the mean squared error, and so stays finite."""
+    rows = list(frames)
+    result: dict[str, float] = {}
+    for name in rows[0] if rows else ():
+        values = [row[name] for row in rows]
+        if name.startswith("psnr"):
+            result[name] = mean_psnr(values)
+        else:
+            result[name] = math.fsum(values) / len(values)
+    return result

@@ -1,0 +1,187 @@
+"""Tests judged against their one truth in one pass: each file is decoded once; scores and heat maps together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from cltaa.frame import Frame, Image
+from cltaa.io.exr_layout import Part
+from cltaa.io.names import NUMBERED
+from cltaa.io.numbered import ranges
+from cltaa.io.sequence import FrameSequence, ImageSequence
+from cltaa.io.streams import ReadAhead, Task
+from cltaa.lab.judge.comparison import Comparison
+from cltaa.lab.judge.metrics import METRICS, Metric, finite, flip_map, measure
+from cltaa.lab.judge.video_scores import Sums, VideoScores
+from cltaa.printable import printable
+from cltaa.progress import track
+
+
+def measure_map(
+    test: Image, reference: Image, metrics: Iterable[Metric], stops: float, *, path: Path, truth_path: Path, frame: int
+) -> tuple[dict[str, float], Image]:
+    """Metrics of one frame by name, and its error map [H, W] in [0, 1]: FLIP's where that is among them.
+
+    FLIP is slow, so it is not worked out twice. Raises as ``measure`` does.
+    """
+    from cltaa.io.png import error_map
+
+    metrics = tuple(metrics)
+    others = [metric for metric in metrics if metric.name != "flip"]
+    values = measure(test, reference, others, stops, path=path, truth_path=truth_path, frame=frame)
+    if len(others) == len(metrics):
+        return values, error_map(test, reference, stops)
+    errors = flip_map(test, reference, stops)
+    values["flip"] = float(errors.mean())
+    return {metric.name: values[metric.name] for metric in metrics}, errors
+
+
+def write_map(folder: Path, path: Path, errors: Image) -> None:
+    """Write the error map [H, W] of the image at ``path`` under its name; raises OutputError and StorageError."""
+    from cltaa.io.png import heat, write_png
+
+    write_png(folder / f"{path.stem}.png", heat(errors))
+
+
+def stale_maps(folder: Path, images: ImageSequence) -> list[str]:
+    """What to say of maps of frames of this sequence that are none of ``images``, as earlier runs leave them.
+
+    They stay: pictures of anybody's may lie in the folder under such names.
+    """
+    matches = (NUMBERED.fullmatch(path.name) for path in folder.glob("*.png"))
+    numbers = {int(match["number"]) for match in matches if match and match["name"] == images.name}
+    stale = sorted(numbers.difference(images.numbers))
+    return [f"{printable(folder)}: maps of frames that are not judged now stay there: {ranges(stale)}"] if stale else []
+
+
+MSE = METRICS["mse"]  # what equal-quality samples rest on
+
+
+@dataclass(slots=True)
+class Judged:
+    """What was found of one sequence of images."""
+
+    metrics: list[dict[str, float]] = field(default_factory=list)  # of each frame, by name
+    video: list[dict[str, float]] = field(default_factory=list)  # the same as moving pictures, where asked for
+    total: Sums | None = None  # of all frames as moving pictures
+
+
+@dataclass(slots=True)
+class Found:
+    """What a pass found: of each test, of the single samples, and the errors of the yardsticks, by samples a pixel."""
+
+    tests: list[Judged]
+    one_sample: Judged | None = None  # None without a capture, and where nothing but the capture is judged
+    yardsticks: dict[int, list[float]] = field(default_factory=dict)  # MSE of each frame
+
+
+class _Picture(NamedTuple):
+    """A file that was read: what is judged of it [H, W, 3], and all of the frame where it was captured."""
+
+    image: Image
+    path: Path
+    frame: Frame | None = None
+
+
+def judge(
+    comparisons: Sequence[Comparison],
+    metrics: Sequence[Metric],
+    stops: float = 0.0,
+    *,
+    in_time: bool = False,
+    heatmap: Path | None = None,
+) -> Found:
+    """Judge the tests of ``comparisons``, which share frames, region and truth; the numbers are those of each alone.
+
+    ``in_time`` judges them as moving pictures too; ``heatmap`` is the folder of the maps of the one test there is. One
+    frame of each is in memory, and a few files ahead. Raises DataError for a file that is wrong, with its path.
+    """
+    first = comparisons[0]
+    others = [comparison for comparison in comparisons if not comparison.of_itself]
+    found = Found([Judged() for _ in comparisons])
+    if first.capture is not None and others:
+        found.one_sample = Judged()
+        found.yardsticks = {count: [] for count in first.yardsticks}
+    video = VideoScores(len(comparisons) + (found.one_sample is not None), stops) if in_time else None
+    capture = first.capture if in_time or found.one_sample is not None else None
+    with ReadAhead(_reads(comparisons, capture, [*found.yardsticks])) as pictures:
+        for number in track(first.test.numbers, len(first.test), "comparing"):
+            _judge_frame(found, number, pictures, metrics, stops, video, sampled=capture is not None, heatmap=heatmap)
+    if video is not None:
+        for judged, total in zip(_judged(found), video.totals, strict=True):
+            judged.total = total
+    return found
+
+
+def _judged(found: Found) -> list[Judged]:
+    """All that is judged as moving pictures, the single samples last."""
+    return found.tests if found.one_sample is None else [*found.tests, found.one_sample]
+
+
+def _judge_frame(
+    found: Found,
+    number: int,
+    pictures: Iterator[_Picture],
+    metrics: Sequence[Metric],
+    stops: float,
+    video: VideoScores | None,
+    *,
+    sampled: bool,
+    heatmap: Path | None,
+) -> None:
+    """Judge one frame of each; ``pictures`` come as ``_reads`` orders them."""
+    truth = next(pictures)
+    against = partial(_measure, truth, number, stops)
+    sample = next(pictures) if sampled else None
+    for errors in found.yardsticks.values():
+        errors.append(against(next(pictures), [MSE])[MSE.name])
+    images = []
+    for judged in found.tests:
+        test = next(pictures)
+        judged.metrics.append(against(test, metrics, heatmap))
+        if video is not None:  # else it is let go before the next one is looked at
+            images.append(test.image)
+    if sample is not None and found.one_sample is not None:
+        found.one_sample.metrics.append(against(sample, metrics))
+        images.append(sample.image)
+    if video is not None and sample is not None and sample.frame is not None:
+        for judged, sums in zip(_judged(found), video.add(sample.frame, truth.image, images), strict=True):
+            judged.video.append(sums.scores())
+
+
+def _measure(
+    truth: _Picture, number: int, stops: float, test: _Picture, metrics: Sequence[Metric], heatmap: Path | None = None
+) -> dict[str, float]:
+    pair = test.image, truth.image
+    if heatmap is None:
+        return measure(*pair, metrics, stops, path=test.path, truth_path=truth.path, frame=number)
+    values, errors = measure_map(*pair, metrics, stops, path=test.path, truth_path=truth.path, frame=number)
+    write_map(heatmap, test.path, errors)
+    return values
+
+
+def _reads(
+    comparisons: Sequence[Comparison], capture: FrameSequence | None, yardsticks: Sequence[int]
+) -> Iterator[Task[_Picture]]:
+    """What reads the files: of each frame the truth, the single sample where there is a capture, yardsticks, tests."""
+    first = comparisons[0]
+    measured = [first.yardsticks[count] for count in yardsticks] + [comparison.test for comparison in comparisons]
+    for number in first.test.numbers:
+        yield partial(_read, first.reference, first.truth_number(number), first.part_of(first.reference))
+        if capture is not None:
+            yield partial(_read_sample, capture, number, first.part_of(capture))
+        for images in measured:
+            yield partial(_read, images, number, first.part_of(images))
+
+
+def _read(images: ImageSequence, number: int, part: Part) -> _Picture:
+    return _Picture(images.image(number)[part], images.path(number))
+
+
+def _read_sample(capture: FrameSequence, number: int, part: Part) -> _Picture:
+    frame = capture.frame(number)
+    return _Picture(finite(frame.colour[part]), capture.path(number), frame)

@@ -1,0 +1,238 @@
+"""Scores that tell the faults of a resolve apart: ghosting, flicker, blur, aliasing; formulas in ``docs/metrics.md``.
+
+All are worked out on the display images, so that a fault counts as it shows, and all against the truth.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.frame import Frame, Image
+from cltaa.io.display import to_display
+from cltaa.lab.judge.correspondence import Correspondence, Mask, correspondence
+from cltaa.lab.judge.cubic_sampler import CubicSampler
+from cltaa.lab.judge.detail import REACH, Detail, blurred, import_ndimage, judge_detail
+
+Array = NDArray[np.float64]
+
+TRAIL = 8  # frames for which an uncovered pixel is watched for what stood before it
+LEAST_CHANGE = 0.1  # of a display value, by which the truth changes where something was uncovered
+LEAST_WATCHED = 512  # pixels, of all frames together, below which chance decides about a ghost
+STEADY_PX = 0.5  # most that the motion may differ within 3x3 where a pixel is followed from frame to frame
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """A named score of a sequence; lower is better for all of them."""
+
+    name: str
+    title: str
+    form: str = ".4f"
+
+
+SCORES = (
+    Score("ghosting", "share of what stood there before that still shows at uncovered pixels", ".3f"),
+    Score("flicker", "change from frame to frame that is not in the truth, rms of display values"),
+    Score("blur", "share of the truth's finest detail that is lost", ".3f"),
+    Score("aliasing", "fine detail that no filter of the truth explains, rms of display values"),
+)
+
+
+@dataclass(slots=True)
+class Sums:
+    """What the scores of some frames are ratios of; those of all frames together are the ratios of the totals."""
+
+    stale_product: float = 0.0
+    stale_square: float = 0.0
+    stale_pixels: int = 0
+    flicker_square: float = 0.0
+    flicker_count: int = 0
+    detail_product: float = 0.0
+    detail_square: float = 0.0
+    false_square: float = 0.0
+    false_count: int = 0
+
+    def __iadd__(self, other: Sums) -> Sums:
+        """Add the sums of other frames."""
+        for field in fields(self):
+            setattr(self, field.name, getattr(self, field.name) + getattr(other, field.name))
+        return self
+
+    def scores(self) -> dict[str, float]:
+        """Value of each score; NaN where there was nothing to judge: nothing uncovered, no frame before, no detail."""
+        return {
+            "ghosting": _ratio(self.stale_product, self.stale_square * (self.stale_pixels >= LEAST_WATCHED)),
+            "flicker": math.sqrt(_ratio(self.flicker_square, self.flicker_count)),
+            "blur": 1 - _ratio(self.detail_product, self.detail_square),
+            "aliasing": math.sqrt(_ratio(self.false_square, self.false_count)),
+        }
+
+
+def _ratio(part: float, whole: float) -> float:
+    return part / whole if whole > 0 else math.nan
+
+
+@dataclass(slots=True)
+class _Past:
+    """What the frame before leaves for the next."""
+
+    frame: Frame
+    truth: Array
+    errors: list[Array]
+    stale: Array
+    age: NDArray[np.int64]
+    watched: Mask
+
+
+class VideoScores:
+    """Judges tests against one truth, frame by frame in order; a cut or a gap in the numbers starts anew.
+
+    Several tests can be judged at once, because most of the work is the truth's. Raises UsageError without scipy.
+    """
+
+    def __init__(self, tests: int = 1, stops: float = 0.0) -> None:
+        import_ndimage()  # missed now, and not after the first frame
+        self.totals = [Sums() for _ in range(tests)]
+        self._stops = stops
+        self._past: _Past | None = None
+        self.fresh: Mask = np.zeros((0, 0), np.bool_)  # of the last frame: uncovered in it, no edge beside, [H, W]
+
+    def add(self, frame: Frame, truth: Image, tests: list[Image]) -> list[Sums]:
+        """Judge one frame: ``frame`` as captured, the truth and each test, linear [H, W, 3]."""
+        return self.add_shown(frame, to_display(truth, self._stops), [to_display(test, self._stops) for test in tests])
+
+    def add_shown(self, frame: Frame, truth: Image, tests: list[Image], *, judged: bool = True) -> list[Sums]:
+        """Judge one frame of which truth and tests are display images [H, W, 3]; one given twice is judged once.
+
+        A frame that is not to be ``judged`` is only remembered for the next one, and gives no sums.
+        """
+        shown = truth.astype(np.float64)
+        different = {id(test): test.astype(np.float64) for test in tests}
+        errors = {key: test - shown for key, test in different.items()}
+        past = self._past
+        if past is not None and (frame.cut or frame.index != past.frame.index + frame.step):
+            past = None
+        found = None if past is None else correspondence(frame, past.frame)
+        stale, age = _follow_stale(shown, past, found)
+        watched = age > 0
+        self.fresh = (age == 1) & ~found.edge if found is not None else np.zeros_like(watched)
+        self._past = _Past(frame, shown, [errors[id(test)] for test in tests], stale, age, watched)
+        if not judged:
+            return []
+        trail = _Trail(shown, stale, watched, found)
+        path = None if past is None or found is None else _Path(found, _steady(found, watched, past.watched))
+        details = dict(zip(different, judge_detail(shown, [*different.values()], ~_grown(watched)), strict=True))
+        befores = [None] * len(tests) if past is None else past.errors
+        known: dict[tuple[int, int], Sums] = {}
+        results = []
+        for total, test, before in zip(self.totals, tests, befores, strict=True):
+            key = id(test), id(before)
+            if key not in known:
+                known[key] = _sums(errors[id(test)], before, details[id(test)], trail, path)
+            total += known[key]
+            results.append(known[key])
+        return results
+
+
+def _sums(error: Array, before: Array | None, detail: Detail, trail: _Trail, path: _Path | None) -> Sums:
+    sums = Sums(
+        detail_product=detail.product,
+        detail_square=detail.square,
+        false_square=detail.false_square,
+        false_count=detail.false_count,
+    )
+    if before is not None and path is not None:
+        sums += trail.ghosting(error)
+        sums += path.flicker(error, before)
+    return sums
+
+
+def _follow_stale(truth: Array, past: _Past | None, found: Correspondence | None) -> tuple[Array, NDArray[np.int64]]:
+    """The colour that stood before each uncovered pixel [H, W, 3], and the frames since, from 1 (0: none) [H, W]."""
+    if past is None or found is None:
+        return truth, np.zeros(truth.shape[:2], np.int64)
+    before = past.truth[found.row, found.column]
+    fresh = found.uncovered & (np.abs(before - truth).max(-1) >= LEAST_CHANGE)
+    carried = past.age[found.row, found.column] + 1
+    carried[~found.same | (carried == 1) | (carried > TRAIL)] = 0
+    age = np.where(fresh, 1, carried)
+    stale = np.where(fresh[..., None], before, past.stale[found.row, found.column])
+    return np.where((age > 0)[..., None], stale, truth), age
+
+
+class _Trail:
+    """Uncovered pixels of one frame, and what still shows there if the past does.
+
+    Only pixels that show whole surfaces count: where an edge runs through a pixel, that its one captured sample fell
+    behind the edge already says which way the error of this frame points.
+    """
+
+    def __init__(self, truth: Array, stale: Array, watched: Mask, found: Correspondence | None) -> None:
+        judged = watched & ~found.edge if found is not None else np.zeros_like(watched)
+        self._judged, self._watched = np.flatnonzero(judged), np.flatnonzero(watched)
+        if not self._judged.size:
+            return
+        self._blur = (blurred(truth) - truth)[judged].ravel()
+        self._blur_square = float(self._blur @ self._blur)
+        self._ghost = self._unexplained((stale - truth)[judged].ravel())
+        self._square = float(self._ghost @ self._ghost)
+
+    def _unexplained(self, values: Array) -> Array:
+        """What a blur of the truth does not explain."""
+        if self._blur_square > 0:
+            values = values - self._blur * (float(values @ self._blur) / self._blur_square)
+        return values
+
+    def ghosting(self, error: Array) -> Sums:
+        """Regression of the error on what stood there before, beside what a blur of the truth would do.
+
+        What a blur explains is taken off both sides (Frisch-Waugh), so that the rest is a plain ratio of sums. An error
+        of the whole picture (all of it too bright) is no ghost: its mean over the other pixels is taken off.
+        """
+        if not self._judged.size:
+            return Sums()
+        pixels = error.reshape(-1, error.shape[-1])
+        others = max(1, len(pixels) - self._watched.size)
+        elsewhere = (pixels.sum(0) - pixels[self._watched].sum(0)) / others
+        wrong = self._unexplained((pixels[self._judged] - elsewhere).ravel())
+        return Sums(stale_product=float(wrong @ self._ghost), stale_square=self._square, stale_pixels=self._judged.size)
+
+
+def _steady(found: Correspondence, watched: Mask, watched_before: Mask) -> Mask:
+    """Pixels that can be followed from the frame before: one surface, one motion all around, nothing uncovered."""
+    ndimage = import_ndimage()
+    motion = found.motion
+    spread = ndimage.maximum_filter(motion, (3, 3, 1)) - ndimage.minimum_filter(motion, (3, 3, 1))
+    before = _grown(watched_before)[found.row, found.column]
+    steady: Mask = found.same & (spread.max(-1) <= STEADY_PX) & ~_grown(watched) & ~before
+    return steady
+
+
+class _Path:
+    """Pixels that are followed from the frame before, and where each was."""
+
+    def __init__(self, found: Correspondence, steady: Mask) -> None:
+        moving = steady & (found.motion != 0).any(-1)
+        self._stayed, self._moved = np.flatnonzero(steady & ~moving), np.flatnonzero(moving)
+        self._sampler = CubicSampler(steady.shape[0], steady.shape[1], found.x[moving] - 0.5, found.y[moving] - 0.5)
+
+    def flicker(self, error: Array, before: Array) -> Sums:
+        """Change of the error along the motion: what the test changed and the truth did not."""
+        pixels, earlier = (image.reshape(-1, image.shape[-1]) for image in (error, before))
+        changes = [pixels[self._stayed] - earlier[self._stayed]]
+        if self._moved.size:
+            changes.append(pixels[self._moved] - self._sampler(before))
+        return Sums(
+            flicker_square=math.fsum(float((change**2).sum()) for change in changes),
+            flicker_count=sum(change.size for change in changes),
+        )
+
+
+def _grown(mask: Mask) -> Mask:
+    """The mask and every pixel whose fine detail reaches into it."""
+    grown: Mask = import_ndimage().maximum_filter(mask, 2 * REACH + 1)
+    return grown

@@ -1,0 +1,270 @@
+"""Honest timing on a shared machine (docs/performance.md, Method): shuffled rounds, paired ratios, intervals, A/A.
+
+Each round gives every job one turn in a freshly shuffled order; what two jobs took in one round is compared, so that a
+load that comes and goes hits both. The statistic is the median of these ratios; resampling rounds gives its interval.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.core.parameters import HistoryOf
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Frame, Image
+from cltaa.io.sequence import FrameSequence
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.progress import track
+
+RESAMPLES = 4000
+CONFIDENCE = 0.95
+WIDEST = 0.02  # half width of the A/A interval beyond which nothing is ranked
+MOST_RUNS = 5  # of a job in one turn, however short they are
+FEWEST_RUNS = 2  # where turns are asked for: of one run alone nothing says whether it was held up
+LONG = 4  # turns that a run takes of which one is enough
+
+
+class Clock(StrEnum):
+    """What a time is read from; the names are those of the fields of Sample."""
+
+    WALL = "wall"  # the host's: the way to the device and back is in it
+    DEVICE = "device"  # the profiling events of a device's kernels
+    PROCESSOR = "processor"  # what the threads of this process worked: waiting for a processor is not in it
+
+
+class Sample(NamedTuple):
+    """Seconds of a run by each clock that there is, of several runs in one turn the least.
+
+    Whatever else runs can only add to the first two, and adds most to what runs long. Processor time it hardly touches;
+    beside a device's clock it is that of the device's threads, without the one that asks.
+    """
+
+    wall: float
+    device: float | None = None
+    processor: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """Something to time. ``run`` does it once and waits for the end; it returns the device's own seconds, or None.
+
+    ``rounds`` is the most rounds it takes part in: a job that takes seconds need not hold up all the others.
+    """
+
+    name: str
+    run: Callable[[], float | None]
+    rounds: int | None = None
+
+
+class Interval(msgspec.Struct, frozen=True, kw_only=True):
+    """A median and the 95 % interval that resampling gives it."""
+
+    median: float
+    low: float
+    high: float
+
+    def times(self, factor: float) -> Interval:
+        """The same in another unit."""
+        return Interval(median=self.median * factor, low=self.low * factor, high=self.high * factor)
+
+    @property
+    def half_width(self) -> float:
+        """Half the interval over its median."""
+        return (self.high - self.low) / (2.0 * self.median)
+
+    @property
+    def excludes_one(self) -> bool:
+        """True where a ratio differs from 1 beyond chance."""
+        return not self.low <= 1.0 <= self.high
+
+
+@dataclass(slots=True)
+class Samples:
+    """What every job took, by round: {job: {round: sample}}."""
+
+    by_job: dict[str, dict[int, Sample]] = field(default_factory=dict)
+
+    def add(self, job: str, number: int, sample: Sample) -> None:
+        """Note what ``job`` took in round ``number``."""
+        self.by_job.setdefault(job, {})[number] = sample
+
+    def seconds(self, job: str, clock: Clock = Clock.WALL) -> NDArray[np.float64]:
+        """All times of a job by a clock, by the host's where that has none."""
+        return np.array([_seconds(sample, clock) for sample in self.by_job[job].values()])
+
+    def has(self, job: str, clock: Clock) -> bool:
+        """True where that clock timed every run of the job."""
+        return all(getattr(sample, clock) is not None for sample in self.by_job[job].values())
+
+    def interval(self, job: str, clock: Clock = Clock.WALL) -> Interval:
+        """Median seconds of a job with its interval."""
+        return interval(self.seconds(job, clock))
+
+    def ratio(self, job: str, base: str, clock: Clock = Clock.WALL) -> Interval:
+        """How many times as long as ``base`` a job takes: the median over the rounds that both ran in."""
+        return interval(self.ratios(job, base, clock))
+
+    def faster(self, job: str, other: str, clock: Clock = Clock.WALL) -> bool:
+        """Whether a job takes less time than another beyond chance: the interval of their ratio ends below 1."""
+        ratios = self.ratios(job, other, clock)
+        return float(np.median(ratios)) < 1.0 and interval(ratios).high < 1.0  # most pairs end at the median
+
+    def ratios(self, job: str, base: str, clock: Clock = Clock.WALL) -> NDArray[np.float64]:
+        """What ``ratio`` is the median of: one a round that both ran in."""
+        both = sorted(self.by_job[job].keys() & self.by_job[base].keys())
+        pairs = [(self.by_job[job][number], self.by_job[base][number]) for number in both]
+        return np.array([_seconds(a, clock) / _seconds(b, clock) for a, b in pairs])
+
+
+def _seconds(sample: Sample, clock: Clock) -> float:
+    seconds: float | None = getattr(sample, clock)
+    return sample.wall if seconds is None else seconds
+
+
+def interval(values: NDArray[np.float64], seed: int = 0) -> Interval:
+    """Median of ``values`` [n] with its percentile-bootstrap interval over ``RESAMPLES`` resamples."""
+    random = np.random.default_rng(seed)
+    picks = random.integers(0, len(values), (RESAMPLES, len(values)))
+    medians = np.median(values[picks], axis=1)
+    low, high = np.quantile(medians, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    return Interval(median=float(np.median(values)), low=float(low), high=float(high))
+
+
+def too_noisy(control: Interval) -> bool:
+    """Whether the ratio of a job to its own copy (A/A) says that this machine cannot rank anything now."""
+    return control.excludes_one or control.half_width > WIDEST
+
+
+def too_noisy_among(ratios: NDArray[np.float64], controls: int) -> bool:
+    """``too_noisy`` of one of several ``controls``, of which one in twenty excludes 1 on the quietest machine too.
+
+    So that chance calls any of them noisy in at most 1 - CONFIDENCE of all runs, a difference below WIDEST counts where
+    the exact sign test finds it at that share of it (Bonferroni).
+    """
+    control = interval(ratios)
+    if control.half_width > WIDEST or not control.excludes_one:
+        return control.half_width > WIDEST
+    return abs(control.median - 1) > WIDEST or sign_test(ratios) < (1 - CONFIDENCE) / controls
+
+
+def sign_test(ratios: NDArray[np.float64]) -> float:
+    """How likely ratios that are above 1 as often as below it are at least as lopsided as these, both ways."""
+    above, below = int((ratios > 1).sum()), int((ratios < 1).sum())
+    count = above + below
+    tail = sum(math.comb(count, least) for least in range(min(above, below) + 1))
+    return min(1.0, 2.0 * tail / 2.0**count)
+
+
+def measure(
+    jobs: Sequence[Job],
+    rounds: int,
+    *,
+    warm_up: int = 5,
+    seed: int = 0,
+    turn: float = 0.0,
+    enough: Callable[[Samples], bool] | None = None,
+    patience: float = 0.0,
+    action: str | None = None,
+) -> Samples:
+    """Time ``jobs`` in ``rounds`` rounds after ``warm_up`` untimed runs of each (one, where a job takes few rounds).
+
+    A turn is one run; with ``turn`` as many as fill so many seconds, from FEWEST_RUNS to MOST_RUNS, and what takes LONG
+    turns runs once, to warm up too. Where ``enough`` does not find the samples good enough, more rounds follow for at
+    most ``patience`` seconds. Where ``action`` says what is being done, progress is shown (``cltaa.progress.track``).
+    """
+    runs = {job.name: _runs(job, warm_up if job.rounds is None else 1, turn) for job in jobs}
+    random = np.random.default_rng(seed)
+    samples = Samples()
+
+    def play(number: int) -> None:
+        present = [job for job in jobs if job.rounds is None or number < job.rounds]
+        for place in random.permutation(len(present)):
+            job = present[place]
+            samples.add(job.name, number, _turn(job, runs[job.name]))
+
+    numbers = range(rounds)
+    for number in numbers if action is None else track(numbers, rounds, action, unit="rounds"):
+        play(number)
+    deadline, number = time.monotonic() + patience, rounds
+    while enough is not None and not enough(samples) and time.monotonic() < deadline:
+        play(number)
+        number += 1
+    return samples
+
+
+def _runs(job: Job, warm_up: int, turn: float) -> int:
+    """Warm up, and say how many runs a turn of the job has."""
+    least = math.inf
+    for _ in range(warm_up):
+        least = min(least, _turn(job, 1).wall)
+        if 0.0 < LONG * turn <= least:
+            return 1
+    return 1 if turn == 0.0 else min(max(math.ceil(turn / max(least, 1e-9)), FEWEST_RUNS), MOST_RUNS)
+
+
+def _turn(job: Job, runs: int) -> Sample:
+    walls, devices, worked = list[float](), list[float](), list[float]()
+    for _ in range(runs):
+        begun, asked, started = time.process_time(), time.thread_time(), time.perf_counter()
+        device = job.run()
+        walls.append(time.perf_counter() - started)
+        host = 0.0 if device is None else time.thread_time() - asked
+        worked.append(time.process_time() - begun - host)
+        devices += [] if device is None else [device]
+    processor = min(worked)
+    return Sample(min(walls), min(devices, default=None), processor if processor > 0.0 else None)
+
+
+def timed_numbers(sequence: FrameSequence) -> list[int]:
+    """The numbers of the last two frames of which the later goes on from the earlier: what is timed of a sequence."""
+    numbers = list(sequence.numbers)
+    last = next((n for n in reversed(numbers[1:]) if not sequence.outline(n).cut), numbers[-1])
+    return [number for number in numbers if last - sequence.step <= number <= last]
+
+
+def timed_frames(sequence: FrameSequence) -> list[Frame]:
+    """The frames of ``timed_numbers``."""
+    return [sequence.frame(number) for number in timed_numbers(sequence)]
+
+
+def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int | None = None) -> tuple[Job, Image]:
+    """A job that runs the kernels of the last of two or more ``frames`` again, and the image [H, W, 3 or 4] they give.
+
+    Its clock is the device's, in seconds, and there is none on NumPy. Raises what ``Resolver.resolve`` raises.
+    """
+    if resolver.preset.choices.history_of is HistoryOf.SAMPLES:
+        _keep_before(resolver, frames[0])
+    image = [resolver.resolve(frame) for frame in frames][-1]
+    launcher = resolver.launcher
+
+    def run() -> float | None:
+        events: list[tuple[str, Any]] | None = [] if isinstance(launcher, DeviceLauncher) else None
+        if isinstance(launcher, DeviceLauncher):
+            launcher.events = events
+        resolver.run_again(frames[-1], frames[-2])
+        return None if events is None else device_seconds(events)
+
+    return Job(name, run, rounds), image
+
+
+def _keep_before(resolver: Resolver, frame: Frame) -> None:
+    """Keep ``frame`` as often as the preset keeps frames, as if each had been resolved, if its plan gathers at all."""
+    before = replace(frame, index=frame.index - frame.step)
+    resolver.resolve(before)
+    resolver.keep_again(before, resolver.preset.settings.frames_kept)
+
+
+def device_seconds(events: list[tuple[str, Any]]) -> float:
+    """Seconds that the device worked on these finished kernels of one queue; the gaps between them left out.
+
+    A gap is the host's: it is in the wall time, and vanishes where the host runs ahead of the device.
+    """
+    return float(sum(event.profile.end - event.profile.start for _, event in events)) * 1e-9

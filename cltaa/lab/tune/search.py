@@ -1,0 +1,271 @@
+"""Search for the settings with the least error within a time, or the least time for an error (extra ``tune``)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import tomli_w
+
+from cltaa.core.backend import Launcher
+from cltaa.core.parameters import Choices
+from cltaa.core.presets import Preset, load_preset, override, preset_names
+from cltaa.core.resolver import Resolver
+from cltaa.errors import UsageError, import_extra
+from cltaa.io.atomic import atomic_path
+from cltaa.io.sequence import FrameSequence
+from cltaa.lab.judge.comparison import truth_of
+from cltaa.lab.judge.metrics import METRICS, named_metrics
+from cltaa.lab.timing import Clock, measure, resolve_job, timed_frames
+from cltaa.lab.tune.record import Record, Trial, key_of
+from cltaa.printable import counted
+from cltaa.process import is_own
+from cltaa.progress import track
+
+STEEPNESS = 4  # how fast a candidate gets worse beyond the limit
+
+
+class Goal(msgspec.Struct, frozen=True, kw_only=True):
+    """What is wanted: the least ``metric`` within ``budget_ms`` a frame, or the least time with ``target`` of it."""
+
+    metric: str
+    budget_ms: float | None = None
+    target: float | None = None
+
+    def score(self, error: float, milliseconds: float) -> float:
+        """What is minimised: the one, made worse by how far the other is beyond its limit."""
+        if self.budget_ms is not None:
+            return error * max(1.0, milliseconds / self.budget_ms) ** STEEPNESS
+        assert self.target is not None
+        return milliseconds * max(1.0, error / self.target) ** STEEPNESS
+
+    def reached(self, error: float, milliseconds: float) -> bool:
+        """Whether the limit is kept."""
+        return milliseconds <= self.budget_ms if self.budget_ms is not None else error <= (self.target or 0.0)
+
+
+def parse_goal(budget: str | None, target: str | None, metric: str) -> Goal:
+    """The goal of ``--budget 5ms`` or ``--target flip=0.02``; raises UsageError for anything else."""
+    if (budget is None) == (target is None):
+        raise UsageError("one of --budget and --target is needed", expected="--budget 5ms, or --target flip=0.02")
+    name, _, number = (target or "").partition("=")
+    text = number if target is not None else (budget or "").removesuffix("ms").strip()
+    name = name.strip() if target is not None else metric
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (value > 0 and math.isfinite(value)):
+        raise UsageError("no goal", expected="--budget 5ms, or --target flip=0.02", found=target or budget)
+    if name not in METRICS or METRICS[name].higher_is_better:
+        falling = [metric.name for metric in METRICS.values() if not metric.higher_is_better]
+        raise UsageError("no metric to minimise", expected=", ".join(falling), found=name)
+    named_metrics([name])  # missed now, and not after sequences were read and kernels built
+    return Goal(metric=name, **({"target": value} if target is not None else {"budget_ms": value}))
+
+
+# What is searched. The other choices are there to follow published resolves, not to be good.
+CHOICES = (
+    "history_filter",
+    "neighbourhood",
+    "box",
+    "box_space",
+    "rectify",
+    "dilation",
+    "reject",
+    "accumulate",
+    "weighting",
+)
+NOT_WORTH = {"rectify": ("clip-unguarded",)}  # known to be discontinuous (NUMERICS D2)
+# name: (least, greatest, whether ratios count rather than differences)
+RANGES: dict[str, tuple[float, float, bool]] = {
+    "blend_weight": (0.02, 0.3, True),
+    "sample_limit": (4.0, 128.0, True),
+    "resample_cost": (0.0, 4.0, False),
+    "pull_cost": (0.0, 4.0, False),
+    "gamma_still": (0.5, 3.0, False),
+    "gamma_moving": (0.5, 3.0, False),
+    "fresh_blur": (0.0, 1.0, False),
+}
+ROUNDS = 7  # of timing a candidate beside the default
+OVERFIT = 0.5  # share of the gain (in log) that other sequences must keep
+
+
+class Tuned(msgspec.Struct, frozen=True, kw_only=True):
+    """The outcome. Gains are errors of the start over errors of the best: more than 1 is better."""
+
+    goal: Goal
+    start: Trial
+    best: Trial
+    trials: int
+    reached: bool
+    searched_on: list[str]
+    checked_on: list[str]
+    gain: float
+    gain_elsewhere: float | None
+    overfits: bool
+
+
+class Bench:
+    """Sequences in memory, and what a preset costs and brings on them."""
+
+    def __init__(self, sequences: Sequence[FrameSequence], metric: str, launcher: Launcher) -> None:
+        self._metric, self._launcher = METRICS[metric], launcher
+        self._frames = [list(sequence) for sequence in sequences]
+        self._truths = [[truth_of(sequence).image(n) for n in sequence.numbers] for sequence in sequences]
+        self._pairs = [timed_frames(sequence) for sequence in sequences]
+
+    def error(self, preset: Preset) -> float:
+        """Mean of the metric over all frames of all sequences, each sequence counting alike."""
+        means = []
+        for frames, truths in zip(self._frames, self._truths, strict=True):
+            resolver = Resolver(preset, self._launcher)
+            found = [
+                self._metric.function(resolver.resolve(frame)[..., :3], truth, 0.0)
+                for frame, truth in zip(frames, truths, strict=True)
+            ]
+            means.append(float(np.mean(found)))
+        return float(np.mean(means))
+
+    def milliseconds(self, preset: Preset) -> float:
+        """Least kernel time of a frame, the mean over the sequences."""
+        spent = []
+        for pair in self._pairs:
+            job, _ = resolve_job("candidate", Resolver(preset, self._launcher), pair)
+            samples = measure([job], ROUNDS, warm_up=1)
+            spent.append(float(samples.seconds(job.name, Clock.DEVICE).min()) * 1e3)
+        return float(np.mean(spent))
+
+
+def tune(
+    searched: Sequence[FrameSequence],
+    checked: Sequence[FrameSequence],
+    goal: Goal,
+    launcher: Launcher,
+    *,
+    base: Preset,
+    trials: int,
+    seed: int,
+    output: Path,
+) -> Tuned:
+    """Search ``trials`` settings, the first of which is ``base`` as it is, and write the best as TOML to ``output``.
+
+    ``checked`` are sequences that the search never sees; what it found is measured on them at the end. Trials are kept
+    beside ``output`` till that is written: a search that was interrupted goes on with the same arguments, and maybe
+    more trials. Raises UsageError without optuna, OutputError and StorageError.
+    """
+    for sequence in checked:
+        truth_of(sequence)  # missed now, and not when the search is over
+    study = _study(seed)
+    study.enqueue_trial(_values_of(base))
+    bench = Bench(searched, goal.metric, launcher)
+    record = Record(output, key_of(goal, base.deciding(), seed, launcher.description, sequences=searched))
+    found: list[Trial] = []
+    for _ in track(range(trials), trials, "tuning", unit="trials"):
+        asked = study.ask()
+        values = _suggested(asked)
+        trial = record.replay(values)
+        if trial is None:
+            preset = override(base, values, "cltaa tune") if found else base
+            trial = Trial(values=values, error=bench.error(preset), milliseconds=bench.milliseconds(preset))
+            record.add(trial)
+        study.tell(asked, goal.score(trial.error, trial.milliseconds))
+        found.append(trial)
+    tuned, preset = _judged(found, searched, checked, goal, launcher, base)
+    with atomic_path(output) as temporary:
+        temporary.write_text(preset_text(tuned, preset), encoding="utf-8")
+    record.clear()
+    return tuned
+
+
+def _study(seed: int) -> Any:
+    """A search of optuna's, which asks for values and is told their scores; raises UsageError without it."""
+    optuna: Any = import_extra("optuna", package="optuna", extra="tune", purpose="cltaa tune")
+    if is_own():
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+    return optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
+
+
+def _judged(
+    trials: Sequence[Trial],
+    searched: Sequence[FrameSequence],
+    checked: Sequence[FrameSequence],
+    goal: Goal,
+    launcher: Launcher,
+    base: Preset,
+) -> tuple[Tuned, Preset]:
+    """The best of the trials, the first of which is ``base``, and what it brings on the sequences that are left."""
+    best = min(trials, key=lambda trial: goal.score(trial.error, trial.milliseconds))
+    start = trials[0]
+    preset = base if best is start else override(base, best.values, "cltaa tune")
+    gain, elsewhere = start.error / max(best.error, 1e-30), None
+    if checked:
+        other = Bench(checked, goal.metric, launcher)
+        elsewhere = other.error(base) / max(other.error(preset), 1e-30)
+    tuned = Tuned(
+        goal=goal,
+        start=start,
+        best=best,
+        trials=len(trials),
+        reached=goal.reached(best.error, best.milliseconds),
+        searched_on=[sequence.folder.name for sequence in searched],
+        checked_on=[sequence.folder.name for sequence in checked],
+        gain=gain,
+        gain_elsewhere=elsewhere,
+        overfits=elsewhere is not None and overfits(gain, elsewhere),
+    )
+    return tuned, preset
+
+
+def overfits(gain: float, elsewhere: float) -> bool:
+    """Whether a gain holds only where it was searched: elsewhere less than half of it, in log, is left."""
+    return gain > 1.0 and (elsewhere <= 0.0 or math.log(elsewhere) < OVERFIT * math.log(gain))
+
+
+def _members(field: str) -> list[str]:
+    kind: type[StrEnum] = type(getattr(Choices(), field))
+    return [str(member) for member in kind if member not in NOT_WORTH.get(field, ())]
+
+
+def _values_of(preset: Preset) -> dict[str, Any]:
+    """The preset as a point of the search, its numbers moved to the nearest that is searched."""
+    values: dict[str, Any] = {
+        field: str(getattr(preset.choices, field))
+        for field in CHOICES
+        if str(getattr(preset.choices, field)) in _members(field)
+    }
+    for name, (low, high, _) in RANGES.items():
+        values[name] = min(max(getattr(preset.settings, name), low), high)
+    return values
+
+
+def _suggested(trial: Any) -> dict[str, str | float]:
+    values: dict[str, str | float] = {}
+    for field in CHOICES:
+        values[field] = str(trial.suggest_categorical(field, _members(field)))
+    for name, (low, high, by_ratio) in RANGES.items():
+        values[name] = float(trial.suggest_float(name, low, high, log=by_ratio))
+    return values
+
+
+def preset_text(tuned: Tuned, preset: Preset) -> str:
+    """The preset as TOML: a description, the preset that it is of, and the keys that differ from that one's."""
+    limit = f"{tuned.goal.budget_ms:g} ms" if tuned.goal.budget_ms is not None else f"{tuned.goal.target:g}"
+    searched, trials = ", ".join(tuned.searched_on), counted(tuned.trials, "trial")
+    about = f"Tuned for {tuned.goal.metric} within {limit} on {searched}, {trials}"
+    if tuned.overfits:
+        about += f"; over-fits: not borne out on {', '.join(tuned.checked_on)}"
+    base = load_preset(preset.name if preset.name in preset_names() else "default")
+    values: dict[str, Any] = {"description": about, "preset": base.name}
+    for part, default in ((preset.choices, base.choices), (preset.settings, base.settings)):
+        values |= {
+            name: value
+            for name, value in msgspec.to_builtins(part).items()
+            if value != msgspec.to_builtins(default)[name]
+        }
+    return tomli_w.dumps(values)

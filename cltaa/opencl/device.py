@@ -1,0 +1,246 @@
+"""OpenCL devices: which there are, which one to use, and memory on it that the host can fill and read."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from typing import Any, cast
+
+import numpy as np
+import pyopencl as cl
+from numpy.typing import NDArray
+
+from cltaa.core.backend import WISH
+from cltaa.core.planes import LARGE_PAGE, bytes_in_large_pages
+from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError, UsageError
+from cltaa.opencl.cache import check_cache, filling
+from cltaa.opencl.pocl_cpu_name import known_lanes, name_unknown_cpu
+from cltaa.opencl.shape import (
+    CPU_4,
+    CPU_8,
+    CPU_16,
+    GPU,
+    INTEL_16,
+    NVIDIA,
+    Shape,
+)
+from cltaa.process import OneProcess
+
+POCL = "Portable Computing Language"  # the platform's name
+INTEL = "Intel"  # in what a device calls its vendor; the vendor's number is PoCL's own since version 4
+FILL_BYTES = 2**30
+
+
+def devices() -> list[cl.Device]:
+    """Every OpenCL device of this machine, GPUs first."""
+    try:
+        platforms = cl.get_platforms()
+    except cl.LogicError:
+        return []
+    found: list[cl.Device] = []
+    for platform in platforms:
+        try:
+            here = platform.get_devices()
+        except cl.Error:
+            continue
+        if platform.name == POCL:
+            for device in here:
+                name_unknown_cpu(device.int_ptr)
+        found.extend(here)
+    return sorted(found, key=lambda device: device.type & cl.device_type.GPU == 0)
+
+
+def describe(device: cl.Device) -> str:
+    """Name, platform and driver version in a line."""
+    return f"{device.name.strip()} ({device.platform.name.strip()}, driver {device.driver_version.strip()})"
+
+
+def choose_device(wish: str | None = None) -> cl.Device:
+    """The device for a wish: an index, a part of its description, or None for the first (GPUs come first).
+
+    The variable CLTAA_DEVICE is the wish where none is given. Raises DeviceMissing without any device and UsageError
+    where none matches.
+    """
+    found = devices()
+    if not found:
+        check_cache()  # PoCL shows no device where it cannot keep kernels
+        raise DeviceMissing(
+            "no OpenCL device found",
+            cure="install one with: pip install 'pyopencl[pocl]', or use --device numpy; see: cltaa doctor",
+        )
+    wish = wish or os.environ.get(WISH)
+    if not wish:
+        return found[0]
+    matching = [
+        device
+        for index, device in enumerate(found)
+        if wish == str(index) or (not wish.isdigit() and wish.lower() in describe(device).lower())
+    ]
+    if not matching:
+        listed = "; ".join(f"{index}: {describe(device)}" for index, device in enumerate(found))
+        if wish == "numpy":  # asked of what runs on a device alone
+            raise UsageError("this needs an OpenCL device, and numpy is none", found=listed, cure="name one of them")
+        raise UsageError(f"no OpenCL device matches {wish}", found=listed, cure="name one of them, or numpy")
+    return matching[0]
+
+
+class Memory(OneProcess):
+    """A buffer on the device that the host fills or reads through ``mapped``.
+
+    On devices that share the host's memory mapping copies nothing; on others a pinned copy is moved by ``mapped``.
+    """
+
+    def __init__(self, device: Device, shape: tuple[int, ...], dtype: Any, planes: NDArray[Any] | None = None) -> None:
+        """Zeros, or on a device that shares the host's memory ``planes`` where they are, which kernels only read."""
+        self._device, self.shape, self.dtype = device, shape, np.dtype(dtype)
+        self.size = int(np.prod(shape)) * self.dtype.itemsize
+        self._staging: NDArray[Any] | None = None
+        if planes is not None:
+            with _memory_errors(self.size, device):
+                read_there = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
+                self.buffer = cl.Buffer(device.context, read_there, hostbuf=planes)
+            return
+        flags = cl.mem_flags.READ_WRITE
+        with _memory_errors(self.size, device):
+            if device.is_cpu and self.size >= LARGE_PAGE:
+                # What PoCL allocates lies in pages of 4 KiB, and a kernel goes through a dozen planes at once.
+                given = bytes_in_large_pages(self.size)
+                self.buffer = cl.Buffer(device.context, flags | cl.mem_flags.USE_HOST_PTR, hostbuf=given)
+            elif device.shares_memory:
+                self.buffer = cl.Buffer(device.context, flags | cl.mem_flags.ALLOC_HOST_PTR, self.size)
+            else:
+                self.buffer = cl.Buffer(device.context, flags, self.size)
+            # Drivers allocate on first use: touch the memory now, so that a lack of it shows before any work is done.
+            # NVIDIA's cannot fill 4 GB at once, nor beyond the first 4 GB of a buffer: there zeros are copied.
+            head = min(FILL_BYTES, self.size)
+            cl.enqueue_fill(device.queue, self.buffer, np.zeros(1, np.uint8), head).wait()
+            for start in range(head, self.size, FILL_BYTES):
+                length = min(FILL_BYTES, self.size - start)
+                cl.enqueue_copy(device.queue, self.buffer, self.buffer, byte_count=length, dst_offset=start).wait()
+
+    @contextmanager
+    def mapped(self, *, write: bool) -> Iterator[NDArray[Any]]:
+        """The contents as an array, for writing all of it (``write``) or for reading."""
+        queue = self._device.queue
+        if self._device.shares_memory:
+            with device_errors(self._device):
+                flags, kind = cl.map_flags.WRITE if write else cl.map_flags.READ, cast(Any, self.dtype)
+                array, _ = cl.enqueue_map_buffer(queue, self.buffer, flags, 0, self.shape, kind)
+            try:
+                yield cast(NDArray[Any], array)
+            finally:
+                with device_errors(self._device):
+                    cast(Any, array.base).release(queue)
+            return
+        if self._staging is None:
+            self._staging = self._pinned()
+        if not write:
+            with device_errors(self._device):
+                cl.enqueue_copy(queue, self._staging, self.buffer)
+        yield self._staging
+        if write:
+            with device_errors(self._device):
+                cl.enqueue_copy(queue, self.buffer, self._staging)
+
+    def _pinned(self) -> NDArray[Any]:
+        queue, context = self._device.queue, self._device.context
+        with _memory_errors(self.size, self._device):
+            host = cl.Buffer(context, cl.mem_flags.READ_WRITE | cl.mem_flags.ALLOC_HOST_PTR, self.size)
+        both = cl.map_flags.WRITE | cl.map_flags.READ
+        with device_errors(self._device):
+            array, _ = cl.enqueue_map_buffer(queue, host, cast(cl.map_flags, both), 0, self.shape, self.dtype)
+        return array  # type: ignore[no-any-return]
+
+
+class Device(OneProcess):
+    """One OpenCL device with its context and queue, and how the kernels are shaped for it."""
+
+    def __init__(self, wish: str | None = None) -> None:
+        self.cl_device = choose_device(wish)
+        try:
+            self.context = cl.Context([self.cl_device])
+            self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)
+        except cl.Error as error:
+            raise DeviceMissing(f"{self.description} cannot be opened: {error}", cure="see: cltaa doctor") from error
+        self.is_cpu = bool(self.cl_device.type & cl.device_type.CPU)
+        self.shares_memory = bool(self.cl_device.host_unified_memory)
+
+    @property
+    def description(self) -> str:
+        """Name, platform and driver version in a line."""
+        return describe(self.cl_device)
+
+    @property
+    def shape(self) -> Shape:
+        """How kernels are cut up for this device."""
+        if self.is_cpu:
+            width, known = self.cl_device.native_vector_width_float, known_lanes()
+            # Four lanes have been needed on x86-64 alone, where LLVM 14 gives up over eight without AVX.
+            return cpu_shape(max(width, 8) if known is None else min(width, known), self.cl_device.vendor)
+        return NVIDIA if self.cl_device.platform.name == "NVIDIA CUDA" else GPU
+
+    def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Memory:
+        """Zeroed device memory; raises ResourceError where there is not enough."""
+        return Memory(self, shape, dtype)
+
+    def take(self, planes: NDArray[Any]) -> Memory:
+        """Memory that lies where ``planes`` do, for a device that shares the host's; raises ResourceError."""
+        return Memory(self, planes.shape, planes.dtype, planes)
+
+    def copy(self, source: Any, target: Any, offset: int) -> None:
+        """Enqueue a copy of all of ``source`` into ``target``, from its element ``offset`` on; raises DeviceLost."""
+        with device_errors(self):
+            cl.enqueue_copy(
+                self.queue,
+                target.buffer,
+                source.buffer,
+                byte_count=source.size,
+                dst_offset=offset * target.dtype.itemsize,
+            )
+
+    def finish(self) -> None:
+        """Wait until the queue is empty; raises DeviceLost."""
+        with device_errors(self):
+            self.queue.finish()
+
+    def first_use(self, kernel: str) -> AbstractContextManager[None]:
+        """Hold this while ``kernel``, a hash, is built and runs for the first time: then PoCL fills its cache."""
+        return filling(kernel) if self.cl_device.platform.name == POCL else nullcontext()
+
+
+def cpu_shape(width: int, vendor: str) -> Shape:
+    """How kernels are cut up for a CPU whose registers hold ``width`` floats."""
+    if width >= 16:
+        return INTEL_16 if INTEL in vendor else CPU_16
+    return CPU_8 if width >= 8 else CPU_4
+
+
+@contextmanager
+def _memory_errors(needed: int, device: Device) -> Iterator[None]:
+    try:
+        yield
+    except (MemoryError, cl.MemoryError, cl.RuntimeError, cl.LogicError) as error:
+        largest, whole = device.cl_device.max_mem_alloc_size, device.cl_device.global_mem_size
+        raise ResourceError(
+            f"not enough memory on {device.description}",
+            expected=f"{needed} bytes in one buffer",
+            found=f"largest buffer {largest} bytes, all its memory {whole} bytes",
+            cure="use a smaller size or another --device, or run again when others have ended",
+        ) from error
+
+
+# The driver says so of a device that is gone, though the call was right.
+_GONE = frozenset({cl.status_code.INVALID_COMMAND_QUEUE, cl.status_code.INVALID_CONTEXT})
+
+
+@contextmanager
+def device_errors(device: Device) -> Iterator[None]:
+    """Turn what the driver says into DeviceLost, or into InternalError where the call itself was wrong."""
+    try:
+        yield
+    except cl.Error as error:
+        if isinstance(error, cl.LogicError) and error.code not in _GONE:
+            raise InternalError(f"{device.description} refused a call: {error}") from error
+        cure = "run the same command again: it goes on from there; if this comes back, use a smaller size or --device"
+        raise DeviceLost(f"{device.description} stopped working: {error}", cure=cure) from error

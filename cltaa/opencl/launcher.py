@@ -1,0 +1,151 @@
+"""Kernels on an OpenCL device: what each is built from there, over how many work-items it runs, and what was built."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.core.backend import Buffer
+from cltaa.core.build import Build
+from cltaa.core.constants import PAD_X
+from cltaa.core.planes import Layout
+from cltaa.opencl.shape import in_place, shared_out
+from cltaa.process import OneProcess
+
+if TYPE_CHECKING:
+    from cltaa.opencl.program import Kernel
+
+SLIDING = frozenset({"resolve", "resolve_doubled", "gather", "gather_spans"})  # kernels whose work-items walk down rows
+EDGE_GROUP = 256  # work-items of a group of extend_edges
+
+
+class DeviceLauncher(OneProcess):
+    """Runs kernels on an OpenCL device, building each once."""
+
+    takes_bands = True
+
+    def __init__(self, wish: str | None = None) -> None:
+        from cltaa.opencl.device import Device
+
+        self.device = Device(wish)
+        self.description, self.shares_memory = self.device.description, self.device.shares_memory
+        self._kernels: dict[tuple[str, Build], Kernel] = {}
+        self.events: list[tuple[str, Any]] | None = None  # a list put here receives each started kernel and its event
+        self._started: dict[tuple[Any, ...], tuple[Kernel, tuple[int, ...], tuple[int, ...]]] = {}
+
+    def build(self, plan_build: Build) -> Build:
+        """The build as this device's shape has it, unless it states lanes or rows of its own."""
+        shape = self.device.shape
+        return msgspec.structs.replace(
+            plan_build,
+            lanes=plan_build.lanes or shape.lanes,
+            rows=plan_build.rows or shape.rows,
+            registers=shape.registers_of(plan_build),
+            columns_ahead=shape.columns_ahead,
+            far_first=shape.far_first and not in_place(plan_build),
+        )
+
+    def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
+        """Zeroed device memory."""
+        return self.device.allocate(shape, dtype)
+
+    def take(self, planes: NDArray[np.float32]) -> Buffer:
+        """The planes themselves."""
+        return self.device.take(planes)
+
+    def prepare(self, kernel: str, build: Build) -> None:
+        """Build a kernel, or take it from the driver's cache."""
+        self.kernel(kernel, build)
+
+    def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
+        """Enqueue a kernel; it runs in the order of the queue. Raises DeviceLost."""
+        from cltaa.opencl.device import device_errors
+
+        given = {name: getattr(value, "buffer", value) for name, value in arguments.items()}
+        # All that decides what is started and over how many work-items.
+        key = kernel, build, layout, _banded(kernel, given), given.get("planes"), given.get("more")
+        started = self._started.get(key)
+        if started is None:
+            event = self._start_first(key, kernel, self.fitted(kernel, build, layout, arguments), layout, given)
+        else:
+            with device_errors(self.device):
+                event = started[0].enqueue(self.device.queue, *started[1:], given)
+        if self.events is not None:
+            self.events.append((kernel, event))
+
+    def _start_first(
+        self, key: tuple[Any, ...], name: str, build: Build, layout: Layout, arguments: Mapping[str, Any]
+    ) -> Any:
+        """Start a kernel for the first time over an image of ``layout``, and wait for its end."""
+        from cltaa.opencl.device import device_errors
+        from cltaa.opencl.program import source_hash
+
+        size, group = self._range(name, build, layout, arguments)
+        with self.device.first_use(source_hash(name, build)), device_errors(self.device):
+            kernel = self.kernel(name, build)
+            event = kernel.enqueue(self.device.queue, size, group, arguments)
+            self.device.finish()
+        self._started[key] = kernel, size, group
+        return event
+
+    def fitted(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> Build:
+        """What a kernel is built from for planes of ``layout``: some devices' resolve knows their size.
+
+        Rows that were not asked for are then those that fill the device evenly.
+        """
+        shape, rows = self.device.shape, build.rows
+        if kernel != "resolve":
+            return build
+        if not build.columns and build.lanes == shape.lanes:
+            build = msgspec.structs.replace(build, columns=shape.columns)
+        if not shape.one_size:
+            return build
+        if _banded(kernel, arguments):
+            return msgspec.structs.replace(build, stride=layout.stride)
+        if shape.most_rows and rows == shape.rows and not in_place(build):
+            units = self.device.cl_device.max_compute_units
+            rows = shape.even_rows(layout.width, layout.height, build.registers, units)
+        return msgspec.structs.replace(build, stride=layout.stride, plane=layout.plane, rows=rows)
+
+    def kernel(self, name: str, build: Build) -> Kernel:
+        """The built kernel, from the cache of this launcher."""
+        from cltaa.opencl.program import Kernel, source_hash
+
+        key = (name, build)
+        if key not in self._kernels:
+            with self.device.first_use(source_hash(name, build)):
+                self._kernels[key] = Kernel(self.device.context, name, build)
+        return self._kernels[key]
+
+    def _range(
+        self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]
+    ) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        if kernel == "extend_edges":
+            planes = int(arguments["planes"]) + int(arguments["more"])
+            items = 2 * layout.stride + 2 * PAD_X * layout.height
+            return (-(-items // EDGE_GROUP) * EDGE_GROUP, planes), (EDGE_GROUP, 1)
+        if kernel == "to_halves" and build.lanes > 1:
+            return (1, layout.height), (1, 1)
+        rows = build.rows if kernel in SLIDING else 1
+        columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
+        if kernel == "resolve" and build.columns > 1:
+            return (shared_out(columns, build.columns, steps, self.device.cl_device.max_compute_units), steps), (1, 1)
+        group = self.device.shape.group
+        return (-(-columns // group[0]) * group[0], -(-steps // group[1]) * group[1]), group
+
+    def copy(self, source: Buffer, target: Buffer, offset: int) -> None:
+        """Enqueue a copy inside the device's memory. Raises DeviceLost."""
+        self.device.copy(source, target, offset)
+
+    def finish(self) -> None:
+        """Wait until the device has done everything."""
+        self.device.finish()
+
+
+def _banded(kernel: str, arguments: Mapping[str, Any]) -> bool:
+    """True for a resolve of a band of an image."""
+    return kernel == "resolve" and bool(arguments["frame"]["band_rows"])

@@ -1,0 +1,153 @@
+"""A name for a CPU that the compiler inside PoCL does not know, or takes for another (docs/decisions/0008).
+
+PoCL asks its LLVM for the host's name and hands it on as the target. For a CPU younger than itself LLVM answers
+"generic", which PoCL's compiler then refuses: "unknown target CPU 'generic'", whatever is built (PoCL's issue 1049). Or
+it goes by the model alone. A Zen 4, of the family of AMD's Zen 3, becomes a "znver3" though PoCL sees AVX-512 and
+offers sixteen lanes: then LLVM gives up in the middle of a build, "Cannot select", and ends the process. A Raptor Lake
+becomes a "goldmont", which has no AVX, with the same end. A virtual machine that hides AVX-512, or a Pentium without
+AVX, becomes a "skylake" of some kind, and the code made for that has instructions which are not there. PoCL 3.0, the
+newest that is published as a wheel, has no setting for the name, so it is put right where PoCL keeps it: in the record
+of the device.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import platform
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+RECORD_BYTES = 4096  # more than PoCL's record of a device in any release; what is not mapped is not read
+POINTER_BYTES = 8
+HIGHEST_ADDRESS = 2**47 - 1  # of a process on x86-64
+
+# Flags by which Linux names what each level of the x86-64 psABI adds, and Sandy Bridge between two of them.
+V2 = ("cx16", "lahf_lm", "popcnt", "pni", "sse4_1", "sse4_2", "ssse3")
+AVX = ("avx", "pclmulqdq", "xsave")
+V3 = ("avx2", "bmi1", "bmi2", "f16c", "fma", "movbe")
+V4 = ("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl")
+
+
+class Level(NamedTuple):
+    """A target that every LLVM since 12 knows, what it needs, and which names LLVM 14 has for CPUs that are such."""
+
+    name: bytes
+    flags: frozenset[str]
+    lanes: int  # floats in a register; over more of them LLVM gives up in the middle of a build
+    known: tuple[bytes, ...]  # getHostCPUName in llvm/lib/Support/Host.cpp
+
+
+LEVELS = (
+    Level(
+        b"x86-64-v4",
+        frozenset(V2 + AVX + V3 + V4),
+        16,
+        (
+            b"skylake-avx512",
+            b"cascadelake",
+            b"cooperlake",
+            b"cannonlake",
+            b"icelake-client",
+            b"icelake-server",
+            b"rocketlake",
+            b"tigerlake",
+            b"sapphirerapids",
+        ),
+    ),
+    Level(
+        b"x86-64-v3",
+        frozenset(V2 + AVX + V3),
+        8,
+        (b"haswell", b"broadwell", b"skylake", b"alderlake", b"bdver4", b"znver1", b"znver2", b"znver3"),
+    ),
+    Level(b"sandybridge", frozenset(V2 + AVX), 8, (b"ivybridge", b"bdver1", b"bdver2", b"bdver3", b"btver2")),
+    Level(
+        b"x86-64-v2",
+        frozenset(V2),
+        4,
+        (b"nehalem", b"westmere", b"silvermont", b"goldmont", b"goldmont-plus", b"tremont"),
+    ),
+    Level(
+        b"x86-64",
+        frozenset(),
+        4,
+        (b"core2", b"penryn", b"bonnell", b"nocona", b"k8", b"k8-sse3", b"amdfam10", b"btver1"),
+    ),
+)
+REFUSED = b"generic"
+_names = {
+    level.name: ctypes.create_string_buffer(level.name) for level in LEVELS
+}  # PoCL keeps the address: never freed
+
+
+def cpu_facts() -> dict[str, str]:
+    """What Linux tells of the first processor, by its own words for it; empty where nothing is told."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        return {}
+    lines = (line.partition(":") for line in text.partition("\n\n")[0].splitlines())
+    return {key.strip(): value.strip() for key, _, value in lines}
+
+
+def cpu_name() -> str:
+    """What the processor is called, or where that is not told its kind."""
+    return cpu_facts().get("model name") or platform.processor() or platform.machine()
+
+
+def cpu_flags() -> frozenset[str]:
+    """What the CPU can do, in Linux' words; empty where that is not told."""
+    return frozenset(cpu_facts().get("flags", "").split())
+
+
+def level_of(flags: frozenset[str]) -> Level:
+    """The highest level that a CPU with these flags has."""
+    return next(level for level in LEVELS if level.flags <= flags)
+
+
+def known_lanes() -> int | None:
+    """Floats in a register of what this CPU is taken for; None where that is not told."""
+    return level_of(cpu_flags()).lanes if _applies() else None
+
+
+def _applies() -> bool:
+    return platform.system() == "Linux" and platform.machine() == "x86_64"
+
+
+def name_unknown_cpu(record: int) -> bool:
+    """Replace a name that does not fit in PoCL's record of a device, at address ``record``; True where there was one.
+
+    Only on Linux on x86-64. Nothing but a pointer to exactly the text ``generic``, or to one of the names of a level
+    that is not this CPU's, is touched.
+    """
+    if not _applies():
+        return False
+    level = level_of(cpu_flags())
+    others = (name for other in LEVELS if other != level for name in (*other.known, other.name))
+    wrong = {name + b"\0" for name in (REFUSED, *others)}
+    longest = max(map(len, wrong))
+    try:
+        memory = os.open("/proc/self/mem", os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        for address in range(record, record + RECORD_BYTES, POINTER_BYTES):
+            field = _read(memory, address, POINTER_BYTES)
+            text = _read(memory, int.from_bytes(field, sys.byteorder), longest)
+            if any(text.startswith(name) for name in wrong):
+                ctypes.c_uint64.from_address(address).value = ctypes.addressof(_names[level.name])
+                return True
+    finally:
+        os.close(memory)
+    return False
+
+
+def _read(memory: int, address: int, count: int) -> bytes:
+    """What stands at ``address`` of this process, asked of the system: where nothing can be read it says so, and other
+    threads may unmap memory at any time. Behind the record lies what is no pointer at all."""
+    try:
+        return os.pread(memory, count, address) if address <= HIGHEST_ADDRESS else b""
+    except OSError:
+        return b""

@@ -1,0 +1,92 @@
+"""How kernels are cut up for a class of devices: lanes, rows, groups and registers of a work-item."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from cltaa.core.build import Build
+from cltaa.core.parameters import HistoryFilter, HistoryOf, LightChange, Rectify, Reject
+
+LEAST_ROWS = 8  # of a work-item where rows are chosen by the image; fewer have not been measured
+UNIT_REGISTERS = 65536  # of a compute unit of NVIDIA's, since compute capability 3.0 (CUDA C++ Programming Guide)
+ITEMS_A_UNIT = 4  # work-items that a compute unit of a CPU has at least, so that none waits long for the last of them
+START_ROWS = 3  # what a column costs at its start, in rows: two of the frame and three of the history are read anew
+
+
+class Shape(NamedTuple):
+    """How kernels are cut up for a class of devices, as was measured to be fast: docs/performance.md, Shapes."""
+
+    lanes: int  # pixels that a work-item computes side by side: a vector of a CPU, one on a GPU
+    rows: int  # rows that it slides down: long on a CPU, short on a GPU, which needs many work-items
+    group: tuple[int, int]  # work-items a group
+    registers: int = 0  # the most that a work-item may have; 0: as many as the compiler likes
+    one_size: bool = False  # whether the resolve is built for one size of planes
+    registers_to_reject: int = 0  # the same where history is rejected by its depth, which takes more of them
+    registers_for_light: int = 0  # the same where changing light is tested
+    registers_in_place: int = 0  # the same where history is neither moved nor rectified, which takes few
+    registers_for_few: int = 0  # the same where history is read from four texels at most
+    columns_ahead: int = 0  # work-items right of one whose texels it fetches into the second cache; 0: next, first
+    far_first: bool = False  # whether, where history moves, it fetches these into the first, not the second alone
+    columns: int = 1  # side by side, that a work-item of the resolve walks row by row; 1: down a single one
+    most_rows: int = 0  # up to which a resolve of whole images takes as many rows as fill the device; 0: ``rows``
+
+    def registers_of(self, build: Build) -> int:
+        """The most registers that a work-item of a kernel with this build may have; with more of them fewer work-items
+        are under way at once."""
+        choices = build.choices
+        if choices.light_change is not LightChange.IGNORE and choices.history_of is HistoryOf.RESULT:
+            return self.registers_for_light
+        if choices.reject is not Reject.NONE:
+            return self.registers_to_reject
+        if in_place(build):
+            return self.registers_in_place
+        few = choices.history_filter in (HistoryFilter.NEAREST, HistoryFilter.BILINEAR)
+        return self.registers_for_few if few else self.registers
+
+    def even_rows(self, width: int, height: int, registers: int, units: int) -> int:
+        """Rows a work-item for an image, so that the last groups leave few of a device's ``units`` compute units idle.
+
+        Groups start and end nearly together, in turns of as many as are under way at once; a column costs its rows and
+        its start. Columns so long that one turn does are slower where motion varies.
+        """
+        across, down = self.group
+        at_once = units * max(UNIT_REGISTERS // (max(registers, 1) * across * down), 1)
+
+        def cost(rows: int) -> int:
+            groups = -(-width // (across * self.lanes)) * -(-height // (down * rows))
+            return -(-groups // at_once) * (rows + START_ROWS)
+
+        return min(range(LEAST_ROWS, self.most_rows + 1), key=cost)
+
+
+def in_place(build: Build) -> bool:
+    """True where history is neither moved nor rectified."""
+    moves = build.steps.camera_motion or build.steps.own_motion
+    return not moves and build.choices.rectify is Rectify.NONE
+
+
+def shared_out(segments: int, columns: int, steps: int, units: int) -> int:
+    """Work-items across an image of ``segments`` segments a row and ``steps`` work-items down, each of which walks at
+    most ``columns`` of them; of a small image each walks fewer, so that all ``units`` compute units are busy."""
+    wanted = -(-ITEMS_A_UNIT * units // steps)
+    return min(max(-(-segments // columns), wanted), segments)
+
+
+# 45 rows share the usual heights (720, 1080, 1440, 2160) out evenly, and leave many cores work-items enough.
+CPU_8 = Shape(lanes=8, rows=45, group=(1, 1), columns_ahead=3)
+CPU_4 = CPU_8._replace(lanes=4, rows=32)  # without AVX, where LLVM gives up over eight (docs/decisions/0008)
+CPU_16 = Shape(lanes=16, rows=64, group=(1, 1), columns_ahead=3, far_first=True)
+INTEL_16 = CPU_16._replace(rows=45, columns=16, far_first=False)
+GPU = Shape(lanes=1, rows=8, group=(64, 2))
+NVIDIA = Shape(
+    lanes=1,
+    rows=16,
+    group=(128, 1),
+    one_size=True,
+    registers=96,
+    registers_to_reject=128,
+    registers_for_light=128,
+    registers_in_place=64,
+    registers_for_few=72,
+    most_rows=36,
+)

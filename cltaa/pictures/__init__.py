@@ -1,1 +1,0 @@
-"""From linear colour to what a person looks at: the display curve, PNG files and films."""

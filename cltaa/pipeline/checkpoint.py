@@ -1,0 +1,115 @@
+"""The recurrent state of a resolve on disk, so that a run that was cut short goes on with the same bits.
+
+What a frame leaves to the next cannot be read back from the written images: they may be halves, and the counts and
+the depth of the last frame are not in them. Two slots change places, each written atomically, so that one of them is
+whole whenever the process or the machine stops; a slot that is damaged, or of other settings, counts as absent.
+"""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from cltaa.core.record import Past
+from cltaa.core.resolver import Resolver
+from cltaa.io.atomic import atomic_path
+
+CHECKPOINT_EVERY = 32  # frames; what an interruption without a warning can cost
+SLOTS = (".checkpoint-0.npz", ".checkpoint-1.npz")
+# What a damaged slot raises, whichever of its bytes is wrong.
+_DAMAGED = (
+    OSError,
+    ValueError,
+    KeyError,
+    EOFError,
+    MemoryError,
+    zipfile.BadZipFile,
+    zlib.error,
+    NotImplementedError,
+)
+
+
+class _Facts(msgspec.Struct, frozen=True):
+    """What a slot holds beside planes of pixels: whose state it is and after which frame."""
+
+    key: str
+    past: Past
+
+
+class _Slot(NamedTuple):
+    path: Path
+    past: Past
+
+
+class Checkpoints:
+    """The two slots of one output folder; ``key`` stands for everything that decides the bits of the state."""
+
+    def __init__(self, folder: Path, key: str) -> None:
+        self._paths, self._key = [folder / name for name in SLOTS], key
+
+    def save(self, resolver: Resolver) -> None:
+        """Write the state after the last frame over the older slot; raises OutputError and StorageError."""
+        past, buffers = resolver.recurrent()
+        newest = self._slots()[:1]
+        path = next(path for path in self._paths if path not in [slot.path for slot in newest])
+        facts = msgspec.json.encode(_Facts(self._key, past), enc_hook=_encoded)
+        with ExitStack() as stack, atomic_path(path) as temporary:
+            planes: dict[str, Any] = {
+                name: stack.enter_context(buffer.mapped(write=False)) for name, buffer in buffers.items()
+            }
+            with temporary.open("wb") as stream:
+                np.savez(stream, **planes, facts=np.frombuffer(facts, np.uint8))
+
+    def restore(self, resolver: Resolver, before: int) -> int | None:
+        """Put ``resolver`` after the latest saved frame below ``before``; return its number, or None without one."""
+        for slot in self._slots():
+            if slot.past.index < before and self._restored(slot, resolver):
+                return slot.past.index
+        resolver.reset()
+        return None
+
+    def clear(self) -> None:
+        """Delete both slots."""
+        for path in self._paths:
+            path.unlink(missing_ok=True)
+
+    def _slots(self) -> list[_Slot]:
+        """Slots of this key, the latest first; their planes are not read yet."""
+        found = []
+        for path in self._paths:
+            try:
+                with path.open("rb") as stream, np.load(stream, allow_pickle=False) as saved:
+                    facts = msgspec.json.decode(saved["facts"].tobytes(), type=_Facts, dec_hook=_decoded)
+            except _DAMAGED:
+                continue
+            if facts.key == self._key:
+                found.append(_Slot(path, facts.past))
+        return sorted(found, key=lambda slot: slot.past.index, reverse=True)
+
+    def _restored(self, slot: _Slot, resolver: Resolver) -> bool:
+        try:
+            with slot.path.open("rb") as stream, np.load(stream, allow_pickle=False) as saved:
+                for name, buffer in resolver.restore(slot.past).items():
+                    content = saved[name]
+                    with buffer.mapped(write=True) as planes:
+                        if (content.shape, content.dtype) != (planes.shape, planes.dtype):
+                            raise ValueError("planes of another size")
+                        planes[...] = content
+        except _DAMAGED:
+            return False
+        return True
+
+
+def _encoded(value: Any) -> Any:
+    """Matrices as lists: the shortest decimals that give the same doubles again."""
+    return value.tolist()
+
+
+def _decoded(_: Any, value: Any) -> Any:
+    return np.array(value, np.float64)

@@ -1,0 +1,364 @@
+"""The output folder of a resolve: what each file carries over from its input, and what is written."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping
+from fnmatch import fnmatchcase
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.core.constants import value
+from cltaa.core.resolver import Resolver
+from cltaa.errors import CltaaError, DataError, UsageError
+from cltaa.frame import Frame, Image
+from cltaa.inputs.parts import read_any_header, read_planes
+from cltaa.io.atomic import remove_stale_temporaries
+from cltaa.io.exr_frame import MATRICES, Pixels, frame_attributes
+from cltaa.io.exr_layout import LOSSLESS, Layout, Windows
+from cltaa.io.exr_read import FrameFile, read_header
+from cltaa.io.manifest import NAME, RESTART_CURE, Entry, Manifest, file_sha256
+from cltaa.io.pixel_statistics import is_opaque, unusable_pixels
+from cltaa.io.sequence import RESOLVED, FrameSequence
+from cltaa.io.streams import Writer
+from cltaa.pipeline.debug import DebugViews
+from cltaa.pipeline.debug_views import View
+from cltaa.progress import track
+
+INFINITE, BELOW_ZERO = 0x7C00, 0x8000  # bits of an infinite half, and of the sign
+
+
+def image_channels(image: NDArray[Any]) -> dict[str, Pixels]:
+    """A resolved image [H, W, 3 or 4] as EXR channels R G B [A]."""
+    return {name: image[..., channel] for channel, name in enumerate("RGBA"[: image.shape[-1]])}
+
+
+def limit_halves(image: NDArray[np.float16]) -> int:
+    """Make the largest half of each infinite one of [H, W, 3 or 4], in place; returns the pixels that have such.
+
+    Those are the pixels that were cut: a result in halves is infinite from the largest half on.
+    """
+    signed, bits = image.view(np.int16), image.view(np.uint16)
+    if signed.max() < INFINITE and bits.max() < INFINITE | BELOW_ZERO:  # as whole numbers the greatest of either sign
+        return 0
+    infinite = np.isinf(image)
+    bits -= infinite  # the half before it
+    return int(infinite.any(axis=-1).sum())
+
+
+def saturated_pixels(image: Image) -> int:
+    """Count the pixels of floats [H, W, 3 or 4] that halves cut: with a channel at the largest half, 65504, or more."""
+    largest = value("HALF_LIMIT")
+    if -largest < float(image.min()) and float(image.max()) < largest:
+        return 0
+    return int((np.abs(image) >= largest).any(axis=-1).sum())
+
+
+# Attributes that describe how the input's file was made up, and not what is to be seen in it.
+_OF_THE_FILE = frozenset({"name", "type", "chunkCount", "version", "multiView", "view", "cltaa:samples"})
+
+ALL = ("*",)  # layers
+
+
+class CarriedOver(NamedTuple):
+    """Channels by name, attributes and the windows of an input."""
+
+    channels: dict[str, Pixels]
+    attributes: dict[str, object]
+    windows: Windows
+
+
+def kept_channels(layout: Layout, layers: tuple[str, ...], replaced: frozenset[str] = frozenset()) -> frozenset[str]:
+    """The channels of a file that are carried over: those whose names match one of ``layers``.
+
+    Where ``layers`` are all, those that the resolve ``replaced`` are none of them: who opens the result would take the
+    colour that it was made of for it.
+    """
+    left_out = replaced if layers == ALL else frozenset[str]()
+    kept = (name for name in layout.channels if any(fnmatchcase(name, pattern) for pattern in layers))
+    return frozenset(kept) - left_out
+
+
+def chosen_layers(names: tuple[str, ...] | None, sequence: FrameSequence) -> tuple[str, ...]:
+    """Layers by what ``--layers`` says: names, ``all`` or ``none``; by itself all of another tool's files."""
+    if names is None:
+        names = ("all",) if sequence.notes else ("none",)
+    return () if names == ("none",) else ALL if names == ("all",) else names
+
+
+def kept_kinds(sequence: FrameSequence, layers: tuple[str, ...]) -> dict[str, str]:
+    """The channels that any file of ``sequence`` has carried over -> "uint", "half" or "float"; nothing is read."""
+    kept: dict[str, str] = {}
+    for layout in sequence.layouts.values():
+        names = kept_channels(layout, layers, sequence.replaced)
+        kept |= {name: layout.channels[name] for name in names}
+    return kept
+
+
+def carried_over(path: Path, kept: frozenset[str], file: FrameFile | None = None) -> CarriedOver:
+    """Read what is carried over from ``path``: every attribute, and the ``kept`` channels.
+
+    ``file`` is what is known of it already. Raises what reading raises.
+    """
+    header = file.header if file else read_any_header(path, chunks=False)  # the frame is read beside it
+    attributes = {name: value for name, value in header.attributes.items() if name not in _OF_THE_FILE}
+    channels: dict[str, Pixels] = {}
+    if kept:
+        planes = file.planes if file and file.planes is not None else read_planes(path, kept)
+        channels = {name: plane for name, plane in planes.items() if name in kept}
+    return CarriedOver(channels, attributes, (header.layout.data_window, header.layout.display_window))
+
+
+def merged(carried: CarriedOver, attributes: Mapping[str, object], undeclared: frozenset[str]) -> dict[str, object]:
+    """The attributes of a result over what is carried over; those that the input did not declare are not made up.
+
+    Matrices of a file speak of its display window, and those of a frame of its picture: of a region the file's stay.
+    """
+    if carried.windows[0] != carried.windows[1]:
+        undeclared = undeclared | MATRICES
+    return carried.attributes | {name: value for name, value in attributes.items() if name not in undeclared}
+
+
+def check_layers(sequence: FrameSequence, layers: tuple[str, ...]) -> None:
+    """Raise UsageError for a name among ``layers`` that no channel of the first frame matches: it is a slip."""
+    channels = sequence.layouts[sequence.first].channels
+    for layer in layers:
+        if not any(fnmatchcase(name, layer) for name in channels):
+            raise UsageError("--layers: no such channel", expected=" ".join(sorted(channels)), found=layer)
+
+
+def carried_compression(sequence: FrameSequence) -> str:
+    """The compression of the input if it loses nothing, else ZIP."""
+    compression = sequence.layouts[sequence.first].compression
+    return compression if compression in LOSSLESS else "zip"
+
+
+DEBUG = "debug"  # folder of the pictures of debug views
+CODE = "code_sha256"  # the key of the settings that says which code
+
+
+def sequence_settings(sequence: FrameSequence) -> dict[str, Any]:
+    """What of a sequence decides the bits of all its frames; their files are held against their hashes one by one."""
+    size = [sequence.width, sequence.height]
+    return {"sequence": sequence.name, "first_frame": sequence.first, "size": size, **sequence.reading}
+
+
+class Source(NamedTuple):
+    """What a frame was made from: the SHA-256 of its file, the frame that it continues (None: the first), and the
+    SHA-256 of what else it was made from (None: nothing).
+    """
+
+    sha256: str
+    after: int | None
+    beside_sha256: str | None = None
+
+
+class OutputFolder:
+    """Which frames are finished, by what settings they were made, and their hashes. Use it inside ``atomic.owned``."""
+
+    def __init__(self, folder: Path, settings: Mapping[str, Any], *, preset: str = "", restart: bool = False) -> None:
+        """Begin the folder, or go on with it; ``restart`` deletes what its manifest lists first.
+
+        ``preset`` is what the preset is called, which decides nothing and is named where another is refused.
+
+        A folder that was begun and in which nothing was finished is begun anew: a run that was refused at its first
+        frame does not stand in the way of one with mended options.
+        Raises UsageError where the folder was begun with other settings or holds EXR files that no manifest lists,
+        DataError for a damaged manifest, OutputError and StorageError.
+        """
+        self.folder = folder
+        asked = json.loads(json.dumps(settings))
+        remove_stale_temporaries(folder, owned=True)
+        if restart:
+            _clear(folder)
+        self.manifest = Manifest(folder)
+        begun, images = self.manifest.settings, any(folder.glob("*.exr"))
+        if begun is None and images and not restart:
+            cure = "choose an empty folder, or use --restart to replace files of the same names"
+            raise UsageError("holds EXR files of another origin", path=folder, expected=NAME, cure=cure)
+        if begun is None or (begun != asked and not images and not self.manifest.entries):
+            self.manifest.begin(asked)
+        else:
+            self._refuse_difference(begun, asked, preset)
+        self.key = hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
+
+    def _refuse_difference(self, begun: Mapping[str, Any], asked: Mapping[str, Any], preset: str) -> None:
+        before, now, path = dict(_flat(begun)), dict(_flat(asked)), self.manifest.path
+        # What was asked for before the code, and the build last, which follows from both.
+        for key in sorted(before.keys() | now.keys(), key=lambda key: (key.startswith("build."), key == CODE, key)):
+            if before.get(key) == now.get(key):
+                continue
+            if key == CODE:  # 64 digits tell nobody anything
+                raise UsageError("was begun with another version of cltaa's code", path=path, cure=RESTART_CURE)
+            earlier = self._preset_begun_with() if key.startswith("preset.") else preset
+            what = f"preset {earlier}, not {preset}:" if earlier not in ("", preset) else "another"
+            raise UsageError(
+                f"was begun with {what} {key}",
+                path=path,
+                expected=before.get(key, "none"),
+                found=now.get(key, "none"),
+                cure=RESTART_CURE,
+            )
+
+    def _preset_begun_with(self) -> str:
+        """What the first finished image says of its preset, empty where none can tell: the manifest has no names."""
+        try:
+            return str(read_header(self.folder / min(self.manifest.entries)).attributes.get(RESOLVED, ""))
+        except (CltaaError, ValueError):  # nothing is finished, or it is not there or damaged now
+            return ""
+
+    def missing(self, sequence: FrameSequence) -> list[int]:
+        """Return the frames that are not finished, after a look at every file of those that are.
+
+        Raises DataError where the input of a finished frame is another than it was made from.
+        """
+        if not self.manifest.entries:
+            return list(sequence.numbers)
+        numbers = sequence.numbers
+        pairs = zip((None, *numbers), numbers, strict=False)
+        looked_at = track(pairs, len(numbers), "checking")
+        return [number for before, number in looked_at if not self._finished(sequence, number, before)]
+
+    def _finished(self, sequence: FrameSequence, number: int, before: int | None) -> bool:
+        source = sequence.path(number)
+        entry = self.manifest.entries.get(source.name)
+        if entry is None:
+            return False
+        beside = entry.beside_sha256, sequence.beside_sha256(number)
+        for what, expected, found in (
+            ("the input is not the one that this frame was made from", entry.input_sha256, file_sha256(source)),
+            ("its other files, matrices, jitter or exposure are not those that it was made from", *beside),
+            ("another frame lies before this one than did", entry.after, before),
+        ):
+            if expected != found:
+                raise DataError(what, path=source, frame=number, expected=expected, found=found, cure=RESTART_CURE)
+        return self.manifest.vouches_for(self.folder / source.name)
+
+    def finish(self, path: Path, source: Source) -> None:
+        """Vouch for a frame that has its final name; raises StorageError."""
+        self.manifest.append(path.name, Entry(file_sha256(path), *source))
+
+
+def _clear(folder: Path) -> None:
+    """Delete what a manifest lists, the pictures of debug views, and then the manifest; a damaged one lists nothing."""
+    try:
+        names = list(Manifest(folder).entries)
+    except DataError:
+        names = []
+    for name in names:
+        (folder / name).unlink(missing_ok=True)
+    for view in View:
+        for path in (folder / DEBUG).glob(f"{view}.*.png"):
+            path.unlink()
+    (folder / NAME).unlink(missing_ok=True)
+
+
+def _flat(settings: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, setting in settings.items():
+        if isinstance(setting, dict):
+            yield from _flat(setting, f"{prefix}{key}.")
+        else:
+            yield prefix + key, setting
+
+
+class Read(NamedTuple):
+    """A frame, what vouches for its input, its unusable pixels, whether its alpha is all 1, what its output carries."""
+
+    frame: Frame
+    source: Source
+    unusable: int
+    opaque: bool
+    carried: CarriedOver
+
+
+def reads(sequence: FrameSequence, before: int | None, layers: tuple[str, ...]) -> Iterator[Callable[[], Read]]:
+    """A task for each frame of a sequence, in any thread; ``before`` is the frame that the first one continues."""
+    for number in sequence.numbers:
+        yield partial(_read, sequence, number, before, layers)
+        before = number
+
+
+def _read(sequence: FrameSequence, number: int, before: int | None, layers: tuple[str, ...]) -> Read:
+    path, kept = sequence.path(number), kept_channels(sequence.layouts[number], layers, sequence.replaced)
+    found = _stamps(sequence, number)
+    frame, file = sequence.frame_and_file(number, kept)
+    # What was verified while it was read need not be hashed again.
+    digest = sequence.sha256(number) or file_sha256(path)
+    source = Source(digest, before, sequence.beside_sha256(number))
+    carried = carried_over(path, kept, file)
+    if _stamps(sequence, number) != found:  # else a file of now would vouch for a result of before
+        raise DataError("a file changed while it was read", path=path, frame=number, cure="run again")
+    return Read(frame, source, unusable_pixels(frame.colour), is_opaque(frame.alpha), carried)
+
+
+def _stamps(sequence: FrameSequence, number: int) -> list[tuple[int, ...]]:
+    """What tells the files of a frame from others that are written in their place."""
+    found = (path.stat() for path in sorted(sequence.files_of(number)) if path.exists())
+    return [(status.st_ino, status.st_size, status.st_mtime_ns) for status in found]
+
+
+class ResolvedFiles:
+    """Writes results into ``folder`` under the names of their inputs, and counts what a user is to hear of.
+
+    ``undeclared`` are the attributes that no input declared and that are not made up for a result.
+    """
+
+    def __init__(
+        self, folder: OutputFolder, resolver: Resolver, debug: DebugViews, *, undeclared: frozenset[str]
+    ) -> None:
+        self.folder = folder
+        self._resolver, self._debug, self._undeclared = resolver, debug, undeclared
+        self._numbers: set[int] = set()
+        self.sizes: list[int] = []  # bytes of each file that is finished
+        self._saturated: list[int] = []  # of each frame, from the threads that write
+        self.repaired = 0  # pixels of the frames that were written whose colour was no usable number
+        self.opaque = 0  # frames of those whose alpha is 1 everywhere
+
+    @property
+    def count(self) -> int:
+        """How many frames were written, each counted once."""
+        return len(self._numbers)
+
+    @property
+    def saturated(self) -> int:
+        """Pixels as bright as the largest half, once the writer is closed."""
+        return sum(self._saturated)
+
+    def write(self, writer: Writer, read: Read, image: NDArray[Any]) -> None:
+        """Queue the result ``image`` [H, W, 3 or 4], floats or halves, of the frame ``read`` and resolved last.
+
+        Raises OutputError and StorageError, which may be those of an earlier image that was queued.
+        """
+        assert read.frame.path is not None
+        views = self._debug.write(self.folder.folder / DEBUG, read.frame.index)
+        path = self.folder.folder / read.frame.path.name
+        attributes = merged(read.carried, resolved_attributes(read.frame, self._resolver), self._undeclared)
+        finish = partial(self._finish, path, read.source)
+        kept, windows = read.carried.channels, read.carried.windows
+        writer.write(path, lambda: {**kept, **self._channels(image), **views}, attributes, then=finish, windows=windows)
+        self._numbers.add(read.frame.index)
+        self.repaired += read.unusable
+        self.opaque += read.opaque
+
+    def _finish(self, path: Path, source: Source) -> None:
+        self.folder.finish(path, source)
+        self.sizes.append(path.stat().st_size)
+
+    def _channels(self, image: NDArray[Any]) -> dict[str, Pixels]:
+        """The channels of a result, limited to what halves hold by the thread that writes it."""
+        if image.dtype == np.float16:
+            self._saturated.append(limit_halves(image))
+        elif self._resolver.keeps_halves:
+            self._saturated.append(saturated_pixels(image))
+        return image_channels(image)
+
+
+def resolved_attributes(frame: Frame, resolver: Resolver) -> dict[str, object]:
+    """Attributes of a resolved image: those of its frame, and what resolved it."""
+    made_by = {"cltaa:preset": resolver.preset.name, "cltaa:device": resolver.launcher.description}
+    return {**frame_attributes(frame), **made_by}

@@ -1,0 +1,357 @@
+"""A sequence through the resolver to a folder: frames are read ahead and images written behind while kernels run."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from pathlib import Path
+from statistics import median
+from typing import Any, Literal
+
+import msgspec
+
+from cltaa.core.backend import Launcher
+from cltaa.core.bands import BAND_ROWS, BandedResolver, keeps
+from cltaa.core.build import Storage
+from cltaa.core.parameters import HistoryOf
+from cltaa.core.plan import with_effects
+from cltaa.core.planes import kept_memory
+from cltaa.core.presets import Preset
+from cltaa.core.resolver import Resolver, Times
+from cltaa.errors import DeviceLost, ResourceError, UsageError
+from cltaa.frame import Effect
+from cltaa.interrupt import Stop
+from cltaa.io.atomic import atomic_path, check_creatable, owned
+from cltaa.io.content import memory_limit
+from cltaa.io.exr_layout import check_lossless
+from cltaa.io.manifest import REFERENCE
+from cltaa.io.numbered import OnBreak
+from cltaa.io.sequence import FrameSequence, open_images
+from cltaa.io.streams import InTurn, ReadAhead, Writer
+from cltaa.io.video import check_film, rate_of, write_video
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY, Checkpoints
+from cltaa.pipeline.debug import DebugViews
+from cltaa.pipeline.debug_views import View
+from cltaa.pipeline.memory import NO_LAYERS, Memory, of_whole_images
+from cltaa.pipeline.output import OutputFolder, ResolvedFiles, check_layers, reads, sequence_settings
+from cltaa.printable import bytes_of, counted, printable
+from cltaa.progress import track
+
+TOLD_AFTER = 2  # files, of which frames of one sequence differ little
+
+
+class Room:
+    """Looks once whether ``count`` results fit into ``folder``; a guess, so that it warns and refuses nothing."""
+
+    def __init__(self, folder: Path, count: int) -> None:
+        """Nothing is looked at before results are there."""
+        self._folder, self._count, self._looked = folder, count, False
+
+    def look(self, sizes: Sequence[int]) -> None:
+        """Warn on standard error if as many bytes a file as ``sizes``, of those that are finished, will not fit."""
+        finished = len(sizes)
+        if self._looked or finished < TOLD_AFTER:
+            return
+        self._looked = True
+        try:
+            free = shutil.disk_usage(self._folder).free
+        except OSError:  # a folder that is gone: the next file tells
+            return
+        left = self._count - finished
+        wanted = left * sum(sizes) / finished
+        if wanted > free:
+            frames = f"{counted(left, 'frame')} left will take about {bytes_of(wanted)}, {bytes_of(free)} are free"
+            cure = "free some space; a run that ends for want of it goes on by the same command"
+            print(f"cltaa: warning: {printable(self._folder)}: {frames}: {cure}", file=sys.stderr)
+
+
+class StageTimes(msgspec.Struct, kw_only=True):
+    """Seconds a frame: the median of each stage, and ``whole``, the mean of a run by the clock.
+
+    Stages overlap, so that the whole of many frames is less than their sum; it holds what no stage does too, such as
+    building kernels and drawing debug views, which is most of it where few frames are resolved.
+    """
+
+    read: float
+    upload: float
+    kernels: float
+    read_back: float
+    write: float
+    whole: float
+
+
+class Outcome(msgspec.Struct, kw_only=True):
+    """What a run of ``resolve_sequence`` did: of ``frames``, ``resolved`` were written now, the others before.
+
+    ``repaired`` counts the pixels of those whose colour was no usable number (NaN, infinite, beyond 2^50), ``opaque``
+    the frames whose alpha is 1 everywhere, ``saturated`` the pixels as bright as the largest half, where halves are
+    written or kept as history.
+    """
+
+    output: str
+    frames: int
+    resolved: int
+    repaired: int
+    opaque: int
+    saturated: int
+    width: int
+    height: int
+    device: str
+    preset: str
+    seconds: StageTimes
+
+
+def write_record(folder: Path, outcome: Outcome, preset: Preset) -> None:
+    """Write ``resolve.json``: beside the images, what made them. Raises OutputError and StorageError."""
+    record: dict[str, Any] = {"outcome": msgspec.to_builtins(outcome), "preset": msgspec.to_builtins(preset)}
+    with atomic_path(folder / "resolve.json") as temporary:
+        temporary.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+
+
+def stage_rows(seconds: StageTimes) -> Iterable[tuple[str, float]]:
+    """Name and milliseconds a frame of each stage, for a table."""
+    return ((field.replace("_", " "), getattr(seconds, field) * 1e3) for field in StageTimes.__struct_fields__)
+
+
+def band_rows_for(whole: Memory) -> int:
+    """Rows of a band that suit a run that would take ``whole`` over whole images; 0 where this machine has that."""
+    return BAND_ROWS if whole.whole > memory_limit() else 0
+
+
+def of_whole(
+    sequence: FrameSequence, resolver: Resolver, *, half: bool = False, layers: Mapping[str, str] = NO_LAYERS
+) -> Memory:
+    """Memory of a resolve of ``sequence`` by ``resolver`` over whole images; ``layers`` as for ``of_resolve``."""
+    return of_whole_images(
+        sequence,
+        resolver.storage,
+        doubled=resolver.preset.choices.history_of is HistoryOf.DOUBLED,
+        half=half,
+        shared=resolver.launcher.shares_memory,
+        layers=layers,
+    )
+
+
+def has_bands(resolver: Resolver) -> bool:
+    """True where the device and the preset of ``resolver`` can do with bands."""
+    on_device = isinstance(resolver.launcher, DeviceLauncher)
+    return on_device and resolver.preset.choices.history_of is HistoryOf.RESULT
+
+
+def resolver_for(
+    preset: Preset,
+    device: str | Launcher | None,
+    sequence: FrameSequence,
+    band_rows: int | None = None,
+    *,
+    storage: Storage = Storage.FLOAT,
+    half: bool = False,
+    layers: Mapping[str, str] = NO_LAYERS,
+    **options: Any,
+) -> Resolver:
+    """A resolver for the frames of ``sequence``: in bands where whole ones take more memory than this machine has.
+
+    ``half`` says that halves will be written, ``layers`` are as ``of_resolve`` takes them. ``band_rows`` chooses in the
+    machine's place; 0 is whole images. Raises ResourceError where they would have to be resolved in bands and the
+    preset keeps frames or a history at 200 %, which only whole images can.
+    """
+    resolver = Resolver(preset, device, storage=storage, **options)  # first: what shares its memory takes less of it
+    if band_rows is None:
+        whole = of_whole(sequence, resolver, half=half, layers=layers)
+        band_rows = band_rows_for(whole)
+        if band_rows and preset.choices.history_of is not HistoryOf.RESULT:
+            raise ResourceError(
+                f"{sequence.width} x {sequence.height} pixels are too many for preset {preset.name}, which "
+                f"{keeps(preset)}, so it resolves whole images only",
+                expected=f"{whole.whole / 1e6:.0f} MB beside what it keeps",
+                found=f"{memory_limit() / 1e6:.0f} MB of memory",
+                cure="take --preset default, which resolves them in bands, or --band-rows 0 to try all the same",
+            )
+        if not has_bands(resolver):
+            band_rows = 0
+    if not band_rows:
+        return resolver
+    return BandedResolver.beside(resolver, band_rows, in_place=True, storage=storage, **options)
+
+
+def resolve_sequence(
+    sequence: FrameSequence,
+    output: str | Path,
+    resolver: Resolver,
+    *,
+    effects: frozenset[Effect] | Literal["auto", "all"] = "auto",
+    half: bool = False,
+    compression: str = "zip",
+    preview: Path | None = None,
+    restart: bool = False,
+    checkpoint_every: int = CHECKPOINT_EVERY,
+    debug: tuple[View, ...] = (),
+    layers: tuple[str, ...] = (),
+    progress: bool = True,
+    stopping: AbstractContextManager[Stop] | None = None,
+) -> Outcome:
+    """Resolve every frame of ``sequence`` into ``output``, one EXR a frame under the same names.
+
+    ``effects`` overrides what the sequence declares: ``auto`` keeps it, ``all`` runs every step of the preset whatever
+    the frames call for, and a set leaves out the steps and channels of all other effects. ``preview`` is an MP4 of the
+    result. A run that was cut short goes on where it stopped, to the same bits. A device that is lost is opened once
+    more. Views to ``debug`` become layers of the EXRs, and PNGs in a folder of that name. Channels of the input that
+    match one of ``layers`` are kept beside the resolved ones, and its attributes and windows always. Without
+    ``progress`` nothing is shown while it runs.
+
+    ``stopping`` is entered for the run and tells when to stop: then the frame in work is finished, the state saved and
+    KeyboardInterrupt raised. ``cltaa.interrupt.stop_signals()`` does so for SIGINT and SIGTERM; signals are left alone
+    without it.
+
+    Raises UsageError where ``output`` is the sequence's own folder or was begun with other settings (unless
+    ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
+    what reading, resolving and writing raise; finished frames stay complete.
+    """
+    output = Path(output)
+    _refuse_place(output, sequence)
+    check_lossless(compression)
+    check_layers(sequence, layers)
+    options: dict[str, Any] = {"effects": effects if isinstance(effects, str) else sorted(effects), "half": half}
+    if debug:
+        if isinstance(resolver, BandedResolver):
+            raise UsageError("--debug shows whole images only", cure="use --band-rows 0 or smaller frames")
+        options["debug"] = sorted(debug)
+    if layers:
+        options["layers"] = list(layers)
+    settings = {**resolver.settings(), **options, "compression": compression, **sequence_settings(sequence)}
+    if preview is not None:
+        check_film(preview, sequence, output)
+        rate = rate_of(sequence.attributes, sequence.sequence_json, sequence.step)
+    keeping = kept_memory(images=not isinstance(resolver, BandedResolver))
+    every = _every_step(resolver, resolver.every_step or effects == "all")
+    with keeping, every, owned(output), stopping or nullcontext(Stop()) as stop:
+        if preview is not None:
+            check_creatable(preview)  # again, now that the output is there, which may be the film's folder
+        folder = OutputFolder(output, settings, preset=resolver.preset.name, restart=restart)
+        checkpoints = Checkpoints(output, folder.key)
+        if restart:
+            checkpoints.clear()
+        views = DebugViews(resolver, debug)
+        files = ResolvedFiles(folder, resolver, views, undeclared=sequence.undeclared)
+        run = _Run(sequence, files, checkpoints, resolver, effects, stop, layers, half=half, progress=progress)
+        try:
+            run.resolve(compression, checkpoint_every)
+        except DeviceLost:
+            resolver.reopen()
+            run.resolve(compression, checkpoint_every)
+        outcome = run.outcome()
+        write_record(output, outcome, resolver.preset)
+        checkpoints.clear()
+    if preview is not None:
+        write_video(preview, open_images(output, gaps=OnBreak.RESET).select(sequence.first, sequence.last), rate=rate)
+    return outcome
+
+
+@contextmanager
+def _every_step(resolver: Resolver, every: bool) -> Iterator[None]:
+    """Let a resolver run every step, or not, until the end of the block."""
+    before, resolver.every_step = resolver.every_step, every
+    try:
+        yield
+    finally:
+        resolver.every_step = before
+
+
+def _refuse_place(output: Path, sequence: FrameSequence) -> None:
+    """Raise UsageError for the sequence's own folder, and for one in it in which its truth is looked for."""
+    cure, place, folder = "name another folder with -o", output.resolve(), sequence.folder.resolve()
+    if place == folder:
+        raise UsageError("the output would overwrite the sequence", path=output, cure=cure)
+    if place.parent == folder and REFERENCE.fullmatch(place.name):
+        raise UsageError("the output would be taken for the truth of the sequence", path=output, cure=cure)
+
+
+class _Run:
+    """One run over a sequence; ``resolve`` may be called again after the device was lost."""
+
+    def __init__(
+        self,
+        sequence: FrameSequence,
+        files: ResolvedFiles,
+        checkpoints: Checkpoints,
+        resolver: Resolver,
+        effects: frozenset[Effect] | Literal["auto", "all"],
+        stop: Stop,
+        layers: tuple[str, ...],
+        *,
+        half: bool,
+        progress: bool,
+    ) -> None:
+        self._sequence, self._files, self._checkpoints = sequence, files, checkpoints
+        self._resolver, self._effects, self._stop, self._layers = resolver, effects, stop, layers
+        self._half, self._progress = half, progress
+        self._seconds: dict[str, list[float]] = {name: [] for name in StageTimes.__struct_fields__}
+
+    def resolve(self, compression: str, checkpoint_every: int) -> None:
+        """Resolve the frames that are missing, after those that their history needs."""
+        missing = self._files.folder.missing(self._sequence)
+        if not missing:
+            return
+        after = self._checkpoints.restore(self._resolver, before=missing[0])
+        numbers = [n for n in self._sequence.numbers if (after is None or n > after) and n <= missing[-1]]
+        wanted = frozenset(missing)
+        part = self._sequence.select(numbers[0], numbers[-1])
+        room = Room(self._files.folder.folder, len(self._files.sizes) + len(missing))
+        started = time.perf_counter()
+        in_turn = isinstance(self._resolver, BandedResolver)  # so large that no second image waits beside it
+        tasks = reads(part, after, self._layers)
+        reading = InTurn(tasks) if in_turn else ReadAhead(tasks)
+        with Writer(compression=compression) as writer, reading as frames:
+            if after is None:
+                self._reserve(part)
+            shown = track(numbers, len(numbers), "resolving") if self._progress else numbers
+            for done, number in enumerate(shown, start=1):
+                read = next(frames)
+                image = self._resolver.resolve(with_effects(read.frame, self._effects), half=self._half)
+                if number in wanted:
+                    self._files.write(writer, read, image)
+                    room.look(self._files.sizes)
+                self._resolver.release()
+                self._note(self._resolver.times)
+                if self._stop.requested or done % checkpoint_every == 0:
+                    self._checkpoints.save(self._resolver)
+                if self._stop.requested:
+                    raise KeyboardInterrupt
+                if in_turn:
+                    writer.flush()
+                del read, image
+            writer.close()
+            self._seconds["read"] += frames.seconds
+            self._seconds["write"] += writer.seconds
+        self._seconds["whole"].append((time.perf_counter() - started) / len(numbers))
+
+    def _reserve(self, part: FrameSequence) -> None:
+        """Let the resolver allocate what the first frame will need, while that is decoded."""
+        wanted = isinstance(self._effects, str) or Effect.ALPHA in self._effects
+        alpha = wanted and "alpha" in part.holds
+        self._resolver.reserve(part.width, part.height, alpha=alpha, half=self._half)
+
+    def _note(self, times: Times) -> None:
+        for name, seconds in times._asdict().items():
+            self._seconds[name].append(seconds)
+
+    def outcome(self) -> Outcome:
+        """What was done; stages that nothing had to be done in took no time."""
+        return Outcome(
+            output=str(self._files.folder.folder),
+            frames=len(self._sequence),
+            resolved=self._files.count,
+            repaired=self._files.repaired,
+            opaque=self._files.opaque,
+            saturated=self._files.saturated,
+            width=self._sequence.width,
+            height=self._sequence.height,
+            device=self._resolver.launcher.description,
+            preset=self._resolver.preset.name,
+            seconds=StageTimes(**{name: median(seconds or [0.0]) for name, seconds in self._seconds.items()}),
+        )

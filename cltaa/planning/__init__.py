@@ -1,1 +1,0 @@
-"""What is decided before a kernel runs: which steps a frame calls for, and how much memory they take."""

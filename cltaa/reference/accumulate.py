@@ -1,0 +1,318 @@
+"""Twin of ``blend.h`` and ``pixel.h``: one output pixel from its sample, its neighbourhood and its history."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from cltaa.core.build import Build, Record
+from cltaa.core.constants import PAD_X, PAD_Y
+from cltaa.core.parameters import Accumulate, AlphaFrom, AntiFlicker, Box, FilterUse, LightChange, Negatives, Weighting
+from cltaa.core.planes import Layout
+from cltaa.reference.colour import Colour, from_box_space, from_range, luminance, to_box_space
+from cltaa.reference.history import History
+from cltaa.reference.illumination import with_change_of
+from cltaa.reference.neighbourhood import Row, Statistics, current_sample, neighbourhood_statistics
+from cltaa.reference.real import (
+    Array,
+    constant,
+    greater,
+    lesser,
+    limit,
+    number,
+    outside_domain,
+)
+from cltaa.reference.rectify import Rectification
+from cltaa.reference.reprojection import Motion
+from cltaa.reference.sampling import between_texels
+
+
+def sample_weight(count: Array, unrest: Array, build: Build, settings: Record) -> Array:
+    """Weight of the current sample beside ``count`` earlier ones."""
+    least = number(settings["blend_weight"], count)
+    if build.choices.accumulate is Accumulate.CONSTANT:
+        return np.full_like(count, least)
+    if build.choices.accumulate is Accumulate.ADAPTIVE:
+        adaptive: Array = least + unrest * (number(settings["moving_weight"], count) - least)
+        return adaptive
+    mean: Array = number(1.0, count) / (count + number(1.0, count))
+    if build.choices.accumulate is Accumulate.COUNT:
+        return mean
+    return greater(mean, least)
+
+
+def samples_in_mean(count: Array, build: Build, settings: Record) -> Array:
+    """What ``count`` samples count as in the mean that is taken: with the new one 1 / blend_weight at most."""
+    if build.choices.accumulate is Accumulate.COUNT:
+        return count
+    one = number(1.0, count)
+    return lesser(count, one / number(settings["blend_weight"], count) - one)
+
+
+def most_samples(fx: Array, fy: Array, build: Build, settings: Record) -> Array:
+    """The most samples that a history resampled at fraction ``fx``, ``fy`` may stand for."""
+    one = number(1.0, fx)
+    least = one / number(settings["sample_limit"], fx)
+    if build.terms.resample_cost:
+        least = least + number(settings["resample_cost"], fx) * between_texels(fx, fy)
+    most: Array = one / least
+    return most
+
+
+def believed_count(count: Array, most: Array, pull: Array, build: Build, settings: Record) -> Array:
+    """Samples that the history still stands for after resampling, ``most`` at most, and rectification."""
+    if build.terms.pull_cost:
+        count = count / (number(1.0, count) + number(settings["pull_cost"], count) * pull)
+    return lesser(count, most)
+
+
+def luminance_inertia(v: Colour, settings: Record) -> Array:
+    """knee + Y, the inverse of a luminance weight (Karis 2014 with knee 1); the kernels have four times it."""
+    inertia: Array = number(settings["luminance_knee"], v[0]) + greater(luminance(v), number(0.0, v[0]))
+    return inertia
+
+
+def luminance_weight(weight: Array, current: Colour, history: Colour, build: Build, settings: Record) -> Array:
+    """Weights 1 / (knee + Y) as one weight of the current sample."""
+    if build.choices.weighting is Weighting.NONE:
+        return weight
+    x, h = luminance_inertia(current, settings), luminance_inertia(history, settings)
+    for_current, for_history = weight * h, (number(1.0, weight) - weight) * x
+    result: Array = for_current / (for_current + for_history)
+    return result
+
+
+def weight_of_sample(
+    count: Array,
+    current: Colour,
+    history: Colour,
+    reactivity: Array,
+    unrest: Array,
+    build: Build,
+    settings: Record,
+) -> Array:
+    """Weight of the current sample beside a history of ``count``, before what stills flicker: in a mean of all with
+    luminance weights h / (h + count x), where a reactive sample counts for as many more as are then missing."""
+    one = number(1.0, count)
+    in_mean = build.choices.accumulate in (Accumulate.COUNT, Accumulate.EXPONENTIAL)
+    if in_mean and build.choices.weighting is not Weighting.NONE:
+        now, inertia = luminance_inertia(history, settings), luminance_inertia(current, settings)
+        samples = samples_in_mean(count, build, settings)
+        if build.steps.reactive:
+            now, samples = (one + reactivity * samples) * now, samples * (one - reactivity)
+        share: Array = now / (now + samples * inertia)
+        return share
+    weight = sample_weight(count, unrest, build, settings)
+    if build.steps.reactive:
+        weight = weight + reactivity * (one - weight)
+    return luminance_weight(weight, current, history, build, settings)
+
+
+def sample_share(v: Colour, build: Build, settings: Record) -> Array:
+    """Luminance weight 1 / (knee + Y) of a sample."""
+    one = number(1.0, v[0])
+    if build.choices.weighting is Weighting.NONE:
+        return np.full_like(v[0], one)
+    share: Array = one / luminance_inertia(v, settings)
+    return share
+
+
+def share_difference(v: Colour, other: Colour, build: Build, settings: Record) -> list[Array]:
+    """How far two colours differ, each as much as it counts: dim light as it is, highlights no more than
+    ``luminance_knee``."""
+    knee = number(1.0 if build.choices.weighting is Weighting.NONE else settings["luminance_knee"], v[0])
+    a, b = (knee * sample_share(c, build, settings) for c in (v, other))
+    return [a * x - b * y for x, y in zip(v, other, strict=True)]
+
+
+def filtered_share(share: Array, filtered: Colour, build: Build, settings: Record) -> Array:
+    """Share of the filtered sample where ``filter_use`` says few-samples; bright ones weigh less, twice."""
+    if build.choices.weighting is Weighting.NONE:
+        return share
+    knee = number(settings["luminance_knee"], share)
+    dim = knee / (knee + greater(luminance(filtered), number(0.0, share)))
+    result: Array = share * (dim * dim)
+    return result
+
+
+def difference_share(current: Colour, history: Colour, settings: Record) -> Array:
+    """Factor of the weight by how much the luminances differ (Lottes)."""
+    x, h = luminance(current), luminance(history)
+    size = greater(greater(x, h), number(settings["difference_knee"], x))
+    u = number(1.0, x) - np.abs(x - h) / size
+    differing, agreeing = number(settings["differing_share"], x), number(settings["agreeing_share"], x)
+    share: Array = differing + (u * u) * (agreeing - differing)
+    return share
+
+
+def blend(history: Array, current: Array, weight: Array) -> Array:
+    """h + w (x - h); a weight of 1 selects the sample."""
+    return np.where(weight < number(1.0, weight), history + weight * (current - history), current)
+
+
+def storable(v: Array, current: Array, build: Build) -> Array:
+    """Inside the domain, no denormal, no -0, not below the least of 0 and the current sample."""
+    floor_value = lesser(current, number(0.0, current))
+    raised = greater(v, floor_value) if build.choices.negatives is Negatives.RAISE else v
+    bad = outside_domain(raised) | (np.abs(raised) < constant("TINY", v))
+    return np.where(bad, number(0.0, v), raised)
+
+
+def storable_colour(v: Colour, current: Colour, build: Build) -> Colour:
+    """Each channel as ``storable`` leaves it."""
+    r, g, b = (storable(x, own, build) for x, own in zip(v, current, strict=True))
+    return r, g, b
+
+
+class Pixel(NamedTuple):
+    """What the current frame says of each pixel; ``own`` is its sample, ``filtered`` what the current filter makes of
+    it, which takes the place of ``own`` but where ``filter_use`` says few-samples."""
+
+    own: Colour
+    filtered: Colour
+    alpha: Array
+    reactivity: Array
+    near: Statistics
+    least_reactive: Array  # of the 3x3, where spans of the past are weighed
+    most_reactive: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Resolved:
+    """What one frame leaves at each pixel."""
+
+    rgb: Colour
+    alpha: Array
+    count: Array
+
+
+def usable_share(v: Array, otherwise: float) -> Array:
+    """Alpha or reactivity limited to [0, 1]; no number means ``otherwise``."""
+    return np.where(outside_domain(v), number(otherwise, v), limit(v, number(0, v), number(1, v)))
+
+
+def load_shares(
+    alpha: Array | None, reactive: Array | None, like: Array, build: Build, layout: Layout
+) -> tuple[Array, Array]:
+    """Alpha and reactivity of each pixel from padded planes [1, rows, stride]; 1 and 0 where a build has none."""
+    one, zero = np.ones_like(like), np.zeros_like(like)
+    steps = build.steps
+    return (
+        usable_share(layout.inside(alpha)[0].astype(like.dtype), 1.0) if steps.alpha and alpha is not None else one,
+        usable_share(layout.inside(reactive)[0].astype(like.dtype), 0.0)
+        if steps.reactive and reactive is not None
+        else zero,
+    )
+
+
+def current_pixel(
+    rows: tuple[Row, Row, Row],
+    alpha: Array | None,
+    reactive: Array | None,
+    build: Build,
+    layout: Layout,
+    frame: Record,
+) -> Pixel:
+    """Each pixel from the rows above, at and below it, and from padded planes [1, rows, stride] of shares."""
+    near = neighbourhood_statistics(*rows, build)
+    filtered = current_sample(*rows, near, build, frame)
+    own = rows[1].centre if build.choices.filter_use is FilterUse.FEW else filtered
+    shares = load_shares(alpha, reactive, own[0], build, layout)
+    least = most = shares[1]
+    if build.steps.reactive and reactive is not None and build.choices.light_change is LightChange.SPANS:
+        for top in (PAD_Y - 1, PAD_Y, PAD_Y + 1):
+            for left in (PAD_X - 1, PAD_X, PAD_X + 1):
+                there = reactive[0, top : top + layout.height, left : left + layout.width].astype(least.dtype)
+                r = usable_share(there, 0.0)
+                least, most = lesser(least, r), greater(most, r)
+    return Pixel(own, filtered, *shares, near, least, most)
+
+
+def as_reactive(r: Array, now: Pixel) -> Array:
+    """How much counts of samples [H, W] that were drawn with reactivity ``r``."""
+    off = greater(greater(now.least_reactive - r, r - now.most_reactive), np.zeros_like(r))
+    far = off * constant("REACTIVE_FALL", r)
+    result: Array = greater(number(1.0, r) - far * far, np.zeros_like(r))
+    return result
+
+
+def box_gamma(m: Motion, settings: Record) -> Array:
+    """Half width of the box in standard deviations: wide where nothing moves."""
+    k = m.u.dtype.type
+    speed = greater(np.abs(m.u), np.abs(m.v)) / k(settings["motion_px"])
+    still = greater(k(1.0) - speed, k(0.0))
+    result: Array = k(settings["gamma_moving"]) + still * (k(settings["gamma_still"]) - k(settings["gamma_moving"]))
+    return result
+
+
+def past_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> Array:
+    """The history's alpha; where the box is ``unit``, held in the extremes of the current 3x3 of ``plane``."""
+    if build.choices.box is not Box.UNIT:
+        return past
+    share = usable_share(plane[0].astype(past.dtype), 1.0)
+    low, high = np.ones_like(past), np.zeros_like(past)
+    for top in (PAD_Y - 1, PAD_Y, PAD_Y + 1):
+        for left in (PAD_X - 1, PAD_X, PAD_X + 1):
+            a = share[top : top + layout.height, left : left + layout.width]
+            low, high = lesser(a, low), greater(a, high)
+    return limit(past, low, high)
+
+
+def fresh_colour(current: Colour, mean: Colour, build: Build, settings: Record) -> Colour:
+    """The sample of a pixel without history, drawn towards the mean of its neighbourhood."""
+    c = to_box_space(current, build)
+    change = from_box_space((mean[0] - c[0], mean[1] - c[1], mean[2] - c[2]), build)
+    blur = number(settings["fresh_blur"], c[0])
+    r, g, b = (k + blur * by for k, by in zip(current, change, strict=True))
+    return r, g, b
+
+
+def drawn_towards(own: Colour, filtered: Colour, share: Array) -> Colour:
+    """``own`` drawn towards ``filtered`` by a share."""
+    r, g, b = (c + share * (f - c) for c, f in zip(own, filtered, strict=True))
+    return r, g, b
+
+
+def believed_samples(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Array:
+    """How many samples a pixel's rectified history is believed to stand for."""
+    most = most_samples(h.fx, h.fy, build, settings)
+    count = believed_count(np.abs(h.count), most, r.pull, build, settings)
+    return count * (number(1.0, count) - p.reactivity) if build.steps.reactive else count
+
+
+def fading_share(of_mean: Array, settings: Record) -> Array:
+    """Share of the filtered sample in the n-th of a history: 1 / n, ``of_mean``, but as 1 / n^2 from some n on."""
+    return lesser(of_mean, number(settings["filter_samples"], of_mean) * (of_mean * of_mean))
+
+
+def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Resolved:
+    """The pixel blended with its rectified history, or begun anew where there is none."""
+    return resolve_beside(p, h, r, believed_samples(p, h, r, build, settings), build, settings)
+
+
+def resolve_beside(p: Pixel, h: History, r: Rectification, count: Array, build: Build, settings: Record) -> Resolved:
+    """The pixel blended with its rectified history of ``count`` samples, or begun anew where there is none."""
+    current = p.filtered
+    one = number(1.0, h.count)
+    past = (h.rgb[0] + r.change[0], h.rgb[1] + r.change[1], h.rgb[2] + r.change[2])
+    if build.choices.filter_use is FilterUse.FEW:
+        share = np.where(h.valid, fading_share(one / (count + one), settings), one)
+        current = drawn_towards(p.own, current, filtered_share(share, current, build, settings))
+    weight = weight_of_sample(count, current, past, p.reactivity, r.unrest, build, settings)
+    if build.choices.anti_flicker is AntiFlicker.DIFFERENCE:
+        weight = weight * difference_share(current, past, settings)
+    if build.choices.anti_flicker is AntiFlicker.CLAMP_DISTANCE:
+        weight = weight * r.calm
+    fresh = fresh_colour(current, p.near.mean, build, settings)
+    mixed = [blend(y, c, weight) for y, c in zip(past, current, strict=True)]
+    chosen = [np.where(h.valid, m, f) for m, f in zip(mixed, fresh, strict=True)]
+    stored = storable_colour(from_range((chosen[0], chosen[1], chosen[2]), build), current, build)
+    alpha = p.alpha
+    if build.choices.alpha_from is AlphaFrom.BLEND:
+        alpha = np.where(h.valid, blend(h.alpha, alpha, weight), alpha)
+    samples = np.where(h.valid, count + one, one)
+    if build.choices.light_change is not LightChange.IGNORE:
+        samples = np.where(h.valid, with_change_of(samples, h.count), samples)
+    return Resolved(stored, alpha, samples)

@@ -1,0 +1,168 @@
+"""Twin of ``light.h``: nine samples of now paired with what the history holds at their places."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.core.build import Build, Record
+from cltaa.core.constants import PAD_X, PAD_Y, value
+from cltaa.core.parameters import BoxSpace
+from cltaa.core.planes import Layout
+from cltaa.reference.colour import Colour, box_units, repaired_planes, to_boxed, to_range
+from cltaa.reference.neighbourhood import spread_of_three
+from cltaa.reference.real import Array, constant, greater, lesser, number
+from cltaa.reference.sampling import Footprint
+
+
+def history_in_range(colour: Colour, build: Build, frame: Record) -> Colour:
+    """History as the current exposure would show it, in the range that everything is compared in."""
+    r, g, b = colour
+    if build.steps.exposure:
+        ratio = number(frame["exposure_ratio"], r)
+        r, g, b = r * ratio, g * ratio, b * ratio
+    return to_range((r, g, b), build)
+
+
+class Paired(NamedTuple):
+    """Mean of three differences, and 3/2 of their spread."""
+
+    mean: Array
+    spread: Array
+
+
+def pair_row(left: Array, centre: Array, right: Array) -> Paired:
+    """Three differences of a row."""
+    dl, dr = left - centre, right - centre
+    return Paired(centre + (dl + dr) * constant("ONE_THIRD", centre), spread_of_three(dl, dr))
+
+
+def paired_t(above: Paired, centre: Paired, below: Paired, least: Array) -> Array:
+    """A third of Student's t of nine differences with the sign of their mean, ``least`` added to their deviation."""
+    da, db = above.mean - centre.mean, below.mean - centre.mean
+    mean = centre.mean + (da + db) * constant("ONE_THIRD", da)
+    spread = ((above.spread + centre.spread) + below.spread) + number(3.0, da) * spread_of_three(da, db)
+    t: Array = mean / (np.sqrt(spread * constant("TWO_27THS", spread)) + least)
+    return t
+
+
+def light_difference(now: Colour, past: Colour, build: Build, frame: Record) -> Colour:
+    """What is in the box space now, less the history's colour there, both as ``to_boxed`` has them."""
+    r, g, b = history_in_range(past, build, frame)
+    if build.choices.box_space is not BoxSpace.YCOCG:
+        return now[0] - r, now[1] - g, now[2] - b
+    rb, green = r + b, number(2.0, g) * g
+    return (now[0] - rb) - green, now[1] - (r - b), (now[2] + rb) - green
+
+
+def _parts(count: Array) -> tuple[Array, Array, NDArray[Any]]:
+    """Counts as (whole + steps / 64) 2^(exponent - 18): all but a float's last six bits, those, and the exponents."""
+    mantissa, exponent = np.frexp(np.abs(count))
+    scaled = mantissa * number(2.0**18, count)
+    whole = np.trunc(scaled)
+    return whole, (scaled - whole) * number(64.0, count), exponent
+
+
+def kept_change(count: Array) -> Array:
+    """The change of light that counts hold: its sign is theirs, its size in steps their last bits."""
+    size: Array = np.copysign(_parts(count)[1] * constant("CHANGE_STEP", count), count)
+    return size
+
+
+def _marked_count(count: Array, steps: Array, sign: Array) -> Array:
+    whole, _, exponent = _parts(count)
+    mantissa = (whole + steps * number(2.0**-6, count)) * number(2.0**-18, count)
+    held: Array = np.copysign(np.ldexp(mantissa, exponent), sign)
+    return held
+
+
+def with_change(count: Array, change: Array) -> Array:
+    """Counts, not 0, that hold a finite change."""
+    steps = np.abs(change) * number(1.0 / value("CHANGE_STEP"), change)
+    whole = np.trunc(lesser(steps, constant("KEPT_CHANGES", change)))
+    return _marked_count(greater(count, constant("TINY", count)), whole, change)
+
+
+def with_change_of(count: Array, other: Array) -> Array:
+    """Counts that hold the change that others hold."""
+    return _marked_count(count, _parts(other)[1], other)
+
+
+@dataclass(frozen=True, slots=True)
+class Lit:
+    """What nine texels say of a history: the samples it counts for, and each channel's least of the nearest row."""
+
+    count: Array
+    least: Colour
+
+
+def least_colour(a: Colour, b: Colour) -> Colour:
+    """The lesser of each channel."""
+    return lesser(a[0], b[0]), lesser(a[1], b[1]), lesser(a[2], b[2])
+
+
+def above_lobes(v: Array, least: Array, settings: Record) -> Array:
+    """A channel read between texels, no less than ``lobe_floor`` of the ``least`` of the nearest row of three.
+
+    Where that is negative no less than it. A half is no more than bilinear weights give where light is not negative.
+    """
+    return greater(lesser(number(settings["lobe_floor"], v) * least, least), v)
+
+
+def history_in_light(
+    held: Array,
+    current: Array,
+    history: Array,
+    history_count: Array,
+    f: Footprint,
+    build: Build,
+    layout: Layout,
+    frame: Record,
+    settings: Record,
+) -> Lit:
+    """``held`` [H, W] samples of a history, divided by how much light changes, and holding that, beside the least of
+    the nearest row of the nine texels that tell it.
+
+    The change is Student's t of the channel that changed most, negative where luminance falls, and ``change_kept`` of
+    the change that the frame before left; its size over ``change_t`` divides, where it is more than 1. ``current`` [3,
+    rows, stride], ``history`` [3 or 4, rows, stride] and ``history_count`` [rows, stride], which holds the change that
+    the frame before left, are padded planes.
+    """
+    real: Any = f.fx.dtype
+    colour = repaired_planes(current, layout).astype(real)
+    half, zero, one = number(0.5, f.fx), np.zeros_like(f.fx), np.ones_like(f.fx)
+    row, column = (
+        at + np.where(fraction >= half, one, zero).astype(np.int64)
+        for at, fraction in ((f.row, f.fy), (f.column, f.fx))
+    )
+
+    def difference(i: int, j: int) -> tuple[Colour, Array, Colour]:
+        there = slice(PAD_Y + j, PAD_Y + j + layout.height), slice(PAD_X + i, PAD_X + i + layout.width)
+        now = to_boxed(to_range((colour[0][there], colour[1][there], colour[2][there]), build), build)
+        r, g, b = (plane[row + j, column + i].astype(real) for plane in history[:3])
+        return light_difference(now, (r, g, b), build, frame), np.abs(now[0]), (r, g, b)
+
+    rows: list[list[Paired]] = []
+    levels, texels = [], []
+    for j in (-1, 0, 1):
+        (left, left_size, a), (own, own_size, b), (right, right_size, c) = (difference(i, j) for i in (-1, 0, 1))
+        rows.append([pair_row(left[k], own[k], right[k]) for k in range(3)])
+        levels.append((left_size + own_size) + right_size)
+        texels.append((a, b, c))
+    level = (levels[0] + levels[1]) + levels[2]
+    floor = number(settings["change_floor"], level)
+    units = box_units(build)
+    least = floor * (level * constant("ONE_THIRD", level)) + number(units[0] * value("TINY"), level)
+    ta, tb, tc = (
+        paired_t(rows[0][k], rows[1][k], rows[2][k], number(units[k] / units[0], least) * least) for k in range(3)
+    )
+    largest = number(3.0, level) * greater(np.abs(ta), greater(np.abs(tb), np.abs(tc)))
+    t = lesser(largest, constant("DOMAIN_LIMIT", level))
+    before = kept_change(history_count[row, column].astype(real))
+    change = np.where(ta < number(0.0, level), -t, t) + number(settings["change_kept"], level) * before
+    by = greater(np.abs(change) / number(settings["change_t"], level), number(1.0, level))
+    a, b, c = texels[1]
+    return Lit(with_change(held / by, change), least_colour(least_colour(a, b), c))

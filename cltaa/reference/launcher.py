@@ -1,0 +1,66 @@
+"""The NumPy twins of the kernels in their place: the float32 oracle, which is also the fallback without OpenCL."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.core.backend import Buffer
+from cltaa.core.build import Build
+from cltaa.core.planes import Layout
+
+
+class _Array:
+    """Memory of the NumPy launcher."""
+
+    def __init__(self, array: NDArray[Any]) -> None:
+        self.array = array
+
+    @contextmanager
+    def mapped(self, *, write: bool) -> Iterator[NDArray[Any]]:
+        planes = self.array.view()
+        planes.flags.writeable = write  # a device forgets what is written where it was mapped for reading
+        yield planes
+
+
+class NumpyLauncher:
+    """Runs the NumPy twins of the kernels, float32 in the same order."""
+
+    description = "NumPy (float32 oracle)"
+    shares_memory = False  # so that a twin in other numbers than those of files has its own
+    takes_bands = False
+
+    def build(self, plan_build: Build) -> Build:
+        """The build as it is: the oracle has no lanes."""
+        return plan_build
+
+    def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
+        """Zeroed arrays."""
+        return _Array(np.zeros(shape, dtype))
+
+    def take(self, planes: NDArray[np.float32]) -> Buffer:
+        """The planes themselves."""
+        return _Array(planes)
+
+    def prepare(self, kernel: str, build: Build) -> None:
+        """Nothing is built."""
+
+    def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
+        """Run the twin of a kernel at once."""
+        from cltaa.reference import KERNELS
+
+        given = {name: value.array if isinstance(value, _Array) else value for name, value in arguments.items()}
+        KERNELS[kernel](build, layout, **given)
+
+    def copy(self, source: Buffer, target: Buffer, offset: int) -> None:
+        """Copy at once."""
+        assert isinstance(source, _Array)
+        assert isinstance(target, _Array)
+        target.array.reshape(-1)[offset : offset + source.array.size] = source.array.reshape(-1)
+
+    def finish(self) -> None:
+        """Nothing is ever pending."""

@@ -1,0 +1,94 @@
+"""Twin of ``projection.h``: where a surface was in the previous frame."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cltaa.core.build import Build, Record
+from cltaa.core.parameters import OffScreen
+from cltaa.core.planes import Layout
+from cltaa.reference.neighbourhood import Surface
+from cltaa.reference.real import Array, Mask, constant, number, outside_domain
+
+
+class Motion(NamedTuple):
+    """Displacement in pixels; closeness then = closeness now * scale + shift; visible: the previous frame saw it."""
+
+    u: Array
+    v: Array
+    scale: Array
+    shift: Array
+    visible: Mask
+
+
+def pixel_grid(layout: Layout, like: Array) -> tuple[Array, Array]:
+    """Column and row of each pixel, [H, W]."""
+    y, x = np.mgrid[: layout.height, : layout.width]
+    return x.astype(like.dtype), y.astype(like.dtype)
+
+
+def motion_from_depth(s: Surface, build: Build, layout: Layout, frame: Record) -> Motion:
+    """Camera motion by the displacement matrix of the frame."""
+    zero, one = np.zeros_like(s.centre), np.ones_like(s.centre)
+    if not build.steps.camera_motion:
+        return Motion(zero, zero, one, zero, np.ones(zero.shape, bool))
+    x, y = pixel_grid(layout, zero)
+    f = {name: number(frame[name], zero) for name in frame.dtype.fields or ()}
+    px, py, q = (x + s.x) + f["origin_x"], (y + s.y) + f["origin_y"], s.closeness
+    dx = ((f["xx"] * px + f["xy"] * py) + f["xq"] * q) + f["x1"]
+    dy = ((f["yx"] * px + f["yy"] * py) + f["yq"] * q) + f["y1"]
+    dw = ((f["wx"] * px + f["wy"] * py) + f["wq"] * q) + f["w1"]
+    w = one + dw
+    visible = w > constant("LEAST_W", zero)
+    safe_w = np.where(visible, w, one)
+    u, v = (dx - px * dw) / safe_w, (dy - py * dw) / safe_w
+    if build.steps.orthographic:
+        shift = (f["zx"] * px + f["zy"] * py) + f["z1"]
+        return Motion(u, v, np.broadcast_to(number(1.0, zero) + f["zq"], zero.shape), shift, visible)
+    return Motion(u, v, one / safe_w, zero, visible)
+
+
+def surface_motion(s: Surface, build: Build, layout: Layout, frame: Record) -> Motion:
+    """The motion channel where it holds a vector, the camera's motion elsewhere."""
+    m = motion_from_depth(s, build, layout, frame)
+    if not build.steps.own_motion:
+        return m
+    camera_only = outside_domain(s.u) | outside_domain(s.v)
+    return Motion(
+        np.where(camera_only, m.u, s.u),
+        np.where(camera_only, m.v, s.v),
+        np.where(camera_only, m.scale, np.ones_like(m.scale)),
+        np.where(camera_only, m.shift, np.zeros_like(m.shift)),
+        m.visible | ~camera_only,
+    )
+
+
+def _to_edge(position: Array, by: Array, last: Any) -> Array:
+    there = position + by
+    kept = np.where(there > last, last - position, by)
+    return np.where(there < number(0.0, by), -position, kept)
+
+
+def motion_to_edge(m: Motion, build: Build, layout: Layout) -> Motion:
+    """Displacements that end outside the image shortened to its edge, where the build says that it goes on there."""
+    if build.choices.off_screen is OffScreen.FRESH:
+        return m
+    x, y = pixel_grid(layout, m.u)
+    one, far = number(1.0, m.u), constant("MOTION_LIMIT", m.u)
+    near = (np.abs(m.u) < far) & (np.abs(m.v) < far)
+    u = np.where(near, _to_edge(x, m.u, number(layout.width, m.u) - one), m.u)
+    v = np.where(near, _to_edge(y, m.v, number(layout.height, m.v) - one), m.v)
+    return Motion(u, v, m.scale, m.shift, m.visible)
+
+
+def on_screen(m: Motion, layout: Layout) -> Mask:
+    """True where the previous position lies inside the image and is closer than MOTION_LIMIT."""
+    x, y = pixel_grid(layout, m.u)
+    half, far = number(0.5, m.u), constant("MOTION_LIMIT", m.u)
+    hx, hy = x + m.u, y + m.v
+    right, bottom = number(layout.width, m.u) - half, number(layout.height, m.u) - half
+    inside = (hx >= -half) & (hy >= -half) & (hx <= right) & (hy <= bottom)
+    near: Mask = m.visible & inside & (np.abs(m.u) < far) & (np.abs(m.v) < far)
+    return near

@@ -1,0 +1,73 @@
+"""Twin of ``storage.h`` and ``to_halves.cl``: the formats that history and results are stored in."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cltaa.core.build import Build, Record, Storage
+from cltaa.core.planes import Layout
+from cltaa.reference.real import Array, constant, quiet
+
+Words = NDArray[np.uint32]
+
+
+def half_storable(v: Array) -> Array:
+    """Within the range of halves, and +0 rather than what would round to -0."""
+    most, tiny = constant("HALF_LIMIT", v), constant("HALF_TINY", v)
+    limited = np.where(v > most, most, np.where(v < -most, -most, v))
+    return np.where(np.abs(limited) <= tiny, v.dtype.type(0.0), limited)
+
+
+def spread_bits(v: Words) -> Words:
+    """32 well spread bits from a number (the integer hash "lowbias32", Wellons 2018)."""
+    v = (v ^ (v >> np.uint32(16))) * np.uint32(0x7FEB352D)
+    v = (v ^ (v >> np.uint32(15))) * np.uint32(0x846CA68B)
+    return v ^ (v >> np.uint32(16))
+
+
+def storage_dither(layout: Layout, frame: Record) -> Array:
+    """A number in [0, 1) that is new for every pixel and frame and the same for every run, [H, W] float32."""
+    x, y = np.arange(layout.width, dtype=np.uint32), np.arange(layout.height, dtype=np.uint32)
+    row = spread_bits(y + spread_bits(np.array([frame["number"]], np.uint32)))
+    bits = spread_bits(x[None, :] ^ row[:, None])
+    dither = (bits >> np.uint32(8)).astype(np.float32)
+    result: Array = dither * constant("DITHER_STEP", dither)
+    return result
+
+
+def stochastic_half(v: Array, dither: Array) -> Array:
+    """One of the two halves around float32 ``v``, the upper one with the probability of the fraction between them."""
+    power = (v.view(np.int32) & np.int32(0x7F800000)).view(np.float32)
+    step = np.where(power > constant("HALF_NORMAL", v), power, constant("HALF_NORMAL", v)) * constant("HALF_STEP", v)
+    scaled = v / step
+    low = np.floor(scaled)
+    rounded: Array = np.where(scaled - low > dither, low + v.dtype.type(1.0), low) * step
+    return rounded
+
+
+def stored_history(v: Array, build: Build, layout: Layout, frame: Record) -> NDArray[Any]:
+    """``v`` [H, W] in the numbers of the history."""
+    if build.storage in (Storage.FLOAT, Storage.DOUBLE):
+        return v
+    kept = half_storable(v.astype(np.float32))
+    if build.storage is Storage.HALF_STOCHASTIC:
+        kept = stochastic_half(kept, storage_dither(layout, frame)) + np.float32(0.0)  # no -0
+    return kept.astype(np.float16)  # to the nearest, as vstore_half_rte does
+
+
+@quiet
+def to_halves(
+    build: Build,  # noqa: ARG001
+    layout: Layout,
+    *,
+    image: Array,
+    halves: Array,
+    frame: Record,  # noqa: ARG001
+    planes: int,
+) -> None:
+    """Round the first ``planes`` planes of ``image`` into ``halves``, infinite from the largest half on."""
+    v = layout.inside(image)[:planes].astype(np.float32)
+    layout.inside(halves)[:planes] = np.where(np.abs(v) >= constant("HALF_LIMIT", v), v + v, v).astype(np.float16)

@@ -1,1 +1,0 @@
-"""Folders of numbered frames, opened as a whole, read ahead of need and written behind it."""

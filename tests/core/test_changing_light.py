@@ -1,0 +1,220 @@
+"""Light that changes where nothing moves: the test for it, what it does to a picture, and when it is planned."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cltaa.core.bands import BandedResolver
+from cltaa.core.build import Build, Steps, settings_record
+from cltaa.core.constants import PAD_X, PAD_Y
+from cltaa.core.parameters import BoxSpace, Choices, LightChange, Settings
+from cltaa.core.plan import plan_frame
+from cltaa.core.planes import Layout
+from cltaa.core.presets import load_preset, override
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Effect, Frame
+from cltaa.pipeline.checkpoint import Checkpoints
+from cltaa.pipeline.debug import DebugViews
+from cltaa.pipeline.debug_views import View
+from cltaa.reference.illumination import history_in_light, kept_change, with_change, with_change_of
+from cltaa.reference.sampling import Footprint
+from tests.kernels.hard_planes import padded
+from tests.sequence_factory import make_camera, make_frame
+
+WIDTH, HEIGHT = 40, 30
+BUILD = Build(choices=Choices(box_space=BoxSpace.RGB), steps=Steps(exposure=False))
+LIT = frozenset({Effect.SHADING})
+NONE = 1.0 + 2.0**-16  # divisors below it are 1, but for the bits of a count that hold a change
+
+
+def light_count(now: Any, then: Any, before: float, held: float = 1.0, **settings: Any) -> Any:
+    """What ``held`` samples count for, [H, W], and hold, where nothing moves and light changed by ``before`` before."""
+    layout = Layout(WIDTH, HEIGHT)
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    still = np.zeros((HEIGHT, WIDTH), np.float32)
+    place = Footprint(y + PAD_Y, x + PAD_X, still, still)
+    record = settings_record(Settings(**settings))
+    of_each = with_change(np.full((1, HEIGHT, WIDTH), 7.0, np.float32), np.full((), before, np.float32))
+    count, counts = padded(of_each, layout)[0], np.full_like(still, held)
+    return history_in_light(
+        counts, padded(now, layout), padded(then, layout), count, place, BUILD, layout, record, record
+    ).count
+
+
+def divisors(now: Any, then: Any, before: float = 0.0, **settings: Any) -> Any:
+    """What counts are divided by, to 2^-17, since their last bits hold the change."""
+    return 1.0 / np.abs(light_count(now, then, before, **settings))
+
+
+def test_it_is_students_t() -> None:
+    random = np.random.default_rng(0)
+    then = random.uniform(0.2, 1.0, (3, HEIGHT, WIDTH)).astype(np.float32)
+    now = (then + random.normal(0.005, 0.02, then.shape)).astype(np.float32)
+    found = divisors(now, then, change_floor=0.0)
+    windows = np.lib.stride_tricks.sliding_window_view(now.astype(np.float64) - then, (3, 3), axis=(1, 2))
+    t = np.abs(windows.mean((-1, -2))) / (windows.std((-1, -2)) / 3)
+    # Differences of values below 1 are off by 2^-24; of nine of them the deviation is hardly below 0.005 here.
+    assert np.allclose(found[1:-1, 1:-1], np.maximum(t.max(0) / Settings().change_t, 1.0), rtol=1e-4)
+    assert 0.05 < (found < NONE).mean() < 0.95
+
+
+def test_what_the_jitter_makes_is_no_change_and_what_a_lamp_makes_is() -> None:
+    random = np.random.default_rng(1)
+    then = np.full((3, HEIGHT, WIDTH), 0.5, np.float32)
+    noisy = np.broadcast_to(random.normal(0.5, 0.1, (HEIGHT, WIDTH)), then.shape).astype(np.float32)
+    assert (divisors(noisy, then) > 2.0).mean() < 0.02  # t > 4 with 8 degrees of freedom: 0.4 %; 0.9 % seen
+    # An edge that the jitter moves by half a pixel: three of nine samples differ, t = 2.1 and less with the floor.
+    edge = then.copy()
+    edge[:, :, 20] = 0.9
+    assert divisors(edge, then).max() < 1.1
+    assert divisors(1.2 * noisy, noisy).min() > 1.4
+
+
+def test_a_difference_that_nobody_sees_is_none() -> None:
+    flat = np.full((3, HEIGHT, WIDTH), 0.5, np.float32)
+    settings = Settings()
+    seen = np.float32(settings.change_t * settings.change_floor)
+    assert (divisors(flat * (1 + 0.9 * seen), flat) < NONE).all()
+    assert (divisors(flat * (1 + 1.2 * seen), flat) > NONE).all()
+
+
+def test_what_goes_back_where_it_came_from_is_no_change_and_what_goes_on_is_more_of_one() -> None:
+    noisy = np.random.default_rng(1).normal(0.5, 0.1, (3, HEIGHT, WIDTH)).astype(np.float32)
+    brighter, darker = np.float32(1.1) * noisy, np.float32(0.9) * noisy  # by themselves t is 2.3 to 4.8
+    assert (divisors(brighter, noisy, -5.0) < NONE).all()
+    assert (divisors(darker, noisy, 5.0) < NONE).all()
+    for now, before in ((brighter, 5.0), (darker, -5.0)):
+        assert (divisors(now, noisy, before) > divisors(now, noisy) + 1.0).all()
+        assert (np.sign(light_count(now, noisy, before)) == np.sign(before)).all()
+
+
+@pytest.mark.parametrize("real", [np.float32, np.float64])
+def test_a_count_holds_a_change_in_its_sign_and_last_bits(real: Any) -> None:
+    counts = np.array([[1.0, 3.0, 64.0, 1e-9, 2.0**20, 17.3]], real)
+    changes = np.array([[0.0, -0.3, 1.0, -7.8, 100.0, -(2.0**50)]], real)
+    held = with_change(counts, changes)
+    assert np.allclose(np.abs(held), counts, rtol=2.0**-17, atol=0.0)
+    assert kept_change(held).tolist() == [[0.0, -0.25, 1.0, -7.75, 7.875, -7.875]]
+    assert (held.astype(np.float32) == held).all()  # planes of counts are floats
+    assert (kept_change(with_change_of(counts[:, ::-1], held)) == kept_change(held)).all()
+    assert (np.abs(with_change(np.zeros((1, 1), real), np.ones((1, 1), real))) > 2.0**-101).all()
+
+
+def textured(index: int, light: float, effects: frozenset[Effect] = LIT) -> Frame:
+    """A texture of two colours a pixel, either of which the jitter may find; light is on all of it."""
+    frame = make_frame(index, width=WIDTH, height=HEIGHT, camera=make_camera(), effects=effects)
+    found = np.random.default_rng(index).random((HEIGHT, WIDTH, 1)) < 0.5
+    two = np.random.default_rng(99).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3))
+    colour = light * np.where(found, two[0], two[1])
+    return replace(frame, colour=colour.astype(np.float32), depth=np.full_like(frame.depth, 5.0))
+
+
+def errors(light_change: str, step: int, count: int) -> list[float]:
+    """Root mean square error of each frame of a texture whose light rises by half in frame ``step``."""
+    resolver = Resolver(override(load_preset(), {"light_change": light_change}), "numpy")
+    two = np.random.default_rng(99).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3))
+    lights = [1.0 if index < step else 1.5 for index in range(count)]
+    resolved = [resolver.resolve(textured(index, light)) for index, light in enumerate(lights)]
+    return [
+        float(np.sqrt(np.mean((image - light * two.mean(0)) ** 2)))
+        for image, light in zip(resolved, lights, strict=True)
+    ]
+
+
+def test_a_lamp_that_goes_on_is_followed_and_what_stands_is_not_forgotten() -> None:
+    tested, ignored = errors("test", 12, 16), errors("ignore", 12, 16)
+    assert tested[11] < ignored[11]  # 0.0246 and 0.0259
+    assert tested[14] < 0.75 * ignored[14]  # 0.082 and 0.122
+
+
+def stored_counts(lights: list[float], **settings: float) -> Any:
+    """The counts that frames of a texture under these lights leave, [H, W]."""
+    resolver = Resolver(override(load_preset(), settings), "numpy")
+    for index, light in enumerate(lights):
+        resolver.resolve(textured(index, light))
+    assert (DebugViews(resolver, [View.COUNT]).layers()["debug.count"] >= 1.0).all()
+    return stored(resolver)
+
+
+def stored(resolver: Resolver) -> Any:
+    """The counts that the last frame left, [H, W]."""
+    assert resolver.last is not None
+    with resolver.last.arguments["output_count"].mapped(write=False) as count:
+        return Layout(WIDTH, HEIGHT).inside(count)[0].copy()
+
+
+def test_light_that_goes_on_is_followed_and_light_that_alternates_a_little_is_not() -> None:
+    rising, falling = ([1.3 ** (way * index) for index in range(10)] for way in (1, -1))
+    flickering = [1.0, 1.3] * 5
+    assert np.median(np.abs(stored_counts(flickering))) > 8.5  # of ten frames; 8.9
+    assert np.median(np.abs(stored_counts(flickering, change_kept=0.0))) < 7.6  # by each frame alone; 7.3
+    assert np.median(np.abs(stored_counts([1.0, 1.6] * 5))) < 6.0  # a lamp that blinks is followed; 4.2
+    for lights, way in ((rising, 1.0), (falling, -1.0)):
+        going = stored_counts(lights)
+        assert (way * going > 0).mean() > 0.95
+        assert np.median(np.abs(going)) < 4.0
+
+
+@pytest.mark.parametrize(
+    ("effects", "tested", "still", "moving"),
+    [
+        ({Effect.CAMERA}, False, 1.5, 1.25),
+        ({Effect.SHADING}, True, 16.0, 1.0),
+        ({Effect.REACTIVE, Effect.HDR}, True, 16.0, 1.0),
+        (None, False, 1.0, 1.0),
+    ],
+)
+def test_where_light_may_change_it_is_tested_for(
+    effects: set[Effect] | None, *, tested: bool, still: float, moving: float
+) -> None:
+    frame = make_frame(1, camera=make_camera(), effects=None if effects is None else frozenset(effects))
+    default, plan = load_preset().settings, plan_frame(load_preset(), frame, frame.camera)
+    planned = plan.settings
+    assert (plan.choices.light_change is LightChange.TEST) == tested
+    assert (planned.gamma_still, planned.gamma_moving) == (still, moving)
+    assert planned.resample_cost == (default.changing_cost if tested else default.resample_cost)
+
+
+def test_without_the_test_the_box_alone_tells_and_is_narrow() -> None:
+    frame = make_frame(1, camera=make_camera(), effects=LIT)
+    planned = plan_frame(override(load_preset(), {"light_change": "ignore"}), frame, frame.camera).settings
+    assert (planned.gamma_still, planned.gamma_moving) == (1.0, 1.0)
+
+
+def changes_read(resolver: Resolver) -> Any:
+    """What changes of light the counts held that the last frame read, [H, W]."""
+    assert resolver.last is not None
+    with resolver.last.arguments["history_count"].mapped(write=False) as count:
+        return kept_change(Layout(WIDTH, HEIGHT).inside(count)[0].copy())
+
+
+def test_counts_of_a_frame_without_the_test_hold_no_change() -> None:
+    """Their last bits are their own: read as a change they divided counts by up to 2.6 for one frame."""
+    resolver, beside, banded = Resolver(), Resolver(strict=True, device="numpy"), BandedResolver(band_rows=7)
+    for index in range(8):
+        frame = textured(index, 1.0, LIT if index in (2, 5, 6) else frozenset({Effect.MOTION}))
+        image = resolver.resolve(frame)
+        if index in (2, 5):
+            assert (changes_read(resolver) == 0.0).all()
+            assert (np.abs(stored(resolver)) > index).mean() > 0.99
+        if index == 6:
+            assert np.median(np.abs(changes_read(resolver))) > 0.2
+        assert np.allclose(image, beside.resolve(frame), rtol=1e-4, atol=1e-5)
+        assert (image == banded.resolve(replace(frame, colour=frame.colour.copy(), depth=frame.depth.copy()))).all()
+
+
+def test_a_resolver_that_was_put_back_knows_whether_counts_hold_changes(tmp_path: Path) -> None:
+    for effects in (LIT, frozenset({Effect.MOTION})):
+        resolver, other, checkpoints = Resolver(), Resolver(), Checkpoints(tmp_path, str(effects))
+        for index in range(3):
+            resolver.resolve(textured(index, 1.0, effects))
+        checkpoints.save(resolver)
+        assert checkpoints.restore(other, before=9) == 2
+        after = textured(3, 1.2)
+        assert (resolver.resolve(after) == other.resolve(after)).all()
+        assert (changes_read(resolver) == changes_read(other)).all()

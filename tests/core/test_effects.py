@@ -1,0 +1,176 @@
+"""The plan changes time and not the picture: steps that a frame does not call for change no bit when they run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cltaa.core.backend import Launcher
+from cltaa.core.parameters import Rectify, Reject
+from cltaa.core.plan import plan_frame, with_effects
+from cltaa.core.presets import load_preset, override, preset_names
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Camera, Effect, Frame
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.opencl.program import source_hash
+from cltaa.reference.launcher import NumpyLauncher
+from tests.sequence_factory import make_camera, make_frame
+
+DEFAULT = load_preset("default")
+STANDING = make_camera()
+# What a frame calls for -> how it is made.
+CALLS: dict[str, dict[str, object]] = {
+    "nothing": {"camera": STANDING, "effects": frozenset()},
+    "a still camera": {"camera": STANDING, "effects": frozenset({Effect.SHADING, Effect.HDR})},
+    "a moving camera": {"effects": frozenset({Effect.CAMERA, Effect.HDR})},
+    "own motion": {"camera": STANDING, "motion": True, "effects": frozenset({Effect.MOTION, Effect.HDR})},
+    "alpha and reactive": {"alpha": True, "reactive": True, "effects": frozenset({Effect.CAMERA, Effect.ALPHA})},
+    "undeclared": {"motion": True, "alpha": True, "reactive": True, "effects": None},
+}
+
+
+# Every case on NumPy, and those that between them toggle every step on the device too, where each costs two builds.
+CASES = [("numpy", name) for name in CALLS] + [("device", name) for name in ("nothing", "alpha and reactive")]
+
+
+def frames(calls: dict[str, object], count: int = 4) -> Iterator[Frame]:
+    for index in range(count):
+        yield make_frame(index, **calls)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("where", "name"), CASES)
+def test_every_step_gives_the_same_bits(where: str, name: str) -> None:
+    launcher: Launcher = DeviceLauncher() if where == "device" else NumpyLauncher()
+    calls = CALLS[name]
+    planned, every = Resolver(device=launcher, strict=True), Resolver(device=launcher, strict=True, every_step=True)
+    for frame in frames(calls):
+        one, other = planned.resolve(frame), every.resolve(frame)
+        assert one.dtype == other.dtype == np.float32
+        assert one.tobytes() == other.tobytes()
+    assert planned.plan is not None
+    assert every.plan is not None
+    assert all(getattr(every.plan.steps, n) for n in ("camera_motion", "own_motion", "exposure", "alpha", "reactive"))
+    assert planned.plan.choices == every.plan.choices  # what is replaced is decided by the promise, not by the steps
+
+
+def test_few_kernels_serve_a_sequence_whose_camera_stops_and_cuts() -> None:
+    launcher = DeviceLauncher()
+    resolver = Resolver(device=launcher)
+    walking = [make_camera((0.1 * min(i, 4), 0.0, 5.0)) for i in range(9)]
+    for index, camera in enumerate(walking):
+        resolver.resolve(make_frame(index, camera=camera, cut=index == 6))
+    # One for the steps with the camera's motion, one for those without; on a GPU one more extends edges for both.
+    others = [] if launcher.device.is_cpu else ["extend_edges"]
+    assert sorted(name for name, _ in launcher._kernels) == [*others, "resolve", "resolve"]
+
+
+def reasons(frame: Frame, previous: Camera | None) -> dict[str, tuple[bool, str]]:
+    return {reason.step: (reason.on, reason.why) for reason in plan_frame(DEFAULT, frame, previous).reasons}
+
+
+def test_a_camera_that_stops_is_not_reprojected() -> None:
+    frame = make_frame(1, camera=STANDING)
+    assert reasons(frame, make_camera((1.0, 0.0, 5.0)))["reprojection"] == (True, "the camera moves")
+    assert reasons(frame, STANDING)["reprojection"] == (False, "the camera stands")
+
+
+@pytest.mark.parametrize(
+    ("preset", "effects", "rejects"),
+    [
+        ("default", {Effect.CAMERA}, False),
+        ("default", {Effect.SHADING}, False),
+        ("default", {Effect.CAMERA, Effect.UNCOVER}, True),
+        ("default", None, True),
+        ("t5", {Effect.CAMERA}, True),  # a kept sample is chosen by its depth
+        ("filament", {Effect.CAMERA}, False),  # published: never does
+    ],
+)
+def test_depth_is_asked_where_something_is_uncovered(preset: str, effects: set[Effect] | None, rejects: bool) -> None:
+    frame = make_frame(1, effects=None if effects is None else frozenset(effects))
+    plan = plan_frame(load_preset(preset), frame, STANDING)
+    assert (plan.choices.reject is Reject.DEPTH) is rejects
+    assert [reason.on for reason in plan.reasons if reason.step == "rejection"] == [rejects]
+
+
+@pytest.mark.parametrize("effects", [None, frozenset(), frozenset({Effect.CAMERA}), frozenset(Effect)])
+@pytest.mark.parametrize("name", [name for name in preset_names() if load_preset(name).published])
+def test_nothing_is_left_out_of_what_somebody_published(name: str, effects: frozenset[Effect] | None) -> None:
+    preset = load_preset(name)
+    plan = plan_frame(preset, make_frame(1, effects=effects), make_camera((1.0, 0.0, 5.0)))
+    assert plan.choices == preset.choices
+    assert plan.settings == preset.settings
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [Effect.CAMERA, Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.REACTIVE, Effect.EXPOSURE],
+)
+def test_what_may_change_anything_is_no_plain_mean(effect: Effect) -> None:
+    plain, held = (
+        plan_frame(DEFAULT, make_frame(1, effects=effects), STANDING).choices.rectify
+        for effects in (frozenset({Effect.HDR, Effect.CUT}), frozenset({effect}))
+    )
+    assert (plain, held) == (Rectify.NONE, DEFAULT.choices.rectify)
+
+
+def test_own_motion_is_not_read_where_the_preset_follows_the_camera_alone() -> None:
+    camera = override(DEFAULT, {"reproject": "camera"})
+    assert not plan_frame(camera, make_frame(1, motion=True), make_camera((1.0, 0.0, 5.0))).steps.own_motion
+    assert plan_frame(DEFAULT, make_frame(1, motion=True), make_camera((1.0, 0.0, 5.0))).steps.own_motion
+
+
+def test_named_effects_leave_the_others_out() -> None:
+    frame = make_frame(0, motion=True, alpha=True, reactive=True)
+    kept = with_effects(frame, frozenset({Effect.MOTION}))
+    assert kept.motion is frame.motion
+    assert kept.alpha is None
+    assert kept.reactive is None
+    assert kept.effects == frozenset({Effect.MOTION})
+    assert with_effects(frame, "auto") is frame
+    assert with_effects(frame, "all").effects is None
+
+
+def test_plain_weights_stay_within_their_bound_of_luminance_weights() -> None:
+    """One blend: with r = (knee + Y_h) / (knee + Y_x), the weight changes by (sqrt r - 1) / (sqrt r + 1) at most.
+
+    That is the largest value of w r / (w r + 1 - w) - w, at w = 1 / (1 + sqrt r). docs/effects.md.
+    """
+    preset = override(DEFAULT, {"rectify": "none", "fresh_blur": 0.0, "current_filter": "none"})
+    rng = np.random.default_rng(0)
+    colours = rng.random((2, 23, 37, 3), np.float32)
+    results = []
+    for effects in ({Effect.SHADING}, {Effect.SHADING, Effect.HDR}):
+        resolver = Resolver(preset, device="numpy")
+        for index, colour in enumerate(colours):
+            frame = make_frame(index, camera=STANDING, effects=frozenset(effects))
+            image = resolver.resolve(replace(frame, colour=colour, depth=np.ones_like(frame.depth)))
+        results.append(image)
+    history, current = colours
+    luminance = colours @ np.array([0.25, 0.5, 0.25])  # colour.h
+    root = np.sqrt((4.0 + luminance[0]) / (4.0 + luminance[1]))
+    bound = np.abs((root - 1.0) / (root + 1.0))[..., None] * np.abs(current - history)
+    difference = np.abs(results[0] - results[1])
+    # Two blends of numbers below 1, some ten roundings each.
+    assert (difference <= bound + 20.0 * 2.0**-24).all()
+    assert (difference > 0.9 * bound).mean() > 0.5
+
+
+@pytest.mark.parametrize("name", ["nothing", "a still camera"])
+def test_what_does_not_gather_runs_the_program_of_the_default(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    launcher = DeviceLauncher()
+
+    def run(preset: str) -> tuple[str, bytes]:
+        resolver = Resolver(preset, launcher, strict=True)
+        image = [resolver.resolve(frame) for frame in frames(CALLS[name], 3)][-1]
+        assert resolver.last is not None
+        return source_hash("resolve", resolver.last.build), image.tobytes()
+
+    program, image = run("default")
+    assert run("t4") == (program, image)
+    monkeypatch.setattr("cltaa.core.resolver.shared", lambda build: build)
+    other, alone = run("t4")
+    assert other != program
+    assert alone == image

@@ -1,0 +1,132 @@
+"""The current filter where samples are few, and the width of the box where nothing moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cltaa.core.build import Build, settings_record
+from cltaa.core.parameters import BoxSpace, Choices, Settings
+from cltaa.core.plan import plan_frame
+from cltaa.core.planes import Layout
+from cltaa.core.presets import Preset, load_preset, override
+from cltaa.core.record import Past, frame_record
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Effect, Frame
+from cltaa.reference.neighbourhood import Statistics
+from cltaa.reference.rectify import rectify
+from cltaa.reference.reprojection import Motion
+from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame
+
+CAMERA = frozenset({Effect.CAMERA, Effect.SKY})
+
+
+def few(history_of: str, **changes: object) -> Preset:
+    values = {"history_of": history_of, "weighting": "none", "rectify": "none", "reject": "none", "resample_cost": 0.0}
+    return override(load_preset(), {**values, **changes})
+
+
+def dotted(index: int, **changes: Any) -> Frame:
+    """Black but for one white texel, sampled at the pixels' centres by a camera that stands."""
+    frame = make_frame(index, camera=make_camera(), effects=CAMERA, jitter_px=(0.0, 0.0))
+    colour = np.zeros_like(frame.colour)
+    colour[10, 12] = 1.0
+    return replace(frame, colour=colour, depth=np.full_like(frame.depth, 5.0), **changes)
+
+
+@pytest.mark.parametrize("history_of", ["result", "samples"])
+def test_the_filter_has_the_share_of_one_sample(history_of: str) -> None:
+    resolver = Resolver(few(history_of), "numpy")
+    side = np.exp(-np.float32(resolver.preset.settings.filter_falloff))
+    middle = 1 / (1 + 2 * side) ** 2
+    alone = resolver.resolve(dotted(0))
+    assert (bits(alone) == bits(dotted(0).colour)).all(), "a first frame is what was drawn"
+    for number in (2, 3, 4):
+        value = resolver.resolve(dotted(number - 1))[10, 12, 0]
+        # The recurrent image keeps what the filter took of each sample after the first: 1/n of the n-th. Kept samples
+        # are filtered anew in each frame, by 1/(n^2 - 1).
+        kept = sum(1 / n for n in range(2, number + 1)) / number
+        taken = 1 / max(number**2 - 1, 1) if history_of == "samples" else kept
+        assert abs(value - (1 - (1 - middle) * taken)) < 1e-6
+
+
+def test_jitter_weighs_the_texels_and_corners_that_it_leads_to() -> None:
+    """Left and up: what is drawn to the right of a sample and below it lies nearer to its pixel's centre."""
+    frame, preset = dotted(1, jitter_px=(-0.25, -0.1)), few("doubled", filter_use="always")
+    record = frame_record(frame, Past.of(dotted(0)), Layout(WIDTH, HEIGHT), plan_frame(preset, frame, frame.camera))
+    across, down = record["right_weight"] / record["left_weight"], record["below_weight"] / record["above_weight"]
+    assert across > 1.1 * down > 1.1
+    across, down = record["left_mass"] / record["right_mass"], record["upper_mass"] / record["lower_mass"]
+    assert across > 1.1 * down > 1.1
+
+
+@pytest.mark.parametrize("history_of", ["result", "samples"])
+@pytest.mark.parametrize("beyond", [1.0, 3.0])
+def test_what_the_filter_leaves_in_a_history_fades_sooner(history_of: str, beyond: float) -> None:
+    resolver = Resolver(few(history_of, filter_samples=beyond), "numpy")
+    side = np.exp(-np.float32(resolver.preset.settings.filter_falloff))
+    middle = 1 / (1 + 2 * side) ** 2
+    kept = 0.0
+    for number in range(1, 9):
+        value = resolver.resolve(dotted(number - 1))[10, 12, 0]
+        kept += min(1 / number, beyond / number**2) if number > 1 else 0.0
+        # Kept samples are filtered anew in each frame: nothing adds up, and the setting is not asked.
+        taken = 1 / max(number**2 - 1, 1) if history_of == "samples" else kept / number
+        assert number == 1 or abs(value - (1 - (1 - middle) * taken)) < 1e-6
+
+
+def test_at_a_depth_edge_the_filter_keeps_the_share_of_one_sample() -> None:
+    resolver = Resolver(few("samples"), "numpy")
+    side = np.exp(-np.float32(resolver.preset.settings.filter_falloff))
+    middle = 1 / (1 + 2 * side) ** 2
+    for number in range(1, 6):
+        frame = dotted(number - 1)
+        depth = frame.depth.copy()
+        depth[:, 13:] = 2.0
+        value = resolver.resolve(replace(frame, depth=depth))[10, 12, 0]
+        assert number == 1 or abs(value - (1 - (1 - middle) / number)) < 1e-6
+
+
+@pytest.mark.parametrize("history_of", ["result", "samples"])
+def test_after_a_cut_a_frame_is_the_filter_alone(history_of: str) -> None:
+    resolver = Resolver(few(history_of), "numpy")
+    side = np.exp(-np.float32(resolver.preset.settings.filter_falloff))
+    resolver.resolve(dotted(0))
+    assert abs(resolver.resolve(dotted(1, cut=True))[10, 12, 0] - 1 / (1 + 2 * side) ** 2) < 1e-6
+
+
+def test_a_pixel_that_comes_into_view_is_the_filter_alone() -> None:
+    resolver = Resolver(few("result", reject="depth"), "numpy")
+    uncovering = CAMERA | {Effect.UNCOVER}
+    resolver.resolve(dotted(0, effects=uncovering))
+    nearer = dotted(1, effects=uncovering)
+    resolved = resolver.resolve(replace(nearer, depth=np.full_like(nearer.depth, 2.0)))
+    side = np.exp(-resolver.preset.settings.filter_falloff)
+    weights = np.array([side, 1, side]) / (1 + 2 * side)
+    assert np.abs(resolved[9:12, 11:14, 0] - np.outer(weights, weights)).max() < 1e-6
+
+
+def test_a_highlight_does_not_leak_through_the_filter() -> None:
+    resolver = Resolver(few("result", weighting="luminance"), "numpy")
+    frames = [dotted(index, effects=CAMERA | {Effect.HDR}) for index in range(3)]
+    for frame in frames:
+        resolved = resolver.resolve(replace(frame, colour=frame.colour * np.float32(1e4)))
+    # Without the two weights the filter alone would give the pixel beside 1e4 / 3 times 0.1.
+    assert resolved[10, 13, 0] < 0.1
+
+
+@pytest.mark.parametrize(("gamma", "moved"), [(1.0, 2.0), (2.0, 1.0), (3.0, 0.0), (8.0, 0.0)])
+def test_the_box_of_extremes_is_widened_by_gamma(gamma: float, moved: float) -> None:
+    layout = Layout(1, 1)
+    one = np.ones((1, 1), np.float32)
+    zero = 0 * one
+    near = Statistics(*(((v * one,) * 3) for v in (0.0, 1.0, -1.0, 1.0)))
+    build = Build(choices=Choices(box_space=BoxSpace.RGB))
+    still = Motion(zero, zero, one, zero, one > 0)
+    history = (3 * one, zero, -3 * one)
+    found = rectify(history, (zero,) * 3, near, still, gamma * one, build, layout, settings_record(Settings()))
+    assert [float(v[0, 0]) for v in found.change] == [-moved, 0.0, moved]
+    assert float(found.pull[0, 0]) == moved / gamma

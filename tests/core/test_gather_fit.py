@@ -1,0 +1,122 @@
+"""What gathered samples are fitted to, and which of them count."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cltaa.core.parameters import GatherFit
+from cltaa.core.presets import Preset, load_preset, override
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Camera, Effect, Frame
+from cltaa.reference.gather_fit import Gathered, fit_at_centre
+from cltaa.reference.real import quiet
+from tests.kernels.test_resolve import differing, hard_frames
+from tests.sequence_factory import make_camera, make_frame
+
+PLACES = [(0.0, 0.0), (0.4, 0.1), (-0.3, 0.45), (0.25, 0.35), (0.45, -0.1)]  # not centred: they mean (0.16, 0.16)
+
+
+def gathering(fit: str, **changes: object) -> Preset:
+    values = {"history_of": "samples", "frames_kept": 7, "gather_fit": fit, "current_filter": "none", **changes}
+    return override(load_preset(), {"weighting": "none", **values})
+
+
+@pytest.mark.parametrize("fit", ["plane", "layers"])
+@pytest.mark.parametrize("lanes", [1, 8])
+@pytest.mark.parametrize("changes", [{}, {"rectify": "none", "reject": "none", "weighting": "none"}])
+def test_strict_kernel_is_its_twin(fit: str, lanes: int, changes: dict[str, object]) -> None:
+    assert differing({"history_of": "samples", "gather_fit": fit, **changes}, list(hard_frames(count=4)), lanes, 7) == 0
+
+
+def ramp(index: int) -> Frame:
+    """Red rises to the right and green downwards, sampled where the jitter says."""
+    jitter = PLACES[index % len(PLACES)]
+    frame = make_frame(index, camera=make_camera(), effects=frozenset({Effect.CAMERA}), jitter_px=jitter)
+    y, x = np.mgrid[: frame.depth.shape[0], : frame.depth.shape[1]] / 16.0
+    colour = np.stack([x + jitter[0] / 16, y + jitter[1] / 16, np.full_like(x, 0.5)], axis=-1).astype(np.float32)
+    return replace(frame, colour=colour, depth=np.full_like(frame.depth, 5.0))
+
+
+@pytest.mark.parametrize(("fit", "off"), [("mean", 0.16 / 16), ("plane", 0.0), ("layers", 0.0)])
+def test_a_ramp_is_found_at_the_centre_wherever_the_samples_lie(fit: str, off: float) -> None:
+    resolver = Resolver(gathering(fit, fit_ridge=2.0**-6, frames_kept=4), "numpy")
+    for index in range(5):
+        resolved = resolver.resolve(ramp(index))
+    y, x = np.mgrid[: resolved.shape[0], : resolved.shape[1]] / 16.0
+    error = np.abs(resolved - np.stack([x, y, np.full_like(x, 0.5)], axis=-1))
+    # The places spread least along one diagonal, by 0.10: there the ridge of 1/64 holds 13 % of the slope back.
+    assert error.max() <= max(off * 1.01, 0.14 * 2**0.5 * 0.16 / 16)
+    assert error[..., :2].min() >= off * 0.99
+
+
+def test_samples_from_afar_count_only_where_they_lie_in_the_pixel() -> None:
+    def zoomed(index: int) -> Frame:
+        near = make_camera()
+        clip = near.view_to_clip.copy()
+        clip[[0, 1], [0, 1]] *= 2.0**index
+        camera = Camera(near.world_to_view, clip)
+        return make_frame(index, camera=camera, effects=frozenset({Effect.CAMERA}), jitter_px=(0.1, 0.1))
+
+    # Sizes are odd. One frame at half the size, its samples moved by 0.2 pixels of now, shows a pixel of even column
+    # and row (from the middle) 0.2 pixels from a sample, and one of odd ones 0.8 pixels from one.
+    changed = {}
+    for reach in (0.6, 0.9):
+        resolver = Resolver(gathering("plane", reject="none", fit_reach=reach), "numpy")
+        for index in range(2):
+            frame = zoomed(index)
+            resolved = resolver.resolve(frame)
+        changed[reach] = float((resolved != frame.colour).any(-1).mean())
+    assert 0.2 < changed[0.6] < 0.3
+    assert changed[0.9] > 0.9
+
+
+def test_a_sample_beside_the_pixel_counts_by_how_near_it_lies() -> None:
+    # A step of red half-way across the image, and a jitter of 0.4 pixels: of the column beside the step, whose own
+    # sample lies to the right of its centre, the one to the left lies 0.6 pixels from it.
+    def step(index: int) -> Frame:
+        frame = make_frame(index, camera=make_camera(), effects=frozenset({Effect.CAMERA}), jitter_px=(0.4, 0.0))
+        colour = np.zeros_like(frame.colour)
+        colour[:, 10:] = 1.0
+        return replace(frame, colour=colour, depth=np.full_like(frame.depth, 5.0))
+
+    preset = gathering("plane", fit_reach=0.75, fit_ridge=2.0**20, rectify="none", frames_kept=3)
+    resolver = Resolver(preset, "numpy")
+    for index in range(4):
+        resolved = resolver.resolve(step(index))
+    # Windows of 0.7 and 0.3; the frame of now holds one sample that counts wholly. The ridge leaves a mean.
+    expected = np.where(np.arange(resolved.shape[1]) < 10, 0.0, 1.0)
+    expected[10] = (1 + 3 * 0.7) / (1 + 3)
+    inner = (slice(1, -1), slice(1, -1))
+    assert np.abs(resolved[..., 0] - expected)[inner].max() < 1e-5
+
+
+def approaching(index: int, z: float) -> Frame:
+    """A thing of one random colour a pixel that fills the image and comes closer without moving in it."""
+    frame = make_frame(index, motion=True, camera=make_camera(), effects=frozenset({Effect.MOTION}))
+    depth, motion = np.full_like(frame.depth, z), np.zeros((*frame.depth.shape, 2), np.float32)
+    return replace(frame, depth=depth, motion=motion, jitter_px=(0.0, 0.0))
+
+
+@pytest.mark.parametrize("fit", ["mean", "layers"])
+def test_what_comes_closer_by_itself_keeps_its_samples(fit: str) -> None:
+    # 4 % a frame: within the 5 % of the depth test from one frame to the next, and far outside from the first on.
+    resolver = Resolver(gathering(fit, frames_kept=7), "numpy")
+    for index in range(8):
+        resolver.resolve(approaching(index, 5.0 * 1.04 ** (7 - index)))
+    assert resolver.last is not None
+    with resolver.last.arguments["output_count"].mapped(write=False) as count:
+        assert (resolver.last.layout.inside(count[0]) == 8).all()
+
+
+def test_weights_whose_squares_are_0_are_fitted_without_a_warning() -> None:
+    weight = np.full((1, 1), 1e-30, np.float32)  # of a sample of luminance 1e30
+    place = np.full_like(weight, 0.25)
+    gathered = Gathered(np.zeros_like(weight))
+    gathered.add([place] * 3, weight, place, place, np.ones((1, 1), bool), GatherFit.PLANE)
+    settings = np.array([(0.1,)], [("fit_ridge", np.float32)])[0]
+    with quiet:  # as all that gathers is called; a warning would fail the test
+        fit = fit_at_centre(gathered, np.ones_like(weight), settings)
+    assert not np.isfinite(fit.x).any()

@@ -1,0 +1,145 @@
+"""Gathering samples: nothing is resampled, nothing spreads, and the state can be kept and restored."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cltaa.core.parameters import HistoryOf, Rectify
+from cltaa.core.plan import plan_frame
+from cltaa.core.presets import Preset, load_preset, override
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Effect, Frame
+from tests.kernels.test_resolve import differing, hard_frames
+from tests.sequence_factory import bits, make_camera, make_frame
+
+KEPT = 5
+
+
+def gathering(**changes: object) -> Preset:
+    values: dict[str, object] = {"history_of": "samples", "frames_kept": KEPT, "current_filter": "none", **changes}
+    return override(load_preset(), values)
+
+
+def still(index: int, effects: frozenset[Effect] | None = frozenset({Effect.CAMERA, Effect.SKY})) -> Frame:
+    return make_frame(index, camera=make_camera(), effects=effects, jitter_px=(0.25 - 0.125 * (index % 4), 0.0))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"rectify": "none", "reject": "none"},
+        {"frames_kept": 1, "weighting": "none", "alpha_from": "current"},
+        {"tonemap": "peak", "rectify": "ellipsoid", "box": "variance", "current_filter": "lanczos"},
+    ],
+)
+@pytest.mark.parametrize("lanes", [1, 8])
+def test_strict_kernel_is_its_twin(changes: dict[str, object], lanes: int) -> None:
+    assert differing({"history_of": "samples", **changes}, list(hard_frames(count=4)), lanes, 7) == 0
+
+
+def test_a_still_pixel_is_the_mean_of_its_kept_samples() -> None:
+    resolver = Resolver(gathering(weighting="none", reject="none"))
+    frames = [still(index) for index in range(KEPT + 4)]
+    for frame in frames:
+        resolved = resolver.resolve(frame)
+    mean = np.mean([frame.colour for frame in frames[-KEPT - 1 :]], axis=0, dtype=np.float64)
+    # A sum of K differences, a quotient, a product and a sum: at most K + 3 roundings of values up to 4 (make_frame).
+    assert np.abs(resolved - mean).max() <= (KEPT + 3) * 2.0**-24 * 4 * 2
+
+
+def test_a_constant_image_keeps_its_bits_whatever_moves() -> None:
+    resolver = Resolver(gathering())
+    value = np.float32(0.1)
+    for index in range(12):
+        moved = make_frame(index, motion=True, camera=make_camera((0.07 * index, 0.0, 5.0)), effects=None)
+        resolved = resolver.resolve(replace(moved, colour=np.full_like(moved.colour, value)))
+        assert (bits(resolved) == bits(np.full_like(resolved, value))).all()
+
+
+def test_a_bad_texel_is_left_out_and_goes_nowhere() -> None:
+    clean, dirty = Resolver(gathering()), Resolver(gathering())
+    for index in range(4):
+        frame = still(index)
+        expected = clean.resolve(frame)
+        if index == 1:
+            colour = frame.colour.copy()
+            colour[10, 12] = np.nan
+            frame = replace(frame, colour=colour)
+        resolved = dirty.resolve(frame)
+        assert np.isfinite(resolved).all()
+        different = (bits(resolved) != bits(expected)).any(axis=-1)
+        # In its own frame the texel reaches the box of its 3x3; later only the pixels whose sample it was.
+        reach = 1
+        different[10 - reach : 11 + reach, 12 - reach : 13 + reach] = False
+        assert not different.any(), index
+
+
+def test_state_can_be_kept_and_restored() -> None:
+    frames = list(hard_frames(count=6))
+    whole = Resolver(gathering())
+    expected = [whole.resolve(frame) for frame in frames]
+    first, second = Resolver(gathering()), Resolver(gathering())
+    for frame in frames[:3]:
+        first.resolve(frame)
+    past, buffers = first.recurrent()
+    targets = second.restore(past)
+    assert targets.keys() == buffers.keys()
+    for name, target in targets.items():
+        with target.mapped(write=True) as to, buffers[name].mapped(write=False) as source:
+            to[...] = source
+    for frame, image in zip(frames[3:], expected[3:], strict=True):
+        assert (bits(second.resolve(frame)) == bits(image)).all()
+
+
+def test_another_size_forgets_all_samples() -> None:
+    resolver, fresh = Resolver(gathering()), Resolver(gathering())
+    for index in range(3):
+        resolver.resolve(still(index))
+    for index in range(3, 5):
+        frame = make_frame(index, width=45, height=31)
+        assert (bits(resolver.resolve(frame)) == bits(fresh.resolve(frame))).all()
+
+
+def test_a_cut_forgets_all_samples() -> None:
+    resolver, fresh = Resolver(gathering()), Resolver(gathering())
+    for index in range(3):
+        resolver.resolve(still(index))
+    cut = replace(still(3), cut=True)
+    assert (bits(resolver.resolve(cut)) == bits(fresh.resolve(cut))).all()
+
+
+@pytest.mark.parametrize(
+    ("effects", "expected"),
+    [
+        (None, (HistoryOf.SAMPLES, Rectify.CLAMP)),
+        ({Effect.CAMERA}, (HistoryOf.SAMPLES, Rectify.NONE)),
+        ({Effect.MOTION, Effect.UNCOVER}, (HistoryOf.SAMPLES, Rectify.NONE)),
+        ({Effect.CAMERA, Effect.SHADING}, (HistoryOf.RESULT, Rectify.CLAMP)),
+        ({Effect.REACTIVE}, (HistoryOf.RESULT, Rectify.CLAMP)),
+        (set(), (HistoryOf.RESULT, Rectify.NONE)),
+    ],
+)
+def test_samples_are_gathered_where_no_light_changes(effects: set[Effect] | None, expected: tuple[Any, Any]) -> None:
+    frame = still(1, None if effects is None else frozenset(effects))
+    plan = plan_frame(gathering(), frame, frame.camera)
+    assert (plan.choices.history_of, plan.choices.rectify) == expected
+    assert ("gathering" in {reason.step for reason in plan.reasons}) is True
+
+
+def test_a_thin_thing_that_speeds_up_leaves_no_trace() -> None:
+    # The pixels beside the bar follow its motion; they must follow the bar itself, wherever it was, and not their own
+    # old samples, which lie on the wall and tell no motion.
+    places = [4, 5, 7, 10, 14, 19, 25]
+    resolver = Resolver(gathering(weighting="none"))
+    for index, x in enumerate(places):
+        frame = make_frame(index, motion=True, camera=make_camera(), effects=frozenset({Effect.MOTION, Effect.UNCOVER}))
+        colour, depth = np.zeros_like(frame.colour), np.full_like(frame.depth, 5.0)
+        motion = np.full((*depth.shape, 2), np.nan, np.float32)
+        colour[:, x], depth[:, x] = 1.0, 2.0
+        motion[:, x] = (places[max(index - 1, 0)] - x, 0.0)
+        drawn = replace(frame, colour=colour, depth=depth, motion=motion, jitter_px=(0.0, 0.0))
+        assert (resolver.resolve(drawn) == colour).all(), index

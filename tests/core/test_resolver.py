@@ -1,0 +1,166 @@
+"""The resolver looked at in time: what accumulates, what starts anew, what never changes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cltaa.core.presets import load_preset, override
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Camera, Effect
+from tests.core.standing import STILL, panned, still_frame
+from tests.numerics.exact_cameras import orthographic
+from tests.sequence_factory import bits, make_camera, make_frame
+
+UNIT_ROUNDOFF = 2.0**-24
+
+
+@pytest.mark.parametrize("blur", [0.0, 1.0])  # of what appears amid pixels with a past
+def test_first_frame_is_the_current_one(blur: float) -> None:
+    frame, preset = still_frame(0), override(load_preset(), {"fresh_blur": blur})
+    assert np.array_equal(bits(Resolver(preset).resolve(frame)), bits(frame.colour))
+
+
+def test_still_sequence_is_the_mean_of_its_samples() -> None:
+    plain = override(load_preset(), {"current_filter": "none"})
+    resolver, total = Resolver(plain), np.zeros_like(still_frame(0).colour, np.float64)
+    for index in range(64):
+        frame = still_frame(index)
+        total += frame.colour
+        resolved = resolver.resolve(frame)
+        largest = 4.0  # of the factory's colours
+        # Each step h + w (x - h) rounds three times (3 u of the largest value) and later steps shrink what came before.
+        assert np.abs(resolved - total / (index + 1)).max() <= 3 * UNIT_ROUNDOFF * largest * (index + 1)
+
+
+@pytest.mark.parametrize("effects", [STILL, None])
+def test_constant_image_keeps_its_bits(effects: frozenset[Effect] | None) -> None:
+    colour = np.full_like(still_frame(0).colour, (0.3, 0.7, 0.1))
+    resolver = Resolver()
+    for index in range(20):
+        resolved = resolver.resolve(still_frame(index, colour=colour, effects=effects))
+        assert np.array_equal(bits(resolved), bits(colour))
+
+
+@pytest.mark.parametrize("change", ["cut", "gap", "reset", "size", "lens"])
+def test_history_starts_anew(change: str) -> None:
+    # After a cut the default filters what was drawn; without its filter that is the frame itself, as for the others.
+    resolver = Resolver(override(load_preset(), {"current_filter": "none"}) if change == "cut" else "default")
+    for index in range(3):
+        resolver.resolve(still_frame(index))
+    frame = still_frame(3, cut=True) if change == "cut" else still_frame(9 if change == "gap" else 3)
+    if change == "size":
+        frame = replace(make_frame(3, width=50, height=20, camera=make_camera(), effects=STILL))
+    if change == "lens":
+        frame = replace(frame, camera=Camera(frame.camera.world_to_view, orthographic(2.0, 1.5)))
+    if change == "reset":
+        resolver.reset()
+    assert np.array_equal(bits(resolver.resolve(frame)), bits(frame.colour))
+
+
+def test_a_device_that_is_opened_again_has_no_history() -> None:
+    resolver, fresh = Resolver(device="numpy"), Resolver(device="numpy")
+    resolver.resolve(make_frame(0))
+    resolver.reopen()
+    np.testing.assert_array_equal(bits(resolver.resolve(make_frame(1))), bits(fresh.resolve(make_frame(1))))
+
+
+@pytest.mark.parametrize("every_step", [False, True])
+@pytest.mark.parametrize("preset", ["default", "t4"])
+def test_what_is_restored_is_gone_on_from(preset: str, every_step: bool) -> None:
+    """Where every step runs, alpha of a frame without one has its memory too; what a preset ignores is not kept."""
+    changed = override(load_preset(preset), {"reproject": "camera", "reactive_mask": "ignore"})
+    first, second = (Resolver(changed, "numpy", every_step=every_step) for _ in range(2))
+    first.resolve(make_frame(0, motion=True, reactive=True))
+    past, buffers = first.recurrent()
+    for name, target in second.restore(past).items():
+        with target.mapped(write=True) as to, buffers[name].mapped(write=False) as source:
+            assert to.shape == source.shape
+            to[...] = source
+    frame = make_frame(1, motion=True, reactive=True)
+    np.testing.assert_array_equal(bits(second.resolve(frame)), bits(first.resolve(frame)))
+
+
+def test_whole_pixel_motion_is_lossless() -> None:
+    preset = override(load_preset(), {"rectify": "none", "reject": "none", "current_filter": "none"})
+    resolver, shift = Resolver(preset), 3
+    first = make_frame(0)  # declares the camera's motion only, so that no luminance weights enter
+    first = replace(first, depth=np.full_like(first.depth, 4.0))
+    resolver.resolve(first)
+    second = replace(make_frame(1), depth=first.depth, camera=panned(first.camera, shift, first.width))
+    resolved = resolver.resolve(second)
+    # The off-axis term moved everything to the left, so the history of column x is column x + shift, weighing a half.
+    history = first.colour[:, shift:]
+    current = second.colour[:, :-shift]
+    assert np.array_equal(bits(resolved[:, :-shift]), bits(history + np.float32(0.5) * (current - history)))
+
+
+def test_what_comes_into_view_is_the_current_sample() -> None:
+    resolver, shift = Resolver(override(load_preset(), {"current_filter": "none"})), 5
+    first = make_frame(0, effects=None)
+    flat = np.full_like(first.depth, 4.0)
+    resolver.resolve(replace(first, depth=flat))
+    second = replace(make_frame(1, effects=None), depth=flat, camera=panned(first.camera, shift, first.width))
+    resolved = resolver.resolve(second)
+    fresh = (resolved == second.colour).all(axis=-1)
+    assert list(np.flatnonzero(fresh.all(axis=0))) == list(range(first.width - shift, first.width))
+
+
+def test_strict_device_matches_numpy_bit_for_bit() -> None:
+    device, oracle = Resolver(strict=True), Resolver(device="numpy")
+    for index in range(4):
+        frame = make_frame(index, motion=True, alpha=True, reactive=True, effects=None)
+        assert np.array_equal(bits(device.resolve(frame)), bits(oracle.resolve(frame)))
+
+
+def test_history_is_brought_to_the_exposure_of_now() -> None:
+    plain = {
+        "rectify": "none",
+        "weighting": "none",
+        "reject": "none",
+        "light_change": "ignore",
+        "current_filter": "none",
+    }
+    one, other = (Resolver(override(load_preset(), plain), "numpy") for _ in range(2))
+    for index, exposure in enumerate((1.0, 2.0, 0.5, 4.0)):
+        frame = still_frame(index, effects=None)
+        steady, colour = one.resolve(frame), np.float32(exposure) * frame.colour
+        resolved = other.resolve(replace(frame, colour=colour, exposure=exposure))
+        assert np.array_equal(bits(resolved), bits(np.float32(exposure) * steady))
+
+
+def test_a_mask_that_the_preset_ignores_changes_nothing() -> None:
+    bare, masked = (Resolver(override(load_preset(), {"reactive_mask": "ignore"})) for _ in range(2))
+    for index in range(3):
+        frame = still_frame(index, effects=None)
+        mask = np.full(frame.depth.shape, 0.8, np.float32)
+        assert np.array_equal(bits(masked.resolve(replace(frame, reactive=mask))), bits(bare.resolve(frame)))
+
+
+def test_alpha_is_resolved_with_colour() -> None:
+    resolver = Resolver()
+    for index in range(3):
+        resolved = resolver.resolve(make_frame(index, alpha=True, effects=None))
+    assert resolved.shape[-1] == 4
+    assert resolved[..., 3].min() >= 0.0
+    assert resolved[..., 3].max() <= 1.0
+
+
+@pytest.mark.parametrize("preset", ["default", "t3-200", "t4", "t5"])
+def test_a_frame_that_was_interrupted_is_resolved_to_the_same_bits(
+    preset: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, resolver = Resolver(preset), Resolver(preset)
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    for index in range(4):
+        frame = make_frame(index, effects=None)
+        with monkeypatch.context() as patch:
+            patch.setattr(resolver.launcher, "finish", interrupt)
+            with pytest.raises(KeyboardInterrupt):
+                resolver.resolve(frame)
+        assert np.array_equal(bits(resolver.resolve(frame)), bits(whole.resolve(frame)))

@@ -1,0 +1,162 @@
+"""Spans of the past: where light may change, each pixel is resolved from the one that its latest samples bear out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cltaa.core.build import Build
+from cltaa.core.parameters import HistoryOf, LightChange, Rectify
+from cltaa.core.plan import plan_frame
+from cltaa.core.presets import load_preset, override
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Effect, Frame
+from cltaa.reference.real import Array
+from tests.kernels.test_resolve import hard_frames
+from tests.sequence_factory import bits, make_camera, make_frame
+
+WIDTH, HEIGHT = 40, 30
+LIT = frozenset({Effect.SHADING})
+ALL = frozenset(Effect)
+
+
+def lit(index: int, light: float, motion_px: float) -> Frame:
+    """A texture of two colours a pixel, either of which the jitter may find; light is on all of it, and stays where it
+    is whatever the motion says."""
+    frame = make_frame(index, width=WIDTH, height=HEIGHT, camera=make_camera(), effects=LIT | {Effect.MOTION})
+    found = np.random.default_rng(index).random((HEIGHT, WIDTH, 1)) < 0.5
+    two = np.random.default_rng(99).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3))
+    colour = (light * np.where(found, two[0], two[1])).astype(np.float32)
+    motion = np.zeros((HEIGHT, WIDTH, 2), np.float32)
+    motion[..., 0] = motion_px
+    return replace(frame, colour=colour, depth=np.full_like(frame.depth, 5.0), motion=motion)
+
+
+def errors(preset: str, lights: list[float], motion_px: float = 0.0) -> list[float]:
+    """Root mean square error of each frame."""
+    resolver = Resolver(override(load_preset(preset), {"current_filter": "none"}), "numpy")
+    two = np.random.default_rng(99).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3))
+    resolved = [resolver.resolve(lit(index, light, motion_px)) for index, light in enumerate(lights)]
+    return [float(np.sqrt(np.mean((i - k * two.mean(0)) ** 2))) for i, k in zip(resolved, lights, strict=True)]
+
+
+def test_a_lamp_that_goes_on_is_followed() -> None:
+    lights = [1.0] * 20 + [1.5] * 8
+    spans, tested = errors("t5", lights), errors("t3", lights)
+    assert spans[19] < 1.1 * tested[19]
+    assert spans[22] < 0.9 * tested[22]  # 0.071 and 0.086: four frames that agree
+
+
+def test_what_moves_along_itself_is_resolved_where_it_stands() -> None:
+    spans, followed = errors("t5", [1.0] * 24, 1.5), errors("t3", [1.0] * 24, 1.5)
+    assert spans[23] < 0.5 * followed[23]  # 0.022 and 0.067
+
+
+def veiled(reactivity: float, frames: int = 24) -> tuple[Array, Array]:
+    """The last frame of a texture under a mask of one ``reactivity``, drawn and resolved, as a camera sees it that all
+    but stands."""
+    resolver = Resolver(override(load_preset("t5"), {"current_filter": "none"}), "numpy")
+    for index in range(frames):
+        mask = np.full((HEIGHT, WIDTH), reactivity, np.float32)
+        seen = replace(lit(index, 1.0, 0.0), camera=make_camera((1e-7 * index, 0.0, 5.0)), effects=ALL)
+        frame = replace(seen, reactive=mask, motion=None)
+        resolved = resolver.resolve(frame)
+    return frame.colour, resolved
+
+
+def test_spans_of_what_is_half_to_be_trusted_are_still_means() -> None:
+    truth = np.random.default_rng(99).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3)).mean(0)
+    bare, half = (float(np.sqrt(np.mean((veiled(share)[1] - truth) ** 2))) for share in (0.0, 0.5))
+    assert half < 1.5 * bare  # 0.028 and 0.025; 0.046 if each span gave up as much of its samples
+
+
+def test_what_is_not_to_be_trusted_at_all_is_shown_as_it_was_drawn() -> None:
+    drawn, resolved = veiled(1.0)
+    assert resolved == pytest.approx(drawn, rel=1e-5)
+
+
+def test_what_a_pane_has_left_has_its_samples_of_before() -> None:
+    resolver = Resolver(override(load_preset("t5"), {"current_filter": "none"}), "numpy")
+    truth = np.random.default_rng(99).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3)).mean(0)
+    errors = []
+    for index in range(30):
+        covered = 20 <= index < 28
+        mask = np.full((HEIGHT, WIDTH), 0.4 * covered, np.float32)
+        frame = lit(index, 0.6 if covered else 1.0, 0.0)
+        resolved = resolver.resolve(replace(frame, reactive=mask, effects=ALL, motion=None))
+        errors.append(float(np.sqrt(np.mean((resolved - truth) ** 2))))
+    assert errors[28] < 1.2 * errors[19]  # 0.0194 and 0.0187, and 0.12 where the samples under the pane count
+
+
+def test_what_a_veil_comes_over_and_leaves_has_the_bits_of_the_twin() -> None:
+    """More frames are kept than the latest: all of them stand in for those where the mask makes these unlike."""
+    preset, shares = override(load_preset("t5"), {"frames_kept": 9}), np.linspace(0.0, 1.0, WIDTH, dtype=np.float32)
+    device, twin = Resolver(preset, strict=True), Resolver(preset, "numpy")
+    for index in range(16):
+        mask = np.tile(shares, (HEIGHT, 1)) * (8 <= index < 13)
+        frame = replace(lit(index, 1.0 - 0.3 * (8 <= index < 13), 1.5), reactive=mask, effects=ALL)
+        assert (bits(device.resolve(frame)) == bits(twin.resolve(frame))).all(), index
+
+
+def test_a_constant_image_keeps_its_bits_whatever_moves() -> None:
+    resolver = Resolver(load_preset("t5"))
+    value = np.float32(0.1)
+    for index in range(10):
+        moved = make_frame(
+            index, motion=True, camera=make_camera((0.07 * index, 0.0, 5.0)), effects=ALL - {Effect.ALPHA}
+        )
+        resolved = resolver.resolve(replace(moved, colour=np.full_like(moved.colour, value)))
+        assert (bits(resolved) == bits(np.full_like(resolved, value))).all()
+
+
+def declared(count: int) -> Iterator[Frame]:
+    return (replace(frame, effects=ALL) for frame in hard_frames(count=count))
+
+
+@pytest.mark.parametrize("lanes", [1, 8])
+def test_strict_kernels_are_their_twins(lanes: int) -> None:
+    preset = override(load_preset("t5"), {"frames_kept": 9})
+    device, twin = Resolver(preset, build=Build(strict=True, lanes=lanes, rows=7)), Resolver(preset, "numpy")
+    for frame in declared(10):
+        resolved = device.resolve(frame)
+        assert np.isfinite(resolved).all()
+        assert (bits(resolved) == bits(twin.resolve(frame))).all()
+
+
+def test_a_channel_for_another_gives_the_bits_of_a_new_resolver() -> None:
+    """As many channels as before keep as much of a frame, but spans with alpha have a plane more."""
+    masked = [make_frame(index, reactive=True, effects=ALL) for index in range(2)]
+    seen_through = [make_frame(index, alpha=True, effects=ALL) for index in range(2, 5)]
+    resolver, anew = Resolver("t5", "numpy"), Resolver("t5", "numpy")
+    for frame in masked:
+        resolver.resolve(frame)
+    for frame in seen_through:
+        np.testing.assert_array_equal(bits(resolver.resolve(frame)), bits(anew.resolve(frame)))
+
+
+def test_every_step_gives_the_same_bits() -> None:
+    planned, every = (Resolver("t5", strict=True, every_step=every) for every in (False, True))
+    for index in range(5):
+        frame = make_frame(index, camera=make_camera((0.1 * (index > 2), 0.0, 5.0)), effects=LIT | {Effect.CAMERA})
+        assert (bits(planned.resolve(frame)) == bits(every.resolve(frame))).all()
+
+
+@pytest.mark.parametrize(
+    ("tier", "effects", "expected"),
+    [
+        ("t5", {Effect.SHADING}, (HistoryOf.SAMPLES, LightChange.SPANS, Rectify.NONE)),
+        ("t5", {Effect.REACTIVE, Effect.CAMERA}, (HistoryOf.SAMPLES, LightChange.SPANS, Rectify.NONE)),
+        ("t5", {Effect.CAMERA}, (HistoryOf.SAMPLES, LightChange.IGNORE, Rectify.NONE)),
+        ("t5", None, (HistoryOf.SAMPLES, LightChange.IGNORE, Rectify.CLAMP)),
+        ("t4", {Effect.SHADING}, (HistoryOf.RESULT, LightChange.TEST, Rectify.CLAMP)),
+    ],
+)
+def test_spans_are_weighed_where_light_may_change(
+    tier: str, effects: set[Effect] | None, expected: tuple[object, ...]
+) -> None:
+    frame = make_frame(1, camera=make_camera(), effects=None if effects is None else frozenset(effects))
+    choices = plan_frame(load_preset(tier), frame, frame.camera).choices
+    assert (choices.history_of, choices.light_change, choices.rectify) == expected

@@ -1,0 +1,123 @@
+"""Files that are packed here are those that OpenEXR would have written, but for how their chunks are deflated."""
+
+from __future__ import annotations
+
+import time
+import zlib
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cltaa.io import exr_write as exr_zip
+from cltaa.io.exr_frame import Pixels
+from cltaa.io.exr_header import read_headers
+from cltaa.io.exr_read import read_image
+from cltaa.io.exr_write import Bytes, Deflate, fast_deflate, write_image
+
+ZIPS = pytest.mark.parametrize("compression", ["zip", "zips"])
+
+
+def by_zlib(content: Bytes) -> bytes:
+    return zlib.compress(content.data)
+
+
+@pytest.fixture(params=["isal", "zlib"])
+def deflate(request: pytest.FixtureRequest) -> Deflate:
+    if request.param == "zlib":
+        return by_zlib
+    return fast_deflate() or pytest.skip("isal is not installed here, so OpenEXR packs")
+
+
+def planes(height: int, width: int) -> dict[str, Pixels]:
+    """Numbers of every type, some that pack well and some that do not."""
+    rng = np.random.default_rng(height * width)
+    ramp = np.linspace(-3, 90, height * width, dtype=np.float32).reshape(height, width)
+    return {
+        "R": ramp,
+        "b": ramp.astype(np.float16),
+        "id": (ramp > 2).astype(np.uint32),
+        "Noise": rng.integers(0, 2**32, (height, width), dtype=np.uint32),
+        "äußere.Z": np.full_like(ramp, np.nan),
+    }
+
+
+def written(path: Path, channels: dict[str, Pixels], packer: Deflate | None, **more: object) -> tuple[bytes, Path]:
+    """The file's header, and the file, from ``write_image`` with that packer (None: OpenEXR's)."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cltaa.io.exr_write.fast_deflate", lambda: packer)
+        write_image(path, channels, **more)  # type: ignore[arg-type]
+    content = path.read_bytes()
+    *_, end = read_headers(path, BytesIO(content))
+    return content[:end], path
+
+
+@ZIPS
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (16, 5), (17, 31), (50, 64), (260, 3)])
+def test_only_how_chunks_are_deflated_differs(
+    height: int, width: int, compression: str, deflate: Deflate, tmp_path: Path
+) -> None:
+    channels = planes(height, width)
+    attributes: dict[str, object] = {"comments": "dataWindow\0box2i\0", "double": 0.1, "owner": "ä"}
+    windows = ((-7, 5, width - 8, height + 4), (-9, -2, width + 8, height + 40))
+    header, path = written(
+        tmp_path / "a.exr", channels, deflate, attributes=attributes, compression=compression, windows=windows
+    )
+    same, _ = written(
+        tmp_path / "b.exr", channels, None, attributes=attributes, compression=compression, windows=windows
+    )
+    assert header == same
+    found, told = read_image(path)
+    assert found.keys() == channels.keys()
+    for name, plane in channels.items():
+        assert found[name].dtype == plane.dtype
+        assert found[name].tobytes() == plane.tobytes()
+    assert repr(told) == repr(read_image(tmp_path / "b.exr")[1])
+
+
+def test_a_picture_without_a_window(deflate: Deflate, tmp_path: Path) -> None:
+    channels = planes(20, 9)
+    assert written(tmp_path / "a.exr", channels, deflate)[0] == written(tmp_path / "b.exr", channels, None)[0]
+
+
+@ZIPS
+def test_what_deflates_to_more_is_written_as_it_is(compression: str, deflate: Deflate, tmp_path: Path) -> None:
+    noise: dict[str, Pixels] = {"Y": np.random.default_rng(0).integers(0, 2**32, (32, 40), dtype=np.uint32)}
+    header, path = written(tmp_path / "a.exr", noise, deflate, compression=compression)
+    chunks = 32 // exr_zip.ROWS_A_CHUNK[compression]
+    assert path.stat().st_size == len(header) + chunks * (8 + 8) + noise["Y"].nbytes
+    assert np.array_equal(read_image(path)[0]["Y"], noise["Y"])
+
+
+def test_without_the_packer_openexr_packs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exr_zip, "isal_zlib", None)
+    assert fast_deflate() is None
+    write_image(tmp_path / "a.exr", planes(20, 9))
+    assert read_image(tmp_path / "a.exr")[0]["R"].shape == (20, 9)
+
+
+def test_a_failure_to_pack_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(_: Bytes) -> bytes:
+        raise MemoryError
+
+    monkeypatch.setattr("cltaa.io.exr_write.fast_deflate", lambda: fails)
+    with pytest.raises(MemoryError):
+        write_image(tmp_path / "a.exr", planes(50, 9))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_packed_rows_wait_in_bounded_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exr_zip, "BEGUN", 4)
+    begun: list[int] = []
+
+    def pack(row: int) -> exr_zip.Packed:
+        begun.append(row)
+        return exr_zip.Packed([1], bytes([row]))
+
+    packed = exr_zip._in_threads(pack, range(50))
+    for row in range(50):
+        assert next(packed).content == bytes([row])
+        time.sleep(0.002)
+        assert len(begun) <= row + 4
+    assert list(packed) == []

@@ -1,0 +1,28 @@
+"""Tasks of ``cltaa bench accuracy`` on a tiny sequence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from cltaa.core.presets import load_preset
+from cltaa.lab.bench.accuracy.ladder import ladder
+from cltaa.lab.bench.accuracy.variants import Task
+from tests.sequence_factory import write_images, write_sequence
+
+FRAMES = 4
+
+
+def write_tiny(folder: Path) -> Path:
+    """Write four small frames, a truth, and a yardstick of two samples whose time is known."""
+    write_sequence(folder, FRAMES, reference=True)
+    truth = [np.full((23, 37, 3), 0.3 + number / 100, np.float32) for number in range(FRAMES)]
+    write_images(folder / "reference-2", truth, name="synthetic")
+    return folder
+
+
+def task(sequence: Path, place: int = 0, **changes: object) -> Task:
+    variant = msgspec.structs.replace(ladder(load_preset())[place], **changes)
+    return Task(sequence=str(sequence), variant=variant, device=None, metrics=("mse",), rounding_frames=3)

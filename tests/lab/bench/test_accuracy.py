@@ -1,0 +1,162 @@
+"""``cltaa bench accuracy`` from the outside: what it writes, goes on with and refuses."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cltaa.cli import main
+from cltaa.io.exr_write import write_frame
+from cltaa.lab.bench.accuracy.report import read_report
+from cltaa.lab.judge.metrics import mean_psnr
+from cltaa.opencl.launcher import DeviceLauncher
+from tests.lab.bench.accuracy_tasks import FRAMES
+from tests.sequence_factory import make_frame, write_images, write_sequence
+
+
+def test_command(sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path), "--only", "storage", "--rounds", "3"]
+    arguments += ["--metrics", "mse,psnr", "--rounding-frames", "2", "--patience", "0", "--pixels", "3000"]
+    assert main([*arguments, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result == json.loads((tmp_path / "accuracy.json").read_text())
+    (measured,) = result["sequences"]
+    kept_in = ["half", "half-stochastic", "double"]
+    assert [cell["variant"] for cell in measured["cells"]] == ["default", *(f"storage: {kind}" for kind in kept_in)]
+    assert [yard["samples"] for yard in measured["yardstick"]] == [1, 2]
+    assert measured["cells"][0]["ratio"]["median"] == 1.0
+    assert measured["timed_pixels"] == 2 * 37 * 2 * 23
+    assert set(measured["stages"]) >= {"upload", "resolve", "read back"}
+    for cell in measured["cells"]:
+        assert cell["errors"]["mse"]["p5"] <= cell["errors"]["mse"]["mean"] <= cell["errors"]["mse"]["largest"]
+        assert len(cell["errors"]["psnr"]["frames"]) == FRAMES
+    if measured["noisy"]:
+        assert not any(cell["dominated_by"] for cell in measured["cells"])
+    rows = list(csv.DictReader((tmp_path / "accuracy.csv").read_text().splitlines()))
+    assert [row["group"] for row in rows] == ["default", *["storage"] * 3, *["supersampling"] * 2]
+    assert float(rows[0]["mse"]) == measured["cells"][0]["errors"]["mse"]["mean"]
+
+    finished = {path: path.stat().st_mtime_ns for path in (tmp_path / "tasks").iterdir()}
+    assert main(arguments) == 0
+    assert "default" in capsys.readouterr().out
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "tasks").iterdir()} == finished
+
+
+def test_frames_without_error_are_measured_and_read_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A PSNR is infinite where a frame is the truth, as in one that is black; the mean is that of ``compare``."""
+    folder = write_sequence(tmp_path / "black", 3, reference=True)
+    for number in range(2):
+        black = make_frame(number)
+        write_frame(folder / f"synthetic.{number:04d}.exr", replace(black, colour=np.zeros_like(black.colour)))
+        write_images(folder / "reference", [np.zeros_like(black.colour)], name="synthetic", first=number)
+    arguments = ["bench", "accuracy", str(folder), "-o", str(tmp_path / "report"), "--variant", "storage: half"]
+    arguments += ["--metrics", "psnr,mse", "--rounding-frames", "0", "--rounds", "3"]
+    arguments += ["--pixels", "1", "--patience", "0", "--preset", "t1"]
+    assert main(arguments) == 0
+    assert main(["bench", "overview", str(tmp_path / "report"), "-o", str(tmp_path / "again")]) == 0
+    capsys.readouterr()
+    (measured,) = read_report(tmp_path / "again").sequences
+    found = measured.cells[0].errors["psnr"]
+    assert found.frames[:2] == [math.inf] * 2
+    assert found.mean == pytest.approx(mean_psnr(found.frames), rel=1e-12)
+    assert found.p5 == found.frames[2] < found.mean < found.p95 == math.inf
+
+
+def test_steps_depart_from_a_file_over_a_preset(
+    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine.toml").write_text("blend_weight = 0.25\n")
+    arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path / "out"), "--device", "numpy", "--task", "0"]
+    arguments += ["--preset", "t1", "--config", str(tmp_path / "mine.toml"), "--rounding-frames", "0"]
+    assert main(arguments) == 0
+    assert capsys.readouterr().err.startswith("task 0: mine.toml over t1 over ")
+
+
+def test_two_sequences_of_one_name_are_refused(
+    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Plots, frames of the page and rows go by the name of the folder."""
+    other = write_sequence(tmp_path / sequence.name, 3, reference=True)
+    options = ["-o", str(tmp_path / "out"), "--only", "reject"]
+    assert main(["bench", "accuracy", str(sequence), str(other), *options]) == 64
+    assert f"{other}: two sequences of one name" in capsys.readouterr().err
+    assert not (tmp_path / "out" / "tasks").exists()
+
+
+def test_a_render_farm_gets_one_line_a_task(
+    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path), "--only", "reject", "--rounding-frames", "0"]
+    monkeypatch.setattr("sys.argv", ["cltaa", *arguments, "--list"])
+    assert main([*arguments, "--list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[-2:] for line in lines] == [["--task", "0"], ["--task", "1"]]
+    assert all(line.startswith("cltaa bench accuracy ") for line in lines)
+    assert "--list" not in lines[0]
+    monkeypatch.setattr("sys.argv", ["cltaa", *arguments, "--list", "--json"])
+    assert main([*arguments, "--list", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == lines
+    assert main(lines[1].split()[1:]) == 0
+    assert len(list((tmp_path / "tasks").iterdir())) == 1
+    assert main([*arguments, "--task", "2"]) == 64
+    assert main([*arguments[:-4], "--only", "colour"]) == 64
+    assert main([*arguments[:-4], "--variant", "colour"]) == 64
+
+
+def test_what_draws_the_report_is_missed_before_the_work(
+    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
+    assert main(["bench", "accuracy", str(sequence), "-o", str(tmp_path), "--only", "reject"]) == 64
+    assert "pip install 'cltaa[bench]'" in capsys.readouterr().err
+    assert not (tmp_path / "tasks").exists()
+
+
+def test_a_limit_of_time_that_errors_used_up_is_told(
+    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An error that was begun in time ends; what is timed next goes on from there."""
+    monkeypatch.setattr("cltaa.lab.bench.accuracy.measurement.ERRORS_SHARE", math.inf)
+    options = ["--only", "reject", "--rounds", "3", "--rounding-frames", "0", "--metrics", "mse", "--pixels", "1"]
+    options += ["-o", str(tmp_path), "--time-limit", "1e-9"]
+    assert main(["bench", "accuracy", str(sequence), *options]) == 75
+    said = capsys.readouterr().err
+    assert "the 1e-09 s of --time-limit were over before a sequence was timed (found " in said
+    assert "run the same again, which goes on from here, or allow more time" in said
+
+
+def test_a_limit_of_time_leaves_whole_sequences_out(
+    sequence: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = write_sequence(tmp_path / "other", 3, reference=True)
+    options = ["-o", str(tmp_path / "out"), "--only", "reject", "--rounds", "3", "--rounding-frames", "0", "--json"]
+    options += ["--metrics", "mse", "--patience", "0", "--pixels", "1"]
+    assert main(["bench", "accuracy", str(other), *options, "--time-limit", "1e-9"]) == 75
+    said = capsys.readouterr().err
+    assert "no sequence has all of its errors (found 0 of 2 after " in said
+    assert "; none is begun after 60 % of --time-limit 1e-09, which leaves the rest for times: run the same" in said
+    assert main(["bench", "accuracy", str(other), *options, "--jobs", "2"]) == 0
+    assert json.loads(capsys.readouterr().out)["missing"] == []
+    monkeypatch.setattr("cltaa.lab.bench.accuracy.measurement.ERRORS_SHARE", 0.0)  # no error is begun
+    both = ["bench", "accuracy", str(sequence), str(other), *options]
+    assert main([*both, "--time-limit", "600"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["missing"] == ["seq"]
+    assert [measured["name"] for measured in result["sequences"]] == ["other"]
+    assert "left out" in (tmp_path / "out" / "index.html").read_text()
+    assert main(both) == 0  # goes on: what was timed is not timed again
+    again = json.loads(capsys.readouterr().out)
+    assert again["missing"] == []
+    assert again["sequences"][1] == result["sequences"][0]
+    assert again["environment"]["units"] == DeviceLauncher(None).device.cl_device.max_compute_units
+    before = set((tmp_path / "out" / "times").iterdir())
+    monkeypatch.setattr("cltaa.lab.bench.accuracy.measurement.CORES", 77)  # what was timed on others is no answer here
+    assert main(both) == 0
+    assert len(set((tmp_path / "out" / "times").iterdir()) - before) == 2

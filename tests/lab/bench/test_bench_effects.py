@@ -1,0 +1,62 @@
+"""``cltaa bench effects`` on sequences made here: bits, replaced estimates, and a table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Effect, Frame
+from cltaa.io.exr_write import write_frame
+from cltaa.io.sequence import FrameSequence, open_sequence
+from cltaa.lab.bench import effects as bench
+from cltaa.lab.bench.effects import EffectRow, judge_effects, markdown
+from cltaa.reference.launcher import NumpyLauncher
+from tests.sequence_factory import make_camera, make_frame
+
+
+def captured(folder: Path, declared: set[Effect], *, moving: bool = False) -> FrameSequence:
+    for index in range(3):
+        camera = make_camera((0.1 * index * moving, 0.0, 5.0))
+        frame = make_frame(index, camera=camera, effects=frozenset(declared))
+        write_frame(folder / f"synthetic.{index:04d}.exr", frame)
+    return open_sequence(folder)
+
+
+def judged(sequence: FrameSequence, preset: str = "default") -> EffectRow:
+    return judge_effects(sequence, preset, NumpyLauncher(), rounds=3)
+
+
+def test_a_still_scene(tmp_path: Path) -> None:
+    row = judged(captured(tmp_path, set()))
+    assert row.same_bits
+    assert row.steps == []
+    assert row.replaced > 0.0  # random frames: their plain mean is not their rectified one
+    assert min(row.planned_ms, row.every_ms, row.all_ms) > 0.0
+
+
+def test_a_scene_that_calls_for_what_it_gets(tmp_path: Path) -> None:
+    declared = {Effect.CAMERA, Effect.HDR, Effect.SHADING, Effect.UNCOVER}
+    row = judged(captured(tmp_path, declared, moving=True), "t2")
+    assert row.same_bits
+    assert row.replaced == 0.0
+    assert row.steps == ["reprojection", "rectification", "luminance weights"]
+    text = markdown([row]).splitlines()
+    assert len(text) == 3
+    assert "| synthetic | camera hdr shading uncover | reprojection, rectification, luminance weights |" in text[2]
+    assert text[2].endswith("| yes | nothing |")
+
+
+def test_a_step_that_changes_a_bit_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Tainted(Resolver):
+        def resolve(self, frame: Frame, *, half: bool = False) -> Any:
+            image = super().resolve(frame, half=half)
+            return image + np.float32(2.0**-20 if self.every_step else 0.0)
+
+    monkeypatch.setattr(bench, "Resolver", Tainted)
+    row = judged(captured(tmp_path, {Effect.CAMERA, Effect.HDR}))
+    assert not row.same_bits
+    assert "**no**" in markdown([row])

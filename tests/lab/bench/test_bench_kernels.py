@@ -1,0 +1,157 @@
+"""``cltaa bench kernels``: that the contenders compute one thing, and that the numbers hang together."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from cltaa.camera import displacement
+from cltaa.core.build import STORAGES, Storage
+from cltaa.core.presets import load_preset, override
+from cltaa.core.resolver import Resolver
+from cltaa.errors import InternalError
+from cltaa.frame import Frame, Image
+from cltaa.lab.bench.contenders import BASELINE, PlainPort, check_same, least_bytes
+from cltaa.lab.bench.frames import SHIFT_PX, Motion, camera_at, make_frames
+from cltaa.lab.bench.kernels import CONTROL, CORE, Contenders
+from cltaa.opencl.launcher import DeviceLauncher
+
+SIZE = ["--size", "72x40", "--rounds", "3"]
+
+
+def run(*arguments: str, without: str | None = None) -> subprocess.CompletedProcess[str]:
+    """Run the command in a process of its own: two rasterisers and PoCL do not share one well."""
+    hide = "" if without is None else f"sys.modules[{without!r}] = None;"
+    code = f"import sys; {hide} from cltaa.cli import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", code, "bench", "kernels", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_everything_in_one_run() -> None:
+    done = run(*SIZE, "--json")
+    assert done.returncode == 0, done.stderr
+    bench = json.loads(done.stdout)
+    assert [timing["motion"] for timing in bench["timings"]] == ["uniform", "turn"]
+    assert len(bench["environment"]["kernels_sha256"]) == 64
+    for timing in bench["timings"]:
+        rows = {row["name"]: row for row in timing["rows"]}
+        assert list(rows)[:4] == [CORE, CONTROL, "default", "plain port"]
+        assert {"oracle", "copy"} <= set(rows)
+        assert rows["copy"]["of_floor"] == pytest.approx(1.0)
+        assert rows[CORE]["ratio"]["median"] == 1.0
+        for row in rows.values():
+            assert row["least_wall_ns"] <= row["wall_ns"]["median"]
+            assert row["wall_ns"]["low"] <= row["wall_ns"]["median"] <= row["wall_ns"]["high"]
+            if row["device_ns"] is not None:
+                assert row["device_ns"]["median"] <= row["wall_ns"]["median"]
+
+
+def test_a_machine_without_the_shader_is_told_so() -> None:
+    done = run(*SIZE, "--motion", "turn", "--no-oracle", without="moderngl")
+    assert done.returncode == 0, done.stderr
+    assert "GLSL, 16 reads is absent" in done.stdout
+    assert "pip install 'cltaa[bench]'" in done.stdout
+    assert "plain port" in done.stdout
+    assert "oracle" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (("--size", "12"), 2, "not WIDTHxHEIGHT"),
+        (("--size", "40x16"), 64, "at least 17x17, found 40x16"),
+        (("--device", "numpy"), 64, "OpenCL"),
+        (("--rounds", "1"), 2, "x>=3"),
+    ],
+)
+def test_wrong_use_is_one_line(arguments: tuple[str, ...], code: int, said: str) -> None:
+    done = run(*arguments)
+    assert done.returncode == code
+    assert said in done.stderr.splitlines()[-1]
+
+
+def test_motion_is_what_it_says() -> None:
+    now, before = (camera_at(index, Motion.UNIFORM, 64, 36) for index in (1, 0))
+    uniform = displacement(now, before, 64, 36).rows
+    assert np.abs(np.abs(uniform[:2, 2] / 5.0) - np.abs(SHIFT_PX)).max() < 1e-12
+    now, before = (camera_at(index, Motion.TURN, 64, 36) for index in (1, 0))
+    turn = displacement(now, before, 64, 36).rows
+    assert np.abs(turn[:2, :2]).min() > 1e-3
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("motion", list(Motion))
+def test_plain_port_computes_the_core(motion: Motion, storage: Storage) -> None:
+    frames = make_frames(131, 67, motion)
+    launcher = DeviceLauncher()
+    port = PlainPort(launcher, storage, 131, 67)
+    resolver = Resolver(BASELINE, launcher, storage=storage)
+    for index, frame in enumerate(frames):
+        image = port.resolve(frame, frames[index - 1] if index else None)
+        expected = resolver.resolve(frame)
+    check_same("plain port", image, expected, storage)
+    with pytest.raises(InternalError, match="does not compute what the resolve computes"):
+        check_same("another frame", frames[0].colour, expected, storage)
+
+
+class CoarseShader(PlainPort):
+    """A shader of so many reads, of which those of ``COARSE`` are weighed in 8 bits, as texture units may."""
+
+    COARSE: tuple[int, ...] = (9,)
+    renderer = "coarse"
+
+    def __init__(self, storage: Storage, width: int, height: int, taps: int) -> None:
+        super().__init__(DeviceLauncher(), storage, width, height)
+        self._taps = taps
+
+    def resolve(self, frame: Frame, previous: Frame | None) -> Image:
+        image = super().resolve(frame, previous)
+        return image * np.float32(1.0 + 2.0**-9) if self._taps in self.COARSE else image
+
+
+def contenders(monkeypatch: pytest.MonkeyPatch, coarse: tuple[int, ...]) -> Contenders:
+    monkeypatch.setattr("cltaa.lab.bench.kernels.Shader", CoarseShader)
+    monkeypatch.setattr(CoarseShader, "COARSE", coarse)
+    return Contenders(DeviceLauncher(), Storage.FLOAT, make_frames(64, 36, Motion.TURN))
+
+
+def test_a_shader_whose_texture_units_weigh_coarsely_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    timed = contenders(monkeypatch, (9,))
+    timed.add_ports()
+    assert [job.name for job in timed.jobs] == [CORE, CONTROL, "plain port", "GLSL, 16 reads"]
+    assert list(timed.absent) == ["GLSL, 9 reads"]
+    assert "texture units" in timed.absent["GLSL, 9 reads"]
+    assert "% of the pixels" in timed.absent["GLSL, 9 reads"]
+
+
+def test_a_shader_that_fetches_texels_has_no_such_excuse(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InternalError, match="16 reads does not compute"):
+        contenders(monkeypatch, (16,)).add_ports()
+
+
+@pytest.mark.parametrize("changes", [{}, {"history_of": "samples", "frames_kept": 2}])
+def test_running_again_gives_the_same(changes: dict[str, object]) -> None:
+    frames = make_frames(61, 33, Motion.TURN, count=4)
+    resolver = Resolver(override(load_preset(), changes), "numpy")
+    for frame in frames:
+        image = resolver.resolve(frame)
+    for _ in range(2):
+        resolver.run_again(frames[-1], frames[-2])
+        assert resolver._buffers is not None
+        assert resolver.last is not None
+        resolver._buffers.swap()
+        np.testing.assert_array_equal(resolver._buffers.read(resolver.last.arguments["output"], alpha=False), image)
+        resolver._buffers.swap()
+
+
+@pytest.mark.parametrize(("storage", "expected"), [(Storage.FLOAT, 52), (Storage.HALF, 40)])
+def test_least_bytes(storage: Storage, expected: int) -> None:
+    # Read: colour 12, closeness 4, last closeness 4, history 12 (half: 6), count 4. Written: history and count again.
+    resolver = Resolver("default", "numpy", storage=storage)
+    for frame in make_frames(16, 9, Motion.TURN):
+        resolver.resolve(frame)
+    assert least_bytes(resolver, storage) == expected

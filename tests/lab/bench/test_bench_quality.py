@@ -1,0 +1,247 @@
+"""``cltaa bench quality`` at a small size: cells, resuming, and what reaches the pages."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from PIL import Image as Pillow
+
+from cltaa.cli import main
+from cltaa.core.presets import Published, load_preset, override
+from cltaa.errors import DataError, InputMissing
+from cltaa.frame import Frame
+from cltaa.io.exr_read import read_frame
+from cltaa.io.sequence import open_sequence
+from cltaa.lab.bench.quality.cases import HELD_OUT, REDRAWN, TRAIN, Shape, planned
+from cltaa.lab.bench.quality.judge import ONE_SAMPLE, Cells, judge_sequence
+from cltaa.lab.bench.quality.page import BEGIN, END
+from cltaa.lab.judge.metrics import flip_map
+from cltaa.lab.judge.video_scores import Sums, VideoScores
+from cltaa.reference.launcher import NumpyLauncher
+from tests.lab.bench.quality_cells import scores
+from tests.sequence_factory import write_images, write_sequence
+
+NUMPY = NumpyLauncher()
+SMALL = [
+    "--scene",
+    "occluder",
+    "--size",
+    "64x36",
+    "--frames",
+    "5",
+    "--samples",
+    "4",
+    "--settled",
+    "1",
+    "--held-out",
+    "",
+    "--preset",
+    "default",
+    "--device",
+    "numpy",
+    "--jitter",
+    "r2:5",
+]
+
+
+def test_a_run_captures_judges_and_goes_on(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", encoding="utf-8")
+    arguments = ["bench", "quality", *SMALL, "--work", str(tmp_path / "work"), "--page", str(page)]
+    assert main([*arguments, "--pictures", str(tmp_path / "pictures"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    (row,) = found["rows"]
+    assert (row["scene"], row["split"]) == ("occluder", TRAIN)
+    sequence = open_sequence(tmp_path / "work" / "sequences" / row["key"])
+    assert sequence.sequence_json["settings"]["jitter"] == "r2:5"
+    expected = judge_sequence(sequence, [load_preset()], NUMPY, settled=1)
+    for name in (ONE_SAMPLE, "default"):
+        assert row["presets"][name]["scores"] == expected[name].scores
+    assert row["presets"]["default"]["scores"]["psnr"] > row["presets"][ONE_SAMPLE]["scores"]["psnr"]
+    text, beside = (path.read_text(encoding="utf-8") for path in (page, tmp_path / "page-scenes.md"))
+    assert text.startswith("before\n")
+    assert text.endswith("after\n")
+    assert "old" not in text
+    for each in (text, beside):
+        assert "jitter r2:5" in each
+        assert f"| default | **{row['presets']['default']['scores']['psnr']:.2f}** |" in each
+    assert "![default](pictures/default.png)" in beside
+    with Pillow.open(tmp_path / "pictures" / "default.png") as picture:
+        assert len(np.unique(np.asarray(picture))) > 10
+
+    def again(*_arguments: Any, **_named: Any) -> Any:
+        raise AssertionError("a finished cell was measured again")
+
+    monkeypatch.setattr("cltaa.commands.bench_quality.judge_sequence", again)
+    monkeypatch.setattr("cltaa.commands.bench_quality.capture", again)
+    assert main(arguments) == 0
+    printed = capsys.readouterr().out
+    assert "means over sequences, train" in printed
+    assert f"{row['presets']['default']['scores']['flip']:.4f}" in printed
+
+
+def test_a_cell_is_kept_until_what_decides_it_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sequence = open_sequence(write_sequence(tmp_path / "capture", 3, reference=True))
+    preset, judged = load_preset(), scores()
+    Cells(tmp_path / "cells", sequence, 1, 4).put("default", preset, judged)
+    assert Cells(tmp_path / "cells", sequence, 1, 4).get("default", preset) == judged
+    assert Cells(tmp_path / "cells", sequence, 2, 4).get("default", preset) is None
+    assert Cells(tmp_path / "cells", sequence, 1, 2).get("default", preset) is None
+    assert Cells(tmp_path / "cells", sequence, 1, 4).get("default", override(preset, {"sample_limit": 3.0})) is None
+    other = open_sequence(write_sequence(tmp_path / "other", 3, reference=True, seed=1))
+    assert Cells(tmp_path / "cells", other, 1, 4).get("default", preset) is None
+    theirs = msgspec.structs.replace(preset, published=Published.ENGINE)  # the plan leaves nothing out of it
+    assert Cells(tmp_path / "cells", sequence, 1, 4).get("default", theirs) is None
+    monkeypatch.setattr("cltaa.lab.bench.quality.judge.code_sha256", lambda: "another version")
+    assert Cells(tmp_path / "cells", sequence, 1, 4).get("default", preset) is None
+    assert Cells(tmp_path / "cells", sequence, 1, 4, any_code=True).get("default", preset) == judged
+    (tmp_path / "cells" / "default.json").write_text("{", encoding="utf-8")
+    assert Cells(tmp_path / "cells", sequence, 1, 4, any_code=True).get("default", preset) is None
+
+
+def test_what_is_not_finite_counts_and_is_judged_as_black(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sequence = open_sequence(write_sequence(tmp_path / "capture", 3, reference=True))
+    monkeypatch.setattr(
+        "cltaa.core.resolver.Resolver.resolve", lambda _self, frame: np.where(frame.colour > 2, np.nan, frame.colour)
+    )
+    judged = judge_sequence(sequence, [load_preset()], NUMPY, settled=1)
+    bad = sum(int((frame.colour > 2).sum()) for frame in sequence)
+    assert (judged["default"].not_finite, judged[ONE_SAMPLE].not_finite) == (bad, 0)
+    assert math.isfinite(judged["default"].scores["psnr"] or math.nan)
+
+
+@pytest.mark.parametrize(("least", "again"), [(1, True), (1, False), (10_000, True)])
+def test_what_appears_is_told_by_single_samples_drawn_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, least: int, *, again: bool
+) -> None:
+    """The captured samples are right wherever something appears, which is why it is seen there; others are not."""
+    folder = tmp_path / "capture"
+    frames = [read_frame(path) for path in sorted(write_sequence(folder, 3).glob("*.exr"))]
+    truth = [np.clip(frame.colour, 0.0, 1.0) for frame in frames]
+    write_images(folder / "reference", truth, name="synthetic")
+    elsewhere = [np.clip(image[:, ::-1], 0.0, 1.0) for image in truth]
+    if again:
+        write_images(folder / REDRAWN, elsewhere, name="synthetic")
+
+    class AllAppears(VideoScores):
+        def add_shown(self, frame: Frame, *given: Any, **named: Any) -> list[Sums]:
+            sums = super().add_shown(frame, *given, **named)
+            self.fresh = np.ones(frame.depth.shape, np.bool_)
+            return sums
+
+    monkeypatch.setattr("cltaa.lab.bench.quality.judge.VideoScores", AllAppears)
+    monkeypatch.setattr("cltaa.lab.bench.quality.judge.LEAST_FRESH", least)
+    monkeypatch.setattr("cltaa.core.resolver.Resolver.resolve", lambda _self, frame: elsewhere[frame.index])
+    judged = judge_sequence(open_sequence(folder), [load_preset()], NUMPY, settled=1)
+    found = judged["default"].scores["uncovered"]
+    assert found == (pytest.approx(1.0) if again and least == 1 else None)
+
+
+def test_flip_judges_every_so_many_frames(tmp_path: Path) -> None:
+    sequence = open_sequence(write_sequence(tmp_path / "capture", 5, reference=True))
+    assert sequence.reference is not None
+    single = [flip_map(frame.colour, truth).mean() for frame, truth in zip(sequence, sequence.reference, strict=True)]
+    for every, judged in ((1, [1, 2, 3, 4]), (2, [2, 4]), (4, [4])):
+        found = judge_sequence(sequence, [], NUMPY, settled=1, flip_every=every)[ONE_SAMPLE].scores["flip"]
+        assert found == pytest.approx(np.mean([single[number] for number in judged]), rel=1e-6)
+
+
+def test_a_sequence_must_have_a_truth_and_settle(tmp_path: Path) -> None:
+    with pytest.raises(InputMissing, match=r"no truth to measure against.*render it there yourself"):
+        judge_sequence(open_sequence(write_sequence(tmp_path / "a", 3)), [], NUMPY)
+    with pytest.raises(
+        DataError, match=r"over before it is judged \(expected more than 3 frames, found 3\); .*--settled 0"
+    ):
+        judge_sequence(open_sequence(write_sequence(tmp_path / "b", 3, reference=True)), [], NUMPY, settled=3)
+
+
+def test_scenes_in_which_nothing_changes_get_the_better_truth(tmp_path: Path) -> None:
+    scenes = {
+        "moving": frozenset({"camera", "sky"}),
+        "still": frozenset({"sky"}),
+        "file:a/b.glb": frozenset({"motion"}),
+    }
+    cases = planned(scenes, {0: TRAIN, 5: HELD_OUT}, Shape(32, 18, 8, 256, 1024, "r2:64"), tmp_path)
+    assert [(c.key, c.split) for c in cases] == [
+        ("moving-seed0-32x18x8-r264-256", TRAIN),
+        ("moving-seed5-32x18x8-r264-256", HELD_OUT),
+        ("still-seed0-32x18x8-r264-1024", TRAIN),
+        ("still-seed5-32x18x8-r264-1024", HELD_OUT),
+        ("b-seed0-32x18x8-r264-256", TRAIN),
+        ("b-seed5-32x18x8-r264-256", HELD_OUT),
+    ]
+
+
+def test_a_given_sequence_is_told_as_it_is(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Whatever the options say of what would have been drawn; and nobody knows whether presets were tuned on it."""
+    folder = write_sequence(tmp_path / "mine", 3, reference=True)
+    (tmp_path / "page.md").write_text(f"{BEGIN}\n{END}", encoding="utf-8")
+    arguments = ["bench", "quality", "--sequence", str(folder), "--preset", "t1", "--settled", "1"]
+    arguments += ["--work", str(tmp_path / "work"), "--page", str(tmp_path / "page.md"), "--device", "numpy"]
+    assert main(arguments) == 0
+    assert "means over sequences, given" in capsys.readouterr().out
+    text = (tmp_path / "page.md").read_text(encoding="utf-8")
+    assert "1 given sequence, 37 × 23, 3 frames, jitter unknown, " in text
+    assert "truth of unknown samples a pixel" in text
+    assert main([*arguments, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["about"] in text
+    assert found["versions"].keys() == {"cltaa", "numpy", "scikit-image", "flip-evaluator"}
+    assert found["definitions"].keys() == found["rows"][0]["presets"]["t1"]["scores"].keys()
+
+
+def test_what_the_pictures_show_is_printed_and_of_which_there_is_none(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    folder, pictures = write_sequence(tmp_path / "shot", 3, reference=True), tmp_path / "pictures"
+    asked = ["--preset", "default", "--preset", "t1", "--preset", "t3"]
+    arguments = ["bench", "quality", "--sequence", str(folder), "--settled", "1", "--work", str(tmp_path / "work")]
+    assert main([*arguments, *asked, "--device", "numpy", "--pictures", str(pictures)]) == 0
+    *_, title, default, quick, same = capsys.readouterr().out.splitlines()
+    assert title == f"the worst place of each preset is shown in {pictures}"
+    assert default.startswith("  default: shot (given), frame ")
+    assert quick.startswith("  t1: shot (given), frame ")
+    assert same == "  t3: no picture: The same as default on every sequence."
+    assert sorted(path.name for path in pictures.iterdir()) == ["default.png", "t1.png"]
+
+
+def test_a_file_is_judged_as_a_preset_is(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """In place of cltaa's or beside them, under its own name; a cell of it counts until the file says otherwise."""
+    folder, mine = write_sequence(tmp_path / "shot", 3, reference=True), tmp_path / "my own.toml"
+    mine.write_text('preset = "karis"\nblend_weight = 0.3\n', encoding="utf-8")
+    arguments = ["bench", "quality", "--sequence", str(folder), "--settled", "1", "--work", str(tmp_path / "work")]
+    arguments += ["--device", "numpy", "--config", str(mine), "--pictures", str(tmp_path / "pictures")]
+
+    def judged(*more: str) -> Any:
+        assert main([*arguments, *more, "--json"]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    alone = judged()
+    assert [*alone["rows"][0]["presets"]] == [ONE_SAMPLE, mine.name]
+    assert alone["about"].endswith("; my own.toml over karis.")
+    wanted = override(load_preset("karis"), {"blend_weight": 0.3})
+    expected = judge_sequence(open_sequence(folder), [wanted], NUMPY, settled=1)["karis"]
+    assert alone["rows"][0]["presets"][mine.name]["scores"] == expected.scores
+    page = tmp_path / "page.md"
+    page.write_text(f"{BEGIN}\n{END}\n", encoding="utf-8")
+    beside = judged("--preset", "karis", "--page", str(page))
+    assert beside["rows"][0]["presets"].keys() == {ONE_SAMPLE, "karis", mine.name}
+    assert [(duel["preset"], duel["against"]) for duel in beside["duels"]] == [(mine.name, "karis")]
+    assert f"| flip ↓ {mine.name} |" in page.read_text(encoding="utf-8")
+    assert "![my own.toml](pictures/my%20own.toml.png)" in (tmp_path / "page-scenes.md").read_text(encoding="utf-8")
+    mine.write_text('preset = "karis"\n', encoding="utf-8")
+    scores = judged("--preset", "karis")["rows"][0]["presets"]
+    assert scores[mine.name] == scores["karis"]
+    (tmp_path / "other").mkdir()
+    other = Path(shutil.copy(mine, tmp_path / "other"))
+    assert main([*arguments, "--config", str(other)]) == 64
+    assert f"{other}: two presets of one name" in capsys.readouterr().err

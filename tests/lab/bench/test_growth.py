@@ -1,0 +1,233 @@
+"""Memory by its formula, and the command that times images of growing size."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from cltaa.cli import main
+from cltaa.core.backend import Buffer
+from cltaa.core.bands import BandedResolver
+from cltaa.core.build import Steps, Storage
+from cltaa.core.planes import LARGE_PAGE
+from cltaa.core.presets import load_preset, override
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Effect
+from cltaa.io.manifest import PIECE, file_sha256
+from cltaa.io.sequence import open_sequence
+from cltaa.io.streams import AHEAD, BEHIND
+from cltaa.lab.bench.growth import rounds_of, square
+from cltaa.lab.inspect.plan import plan
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.pipeline.memory import PlanesHeld, device_bytes, of_whole_images
+from cltaa.reference.launcher import NumpyLauncher
+from tests.sequence_factory import make_frame, write_sequence
+
+
+class Counting(NumpyLauncher):
+    """A launcher that counts the bytes it was asked for."""
+
+    def __init__(self) -> None:
+        self.allocated = 0
+
+    def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
+        self.allocated += int(np.prod(shape)) * np.dtype(dtype).itemsize
+        return super().allocate(shape, dtype)
+
+
+class CountingDevice(DeviceLauncher):
+    """The same of a device."""
+
+    allocated = 0
+
+    def allocate(self, shape: tuple[int, ...], dtype: Any = np.float32) -> Buffer:
+        self.allocated += int(np.prod(shape)) * np.dtype(dtype).itemsize
+        return super().allocate(shape, dtype)
+
+
+@pytest.mark.parametrize("half", [False, True])
+@pytest.mark.parametrize("storage", list(Storage))
+@pytest.mark.parametrize("channels", [{}, {"motion": True}, {"alpha": True, "reactive": True}], ids=str)
+def test_what_is_allocated_is_what_the_formula_says(storage: Storage, channels: dict[str, bool], half: bool) -> None:
+    launcher = Counting()
+    resolver = Resolver(device=launcher, storage=storage)
+    for index in range(2):
+        frame = make_frame(index, width=50, height=31, effects=None, **channels)  # type: ignore[arg-type]
+        resolver.resolve(frame, half=half)
+    assert resolver.plan is not None
+    assert launcher.allocated == device_bytes(50, 31, PlanesHeld(resolver.plan.steps, storage, half=half))
+
+
+def test_bands_take_the_halves_of_one_on_the_device() -> None:
+    launcher = CountingDevice()
+    resolver = BandedResolver(device=launcher, band_rows=16)
+    resolver.resolve(make_frame(0, width=50, height=31, alpha=True), half=True)
+    assert resolver.plan is not None
+    assert launcher.allocated == device_bytes(50, 31, PlanesHeld(resolver.plan.steps, band_rows=16, half=True))
+
+
+@pytest.mark.parametrize("alpha", [False, True])
+def test_what_is_reserved_is_what_a_frame_takes(alpha: bool) -> None:
+    launcher = Counting()
+    resolver = Resolver(device=launcher)
+    resolver.reserve(50, 31, alpha=alpha)
+    reserved = launcher.allocated
+    resolver.resolve(make_frame(0, width=50, height=31, alpha=alpha))
+    own = 4 * (64 + 32) * (31 + 8) * (4 if alpha else 3)  # copies of the frame's own planes, made with it
+    assert launcher.allocated - reserved == own
+
+
+def test_the_ring_of_kept_frames_is_in_the_formula() -> None:
+    launcher = Counting()
+    resolver = Resolver(override(load_preset(), {"history_of": "samples", "frames_kept": 3}), launcher)
+    resolver.resolve(make_frame(0, width=50, height=31, effects=None))
+    assert resolver.plan is not None
+    told = device_bytes(50, 31, PlanesHeld(resolver.plan.steps, frames_kept=3))
+    # Beside the planes the device holds three records of 136 bytes.
+    assert 0 < launcher.allocated - told < 1024
+
+
+def test_the_spans_of_changing_light_are_in_the_formula() -> None:
+    launcher = Counting()
+    resolver = Resolver(override(load_preset("t5"), {"frames_kept": 3}), launcher)
+    resolver.resolve(make_frame(0, width=50, height=31, alpha=True, effects=frozenset({Effect.ALPHA, Effect.SHADING})))
+    assert resolver.plan is not None
+    told = device_bytes(50, 31, PlanesHeld(resolver.plan.steps, frames_kept=3, spans=True))
+    assert 0 < launcher.allocated - told < 1024
+
+
+def test_the_command_counts_whole_images_and_bands(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "growth", "--sizes", "16,48", "--banded-from", "40", "--rounds", "3", "--json"]) == 0
+    bench = json.loads(capsys.readouterr().out)
+    small, banded = bench["rows"]
+    assert (small["side"], small["band_rows"], banded["side"]) == (16, 0, 48)
+    assert banded["band_rows"] > 0
+    for row in bench["rows"]:
+        assert row["allocated"] == row["formula"]
+        assert 0 < row["least_ns"] <= row["ns_a_pixel"]["median"]
+
+
+def test_small_sizes_say_nothing_of_large_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "growth", "--sizes", "16", "--rounds", "3"]) == 0
+    said = capsys.readouterr().out
+    assert "16²" in said
+    assert "flat within" not in said
+
+
+def test_large_sizes_take_fewer_rounds() -> None:
+    assert [rounds_of(side, 9) for side in (256, 4096, 5000, 8192, 16384)] == [9, 9, 6, 3, 3]
+    assert rounds_of(16384, 400) == 25
+
+
+def test_frames_of_the_bench_stay_what_they_are_in_bands() -> None:
+    frame = square(40)
+    resolver = BandedResolver(band_rows=16)
+    for index in range(2):
+        resolver.resolve(replace(frame, index=index))
+        assert np.array_equal(frame.depth, np.ones((40, 40), np.float32))
+
+
+def test_a_step_costs_its_planes() -> None:
+    base = device_bytes(64, 64, PlanesHeld(Steps(own_motion=False)))
+    plane = 4 * (64 + 32) * (64 + 8)
+    assert device_bytes(64, 64, PlanesHeld(Steps(own_motion=True))) - base == 2 * plane
+    assert device_bytes(64, 64, PlanesHeld(Steps(own_motion=False), Storage.HALF)) == base - 2 * 3 * plane // 2
+
+
+@pytest.mark.parametrize(("text", "code"), [("", 64), ("a", 2), ("-3", 2), ("0", 2)])
+def test_no_sizes(text: str, code: int) -> None:
+    assert main(["bench", "growth", "--sizes", text]) == code
+
+
+def test_the_plan_of_a_sequence_says_its_memory(tmp_path: Path) -> None:
+    folder = write_sequence(tmp_path / "in", 2, width=50, height=31, motion=True)
+    memory = plan(open_sequence(folder), rounds=0).memory  # without the times, for which every step is built on and off
+    haloed = (64 + 32) * (31 + 8)
+    copied = device_bytes(50, 31, PlanesHeld(Steps(own_motion=True)))
+    assert memory.device == copied - 5 * 4 * haloed  # channels are read where they are
+    assert memory.frames == (1 + AHEAD) * (2 * LARGE_PAGE + 4 * 50 * 31)  # colour and motion in a large page each
+    assert memory.results == (1 + BEHIND) * 3 * 4 * 50 * 31
+    packed = max(path.stat().st_size for path in folder.glob("*.exr"))
+    assert memory.reading == AHEAD * packed
+    # Four threads hold a block and what is between it and the packed one, and each file five that are packed.
+    threads = OpenEXR.global_thread_count() * 3 * 16 * 4 * 50 * 6 + (4 * 2 + BEHIND * 5) * 3 * 4 * 50 * 31
+    assert memory.packing == threads + (AHEAD + BEHIND) * PIECE  # of which those that read hash files, too
+
+
+def test_files_that_were_hashed_before_are_not_hashed_again(tmp_path: Path) -> None:
+    folder = write_sequence(tmp_path / "in", 2)
+    unknown = of_whole_images(open_sequence(folder)).packing
+    record = {"files": {path.name: file_sha256(path) for path in folder.glob("*.exr")}}
+    (folder / "sequence.json").write_text(json.dumps(record))
+    assert unknown - of_whole_images(open_sequence(folder)).packing == AHEAD * PIECE
+
+
+def test_the_plan_counts_results_in_halves(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_sequence(tmp_path / "in", 2, width=50, height=31)
+    told = []
+    for more in ([], ["--half"]):
+        assert main(["inspect", str(folder), "--plan", "--device", "numpy", "--json", *more]) == 0
+        told.append(json.loads(capsys.readouterr().out)["memory"])
+    floats, halves = told
+    assert halves["device"] - floats["device"] == 3 * 2 * (64 + 32) * (31 + 8)  # where the kernel leaves them
+    assert halves["results"] == floats["results"] // 2 == (1 + BEHIND) * 3 * 2 * 50 * 31
+    assert halves["packing"] < floats["packing"]
+    assert [halves[name] - floats[name] for name in ("frames", "reading")] == [0, 0]
+
+
+@pytest.mark.big
+@pytest.mark.parametrize("half", [False, True])
+@pytest.mark.parametrize("motion", [False, True])
+def test_the_peak_is_what_the_formula_says(tmp_path: Path, motion: bool, half: bool) -> None:
+    folder = write_sequence(tmp_path / "in", 10, width=1920, height=1080, motion=motion)
+    resolve = ["resolve", str(folder), "-o", str(tmp_path / "out"), "--restart", "--device", "pthread"]
+    resolve += ["--half"] * half
+    command = [sys.executable, "-m", "cltaa.cli", *resolve]
+    peak_of(command)  # which builds the kernels
+    # How far the two that are read at once overlap is chance.
+    assert peak_of(command) == pytest.approx(plan(open_sequence(folder), rounds=0, half=half).memory.whole, rel=0.10)
+
+
+def peak_of(command: list[str]) -> int:
+    """The most bytes that a process takes, with the files in memory that it has open, mapped or not."""
+    process, peak = subprocess.Popen(command, stdout=subprocess.DEVNULL), 0
+    while process.poll() is None:
+        with contextlib.suppress(FileNotFoundError, ProcessLookupError, TypeError):  # it may just have ended
+            folder = Path(f"/proc/{process.pid}")
+            seen = [file.stat() for file in folder.joinpath("fd").iterdir() if is_memory(file)]
+            files = {each.st_ino: each.st_blocks * 512 for each in seen}  # OpenEXR opens each once more
+            pages = re.findall(r"Rss(?:Anon|File):\s+(\d+)", (folder / "status").read_text())
+            peak = max(peak, 1024 * sum(map(int, pages)) + sum(files.values()))
+        time.sleep(0.002)
+    assert process.returncode == 0
+    return peak
+
+
+def is_memory(file: Path) -> bool:
+    return str(file.readlink()).startswith("/memfd:")
+
+
+def test_numpy_is_no_device(capsys: pytest.CaptureFixture[str]) -> None:
+    """And nobody who named it is told to name it."""
+    assert main(["bench", "growth", "--device", "numpy", "--sizes", "64"]) == 64
+    said = capsys.readouterr().err
+    assert "this needs an OpenCL device, and numpy is none" in said
+    assert "or numpy" not in said
+
+
+@pytest.mark.parametrize("side", [99_999_999, 9_999_999_999])
+def test_an_image_that_no_memory_holds_is_one_line(side: int, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "growth", "--sizes", str(side)]) != 0
+    told = f"cltaa: error: no memory for a frame of {side} x {side} pixels; name smaller sizes with --sizes\n"
+    assert capsys.readouterr().err.endswith(told)

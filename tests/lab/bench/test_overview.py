@@ -1,0 +1,208 @@
+"""Many sequences in one figure and one table."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import msgspec
+import pytest
+from matplotlib import pyplot
+
+from cltaa.cli import main
+from cltaa.core.presets import load_preset
+from cltaa.lab.bench.accuracy.figures import front_figure, overall, table, write_plots
+from cltaa.lab.bench.accuracy.ladder import ladder
+from cltaa.lab.bench.accuracy.report import read_report, write_report
+from cltaa.lab.bench.accuracy.results import Accuracy, Cell, MeasuredSequence, spread
+from cltaa.lab.bench.accuracy.variants import Rounding
+from cltaa.lab.bench.environment import Environment
+from cltaa.lab.timing import Interval
+
+VARIANTS = ladder(load_preset())[:3]
+
+
+def at(value: float) -> Interval:
+    return Interval(median=value, low=0.99 * value, high=1.01 * value)
+
+
+def cell(place: int, error: float, time: float) -> Cell:
+    rounding = Rounding(rms=1e-8 * (place + 1), largest=1e-6, frames=[1e-8])
+    return Cell(
+        variant=VARIANTS[place].name,
+        errors={"mse": spread("mse", [error, error])},
+        rounding=rounding,
+        wall=at(time),
+        device=None,
+        least=time,
+        ratio=at(time),
+        dominated_by={},
+    )
+
+
+def sequence(
+    name: str, errors: tuple[float, float, float], *, noisy: bool = False, slower: float = 1.0
+) -> MeasuredSequence:
+    cells = [cell(place, error, slower * (1.0 + place)) for place, error in enumerate(errors)]
+    return MeasuredSequence(
+        name=name,
+        folder=name,
+        frames=[0, 1],
+        width=37,
+        height=23,
+        effects="",
+        cells=cells,
+        yardstick=[],
+        noisy=noisy,
+        control=at(1.0),
+        floor=0.1,
+        truth_noise=None,
+        mean_noise=None,
+        stages={"resolve": 1.0},
+    )
+
+
+def accuracy(*sequences: MeasuredSequence) -> Accuracy:
+    where = Environment(
+        date="",
+        system="",
+        cpu="",
+        cores=2,
+        cpu_flags=[],
+        load_before=0.0,
+        load_after=0.0,
+        device="",
+        libraries={},
+        kernels_sha256="",
+        options=[],
+    )
+    return Accuracy(environment=where, metrics=["mse"], rounds=3, variants=VARIANTS, sequences=list(sequences))
+
+
+def test_errors_are_geometric_means_over_the_default() -> None:
+    result = accuracy(sequence("one", (1.0, 4.0, 0.5)), sequence("two", (2.0, 2.0, 1.0)))
+    best, default, worst = overall(result, "mse")
+    assert [row.variant for row in (best, default, worst)] == [VARIANTS[place].name for place in (2, 0, 1)]
+    assert (best.error, default.error, worst.error) == pytest.approx((0.5, 1.0, 2.0))
+    assert (best.best_of, default.best_of, worst.best_of) == (2, 0, 0)
+    assert worst.errors == [4.0, 1.0]
+    assert (best.time, default.time) == pytest.approx((3.0, 1.0))
+    assert best.rounding == pytest.approx(3e-8)
+
+
+def test_times_of_noise_count_for_nothing() -> None:
+    quiet, noise = sequence("one", (1.0, 4.0, 0.5)), sequence("two", (2.0, 2.0, 1.0), noisy=True, slower=7.0)
+    assert [row.time for row in overall(accuracy(quiet, noise), "mse")] == pytest.approx([3.0, 1.0, 2.0])
+    text = table(accuracy(quiet, noise), ["mse"])
+    assert "without those that were too noisy to rank: two." in text
+    assert "| 2.000 | 1.980 to 2.020 |" in text
+    assert {row.time for row in overall(accuracy(noise), "mse")} == {None}
+    assert table(accuracy(noise), ["mse"]).count("too noisy to rank | –") == 3
+
+
+def test_a_sequence_without_error_counts_for_nothing() -> None:
+    worst = overall(accuracy(sequence("one", (0.0, 4.0, 0.0)), sequence("two", (2.0, 8.0, 1.0))), "mse")[-1]
+    assert worst.errors == [None, 4.0]
+    assert worst.error == pytest.approx(4.0)
+
+
+def test_the_figure_is_drawn_for_several_sequences_alone(tmp_path: Path) -> None:
+    one, two = sequence("one", (1.0, 4.0, 0.5)), sequence("two", (0.0, 2.0, 1.0))
+    assert "overview.png" not in {path.name for path in write_plots(accuracy(one), tmp_path)}
+    assert {"overview.png", "overview.svg"} <= {path.name for path in write_plots(accuracy(one, two), tmp_path)}
+    assert (tmp_path / "overview.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("metric", ["mse", "psnr"])
+@pytest.mark.parametrize("wrong", [0, 1, 3])
+def test_what_errs_nowhere_has_no_place_on_a_plot(tmp_path: Path, metric: str, wrong: int) -> None:
+    """Nor does it warn, which tests take for an error: where none errs, where one does, where all do in some frames."""
+    one = sequence("one", (1.0, 4.0, 0.5))
+    none, some = {"mse": (0.0, 0.0), "psnr": (math.inf, math.inf)}, {"mse": (0.0, 0.1), "psnr": (math.inf, 20.0)}
+    cells = [
+        msgspec.structs.replace(cell, errors={metric: spread(metric, (some if place < wrong else none)[metric])})
+        for place, cell in enumerate(one.cells)
+    ]
+    result = msgspec.structs.replace(accuracy(msgspec.structs.replace(one, cells=cells)), metrics=[metric])
+    assert len(list(write_plots(result, tmp_path))) == 4
+    figure = front_figure(pyplot, result.sequences[0], metric, 0.1)
+    assert len(figure.axes[0].containers) == wrong
+    pyplot.close(figure)
+
+
+def test_names_on_the_front_do_not_overlap_and_stand_wherever_there_is_room() -> None:
+    """One that would cover another is left out, and one that stands a few letters beside it is not."""
+    measured = sequence("one", (1.0, 4.0, 0.5))
+    points = {"first": 1.0, "covered": 1.01, "beside": 1.5, "far": 10.0}
+    cells = [
+        msgspec.structs.replace(measured.cells[0], variant=name, wall=at(time), errors={"mse": spread("mse", [0.5])})
+        for name, time in points.items()
+    ]
+    figure = front_figure(pyplot, msgspec.structs.replace(measured, cells=cells), "mse", 0.1)
+    assert [text.get_text() for text in figure.axes[1].texts] == ["first", "beside", "far"]
+    pyplot.close(figure)
+
+
+def test_a_report_keeps_nothing_of_the_one_before(tmp_path: Path) -> None:
+    one, two = sequence("one", (1.0, 4.0, 0.5)), sequence("two", (0.0, 2.0, 1.0))
+    write_report(accuracy(one, two), tmp_path, pages={"index.html": "one, two"})
+    assert (tmp_path / "overview.md").is_file()
+    (tmp_path / "notes.md").touch()
+    write_report(accuracy(two), tmp_path)
+    names = {f"{kind}-two.{suffix}" for kind in ("front", "steps") for suffix in ("png", "svg")}
+    assert {path.name for path in tmp_path.iterdir()} == names | {"accuracy.json", "accuracy.csv", "notes.md"}
+
+
+def test_a_page_that_no_report_left_is_kept(tmp_path: Path) -> None:
+    (tmp_path / "index.html").touch()
+    write_report(accuracy(sequence("one", (1.0, 4.0, 0.5))), tmp_path)
+    assert (tmp_path / "index.html").exists()
+
+
+def test_reports_of_one_device_become_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    one, two = accuracy(sequence("one", (1.0, 4.0, 0.5))), accuracy(sequence("two", (2.0, 2.0, 1.0)))
+    folders = [report(tmp_path / name, result) for name, result in (("a", one), ("b", two))]
+    assert main(["bench", "overview", *folders, "-o", str(tmp_path / "both")]) == 0
+    text = capsys.readouterr().out
+    assert text == table(accuracy(*one.sequences, *two.sequences), ["mse"])
+    assert text == (tmp_path / "both" / "overview.md").read_text()
+    assert [measured.name for measured in read_report(tmp_path / "both").sequences] == ["one", "two"]
+    assert {"overview.png", "accuracy.csv", "front-two.svg"} <= {path.name for path in (tmp_path / "both").iterdir()}
+    assert main(["bench", "overview", *folders, "-o", str(tmp_path / "few"), "--pictured", "1"]) == 0
+    fronts = {path.name for path in (tmp_path / "few").glob("front-*.svg")}
+    assert fronts == {"front-one.svg"}
+    assert main(["bench", "overview", folders[0], "-o", str(tmp_path / "alone")]) == 0
+    assert (tmp_path / "alone" / "overview.md").read_text() == table(one, ["mse"])
+
+
+def test_reports_that_cannot_be_one_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    one, two = accuracy(sequence("one", (1.0, 4.0, 0.5))), accuracy(sequence("two", (2.0, 2.0, 1.0)))
+    elsewhere = msgspec.structs.replace(two, environment=msgspec.structs.replace(two.environment, device="another"))
+    threads = msgspec.structs.replace(two, environment=msgspec.structs.replace(two.environment, units=1))
+    folders = [report(tmp_path / str(place), result) for place, result in enumerate((one, elsewhere, one, threads))]
+    for wrong, words in (
+        (folders[1], "another device than in"),
+        (folders[2], "the sequence one is in two reports"),
+        (folders[3], "another number of compute units than in"),
+    ):
+        assert main(["bench", "overview", folders[0], wrong, "-o", str(tmp_path / "out")]) == 65
+        assert words in capsys.readouterr().err
+    (tmp_path / "1" / "accuracy.json").write_text("{}")
+    assert main(["bench", "overview", folders[1], "-o", str(tmp_path / "out")]) == 65
+    assert main(["bench", "overview", str(tmp_path / "none"), "-o", str(tmp_path / "out")]) == 66
+    assert not (tmp_path / "out").exists()
+
+
+def report(folder: Path, result: Accuracy) -> str:
+    folder.mkdir()
+    (folder / "accuracy.json").write_bytes(msgspec.json.encode(result))
+    return str(folder)
+
+
+def test_the_default_is_named_beside_its_point_even_where_something_beats_it() -> None:
+    measured = sequence("one", (1.0, 0.5, 0.4))
+    beaten = [msgspec.structs.replace(each, dominated_by={"mse": VARIANTS[2].name}) for each in measured.cells[:2]]
+    measured = msgspec.structs.replace(measured, cells=[*beaten, measured.cells[2]])
+    figure = front_figure(pyplot, measured, "mse", 0.1)
+    assert {text.get_text() for text in figure.axes[1].texts} == {VARIANTS[0].name, VARIANTS[2].name}
+    pyplot.close(figure)

@@ -1,0 +1,115 @@
+"""Channels that hold nothing, damaged ones, 8-bit sources, and files that lose precision."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from cltaa.frame import Frame
+from cltaa.io.exr_frame import Pixels
+from cltaa.lab.check.colour import check_channels, check_colour
+from cltaa.lab.check.hypotheses import Finding
+from cltaa.lab.check.report import check_folder
+from tests.sequence_factory import make_camera, make_frame
+
+
+def names(found: list[Finding], *, mistakes: bool = True) -> list[str]:
+    return [finding.name for finding in found if finding.mistake or not mistakes]
+
+
+def frames() -> list[Frame]:
+    return [make_frame(index, motion=True) for index in range(3)]
+
+
+def picture(frame: Frame, value: float) -> Frame:
+    return replace(frame, colour=np.broadcast_to(np.float32(value), frame.colour.shape).copy())
+
+
+@pytest.mark.parametrize(
+    ("name", "spoil"),
+    [
+        ("colour-constant", lambda f: picture(f, 0.5)),
+        ("colour-not-finite", lambda f: picture(f, np.nan)),
+        ("colour-repeated", lambda f: replace(f, colour=make_frame(0).colour)),
+        ("depth-constant", lambda f: replace(f, depth=np.full_like(f.depth, 3.0))),
+        ("depth-not-a-number", lambda f: replace(f, depth=np.full_like(f.depth, np.nan))),
+        ("motion-constant", lambda f: replace(f, motion=np.full((f.height, f.width, 2), 0.5, np.float32))),
+    ],
+)
+def test_channels_that_carry_nothing(name: str, spoil: Callable[[Frame], Frame]) -> None:
+    assert name in names(check_channels([spoil(frame) for frame in frames()], has_camera=False, has_depth=True))
+
+
+@pytest.mark.parametrize(("value", "found"), [(0.5, "motion-centred-on-half"), (0.25, "motion-constant")])
+def test_vectors_of_a_still_picture_may_lie_around_a_half(value: float, found: str) -> None:
+    camera, vectors = make_camera(), np.full((*make_frame().depth.shape, 2), value, np.float32)
+    spoilt = [replace(frame, motion=vectors, camera=camera) for frame in frames()]
+    assert names(check_channels(spoilt, has_camera=True, has_depth=True)) == [found]
+
+
+def test_sound_channels_pass() -> None:
+    sound = [replace(f, motion=np.random.default_rng(0).random((f.height, f.width, 2), np.float32)) for f in frames()]
+    assert check_channels(sound, has_camera=False, has_depth=True) == []
+
+
+@pytest.mark.parametrize(("brightest", "white"), [(9.0, 0.0), (1.0, 0.99)])
+def test_white_and_what_is_brighter_lie_on_no_step(brightest: float, white: float) -> None:
+    """A picture that is brighter than white all over, and one that is white but for a hundredth."""
+    random = np.random.default_rng(0)
+    light = random.uniform(brightest / 6, brightest, make_frame().colour.shape)
+    light[random.random(light.shape) < white] = brightest
+    found = check_colour([replace(make_frame(), colour=light.astype(np.float32))])
+    assert "colour-8-bit" not in names(found, mistakes=False)
+
+
+def test_eight_bits_are_told_from_light_made_of_them() -> None:
+    steps = np.random.default_rng(0).integers(0, 256, (40, 40, 3)).astype(np.float64) / 255
+    linear = np.where(steps <= 0.04045, steps / 12.92, ((steps + 0.055) / 1.055) ** 2.4)
+    encoded = [replace(make_frame(0), colour=steps.astype(np.float32))]
+    decoded = [replace(make_frame(0), colour=linear.astype(np.float32))]
+    assert names(check_colour(encoded)) == ["colour-encoded"]
+    assert names(check_colour(decoded)) == []
+    assert names(check_colour(decoded), mistakes=False) == ["colour-8-bit"]
+
+
+@pytest.mark.parametrize(
+    ("compression", "found"), [(OpenEXR.DWAA_COMPRESSION, ["file-lossy"]), (OpenEXR.PIZ_COMPRESSION, [])]
+)
+def test_codecs_that_lose_depth(compression: object, found: list[str], tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    for index in range(2):
+        planes = {name: (rng.random((32, 32)) ** 4 * 3).astype(np.float32) for name in "RGB"}
+        planes["Z"] = np.linspace(2, 9, 1024, dtype=np.float32).reshape(32, 32)
+        header = {"type": OpenEXR.scanlineimage, "compression": compression}
+        OpenEXR.File(header, planes).write(str(tmp_path / f"a.{index:04d}.exr"))
+    report, _ = check_folder(tmp_path)
+    assert names(report.findings) == found
+
+
+@pytest.mark.parametrize(
+    ("pixels", "compression", "found"),
+    [
+        (np.float32, OpenEXR.ZIP_COMPRESSION, []),
+        (np.float16, OpenEXR.ZIP_COMPRESSION, ["depth-half"]),
+        (np.float32, OpenEXR.DWAA_COMPRESSION, ["file-lossy"]),
+    ],
+)
+def test_depth_in_files_of_its_own_is_judged_by_these(
+    pixels: type, compression: object, found: list[str], tmp_path: Path
+) -> None:
+    """The colour beside it is in halves, in a channel of the same name, and packed without loss."""
+    rng = np.random.default_rng(0)
+    for index in range(2):
+        colour = {name: (rng.random((32, 32)) ** 4 * 3).astype(np.float16) for name in "RGB"}
+        depth: dict[str, Pixels] = {"R": np.linspace(2, 9, 1024).reshape(32, 32).astype(pixels)}
+        for name, planes, codec in (("color", colour, OpenEXR.ZIP_COMPRESSION), ("depth", depth, compression)):
+            header = {"type": OpenEXR.scanlineimage, "compression": codec}
+            OpenEXR.File(header, planes).write(str(tmp_path / f"{name}.{index:04d}.exr"))
+    report, _ = check_folder(tmp_path)
+    assert names(report.findings) == found
+    assert all("depth" in finding.evidence for finding in report.mistakes)

@@ -1,0 +1,126 @@
+"""Each margin of the detector by a case that lies on either side of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cltaa.frame import Frame
+from cltaa.lab.check.depth import check_depth
+from cltaa.lab.check.hypotheses import Finding
+from cltaa.lab.check.jitter import check_jitter
+from cltaa.lab.check.registration import Fit, Shot
+from cltaa.lab.check.report import check_frames
+from tests.lab.check.conftest import Scene
+from tests.lab.check.mistakes import MISTAKES, full_motion
+from tests.sequence_factory import make_camera, make_frame
+
+SIZE = HEIGHT, WIDTH = 48, 64
+
+
+def names(found: Sequence[Finding]) -> list[str]:
+    return [finding.name for finding in found]
+
+
+def of_depth(depth: np.ndarray) -> Frame:
+    return replace(make_frame(0, width=WIDTH, height=HEIGHT), depth=depth.astype(np.float32), motion=None)
+
+
+@pytest.mark.parametrize(("share", "found"), [(0.65, []), (0.95, ["depth-inverse"])])
+def test_surfaces_that_bend_like_a_reciprocal_must_be_most_of_the_picture(share: float, found: list[str]) -> None:
+    """Depth grows evenly over some rows, as over a plane only 1/Z does; the other rows are planes."""
+    x, y = np.linspace(0.0, 1.0, WIDTH), np.linspace(0.0, 0.3, HEIGHT)[:, None]
+    even, plane = 3.0 + x + y, 1.0 / (0.3 + 0.4 * x + 0.1 * y)
+    depth = np.where(np.arange(HEIGHT)[:, None] < share * HEIGHT, even, plane)
+    assert names(check_depth([of_depth(depth)])) == found
+
+
+@pytest.mark.parametrize(("sky", "name"), [(1.0, "depth-device"), (0.0, "depth-inverse")])
+@pytest.mark.parametrize("below", ["nearer", "farther"])
+def test_the_sky_tells_which_way_a_depth_buffer_runs(sky: float, name: str, below: str) -> None:
+    """Whatever the lower rows hold: under a ceiling they are the far ones."""
+    rise = np.linspace(0.2, 0.8, HEIGHT)[:, None] + np.linspace(0.0, 0.1, WIDTH)
+    towards = rise if (below == "nearer") == (sky == 0.0) else rise[::-1].copy()
+    towards[20:23] = sky
+    assert names(check_depth([of_depth(towards)])) == [name]
+
+
+@pytest.mark.parametrize(("nearer_below", "name"), [(True, "depth-device"), (False, "depth-inverse")])
+def test_without_a_sky_the_lower_rows_are_the_near_ones(nearer_below: bool, name: str) -> None:
+    rise = np.linspace(0.2, 0.8, HEIGHT)[:, None] + np.linspace(0.0, 0.1, WIDTH)
+    assert names(check_depth([of_depth(rise[::-1] if nearer_below else rise)])) == [name]
+
+
+OFFSETS = np.array([(-0.5, 0.2), (0.3, -0.4), (0.1, 0.5), (-0.2, -0.3), (0.5, 0.1), (-0.4, 0.4), (0.2, -0.5)])
+
+
+def judged(declared: np.ndarray, measured: np.ndarray) -> list[str]:
+    """What shifts ``measured`` between frames say of a jitter ``declared``, before a camera that travels."""
+    frames = [
+        replace(make_frame(index, camera=make_camera((0.1 * index, 0.0, 5.0))), jitter_px=(float(x), float(y)))
+        for index, (x, y) in enumerate(declared)
+    ]
+    fits = [Fit(shift, np.eye(2), 0.1, 100) for shift in np.diff(measured, axis=0)]
+    return names(check_jitter(Shot(frames, (frames[0].width, frames[0].height)), fits))
+
+
+@pytest.mark.parametrize(("size", "found"), [(0.05, []), (1.0, ["jitter-absent"])])
+def test_jitter_too_small_to_measure_is_not_judged(size: float, found: list[str]) -> None:
+    assert judged(size * OFFSETS, 0.0 * OFFSETS) == found
+
+
+@pytest.mark.parametrize(("size", "found"), [(0.05, []), (1.0, ["jitter-late"])])
+def test_nor_is_its_delay(size: float, found: list[str]) -> None:
+    assert judged(size * OFFSETS, size * np.roll(OFFSETS, 1, axis=0)) == found
+
+
+@pytest.mark.parametrize(("size", "found"), [(0.05, ["jitter-none"]), (0.5, ["jitter-missing"])])
+def test_nor_is_it_missed(size: float, found: list[str]) -> None:
+    assert judged(0.0 * OFFSETS, size * OFFSETS) == found
+
+
+def test_shifts_that_fine_patterns_shorten_are_not_taken_for_half_a_jitter() -> None:
+    assert judged(OFFSETS, -0.7 * OFFSETS) == ["jitter-negated"]
+    assert judged(OFFSETS, -0.5 * OFFSETS) == ["jitter-scaled-0.5-negated"]
+
+
+def drifting(speed: float, declared: float) -> list[Frame]:
+    """Waves whose right half moves right by up to ``speed`` pixels a frame, where vectors say up to ``declared``."""
+    y, x = np.mgrid[:72, :128].astype(np.float64)
+    frames = []
+    for index in range(8):
+        share = np.where(y < 36, 1.0, 0.7) * (x >= 64)
+        at = x - index * speed * share
+        light = 0.5 + 0.2 * np.sin(at / 2.5) + 0.2 * np.sin(y / 3)
+        frame = make_frame(index, width=128, height=72, jitter_px=(0.0, 0.0), camera=make_camera())
+        motion = np.where((x >= 64)[..., None], share[..., None] * np.array([-declared, 0.0]), np.nan)
+        frames.append(
+            replace(
+                frame,
+                colour=np.repeat(light[..., None], 3, -1).astype(np.float32),
+                motion=motion.astype(np.float32),
+                depth=(1.0 / (0.2 + 0.001 * x)).astype(np.float32),
+                reactive=None,
+            )
+        )
+    return frames
+
+
+@pytest.mark.parametrize(("speed", "found"), [(0.02, []), (0.5, ["motion-negated"])])
+def test_vectors_too_short_to_matter_are_not_judged(speed: float, found: list[str]) -> None:
+    assert [name for name in names(check_frames(drifting(speed, -speed))) if name.startswith("motion")] == found
+    assert [name for name in names(check_frames(drifting(speed, speed))) if name.startswith("motion")] == []
+
+
+@pytest.mark.parametrize("name", ["conveyor", "sparks"])
+@pytest.mark.parametrize("mistake", ["motion-jittered", "motion-jittered-reversed"])
+def test_jitter_in_vectors_that_all_move_or_all_rest_is_no_mistake_of_the_jitter(
+    mistake: str, name: str, small: Scene
+) -> None:
+    """Before a belt that fills the picture its shift is measured through the vectors, and is not there."""
+    frames = small(name) if name == "conveyor" else full_motion(small(name))
+    found = check_frames(MISTAKES[mistake].plant(frames))
+    assert [finding.name for finding in found if finding.mistake] == [mistake]

@@ -1,0 +1,35 @@
+"""Declarations held against the pixels of every scene: sound ones raise no alarm, and one effect left out is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from cltaa.frame import Effect
+from cltaa.io.exr_write import write_frame
+from cltaa.lab.inspect.findings import inspect_folder
+from tests.lab.check.conftest import Scene
+from tests.lab.check.test_detector import SCENES
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_sound_declaration_raises_no_alarm(name: str, scene: Scene) -> None:
+    path = scene(name)[0].path
+    assert path is not None
+    assert inspect_folder(path.parent, pixels=True).problems == []
+
+
+@pytest.mark.parametrize(
+    ("name", "effect", "told"),
+    [
+        *((name, Effect.UNCOVER, "something comes into view at frame") for name in ("corridor", "occluder", "orbit")),
+        *((name, Effect.SHADING, "colour changes at frame") for name in ("flash", "glints", "shadow")),
+    ],
+)
+def test_what_is_left_out_is_told(name: str, effect: Effect, told: str, scene: Scene, tmp_path: Path) -> None:
+    for frame in scene(name):
+        assert frame.effects is not None
+        write_frame(tmp_path / f"a.{frame.index:04d}.exr", replace(frame, effects=frame.effects - {effect}))
+    assert [problem[: len(told)] for problem in inspect_folder(tmp_path, pixels=True).problems] == [told]

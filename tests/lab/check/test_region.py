@@ -1,0 +1,51 @@
+"""``cltaa check`` on files whose data window is a region of the display window: fractions are of the latter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from cltaa.frame import Frame
+from cltaa.io.exr_frame import frame_attributes, frame_planes
+from cltaa.io.exr_write import write_image
+from cltaa.lab.check.report import check_folder
+from tests.lab.check.conftest import Scene
+from tests.lab.check.mistakes import MISTAKES
+
+LEFT, TOP, COLUMNS, ROWS = 26, 8, 112, 72  # of 160 x 90
+
+
+def write_region(folder: Path, frames: Sequence[Frame]) -> Path:
+    """Write of each frame the pixels of a region, with the matrices of the whole."""
+    folder.mkdir()
+    window = LEFT, TOP, LEFT + COLUMNS - 1, TOP + ROWS - 1
+    part = slice(TOP, TOP + ROWS), slice(LEFT, LEFT + COLUMNS)
+    for frame in frames:
+        path = folder / f"a.{frame.index:04d}.exr"
+        planes = {name: plane[part] for name, plane in frame_planes(frame, path).items()}
+        display = 0, 0, frame.width - 1, frame.height - 1
+        write_image(path, planes, frame_attributes(frame), windows=(window, display))
+    return folder
+
+
+@pytest.mark.parametrize("name", ["spinner", "corridor"])
+def test_a_correct_region_raises_no_alarm(name: str, scene: Scene, tmp_path: Path) -> None:
+    report, _ = check_folder(write_region(tmp_path / "in", scene(name)))
+    assert report.mistakes == []
+
+
+@pytest.mark.parametrize(
+    ("mistake", "option"),
+    [
+        ("motion-units-uv", "motion.scale=160,90"),
+        ("motion-units-ndc", "motion.scale=80,-45"),
+        ("motion-centred-on-half-uv", "motion.scale=160,90 --input motion.offset=0.5,0.5"),
+        ("jitter-units-uv", "jitter.scale=160,90"),
+    ],
+)
+def test_fractions_are_of_the_display_window(mistake: str, option: str, scene: Scene, tmp_path: Path) -> None:
+    report, _ = check_folder(write_region(tmp_path / "in", MISTAKES[mistake].plant(scene("spinner"))))
+    found = [(finding.name, finding.option) for finding in report.mistakes]
+    assert found == [(mistake, f"--input {option}")]

@@ -1,0 +1,267 @@
+"""``cltaa inspect`` from the outside: facts of a sound sequence, and every problem of a bad one."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from cltaa.cli import main
+from cltaa.frame import Camera, Effect, Frame
+from cltaa.io.exr_write import write_frame
+from tests.sequence_factory import HEIGHT, WIDTH, make_camera, make_frame, write_images, write_sequence
+
+OFFSETS = ((0.25, 0.125), (-0.25, 0.25), (0.0, -0.375))  # mean (0, 0)
+
+
+def write(folder: Path, frames: list[Frame]) -> Path:
+    folder.mkdir(exist_ok=True)
+    for frame in frames:
+        write_frame(folder / f"synthetic.{frame.index:04d}.exr", frame)
+    return folder
+
+
+def sound(index: int, **changes: Any) -> Frame:
+    """Frame of a sequence that declares all that happens in it."""
+    return make_frame(index, **{"jitter_px": OFFSETS[index % 3], **changes})
+
+
+def findings(capsys: pytest.CaptureFixture[str], folder: Path, *options: str, code: int = 65) -> Any:
+    assert main(["inspect", str(folder), "--json", *options]) == code
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    return json.loads(captured.out)
+
+
+def problems(capsys: pytest.CaptureFixture[str], folder: Path, *options: str) -> str:
+    found = findings(capsys, folder, *options)["problems"]
+    assert len(found) == 1, found
+    return str(found[0])
+
+
+def test_facts(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    effects = frozenset({Effect.CAMERA, Effect.MOTION, Effect.CUT, Effect.EXPOSURE})
+    changes = {"motion": True, "effects": effects}
+    frames = [sound(i, cut=i == 5, exposure=2.0 if i > 6 else 1.0, **changes) for i in range(2, 10)]
+    write(tmp_path, frames)
+    truth = [frame.colour for frame in frames]
+    write_images(tmp_path / "reference", truth, name="synthetic", first=2, samples=64)
+    found = findings(capsys, tmp_path, code=0)
+    assert found["problems"] == []
+    assert (found["first"], found["last"], found["frames"]) == (2, 9, 8)
+    assert (found["width"], found["height"], found["compression"]) == (WIDTH, HEIGHT, "zip")
+    assert found["channels"] == dict.fromkeys(["B", "G", "R", "Z", "backward.u", "backward.v"], "float")
+    assert found["effects"] == ["camera", "cut", "exposure", "motion"]
+    assert found["jitter"] == {"period": 3, "mean_px": [0.0, 0.0], "largest_px": 0.375}
+    assert found["camera"] == "moves"
+    assert (found["cuts"], found["exposures"]) == ([5], [1.0, 2.0])
+    assert found["reference"] == {"frames": 8, "samples": 64}
+    assert found["disk_bytes"] == sum(path.stat().st_size for path in tmp_path.rglob("*.exr"))
+    assert found["statistics"] == {}
+
+
+def test_cameras(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    still = [sound(i, camera=make_camera(), effects=frozenset()) for i in range(3)]
+    assert findings(capsys, write(tmp_path / "still", still), code=0)["camera"] == "still"
+    zoom = [sound(i, camera=make_camera(aspect=1 + i / 10)) for i in range(3)]
+    assert findings(capsys, write(tmp_path / "zoom", zoom), code=0)["camera"] == "zooms"
+    flat = [sound(i, camera=Camera(np.eye(4), np.diag([1, 1, -0.02, 1.0])), effects=None) for i in range(3)]
+    found = findings(capsys, write(tmp_path / "flat", flat), code=0)
+    assert found["orthographic"]
+    assert found["effects"] is None
+
+
+def test_pixels(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    frames = [sound(i) for i in range(3)]
+    frames[1].colour[4, 5] = (np.nan, 7.5, -np.inf)
+    write(tmp_path, frames)
+    assert findings(capsys, tmp_path, code=0)["statistics"] == {}
+    found = findings(capsys, tmp_path, "--pixels")
+    pixels = 3 * WIDTH * HEIGHT
+    assert found["statistics"]["G"]["highest"] == 7.5
+    assert found["statistics"]["R"]["nan"] == 1
+    assert found["statistics"]["B"]["infinite"] == 1
+    assert found["statistics"]["Z"] | {"lowest": 0, "highest": 0} == {
+        "lowest": 0,
+        "highest": 0,
+        "nan": 0,
+        "infinite": 3 * WIDTH,
+        "zero": 0,
+        "count": pixels,
+    }
+    assert found["problems"] == [f"channel {name}: 1 of {pixels} values are not finite" for name in "BR"]
+
+
+@pytest.mark.parametrize(
+    ("channel", "value", "message"),
+    [
+        ("depth", -1.0, "not in front of the camera"),
+        ("depth", np.nan, "channel Z: 1 of 851 values are not finite"),
+        ("alpha", 1.5, "leaves 0 to 1"),
+        ("motion", np.inf, "are not finite"),
+    ],
+)
+def test_bad_pixels(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, channel: str, value: float, message: str
+) -> None:
+    effects = frozenset({Effect.ALPHA, Effect.MOTION})
+    frame = make_frame(alpha=True, motion=True, effects=effects, jitter_px=(0.0, 0.0))
+    getattr(frame, channel)[3, 3] = value
+    found = findings(capsys, write(tmp_path, [frame]), "--pixels")["problems"]
+    assert any(message in problem for problem in found)
+
+
+def test_motion_that_is_never_needed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    still = replace(
+        make_frame(motion=True, effects=frozenset({Effect.MOTION}), jitter_px=(0.0, 0.0)),
+        motion=np.zeros((HEIGHT, WIDTH, 2), np.float32),
+    )
+    found = findings(capsys, write(tmp_path, [still]), "--pixels")["problems"]
+    assert found == [f"channel backward.{axis}: all zero; nothing moves, so the channel is not needed" for axis in "uv"]
+
+
+def test_every_problem_is_listed_at_once(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    write(tmp_path, [sound(i) for i in range(9)])
+    for number in (3, 4, 6):
+        (tmp_path / f"synthetic.{number:04d}.exr").unlink()
+    path = tmp_path / "synthetic.0007.exr"
+    path.write_bytes(path.read_bytes()[:-1])
+    (tmp_path / "synthetic.0008.exr").rename(tmp_path / "synthetic.0009.exr")
+    found = findings(capsys, tmp_path)["problems"]
+    for message in (
+        "frames missing: 3-4, 6, 8",
+        "synthetic.0007.exr: the file is truncated",
+        "cltaa:frame of frame 9",
+    ):
+        assert sum(message in problem for problem in found) == 1, found
+
+
+def test_the_same_in_many_frames_is_one_problem(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    for number in (0, 1, 2, 5):
+        frame = sound(number)
+        write_frame(tmp_path / f"synthetic.{number:04d}.exr", frame)
+    for number in (1, 2, 5):
+        path = tmp_path / f"synthetic.{number:04d}.exr"
+        path.write_bytes(b"")
+    found = findings(capsys, tmp_path)["problems"]
+    assert len(found) == 2, found
+    assert found[1].endswith(
+        "synthetic.0001.exr: the file is empty (expected an EXR image); write it again; the same in frames 2, 5"
+    )
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"alpha": True}, "effect alpha is there but not declared"),
+        ({"motion": True}, "effect motion is there but not declared"),
+        ({"reactive": True}, "effect reactive is there but not declared"),
+        ({"effects": frozenset()}, "effect camera is there but not declared"),
+        ({"jitter_px": (0.25, 0.0)}, "jitter is not centred: its mean shifts the image by up to 0.25 pixels"),
+    ],
+)
+def test_broken_promises(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, changes: dict[str, Any], message: str
+) -> None:
+    assert problems(capsys, write(tmp_path, [sound(i, **changes) for i in range(3)])) == message
+
+
+def test_undeclared_cut_and_exposure(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    write(tmp_path, [sound(i, cut=i == 2, exposure=1.0 + i) for i in range(3)])
+    found = findings(capsys, tmp_path)["problems"]
+    assert found == [f"effect {name} is there but not declared" for name in ("cut", "exposure")]
+
+
+def test_frames_that_differ(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    size = write(tmp_path / "size", [sound(i, width=WIDTH + (i == 2)) for i in range(3)])
+    assert problems(capsys, size) == "size of frame 2 differs from that of frame 0"
+    declared = frozenset({Effect.CAMERA, Effect.ALPHA})
+    channels = write(tmp_path / "channels", [sound(i, alpha=i > 0, effects=declared) for i in range(3)])
+    assert problems(capsys, channels) == "channels of frames 1-2 differ from those of frame 0"
+    effects = write(tmp_path / "effects", [sound(i, effects=declared if i == 1 else None) for i in range(3)])
+    assert problems(capsys, effects) == "other effects than the first are declared by frame 1"
+
+
+def test_lossy_compression_and_half_motion(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    write(tmp_path, [sound(i, motion=True, effects=frozenset({Effect.CAMERA, Effect.MOTION})) for i in range(3)])
+    for path in tmp_path.iterdir():
+        file = OpenEXR.File(str(path), separate_channels=True)
+        header = {k: v for k, v in file.header().items() if k != "channels"} | {"compression": OpenEXR.DWAA_COMPRESSION}
+        halves = {"backward.u", "backward.v"}
+        channels = {
+            name: channel.pixels.astype(np.float16 if name in halves else np.float32)
+            for name, channel in file.channels().items()
+        }
+        OpenEXR.File(header, channels).write(str(path))
+    found = findings(capsys, tmp_path)["problems"]
+    assert found[0] == "compression dwaa loses precision; depth and motion need all of it"
+    assert [problem.split(":")[0] for problem in found[1:]] == [
+        f"channel backward.{axis} is half precision" for axis in "uv"
+    ]
+
+
+def test_reference_that_does_not_fit(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    frames = [sound(i) for i in range(4)]
+    write(tmp_path, frames)
+    write_images(tmp_path / "reference", [frame.colour[:, 1:] for frame in frames[:2]], name="synthetic")
+    assert findings(capsys, tmp_path)["problems"] == [
+        "reference missing for frames 2-3",
+        f"reference is {WIDTH - 1} x {HEIGHT}, frames {WIDTH} x {HEIGHT}",
+    ]
+    (tmp_path / "reference" / "synthetic.0000.exr").write_bytes(b"")
+    assert "the file is empty" in problems(capsys, tmp_path)
+
+
+def test_words_for_a_person(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    write(tmp_path, [sound(i) for i in range(6)])
+    assert main(["inspect", str(tmp_path), "--pixels"]) == 0
+    out = capsys.readouterr().out
+    for words in ("6: 0 to 5", f"{WIDTH} x {HEIGHT}", "repeats after 3", "moves, perspective", "no problem found"):
+        assert words in out
+    (tmp_path / "synthetic.0002.exr").unlink()
+    assert main(["inspect", str(tmp_path)]) == 65
+    assert "✗ frames missing: 2" in capsys.readouterr().out
+
+
+def test_nothing_to_inspect(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    for folder, message in ((tmp_path / "nowhere", "folder is missing"), (tmp_path, "no frames in the folder")):
+        assert main(["inspect", str(folder)]) == 66
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert message in captured.err
+        assert captured.err.count("\n") == 1
+    write_sequence(tmp_path, 1)
+    write_sequence(tmp_path, 1, name="other")
+    assert main(["inspect", str(tmp_path)]) == 65
+
+
+def test_gap_of_half_a_billion_frames_is_told_at_once(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """A name may hold any number; the numbers between must not be counted out in memory."""
+    write(tmp_path, [sound(0)])
+    (tmp_path / "synthetic.0000.exr").rename(tmp_path / "synthetic.500000000.exr")
+    write(tmp_path, [sound(0), sound(1)])
+    found = findings(capsys, tmp_path)["problems"]
+    assert found[0] == "frames missing: 2-499999999"
+
+
+def test_pixels_are_held_against_the_record(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    write(tmp_path, [sound(i) for i in range(4)])
+    (tmp_path / "sequence.json").write_text(json.dumps({"files": {"synthetic.0002.exr": "0" * 64}}))
+    findings(capsys, tmp_path, code=0)  # headers alone do not tell
+    assert "synthetic.0002.exr: the content is not what was recorded" in problems(capsys, tmp_path, "--pixels")
+    (tmp_path / "sequence.json").write_text("{")
+    assert "sequence.json: not readable as JSON" in problems(capsys, tmp_path, "--pixels")
+
+
+def test_an_option_that_would_change_nothing_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    folder = str(write_sequence(tmp_path / "a", 2))
+    for option in (["--preset", "t5"], ["--device", "numpy"], ["--effects", "all"], ["--half"]):
+        assert main(["inspect", folder, *option]) == 64
+        assert capsys.readouterr().err == f"cltaa: error: {option[0]} says how to plan a resolve; add --plan\n"
+    assert main(["inspect", folder, "--plan", "--pixels"]) == 64
+    assert "--pixels and --plan are two reports; leave one of them out" in capsys.readouterr().err

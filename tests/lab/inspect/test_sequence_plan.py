@@ -1,0 +1,179 @@
+"""The plan of a sequence: sections of frames with one plan, from headers alone, and what the steps cost."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from msgspec.structs import asdict
+
+import cltaa
+from cltaa.cli import main
+from cltaa.core.parameters import LightChange, Rectify
+from cltaa.core.plan import CHOICE_OF_STEP, LIGHT, RECTIFICATION, STEP_NAMES, plan_frame, toggled
+from cltaa.core.presets import load_preset
+from cltaa.frame import Effect
+from cltaa.io.exr_write import write_frame
+from cltaa.lab.inspect import plan as sequence_plan
+from cltaa.lab.inspect.plan import SequencePlan
+from tests.sequence_factory import make_camera, make_frame
+
+WALK = (0, 1, 2, 2, 2, 3, 4)  # steps of the camera: it stands on frames 3 and 4; frame 5 is a cut
+STEPS = [
+    "reprojection",
+    "own motion",
+    "exposure",
+    "alpha",
+    "reactive",
+    "change of light",
+    "rectification",
+    "rejection",
+    "luminance weights",
+]
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("walk")
+    for index, place in enumerate(WALK):
+        frame = make_frame(
+            index,
+            camera=make_camera((0.1 * place, 0.0, 5.0)),
+            cut=index == 5,
+            reactive=True,
+            effects=frozenset({Effect.CAMERA, Effect.CUT, Effect.REACTIVE}),
+        )
+        write_frame(folder / f"walk.{index:04d}.exr", frame)
+    return folder
+
+
+def running(plan: SequencePlan) -> list[tuple[int, int, bool, set[str]]]:
+    return [(s.first, s.last, s.starts, {step.name for step in s.steps if step.on}) for s in plan.sections]
+
+
+def test_a_camera_that_stops_and_a_cut_make_spans(walk: Path) -> None:
+    plan = cltaa.plan(cltaa.open_sequence(walk), device="numpy", rounds=0)
+    moving = {"reprojection", "reactive", "change of light", "rectification"}
+    assert running(plan) == [(0, 2, True, moving), (3, 4, False, moving - {"reprojection"}), (5, 6, True, moving)]
+    assert plan.kernels == 2
+    assert all([step.name for step in section.steps] == STEPS for section in plan.sections)
+    assert all(step.why and step.milliseconds is None for section in plan.sections for step in section.steps)
+
+
+@pytest.mark.parametrize("name", ["default", "t5"])
+def test_a_step_is_turned_on_as_its_preset_has_it(name: str) -> None:
+    preset, frame = load_preset(name), make_frame(effects=frozenset({Effect.CAMERA}))
+    plan = plan_frame(preset, frame, None)
+    assert plan.choices.light_change is LightChange.IGNORE
+    on = toggled(plan, preset, LIGHT).choices.light_change
+    assert on is preset.choices.light_change is (LightChange.SPANS if name == "t5" else LightChange.TEST)
+
+
+@pytest.mark.parametrize("name", ["default", "t3-200", "t5"])
+@pytest.mark.parametrize("effects", [None, frozenset({Effect.CAMERA})])
+def test_no_other_step_is_turned_with_one(name: str, effects: frozenset[Effect] | None) -> None:
+    preset, frame = load_preset(name), make_frame(effects=effects)
+    plan = plan_frame(preset, frame, None)
+    for step, on, _ in plan.reasons:
+        other = toggled(plan, preset, step)
+        turned, chosen = (
+            dict(asdict(new).items() - asdict(old).items())
+            for old, new in ((plan.steps, other.steps), (plan.choices, other.choices))
+        )
+        if step in CHOICE_OF_STEP:
+            field, off, _ = CHOICE_OF_STEP[step]
+            assert (turned, [*chosen], chosen[field] is off) == ({}, [field], on)
+        elif step == RECTIFICATION:
+            assert (turned, other.choices.rectify is Rectify.NONE) == ({}, on)
+        else:
+            assert chosen == {}
+            assert [(STEP_NAMES[field], value) for field, value in turned.items()] == [(step, not on)]
+
+
+@pytest.mark.parametrize(
+    ("preset", "on", "why"),
+    [
+        ("default", True, "something may make history wrong"),
+        ("t0", False, "the preset says rectify = none"),
+        ("t5", False, "kept samples are chosen, not moved into a box"),
+        ("karis", True, "as published"),
+        ("babylon-accumulate", False, "the preset says rectify = none"),
+    ],
+)
+def test_rectification_runs_where_the_kernel_has_it(walk: Path, preset: str, on: bool, why: str) -> None:
+    found = cltaa.plan(cltaa.open_sequence(walk), preset, device="numpy", rounds=0)
+    told = [(step.on, step.why) for step in found.sections[0].steps if step.name == "rectification"]
+    assert told == [(on, why)]
+
+
+@pytest.mark.parametrize(
+    ("preset", "without"),
+    [
+        ("t0", {"reproject", "rectify", "reject", "weighting", "light_change"}),
+        ("t2", {"reject", "light_change"}),
+        ("default", set()),
+        ("vireo-source", {"reject", "weighting", "light_change", "exposure_change", "reactive_mask"}),
+    ],
+)
+def test_a_step_that_a_preset_does_without_is_laid_to_the_preset(walk: Path, preset: str, without: set[str]) -> None:
+    found = cltaa.plan(cltaa.open_sequence(walk), preset, device="numpy", rounds=0, effects="all")
+    off = [step.why for step in found.sections[0].steps if not step.on]
+    assert {why.split()[3] for why in off if why.startswith("the preset says ")} == without
+    assert not any("any may occur" in why for why in off)
+
+
+def test_all_and_named_effects(walk: Path) -> None:
+    sequence = cltaa.open_sequence(walk)
+    (first, second) = cltaa.plan(sequence, device="numpy", rounds=0, effects="all").sections
+    assert all(step.on != (step.name == "change of light") for section in (first, second) for step in section.steps)
+    assert (first.first, first.last, second.first, second.last) == (0, 4, 5, 6)
+    named = cltaa.plan(sequence, device="numpy", rounds=0, effects=frozenset({Effect.CAMERA}))
+    assert running(named)[0] == (0, 2, True, {"reprojection", "rectification"})
+
+
+def test_every_step_is_timed_on_and_off(walk: Path) -> None:
+    plan = cltaa.plan(cltaa.open_sequence(walk), device="numpy", rounds=3)
+    for section in plan.sections:
+        assert section.milliseconds is not None
+        assert section.every_milliseconds is not None
+        assert min(section.milliseconds, section.every_milliseconds) > 0.0
+        assert all(step.milliseconds is not None for step in section.steps)
+    # Frames with one plan share their times: it is measured once.
+    first, second, third = (
+        [section.milliseconds, *(step.milliseconds for step in section.steps)] for section in plan.sections
+    )
+    assert first == third
+    assert first != second
+
+
+def test_the_command_line(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["inspect", str(walk), "--plan", "--device", "numpy", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [(section["first"], section["last"]) for section in found["sections"]] == [(0, 2), (3, 4), (5, 6)]
+    assert main(["inspect", str(walk), "--plan", "--device", "numpy"]) == 0
+    out = capsys.readouterr().out
+    assert "frames 3 to 4" in out
+    assert "with every step that leaves the bits as they are (" in " ".join(out.split())
+    assert "the camera stands" in out
+    assert "frames 5 to 6, history begins: as frames 0 to 2" in out
+
+
+def test_an_unknown_effect_is_named(walk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["inspect", str(walk), "--plan", "--effects", "smell"]) == 64
+    assert "--effects: unknown effect" in capsys.readouterr().err
+
+
+def test_halves_are_planned_for_where_they_are_asked_for(walk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    planned = sequence_plan.plan
+
+    def noted(*arguments: Any, half: bool, **more: Any) -> Any:
+        asked.append(half)
+        return planned(*arguments, half=half, **more)
+
+    monkeypatch.setattr(sequence_plan, "plan", noted)
+    for options in ([], ["--half"]):
+        assert main(["inspect", str(walk), "--plan", "--device", "numpy", *options]) == 0
+    assert asked == [False, True]

@@ -1,0 +1,85 @@
+"""``cltaa compare``: which frames of A and B are judged, and which lack."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cltaa.cli import main
+from cltaa.errors import InputMissing
+from cltaa.io.sequence import open_sequence
+from tests.lab.judge.test_compare_command import refusal, run_json
+from tests.sequence_factory import make_frame, write_images, write_sequence
+
+
+@pytest.mark.parametrize("missing", [0, 1, 3])
+def test_frames_that_have_a_truth_are_judged_where_others_have_none(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, missing: int
+) -> None:
+    (capture / "reference" / f"synthetic.{missing:04d}.exr").unlink()
+    said = refusal(capsys, 66, resolved, capture)
+    assert f"frame {missing}: no reference for this frame" in said
+    assert "choose frames that both have with --frames" in said
+    judged = run_json(capsys, resolved, capture, "--frames", "2", "--metrics", "mse", "--video")
+    assert [row["frame"] for row in judged["frames"]] == [2]
+    assert judged["equal_quality_samples"]["method"] == "n^-1.5 law"
+    with pytest.raises(InputMissing, match=r"the reference of this frame is missing \(found .*\); capture it again"):
+        _ = open_sequence(capture).reference
+
+
+def cut_short(resolved: Path, kept: int) -> None:
+    for path in sorted(resolved.glob("*.exr"))[kept:]:
+        path.unlink()
+
+
+def test_frames_that_a_resolve_did_not_finish_are_told(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path, tmp_path: Path
+) -> None:
+    other = write_images(tmp_path / "other", [make_frame(number).colour for number in range(2)], name="synthetic")
+    cut_short(resolved, 2)
+    line = "A has 2 of the 4 frames of B: frames 2-3 are not judged; finish A, or choose frames with --frames"
+    for truth in (capture, capture / "reference"):
+        assert main(["compare", str(resolved), str(truth), "--metrics", "mse"]) == 0
+        assert capsys.readouterr().err.count(f"cltaa: warning: {line}\n") == 1
+        result = run_json(capsys, resolved, truth, "--metrics", "mse")
+        assert result["warnings"] == [line]
+        assert result["not_judged"] == [2, 3]
+    several = run_json(capsys, resolved, other, capture, "--metrics", "mse")["compared"]
+    assert [line in one["warnings"] for one in several] == [True, True]
+    cut_short(resolved, 1)
+    line = "A has 1 of the 4 frames of B: frames 1-3 are not judged; finish A, or choose frames with --frames"
+    assert run_json(capsys, resolved, capture, "--metrics", "mse")["warnings"] == [line]
+
+
+def test_frames_that_nobody_asked_for_are_not_told_to_lack(
+    capsys: pytest.CaptureFixture[str], capture: Path, resolved: Path
+) -> None:
+    """Those outside --frames, those beside a single file, and those without a truth."""
+    files = sorted(resolved.glob("*.exr"))
+    for paths in ((resolved, capture, "--frames", "1-2"), (files[1], capture), (files[1], capture / "reference")):
+        result = run_json(capsys, *paths, "--metrics", "mse")
+        assert (result["warnings"], result["not_judged"]) == ([], [])
+    cut_short(resolved, 2)
+    for path in sorted((capture / "reference").glob("*.exr"))[2:]:
+        path.unlink()
+    assert run_json(capsys, resolved, capture, "--metrics", "mse")["warnings"] == []
+
+
+def test_frames_that_lack_between_those_that_are_asked_for_are_told(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Numbers may lie evenly apart, as where every second frame is resolved."""
+    capture = write_sequence(tmp_path / "capture", 5, reference=True)
+    resolved = write_images(tmp_path / "resolved", [make_frame().colour] * 5, name="synthetic")
+    for number in (1, 3):
+        (resolved / f"synthetic.{number:04d}.exr").unlink()
+    result = run_json(capsys, resolved, capture, "--metrics", "mse", "--frames", "0-2")
+    assert result["not_judged"] == [1]
+    line = "A has 2 of the 3 frames of B: frame 1 is not judged; finish A, or choose frames with --frames"
+    assert result["warnings"] == [line]
+
+
+def test_no_frame_in_common(capsys: pytest.CaptureFixture[str], resolved: Path, tmp_path: Path) -> None:
+    other = write_images(tmp_path / "other", [make_frame().colour] * 2, first=10)
+    assert "no frame number in common: number them alike" in refusal(capsys, 66, resolved, other)

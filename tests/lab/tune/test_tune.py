@@ -1,0 +1,247 @@
+"""``cltaa tune``: goals, the search on a sequence whose answer is known, and the check elsewhere."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from cltaa.cli import main
+from cltaa.commands.tune import outcome_lines
+from cltaa.core.backend import Launcher, launcher_for
+from cltaa.core.presets import Preset, load_preset, override
+from cltaa.errors import UsageError
+from cltaa.io.preset_file import load_config
+from cltaa.lab.tune.record import Trial
+from cltaa.lab.tune.search import Goal, Tuned, overfits, parse_goal, preset_text
+from tests.sequence_factory import write_sequence
+
+
+def test_goals() -> None:
+    assert parse_goal("5ms", None, "flip") == Goal(metric="flip", budget_ms=5.0)
+    assert parse_goal("0.25", None, "mse") == Goal(metric="mse", budget_ms=0.25)
+    assert parse_goal(None, "flip=0.02", "mse") == Goal(metric="flip", target=0.02)
+
+
+@pytest.mark.parametrize(
+    ("budget", "target", "metric"),
+    [
+        (None, None, "mse"),
+        ("5ms", "mse=1", "mse"),
+        ("five", None, "mse"),
+        ("-1ms", None, "mse"),
+        ("5ms", None, "psnr"),
+        (None, "mse", "mse"),
+        (None, "ssim=0.9", "mse"),
+        (None, "mse=nan", "mse"),
+    ],
+)
+def test_wrong_goals(budget: str | None, target: str | None, metric: str) -> None:
+    with pytest.raises(UsageError):
+        parse_goal(budget, target, metric)
+
+
+def test_a_score_never_prefers_what_breaks_the_limit_for_less() -> None:
+    goal = Goal(metric="mse", budget_ms=2.0)
+    assert goal.score(1.0, 1.0) == goal.score(1.0, 2.0) == 1.0
+    assert goal.score(0.5, 4.0) > goal.score(1.0, 2.0)
+    assert goal.reached(9.0, 2.0)
+    assert not goal.reached(0.0, 2.1)
+    other = Goal(metric="mse", target=0.1)
+    assert other.score(0.2, 1.0) > other.score(0.1, 2.0)
+    assert other.reached(0.1, 99.0)
+
+
+@pytest.mark.parametrize(
+    ("gain", "elsewhere", "verdict"), [(2.0, 1.5, False), (2.0, 1.1, True), (1.0, 0.5, False), (2.0, 0.0, True)]
+)
+def test_over_fitting(gain: float, elsewhere: float, verdict: bool) -> None:
+    assert overfits(gain, elsewhere) is verdict
+
+
+@pytest.mark.parametrize("name", ["default", "t1", "karis"])
+def test_preset_text_is_toml_that_resolve_reads(name: str, tmp_path: Path) -> None:
+    base = load_preset(name)
+    trial = Trial(values={}, error=1.0, milliseconds=1.0)
+    tuned = Tuned(
+        goal=Goal(metric="mse", budget_ms=5.0),
+        start=trial,
+        best=trial,
+        trials=3,
+        reached=True,
+        searched_on=['a "b"'],
+        checked_on=["c"],
+        gain=2.0,
+        gain_elsewhere=1.0,
+        overfits=True,
+    )
+    # Some are the values that a preset begins from, and not those of the default.
+    wanted = override(base, {"rectify": "clip", "sample_limit": 31.7, "light_change": "ignore", "resample_cost": 1.5})
+    path = tmp_path / "tuned.toml"
+    path.write_text(preset_text(tuned, wanted))
+    assert "over-fits" in tomllib.loads(path.read_text())["description"]
+    read = load_config(path, load_preset())  # as resolve --config does
+    assert (read.choices, read.settings, read.published) == (wanted.choices, wanted.settings, base.published)
+
+
+def test_search_finds_something_no_worse_and_checks_it_elsewhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folders = [write_sequence(tmp_path / name, 3, reference=True, seed=seed) for seed, name in enumerate("ab")]
+    output = tmp_path / "tuned.toml"
+    arguments = [
+        "tune",
+        *map(str, folders),
+        "--budget",
+        "10000ms",
+        "--trials",
+        "4",
+        "-o",
+        str(output),
+        "--device",
+        "numpy",
+    ]
+    assert main([*arguments, "--json"]) == 0
+    tuned = json.loads(capsys.readouterr().out)
+    assert (tuned["searched_on"], tuned["checked_on"]) == (["a"], ["b"])
+    assert tuned["reached"]
+    assert tuned["best"]["error"] <= tuned["start"]["error"]
+    assert tuned["gain"] == pytest.approx(tuned["start"]["error"] / tuned["best"]["error"])
+    assert np.isfinite(tuned["gain_elsewhere"])
+    load_config(output, load_preset())
+    assert main([*arguments, "--check", str(folders[0])]) == 64
+    assert "both searched and checked" in capsys.readouterr().err
+
+
+def test_an_output_that_cannot_be_written_is_told_before_the_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = write_sequence(tmp_path / "a", 2, reference=True)
+    monkeypatch.setattr("cltaa.commands.tune.tune", lambda *_, **__: pytest.fail("it searched"))
+    arguments = ["tune", str(folder), "--budget", "5ms", "--device", "numpy"]
+    for output in (tmp_path / "nowhere" / "t.toml", tmp_path):
+        assert main([*arguments, "-o", str(output)]) == 73
+    assert capsys.readouterr().err.count("cltaa: error: ") == 2
+
+
+def test_the_search_begins_with_the_preset_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also where its numbers lie beyond what is searched, as t1's sample_limit does."""
+    tried: list[Preset] = []
+
+    def error(_: object, preset: Preset) -> float:
+        tried.append(preset)
+        return float(len(tried))  # the first is the best
+
+    monkeypatch.setattr("cltaa.lab.tune.search.Bench.error", error)
+    monkeypatch.setattr("cltaa.lab.tune.search.Bench.milliseconds", lambda *_: 1.0)
+    folder, output = write_sequence(tmp_path / "a", 2, reference=True), tmp_path / "t.toml"
+    arguments = ["tune", str(folder), "--budget", "5ms", "--preset", "t1", "--trials", "2", "--device", "numpy"]
+    assert main([*arguments, "-o", str(output)]) == 0
+    assert "nothing better" in capsys.readouterr().out
+    assert tried[0] == load_preset("t1")
+    assert load_config(output, load_preset()).deciding() == load_preset("t1").deciding()
+    (tmp_path / "mine.toml").write_text("blend_weight = 0.25\n")
+    tried.clear()
+    assert main([*arguments, "--config", str(tmp_path / "mine.toml"), "-o", str(output)]) == 0
+    assert tried[0].deciding() == override(load_preset("t1"), {"blend_weight": 0.25}).deciding()
+    assert load_config(output, load_preset()).deciding() == tried[0].deciding()
+
+
+def test_a_single_sequence_is_said_to_be_unchecked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_sequence(tmp_path / "a", 2, reference=True)
+    arguments = ["tune", str(folder), "--target", "mse=1e-9", "--trials", "2", "--device", "numpy"]
+    assert main([*arguments, "-o", str(tmp_path / "t.toml")]) == 0
+    printed = capsys.readouterr().out
+    assert "not checked on any other sequence" in printed
+    assert "the goal was not reached" in printed
+
+
+def test_it_is_said_where_nothing_better_was_found() -> None:
+    start = Trial(values={"rectify": "clip"}, error=0.1, milliseconds=1.0)
+    found = Tuned(
+        goal=Goal(metric="mse", budget_ms=5.0),
+        start=start,
+        best=start,
+        trials=2,
+        reached=True,
+        searched_on=["a"],
+        checked_on=["b"],
+        gain=1.0,
+        gain_elsewhere=1.0,
+        overfits=False,
+    )
+    better = msgspec.structs.replace(found, best=msgspec.structs.replace(start, values={"rectify": "none"}))
+    for tuned, words in ((found, "nothing better"), (better, "it holds there")):
+        assert sum(words in line for line in outcome_lines(tuned)) == 1
+    assert not any("holds" in line for line in outcome_lines(found))
+
+
+FOUND = Tuned(
+    goal=Goal(metric="flip", budget_ms=5.0),
+    start=Trial(values={"rectify": "clip"}, error=0.25, milliseconds=4.0),
+    best=Trial(values={"rectify": "none"}, error=0.125, milliseconds=3.0),
+    trials=7,
+    reached=True,
+    searched_on=["a", "b"],
+    checked_on=["c", "d"],
+    gain=2.0,
+    gain_elsewhere=1.5,
+    overfits=False,
+)
+
+
+def test_what_is_said_of_the_outcome() -> None:
+    began = "flip 0.125 in 3 ms a frame; it began with 0.25 in 4 ms (7 trials on a, b)"
+    gained = "error 2.000 times smaller where it was searched, 1.500 times on c, d: "
+    assert outcome_lines(FOUND) == [began, gained + "it holds there"]
+    assert outcome_lines(msgspec.structs.replace(FOUND, overfits=True)) == [began, gained + "it over-fits"]
+    once = msgspec.structs.replace(FOUND, trials=1, searched_on=["a"], checked_on=[], gain_elsewhere=None)
+    first, second = outcome_lines(once)
+    assert first.endswith("(1 trial on a)")
+    assert "not checked" in second
+
+
+def test_what_is_asked_for_is_searched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And the command that uses the outcome is one that a shell does not take apart."""
+    asked: dict[str, Any] = {}
+
+    def found(searched: list[Any], checked: list[Any], goal: Goal, launcher: Launcher, **more: Any) -> Any:
+        names = [[sequence.folder.name for sequence in some] for some in (searched, checked)]
+        asked.update(more, names=names, goal=goal, device=launcher.description)
+        return FOUND
+
+    monkeypatch.setattr("cltaa.commands.tune.tune", found)
+    folders = [write_sequence(tmp_path / name, 2, reference=True) for name in "abc"]
+    output = tmp_path / "what was found.toml"
+    options = ["--budget", "5ms", "--metric", "flip", "--trials", "7", "--seed", "3", "--device", "numpy"]
+    assert main(["tune", *map(str, folders), *options, "-o", str(output)]) == 0
+    assert asked.pop("base") == load_preset()
+    assert asked == {
+        "names": [["a", "b"], ["c"]],
+        "goal": FOUND.goal,
+        "device": launcher_for("numpy").description,
+        "trials": 7,
+        "seed": 3,
+        "output": output,
+    }
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == f"written to {output}; use it with: cltaa resolve --config '{output}'"
+
+
+def test_another_way_to_a_sequence_is_the_same_sequence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_sequence(tmp_path / "a", 2, reference=True)
+    monkeypatch.chdir(tmp_path)
+    command = ["tune", str(tmp_path / "a"), "--check", "a", "--budget", "5ms", "--device", "numpy", "-o", "t.toml"]
+    assert main(command) == 64
+    assert "both searched and checked" in capsys.readouterr().err

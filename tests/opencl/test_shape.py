@@ -1,0 +1,105 @@
+"""Which shape a device's kernels get, and that neither what they fetch ahead nor their way changes a bit."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from cltaa.core.build import Build, Steps, Storage, prelude
+from cltaa.core.presets import load_preset
+from cltaa.core.resolver import Resolver
+from cltaa.frame import Image
+from cltaa.lab.bench.frames import Motion, make_frames
+from cltaa.opencl.device import Device, cpu_shape
+from cltaa.opencl.launcher import DeviceLauncher
+from cltaa.opencl.shape import (
+    CPU_4,
+    CPU_8,
+    CPU_16,
+    INTEL_16,
+    ITEMS_A_UNIT,
+    Shape,
+    shared_out,
+)
+
+INTEL, AMD = "GenuineIntel", "AuthenticAMD"  # as every version of PoCL has it from the CPU itself
+
+
+@pytest.mark.parametrize(
+    ("width", "vendor", "shape"),
+    [(16, INTEL, INTEL_16), (16, AMD, CPU_16), (8, INTEL, CPU_8), (8, AMD, CPU_8), (4, INTEL, CPU_4)],
+)
+def test_a_cpu_gets_the_shape_of_its_vectors_and_its_maker(width: int, vendor: str, shape: Shape) -> None:
+    assert cpu_shape(width, vendor) == shape
+
+
+@pytest.mark.parametrize(
+    ("width", "known", "shape"),
+    [(16, 16, CPU_16), (16, 8, CPU_8), (8, 16, CPU_8), (8, 4, CPU_4), (16, None, CPU_16), (4, None, CPU_8)],
+)
+def test_no_more_lanes_than_the_compiler_s_target_has(
+    width: int, known: int | None, shape: Shape, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cltaa.opencl.device.known_lanes", lambda: known)
+    device = Device.__new__(Device)
+    device.is_cpu = True
+    device.cl_device = cast(Any, SimpleNamespace(vendor=AMD, native_vector_width_float=width))
+    assert device.shape == shape
+
+
+def resolved(shape: Shape, storage: Storage, monkeypatch: pytest.MonkeyPatch) -> tuple[int, Image]:
+    monkeypatch.setattr(Device, "shape", shape)
+    resolver = Resolver("default", DeviceLauncher(), storage=storage)
+    image = [resolver.resolve(frame) for frame in make_frames(150, 90, Motion.TURN)][-1]
+    assert resolver.last is not None
+    return resolver.last.build.columns_ahead, image
+
+
+@pytest.mark.parametrize("storage", [Storage.FLOAT, Storage.HALF])
+def test_columns_fetched_ahead_change_no_bit(storage: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
+    near, next_one = resolved(CPU_16._replace(columns_ahead=0), storage, monkeypatch)
+    far, third = resolved(CPU_16, storage, monkeypatch)
+    _, second = resolved(CPU_16._replace(far_first=False), storage, monkeypatch)
+    assert (near, far) == (0, CPU_16.columns_ahead)
+    assert np.array_equal(next_one.view(np.uint32), third.view(np.uint32))
+    assert np.array_equal(second.view(np.uint32), third.view(np.uint32))
+
+
+@pytest.mark.parametrize(
+    ("shape", "preset", "first"),
+    [(CPU_16, "default", True), (CPU_16, "t2", True), (CPU_16, "t0", False), (INTEL_16, "default", False)],
+)
+def test_far_lines_come_into_the_first_cache_where_that_was_measured_to_pay(
+    shape: Shape, preset: str, first: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Device, "shape", shape)
+    chosen = load_preset(preset)
+    steps = Steps(camera_motion=preset != "t0", own_motion=False)
+    build = DeviceLauncher().build(Build(choices=chosen.choices, steps=steps))
+    assert f"#define FAR_FIRST {int(first)}\n" in prelude(build)
+
+
+@pytest.mark.parametrize("storage", [Storage.FLOAT, Storage.HALF])
+def test_a_walk_along_rows_changes_no_bit(storage: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cltaa.opencl.shape.ITEMS_A_UNIT", 0)  # as few work-items as can be, on any number of cores
+    _, down = resolved(CPU_16, storage, monkeypatch)
+    _, along = resolved(INTEL_16, storage, monkeypatch)
+    assert np.array_equal(down.view(np.uint32), along.view(np.uint32))
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 720), (1920, 1080), (2560, 1440), (3840, 2160)])
+def test_work_items_along_rows_are_as_many_on_each_of_sixteen_cores(width: int, height: int) -> None:
+    steps, rest = divmod(height, INTEL_16.rows)
+    items = steps * shared_out(width // INTEL_16.lanes, INTEL_16.columns, steps, 16)
+    assert rest == 0
+    assert items % 16 == 0
+
+
+def test_rows_are_shared_out_evenly_and_keep_every_core_busy() -> None:
+    assert shared_out(120, 16, 17, 2) == 8
+    assert shared_out(16, 16, 4, 16) == 4 * ITEMS_A_UNIT == 16  # 256 x 256 on 16 cores: a column each
+    assert shared_out(3, 16, 1, 16) == 3  # never more than there are segments
+    assert all(-(-segments // shared_out(segments, 16, 100, 2)) <= 16 for segments in range(1, 1100))

@@ -1,0 +1,112 @@
+"""The memory of a resolve by what is read and kept of its files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cltaa.cli import main
+from cltaa.core.build import Steps, texel_planes
+from cltaa.core.planes import Layout
+from cltaa.inputs.open import open_input
+from cltaa.io.exr_frame import frame_attributes, frame_planes
+from cltaa.io.exr_write import write_image
+from cltaa.io.sequence import open_sequence
+from cltaa.io.streams import AHEAD, BEHIND
+from cltaa.pipeline import memory
+from cltaa.pipeline.memory import PlanesHeld, of_sequence
+from cltaa.pipeline.output import chosen_layers, kept_kinds
+from tests.inputs.foreign import write_blender
+from tests.sequence_factory import HEIGHT, WIDTH, make_frame
+
+TEXELS = WIDTH * HEIGHT
+LAYERS = {"albedo.R": np.float32, "mask.A": np.float16, "count": np.uint32}
+HELD = PlanesHeld(Steps())
+
+
+@pytest.fixture(scope="module")
+def layered(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("layered")
+    for frame in (make_frame(0), make_frame(1)):
+        path = folder / f"layered.{frame.index:04d}.exr"
+        layers = {name: np.zeros((HEIGHT, WIDTH), kind) for name, kind in LAYERS.items()}
+        write_image(path, {**frame_planes(frame, path), **layers}, frame_attributes(frame))
+    return folder
+
+
+def planned(folder: Path, capsys: pytest.CaptureFixture[str], *more: str) -> dict[str, int]:
+    assert main(["inspect", str(folder), "--plan", "--device", "numpy", "--json", *more]) == 0
+    found: dict[str, int] = json.loads(capsys.readouterr().out)["memory"]
+    return found
+
+
+def test_channels_that_no_frame_holds_take_no_memory(layered: Path) -> None:
+    sequence = open_sequence(layered)
+    assert sequence.channels == frozenset("RGBZ")
+    assert of_sequence(sequence, HELD).frames == memory.of_resolve(WIDTH, HEIGHT, "RGBZ", 0, 0, HELD).frames
+
+
+def test_layers_stay_until_their_result_is_written(layered: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    without, none, some, every = (
+        planned(layered, capsys, *more)
+        for more in ([], ["--layers", "none"], ["--layers", "mask.*,count"], ["--layers", "all"])
+    )
+    assert without["layers"] == none["layers"] == 0  # own files keep none by themselves
+    assert some["layers"] == (1 + BEHIND) * (2 + 4) * TEXELS
+    assert every["layers"] == (1 + BEHIND) * (4 * 4 + 4 + 2 + 4) * TEXELS  # R G B Z are decoded once more
+    blocks = 4 * 2 + 5 * BEHIND  # that are packed at a time, each of all rows here
+    assert some["packing"] - none["packing"] == blocks * (2 + 4) * TEXELS
+    assert every["packing"] - none["packing"] == blocks * (4 + 4 + 2 + 4) * TEXELS  # the result has its own R G B
+    assert every["frames"] == none["frames"]
+
+
+def test_what_decides_the_history_is_counted(layered: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    haloed = Layout(WIDTH, HEIGHT).plane
+    floats, halves, doubled, both = (
+        planned(layered, capsys, *more)["device"]
+        for more in (
+            [],
+            ["--storage", "half"],
+            ["--set", "history_of=doubled"],
+            ["--storage", "half", "--set", "history_of=doubled"],
+        )
+    )
+    assert halves - floats == -2 * 3 * 2 * haloed  # history and result
+    assert doubled - floats == 2 * texel_planes(False) * 4 * haloed
+    assert both - halves == 2 * texel_planes(False) * 2 * haloed
+    config = tmp_path / "doubled.toml"
+    config.write_text('history_of = "doubled"\n')
+    assert planned(layered, capsys, "--config", str(config))["device"] == doubled
+
+
+def test_bands_that_are_asked_for_are_counted(layered: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    whole, bands = planned(layered, capsys), planned(layered, capsys, "--band-rows", "4")
+    assert bands["results"] == 4 * TEXELS  # the count of each pixel
+    assert bands["device"] < whole["device"]
+
+
+def test_a_layer_that_is_not_there_is_refused_by_name(layered: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["inspect", str(layered), "--plan", "--layers", "nothing"]) == 64
+    assert "--layers: no such channel" in capsys.readouterr().err
+
+
+def test_layers_of_another_tool_are_kept_unless_none_are_wanted(tmp_path: Path) -> None:
+    sequence = open_input(write_blender(tmp_path, [make_frame(n, motion=True, effects=None) for n in (1, 2)]))
+    assert sequence.channels == {*"RGBZ", "backward.u", "backward.v"}
+    kept = kept_kinds(sequence, chosen_layers(None, sequence))
+    assert set(kept) == {"ViewLayer.Depth.Z", *(f"ViewLayer.Vector.{name}" for name in "XYZW")}
+    assert kept_kinds(sequence, chosen_layers(("none",), sequence)) == {}
+    told = of_sequence(sequence, HELD, kept)
+    assert told.layers == (1 + BEHIND) * 5 * 4 * TEXELS
+    packed = max(path.stat().st_size for path in sequence.files)
+    # Eight channels as they are decoded, and six beside each other to be converted.
+    assert told.reading == AHEAD * (packed + (8 + 6) * 4 * TEXELS)
+
+
+def test_what_openexr_decodes_beside_is_counted(layered: Path) -> None:
+    sequence = open_sequence(layered)
+    packed = max(path.stat().st_size for path in sequence.files)
+    assert of_sequence(sequence, HELD).reading == AHEAD * packed + (3 + len(LAYERS)) * 4 * TEXELS
