@@ -1,0 +1,200 @@
+"""The equations of docs/algorithm.md, written from the page alone in float64, against the default preset.
+
+Where the two part, one of them is wrong. Nothing here comes from the kernels or their twins: the motion of the camera
+is that of whole matrices, and statistics are NumPy's.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import cltaa
+
+Array = NDArray[np.float64]
+
+HEIGHT, WIDTH, FRAMES = 24, 40, 6
+# Colours up to 2.4. The oracle computes in float32 and carries its own roundings through six frames: worst seen 5.8e-7.
+TOLERANCE = 1e-6
+KNEE, FALLOFF, FILTER_SAMPLES, SAMPLE_LIMIT = 4.0, 1.5, 8.0, 24.0
+EDGE, DEPTH, CLIP_PENALTY, RESAMPLING_PENALTY, BOX_FLOOR = 0.03, 0.05, 0.5, 1.0, 2.0**-10
+AROUND = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
+Y, X = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
+
+
+class Case(NamedTuple):
+    """What is declared, and what the page's table says of it."""
+
+    effects: frozenset[cltaa.Effect] | None
+    static: float
+    moving: float
+    rejects: bool
+    weighs: bool
+    reactive: bool = False
+
+
+CASES = {
+    "nothing-declared": Case(None, 1.0, 1.0, rejects=True, weighs=True),
+    "nothing-declared-reactive": Case(None, 1.0, 1.0, rejects=True, weighs=True, reactive=True),
+    "camera-declared": Case(frozenset({cltaa.Effect.CAMERA}), 1.5, 1.25, rejects=False, weighs=False),
+}
+
+
+class Left(NamedTuple):
+    """What a frame leaves to the next one."""
+
+    colour: Array
+    samples: Array
+    inverse_depth: Array
+    camera: cltaa.Camera
+
+
+def frames(case: Case) -> list[cltaa.Frame]:
+    """A box before a slanted wall with a low relief, noise on all, a camera that turns and travels, one bad texel."""
+    rng = np.random.default_rng(3)
+    base, near = rng.random((HEIGHT, WIDTH, 3)) * 2, 0.1
+    wall = (5.0 + 0.05 * X) * np.where((X > 28) & (Y < 12), 0.9, 1.0)
+    depth = np.where((X > 15) & (X < 24) & (Y > 6), 2.0, wall).astype(np.float32)
+    focal = 1 / np.tan(np.radians(60) / 2)
+    lens = [[focal * HEIGHT / WIDTH, 0, 0, 0], [0, focal, 0, 0], [0, 0, -1, -2 * near], [0, 0, -1, 0]]
+    made = []
+    for index in range(FRAMES):
+        colour = (base + 0.4 * rng.random(base.shape)).astype(np.float32)
+        if index == 2:
+            colour[5, 6, 1] = np.nan
+        turn, view = 0.004 * index, np.eye(4)
+        view[[0, 0, 2, 2], [0, 2, 0, 2]] = np.cos(turn), np.sin(turn), -np.sin(turn), np.cos(turn)
+        view[:3, 3] = -0.05 * index, 0.02 * index, 0.1 * index
+        jitter = tuple(rng.uniform(-0.5, 0.5, 2))
+        mask = rng.random(depth.shape).astype(np.float32) if case.reactive else None
+        camera = cltaa.Camera(view, np.array(lens))
+        made.append(cltaa.Frame(index, colour, depth, camera, jitter, effects=case.effects, reactive=mask))
+    return made
+
+
+def around(image: Array) -> dict[tuple[int, int], Array]:
+    """The nine images of the 3x3 neighbours of each pixel, edges repeated."""
+    wide = np.pad(image, [(1, 1), (1, 1)] + [(0, 0)] * (image.ndim - 2), mode="edge")
+    return {(dy, dx): wide[1 + dy : 1 + dy + HEIGHT, 1 + dx : 1 + dx + WIDTH] for dy, dx in AROUND}
+
+
+def to_ycocg(c: Array) -> Array:
+    r, g, b = np.moveaxis(c, -1, 0)
+    return np.stack([(r + 2 * g + b) / 4, (r - b) / 2, (2 * g - r - b) / 4], -1)
+
+
+def from_ycocg(v: Array) -> Array:
+    y, o, g = np.moveaxis(v, -1, 0)
+    return np.stack([y - g + o, y + g, y - g - o], -1)
+
+
+def repaired(frame: cltaa.Frame) -> Array:
+    """Step 1."""
+    colour = frame.colour.astype(np.float64)
+    good = np.isfinite(colour).min(-1, keepdims=True)
+    usable: Any = sum(around(np.where(good, colour, 0)).values())
+    count: Any = sum(around(good.astype(np.float64)).values())
+    return np.where(good, colour, usable / np.maximum(count, 1))
+
+
+def nearest_surface(q: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """Step 3: inverse depth and place of the surface that is followed, and the range of the 3x3."""
+    near, far = (pick(list(around(q).values()), 0) for pick in (np.max, np.min))
+    edge = np.abs((near - q) - (q - far)) > EDGE * np.abs(near)
+    followed, right, down = q.copy(), np.zeros_like(q), np.zeros_like(q)
+    for dy, dx in sorted(AROUND, key=lambda at: (at[0] != 0, at[0], at[1] != 0, at[1])):
+        nearer = edge & (around(q)[dy, dx] > followed)
+        followed = np.where(nearer, around(q)[dy, dx], followed)
+        right, down = np.where(nearer, dx, right), np.where(nearer, dy, down)
+    return followed, right, down, near, far
+
+
+def reproject(
+    q: Array, right: Array, down: Array, frame: cltaa.Frame, before: cltaa.Camera
+) -> tuple[Array, Array, Array]:
+    """Step 4 by whole matrices: displacement in pixels, and what takes inverse depth to the previous frame."""
+    lens, depth = frame.camera.view_to_clip, 1 / q
+    x, y = X + right + 0.5 + frame.jitter_px[0], Y + down + 0.5 + frame.jitter_px[1]
+    across, up = (2 * x / WIDTH - 1) * depth / lens[0, 0], (1 - 2 * y / HEIGHT) * depth / lens[1, 1]
+    seen = np.stack([across, up, -depth, np.ones_like(depth)], -1)
+    to_before = before.view_to_clip @ before.world_to_view @ np.linalg.inv(frame.camera.world_to_view)
+    clip = seen @ to_before.T
+    w = clip[..., 3]
+    return (clip[..., 0] / w + 1) * WIDTH / 2 - x, (1 - clip[..., 1] / w) * HEIGHT / 2 - y, depth / w
+
+
+def spline(f: Array) -> tuple[Array, Array, Array, Array]:
+    """Step 6."""
+    w0, w2, w3 = f * (-0.5 + f * (1 - f / 2)), f * (0.5 + f * (2 - 1.5 * f)), f * f * (-0.5 + f / 2)
+    return w0, 1 - w0 - w2 - w3, w2, w3
+
+
+def filtered(colour: Array, jitter: tuple[float, float]) -> Array:
+    """The Gaussian of step 9."""
+    columns, rows = (np.exp(-FALLOFF * (np.arange(-1, 2) + j) ** 2) for j in jitter)
+    weights = np.outer(rows / rows.sum(), columns / columns.sum())
+    total: Array = sum((weights[1 + dy, 1 + dx] * c for (dy, dx), c in around(colour).items()), np.zeros_like(colour))
+    return total
+
+
+def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
+    """One frame by the ten steps of the page."""
+    colour, q = repaired(frame), 1 / frame.depth.astype(np.float64)
+    box = around(to_ycocg(colour))
+    followed, right, down, near, far = nearest_surface(q)
+    u, v, scale = reproject(followed, right, down, frame, left.camera)
+    valid = (X + u >= -0.5) & (X + u <= WIDTH - 0.5) & (Y + v >= -0.5) & (Y + v <= HEIGHT - 0.5)
+    column, row = (np.where(valid, np.floor(p), 0).astype(int) for p in (u, v))
+    fx, fy = np.where(valid, u - np.floor(u), 0), np.where(valid, v - np.floor(v), 0)
+
+    def past(plane: Array, dx: int, dy: int) -> Array:
+        rows, columns = (Y + dy).astype(int) + row, (X + dx).astype(int) + column
+        texels: Array = plane[np.clip(rows, 0, HEIGHT - 1), np.clip(columns, 0, WIDTH - 1)]
+        return texels
+
+    if case.rejects:
+        slack = DEPTH * np.maximum(np.abs(near * scale), np.abs(far * scale))
+        four = [past(left.inverse_depth, dx, dy) for dx in (0, 1) for dy in (0, 1)]
+        valid &= np.any([(t >= far * scale - slack) & (t <= near * scale + slack) for t in four], 0)
+    taps = ((wx * wy, i - 1, j - 1) for j, wy in enumerate(spline(fy)) for i, wx in enumerate(spline(fx)))
+    history = sum((w[..., None] * past(left.colour, dx, dy) for w, dx, dy in taps), np.zeros_like(colour))
+    linear = ((wx * wy, dx, dy) for dx, wx in ((0, 1 - fx), (1, fx)) for dy, wy in ((0, 1 - fy), (1, fy)))
+    count = sum((w * past(left.samples, dx, dy) for w, dx, dy in linear), np.zeros_like(q))
+
+    gamma = case.moving + np.maximum(0, 1 - np.maximum(np.abs(u), np.abs(v))) * (case.static - case.moving)
+    low, high = (pick(list(box.values()), 0) for pick in (np.min, np.max))
+    centre, extent = (low + high) / 2, gamma[..., None] * (high - low) / 2
+    change = np.clip(to_ycocg(history), centre - extent, centre + extent) - to_ycocg(history)
+    history = history + from_ycocg(change)
+    clipped = np.abs(change[..., 0]) / np.maximum(extent[..., 0], BOX_FLOOR * np.abs(centre[..., 0]))
+
+    reactivity = np.zeros_like(q) if frame.reactive is None else frame.reactive.astype(np.float64)
+    limit = 1 / (1 / SAMPLE_LIMIT + RESAMPLING_PENALTY * (fx * (1 - fx) + fy * (1 - fy)))
+    n = np.minimum(count / (1 + CLIP_PENALTY * clipped), limit) * (1 - reactivity)
+    soft = filtered(colour, frame.jitter_px)
+    share = np.where(valid, np.minimum(1 / (n + 1), FILTER_SAMPLES / (n + 1) ** 2), 1)
+    if case.weighs:
+        share = share * (KNEE / (KNEE + to_ycocg(soft)[..., 0])) ** 2
+    sample = colour + share[..., None] * (soft - colour)
+    bright_history, bright_sample = (
+        KNEE + to_ycocg(c)[..., 0] if case.weighs else np.ones_like(q) for c in (history, sample)
+    )
+    now, before = (1 + reactivity * n) * bright_history, (1 - reactivity) * n * bright_sample
+    blended = history + (now / (now + before))[..., None] * (sample - history)
+    out = np.where(valid[..., None], blended, sample)
+    stored = np.maximum(out, np.minimum(sample, 0))
+    return Left(stored, np.where(valid, n + 1, 1), q, frame.camera)
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+def test_the_equations_of_the_page_are_those_of_the_default(case: Case) -> None:
+    resolver = cltaa.Resolver("default", device="numpy")
+    first, *others = frames(case)
+    assert np.array_equal(resolver.resolve(first), first.colour)
+    left = Left(repaired(first), np.ones((HEIGHT, WIDTH)), 1 / first.depth.astype(np.float64), first.camera)
+    for frame in others:
+        left = resolve(frame, left, case)
+        assert np.abs(resolver.resolve(frame) - left.colour).max() < TOLERANCE
