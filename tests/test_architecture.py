@@ -30,7 +30,7 @@ LAYERS = (
     ("printable", "errors", "interrupt", "process", "progress", "frame", "camera"),
     ("core",),
     ("opencl", "reference"),
-    ("exr", "io"),
+    ("io",),
     ("inputs",),
     ("pipeline",),
     ("lab",),
