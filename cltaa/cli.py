@@ -16,6 +16,7 @@ from cltaa.errors import CltaaError, InternalError, ResourceError, StorageError,
 from cltaa.interrupt import Stop, ends_at_once, ignore_signals, interrupts
 from cltaa.pipeline.debug_views import are_views
 from cltaa.printable import printable
+from cltaa.process import configure
 
 # A module is imported when its command runs, and not to list it: ``cltaa resolve`` needs no OpenGL, ``cltaa capture``
 # no OpenCL, and ``cltaa --help`` neither.
@@ -79,8 +80,7 @@ def _outcome(arguments: list[str]) -> int:
     _open_standard_streams()
     if os.environ.get("COLUMNS") == "0":  # a width that is not known, of which tables would have no column
         del os.environ["COLUMNS"]
-    # NumPy's linear algebra starts a thread a core when it is imported, which then waits busily; our matrices are 4x4.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    configure()
     debug, arguments = _take_debug(arguments)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

@@ -19,6 +19,7 @@ import numpy as np
 from cltaa.errors import CltaaError
 from cltaa.frame import Camera, Frame
 from cltaa.opencl.cache import cache_folder, check_cache
+from cltaa.process import configure
 
 # Bits of cl_device_fp_config (OpenCL 1.2, table 4.3).
 FP_DENORM = 1 << 0
@@ -136,4 +137,5 @@ def main(name: str, *arguments: str) -> None:
 
 
 if __name__ == "__main__":
+    configure()
     main(*sys.argv[1:])

@@ -13,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.text import Text
 
 from cltaa.printable import printable
+from cltaa.process import is_own
 
 Item = TypeVar("Item")
 Advance = Callable[[int, int], None]  # called with how many are done, and of how many
@@ -81,4 +82,5 @@ def progress_bar(unit: str) -> Progress:
     """A bar on standard error that shows a task's description and ``unit`` a second, and vanishes at the end."""
     description = TextColumn("{task.description}", markup=False)
     columns = (description, BarColumn(), MofNCompleteColumn(), _RateColumn(unit), TimeRemainingColumn())
-    return Progress(*columns, console=Console(stderr=True), transient=True)
+    own = is_own()  # what is printed above the bar goes through it then
+    return Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=own, redirect_stderr=own)

@@ -9,6 +9,11 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from cltaa.process import configure
+
+# Tests call the command line in their own process; what the library leaves alone is for tests/test_host_process.py.
+configure()
+
 # A busy machine is slow, and no property of ours is one of time.
 # The same examples in every run; many, and new ones each time, where asked for: pytest --hypothesis-profile=big
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)

@@ -30,7 +30,7 @@ LAYERS = (
     ("printable", "errors", "interrupt", "process", "progress", "frame", "camera"),
     ("core",),
     ("opencl", "reference"),
-    ("exr", "io"),
+    ("io",),
     ("inputs",),
     ("pipeline",),
     ("lab",),
@@ -39,7 +39,7 @@ LAYERS = (
 # The one arrow upwards: a resolver that is given no launcher asks for one by its device's name.
 CHOOSES_LAUNCHER = TOP / "cltaa" / "core" / "backend.py"
 # The only modules that speak OpenCL.
-SPEAK_OPENCL = {TOP / "cltaa" / "opencl" / name for name in ("device.py", "program.py", "free_calls.py")}
+SPEAK_OPENCL = {TOP / "cltaa" / "opencl" / name for name in ("device.py", "program.py")}
 
 VAGUE_NAME = re.compile(r"(?i)(manager|helper|utils?$|utils?_|^common|_common|_misc|^misc)")
 LONGEST_MODULE, LONGEST_FUNCTION = 600, 60  # lines, docs/design.md

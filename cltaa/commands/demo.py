@@ -15,6 +15,7 @@ from cltaa.commands.printing import print_line, print_table
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
 from cltaa.frame import Image
+from cltaa.interrupt import stop_signals
 from cltaa.io.png import side_by_side, write_image_png, write_png
 from cltaa.io.sequence import ImageSequence, open_images, open_sequence
 from cltaa.io.video import import_av, write_side_by_side
@@ -75,7 +76,7 @@ def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: s
     resolver = Resolver(device=device)  # a device that is not there is told before the work, not after it
     _capture(scene, folder, frames, size)
     sequence = open_sequence(folder).select(0, frames - 1)
-    outcome = resolve_sequence(sequence, resolved, resolver, restart=True)
+    outcome = resolve_sequence(sequence, resolved, resolver, restart=True, stopping=stop_signals())
     after = open_images(resolved).select(0, frames - 1)
     assert sequence.reference is not None
     gain = _judge(open_images(folder).select(0, frames - 1), after, sequence.reference, outcome)

@@ -27,6 +27,7 @@ from cltaa.core.build import STORAGES, Storage
 from cltaa.core.presets import Preset
 from cltaa.errors import UsageError
 from cltaa.inputs.open import check_declared, open_input
+from cltaa.interrupt import stop_signals
 from cltaa.io.numbered import OnBreak
 from cltaa.io.preset_file import preset_of
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY
@@ -183,6 +184,7 @@ def resolve(
         checkpoint_every=checkpoint,
         debug=parse_views(views),
         layers=carried,
+        stopping=stop_signals(),
     )
     if as_json:
         click.echo(json_of(outcome))

@@ -96,10 +96,11 @@ class _Whole(NamedTuple):
 class BandedResolver(Resolver):
     """A resolver that works in bands of ``band_rows`` rows, for images that do not fit into memory several times.
 
-    The arrays of a frame are used up: the image that ``resolve`` returns lies in them.
+    With ``in_place`` the arrays of a frame are used up: the image that ``resolve`` returns lies in them, and no copy
+    of them is in memory beside.
     """
 
-    def __init__(self, *arguments: Any, band_rows: int = BAND_ROWS, **options: Any) -> None:
+    def __init__(self, *arguments: Any, band_rows: int = BAND_ROWS, in_place: bool = False, **options: Any) -> None:
         super().__init__(*arguments, **options)
         if not self.launcher.takes_bands:
             raise UsageError("NumPy resolves whole images only", cure="leave --band-rows out, or name a device")
@@ -108,7 +109,7 @@ class BandedResolver(Resolver):
                 f"preset {self.preset.name} {keeps(self.preset)}, so it resolves whole images only",
                 cure="leave --band-rows out, or take --preset default",
             )
-        self._rows = band_rows
+        self._rows, self._in_place = band_rows, in_place
 
     @classmethod
     def beside(cls, whole: Resolver, band_rows: int, **options: Any) -> BandedResolver:
@@ -119,9 +120,11 @@ class BandedResolver(Resolver):
 
     @one_thread
     def resolve(self, frame: Frame, *, half: bool = False) -> NDArray[Any]:
-        """The resolved colour of ``frame`` as ``Resolver.resolve`` gives it; floats lie in the frame's own memory."""
+        """The resolved colour of ``frame`` as ``Resolver.resolve`` gives it."""
         check_frame(frame)
         started = perf_counter()
+        if not self._in_place:
+            frame = _copied(frame)
         previous, build = self._begin(frame)
         buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
         assert self.plan is not None
@@ -155,6 +158,7 @@ class BandedResolver(Resolver):
             return whole.colour
         return np.concatenate([whole.colour, frame.alpha[..., None]], axis=-1)
 
+    @one_thread
     def reserve(self, width: int, height: int, *, alpha: bool, half: bool = False) -> None:
         """Allocate memory for frames of a size, with or without alpha; the edges of bands are the host's."""
         self._fitting(Layout(width, height), alpha or self.every_step)
@@ -179,6 +183,12 @@ def _whole(frame: Frame, alpha: bool) -> _Whole:
         np.empty(size, np.float32),
         frame.depth,
     )
+
+
+def _copied(frame: Frame) -> Frame:
+    """The frame with copies of those arrays that its result takes the place of."""
+    alpha = None if frame.alpha is None else frame.alpha.copy()
+    return replace(frame, colour=frame.colour.copy(), depth=frame.depth.copy(), alpha=alpha)
 
 
 def _rows(frame: Frame, rows: slice) -> Frame:

@@ -1,4 +1,4 @@
-"""Where the kernels lie, and one number for all the code that decides a result."""
+"""Where the kernels lie, and one number for all that decides a result beside preset and device."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ from functools import cache
 from importlib import resources
 from pathlib import Path
 
+from cltaa.core.constants import CONSTANTS, PAD_X, PAD_Y
+
 _PACKAGE = Path(__file__).resolve().parents[1]
 
-# What a resolve loads, the modules beside these packages apart; tests/opencl/test_deciding_files.py looks after it.
-_DECIDING = ("core", "exr", "inputs", "io", "opencl", "pipeline", "reference")
+# Raise it where other Python code gives other bits, or a folder of results holds other things: then no run goes on
+# where one of the code before has stopped.
+FORMAT = 1
 
 
 @cache
@@ -27,18 +30,12 @@ def kernel_names() -> list[str]:
     return sorted(path.stem for path in kernel_folder().glob("*.cl"))
 
 
-def deciding_files() -> list[Path]:
-    """The code that decides the bits of a result: the kernels, and the modules that a resolve loads."""
-    files = [*kernel_folder().rglob("*.cl"), *kernel_folder().rglob("*.h"), *_PACKAGE.glob("*.py")]
-    for name in _DECIDING:
-        files += (_PACKAGE / name).glob("*.py")
-    return files
-
-
 @cache
 def code_sha256() -> str:
-    """SHA-256 over the ``deciding_files``: other code may give other bits."""
-    digest = hashlib.sha256()
-    for path in sorted(deciding_files(), key=lambda path: (path.parent.name, path.name)):
-        digest.update(f"{path.parent.name}/{path.name}".encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+    """SHA-256 of what decides a result beside preset and device: the kernels, the constants, ``FORMAT``."""
+    folder = kernel_folder()
+    values = {name: constant.value for name, constant in CONSTANTS.items()}
+    digest = hashlib.sha256(repr([FORMAT, PAD_X, PAD_Y, sorted(values.items())]).encode())
+    for path in sorted([*folder.rglob("*.cl"), *folder.rglob("*.h")]):
+        digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()

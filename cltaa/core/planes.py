@@ -5,7 +5,6 @@ memory reads them where they are, and nothing is copied.
 
 from __future__ import annotations
 
-import ctypes
 import mmap
 import threading
 from collections import deque
@@ -65,39 +64,19 @@ class Layout(NamedTuple):
         return np.zeros((planes, self.rows, self.stride), dtype)
 
 
-# glibc's mallopt, malloc.h: which parameter, and the value for frames that come and go in several threads.
-M_TRIM_THRESHOLD, KEPT = -1, 2**31 - 1  # bytes: free memory at the end of the heap that is not given back
-M_MMAP_THRESHOLD = -3  # bytes: blocks from this size on are mapped on their own
-SMALLEST, LARGEST = 4 * 2**20, 32 * 2**20  # bytes, of that threshold: NumPy's for large pages; glibc takes no more
-M_ARENA_MAX, ARENAS = -8, 1  # one heap for all threads: frames are made in one thread and freed in another
+SMALLEST = 4 * 2**20  # bytes from which on images are kept: NumPy's, for large pages
 LARGE_PAGE = 2 * 2**20  # bytes; the system begins a mapping of a multiple of it at one
 
 
 @contextmanager
-def kept_memory(plane_bytes: int, *, images: bool = True) -> Iterator[None]:
-    """Keep freed blocks of up to half a plane for what is allocated next; all goes back at the end.
+def kept_memory(*, images: bool = True) -> Iterator[None]:
+    """Keep what ``empty_image`` and copies of files leave for those that come next; all goes back at the end.
 
-    By itself glibc maps and unmaps every block from 256 kB on, OpenEXR's of each chunk too: thousands of page faults a
-    frame of 1920 x 1080, and each unmapping halts all threads of the process. Planes are mapped, in large pages,
-    because in the heap, among what is small, they would leave gaps that nothing fits; those of ``empty_image``
-    are kept, unless ``images`` says no. Does nothing of the heap with other C libraries than glibc.
+    Else each is mapped and unmapped: page faults, and each unmapping halts all threads of the process. Without
+    ``images`` nothing is kept.
     """
-    library = ctypes.CDLL(None)
-    settings = ((M_TRIM_THRESHOLD, KEPT), (M_MMAP_THRESHOLD, mapped_from(plane_bytes)), (M_ARENA_MAX, ARENAS))
-    if hasattr(library, "mallopt"):
-        for parameter, value in settings:
-            library.mallopt(parameter, value)
-    try:
-        with KEPT_BLOCKS if images else nullcontext():
-            yield
-    finally:
-        if hasattr(library, "malloc_trim"):
-            library.malloc_trim(0)
-
-
-def mapped_from(plane_bytes: int) -> int:
-    """Bytes from which on blocks are mapped on their own, in a run over images with planes of that size."""
-    return min(max(plane_bytes // 2, SMALLEST), LARGEST)
+    with KEPT_BLOCKS if images else nullcontext():
+        yield
 
 
 class KeptBlocks:

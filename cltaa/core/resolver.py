@@ -76,10 +76,12 @@ class Recurrent:
         self._kept: KeptFrames | None = None
         self._previous: Past | None = None
 
+    @one_thread
     def reset(self) -> None:
         """Forget the history: the next frame starts a new one."""
         self._previous = None
 
+    @one_thread
     def recurrent(self) -> tuple[Past, dict[str, Buffer]]:
         """What the next frame depends on: facts about the last one, and the memory that holds its result.
 
@@ -94,6 +96,7 @@ class Recurrent:
             return past, memory
         return replace(past, earlier=self._kept.past), {**memory, "kept": self._kept.planes}
 
+    @one_thread
     def restore(self, past: Past) -> dict[str, Buffer]:
         """Go on after ``past``; returns the memory to fill with what ``recurrent`` gave then, by the same names."""
         layout = Layout(past.shape[1], past.shape[0])
@@ -235,11 +238,13 @@ class Resolver(Recurrent):
             "build": msgspec.to_builtins(self._shape),
         }
 
+    @one_thread
     def reopen(self) -> None:
         """Open the device again after it was lost, without a history; raises what opening it raises."""
         self._buffers, self._kept, self._previous = None, None, None
         self.launcher, self._builds = launcher_for(self._device), {}
 
+    @one_thread
     def reserve(self, width: int, height: int, *, alpha: bool, half: bool = False) -> None:
         """Do what every frame of a size needs, with or without alpha, while the first of them is still being read."""
         self._fitting(Layout(width, height), alpha or self.every_step)
@@ -282,12 +287,14 @@ class Resolver(Recurrent):
         self._previous = Past.of(frame)
         return image
 
+    @one_thread
     def release(self) -> None:
         """Let go of the channels of the last frame, which ``last`` and ``run_again`` need: the next may lie there."""
         self.last = None
         if self._buffers is not None:
             self._buffers.channels.clear()
 
+    @one_thread
     def run_again(self, frame: Frame, previous: Frame) -> None:
         """Run the kernels of the last frame once more, to the same result, and wait for them: something to time.
 
@@ -302,6 +309,7 @@ class Resolver(Recurrent):
         self._buffers.swap()
         self.launcher.finish()
 
+    @one_thread
     def keep_again(self, frame: Frame, times: int) -> None:
         """Keep ``frame``, which was resolved last, as the last ``times`` ones, if any are kept: something to time."""
         if self._kept is None or self._buffers is None or self.plan is None:

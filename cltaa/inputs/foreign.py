@@ -161,9 +161,9 @@ class ForeignSequence(FrameSequence):
         return [*intake_lines(self.intake), *declared]
 
     @property
-    def in_place(self) -> bool:
-        """No: they are converted on the way."""
-        return False
+    def converted(self) -> bool:
+        """Whether what is decoded is converted before it is a frame: colours, depth and vectors are."""
+        return True
 
     @property
     def holds(self) -> frozenset[str]:

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Collection, Container, Iterable, Mapping, Sized
+from collections.abc import Container, Iterable, Mapping, Sized
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from cltaa.core.planes import empty_image
 from cltaa.errors import DataError
-from cltaa.exr import core as exr_core
 from cltaa.io.content import Copy, check_memory, open_regular
 from cltaa.io.exr_frame import Pixels
 from cltaa.io.exr_header import MULTI_PART, Outline, parse_parts, read_outline
-from cltaa.io.exr_layout import PIXEL_BYTES, Layout, shared_window
+from cltaa.io.exr_layout import Layout, shared_window
 from cltaa.io.exr_read import (
     ImageHeader,
     attributes_of,
@@ -41,8 +37,7 @@ def read_any_header(path: Path, *, chunks: bool = True) -> ImageHeader:
 def read_planes(path: Path, wanted: Container[str] | None = None, *, sha256: str | None = None) -> dict[str, Pixels]:
     """Read the channels [H, W] that are ``wanted``, or all, each in its own type, cropped to the picture.
 
-    Names that no channel has are left out. What nobody wants is not decoded, if that can be helped. Raises
-    InputMissing, DataError, StorageError and ResourceError.
+    Names that no channel has are left out. Raises InputMissing, DataError, StorageError and ResourceError.
     """
     with loaded_parts(path, sha256) as (outline, content):
         parts = outline.parts
@@ -50,37 +45,13 @@ def read_planes(path: Path, wanted: Container[str] | None = None, *, sha256: str
             full_name(part.part or "", name): (at, name) for at, part in enumerate(parts) for name in part.channels
         }
         places = {name: place for name, place in places.items() if wanted is None or name in wanted}
-        decoded = _decoded(outline, content, places.values()) or _all_decoded(outline, content)
+        decoded = _all_decoded(outline, content)
     shown = [part.part_of(shared_window(parts)) for part in parts]
     return {name: decoded[at][channel][shown[at]] for name, (at, channel) in places.items()}
 
 
-def _decoded(outline: Outline, content: Copy, places: Collection[tuple[int, str]]) -> list[dict[str, Pixels]] | None:
-    """Those channels by the number of their part and their names in it; None where they cannot be decoded alone."""
-    made = list[dict[str, Pixels]]()
-    named = [[name for at, name in places if at == number] for number in range(len(outline.parts))]
-    own = list(zip(outline.parts, named, strict=True))
-    pixels = sum(
-        part.width * part.height * sum(PIXEL_BYTES[part.channels[name]] for name in names) for part, names in own
-    )
-    unpacking = OpenEXR.global_thread_count() * max(part.chunk_bytes for part, names in own if names or len(own) == 1)
-    check_memory(outline.path, content.size + pixels + unpacking)
-    for number, (part, names) in enumerate(own):
-        made.append({name: _empty(part, part.channels[name]) for name in names})
-        if names and not exr_core.decode(content, part, made[number], part=number):
-            return None
-    return made
-
-
-def _empty(part: Layout, kind: str) -> Pixels:
-    """A plane [H, W] for a channel, not filled."""
-    if kind == "uint":
-        return empty_image((part.height, part.width)).view(np.uint32)
-    return empty_image((part.height, part.width), np.float16 if kind == "half" else np.float32)
-
-
 def _all_decoded(outline: Outline, content: Copy) -> list[dict[str, Pixels]]:
-    """Every channel of every part, by OpenEXR's module."""
+    """Every channel of every part: OpenEXR's module cannot decode a few of them."""
     path, parts = outline.path, outline.parts
     check_memory(path, content.size + 2 * sum(part.decoded_bytes for part in parts))
     if parts[0].part is None:

@@ -14,6 +14,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
+import tomli_w
 
 from cltaa.errors import DataError, UsageError, known
 from cltaa.io.content import read_text
@@ -291,12 +292,14 @@ def option_text(values: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def toml_text(profile: Profile) -> str:
-    """``profile`` as TOML, every key."""
-    lines = [f"description = {_toml(profile.description)}"]
-    for section, keys in msgspec.to_builtins(profile).items():
-        if isinstance(keys, dict) and keys:
-            lines += ["", f"[{section}]", *(f"{_key(key)} = {_toml(v)}" for key, v in keys.items() if v is not None)]
-    return "\n".join(lines) + "\n"
+    """``profile`` as TOML, every key that has a value."""
+    values = msgspec.to_builtins(profile)
+    sections = {
+        name: {key: value for key, value in keys.items() if value is not None}
+        for name, keys in values.items()
+        if isinstance(keys, dict) and keys
+    }
+    return tomli_w.dumps({"description": profile.description, **sections})
 
 
 def _value(text: str, before: object) -> object:
@@ -324,15 +327,3 @@ def _text(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _key(key: str) -> str:
-    return key if key.replace("_", "").isalnum() else f'"{key}"'
-
-
-def _toml(value: object) -> str:
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml(entry) for entry in value) + "]"
-    if isinstance(value, bool):
-        return str(value).lower()
-    return repr(value) if isinstance(value, int | float) else msgspec.json.encode(value).decode()

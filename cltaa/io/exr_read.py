@@ -14,11 +14,9 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cltaa.core.planes import empty_haloed, empty_image
+from cltaa.core.planes import empty_haloed
 from cltaa.errors import DataError
-from cltaa.exr import core as exr_core
 from cltaa.frame import Frame, Image
 from cltaa.io.content import Copy, check_memory, file_size, open_regular, read_all
 from cltaa.io.exr_frame import (
@@ -71,29 +69,28 @@ def read_frame_and_header(path: Path, *, sha256: str | None = None) -> tuple[Fra
     with _loaded(path, sha256) as (layout, content):
         names = frame_channels(layout)
         size = (layout.height, layout.width)
+        pixels, attributes = decode_all(layout, content)
         # Each group in a block of its own: what is freed fits what is needed next.
         groups = {group: empty_haloed(len(group), *size) for group in GROUPS if group[0] in names}
-        planes: dict[str, NDArray[Any]] = {"Z": empty_image(size)}  # which no device takes as it is
-        if "id" in layout.channels:  # which stay uint32: float32 would merge neighbours above 2^24
-            planes["id"] = empty_image(size).view(np.uint32)
-        planes |= {name: plane for group, stack in groups.items() for name, plane in zip(group, stack, strict=True)}
-        attributes = _decode_into(layout, content, planes)
+        for group, stack in groups.items():
+            for name, plane in zip(group, stack, strict=True):
+                plane[...] = pixels.pop(name)
     parts = {group[0]: np.moveaxis(stack, 0, -1) for group, stack in groups.items()}
-    return _frame(FrameHeader(path, attributes, layout), parts, planes, path), ImageHeader(layout, attributes)
+    return _frame(FrameHeader(path, attributes, layout), parts, pixels, path), ImageHeader(layout, attributes)
 
 
-def _frame(header: FrameHeader, parts: Mapping[str, Image], planes: Mapping[str, NDArray[Any]], path: Path) -> Frame:
-    """The frame of a header, with groups of channels by the first of each, and all channels by their names."""
+def _frame(header: FrameHeader, parts: Mapping[str, Image], others: Mapping[str, Pixels], path: Path) -> Frame:
+    """The frame of a header, with groups of channels by the first of each, and all other channels by their names."""
     return Frame(
         index=header.index,
         colour=parts["R"],
-        depth=planes["Z"],
+        depth=cast(Image, others["Z"]),  # which no device takes as it is: it stays where it was decoded
         camera=header.camera,
         jitter_px=header.jitter_px,
         motion=parts.get("backward.u"),
         alpha=parts["A"][..., 0] if "A" in parts else None,
         reactive=parts["reactive"][..., 0] if "reactive" in parts else None,
-        object_id=cast(Image | None, planes.get("id")),
+        object_id=cast(Image | None, others.get("id")),  # uint32: float32 would merge neighbours above 2^24
         normal=parts.get("N.X"),
         cut=header.cut,
         exposure=header.exposure,
@@ -163,16 +160,6 @@ def decode_all(layout: Layout, content: BinaryIO | Copy) -> tuple[dict[str, Pixe
     if set(channels) != set(layout.channels) or any(plane.shape != shape for plane in channels.values()):
         raise DataError("the file changed while it was read", path=layout.path, cure="run again")
     return channels, attributes
-
-
-def _decode_into(layout: Layout, content: Copy, planes: Mapping[str, NDArray[Any]]) -> dict[str, object]:
-    """Decode those channels of a file into planes [H, W] of float32 or uint32; returns the attributes."""
-    if exr_core.decode(content, layout, planes):
-        return _open(layout, content, header_only=True)[1]
-    pixels, attributes = decode_all(layout, content)
-    for name, plane in planes.items():
-        plane[...] = pixels.pop(name)
-    return attributes
 
 
 def _open(layout: Layout, content: BinaryIO | Copy, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:

@@ -22,14 +22,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.errors import DataError, StorageError, UsageError
-from cltaa.exr.isal_core import Bytes, Deflate, fast_deflate
-from cltaa.exr.like_header import like_earlier
 from cltaa.frame import Frame
 from cltaa.io.atomic import atomic_path
 from cltaa.io.exr_frame import STRUCTURAL, Pixels, Single, frame_attributes, frame_planes
 from cltaa.io.exr_header import places_of, read_headers, read_layout
 from cltaa.io.exr_layout import COMPRESSION_NUMBERS, Windows, check_lossless
 from cltaa.io.openexr import OpenEXR
+
+try:
+    from isal import isal_zlib
+except ImportError:  # not made for every machine: there OpenEXR packs
+    isal_zlib = None
+
+Bytes = NDArray[np.uint8]
+Deflate = Callable[[Bytes], bytes]  # packs contiguous bytes as a stream of zlib's format
+
+LEVEL = 2  # of ISA-L's 0 to 3; docs/performance.md, Files
 
 # Threads take turns with the interpreter between the steps of their work: so a few of them with much each
 # (docs/decisions/0041-few-turns-with-the-interpreter.md).
@@ -43,10 +51,20 @@ class Packed(NamedTuple):
     """Neighbouring chunks as they stand in the file, and the bytes that each of them takes there."""
 
     sizes: list[int]
-    content: Bytes
+    content: bytes
 
 
 Pack = Callable[[int], Packed]
+
+
+def fast_deflate() -> Deflate | None:
+    """What packs chunks; None where ISA-L is not installed."""
+    return None if isal_zlib is None else _deflate
+
+
+def _deflate(content: Bytes) -> bytes:
+    packed: bytes = isal_zlib.compress(content.data, level=LEVEL)
+    return packed
 
 
 def write_zip(
@@ -67,7 +85,7 @@ def write_zip(
         file.write(start + bytes(8 * -(-height // ROWS_A_CHUNK[compression])))
         sizes[0] = file.tell()
         for packed in _in_threads(pack, range(0, height, ROWS)):
-            file.write(packed.content.data)
+            file.write(packed.content)
             sizes += packed.sizes
         file.seek(len(start))
         file.write(np.cumsum(sizes[:-1], dtype="<u8").data)  # where each chunk begins
@@ -102,17 +120,13 @@ def _header(
 ) -> bytes:
     """What stands in the file before the table of chunks: that of a file of the first row, but for the last row."""
 
-    def write() -> bytes:
-        row, file = np.array([first, [last[0], first[1]]], np.int32), BytesIO()
-        windows = {"displayWindow": (first, last), **header, "dataWindow": tuple(row)}
-        OpenEXR.File(windows, {name: plane[:1] for name, plane in channels.items()}).write(file)
-        *_, end = read_headers(path, file)
-        content = file.getvalue()
-        window = places_of(content)["dataWindow"].start
-        return content[: window + 12] + struct.pack("<i", last[1]) + content[window + 16 : end]
-
-    kinds = tuple((name, plane.dtype.str) for name, plane in channels.items())
-    return like_earlier(header, (kinds, *map(int, (*first, *last))), write)
+    row, file = np.array([first, [last[0], first[1]]], np.int32), BytesIO()
+    windows = {"displayWindow": (first, last), **header, "dataWindow": tuple(row)}
+    OpenEXR.File(windows, {name: plane[:1] for name, plane in channels.items()}).write(file)
+    *_, end = read_headers(path, file)
+    content = file.getvalue()
+    window = places_of(content)["dataWindow"].start
+    return content[: window + 12] + struct.pack("<i", last[1]) + content[window + 16 : end]
 
 
 def _pack(planes: list[Bytes], top: int, rows_a_chunk: int, deflate: Deflate, row: int) -> Packed:
@@ -123,18 +137,14 @@ def _pack(planes: list[Bytes], top: int, rows_a_chunk: int, deflate: Deflate, ro
     for start, stop, each in ((row, even, rows_a_chunk), (even, end, end - even)):
         if start < stop:
             chunks += _stepped([plane[start:stop] for plane in planes], each)
-    content, sizes = np.empty(sum(8 + len(raw) for raw, _ in chunks), np.uint8), list[int]()
-    place = 0
+    content, sizes = list[bytes](), list[int]()
     for y, (raw, steps) in zip(range(top + row, top + end, rows_a_chunk), chunks, strict=True):
-        room = content[place + 8 : place + 8 + len(raw)]
-        size = deflate(steps, room)
-        if not size:  # what does not become smaller is written as it is, which a reader tells by its size
-            room[:], size = raw, len(raw)
-        struct.pack_into("<2i", content.data, place, y, size)
-        sizes.append(8 + size)
-        place += 8 + size
-    content.resize(place, refcheck=False)  # in its place: what is left over is free
-    return Packed(sizes, content)
+        packed = deflate(steps)
+        if len(packed) >= len(raw):  # what does not become smaller is written as it is: a reader tells it by its size
+            packed = raw.tobytes()
+        content += struct.pack("<2i", y, len(packed)), packed
+        sizes.append(8 + len(packed))
+    return Packed(sizes, b"".join(content))
 
 
 def _stepped(planes: list[Bytes], rows: int) -> Iterator[tuple[Bytes, Bytes]]:

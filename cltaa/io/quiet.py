@@ -1,4 +1,4 @@
-"""Keep what OpenEXR prints while it decodes out of the answers of the command line.
+"""Keep what OpenEXR prints while it decodes out of the answers of the command line; in other programs it is heard.
 
 Its Python module prints warnings on standard output, through Python, and its C library complains on standard error,
 through the C library's own stream, two lines for a damaged file; neither can be turned off.
@@ -15,6 +15,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from typing import Any, TextIO
+
+from cltaa.process import is_own
 
 
 class _StandardOutput:
@@ -58,8 +60,17 @@ def muted_output() -> Iterator[None]:
 
     Other threads, such as a progress display, keep both ``sys.stdout`` and ``sys.stderr``. A redirection of the file
     descriptors, or of ``sys.stdout`` by each thread for itself, would swallow their text too and could be undone in the
-    wrong order; here the last thread to leave restores the streams.
+    wrong order; here the last thread to leave restores the streams. In a process of another program nothing is muted.
     """
+    if not is_own():
+        yield
+        return
+    with _muted():
+        yield
+
+
+@contextmanager
+def _muted() -> Iterator[None]:
     global _output
     thread = threading.get_ident()
     with _lock:

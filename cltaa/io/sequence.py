@@ -15,7 +15,6 @@ from typing import Any, Self
 import numpy as np
 
 from cltaa.errors import DataError, UsageError
-from cltaa.exr import core as exr_core
 from cltaa.frame import Effect, Frame, Image, name_effects
 from cltaa.io.exr_frame import OF_FRAMES, FrameHeader, check_float_channels
 from cltaa.io.exr_layout import Layout
@@ -149,9 +148,9 @@ class FrameSequence(NumberedFiles):
         return []
 
     @property
-    def in_place(self) -> bool:
-        """Whether channels are decoded to where they stay; own ones: where the library for it is there."""
-        return exr_core.core() is not None
+    def converted(self) -> bool:
+        """Whether what is decoded is converted before it is a frame; own ones: no."""
+        return False
 
     @property
     def holds(self) -> frozenset[str]:

@@ -20,6 +20,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from cltaa.errors import DeviceMissing, ResourceError
+from cltaa.process import user_cache
 
 # One kernel takes well under 1 MB, all that a device ever needs about 10 MB; what else fills the disk needs room too.
 LEAST_FREE = 64 * 2**20  # bytes
@@ -36,8 +37,9 @@ _depth = 0
 
 
 def cache_folder() -> Path:
-    """Where PoCL keeps its kernels, as ``cltaa.opencl.device`` has set it."""
-    return Path(os.environ["POCL_CACHE_DIR"])
+    """Where PoCL keeps its kernels; in a process of another program, its folder for all programs."""
+    chosen = os.environ.get("POCL_CACHE_DIR")
+    return Path(chosen) if chosen else user_cache() / "pocl" / "kcache"
 
 
 def check_cache() -> int:

@@ -5,26 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
-
-# A folder of our own keeps other programs out of PoCL's cache (cltaa/opencl/cache.py); a cache of pyopencl's
-# would only repeat the drivers', and its lock outlives a killed process. Set before pyopencl loads the driver.
-os.environ.setdefault(
-    "POCL_CACHE_DIR", str(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "cltaa" / "pocl")
-)
-os.environ.setdefault("PYOPENCL_NO_CACHE", "1")
-
 import pyopencl as cl
+from numpy.typing import NDArray
 
 from cltaa.core.backend import WISH
 from cltaa.core.planes import LARGE_PAGE, bytes_in_large_pages
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError, UsageError
 from cltaa.opencl.cache import check_cache, filling
-from cltaa.opencl.free_calls import map_memory, unmap_memory
 from cltaa.opencl.pocl_cpu_name import known_lanes, name_unknown_cpu
 from cltaa.opencl.shape import (
     CPU_4,
@@ -135,12 +125,13 @@ class Memory(OneProcess):
         queue = self._device.queue
         if self._device.shares_memory:
             with device_errors(self._device):
-                array = map_memory(queue, self.buffer, self.size, write=write)
+                flags, kind = cl.map_flags.WRITE if write else cl.map_flags.READ, cast(Any, self.dtype)
+                array, _ = cl.enqueue_map_buffer(queue, self.buffer, flags, 0, self.shape, kind)
             try:
-                yield array.view(self.dtype).reshape(self.shape)
+                yield cast(NDArray[Any], array)
             finally:
                 with device_errors(self._device):
-                    unmap_memory(queue, self.buffer, array)
+                    cast(Any, array.base).release(queue)
             return
         if self._staging is None:
             self._staging = self._pinned()

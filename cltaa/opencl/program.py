@@ -17,7 +17,6 @@ from cltaa.core.build import Build, prelude
 from cltaa.core.kernel_source import kernel_folder, kernel_names
 from cltaa.errors import InternalError, UsageError, known
 from cltaa.opencl.cache import cache_folder, save_log
-from cltaa.opencl.free_calls import start_kernel
 from cltaa.process import OneProcess
 
 
@@ -72,8 +71,6 @@ class Kernel(OneProcess):
             raise InternalError(what, cure=cure) from error
         # A kernel's function is its file's name and _kernel, so that stage functions can have the plain name.
         self._kernel = cl.Kernel(program, f"{Path(name).name}_kernel")
-        # The way for numbers and structs that pyopencl's own calls take; ``set_arg`` first tries all that they are not.
-        self._set_bytes = getattr(self._kernel, "_set_arg_buf", self._kernel.set_arg)
         # Their names, in order.
         self.arguments: list[str] = [
             str(self._kernel.get_arg_info(index, cl.kernel_arg_info.NAME)) for index in range(self._kernel.num_args)
@@ -99,6 +96,5 @@ class Kernel(OneProcess):
                 value = arguments[name]
                 if isinstance(value, int | np.integer):
                     value = np.int32(value)
-                given_by_value = isinstance(value, np.ndarray | np.generic)
-                (self._set_bytes if given_by_value else self._kernel.set_arg)(index, value)
-            return start_kernel(queue, self._kernel, size, group)
+                self._kernel.set_arg(index, value)
+            return cl.enqueue_nd_range_kernel(queue, self._kernel, size, group)

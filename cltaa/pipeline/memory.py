@@ -21,7 +21,6 @@ from cltaa.core.build import (
 )
 from cltaa.core.constants import SPANS
 from cltaa.core.planes import SMALLEST, Layout, in_large_pages
-from cltaa.exr import core as exr_core
 from cltaa.io import exr_write as exr_zip
 from cltaa.io.exr_frame import GROUPS
 from cltaa.io.exr_layout import PIXEL_BYTES
@@ -120,7 +119,6 @@ def of_resolve(
     chunk: int,
     held: PlanesHeld,
     *,
-    in_place: bool = False,
     recorded: bool = False,
     converted: bool = False,
     layers: Mapping[str, str] = NO_LAYERS,
@@ -128,13 +126,13 @@ def of_resolve(
     """Memory of a resolve of frames in float ``channels``, whose packed files have ``file`` bytes.
 
     ``chunk`` is what a chunk of such a file unpacks to. Memory of packed files, of groups of planes and of results is
-    kept from frame to frame. Where channels are not decoded ``in_place``, what stands beside those of the frame until
-    it is moved there is counted for one of the frames that are read at a time, since they seldom are in one step. In
-    bands one frame at a time is in memory, its result in its place, and beside it the count of each pixel, and the
-    result in halves where that is what is written; nothing is kept. Those that read hash files too, of which no
-    hash was ``recorded``. ``layers`` are channels that are carried over -> "uint", "half" or "float": each stays
-    until its result is written, and is not there yet while its file is being read. Those of another tool are
-    ``converted``: then each that reads holds channels as they were decoded, and beside each other, until they are.
+    kept from frame to frame. What is decoded stands beside the planes of the frame until it is moved there, and is
+    counted for one of the frames that are read at a time, since they seldom are in one step. In bands one frame at a
+    time is in memory, its result in its place, and beside it the count of each pixel, and the result in halves where
+    that is what is written; nothing is kept. Those that read hash files too, of which no hash was ``recorded``.
+    ``layers`` are channels that are carried over -> "uint", "half" or "float": each stays until its result is written,
+    and is not there yet while its file is being read. Those of another tool are ``converted``: then each that reads
+    holds channels as they were decoded, and beside each other, until they are.
     """
     banded, half = bool(held.band_rows), held.half
     plane, planes = REAL * width * height, 3 + held.steps.alpha
@@ -146,9 +144,9 @@ def of_resolve(
     carried = sum(_mapped(PIXEL_BYTES[kind] * width * height, banded) for kind in layers.values())
     texel = planes * number + sum(PIXEL_BYTES[kind] for name, kind in layers.items() if name not in MADE)
     frames, results, decoded = (1, plane + half * image, 1) if banded else (FRAMES, RESULTS * image, AHEAD)
-    unpacking = (1 if in_place or converted else decoded) * OpenEXR.global_thread_count() * BLOCKS * chunk
+    unpacking = (1 if converted else decoded) * OpenEXR.global_thread_count() * BLOCKS * chunk
     readers, writers = (1, 1) if banded else (AHEAD, BEHIND)
-    beside = 0 if banded or in_place else sum(groups)
+    beside = 0 if banded else sum(groups)
     if converted:
         beside = readers * 2 * len(channels)
     blocks = exr_zip.THREADS * (BLOCKS - 1) + writers * exr_zip.BEGUN
@@ -170,7 +168,6 @@ def _mapped(size: int, banded: bool) -> int:
 
 def of_sequence(sequence: FrameSequence, held: PlanesHeld, layers: Mapping[str, str] = NO_LAYERS) -> Memory:
     """Memory of a resolve of ``sequence``; ``layers`` as for ``of_resolve``."""
-    decoded = exr_core.core() is not None
     memory = of_resolve(
         sequence.width,
         sequence.height,
@@ -178,18 +175,14 @@ def of_sequence(sequence: FrameSequence, held: PlanesHeld, layers: Mapping[str, 
         max(path.stat().st_size for path in sequence.files),
         max(layout.chunk_bytes for layout in sequence.layouts.values()),
         held,
-        in_place=sequence.in_place,
         recorded=all(sequence.sha256(number) for number in sequence.numbers),
-        converted=decoded and not sequence.in_place,
+        converted=sequence.converted,
         layers=layers,
     )
-    if decoded:
-        return memory
     # OpenEXR's module decodes every channel, whether it is read or not.
-    spare = (set(layout.channels) - sequence.channels for layout in sequence.layouts.values())
-    return msgspec.structs.replace(
-        memory, reading=memory.reading + REAL * sequence.width * sequence.height * max(map(len, spare))
-    )
+    readers = AHEAD if sequence.converted and not held.band_rows else 1
+    spare = readers * max(0, max(len(layout.channels) for layout in sequence.layouts.values()) - len(sequence.channels))
+    return msgspec.structs.replace(memory, reading=memory.reading + REAL * sequence.width * sequence.height * spare)
 
 
 def of_whole_images(

@@ -6,7 +6,8 @@ import json
 import shutil
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from statistics import median
 from typing import Any, Literal
@@ -23,7 +24,7 @@ from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver, Times
 from cltaa.errors import DeviceLost, ResourceError, UsageError
 from cltaa.frame import Effect
-from cltaa.interrupt import Stop, stop_signals
+from cltaa.interrupt import Stop
 from cltaa.io.atomic import atomic_path, check_creatable, owned
 from cltaa.io.content import memory_limit
 from cltaa.io.exr_layout import check_lossless
@@ -173,7 +174,9 @@ def resolver_for(
             )
         if not has_bands(resolver):
             band_rows = 0
-    return BandedResolver.beside(resolver, band_rows, storage=storage, **options) if band_rows else resolver
+    if not band_rows:
+        return resolver
+    return BandedResolver.beside(resolver, band_rows, in_place=True, storage=storage, **options)
 
 
 def resolve_sequence(
@@ -190,16 +193,20 @@ def resolve_sequence(
     debug: tuple[View, ...] = (),
     layers: tuple[str, ...] = (),
     progress: bool = True,
+    stopping: AbstractContextManager[Stop] | None = None,
 ) -> Outcome:
     """Resolve every frame of ``sequence`` into ``output``, one EXR a frame under the same names.
 
     ``effects`` overrides what the sequence declares: ``auto`` keeps it, ``all`` runs every step of the preset whatever
     the frames call for, and a set leaves out the steps and channels of all other effects. ``preview`` is an MP4 of the
-    result. A run that was cut short goes on where it stopped, to the same bits; SIGINT and SIGTERM finish the frame in
-    work, save the state and raise KeyboardInterrupt. A device that is lost is opened once more. Views to
-    ``debug`` become layers of the EXRs, and PNGs in a folder of that name. Channels of the input that match one of
-    ``layers`` are kept beside the resolved ones, and its attributes and windows always. Without ``progress`` nothing
-    is shown while it runs.
+    result. A run that was cut short goes on where it stopped, to the same bits. A device that is lost is opened once
+    more. Views to ``debug`` become layers of the EXRs, and PNGs in a folder of that name. Channels of the input that
+    match one of ``layers`` are kept beside the resolved ones, and its attributes and windows always. Without
+    ``progress`` nothing is shown while it runs.
+
+    ``stopping`` is entered for the run and tells when to stop: then the frame in work is finished, the state saved and
+    KeyboardInterrupt raised. ``cltaa.interrupt.stop_signals()`` does so for SIGINT and SIGTERM; signals are left alone
+    without it.
 
     Raises UsageError where ``output`` is the sequence's own folder or was begun with other settings (unless
     ``restart``, which begins it anew), OutputError where it cannot be created or another process writes there, and
@@ -216,13 +223,13 @@ def resolve_sequence(
         options["debug"] = sorted(debug)
     if layers:
         options["layers"] = list(layers)
-    resolver.every_step = resolver.every_step or effects == "all"
     settings = {**resolver.settings(), **options, "compression": compression, **sequence_settings(sequence)}
     if preview is not None:
         check_film(preview, sequence, output)
         rate = rate_of(sequence.attributes, sequence.sequence_json, sequence.step)
-    keeping = kept_memory(4 * sequence.width * sequence.height, images=not isinstance(resolver, BandedResolver))
-    with keeping, owned(output), stop_signals() as stop:
+    keeping = kept_memory(images=not isinstance(resolver, BandedResolver))
+    every = _every_step(resolver, resolver.every_step or effects == "all")
+    with keeping, every, owned(output), stopping or nullcontext(Stop()) as stop:
         if preview is not None:
             check_creatable(preview)  # again, now that the output is there, which may be the film's folder
         folder = OutputFolder(output, settings, preset=resolver.preset.name, restart=restart)
@@ -243,6 +250,16 @@ def resolve_sequence(
     if preview is not None:
         write_video(preview, open_images(output, gaps=OnBreak.RESET).select(sequence.first, sequence.last), rate=rate)
     return outcome
+
+
+@contextmanager
+def _every_step(resolver: Resolver, every: bool) -> Iterator[None]:
+    """Let a resolver run every step, or not, until the end of the block."""
+    before, resolver.every_step = resolver.every_step, every
+    try:
+        yield
+    finally:
+        resolver.every_step = before
 
 
 def _refuse_place(output: Path, sequence: FrameSequence) -> None:

@@ -221,7 +221,7 @@ def test_every_path_of_a_command_is_refused_when_empty(path: Path) -> None:
 # The signal comes from within, when the sixth of eight frames is read: from outside it might come behind the last one.
 INTERRUPTED = """
 import os, signal, sys
-from cltaa.exr import read as exr_read
+from cltaa.io import exr_read
 from cltaa.cli import main
 
 loaded = exr_read._loaded

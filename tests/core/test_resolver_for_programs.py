@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from cltaa.core.bands import BandedResolver
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import INSIDE, Resolver
 from cltaa.errors import DataError, UsageError
@@ -116,6 +118,18 @@ def test_a_second_thread_in_one_resolver_is_refused(monkeypatch: pytest.MonkeyPa
     assert resolver.resolve(still_frame(2)).shape == first.shape
     in_the_midst()
     assert len(told) == 1
+
+
+@pytest.mark.parametrize("kind", [Resolver, BandedResolver])
+def test_every_method_refuses_a_second_thread(kind: type[Resolver]) -> None:
+    """But those that say what it is made of, which do not change."""
+    resolver = Resolver(device="numpy")
+    methods = {name for name, _ in inspect.getmembers(kind, inspect.isfunction) if not name.startswith("_")}
+    assert {"resolve", "reset", "restore", "release", "reserve", "reopen"} <= methods
+    for name in methods - {"settings"}:
+        vars(resolver)[INSIDE] = get_ident() + 1
+        with pytest.raises(UsageError, match="two threads use one resolver at once"):
+            getattr(kind, name)(resolver)
 
 
 def test_a_device_may_be_named_by_its_number_and_a_launcher_shared() -> None:

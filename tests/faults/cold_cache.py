@@ -16,6 +16,7 @@ from pathlib import Path
 import OpenEXR
 
 from cltaa import cli
+from cltaa.process import configure
 from tests.faults.forked import Forks
 from tests.faults.runs import check_finished, digests
 from tests.sequence_factory import write_sequence
@@ -54,5 +55,6 @@ def try_rounds(top: Path, rounds: int) -> None:
 
 if __name__ == "__main__":
     warnings.simplefilter("error")
+    configure()
     OpenEXR.set_global_thread_count(0)
     try_rounds(Path(sys.argv[1]), int(sys.argv[2]))

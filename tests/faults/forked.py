@@ -35,6 +35,7 @@ import cltaa_capture.cli
 from cltaa import cli
 from cltaa.interrupt import SIGNALS, ends_at_once
 from cltaa.pipeline.checkpoint import SLOTS
+from cltaa.process import configure
 from tests.faults.runs import RECORDS, WORK, Work, check_after_fault, check_finished, digests
 
 PRELOADED = (cltaa.commands.resolve, cltaa.reference, cltaa_capture.cli)
@@ -194,6 +195,7 @@ class Ended:
 
 if __name__ == "__main__":
     warnings.simplefilter("error")
+    configure()
     OpenEXR.set_global_thread_count(0)
     folder, library, name, how, signal_number, given = sys.argv[1:]
     runs = Ended(Path(folder), WORK[name], int(signal_number))

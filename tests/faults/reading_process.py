@@ -26,6 +26,7 @@ import numpy as np
 from cltaa.errors import CltaaError
 from cltaa.frame import Frame
 from cltaa.io.exr_read import read_frame
+from cltaa.process import configure
 
 HANG = 5.0  # seconds of processor time after which reading one small file counts as hanging
 STUCK = 60.0  # the same in seconds of the clock: what waits takes no processor time, and a busy machine is slow
@@ -126,6 +127,7 @@ def read_one(job: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
+    configure()  # what OpenEXR prints would stand among the answers
     for line in sys.stdin:
         task = json.loads(line)
         print(json.dumps(read_damaged(task) if "seed" in task else read_one(task)), flush=True)

@@ -20,6 +20,7 @@ import numpy as np
 
 from cltaa.core.planes import kept_memory
 from cltaa.core.resolver import Resolver
+from cltaa.process import configure
 from tests.sequence_factory import make_camera, make_frame
 
 TOP = Path(__file__).parents[2]
@@ -89,7 +90,7 @@ def main(side: int) -> None:
         resolver.resolve(replace(frames[number % FRAMES], index=number, camera=camera))
         return time.perf_counter() - begin
 
-    with kept_memory(4 * side * side):
+    with kept_memory():
         for line in sys.stdin:
             begin = time.process_time()
             seconds = array("d", (resolve() for _ in range(int(line))))
@@ -102,4 +103,5 @@ def main(side: int) -> None:
 
 
 if __name__ == "__main__":
+    configure()
     main(int(sys.argv[1]))

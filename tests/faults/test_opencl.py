@@ -77,9 +77,9 @@ class Failing:
 
 # Where a driver may say that its device is gone: owner and name of the call, and whether data are copied to the host.
 CALLS = {
-    "run": (program, "start_kernel", False),
-    "map": (device, "map_memory", False),
-    "unmap": (device, "unmap_memory", False),
+    "run": (cl, "enqueue_nd_range_kernel", False),
+    "map": (cl, "enqueue_map_buffer", False),
+    "unmap": (cl.MemoryMap, "release", False),
     "wait": (cl.CommandQueue, "finish", False),
     "copy": (cl, "enqueue_copy", True),
     "pin": (cl, "enqueue_map_buffer", True),

@@ -1,8 +1,8 @@
-"""Of other tools' files those channels are decoded that play a role or are kept, whatever the file is made of."""
+"""Of other tools' files those channels are kept that play a role or are asked for, whatever the file is made of."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +12,10 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.errors import DataError
-from cltaa.exr import core as exr_core
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.open import open_input
 from cltaa.inputs.parts import read_planes
-from cltaa.io.content import Copy
 from cltaa.io.exr_frame import Pixels
-from cltaa.io.exr_layout import Layout
 from cltaa.io.exr_read import read_image
 from tests.inputs.foreign import read, write_parts
 from tests.sequence_factory import bits
@@ -68,27 +65,24 @@ def asked(write: Callable[[Path], None]) -> list[str]:
 
 
 @pytest.fixture
-def decoded(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The names of the channels that are decoded, in turn; the test fails where a file is decoded as a whole."""
-    decode, names = exr_core.decode, list[str]()
+def read_of(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The names of the channels that are kept of the files that are read, in turn."""
+    names = list[str]()
 
-    def told(content: Copy, layout: Layout, planes: Mapping[str, Any], **part: int) -> bool:
-        names.extend(planes)
-        return decode(content, layout, planes, **part)
+    def told(*arguments: Any, **more: Any) -> dict[str, Pixels]:
+        found = read_planes(*arguments, **more)
+        names.extend(name.split(".", 1)[1] if name.startswith(("rgba.", "data.")) else name for name in found)
+        return found
 
-    def whole(*_: object) -> None:
-        raise AssertionError("decoded as a whole")
-
-    monkeypatch.setattr(exr_core, "decode", told)
-    monkeypatch.setattr("cltaa.inputs.parts._all_decoded", whole)
+    monkeypatch.setattr("cltaa.inputs.foreign.read_planes", told)
     return names
 
 
 @FILES
-def test_a_frame_decodes_what_plays_a_role(write: Callable[[Path], None], tmp_path: Path, decoded: list[str]) -> None:
+def test_a_frame_keeps_what_plays_a_role(write: Callable[[Path], None], tmp_path: Path, read_of: list[str]) -> None:
     write(tmp_path / "a.0001.exr")
     (frame,) = read(tmp_path, *asked(write))
-    assert sorted(decoded) == ROLES
+    assert sorted(read_of) == ROLES
     assert frame.motion is not None
     assert frame.alpha is not None
     found = [*np.moveaxis(frame.colour, -1, 0), frame.depth, *np.moveaxis(frame.motion, -1, 0), frame.alpha]
@@ -97,25 +91,25 @@ def test_a_frame_decodes_what_plays_a_role(write: Callable[[Path], None], tmp_pa
 
 
 @FILES
-def test_a_picture_to_be_judged_decodes_its_colour(
-    write: Callable[[Path], None], tmp_path: Path, decoded: list[str]
+def test_a_picture_to_be_judged_keeps_its_colour(
+    write: Callable[[Path], None], tmp_path: Path, read_of: list[str]
 ) -> None:
     write(tmp_path / "a.0001.exr")
     sequence = open_input(tmp_path, assignments=asked(write))
     assert isinstance(sequence, ForeignSequence)
     assert sequence.colour(1).shape == (HEIGHT, WIDTH, 3)
-    assert sorted(decoded) == ["B", "G", "R"]
+    assert sorted(read_of) == ["B", "G", "R"]
 
 
 @FILES
-def test_a_result_keeps_the_layers_that_were_decoded_with_its_frame(
-    write: Callable[[Path], None], tmp_path: Path, decoded: list[str]
+def test_a_result_keeps_the_layers_that_were_read_with_its_frame(
+    write: Callable[[Path], None], tmp_path: Path, read_of: list[str]
 ) -> None:
     (tmp_path / "in").mkdir()
     write(tmp_path / "in" / "a.0001.exr")
     options = [word for each in asked(write) for word in ("--input", each)] + ["--layers", "*diffuse.R,*id"]
     assert main(["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", *options]) == 0
-    assert sorted(decoded) == sorted([*ROLES, "diffuse.R", "id"])
+    assert sorted(read_of) == sorted([*ROLES, "diffuse.R", "id"])
     kept = read_image(tmp_path / "out" / "a.0001.exr")[0]
     for name in ("diffuse.R", "id"):
         (found,) = [plane for channel, plane in kept.items() if channel.endswith(name)]
@@ -124,17 +118,14 @@ def test_a_result_keeps_the_layers_that_were_decoded_with_its_frame(
 
 
 @FILES
-def test_without_the_library_the_channels_are_the_same(
-    write: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_channels_are_read_by_their_names(write: Callable[[Path], None], tmp_path: Path) -> None:
     write(tmp_path / "a.exr")
-    here = read_planes(tmp_path / "a.exr")
-    monkeypatch.setattr(exr_core, "core", lambda: None)
-    without = read_planes(tmp_path / "a.exr")
-    assert list(here) == list(without)
-    for name, plane in without.items():
-        assert here[name].dtype == plane.dtype
-        np.testing.assert_array_equal(bits(here[name]), bits(plane), err_msg=name)
+    every = read_planes(tmp_path / "a.exr")
+    assert len(every) == len(planes())
+    for name, plane in every.items():
+        expected = next(its for own, its in planes().items() if name in (own, f"rgba.{own}", f"data.{own}"))
+        assert plane.dtype == expected.dtype
+        np.testing.assert_array_equal(bits(plane), bits(expected), err_msg=name)
     few = read_planes(tmp_path / "a.exr", {"Z", "data.Z", "nothing"})
     assert [name.split(".")[-1] for name in few] == ["Z"]
 

@@ -36,7 +36,7 @@ def copied(path: Path, sha256: str | None = None) -> tuple[int, bytes]:
 @pytest.mark.parametrize("kept", [False, True])
 def test_files_of_all_sizes_one_after_another(tmp_path: Path, kept: bool) -> None:
     path, places = tmp_path / "a", set()
-    with kept_memory(4, images=kept):
+    with kept_memory(images=kept):
         for size in (5_000_000, 3, 4096, 9_000_001, 9_000_000, 0, 1):
             content = os.urandom(size)
             path.write_bytes(content)
@@ -50,7 +50,7 @@ def test_two_files_at_once_lie_apart(tmp_path: Path) -> None:
     for name in "ab":
         (tmp_path / name).write_bytes(name.encode() * 5000)
     with (
-        kept_memory(4),
+        kept_memory(),
         open_regular(tmp_path / "a") as first,
         open_regular(tmp_path / "b") as second,
         read_all(tmp_path / "a", first, None, unchecked) as one,
@@ -64,7 +64,7 @@ def test_file_that_ends_before_its_size(tmp_path: Path, monkeypatch: pytest.Monk
     path = tmp_path / "a"
     path.write_bytes(b"12345")
     monkeypatch.setattr("cltaa.io.content.file_size", lambda _: 6)
-    with kept_memory(4):
+    with kept_memory():
         with pytest.raises(DataError, match=r"a: the file changed while it was read"):
             copied(path)
         monkeypatch.undo()

@@ -1,29 +1,54 @@
-"""The hash of the code that decides a result covers what a resolve loads."""
+"""One number for what decides a result beside preset and device: it changes with that, and with nothing else."""
 
 from __future__ import annotations
 
-import subprocess
-import sys
+import shutil
 from pathlib import Path
 
-from cltaa.core.kernel_source import deciding_files
+import pytest
 
-# Everything that cltaa resolve may load to make a frame: of own files, of other tools', on a device and by NumPy.
-LOADED = """
-import sys
-import cltaa.pipeline.run, cltaa.core.bands, cltaa.inputs.foreign, cltaa.inputs.open
-import cltaa.opencl.program, cltaa.reference
-print(*(module.__file__ for name, module in sys.modules.items() if name.split(".")[0] == "cltaa"), sep="\\n")
-"""
+from cltaa.core import kernel_source as kernel_files
+from cltaa.core.constants import CONSTANTS
 
 
-def test_all_that_a_resolve_loads_is_hashed() -> None:
-    done = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
-    loaded = {Path(line) for line in done.stdout.split()}
-    assert len(loaded) > 50
-    assert loaded - set(deciding_files()) == set()
+@pytest.fixture
+def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the kernels, which takes their place."""
+    copy = tmp_path / "kernels"
+    shutil.copytree(kernel_files.kernel_folder(), copy)
+    monkeypatch.setattr(kernel_files, "kernel_folder", lambda: copy)
+    return copy
 
 
-def test_every_kernel_is_hashed() -> None:
-    names = {path.name for path in deciding_files()}
-    assert {"resolve.cl", "gather.cl", "blend.h"} <= names
+def number() -> str:
+    return kernel_files.code_sha256.__wrapped__()
+
+
+def test_it_does_not_depend_on_where_the_kernels_lie(kernels: Path) -> None:
+    assert kernels.is_dir()
+    assert number() == kernel_files.code_sha256()
+
+
+@pytest.mark.parametrize("pattern", ["*.cl", "*.h"])
+def test_every_kernel_and_header_counts(pattern: str, kernels: Path) -> None:
+    files, numbers = sorted(kernels.rglob(pattern)), {number()}
+    assert files
+    for file in files:
+        file.write_text(file.read_text() + "\n")
+        numbers.add(number())
+    files[0].rename(files[0].with_name(f"other_{files[0].name}"))
+    assert len(numbers | {number()}) == 1 + len(files) + 1
+
+
+def test_constants_and_the_format_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = number()
+    monkeypatch.setattr(kernel_files, "FORMAT", kernel_files.FORMAT + 1)
+    after = number()
+    monkeypatch.setitem(CONSTANTS, "TINY", CONSTANTS["TINY"]._replace(value=0.0))
+    assert len({before, after, number()}) == 3
+
+
+def test_words_about_a_constant_do_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = number()
+    monkeypatch.setitem(CONSTANTS, "TINY", CONSTANTS["TINY"]._replace(source="other words"))
+    assert number() == before

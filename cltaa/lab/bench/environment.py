@@ -16,7 +16,7 @@ from cltaa.core.build import Build
 from cltaa.core.kernel_source import kernel_folder
 from cltaa.opencl.pocl_cpu_name import cpu_flags, cpu_name
 from cltaa.printable import counted
-from cltaa.process import CORES
+from cltaa.process import CORES, is_own
 
 # What of the CPU decides the speed of vector code, among its hundred flags.
 TELLING_FLAGS = ("sse4_2", "avx", "avx2", "fma", "f16c", "avx512f", "avx512bw", "avx512_fp16", "asimd", "sve")
@@ -59,11 +59,11 @@ def load_average() -> float:
 
 
 def pin_threads() -> None:
-    """Let PoCL, if this process has not loaded it yet, keep each thread on a processor, where it may use them all.
+    """Let PoCL, if this process is our own and has not loaded it yet, keep each thread on a processor, of them all.
 
     Two threads that share a core while another idles take half as long again, in one run and not in the next.
     """
-    if os.cpu_count() == CORES:
+    if is_own() and os.cpu_count() == CORES:
         os.environ.setdefault("POCL_AFFINITY", "1")
 
 

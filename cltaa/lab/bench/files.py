@@ -97,7 +97,7 @@ def bench_files(
     channels = image_channels(resolver.resolve(sequence.frame(sequence.first)))
     resolver.reset()
     counts = threads or (OpenEXR.global_thread_count(),)
-    with TemporaryDirectory() as folder, kept_memory(4 * sequence.width * sequence.height):
+    with TemporaryDirectory() as folder, kept_memory():
         packings = [
             packing
             for half in (False, True)

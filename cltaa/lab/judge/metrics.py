@@ -6,7 +6,6 @@ All functions take the test image first and the reference second, linear [H, W, 
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -98,8 +97,6 @@ def _import_skimage() -> Any:
 
 
 def _import_flip() -> Any:
-    # The module brings an OpenMP of its own, whose threads spin while they wait: nine times as long on a busy machine.
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     return import_extra("flip_evaluator", package="flip-evaluator", extra="metrics", purpose="metric flip")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from enum import StrEnum
@@ -11,6 +10,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+import tomli_w
 
 from cltaa.core.backend import Launcher
 from cltaa.core.parameters import Choices
@@ -24,6 +24,7 @@ from cltaa.lab.judge.metrics import METRICS, named_metrics
 from cltaa.lab.timing import Clock, measure, resolve_job, timed_frames
 from cltaa.lab.tune.record import Record, Trial, key_of
 from cltaa.printable import counted
+from cltaa.process import is_own
 from cltaa.progress import track
 
 STEEPNESS = 4  # how fast a candidate gets worse beyond the limit
@@ -185,7 +186,8 @@ def tune(
 def _study(seed: int) -> Any:
     """A search of optuna's, which asks for values and is told their scores; raises UsageError without it."""
     optuna: Any = import_extra("optuna", package="optuna", extra="tune", purpose="cltaa tune")
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    if is_own():
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
     return optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
 
 
@@ -259,10 +261,11 @@ def preset_text(tuned: Tuned, preset: Preset) -> str:
     if tuned.overfits:
         about += f"; over-fits: not borne out on {', '.join(tuned.checked_on)}"
     base = load_preset(preset.name if preset.name in preset_names() else "default")
-    lines = [f"description = {json.dumps(about)}", f"preset = {json.dumps(base.name)}"]
+    values: dict[str, Any] = {"description": about, "preset": base.name}
     for part, default in ((preset.choices, base.choices), (preset.settings, base.settings)):
-        for name in type(default).__struct_fields__:
-            value = getattr(part, name)
-            if value != getattr(default, name):
-                lines.append(f"{name} = {json.dumps(str(value) if isinstance(value, StrEnum) else value)}")
-    return "\n".join(lines) + "\n"
+        values |= {
+            name: value
+            for name, value in msgspec.to_builtins(part).items()
+            if value != msgspec.to_builtins(default)[name]
+        }
+    return tomli_w.dumps(values)

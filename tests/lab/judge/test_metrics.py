@@ -181,6 +181,8 @@ def test_mean_over_frames() -> None:
 
 def test_flips_threads_do_not_spin() -> None:
     code = (
+        "from cltaa.process import configure\n"
+        "configure()\n"
         "import os, sys, numpy as np\n"
         "from cltaa.lab.judge.metrics import flip_map\n"
         "assert 'flip_evaluator' not in sys.modules\n"

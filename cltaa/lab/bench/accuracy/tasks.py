@@ -35,7 +35,7 @@ from cltaa.lab.bench.accuracy.variants import Errors, Task, enlargement, opened,
 from cltaa.lab.timing import resolve_job, timed_numbers
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.opencl.program import source
-from cltaa.process import CORES
+from cltaa.process import CORES, configure
 from cltaa.reference.launcher import NumpyLauncher
 
 Kept = TypeVar("Kept")
@@ -213,7 +213,11 @@ def _in_processes(
 
 
 def share_processors(threads: int) -> None:
-    """Let what this process has not loaded yet, PoCL and OpenMP, use that many threads: its fellows have the others."""
+    """Let what this process has not loaded yet, PoCL and OpenMP, use that many threads: its fellows have the others.
+
+    For a process that was started for its work alone.
+    """
+    configure()
     os.environ |= {"POCL_MAX_PTHREAD_COUNT": str(threads), "POCL_AFFINITY": "0", "OMP_NUM_THREADS": str(threads)}
 
 

@@ -1,0 +1,99 @@
+"""A program that uses the library keeps its process as it was: only the command line sets it up for itself."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.sequence_factory import write_sequence
+
+# What the host had before cltaa was imported is held against what it has while a file is decoded, while a frame is
+# resolved, and at the end. Other packages are imported first: what they change of a process is theirs.
+HOST = """
+import ctypes, json, os, signal, sys, warnings
+import numpy, OpenEXR, pyopencl
+pyopencl.get_platforms()
+folder, output, command_line = sys.argv[1:]
+
+
+def state():
+    return {
+        "environment": dict(os.environ),
+        "signals": [str(signal.getsignal(number)) for number in signal.valid_signals()],
+        "streams": [str(getattr(sys, name)) for name in ("stdin", "stdout", "stderr", "excepthook")],
+        "descriptors": [list(os.fstat(number)[:3]) for number in range(3)],
+        "stderr of C": ctypes.c_void_p.in_dll(ctypes.CDLL(None), "stderr").value,
+        "threads of OpenEXR": OpenEXR.global_thread_count(),
+        "largest image": str(OpenEXR.getMaxImageSize()),
+        "warnings": str(warnings.filters),
+        "folder": os.getcwd(),
+    }
+
+
+def see():
+    now = state()
+    changed.update(name for name in now if now[name] != before[name])
+
+
+before, changed, seen = state(), set(), {"decoded": 0, "resolved": 0}
+
+import cltaa
+
+see()
+if command_line == "yes":
+    from cltaa.process import configure
+
+    configure()
+from cltaa.pipeline.run import resolve_sequence
+
+File = OpenEXR.File
+
+
+def decoded(*arguments, **more):
+    seen["decoded"] += 1
+    see()
+    return File(*arguments, **more)
+
+
+class Looking(cltaa.Resolver):
+    def resolve(self, frame, **more):
+        seen["resolved"] += 1
+        see()
+        return super().resolve(frame, **more)
+
+
+OpenEXR.File = decoded
+resolve_sequence(cltaa.open_sequence(folder), output, Looking("t2"))
+OpenEXR.File = File
+see()
+print(json.dumps({"changed": sorted(changed), "seen": seen}))
+"""
+
+
+@pytest.mark.parametrize(
+    ("command_line", "changed"),
+    [
+        ("no", []),
+        # So the same look sees what the command line does change.
+        ("yes", ["environment", "stderr of C", "largest image", "streams", "threads of OpenEXR"]),
+    ],
+)
+def test_only_the_command_line_changes_its_process(tmp_path: Path, command_line: str, changed: list[str]) -> None:
+    folder = write_sequence(tmp_path / "in", 3, width=40, height=24)
+    unset = ("POCL_CACHE_DIR", "PYOPENCL_NO_CACHE", "OMP_WAIT_POLICY", "OPENBLAS_NUM_THREADS")
+    environment = {name: value for name, value in os.environ.items() if name not in unset}
+    child = subprocess.run(
+        [sys.executable, "-c", HOST, str(folder), str(tmp_path / "out"), command_line],
+        env=environment | {"XDG_CACHE_HOME": str(tmp_path / "cache")}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert child.returncode == 0, child.stderr
+    found = json.loads(child.stdout)
+    assert found["changed"] == sorted(changed)
+    assert found["seen"]["resolved"] == 3
+    assert found["seen"]["decoded"] >= 3
+    assert len(list((tmp_path / "out").glob("*.exr"))) == 3
