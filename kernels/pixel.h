@@ -164,14 +164,10 @@ STAGE resolved blend_pixel(
     return out;
 }
 
-STAGE resolved resolve_beside(pixel_t p, history_t h, rectification r, real count, settings_t settings)
-{
-    return blend_pixel(p, h, r, rectified(h, r), sample_beside(p, h.valid, count, settings), count, settings);
-}
-
 STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t settings)
 {
-    return resolve_beside(p, h, r, believed_samples(p, h, r, settings), settings);
+    const real count = believed_samples(p, h, r, settings);
+    return blend_pixel(p, h, r, rectified(h, r), sample_beside(p, h.valid, count, settings), count, settings);
 }
 
 // The alpha of the history; where the box is `unit`, held in the extremes of the current 3x3 as colour is.

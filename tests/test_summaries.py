@@ -21,7 +21,7 @@ ARTICLES = (
     "babylon-reproject",
     "babylon-reproject-clamp",
 )
-LOWER = ("t0", "t1", "t2", "t3", "t3-200", "t4", "default")
+LOWER = ("t0", "t1", "t2", "t3", "t4", "default")
 Row = dict[str, str]
 
 

@@ -23,7 +23,6 @@ from cltaa.core.frame_checks import check_frame
 from cltaa.core.parameters import HistoryOf
 from cltaa.core.passes import Passes
 from cltaa.core.planes import Layout
-from cltaa.core.presets import Preset
 from cltaa.core.record import Past, frame_record
 from cltaa.core.resolver import Resolver, Times, one_thread, upload
 from cltaa.errors import UsageError
@@ -106,7 +105,7 @@ class BandedResolver(Resolver):
             raise UsageError("NumPy resolves whole images only", cure="leave --band-rows out, or name a device")
         if self.preset.choices.history_of is not HistoryOf.RESULT:
             raise UsageError(
-                f"preset {self.preset.name} {keeps(self.preset)}, so it resolves whole images only",
+                f"preset {self.preset.name} keeps frames, so it resolves whole images only",
                 cure="leave --band-rows out, or take --preset default",
             )
         self._rows = band_rows
@@ -165,11 +164,6 @@ class BandedResolver(Resolver):
     def _new_buffers(self, layout: Layout, alpha: bool) -> Buffers:
         band = Band.of(layout, 0, self._rows)
         return Buffers(self.launcher, band, alpha, storage_dtype(self._shape), layout)
-
-
-def keeps(preset: Preset) -> str:
-    """What a preset does for which whole images are needed."""
-    return "keeps frames" if preset.choices.history_of is HistoryOf.SAMPLES else "keeps its history at 200 %"
 
 
 def _whole(frame: Frame, alpha: bool) -> _Whole:

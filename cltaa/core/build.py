@@ -84,11 +84,6 @@ def kept_planes(steps: Steps) -> int:
     return 4 + 2 * steps.own_motion + steps.alpha + steps.reactive
 
 
-def texel_planes(alpha: bool) -> int:
-    """Planes of a history at 200 %: four each of r, g, b, alpha where there is any, and count (texels.h)."""
-    return 4 * (4 + alpha)
-
-
 def span_planes(steps: Steps) -> int:
     """Planes of a span: r, g, b, error, count, and alpha where there is such (SPAN_PLANES)."""
     return 5 + steps.alpha
@@ -179,10 +174,6 @@ FRAME_FIELDS: dict[str, tuple[str, str]] = {
     "right_weight": ("float", "weight of the right column"),
     "above_weight": ("float", "weight of the row above"),
     "below_weight": ("float", "weight of the row below"),
-    "left_mass": ("float", "what the sample counts for in the left texels of a pixel's history at 200 %"),
-    "right_mass": ("float", "the same in the right ones"),
-    "upper_mass": ("float", "a factor to it in the upper ones"),
-    "lower_mass": ("float", "a factor to it in the lower ones"),
 }
 
 # A struct of a kernel as a 0-dimensional structured array.

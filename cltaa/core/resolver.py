@@ -88,8 +88,6 @@ class Recurrent:
         if self._previous is None or self._buffers is None:
             raise ValueError("there is no history")
         memory, past = self._buffers.recurrent(), replace(self._previous, marked=self._buffers.marked)
-        if self._buffers.doubled:
-            return replace(past, doubled=True), {**memory, "texels": self._buffers.texels()[0]}
         if self._kept is None:
             return past, memory
         return replace(past, earlier=self._kept.past), {**memory, "kept": self._kept.planes}
@@ -99,9 +97,7 @@ class Recurrent:
         layout = Layout(past.shape[1], past.shape[0])
         buffers = self._allocate(layout, past.alpha or self.every_step)
         self._previous, self._kept = past, None
-        buffers.doubled, buffers.marked = past.doubled, past.marked
-        if past.doubled:
-            return {**buffers.recurrent(), "texels": buffers.texels()[0]}
+        buffers.marked = past.marked
         if not past.earlier:
             return buffers.recurrent()
         steps = channel_steps(
@@ -340,7 +336,6 @@ class Resolver(Recurrent):
             kept.keep(frame, buffers, build.steps)
         else:
             self.last = passes.resolve()
-        buffers.doubled = choices.history_of is HistoryOf.DOUBLED
         passes.extend_edges()
         return passes
 

@@ -19,7 +19,7 @@ from cltaa.process import OneProcess
 if TYPE_CHECKING:
     from cltaa.opencl.program import Kernel
 
-SLIDING = frozenset({"resolve", "resolve_doubled", "gather", "gather_spans"})  # kernels whose work-items walk down rows
+SLIDING = frozenset({"resolve", "gather", "gather_spans"})  # kernels whose work-items walk down rows
 EDGE_GROUP = 256  # work-items of a group of extend_edges
 
 

@@ -289,12 +289,7 @@ def fading_share(of_mean: Array, settings: Record) -> Array:
 
 def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Resolved:
     """The pixel blended with its rectified history, or begun anew where there is none."""
-    return resolve_beside(p, h, r, believed_samples(p, h, r, build, settings), build, settings)
-
-
-def resolve_beside(p: Pixel, h: History, r: Rectification, count: Array, build: Build, settings: Record) -> Resolved:
-    """The pixel blended with its rectified history of ``count`` samples, or begun anew where there is none."""
-    current = p.filtered
+    count, current = believed_samples(p, h, r, build, settings), p.filtered
     one = number(1.0, h.count)
     past = (h.rgb[0] + r.change[0], h.rgb[1] + r.change[1], h.rgb[2] + r.change[2])
     if build.choices.filter_use is FilterUse.FEW:

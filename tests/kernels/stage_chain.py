@@ -49,14 +49,13 @@ WRITES: dict[str, dict[str, int]] = {
     "rectify_history": {"change_out": 6},
     "blend": {"output": 4, "output_count": 1},
     "resolve": {"output": 4, "output_count": 1},
-    "resolve_doubled": {"texels_out": 20, "output": 4, "output_count": 1},
     "gather": {"output": 4, "output_count": 1},
     "gather_spans": {"spans": 24, "repeats": 1},
     "weigh_spans": {"output": 4, "output_count": 1},
 }
-FUSED = ("resolve", "resolve_doubled", "gather", "gather_spans")
+FUSED = ("resolve", "gather", "gather_spans")
 # The choices that fused kernels are shipped with, all of them at once.
-SHIPPED = {"resolve": "default", "resolve_doubled": "t3-200", "gather": "t5", "gather_spans": "t5"}
+SHIPPED = {"resolve": "default", "gather": "t5", "gather_spans": "t5"}
 STAGES = [kernel for kernel in WRITES if kernel not in FUSED]
 # The choices and steps that each stage's code looks at; of the fused kernels what no stage does.
 LOOKS_AT: dict[str, tuple[str, ...]] = {
@@ -90,17 +89,6 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "weighting",
     ),
     "resolve": ("storage",),
-    "resolve_doubled": (
-        "alpha",
-        "camera_motion",
-        "exposure",
-        "filter_use",
-        "history_filter",
-        "own_motion",
-        "reactive",
-        "reject",
-        "storage",
-    ),
     "gather": (
         "alpha",
         "alpha_from",
@@ -156,7 +144,6 @@ def hard_work(width: int = 70, height: int = 41, seed: int = 0, settings: Settin
     )
     record = frame_record(now, Past.of(before[-1]), layout)
     record["left_weight"], record["right_weight"], record["above_weight"], record["below_weight"] = 0.3, -0.05, 0.1, 0.2
-    record["left_mass"], record["right_mass"], record["upper_mass"], record["lower_mass"] = 0.9, 0.01, 0.6, 0.3
     past = np.array([frame_record(now, Past.of(frame), layout) for frame in reversed(before)], FRAME_DTYPE)
     # None that puts a texel's sample on the border of a neighbour's window, 0.8 off its centre, but for rounding.
     past["again"] = KEPT - 1
@@ -176,8 +163,6 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     given |= {"past": work.past, "frames": len(work.past), "standing": len(work.past)}
     if len(work.past):
         given["kept"] = kept_of(build.steps, work)
-    if not build.steps.alpha and "texels" in work.planes:
-        given["texels"] = np.delete(work.planes["texels"], slice(12, 16), 0)
     given |= {f"{name[:-4]}_in": planes for name, planes in work.planes.items() if name.endswith("_out")}
     if "spans" in work.planes:
         given["spans"] = spans_of(build.steps, work)
@@ -187,7 +172,7 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
         for name in {"history_count", "history_at", "recursive_count"} & set(names):
             given[name] = with_changes(given[name])
     most = value_of("HALF_LIMIT") if build.storage in HALVES else np.inf
-    for name in {"history", "recursive", "output", "texels", "texels_out"} & set(names):
+    for name in {"history", "recursive", "output"} & set(names):
         with np.errstate(invalid="ignore"):  # signalling NaN
             given[name] = np.clip(given[name], -most, most).astype(storage_dtype(build))
     return {name: given[name] for name in names}
