@@ -88,7 +88,7 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_cl
     frame_t frame, settings_t settings, kept_rows* kept)
 {
     const size_t plane = history_plane_size(frame);
-    if ((LANES == 1) | (COLUMNS > 1)) // who walks down a column on a CPU has asked for its own
+    if (LANES == 1)
         fetch_history(history, count, previous_closeness, f.at, frame);
 #if KEEPS_ROWS && LANES == 1
     real counted;
@@ -128,6 +128,8 @@ STAGE history_t sample_history(plane_in current, boxed_row next, history_in hist
 {
     const uint at = history_offset(frame, x, y);
     history_t h;
+    if (LANES > 1) // not beside the frame's: more would be asked for at a time than can be under way
+        fetch_history(history, count, previous_closeness, at, frame);
     const motion_t seen = motion_to_edge(m, LANE_INDEX + K(x), SPLAT(y), frame);
     h.valid = on_screen(seen, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
     int alike;

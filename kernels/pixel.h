@@ -171,10 +171,11 @@ STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t
 }
 
 // The alpha of the history; where the box is `unit`, held in the extremes of the current 3x3 as colour is.
-STAGE real past_alpha(plane_in alpha_at, real past, frame_t frame)
+STAGE real past_alpha(plane_in alpha, real past, int x, int y, frame_t frame)
 {
-    if (BOX != BOX_UNIT)
+    if (!ALPHA | (BOX != BOX_UNIT))
         return past;
+    plane_in alpha_at = alpha + texel_offset(frame, x, y);
     real low = SPLAT(1.0), high = SPLAT(0.0);
     for (int dy = -1; dy <= 1; ++dy)
         for (int dx = -1; dx <= 1; ++dx) {

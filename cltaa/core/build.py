@@ -104,7 +104,6 @@ class Build(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     registers: int = 0  # the most a work-item may have, where the compiler can be told; 0: as many as it likes
     columns_ahead: int = 0  # work-items right of one whose texels it fetches (kernels/ahead.h); 0: only the next one's
     far_first: bool = False  # whether these come into the first cache, not into the second alone
-    columns: int = 0  # the most that a work-item of the resolve walks row by row; 0: what suits the device
     strict: bool = False
     relaxed: bool = False  # what the compiler may do with -cl-fast-relaxed-math: only to be timed (decision 16)
 
@@ -215,7 +214,7 @@ def _struct_lines(name: str, fields: dict[str, str]) -> Iterator[str]:
 
 
 # Members of a build that kernels are told by their own names.
-SHAPED = "lanes", "rows", "stride", "plane", "columns_ahead", "columns", "far_first", "strict", "relaxed"
+SHAPED = "lanes", "rows", "stride", "plane", "columns_ahead", "far_first", "strict", "relaxed"
 
 
 def prelude(build: Build) -> str:
