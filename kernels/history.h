@@ -113,14 +113,6 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_cl
 #endif
 }
 
-// A channel that was read between texels, no less than lobe_floor of the least of the nearest row of three, or than
-// that least where it is negative: a highlight beside them takes as much off by the filter's negative lobes as it is
-// bright. A half is no more than bilinear weights give where light is not negative.
-STAGE real above_lobes(real v, real least, settings_t settings)
-{
-    return greater(lesser(K(settings.lobe_floor) * least, least), v);
-}
-
 // `next` holds the texels of the row below the pixel's.
 STAGE history_t sample_history(plane_in current, boxed_row next, history_in history, plane_in count,
     plane_in previous_closeness, motion_t m, surface s, int x, int y, frame_t frame, settings_t settings,
@@ -138,13 +130,8 @@ STAGE history_t sample_history(plane_in current, boxed_row next, history_in hist
     h.rgb = v.rgb;
     h.count = v.count;
     h.valid = h.valid & !colour_outside_domain(h.rgb);
-    if (LIGHT_CHANGE != LIGHT_CHANGE_IGNORE) {
-        const lit l = history_in_light(v.count, current, next, history, count, f, x, y, frame, settings, &kept->light);
-        h.count = l.count;
-        h.rgb.r = above_lobes(h.rgb.r, l.least.r, settings);
-        h.rgb.g = above_lobes(h.rgb.g, l.least.g, settings);
-        h.rgb.b = above_lobes(h.rgb.b, l.least.b, settings);
-    }
+    if (LIGHT_CHANGE != LIGHT_CHANGE_IGNORE)
+        h.count = history_in_light(v.count, current, next, history, count, f, x, y, frame, settings, &kept->light);
     h.rgb = history_in_range(h.rgb, frame);
     h.alpha = ALPHA ? limit(v.alpha, SPLAT(0.0), SPLAT(1.0)) : v.alpha;
     if (REJECT == REJECT_DEPTH)

@@ -182,7 +182,6 @@ typedef struct
     paired a, b, c;
     boxed step;
     real level, levels; // its own, and with that of the row above
-    colour least; // of each channel of the history's texels
 } light_row;
 
 // What a work-item keeps while it slides down: the row at the next segment, and the texel of the history that is
@@ -193,13 +192,6 @@ typedef struct
     light_row row;
     uint nearest;
 } kept_light;
-
-// What the nine texels say of a history: the samples it counts for, and each channel's least of the nearest row.
-typedef struct
-{
-    real count;
-    colour least;
-} lit;
 
 // Of YCoCg the formula of to_box_space, each part taken away from now's by itself: fewer operations.
 STAGE boxed light_difference(boxed now, colour past, frame_t frame)
@@ -219,7 +211,6 @@ STAGE light_row light_of_row(boxed_row now, history_in history, nearest_t n, int
     const texel_row past = nearest_row(history, n, j, plane, row_stride(frame));
     const boxed left = light_difference(now.left, past.left, frame), own = light_difference(now.own, past.own, frame),
                 right = light_difference(now.right, past.right, frame);
-    row.least = least_colour(least_colour(past.left, past.own), past.right);
     row.a = pair_row(left.a, own.a, right.a);
     row.b = pair_row(left.b, own.b, right.b);
     row.c = pair_row(left.c, own.c, right.c);
@@ -255,13 +246,13 @@ STAGE light_row light_above(plane_in current, history_in history, nearest_t n, i
 #endif
 }
 
-// `held` samples of a history, divided by how much light changes, and holding that, beside the least of the nearest row
-// of the nine texels that tell it. The change: Student's t of the channel that changed most, with the sign of the first
-// one, luminance, and change_kept of what the frame before left. Its size over change_t divides, where that is more
-// than 1. The jitter moves all nine differences one way in one frame and another way in the next, light that changes
-// goes on: so what the jitter does stays small in the sum. `next` is the row below the pixel's.
-STAGE lit history_in_light(real held, plane_in current, boxed_row next, history_in history, plane_in count, footprint f,
-    int x, int y, frame_t frame, settings_t settings, kept_light* kept)
+// `held` samples of a history, divided by how much light changes, and holding that. The change: Student's t of the
+// channel that changed most, with the sign of the first one, luminance, and change_kept of what the frame before left.
+// Its size over change_t divides, where that is more than 1. The jitter moves all nine differences one way in one frame
+// and another way in the next, light that changes goes on: so what the jitter does stays small in the sum. `next` is
+// the row below the pixel's.
+STAGE real history_in_light(real held, plane_in current, boxed_row next, history_in history, plane_in count,
+    footprint f, int x, int y, frame_t frame, settings_t settings, kept_light* kept)
 {
     const nearest_t n = nearest_texels(f, row_stride(frame));
     if (!n.alike | (n.at != kept->nearest))
@@ -281,5 +272,5 @@ STAGE lit history_in_light(real held, plane_in current, boxed_row next, history_
     const real before = kept_change(nearest_count(count, n, row_stride(frame)));
     const real change = (ta < SPLAT(0.0) ? -t : t) + K(settings.change_kept) * before;
     const real by = greater(quotient(absolute(change), SPLAT(settings.change_t)), SPLAT(1.0));
-    return (lit) { with_change(quotient(held, by), change), centre.least };
+    return with_change(quotient(held, by), change);
 }

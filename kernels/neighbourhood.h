@@ -49,12 +49,6 @@ STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below
 // Closeness outside the domain (no depth, infinite) is the sky's.
 STAGE real usable_closeness(real v, frame_t frame) { return usable_or(v, SPLAT(frame.sky_closeness)); }
 
-STAGE colour least_colour(colour a, colour b)
-{
-    const colour v = { lesser(a.r, b.r), lesser(a.g, b.g), lesser(a.b, b.b) };
-    return v;
-}
-
 STAGE colour colour_step(colour from, colour to) { return (colour) { to.r - from.r, to.g - from.g, to.b - from.b }; }
 
 // Three colours weighed as the middle one plus the weighted steps to it and from it: equal colours keep their bits.

@@ -129,10 +129,6 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
     change_floor: Annotated[
         float, _number("standard error added to that of the 3x3, over its luminance", 0.0, 1.0, "1", "measured")
     ] = 0.03
-    lobe_floor: Annotated[
-        float,
-        _number("share of the least of 3 texels that history keeps (light_change test)", 0.0, 1.0, "1", "measured"),
-    ] = 0.5
     resample_cost: Annotated[
         float, _number("loss of count per fraction f(1-f) read between texels", 0.0, 16.0, "1", "measured")
     ] = 1.5

@@ -11,7 +11,7 @@ from cltaa.core.build import Build, Record
 from cltaa.core.parameters import LightChange, Reject
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, colour_outside_domain
-from cltaa.reference.illumination import above_lobes, history_in_light, history_in_range
+from cltaa.reference.illumination import history_in_light, history_in_range
 from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.real import Array, Mask, greater, limit, number
 from cltaa.reference.reprojection import Motion, motion_to_edge, on_screen
@@ -66,9 +66,7 @@ def sample_history(
     valid &= ~colour_outside_domain((r, g, b))
     count = bilinear(sample_quad(np.abs(history_count[0]), f, real), f)
     if build.choices.light_change is not LightChange.IGNORE:
-        lit = history_in_light(count, current, history, history_count[0], f, build, layout, frame, settings)
-        count = lit.count
-        r, g, b = (above_lobes(*channel, settings) for channel in zip((r, g, b), lit.least, strict=True))
+        count = history_in_light(count, current, history, history_count[0], f, build, layout, frame, settings)
     rgb = history_in_range((r, g, b), build, frame)
     alpha = np.ones_like(rgb[0])
     if build.steps.alpha:

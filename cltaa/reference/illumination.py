@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -91,27 +90,6 @@ def with_change_of(count: Array, other: Array) -> Array:
     return _marked_count(count, _parts(other)[1], other)
 
 
-@dataclass(frozen=True, slots=True)
-class Lit:
-    """What nine texels say of a history: the samples it counts for, and each channel's least of the nearest row."""
-
-    count: Array
-    least: Colour
-
-
-def least_colour(a: Colour, b: Colour) -> Colour:
-    """The lesser of each channel."""
-    return lesser(a[0], b[0]), lesser(a[1], b[1]), lesser(a[2], b[2])
-
-
-def above_lobes(v: Array, least: Array, settings: Record) -> Array:
-    """A channel read between texels, no less than ``lobe_floor`` of the ``least`` of the nearest row of three.
-
-    Where that is negative no less than it. A half is no more than bilinear weights give where light is not negative.
-    """
-    return greater(lesser(number(settings["lobe_floor"], v) * least, least), v)
-
-
 def history_in_light(
     held: Array,
     current: Array,
@@ -122,9 +100,8 @@ def history_in_light(
     layout: Layout,
     frame: Record,
     settings: Record,
-) -> Lit:
-    """``held`` [H, W] samples of a history, divided by how much light changes, and holding that, beside the least of
-    the nearest row of the nine texels that tell it.
+) -> Array:
+    """``held`` [H, W] samples of a history, divided by how much light changes, and holding that.
 
     The change is Student's t of the channel that changed most, negative where luminance falls, and ``change_kept`` of
     the change that the frame before left; its size over ``change_t`` divides, where it is more than 1. ``current`` [3,
@@ -139,19 +116,18 @@ def history_in_light(
         for at, fraction in ((f.row, f.fy), (f.column, f.fx))
     )
 
-    def difference(i: int, j: int) -> tuple[Colour, Array, Colour]:
+    def difference(i: int, j: int) -> tuple[Colour, Array]:
         there = slice(PAD_Y + j, PAD_Y + j + layout.height), slice(PAD_X + i, PAD_X + i + layout.width)
         now = to_boxed(to_range((colour[0][there], colour[1][there], colour[2][there]), build), build)
         r, g, b = (plane[row + j, column + i].astype(real) for plane in history[:3])
-        return light_difference(now, (r, g, b), build, frame), np.abs(now[0]), (r, g, b)
+        return light_difference(now, (r, g, b), build, frame), np.abs(now[0])
 
     rows: list[list[Paired]] = []
-    levels, texels = [], []
+    levels = []
     for j in (-1, 0, 1):
-        (left, left_size, a), (own, own_size, b), (right, right_size, c) = (difference(i, j) for i in (-1, 0, 1))
+        (left, left_size), (own, own_size), (right, right_size) = (difference(i, j) for i in (-1, 0, 1))
         rows.append([pair_row(left[k], own[k], right[k]) for k in range(3)])
         levels.append((left_size + own_size) + right_size)
-        texels.append((a, b, c))
     level = (levels[0] + levels[1]) + levels[2]
     floor = number(settings["change_floor"], level)
     units = box_units(build)
@@ -164,5 +140,4 @@ def history_in_light(
     before = kept_change(history_count[row, column].astype(real))
     change = np.where(ta < number(0.0, level), -t, t) + number(settings["change_kept"], level) * before
     by = greater(np.abs(change) / number(settings["change_t"], level), number(1.0, level))
-    a, b, c = texels[1]
-    return Lit(with_change(held / by, change), least_colour(least_colour(a, b), c))
+    return with_change(held / by, change)

@@ -43,7 +43,7 @@ def light_count(now: Any, then: Any, before: float, held: float = 1.0, **setting
     count, counts = padded(of_each, layout)[0], np.full_like(still, held)
     return history_in_light(
         counts, padded(now, layout), padded(then, layout), count, place, BUILD, layout, record, record
-    ).count
+    )
 
 
 def divisors(now: Any, then: Any, before: float = 0.0, **settings: Any) -> Any:
