@@ -19,6 +19,7 @@ __kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, 
     h.fy = load(q + 6 * plane);
     h.most = most_samples(h.fx, h.fy, settings);
     h.valid = load(q + 7 * plane) > SPLAT(0.5);
+    h.change = load(q + 8 * plane);
     const rectification r = { load_colour(c, plane), load(c + 3 * plane), load(c + 4 * plane), load(c + 5 * plane) };
     h.alpha = past_alpha(alpha, h.alpha, x, y, frame);
     const colour mean = load_colour(statistics_in + at, plane);
@@ -30,5 +31,5 @@ __kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, 
     p.luminance = luminance_4(p.filtered);
     p.own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? usable_colour(current, plane, x, y, frame) : p.filtered;
     const resolved out = resolve_pixel(p, h, r, settings);
-    store_resolved(output, output_count, out, x, y, frame);
+    store_recurrent(output, output_count, out, x, y, frame);
 }

@@ -10,7 +10,8 @@
 typedef struct
 {
     colour rgb;
-    real alpha, count, fx, fy; // in the count: how light changes, where that is tested for
+    real alpha, count, fx, fy;
+    real change; // of light, where that is tested for
     real most; // samples that it may stand for
     mask valid;
 } history_t;
@@ -37,13 +38,7 @@ typedef struct
     real fx, fy, most;
 } sampled;
 
-// Whichever way light went. Where no light is tested for too: the frame before may have had another plan.
-STAGE real sample_count(plane_in count, footprint f, int stride)
-{
-    const quad t = sample_quad(count, f, stride);
-    const quad size = { absolute(t.p00), absolute(t.p10), absolute(t.p01), absolute(t.p11) };
-    return bilinear(size, f);
-}
+STAGE real sample_count(plane_in count, footprint f, int stride) { return bilinear(sample_quad(count, f, stride), f); }
 
 STAGE sampled sample_planes(history_in history, plane_in previous_closeness, footprint f, weights wx, weights wy,
     colour rgb, real count, real most, frame_t frame)
@@ -130,8 +125,13 @@ STAGE history_t sample_history(plane_in current, boxed_row next, history_in hist
     h.rgb = v.rgb;
     h.count = v.count;
     h.valid = h.valid & !colour_outside_domain(h.rgb);
-    if (LIGHT_CHANGE != LIGHT_CHANGE_IGNORE)
-        h.count = history_in_light(v.count, current, next, history, count, f, x, y, frame, settings, &kept->light);
+    h.change = SPLAT(0.0);
+    if (TESTS_LIGHT) {
+        const lit_t l
+            = history_in_light(v.count, current, next, history, count, f, x, y, frame, settings, &kept->light);
+        h.count = l.count;
+        h.change = l.change;
+    }
     h.rgb = history_in_range(h.rgb, frame);
     h.alpha = ALPHA ? limit(v.alpha, SPLAT(0.0), SPLAT(1.0)) : v.alpha;
     if (REJECT == REJECT_DEPTH)

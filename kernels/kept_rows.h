@@ -150,10 +150,7 @@ STAGE real slide_plane(slid* s, taps t, weights wx, weights wy)
 }
 
 // A row of the count between two texels, as `sample_count` has it.
-STAGE real count_between(real left, real right, real fx)
-{
-    return absolute(left) + fx * (absolute(right) - absolute(left));
-}
+STAGE real count_between(real left, real right, real fx) { return left + fx * (right - left); }
 
 // Colour and count at a footprint.
 STAGE colour slide_history(

@@ -22,6 +22,7 @@ typedef struct
 {
     colour rgb;
     real alpha, count;
+    real change; // of light, where that is tested for
 } resolved;
 
 // Alpha and reactivity are shares: outside [0, 1], or no number, means the nearer end (no number: `otherwise`).
@@ -112,8 +113,7 @@ STAGE real fading_share(real of_mean, settings_t settings)
 // How many samples a pixel's rectified history is believed to stand for.
 STAGE real believed_samples(pixel_t p, history_t h, rectification r, settings_t settings)
 {
-    const real held = LIGHT_CHANGE == LIGHT_CHANGE_IGNORE ? h.count : absolute(h.count);
-    const real count = believed_count(held, h.most, r.pull, settings);
+    const real count = believed_count(h.count, h.most, r.pull, settings);
     return REACTIVE ? count * (SPLAT(1.0) - p.reactivity) : count;
 }
 
@@ -159,8 +159,7 @@ STAGE resolved blend_pixel(
     if (ALPHA_FROM == ALPHA_FROM_BLEND)
         out.alpha = h.valid ? blend(h.alpha, p.alpha, weight) : p.alpha;
     out.count = h.valid ? count + K(1.0) : SPLAT(1.0);
-    if (LIGHT_CHANGE != LIGHT_CHANGE_IGNORE)
-        out.count = with_change_of(out.count, h.count, h.valid);
+    out.change = h.valid ? h.change : SPLAT(0.0);
     return out;
 }
 
@@ -196,4 +195,12 @@ STAGE void store_resolved(history_out image, plane_out count, resolved r, int x,
     if (ALPHA)
         store_history(image + 3 * plane + at, r.alpha < SPLAT(TINY) ? SPLAT(0.0) : r.alpha, x, y, frame);
     store(count + at, r.count);
+}
+
+// The same, and how light changes, in the plane after the count's.
+STAGE void store_recurrent(history_out image, plane_out count, resolved r, int x, int y, frame_t frame)
+{
+    store_resolved(image, count, r, x, y, frame);
+    if (TESTS_LIGHT)
+        store(count + plane_size(frame) + texel_offset(frame, x, y), r.change);
 }

@@ -34,8 +34,8 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
         // Accumulate: blend the sample with it, by how many samples it stands for.
         const resolved out = resolve_pixel(p, h, r, settings);
 
-        store_resolved(output, output_count, out, x, y, frame);
+        store_recurrent(output, output_count, out, x, y, frame);
     }
     const block_t stored = { x, x + LANES, column.first, column.end };
-    extend_stored(output, 3 + ALPHA, output_count, 1, stored, frame);
+    extend_stored(output, 3 + ALPHA, output_count, 1 + TESTS_LIGHT, stored, frame);
 }

@@ -1,5 +1,5 @@
-// Stage 4 on its own: the history at the motion of stage 3. 8 planes: r, g, b, alpha, count, fx, fy, valid (1 or 0).
-// Where a change of light is tested for, the sign and the last bits of the count say how light changes.
+// Stage 4 on its own: the history at the motion of stage 3. 9 planes: r, g, b, alpha, count, fx, fy, valid (1 or 0),
+// and how light changes, where that is tested for.
 #include "history.h"
 
 __kernel void sample_history_kernel(plane_in current, plane_in motion_in, history_in history, plane_in history_count,
@@ -26,4 +26,5 @@ __kernel void sample_history_kernel(plane_in current, plane_in motion_in, histor
     store(p + 5 * plane, h.fx);
     store(p + 6 * plane, h.fy);
     store(p + 7 * plane, h.valid ? SPLAT(1.0) : SPLAT(0.0));
+    store(p + 8 * plane, h.change);
 }

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cltaa.camera import is_still
 from cltaa.core.backend import Buffer, Launcher
 from cltaa.core.build import FRAME_DTYPE, Build, Record, Steps, kept_planes, span_planes
-from cltaa.core.constants import MIDDLE_SPAN, SHORT_SPAN, SPANS, value
+from cltaa.core.constants import MIDDLE_SPAN, SHORT_SPAN, SPANS
 from cltaa.core.parameters import Choices, HistoryOf, LightChange
 from cltaa.core.plan import Plan
 from cltaa.core.planes import Layout, around, empty_image
@@ -19,9 +19,6 @@ from cltaa.core.record import Past, frame_record
 from cltaa.errors import ResourceError
 from cltaa.frame import Frame
 from cltaa.printable import counted
-
-# Those of a float but its sign and the last ones, which hold a change of light.
-_COUNT_BITS = 0x7FFFFFFF & ~int(value("KEPT_CHANGES"))
 
 
 class LastRun(NamedTuple):
@@ -56,7 +53,8 @@ class Buffers:
         self._dtype = dtype
         self._shown: dict[str, Buffer] = {}
         self._halves: Buffer | None = None
-        self.marked = False  # whether the counts that the last frame left hold changes of light
+        self._counts = 1  # planes of the counts
+        self.holds_changes = False  # whether those that the last frame left hold changes of light
 
     def _planes(self, count: int, dtype: Any = np.float32, layout: Layout | None = None) -> Buffer:
         layout = layout or self.layout
@@ -99,7 +97,8 @@ class Buffers:
 
     def written(self) -> dict[str, Any]:
         """What a resolve writes for the next frame, as ``extend_edges`` is given it."""
-        return {"image": self.output, "floats": self.output_count, "planes": self.result_planes, "more": 1}
+        planes = {"planes": self.result_planes, "more": 1 + self.holds_changes}
+        return {"image": self.output, "floats": self.output_count, **planes}
 
     def read(self, image: Buffer, alpha: bool, dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
         """The output, what is ``shown`` in its place, or ``halves``, as [H, W, 3 or 4] ``dtype``, planar in memory."""
@@ -116,20 +115,26 @@ class Buffers:
         self.closeness, self.previous_closeness = self.previous_closeness, self.closeness
 
     def ready_counts(self, choices: Choices, *, read: bool) -> None:
-        """Ready the counts for a frame of those choices, which does or does not read them.
-
-        Where it tests light and the last frame did not, their last bits are no change of light (``light.h``).
-        """
+        """Ready the counts for a frame of those choices, which does or does not read them: where it tests light they
+        have a second plane, of the change, and after a frame without the test that holds none."""
         tests = choices.history_of is HistoryOf.RESULT and choices.light_change is not LightChange.IGNORE
-        if tests and read and not self.marked:
-            self._clear_changes()
-        self.marked = tests
+        if tests:
+            self.hold_changes()
+        if tests and read and not self.holds_changes:
+            with self.history_count.mapped(write=True) as counts:
+                counts[1] = 0.0
+        self.holds_changes = tests
 
-    def _clear_changes(self) -> None:
+    def hold_changes(self) -> None:
+        """Give the counts a plane more, for changes of light, unless they have one."""
+        if self._counts == 2:
+            return
+        self._counts = 2
         with self.history_count.mapped(write=False) as counts:
-            cleared = counts.view(np.uint32) & np.uint32(_COUNT_BITS)
+            count = counts[0].copy()
+        self.output_count, self.history_count = self._planes(2), self._planes(2, layout=self.whole)
         with self.history_count.mapped(write=True) as counts:
-            counts[...] = cleared.view(np.float32)
+            counts[0] = count
 
     def arguments(self, frame: Record, settings: Record, steps: Steps) -> dict[str, Any]:
         """What every kernel that resolves is given beside what recurs."""

@@ -55,7 +55,7 @@ class Past:
     own_motion: bool
     reactive: bool
     jitter_px: tuple[float, float]
-    marked: bool = False  # whether the counts that it left hold changes of light
+    holds_changes: bool = False  # whether the counts that it left hold changes of light
     earlier: tuple[Past, ...] = ()  # the frames before it whose samples are kept, the latest first
 
     @classmethod

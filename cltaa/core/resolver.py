@@ -87,7 +87,7 @@ class Recurrent:
         """
         if self._previous is None or self._buffers is None:
             raise ValueError("there is no history")
-        memory, past = self._buffers.recurrent(), replace(self._previous, marked=self._buffers.marked)
+        memory, past = self._buffers.recurrent(), replace(self._previous, holds_changes=self._buffers.holds_changes)
         if self._kept is None:
             return past, memory
         return replace(past, earlier=self._kept.past), {**memory, "kept": self._kept.planes}
@@ -97,7 +97,9 @@ class Recurrent:
         layout = Layout(past.shape[1], past.shape[0])
         buffers = self._allocate(layout, past.alpha or self.every_step)
         self._previous, self._kept = past, None
-        buffers.marked = past.marked
+        buffers.holds_changes = past.holds_changes
+        if past.holds_changes:
+            buffers.hold_changes()
         if not past.earlier:
             return buffers.recurrent()
         steps = channel_steps(

@@ -16,7 +16,7 @@ import msgspec
 from cltaa.core.backend import Launcher
 from cltaa.core.bands import BAND_ROWS, BandedResolver
 from cltaa.core.build import Storage
-from cltaa.core.parameters import HistoryOf
+from cltaa.core.parameters import HistoryOf, LightChange
 from cltaa.core.plan import with_effects
 from cltaa.core.planes import kept_memory
 from cltaa.core.presets import Preset
@@ -129,6 +129,7 @@ def of_whole(
     return of_whole_images(
         sequence,
         resolver.storage,
+        changes=resolver.preset.choices.light_change is not LightChange.IGNORE,
         half=half,
         shared=resolver.launcher.shares_memory,
         layers=layers,

@@ -13,7 +13,6 @@ from cltaa.core.parameters import Accumulate, AlphaFrom, AntiFlicker, Box, Filte
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, from_box_space, from_range, luminance, to_box_space
 from cltaa.reference.history import History
-from cltaa.reference.illumination import with_change_of
 from cltaa.reference.neighbourhood import Row, Statistics, current_sample, neighbourhood_statistics
 from cltaa.reference.real import (
     Array,
@@ -186,6 +185,7 @@ class Resolved:
     rgb: Colour
     alpha: Array
     count: Array
+    change: Array | None = None  # of light, where that is tested for
 
 
 def usable_share(v: Array, otherwise: float) -> Array:
@@ -278,7 +278,7 @@ def drawn_towards(own: Colour, filtered: Colour, share: Array) -> Colour:
 def believed_samples(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Array:
     """How many samples a pixel's rectified history is believed to stand for."""
     most = most_samples(h.fx, h.fy, build, settings)
-    count = believed_count(np.abs(h.count), most, r.pull, build, settings)
+    count = believed_count(h.count, most, r.pull, build, settings)
     return count * (number(1.0, count) - p.reactivity) if build.steps.reactive else count
 
 
@@ -308,6 +308,4 @@ def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = np.where(h.valid, blend(h.alpha, alpha, weight), alpha)
     samples = np.where(h.valid, count + one, one)
-    if build.choices.light_change is not LightChange.IGNORE:
-        samples = np.where(h.valid, with_change_of(samples, h.count), samples)
-    return Resolved(stored, alpha, samples)
+    return Resolved(stored, alpha, samples, np.where(h.valid, h.change, number(0.0, samples)))

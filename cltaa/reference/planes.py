@@ -10,6 +10,7 @@ from cltaa.core.build import Build, Real, Record
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Resolved
 from cltaa.reference.colour import repaired_planes
+from cltaa.reference.illumination import tests_light
 from cltaa.reference.neighbourhood import Row, read_row
 from cltaa.reference.real import Array, constant
 from cltaa.reference.store import stored_history
@@ -43,6 +44,15 @@ def store_resolved(
         alpha = np.where(resolved.alpha < constant("TINY", resolved.alpha), 0, resolved.alpha)
         target[3] = stored_history(alpha, build, layout, frame)
     layout.inside(output_count)[0] = resolved.count
+
+
+def store_recurrent(
+    resolved: Resolved, build: Build, layout: Layout, frame: Record, output: Array, output_count: Array
+) -> None:
+    """The same, and how light changes in the plane after the count's, where that is tested for."""
+    store_resolved(resolved, build, layout, frame, output, output_count)
+    if tests_light(build):
+        layout.inside(output_count)[1] = resolved.change
 
 
 def extend_stored(build: Build, layout: Layout, *planes: Array) -> None:

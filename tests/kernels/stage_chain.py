@@ -33,7 +33,7 @@ from cltaa.core.planes import Layout
 from cltaa.core.presets import load_preset
 from cltaa.core.record import Past, frame_record
 from cltaa.reference import KERNELS
-from cltaa.reference.illumination import with_change
+from cltaa.reference.illumination import tests_light
 from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import KEPT, Planes, hard_planes
 from tests.kernels.test_resolve import turned
@@ -45,7 +45,7 @@ WRITES: dict[str, dict[str, int]] = {
     "repair_colour": {"repaired": 3},
     "neighbourhood_statistics": {"statistics_out": 15},
     "surface_motion": {"motion_out": 7},
-    "sample_history": {"history_at": 8},
+    "sample_history": {"history_at": 9},
     "rectify_history": {"change_out": 6},
     "blend": {"output": 4, "output_count": 1},
     "resolve": {"output": 4, "output_count": 1},
@@ -166,10 +166,10 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     given |= {f"{name[:-4]}_in": planes for name, planes in work.planes.items() if name.endswith("_out")}
     if "spans" in work.planes:
         given["spans"] = spans_of(build.steps, work)
-    given |= {name: np.full_like(work.layout.zeros(count), UNWRITTEN) for name, count in WRITES[kernel].items()}
+    given |= {name: np.full_like(work.layout.zeros(count), UNWRITTEN) for name, count in writes(kernel, build).items()}
     names = [p.name for p in inspect.signature(KERNELS[kernel]).parameters.values() if p.kind is p.KEYWORD_ONLY]
-    if build.choices.light_change is not LightChange.IGNORE:
-        for name in {"history_count", "history_at", "recursive_count"} & set(names):
+    if tests_light(build):
+        for name in {"history_count", "history_at"} & set(names):
             given[name] = with_changes(given[name])
     most = value_of("HALF_LIMIT") if build.storage in HALVES else np.inf
     for name in {"history", "recursive", "output"} & set(names):
@@ -178,12 +178,17 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     return {name: given[name] for name in names}
 
 
+def writes(kernel: str, build: Build) -> dict[str, int]:
+    """The planes that a kernel of that build writes: where light is tested the count has a second one."""
+    recurs = kernel in ("blend", "resolve") and tests_light(build)
+    return WRITES[kernel] | ({"output_count": 2} if recurs else {})
+
+
 def with_changes(planes: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The count, one plane or the fifth of eight, holding changes of light as a test for them leaves them; 0 none."""
-    held, plane = planes.copy(), 0 if len(planes) == 1 else 4
-    changes = np.random.default_rng(1).uniform(-9.0, 9.0, planes.shape[1:]).astype(np.float32)
-    held[plane] = np.where(held[plane] == 0, held[plane], with_change(held[plane], changes))
-    return held
+    """The planes of the count, or of a history at its place, with changes of light as a test for them leaves them."""
+    most = value_of("MOST_CHANGE")
+    changes = np.random.default_rng(1).uniform(-most, most, planes.shape[1:]).astype(np.float32)
+    return np.concatenate([planes[: 8 if len(planes) > 1 else 1], changes[None]])
 
 
 def spans_of(steps: Steps, work: Work) -> NDArray[np.float32]:
@@ -210,7 +215,7 @@ def run_stage(kernel: str, build: Build, work: Work, launcher: Launcher) -> Plan
     launcher.run(kernel, build, work.layout, buffers)
     launcher.finish()
     written: Planes = {}
-    for name in WRITES[kernel]:
+    for name in writes(kernel, build):
         with buffers[name].mapped(write=False) as planes_of:
             written[name] = planes_of.copy()
     return written

@@ -238,6 +238,7 @@ OUTPUTS = [
     Output(HISTORY, "history: count n", "history_at", slice(4, 5), "u·(1 + n)", counts),
     Output(HISTORY, "history: fraction of a texel", "history_at", slice(5, 7), "u", one),
     Output(HISTORY, "history: usable", "history_at", slice(7, 8), "u", one),
+    Output(HISTORY, "history: change of light", "history_at", slice(8, 9), "u", one),
     Output("rectify_history", "rectify: change", "change_out", RGB, "u·M", box),
     Output("rectify_history", "rectify: pull p", "change_out", FOURTH, "u·(M / extent + p)", pulled),
     Output("rectify_history", "rectify: unrest, calm", "change_out", slice(4, 6), "u", one),

@@ -134,12 +134,14 @@ def memory(
     kept = HistoryOf.SAMPLES in histories
     frames_kept = preset.settings.frames_kept if kept else 0
     spans = kept and any(each.choices.light_change is LightChange.SPANS for each in plans)
+    changes = any(each.choices.light_change is not LightChange.IGNORE for each in plans)
     held = PlanesHeld(
         Steps(**used),
         resolver.storage,
         band_rows=rows,
         frames_kept=frames_kept,
         spans=spans,
+        changes=changes,
         shared=shared,
         half=half,
     )
