@@ -1,4 +1,4 @@
-"""Twins of the stage kernels: thin wrappers that read planes, call the stage and write planes, as each ``.cl`` does."""
+"""Twin of ``stages.cl``: thin wrappers that read planes, call a stage and write planes."""
 
 from __future__ import annotations
 

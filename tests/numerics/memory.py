@@ -58,24 +58,17 @@ STORED = "store_colour(repaired + texel_offset(frame, x, y), plane, v);"
 # Fault and the simulator's word for it.
 PLANTED = [
     (
-        Mutation(
-            "read beyond the end", "kernels/repair_colour.cl", STORED, "v.r += 0.0f * current[4 * plane]; " + STORED
-        ),
+        Mutation("read beyond the end", "kernels/stages.cl", STORED, "v.r += 0.0f * current[4 * plane]; " + STORED),
         "Invalid read",
     ),
     (
         Mutation(
-            "write beyond the end",
-            "kernels/repair_colour.cl",
-            STORED,
-            STORED.replace("repaired", "repaired + 4 * plane"),
+            "write beyond the end", "kernels/stages.cl", STORED, STORED.replace("repaired", "repaired + 4 * plane")
         ),
         "Invalid write",
     ),
     (
-        Mutation(
-            "two work-items write one texel", "kernels/repair_colour.cl", STORED, STORED + " *repaired = (float)x;"
-        ),
+        Mutation("two work-items write one texel", "kernels/stages.cl", STORED, STORED + " *repaired = (float)x;"),
         "data race",
     ),
     (
