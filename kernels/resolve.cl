@@ -1,7 +1,7 @@
 // The temporal resolve. A work-item takes a column of the image, pixel by pixel from above: LANES of them at once.
-#include "pixel.h"
-#include "window.h"
-#include "edges.h"
+#include "taa/pixel.h"
+#include "schedule/window.h"
+#include "schedule/edges.h"
 
 __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha, plane_in reactive,
     history_in history, plane_in history_count, plane_in previous_closeness, history_out output, plane_out output_count,

@@ -102,14 +102,16 @@ class Build(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     stride: int = 0  # texels from one row of a plane to the next, where kernels are built for one width; 0: any
     plane: int = 0  # texels of a plane, where kernels are built for one size of images in one piece; 0: any
     registers: int = 0  # the most a work-item may have, where the compiler can be told; 0: as many as it likes
-    columns_ahead: int = 0  # work-items right of one whose texels it fetches (kernels/ahead.h); 0: only the next one's
+    columns_ahead: int = (
+        0  # work-items right of one whose texels it fetches (kernels/schedule/ahead.h); 0: only the next one's
+    )
     far_first: bool = False  # whether these come into the first cache, not into the second alone
     strict: bool = False
     relaxed: bool = False  # what the compiler may do with -cl-fast-relaxed-math: only to be timed (decision 16)
 
     @property
     def extends(self) -> bool:
-        """Whether kernels repeat the edges of what they store themselves, as a CPU's do (``kernels/edges.h``)."""
+        """Whether kernels repeat the edges of what they store, as a CPU's do (``kernels/schedule/edges.h``)."""
         return self.lanes > 1
 
     def flags(self) -> tuple[str, ...]:

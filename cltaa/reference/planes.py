@@ -56,7 +56,7 @@ def store_recurrent(
 
 
 def extend_stored(build: Build, layout: Layout, *planes: Array) -> None:
-    """Repeat the edges of what a kernel has stored into the halo, where it does so itself (``kernels/edges.h``)."""
+    """Repeat the edges of what a kernel stores, where it does so itself (``kernels/schedule/edges.h``)."""
     if build.extends:
         for stored in planes:
             layout.extend_edges(stored)

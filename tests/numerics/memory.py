@@ -37,19 +37,21 @@ SIZES = [(9, 7), (1, 1), (17, 2)]
 LANES = (1, 4, 8, 16)
 # What the simulator asks for.
 EDITS = [
-    Mutation("no inlining", "kernels/lanes.h", " __attribute__((always_inline))", ""),
-    Mutation("library root", "kernels/real.h", "#define SCALAR_ROOT __builtin_sqrtf", "#define SCALAR_ROOT sqrt"),
+    Mutation("no inlining", "kernels/platform/lanes.h", " __attribute__((always_inline))", ""),
+    Mutation(
+        "library root", "kernels/platform/real.h", "#define SCALAR_ROOT __builtin_sqrtf", "#define SCALAR_ROOT sqrt"
+    ),
     Mutation(
         "halves of masks",
-        "kernels/lanes.h",
+        "kernels/platform/lanes.h",
         "return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0;",
         "return any(m != 0);",
     ),
-    Mutation("no reading ahead", "kernels/lanes.h", "#if __has_builtin(__builtin_prefetch)", "#if 0"),
-    Mutation("no reductions", "kernels/lanes.h", "#if __has_builtin(__builtin_reduce_or)", "#if 0"),
+    Mutation("no reading ahead", "kernels/platform/lanes.h", "#if __has_builtin(__builtin_prefetch)", "#if 0"),
+    Mutation("no reductions", "kernels/platform/lanes.h", "#if __has_builtin(__builtin_reduce_or)", "#if 0"),
     Mutation(
         "no floor",
-        "kernels/lanes.h",
+        "kernels/platform/lanes.h",
         "#if __has_builtin(__builtin_elementwise_floor)",
         "#if 0 && __has_builtin(__builtin_elementwise_floor)",
     ),
@@ -72,7 +74,7 @@ PLANTED = [
         "data race",
     ),
     (
-        Mutation("a sum that begins with nothing", "kernels/repair.h", "float sum = 0.0f;", "float sum;"),
+        Mutation("a sum that begins with nothing", "kernels/taa/repair.h", "float sum = 0.0f;", "float sum;"),
         "Uninitialized",
     ),
 ]

@@ -1,7 +1,7 @@
 // The history of a pixel: its colour at the place where the surface was, and whether it can be used at all.
-#include "ahead.h"
-#include "kept_rows.h"
-#include "reject.h"
+#include "schedule/ahead.h"
+#include "schedule/kept_rows.h"
+#include "taa/reject.h"
 
 #if !defined(ALPHA) || !defined(REJECT) || !defined(LIGHT_CHANGE)
 #error "history.h needs ALPHA, REJECT and LIGHT_CHANGE from the prelude"

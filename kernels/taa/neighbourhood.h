@@ -1,6 +1,6 @@
 // The 3x3 neighbourhood, gathered row by row so that a window sliding down a column reads and converts each row once.
-#include "moments.h"
-#include "repair.h"
+#include "taa/moments.h"
+#include "taa/repair.h"
 
 #if !defined(DILATION) || !defined(OWN_MOTION) || !defined(CURRENT_FILTER)
 #error "neighbourhood.h needs DILATION, OWN_MOTION and CURRENT_FILTER from the prelude"

@@ -9,7 +9,7 @@
 // so many work-items right of it into the second cache alone, and its own next texels and those right of them from
 // there into the first. FAR_FIRST: the far ones into the first as well. On a Zen 5 those that were asked for into the
 // second alone were not there in time once a walk had fallen behind, and it did not catch up.
-#include "image.h"
+#include "platform/image.h"
 
 #if !defined(COLUMNS_AHEAD) || !defined(FAR_FIRST)
 #error "ahead.h needs COLUMNS_AHEAD and FAR_FIRST from the prelude"

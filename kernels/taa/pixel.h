@@ -1,7 +1,7 @@
 // One output pixel from its current sample, its neighbourhood and its history.
-#include "history.h"
-#include "rectify.h"
-#include "blend.h"
+#include "taa/history.h"
+#include "taa/rectify.h"
+#include "taa/blend.h"
 
 #if !defined(ALPHA) || !defined(REACTIVE) || !defined(ALPHA_FROM) || !defined(FILTER_USE)
 #error "pixel.h needs ALPHA, REACTIVE, ALPHA_FROM and FILTER_USE from the prelude"

@@ -1,7 +1,7 @@
 // How a work-item walks: it slides a segment of LANES pixels down ROWS rows and carries the 3x3 around it along, so
 // that each row of the frame is read and converted once.
-#include "ahead.h"
-#include "neighbourhood.h"
+#include "schedule/ahead.h"
+#include "taa/neighbourhood.h"
 
 #if !defined(ROWS)
 #error "window.h needs ROWS from the prelude"

@@ -2,8 +2,8 @@
 // the same fraction of a texel and as many whole ones, three of the four rows of taps around it have been weighed along
 // x already. Its place, fractions and weights are known too, before the motion that says the same has been worked out,
 // so that a CPU need not wait for it.
-#include "blend.h"
-#include "light.h"
+#include "taa/blend.h"
+#include "taa/light.h"
 
 #if !defined(CAMERA_MOTION) || !defined(OWN_MOTION)
 #error "kept_rows.h needs CAMERA_MOTION and OWN_MOTION from the prelude"

@@ -1,7 +1,7 @@
 // Light that changes where nothing moves. Nine samples of now are paired with what the history holds at their places:
 // where light stands, the nine differences are the jitter's, of either sign; where it changes, they agree.
-#include "neighbourhood.h"
-#include "sampling.h"
+#include "taa/neighbourhood.h"
+#include "taa/sampling.h"
 
 #if !defined(EXPOSURE)
 #error "light.h needs EXPOSURE from the prelude"
