@@ -2,7 +2,7 @@
 // history's numbers and of `more` planes of floats, at once, since to start a kernel costs a GPU more than this work.
 // For each plane first a work-item a column of the rows above, and one of those below; then ROW_ITEMS a row, between
 // which its texels left and right of the image are dealt out. A CPU's kernels do it themselves (edges.h).
-#include "image.h"
+#include "platform/image.h"
 
 // Texels are copied as they are; halves as bits, since a device may lack arithmetic on them.
 #if STORAGE_HALF

@@ -1,8 +1,8 @@
 // The temporal resolve without a recurrent image: each pixel gathers the samples that the last frames drew inside it.
 // One work-item slides a segment of LANES pixels down ROWS rows, as in resolve.cl.
 #include "gather.h"
-#include "ahead.h"
-#include "edges.h"
+#include "schedule/ahead.h"
+#include "schedule/edges.h"
 
 __kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha, plane_in reactive,
     plane_in kept, frames_in past, const int frames, history_out output, plane_out output_count, const frame_t frame,

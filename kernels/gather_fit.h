@@ -1,6 +1,6 @@
 // From the samples that lie in a pixel to its colour. What a supersampler gets by placing its samples evenly has to be
 // made good here, since they lie wherever jitter and motion have put them.
-#include "projection.h"
+#include "taa/projection.h"
 
 #if !defined(GATHER_FIT) || !defined(CAMERA_MOTION)
 #error "gather_fit.h needs GATHER_FIT and CAMERA_MOTION from the prelude"

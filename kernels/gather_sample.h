@@ -1,5 +1,5 @@
 // The samples that a kept frame holds in and around a pixel.
-#include "pixel.h"
+#include "taa/pixel.h"
 #include "gather_fit.h"
 #include "gather_sides.h"
 #include "gather_track.h"

@@ -1,5 +1,5 @@
 // The surfaces of a pixel that a depth edge runs through: a nearer and a farther side, each of one surface or of two.
-#include "neighbourhood.h"
+#include "taa/neighbourhood.h"
 
 #if !defined(OWN_MOTION) || !defined(GATHER_FIT)
 #error "gather_sides.h needs OWN_MOTION and GATHER_FIT from the prelude"

@@ -1,8 +1,8 @@
 // As gather.cl, but where light may change: each pixel from several spans of its past, and how far each is off. Which
 // of them to believe is weigh_spans.cl's to say.
 #include "spans.h"
-#include "ahead.h"
-#include "edges.h"
+#include "schedule/ahead.h"
+#include "schedule/edges.h"
 
 __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha,
     plane_in reactive, plane_in kept, frames_in past, const int frames, const int standing, plane_out spans,

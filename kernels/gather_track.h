@@ -1,5 +1,5 @@
 // Surfaces on their ways back through the kept frames.
-#include "reject.h"
+#include "taa/reject.h"
 
 #if !defined(OWN_MOTION) || !defined(ALPHA) || !defined(GATHER_FIT) || !defined(REJECT)
 #error "gather_track.h needs OWN_MOTION, ALPHA, GATHER_FIT and REJECT from the prelude"

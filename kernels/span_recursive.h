@@ -1,6 +1,6 @@
 // What the recursive resolve of the same frame adds to what the spans of the past came to: an estimate of another kind,
 // whose errors are in part independent.
-#include "pixel.h"
+#include "taa/pixel.h"
 
 // The share of a recursive result of `recursive` samples beside spans of `count` ones. A history that was forgotten
 // just now follows light that the spans still lag behind, and costs little where they have few samples themselves. One

@@ -1,7 +1,7 @@
 // From the spans of a pixel's past to its colour: each weighed by its error around the pixel, and moved by what the
 // latest samples say of the light there.
-#include "blend.h"
-#include "image.h"
+#include "taa/blend.h"
+#include "platform/image.h"
 
 #if !defined(ALPHA) || !defined(SPANS) || !defined(SPAN_REACH) || !defined(SHORT_SPAN) || !defined(SHARED_NOISE)
 #error "span_weights.h needs ALPHA, SPANS, SPAN_REACH, SHORT_SPAN and SHARED_NOISE from the prelude"

@@ -1,8 +1,8 @@
 // The result in halves, as a file holds them: each channel rounded to the nearest. From the largest half on it becomes
 // infinite, by which the host finds what is cut and limits it (halves.py). A work-item takes every so many segments of
 // its row as there are work-items to the row: on a CPU all of them.
-#include "image.h"
-#include "storage.h"
+#include "platform/image.h"
+#include "platform/storage.h"
 
 // Twice as much from the largest half on, which is beyond all of them.
 STAGE floats beyond_halves(floats v)

@@ -23,7 +23,6 @@ from cltaa.core.frame_checks import check_frame
 from cltaa.core.parameters import HistoryOf
 from cltaa.core.passes import Passes
 from cltaa.core.planes import Layout
-from cltaa.core.presets import Preset
 from cltaa.core.record import Past, frame_record
 from cltaa.core.resolver import Resolver, Times, one_thread, upload
 from cltaa.errors import UsageError
@@ -73,7 +72,7 @@ class _Result(NamedTuple):
 
     band: Band
     output: NDArray[np.float32]
-    samples: NDArray[np.float32]
+    counts: NDArray[np.float32]
     closeness: NDArray[np.float32]
 
 
@@ -82,7 +81,7 @@ class _Whole(NamedTuple):
 
     colour: Image  # [H, W, 3]
     alpha: Image | None
-    samples: Image
+    counts: NDArray[np.float32]  # [1 or 2, H, W]: samples, and where it is tested for the change of light
     closeness: Image
 
     def store(self, result: _Result) -> None:
@@ -90,7 +89,8 @@ class _Whole(NamedTuple):
         self.colour[rows] = np.moveaxis(result.output[:3], 0, -1)
         if self.alpha is not None:
             self.alpha[rows] = result.output[3]
-        self.samples[rows], self.closeness[rows] = result.samples[0], result.closeness[0]
+        self.counts[:, rows] = result.counts[: len(self.counts)]
+        self.closeness[rows] = result.closeness[0]
 
 
 class BandedResolver(Resolver):
@@ -106,7 +106,7 @@ class BandedResolver(Resolver):
             raise UsageError("NumPy resolves whole images only", cure="leave --band-rows out, or name a device")
         if self.preset.choices.history_of is not HistoryOf.RESULT:
             raise UsageError(
-                f"preset {self.preset.name} {keeps(self.preset)}, so it resolves whole images only",
+                f"preset {self.preset.name} keeps frames, so it resolves whole images only",
                 cure="leave --band-rows out, or take --preset default",
             )
         self._rows, self._in_place = band_rows, in_place
@@ -130,7 +130,8 @@ class BandedResolver(Resolver):
         assert self.plan is not None
         record = frame_record(frame, previous, buffers.whole, self.plan)
         passes = Passes(self.launcher, self.plan, build, buffers, record)
-        whole = _whole(frame, build.steps.alpha)
+        buffers.ready_counts(self.plan.choices, read=not record["reset"])
+        whole = _whole(frame, build.steps.alpha, 1 + buffers.holds_changes)
         planes = 3 if frame.alpha is None else 4
         halves = np.empty((planes if half else 0, frame.height, frame.width), np.float16)
         waiting: deque[_Result] = deque()  # rows that the bands below still take along as they came
@@ -170,17 +171,12 @@ class BandedResolver(Resolver):
         return Buffers(self.launcher, band, alpha, storage_dtype(self._shape), layout)
 
 
-def keeps(preset: Preset) -> str:
-    """What a preset does for which whole images are needed."""
-    return "keeps frames" if preset.choices.history_of is HistoryOf.SAMPLES else "keeps its history at 200 %"
-
-
-def _whole(frame: Frame, alpha: bool) -> _Whole:
+def _whole(frame: Frame, alpha: bool, counts: int) -> _Whole:
     size = (frame.height, frame.width)
     return _Whole(
         frame.colour,
         np.empty(size, np.float32) if alpha and frame.alpha is None else frame.alpha,
-        np.empty(size, np.float32),
+        np.empty((counts, *size), np.float32),
         frame.depth,
     )
 
@@ -205,10 +201,10 @@ def _keep(whole: _Whole, buffers: Buffers) -> None:
     colour = np.moveaxis(whole.colour, -1, 0)
     for buffer, planes in (
         (buffers.history, [*colour, *([] if whole.alpha is None else [whole.alpha])]),
-        (buffers.history_count, [whole.samples]),
+        (buffers.history_count, [*whole.counts]),
         (buffers.previous_closeness, [whole.closeness]),
     ):
         with buffer.mapped(write=True) as target:
-            for place, plane in zip(buffers.whole.inside(target), planes, strict=True):
+            for place, plane in zip(buffers.whole.inside(target)[: len(planes)], planes, strict=True):
                 place[...] = plane
             buffers.whole.extend_edges(target)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from cltaa.camera import is_still
 from cltaa.core.backend import Buffer, Launcher
-from cltaa.core.build import FRAME_DTYPE, Build, Record, Steps, kept_planes, span_planes, texel_planes
-from cltaa.core.constants import MIDDLE_SPAN, SHORT_SPAN, SPANS, value
+from cltaa.core.build import FRAME_DTYPE, Build, Record, Steps, kept_planes, span_planes
+from cltaa.core.constants import MIDDLE_SPAN, SHORT_SPAN, SPANS
 from cltaa.core.parameters import Choices, HistoryOf, LightChange
 from cltaa.core.plan import Plan
 from cltaa.core.planes import Layout, around, empty_image
@@ -19,12 +19,6 @@ from cltaa.core.record import Past, frame_record
 from cltaa.errors import ResourceError
 from cltaa.frame import Frame
 from cltaa.printable import counted
-
-# Kernels step in 31 bits over the four planes of a channel at 200 %.
-MOST_DOUBLED = 2**29 - 1
-
-# Those of a float but its sign and the last ones, which hold a change of light.
-_COUNT_BITS = 0x7FFFFFFF & ~int(value("KEPT_CHANGES"))
 
 
 class LastRun(NamedTuple):
@@ -57,11 +51,10 @@ class Buffers:
         self.channels: dict[str, Buffer] = {}  # of the frame: current, motion, alpha, reactive
         self._copies: dict[str, Buffer] = {}  # memory for those that were copied once
         self._dtype = dtype
-        self._texels: list[Buffer] = []  # at 200 %: those that are read, and those that are written
         self._shown: dict[str, Buffer] = {}
         self._halves: Buffer | None = None
-        self.doubled = False  # whether the last frame left a history at 200 %
-        self.marked = False  # whether the counts that the last frame left hold changes of light
+        self._counts = 1  # planes of the counts
+        self.holds_changes = False  # whether those that the last frame left hold changes of light
 
     def _planes(self, count: int, dtype: Any = np.float32, layout: Layout | None = None) -> Buffer:
         layout = layout or self.layout
@@ -86,23 +79,6 @@ class Buffers:
         fill(self._copies[name], self.layout, planes)
         self.channels[name] = self._copies[name]
 
-    def texels(self) -> tuple[Buffer, Buffer]:
-        """The history at 200 % that is read and the one that is written, allocated when first asked for.
-
-        Raises ResourceError where a channel of it has more texels than kernels can step over.
-        """
-        if self.layout.plane > MOST_DOUBLED:
-            raise ResourceError(
-                "the image is too large for a history at 200 %",
-                found=f"{self.layout.width} x {self.layout.height}",
-                expected=f"at most {MOST_DOUBLED} texels with the halo",
-                cure="take --preset default",
-            )
-        planes = texel_planes(self.result_planes == 4)
-        while len(self._texels) < 2:
-            self._texels.append(self._planes(planes, self._dtype))
-        return self._texels[0], self._texels[1]
-
     def shown(self) -> dict[str, Buffer]:
         """What takes the place of the output and its counts where the next frame reads another image than is shown;
         allocated when first asked for."""
@@ -119,14 +95,10 @@ class Buffers:
             self._halves = self._planes(self.result_planes, np.float16)
         return self._halves
 
-    def written(self, doubled: bool) -> list[dict[str, Any]]:
+    def written(self) -> dict[str, Any]:
         """What a resolve writes for the next frame, as ``extend_edges`` is given it."""
-        counted = {"planes": self.result_planes, "more": 1}
-        images: list[dict[str, Any]] = [{"image": self.output, "floats": self.output_count, **counted}]
-        if doubled:
-            planes = texel_planes(self.result_planes == 4)
-            images.append({"image": self.texels()[1], "floats": None, "planes": planes, "more": 0})
-        return images
+        planes = {"planes": self.result_planes, "more": 1 + self.holds_changes}
+        return {"image": self.output, "floats": self.output_count, **planes}
 
     def read(self, image: Buffer, alpha: bool, dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
         """The output, what is ``shown`` in its place, or ``halves``, as [H, W, 3 or 4] ``dtype``, planar in memory."""
@@ -141,23 +113,28 @@ class Buffers:
         self.history, self.output = self.output, self.history
         self.history_count, self.output_count = self.output_count, self.history_count
         self.closeness, self.previous_closeness = self.previous_closeness, self.closeness
-        self._texels.reverse()
 
     def ready_counts(self, choices: Choices, *, read: bool) -> None:
-        """Ready the counts for a frame of those choices, which does or does not read them.
-
-        Where it tests light and the last frame did not, their last bits are no change of light (``light.h``).
-        """
+        """Ready the counts for a frame of those choices, which does or does not read them: where it tests light they
+        have a second plane, of the change, and after a frame without the test that holds none."""
         tests = choices.history_of is HistoryOf.RESULT and choices.light_change is not LightChange.IGNORE
-        if tests and read and not self.marked:
-            self._clear_changes()
-        self.marked = tests
+        if tests:
+            self.hold_changes()
+        if tests and read and not self.holds_changes:
+            with self.history_count.mapped(write=True) as counts:
+                counts[1] = 0.0
+        self.holds_changes = tests
 
-    def _clear_changes(self) -> None:
+    def hold_changes(self) -> None:
+        """Give the counts a plane more, for changes of light, unless they have one."""
+        if self._counts == 2:
+            return
+        self._counts = 2
         with self.history_count.mapped(write=False) as counts:
-            cleared = counts.view(np.uint32) & np.uint32(_COUNT_BITS)
+            count = counts[0].copy()
+        self.output_count, self.history_count = self._planes(2), self._planes(2, layout=self.whole)
         with self.history_count.mapped(write=True) as counts:
-            counts[...] = cleared.view(np.float32)
+            counts[0] = count
 
     def arguments(self, frame: Record, settings: Record, steps: Steps) -> dict[str, Any]:
         """What every kernel that resolves is given beside what recurs."""
@@ -180,11 +157,6 @@ class Buffers:
             "history_count": self.history_count,
             "previous_closeness": self.previous_closeness,
         }
-
-    def doubling(self) -> dict[str, Buffer]:
-        """The same, and what is written, of a resolve with a history at 200 %."""
-        texels, texels_out = self.texels()
-        return {"previous_closeness": self.previous_closeness, "texels": texels, "texels_out": texels_out}
 
 
 def fill(buffer: Buffer, layout: Layout, planes: NDArray[np.float32]) -> None:

@@ -84,11 +84,6 @@ def kept_planes(steps: Steps) -> int:
     return 4 + 2 * steps.own_motion + steps.alpha + steps.reactive
 
 
-def texel_planes(alpha: bool) -> int:
-    """Planes of a history at 200 %: four each of r, g, b, alpha where there is any, and count (texels.h)."""
-    return 4 * (4 + alpha)
-
-
 def span_planes(steps: Steps) -> int:
     """Planes of a span: r, g, b, error, count, and alpha where there is such (SPAN_PLANES)."""
     return 5 + steps.alpha
@@ -107,15 +102,16 @@ class Build(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     stride: int = 0  # texels from one row of a plane to the next, where kernels are built for one width; 0: any
     plane: int = 0  # texels of a plane, where kernels are built for one size of images in one piece; 0: any
     registers: int = 0  # the most a work-item may have, where the compiler can be told; 0: as many as it likes
-    columns_ahead: int = 0  # work-items right of one whose texels it fetches (kernels/ahead.h); 0: only the next one's
+    columns_ahead: int = (
+        0  # work-items right of one whose texels it fetches (kernels/schedule/ahead.h); 0: only the next one's
+    )
     far_first: bool = False  # whether these come into the first cache, not into the second alone
-    columns: int = 0  # the most that a work-item of the resolve walks row by row; 0: what suits the device
     strict: bool = False
     relaxed: bool = False  # what the compiler may do with -cl-fast-relaxed-math: only to be timed (decision 16)
 
     @property
     def extends(self) -> bool:
-        """Whether kernels repeat the edges of what they store themselves, as a CPU's do (``kernels/edges.h``)."""
+        """Whether kernels repeat the edges of what they store, as a CPU's do (``kernels/schedule/edges.h``)."""
         return self.lanes > 1
 
     def flags(self) -> tuple[str, ...]:
@@ -179,10 +175,6 @@ FRAME_FIELDS: dict[str, tuple[str, str]] = {
     "right_weight": ("float", "weight of the right column"),
     "above_weight": ("float", "weight of the row above"),
     "below_weight": ("float", "weight of the row below"),
-    "left_mass": ("float", "what the sample counts for in the left texels of a pixel's history at 200 %"),
-    "right_mass": ("float", "the same in the right ones"),
-    "upper_mass": ("float", "a factor to it in the upper ones"),
-    "lower_mass": ("float", "a factor to it in the lower ones"),
 }
 
 # A struct of a kernel as a 0-dimensional structured array.
@@ -224,7 +216,7 @@ def _struct_lines(name: str, fields: dict[str, str]) -> Iterator[str]:
 
 
 # Members of a build that kernels are told by their own names.
-SHAPED = "lanes", "rows", "stride", "plane", "columns_ahead", "columns", "far_first", "strict", "relaxed"
+SHAPED = "lanes", "rows", "stride", "plane", "columns_ahead", "far_first", "strict", "relaxed"
 
 
 def prelude(build: Build) -> str:

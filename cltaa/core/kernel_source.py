@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from functools import cache
 from importlib import resources
 from pathlib import Path
 
 from cltaa.core.constants import CONSTANTS, PAD_X, PAD_Y
 
+# A kernel's function is its name and _kernel, so that stage functions can have the plain name.
+_ENTRY = re.compile(r"^__kernel void (\w+)_kernel\(", re.MULTILINE)
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 # Raise it where other Python code gives other bits, or a folder of results holds other things: then no run goes on
@@ -25,9 +28,16 @@ def kernel_folder() -> Path:
     return _PACKAGE.parent / "kernels"
 
 
+@cache
+def kernel_files() -> dict[str, str]:
+    """The entry points of all kernels, sorted, and the file that each of them is in."""
+    files = sorted(kernel_folder().glob("*.cl"))
+    return dict(sorted((name, path.name) for path in files for name in _ENTRY.findall(path.read_text("utf-8"))))
+
+
 def kernel_names() -> list[str]:
     """Names of all kernels, sorted."""
-    return sorted(path.stem for path in kernel_folder().glob("*.cl"))
+    return list(kernel_files())
 
 
 @cache

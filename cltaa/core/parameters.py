@@ -87,9 +87,6 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
     filter_falloff: Annotated[
         float, _number("falloff of the gaussian current filter", 0.0, 64.0, "1 / pixel^2", "2.29: Blackman-Harris, 3.3")
     ] = 2.29
-    texel_falloff: Annotated[
-        float, _number("falloff of a sample's mass (history_of doubled)", 0.0, 16.0, "1 / pixel^2", "measured")
-    ] = 8.0
     filter_samples: Annotated[
         float,
         _number("samples of a history beyond which the filter's share falls as 1 / n^2", 1.0, 2.0**20, "1", "measured"),
@@ -128,14 +125,10 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
     ] = 2.3
     change_kept: Annotated[
         float, _number("share of such a t that is added to that of the next frame", 0.0, 1.0, "1", "measured")
-    ] = 0.75
+    ] = 0.72
     change_floor: Annotated[
         float, _number("standard error added to that of the 3x3, over its luminance", 0.0, 1.0, "1", "measured")
     ] = 0.03
-    lobe_floor: Annotated[
-        float,
-        _number("share of the least of 3 texels that history keeps (light_change test)", 0.0, 1.0, "1", "measured"),
-    ] = 0.5
     resample_cost: Annotated[
         float, _number("loss of count per fraction f(1-f) read between texels", 0.0, 16.0, "1", "measured")
     ] = 1.5
@@ -177,9 +170,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
 
 
 # What the host alone looks at: it does not reach the kernels' struct.
-HOST_SETTINGS = frozenset(
-    {"changing_cost", "changing_gamma", "filter_falloff", "frames_kept", "sky_at", "sky_below", "texel_falloff"}
-)
+HOST_SETTINGS = frozenset({"changing_cost", "changing_gamma", "filter_falloff", "frames_kept", "sky_at", "sky_below"})
 KERNEL_SETTINGS = tuple(name for name in Settings.__struct_fields__ if name not in HOST_SETTINGS)
 
 
@@ -187,7 +178,6 @@ class HistoryOf(Choice):
     """What is remembered of earlier frames."""
 
     RESULT = "result", "their resolved image: any number of frames in one"
-    DOUBLED = "doubled", "the same at 200 %: four texels a pixel"
     SAMPLES = "samples", "the samples of the last frames_kept frames, as they were drawn"
 
 

@@ -9,7 +9,6 @@ from cltaa.core.backend import Buffer, Launcher
 from cltaa.core.buffers import Buffers, KeptFrames, LastRun
 from cltaa.core.build import Build, Record, edge_build, settings_record, span_planes
 from cltaa.core.constants import SPANS
-from cltaa.core.parameters import HistoryOf
 from cltaa.core.plan import Plan
 from cltaa.frame import Frame
 
@@ -29,17 +28,12 @@ class Passes:
     record: Record
 
     def resolve(self) -> LastRun:
-        """Resolve from the history of results, at 100 or at 200 %."""
+        """Resolve from the history of results."""
         buffers = self.buffers
         self._ready_counts()
-        arguments = self._arguments()
-        if self.plan.choices.history_of is HistoryOf.DOUBLED:
-            self.record["reset"] |= not buffers.doubled  # the last frame may have left no history at 200 %
-            kernel, given = "resolve_doubled", arguments | buffers.doubling()
-        else:
-            kernel, given = "resolve", arguments | buffers.recurrent()
-        self.launcher.run(kernel, self.build, buffers.layout, given)
-        return LastRun(self.build, buffers.layout, arguments | buffers.recurrent())
+        last = LastRun(self.build, buffers.layout, self._arguments() | buffers.recurrent())
+        self.launcher.run("resolve", *last)
+        return last
 
     def gather(self, frame: Frame, kept: KeptFrames) -> LastRun:
         """Resolve from the samples of the ``kept`` frames."""
@@ -75,9 +69,8 @@ class Passes:
         """Repeat the edges of what the next frame reads, where its kernels have not."""
         if self.build.extends:
             return
-        for written in self.buffers.written(self.buffers.doubled):
-            given = {"frame": self.record, **written}
-            self.launcher.run("extend_edges", edge_build(self.build), self.buffers.layout, given)
+        given = {"frame": self.record, **self.buffers.written()}
+        self.launcher.run("extend_edges", edge_build(self.build), self.buffers.layout, given)
 
     def to_halves(self, image: Buffer) -> Buffer:
         """Round the result ``image``; returns the memory of the halves, infinite from the largest half on."""

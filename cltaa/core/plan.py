@@ -45,7 +45,7 @@ class Reason(NamedTuple):
 
 # Steps whose absence is another estimate.
 RECTIFICATION, REJECTION, WEIGHTS, GATHERING = "rectification", "rejection", "luminance weights", "gathering"
-LIGHT, DOUBLING = "change of light", "history at 200 %"
+LIGHT = "change of light"
 
 # Effects that can make a pixel's history wrong.
 CHANGING = frozenset({Effect.CAMERA, Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.REACTIVE, Effect.EXPOSURE})
@@ -58,9 +58,6 @@ def estimate(
     choices, reasons = preset.choices, []
     if choices.history_of is HistoryOf.SAMPLES:
         choices, reason = _gathered(choices, declared)
-        reasons.append(reason)
-    if choices.history_of is HistoryOf.DOUBLED:
-        choices, reason = _doubled(choices, declared)
         reasons.append(reason)
     # A published resolve does what it does whether the scene calls for it or not.
     free = not preset.published
@@ -153,17 +150,6 @@ def _gathered(choices: Choices, declared: frozenset[Effect] | None) -> tuple[Cho
     return msgspec.structs.replace(choices, rectify=Rectify.NONE), Reason(GATHERING, True, why)
 
 
-def _doubled(choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choices, Reason]:
-    """What a history at 200 % asks of a sequence: it holds more samples of one place, and so forgets more slowly."""
-    if nothing_changes(declared):
-        why = "declared still: plain mean of all samples"
-    elif declared is not None and _light_may_change(declared):
-        why = "light changes without motion: a history at 100 % forgets faster"
-    else:
-        return choices, Reason(DOUBLING, True, "what moves is read between texels of half the size")
-    return msgspec.structs.replace(choices, history_of=HistoryOf.RESULT), Reason(DOUBLING, False, why)
-
-
 def _rejecting(preset: Preset, choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choices, Reason]:
     """Depth tells what was uncovered; where nothing is, it has nothing to reject. Samples are chosen by it always."""
     free = not preset.published
@@ -212,7 +198,6 @@ WANTED: dict[str, tuple[Any, ...]] = {
 CHOICE_OF_STEP: dict[str, tuple[str, StrEnum, StrEnum]] = {
     REJECTION: ("reject", Reject.NONE, Reject.DEPTH),
     GATHERING: ("history_of", HistoryOf.RESULT, HistoryOf.SAMPLES),
-    DOUBLING: ("history_of", HistoryOf.RESULT, HistoryOf.DOUBLED),
     LIGHT: ("light_change", LightChange.IGNORE, LightChange.TEST),
     WEIGHTS: ("weighting", Weighting.NONE, Weighting.LUMINANCE),
 }

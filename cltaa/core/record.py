@@ -11,22 +11,14 @@ import numpy as np
 
 from cltaa.camera import displacement_rows, is_still, sky_closeness
 from cltaa.core.build import FRAME_DTYPE, Record
-from cltaa.core.parameters import (
-    Choices,
-    CurrentFilter,
-    FilterUse,
-    HistoryOf,
-    OnCameraMove,
-    RayThrough,
-    Settings,
-)
+from cltaa.core.parameters import Choices, CurrentFilter, FilterUse, OnCameraMove, RayThrough, Settings
 from cltaa.core.plan import Plan
 from cltaa.core.planes import Layout
 from cltaa.frame import Camera, Frame
 
 
 class AxisWeights(NamedTuple):
-    """Weights along an axis: of the outer two of three samples, which sum to 1, or in the two texels of a pixel."""
+    """Weights along an axis: of the outer two of three samples, which sum to 1 with that of the middle one."""
 
     before: float
     after: float
@@ -39,14 +31,6 @@ def axis_weights(jitter: float, choices: Choices, settings: Settings) -> AxisWei
     before, middle, after = (_value(abs(step + jitter), choices.current_filter, settings) for step in (-1, 0, 1))
     total = before + middle + after
     return AxisWeights(before / total, after / total)
-
-
-def axis_masses(jitter: float, settings: Settings) -> AxisWeights:
-    """What a sample ``jitter`` pixels after its pixel's centre counts for in two texels along an axis.
-
-    exp(-texel_falloff d^2) at the distance d from a texel's centre, a quarter of a pixel before the pixel's or after.
-    """
-    return AxisWeights(*(exp(-settings.texel_falloff * (jitter - place) ** 2) for place in (-0.25, 0.25)))
 
 
 def _value(d: float, kind: CurrentFilter, settings: Settings) -> float:
@@ -71,8 +55,7 @@ class Past:
     own_motion: bool
     reactive: bool
     jitter_px: tuple[float, float]
-    doubled: bool = False  # whether it left a history at 200 %
-    marked: bool = False  # whether the counts that it left hold changes of light
+    holds_changes: bool = False  # whether the counts that it left hold changes of light
     earlier: tuple[Past, ...] = ()  # the frames before it whose samples are kept, the latest first
 
     @classmethod
@@ -102,15 +85,12 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan
     x, y = (across, down) if plan is None or plan.choices.ray_through is not RayThrough.CENTRE else (0.0, 0.0)
     ratio = 1.0 if previous is None else frame.exposure / previous.exposure
     weights: tuple[float, ...] = (0.0,) * 4
-    masses = weights
     if plan is not None:
         choices = plan.choices
         if previous is None and not frame.cut and choices.filter_use is FilterUse.FEW:
             # A first frame is what was drawn, to the bit. After a cut it is one of a film, and as aliased as that.
             choices = msgspec.structs.replace(choices, current_filter=CurrentFilter.NONE)
         weights = (*axis_weights(across, choices, plan.settings), *axis_weights(down, choices, plan.settings))
-        if choices.history_of is HistoryOf.DOUBLED:
-            masses = (*axis_masses(across, plan.settings), *axis_masses(down, plan.settings))
     # In the order of FRAME_FIELDS, and by one call: a frame waits for this, and a name for each costs a third of it.
     values = (
         layout.width,
@@ -133,6 +113,5 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan
         0,
         0,
         *weights,
-        *masses,
     )
     return np.array(values, FRAME_DTYPE)

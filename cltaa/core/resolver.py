@@ -89,9 +89,7 @@ class Recurrent:
         """
         if self._previous is None or self._buffers is None:
             raise ValueError("there is no history")
-        memory, past = self._buffers.recurrent(), replace(self._previous, marked=self._buffers.marked)
-        if self._buffers.doubled:
-            return replace(past, doubled=True), {**memory, "texels": self._buffers.texels()[0]}
+        memory, past = self._buffers.recurrent(), replace(self._previous, holds_changes=self._buffers.holds_changes)
         if self._kept is None:
             return past, memory
         return replace(past, earlier=self._kept.past), {**memory, "kept": self._kept.planes}
@@ -102,9 +100,9 @@ class Recurrent:
         layout = Layout(past.shape[1], past.shape[0])
         buffers = self._allocate(layout, past.alpha or self.every_step)
         self._previous, self._kept = past, None
-        buffers.doubled, buffers.marked = past.doubled, past.marked
-        if past.doubled:
-            return {**buffers.recurrent(), "texels": buffers.texels()[0]}
+        buffers.holds_changes = past.holds_changes
+        if past.holds_changes:
+            buffers.hold_changes()
         if not past.earlier:
             return buffers.recurrent()
         steps = channel_steps(
@@ -348,7 +346,6 @@ class Resolver(Recurrent):
             kept.keep(frame, buffers, build.steps)
         else:
             self.last = passes.resolve()
-        buffers.doubled = choices.history_of is HistoryOf.DOUBLED
         passes.extend_edges()
         return passes
 

@@ -13,13 +13,13 @@ from cltaa.core.backend import Buffer
 from cltaa.core.build import Build
 from cltaa.core.constants import PAD_X
 from cltaa.core.planes import Layout
-from cltaa.opencl.shape import in_place, shared_out
+from cltaa.opencl.shape import in_place
 from cltaa.process import OneProcess
 
 if TYPE_CHECKING:
     from cltaa.opencl.program import Kernel
 
-SLIDING = frozenset({"resolve", "resolve_doubled", "gather", "gather_spans"})  # kernels whose work-items walk down rows
+SLIDING = frozenset({"resolve", "gather", "gather_spans"})  # kernels whose work-items walk down rows
 EDGE_GROUP = 256  # work-items of a group of extend_edges
 
 
@@ -98,11 +98,7 @@ class DeviceLauncher(OneProcess):
         Rows that were not asked for are then those that fill the device evenly.
         """
         shape, rows = self.device.shape, build.rows
-        if kernel != "resolve":
-            return build
-        if not build.columns and build.lanes == shape.lanes:
-            build = msgspec.structs.replace(build, columns=shape.columns)
-        if not shape.one_size:
+        if kernel != "resolve" or not shape.one_size:
             return build
         if _banded(kernel, arguments):
             return msgspec.structs.replace(build, stride=layout.stride)
@@ -132,8 +128,6 @@ class DeviceLauncher(OneProcess):
             return (1, layout.height), (1, 1)
         rows = build.rows if kernel in SLIDING else 1
         columns, steps = -(-layout.width // build.lanes), -(-layout.height // rows)
-        if kernel == "resolve" and build.columns > 1:
-            return (shared_out(columns, build.columns, steps, self.device.cl_device.max_compute_units), steps), (1, 1)
         group = self.device.shape.group
         return (-(-columns // group[0]) * group[0], -(-steps // group[1]) * group[1]), group
 

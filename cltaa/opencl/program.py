@@ -14,18 +14,15 @@ import numpy as np
 import pyopencl as cl
 
 from cltaa.core.build import Build, prelude
-from cltaa.core.kernel_source import kernel_folder, kernel_names
+from cltaa.core.kernel_source import kernel_files, kernel_folder, kernel_names
 from cltaa.errors import InternalError, UsageError, known
 from cltaa.opencl.cache import cache_folder, save_log
 from cltaa.process import OneProcess
 
 
 def _pasted(name: str, seen: set[str]) -> list[str]:
-    path = kernel_folder() / name
-    if not path.is_file():
-        raise UsageError(f"unknown kernel {path.stem}", cure=known(path.stem, kernel_names(), "kernels"))
     lines = [f'#line 1 "{name}"']
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+    for number, line in enumerate((kernel_folder() / name).read_text(encoding="utf-8").splitlines(), start=1):
         if line.startswith("#include"):
             included = line.split('"')[1]
             if included not in seen:
@@ -40,12 +37,15 @@ def _pasted(name: str, seen: set[str]) -> list[str]:
 @cache
 def source(kernel: str, build: Build) -> str:
     """The whole text of a kernel as the compiler sees it: prelude, then the file with its includes pasted."""
-    return prelude(build) + "\n".join(_pasted(f"{kernel}.cl", set())) + "\n"
+    name = kernel_files().get(kernel, f"{kernel}.cl")  # those of bench lie in a folder of their own
+    if not (kernel_folder() / name).is_file():
+        raise UsageError(f"unknown kernel {kernel}", cure=known(kernel, kernel_names(), "kernels"))
+    return prelude(build) + "\n".join(_pasted(name, set())) + "\n"
 
 
 def source_hash(kernel: str, build: Build) -> str:
-    """SHA-256 of text and flags: what a result depends on, beside the device."""
-    return hashlib.sha256("\0".join([source(kernel, build), *build.flags()]).encode()).hexdigest()
+    """SHA-256 of name, text and flags: what a result depends on, beside the device."""
+    return hashlib.sha256("\0".join([kernel, source(kernel, build), *build.flags()]).encode()).hexdigest()
 
 
 class Kernel(OneProcess):
@@ -69,7 +69,6 @@ class Kernel(OneProcess):
                 cure += f"; {other}, set POCL_CACHE_DIR to a folder of your own"
             what = f"kernel {name} does not build: {reason or 'the compiler gave no reason'}"
             raise InternalError(what, cure=cure) from error
-        # A kernel's function is its file's name and _kernel, so that stage functions can have the plain name.
         self._kernel = cl.Kernel(program, f"{Path(name).name}_kernel")
         # Their names, in order.
         self.arguments: list[str] = [

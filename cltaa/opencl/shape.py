@@ -9,7 +9,6 @@ from cltaa.core.parameters import HistoryFilter, HistoryOf, LightChange, Rectify
 
 LEAST_ROWS = 8  # of a work-item where rows are chosen by the image; fewer have not been measured
 UNIT_REGISTERS = 65536  # of a compute unit of NVIDIA's, since compute capability 3.0 (CUDA C++ Programming Guide)
-ITEMS_A_UNIT = 4  # work-items that a compute unit of a CPU has at least, so that none waits long for the last of them
 START_ROWS = 3  # what a column costs at its start, in rows: two of the frame and three of the history are read anew
 
 
@@ -27,7 +26,6 @@ class Shape(NamedTuple):
     registers_for_few: int = 0  # the same where history is read from four texels at most
     columns_ahead: int = 0  # work-items right of one whose texels it fetches into the second cache; 0: next, first
     far_first: bool = False  # whether, where history moves, it fetches these into the first, not the second alone
-    columns: int = 1  # side by side, that a work-item of the resolve walks row by row; 1: down a single one
     most_rows: int = 0  # up to which a resolve of whole images takes as many rows as fill the device; 0: ``rows``
 
     def registers_of(self, build: Build) -> int:
@@ -65,18 +63,11 @@ def in_place(build: Build) -> bool:
     return not moves and build.choices.rectify is Rectify.NONE
 
 
-def shared_out(segments: int, columns: int, steps: int, units: int) -> int:
-    """Work-items across an image of ``segments`` segments a row and ``steps`` work-items down, each of which walks at
-    most ``columns`` of them; of a small image each walks fewer, so that all ``units`` compute units are busy."""
-    wanted = -(-ITEMS_A_UNIT * units // steps)
-    return min(max(-(-segments // columns), wanted), segments)
-
-
 # 45 rows share the usual heights (720, 1080, 1440, 2160) out evenly, and leave many cores work-items enough.
 CPU_8 = Shape(lanes=8, rows=45, group=(1, 1), columns_ahead=3)
 CPU_4 = CPU_8._replace(lanes=4, rows=32)  # without AVX, where LLVM gives up over eight (docs/decisions/0008)
 CPU_16 = Shape(lanes=16, rows=64, group=(1, 1), columns_ahead=3, far_first=True)
-INTEL_16 = CPU_16._replace(rows=45, columns=16, far_first=False)
+INTEL_16 = CPU_16._replace(rows=45, far_first=False)
 GPU = Shape(lanes=1, rows=8, group=(64, 2))
 NVIDIA = Shape(
     lanes=1,

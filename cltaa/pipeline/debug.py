@@ -71,8 +71,7 @@ class DebugViews:
         if View.REJECT in self.views:
             layers["debug.reject"] = (_reasons_gathered(stages) if gathers else _reasons(stages)).astype(np.float32)
         if View.COUNT in self.views:
-            # Its sign says which way light goes, its last bits how far.
-            layers["debug.count"] = np.abs(stages.read(last.arguments["output_count"])[0])
+            layers["debug.count"] = stages.read(last.arguments["output_count"])[0]
         if View.MOTION in self.views:
             layers["debug.motion.u"], layers["debug.motion.v"] = stages.read(stages.motion)[:2]
         if View.CLIP in self.views:
@@ -109,9 +108,9 @@ class _Stages:
         return written
 
     def history(self, build: Build, **made: Buffer) -> Buffer:
-        """The history at the motion: r, g, b, alpha, count, fx, fy, valid."""
+        """The history at the motion: r, g, b, alpha, count, fx, fy, valid, change of light."""
         given = " ".join({"current", "history", "history_count", "previous_closeness"} - made.keys())
-        return self.run("sample_history", build, 8, "history_at", given, {"motion_in": self.motion, **made})
+        return self.run("sample_history", build, 9, "history_at", given, {"motion_in": self.motion, **made})
 
     def read(self, buffer: Buffer) -> Planes:
         """The planes of a buffer without their halo."""

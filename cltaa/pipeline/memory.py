@@ -11,14 +11,7 @@ import msgspec
 import numpy as np
 
 from cltaa.core.backend import storage_dtype
-from cltaa.core.build import (
-    Build,
-    Steps,
-    Storage,
-    kept_planes,
-    span_planes,
-    texel_planes,
-)
+from cltaa.core.build import Build, Steps, Storage, kept_planes, span_planes
 from cltaa.core.constants import SPANS
 from cltaa.core.planes import SMALLEST, Layout, in_large_pages
 from cltaa.io import exr_write as exr_zip
@@ -52,7 +45,7 @@ class PlanesHeld(msgspec.Struct, frozen=True):
     band_rows: int = 0  # of a band, the only part of the frame and its result that is held at a time; 0: all rows
     frames_kept: int = 0  # a ring holds these and one more
     spans: bool = False  # of the kept frames are weighed, and hold planes; what is shown is then not what recurs
-    doubled: bool = False  # a history at 200 %: twice four texels of colour, alpha and count
+    changes: bool = False  # of light, beside the count of what recurs and of the result
     shared: bool = False  # the device has the host's memory: of a whole frame only closeness lies anywhere else
     half: bool = False  # a result in halves, beside the one that it is made from
 
@@ -61,20 +54,21 @@ def device_bytes(width: int, height: int, held: PlanesHeld) -> int:
     """Bytes of the planes on the device, halos included.
 
     Per texel and in floats: the frame holds 4 (R G B, closeness), and 2, 1 and 1 more for own motion, alpha and
-    reactive; what recurs holds count and closeness; the result its count. Both hold 3 or, with alpha, 4 planes of
+    reactive; what recurs holds count and closeness; the result its count, and each count the change of light
+    where that is tested for. Both hold 3 or, with alpha, 4 planes of
     ``storage``.
     """
     steps, whole = held.steps, Layout(width, height)
     band = Layout(width, held.band_rows) if held.band_rows else whole
     stored = int(np.dtype(storage_dtype(Build(storage=held.storage))).itemsize)
     colour = (3 + steps.alpha) * stored
-    texels = 2 * texel_planes(steps.alpha) * stored if held.doubled else 0
     in_place = held.shared and not held.band_rows
     frame = REAL * (1 if in_place else 4 + 2 * steps.own_motion + steps.alpha + steps.reactive)
     ring = REAL * kept_planes(steps) * (held.frames_kept + 1) if held.frames_kept else 0
     ring += REAL * (SPANS * span_planes(steps) + 2) + colour if held.spans else 0
     halves = HALF * (3 + steps.alpha) if held.half else 0
-    return (frame + colour + halves + REAL) * band.plane + (colour + 2 * REAL + texels + ring) * whole.plane
+    count = REAL * (1 + held.changes)
+    return (frame + colour + halves + count) * band.plane + (colour + count + REAL + ring) * whole.plane
 
 
 class Memory(msgspec.Struct, frozen=True, kw_only=True):
@@ -189,15 +183,15 @@ def of_whole_images(
     sequence: FrameSequence,
     storage: Storage = Storage.FLOAT,
     *,
-    doubled: bool = False,
+    changes: bool = False,
     half: bool = False,
     shared: bool = False,
     layers: Mapping[str, str] = NO_LAYERS,
 ) -> Memory:
     """Memory of a resolve of ``sequence`` over whole images, with each step that its channels allow; no frames kept.
 
-    ``storage``, ``doubled``, ``half`` and ``shared`` are those of ``PlanesHeld``, ``layers`` those of ``of_resolve``.
+    ``storage``, ``changes``, ``half`` and ``shared`` are those of ``PlanesHeld``, ``layers`` those of ``of_resolve``.
     """
     holds = sequence.holds
     steps = Steps(own_motion="motion" in holds, alpha="alpha" in holds, reactive="reactive" in holds)
-    return of_sequence(sequence, PlanesHeld(steps, storage, doubled=doubled, half=half, shared=shared), layers)
+    return of_sequence(sequence, PlanesHeld(steps, storage, changes=changes, half=half, shared=shared), layers)

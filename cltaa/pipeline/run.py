@@ -15,9 +15,9 @@ from typing import Any, Literal
 import msgspec
 
 from cltaa.core.backend import Launcher
-from cltaa.core.bands import BAND_ROWS, BandedResolver, keeps
+from cltaa.core.bands import BAND_ROWS, BandedResolver
 from cltaa.core.build import Storage
-from cltaa.core.parameters import HistoryOf
+from cltaa.core.parameters import HistoryOf, LightChange
 from cltaa.core.plan import with_effects
 from cltaa.core.planes import kept_memory
 from cltaa.core.presets import Preset
@@ -130,7 +130,7 @@ def of_whole(
     return of_whole_images(
         sequence,
         resolver.storage,
-        doubled=resolver.preset.choices.history_of is HistoryOf.DOUBLED,
+        changes=resolver.preset.choices.light_change is not LightChange.IGNORE,
         half=half,
         shared=resolver.launcher.shares_memory,
         layers=layers,
@@ -158,7 +158,7 @@ def resolver_for(
 
     ``half`` says that halves will be written, ``layers`` are as ``of_resolve`` takes them. ``band_rows`` chooses in the
     machine's place; 0 is whole images. Raises ResourceError where they would have to be resolved in bands and the
-    preset keeps frames or a history at 200 %, which only whole images can.
+    preset keeps frames, which only whole images can.
     """
     resolver = Resolver(preset, device, storage=storage, **options)  # first: what shares its memory takes less of it
     if band_rows is None:
@@ -167,7 +167,7 @@ def resolver_for(
         if band_rows and preset.choices.history_of is not HistoryOf.RESULT:
             raise ResourceError(
                 f"{sequence.width} x {sequence.height} pixels are too many for preset {preset.name}, which "
-                f"{keeps(preset)}, so it resolves whole images only",
+                "keeps frames, so it resolves whole images only",
                 expected=f"{whole.whole / 1e6:.0f} MB beside what it keeps",
                 found=f"{memory_limit() / 1e6:.0f} MB of memory",
                 cure="take --preset default, which resolves them in bands, or --band-rows 0 to try all the same",

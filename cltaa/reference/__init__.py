@@ -9,7 +9,6 @@ from collections.abc import Callable
 from typing import Any
 
 from cltaa.reference import (
-    doubled,
     gathering,
     resolve,
     spans,
@@ -30,7 +29,6 @@ KERNELS: dict[str, Callable[..., Any]] = {
     "rectify_history": stages.rectify_history_kernel,
     "repair_colour": stages.repair_colour_kernel,
     "resolve": resolve.resolve,
-    "resolve_doubled": doubled.resolve_doubled,
     "sample_history": stages.sample_history_kernel,
     "surface_motion": stages.surface_motion_kernel,
     "to_halves": to_halves.to_halves,

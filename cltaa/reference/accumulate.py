@@ -13,7 +13,6 @@ from cltaa.core.parameters import Accumulate, AlphaFrom, AntiFlicker, Box, Filte
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, from_box_space, from_range, luminance, to_box_space
 from cltaa.reference.history import History
-from cltaa.reference.illumination import with_change_of
 from cltaa.reference.neighbourhood import Row, Statistics, current_sample, neighbourhood_statistics
 from cltaa.reference.real import (
     Array,
@@ -186,6 +185,7 @@ class Resolved:
     rgb: Colour
     alpha: Array
     count: Array
+    change: Array | None = None  # of light, where that is tested for
 
 
 def usable_share(v: Array, otherwise: float) -> Array:
@@ -278,7 +278,7 @@ def drawn_towards(own: Colour, filtered: Colour, share: Array) -> Colour:
 def believed_samples(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Array:
     """How many samples a pixel's rectified history is believed to stand for."""
     most = most_samples(h.fx, h.fy, build, settings)
-    count = believed_count(np.abs(h.count), most, r.pull, build, settings)
+    count = believed_count(h.count, most, r.pull, build, settings)
     return count * (number(1.0, count) - p.reactivity) if build.steps.reactive else count
 
 
@@ -289,12 +289,7 @@ def fading_share(of_mean: Array, settings: Record) -> Array:
 
 def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Resolved:
     """The pixel blended with its rectified history, or begun anew where there is none."""
-    return resolve_beside(p, h, r, believed_samples(p, h, r, build, settings), build, settings)
-
-
-def resolve_beside(p: Pixel, h: History, r: Rectification, count: Array, build: Build, settings: Record) -> Resolved:
-    """The pixel blended with its rectified history of ``count`` samples, or begun anew where there is none."""
-    current = p.filtered
+    count, current = believed_samples(p, h, r, build, settings), p.filtered
     one = number(1.0, h.count)
     past = (h.rgb[0] + r.change[0], h.rgb[1] + r.change[1], h.rgb[2] + r.change[2])
     if build.choices.filter_use is FilterUse.FEW:
@@ -313,6 +308,4 @@ def resolve_beside(p: Pixel, h: History, r: Rectification, count: Array, build: 
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = np.where(h.valid, blend(h.alpha, alpha, weight), alpha)
     samples = np.where(h.valid, count + one, one)
-    if build.choices.light_change is not LightChange.IGNORE:
-        samples = np.where(h.valid, with_change_of(samples, h.count), samples)
-    return Resolved(stored, alpha, samples)
+    return Resolved(stored, alpha, samples, np.where(h.valid, h.change, number(0.0, samples)))

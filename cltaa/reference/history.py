@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from cltaa.core.build import Build, Record
-from cltaa.core.parameters import LightChange, Reject
+from cltaa.core.parameters import Reject
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, colour_outside_domain
-from cltaa.reference.illumination import above_lobes, history_in_light, history_in_range
+from cltaa.reference.illumination import history_in_light, history_in_range, tests_light
 from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.real import Array, Mask, greater, limit, number
 from cltaa.reference.reprojection import Motion, motion_to_edge, on_screen
@@ -20,10 +20,8 @@ from cltaa.reference.sampling import Quad, bilinear, footprint_of, history_weigh
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """Colour, alpha and sample count at the history position, its fractions, and whether it can be used.
-
-    The count holds how light changes, where a change of it is tested for.
-    """
+    """Colour, alpha and sample count at the history position, its fractions, whether it can be used, and how light
+    changes (0 where that is not tested for)."""
 
     rgb: Colour
     alpha: Array
@@ -31,6 +29,7 @@ class History:
     fx: Array
     fy: Array
     valid: Mask
+    change: Array
 
 
 def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
@@ -55,8 +54,8 @@ def sample_history(
     frame: Record,
     settings: Record,
 ) -> History:
-    """History planes [3 or 4, rows, stride], their count and the previous closeness [1, rows, stride] at the motion;
-    ``current`` [3, rows, stride] is looked at where a change of light is tested for."""
+    """History planes [3 or 4, rows, stride], count and change of light [1 or 2, ...], the previous closeness [1, ...]
+    at the motion; ``current`` [3, ...] is looked at where a change of light is tested for."""
     real: Any = m.u.dtype
     seen = motion_to_edge(m, build, layout)
     valid = on_screen(seen, layout) & np.bool_(frame["reset"] == 0)
@@ -64,15 +63,14 @@ def sample_history(
     wx, wy = history_weights(f.fx, build), history_weights(f.fy, build)
     r, g, b = (sample_plane(history[channel], f, wx, wy, build, real) for channel in range(3))
     valid &= ~colour_outside_domain((r, g, b))
-    count = bilinear(sample_quad(np.abs(history_count[0]), f, real), f)
-    if build.choices.light_change is not LightChange.IGNORE:
-        lit = history_in_light(count, current, history, history_count[0], f, build, layout, frame, settings)
-        count = lit.count
-        r, g, b = (above_lobes(*channel, settings) for channel in zip((r, g, b), lit.least, strict=True))
+    count = bilinear(sample_quad(history_count[0], f, real), f)
+    change = np.zeros_like(count)
+    if tests_light(build):
+        count, change = history_in_light(count, current, history, history_count[1], f, build, layout, frame, settings)
     rgb = history_in_range((r, g, b), build, frame)
     alpha = np.ones_like(rgb[0])
     if build.steps.alpha:
         alpha = limit(sample_plane(history[3], f, wx, wy, build, real), number(0, r), number(1, r))
     if build.choices.reject is Reject.DEPTH:
         valid &= same_surface(sample_quad(previous_closeness[0], f, real), s, m, settings["depth_tolerance"])
-    return History(rgb, alpha, count, f.fx, f.fy, valid)
+    return History(rgb, alpha, count, f.fx, f.fy, valid, change)

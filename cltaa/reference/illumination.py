@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cltaa.core.build import Build, Record
 from cltaa.core.constants import PAD_X, PAD_Y, value
-from cltaa.core.parameters import BoxSpace
+from cltaa.core.parameters import BoxSpace, LightChange
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, box_units, repaired_planes, to_boxed, to_range
 from cltaa.reference.neighbourhood import spread_of_three
-from cltaa.reference.real import Array, constant, greater, lesser, number
+from cltaa.reference.real import (
+    Array,
+    constant,
+    greater,
+    lesser,
+    limit,
+    number,
+)
 from cltaa.reference.sampling import Footprint
 
 
@@ -58,78 +63,42 @@ def light_difference(now: Colour, past: Colour, build: Build, frame: Record) -> 
     return (now[0] - rb) - green, now[1] - (r - b), (now[2] + rb) - green
 
 
-def _parts(count: Array) -> tuple[Array, Array, NDArray[Any]]:
-    """Counts as (whole + steps / 64) 2^(exponent - 18): all but a float's last six bits, those, and the exponents."""
-    mantissa, exponent = np.frexp(np.abs(count))
-    scaled = mantissa * number(2.0**18, count)
-    whole = np.trunc(scaled)
-    return whole, (scaled - whole) * number(64.0, count), exponent
+def tests_light(build: Build) -> bool:
+    """Whether the frame is tested for changing light; the planes of the count then hold the change too."""
+    return build.choices.light_change is not LightChange.IGNORE
 
 
-def kept_change(count: Array) -> Array:
-    """The change of light that counts hold: its sign is theirs, its size in steps their last bits."""
-    size: Array = np.copysign(_parts(count)[1] * constant("CHANGE_STEP", count), count)
-    return size
+def kept_change(change: Array) -> Array:
+    """What is kept of a change: MOST_CHANGE at most, and no denormal."""
+    most = constant("MOST_CHANGE", change)
+    kept = limit(change, -most, most)
+    return np.where(np.abs(kept) < constant("TINY", kept), number(0.0, kept), kept)
 
 
-def _marked_count(count: Array, steps: Array, sign: Array) -> Array:
-    whole, _, exponent = _parts(count)
-    mantissa = (whole + steps * number(2.0**-6, count)) * number(2.0**-18, count)
-    held: Array = np.copysign(np.ldexp(mantissa, exponent), sign)
-    return held
+class Lit(NamedTuple):
+    """What nine texels say of a history: the samples that it counts for, and how light changes."""
 
-
-def with_change(count: Array, change: Array) -> Array:
-    """Counts, not 0, that hold a finite change."""
-    steps = np.abs(change) * number(1.0 / value("CHANGE_STEP"), change)
-    whole = np.trunc(lesser(steps, constant("KEPT_CHANGES", change)))
-    return _marked_count(greater(count, constant("TINY", count)), whole, change)
-
-
-def with_change_of(count: Array, other: Array) -> Array:
-    """Counts that hold the change that others hold."""
-    return _marked_count(count, _parts(other)[1], other)
-
-
-@dataclass(frozen=True, slots=True)
-class Lit:
-    """What nine texels say of a history: the samples it counts for, and each channel's least of the nearest row."""
-
-    count: Array
-    least: Colour
-
-
-def least_colour(a: Colour, b: Colour) -> Colour:
-    """The lesser of each channel."""
-    return lesser(a[0], b[0]), lesser(a[1], b[1]), lesser(a[2], b[2])
-
-
-def above_lobes(v: Array, least: Array, settings: Record) -> Array:
-    """A channel read between texels, no less than ``lobe_floor`` of the ``least`` of the nearest row of three.
-
-    Where that is negative no less than it. A half is no more than bilinear weights give where light is not negative.
-    """
-    return greater(lesser(number(settings["lobe_floor"], v) * least, least), v)
+    samples: Array
+    change: Array
 
 
 def history_in_light(
     held: Array,
     current: Array,
     history: Array,
-    history_count: Array,
+    history_change: Array,
     f: Footprint,
     build: Build,
     layout: Layout,
     frame: Record,
     settings: Record,
 ) -> Lit:
-    """``held`` [H, W] samples of a history, divided by how much light changes, and holding that, beside the least of
-    the nearest row of the nine texels that tell it.
+    """``held`` [H, W] samples of a history, divided by how much light changes.
 
     The change is Student's t of the channel that changed most, negative where luminance falls, and ``change_kept`` of
     the change that the frame before left; its size over ``change_t`` divides, where it is more than 1. ``current`` [3,
-    rows, stride], ``history`` [3 or 4, rows, stride] and ``history_count`` [rows, stride], which holds the change that
-    the frame before left, are padded planes.
+    rows, stride], ``history`` [3 or 4, rows, stride] and ``history_change`` [rows, stride], which that frame left, are
+    padded planes.
     """
     real: Any = f.fx.dtype
     colour = repaired_planes(current, layout).astype(real)
@@ -139,19 +108,18 @@ def history_in_light(
         for at, fraction in ((f.row, f.fy), (f.column, f.fx))
     )
 
-    def difference(i: int, j: int) -> tuple[Colour, Array, Colour]:
+    def difference(i: int, j: int) -> tuple[Colour, Array]:
         there = slice(PAD_Y + j, PAD_Y + j + layout.height), slice(PAD_X + i, PAD_X + i + layout.width)
         now = to_boxed(to_range((colour[0][there], colour[1][there], colour[2][there]), build), build)
         r, g, b = (plane[row + j, column + i].astype(real) for plane in history[:3])
-        return light_difference(now, (r, g, b), build, frame), np.abs(now[0]), (r, g, b)
+        return light_difference(now, (r, g, b), build, frame), np.abs(now[0])
 
     rows: list[list[Paired]] = []
-    levels, texels = [], []
+    levels = []
     for j in (-1, 0, 1):
-        (left, left_size, a), (own, own_size, b), (right, right_size, c) = (difference(i, j) for i in (-1, 0, 1))
+        (left, left_size), (own, own_size), (right, right_size) = (difference(i, j) for i in (-1, 0, 1))
         rows.append([pair_row(left[k], own[k], right[k]) for k in range(3)])
         levels.append((left_size + own_size) + right_size)
-        texels.append((a, b, c))
     level = (levels[0] + levels[1]) + levels[2]
     floor = number(settings["change_floor"], level)
     units = box_units(build)
@@ -161,8 +129,7 @@ def history_in_light(
     )
     largest = number(3.0, level) * greater(np.abs(ta), greater(np.abs(tb), np.abs(tc)))
     t = lesser(largest, constant("DOMAIN_LIMIT", level))
-    before = kept_change(history_count[row, column].astype(real))
+    before = history_change[row, column].astype(real)
     change = np.where(ta < number(0.0, level), -t, t) + number(settings["change_kept"], level) * before
     by = greater(np.abs(change) / number(settings["change_t"], level), number(1.0, level))
-    a, b, c = texels[1]
-    return Lit(with_change(held / by, change), least_colour(least_colour(a, b), c))
+    return Lit(held / by, kept_change(change))

@@ -10,6 +10,7 @@ from cltaa.core.build import Build, Real, Record
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Resolved
 from cltaa.reference.colour import repaired_planes
+from cltaa.reference.illumination import tests_light
 from cltaa.reference.neighbourhood import Row, read_row
 from cltaa.reference.real import Array, constant
 from cltaa.reference.store import stored_history
@@ -45,8 +46,17 @@ def store_resolved(
     layout.inside(output_count)[0] = resolved.count
 
 
+def store_recurrent(
+    resolved: Resolved, build: Build, layout: Layout, frame: Record, output: Array, output_count: Array
+) -> None:
+    """The same, and how light changes in the plane after the count's, where that is tested for."""
+    store_resolved(resolved, build, layout, frame, output, output_count)
+    if tests_light(build):
+        layout.inside(output_count)[1] = resolved.change
+
+
 def extend_stored(build: Build, layout: Layout, *planes: Array) -> None:
-    """Repeat the edges of what a kernel has stored into the halo, where it does so itself (``kernels/edges.h``)."""
+    """Repeat the edges of what a kernel stores, where it does so itself (``kernels/schedule/edges.h``)."""
     if build.extends:
         for stored in planes:
             layout.extend_edges(stored)

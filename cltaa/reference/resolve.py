@@ -8,8 +8,9 @@ from cltaa.core.build import Build, Record
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import box_gamma, current_pixel, past_alpha, resolve_pixel
 from cltaa.reference.history import sample_history
+from cltaa.reference.illumination import tests_light
 from cltaa.reference.neighbourhood import nearest_surface
-from cltaa.reference.planes import extend_stored, read_rows, store_resolved
+from cltaa.reference.planes import extend_stored, read_rows, store_recurrent
 from cltaa.reference.real import Array, quiet
 from cltaa.reference.rectify import rectify
 from cltaa.reference.reprojection import surface_motion
@@ -42,8 +43,8 @@ def resolve(
     r = rectify(h.rgb, p.filtered, p.near, m, box_gamma(m, settings), build, layout, settings)
     if build.steps.alpha and alpha is not None:
         h = replace(h, alpha=past_alpha(alpha, h.alpha, build, layout))
-    store_resolved(resolve_pixel(p, h, r, build, settings), build, layout, frame, output, output_count)
-    extend_stored(build, layout, output[: 3 + build.steps.alpha], output_count)
+    store_recurrent(resolve_pixel(p, h, r, build, settings), build, layout, frame, output, output_count)
+    extend_stored(build, layout, output[: 3 + build.steps.alpha], output_count[: 1 + tests_light(build)])
 
 
 def extend_edges(

@@ -1,4 +1,4 @@
-"""Twins of the stage kernels: thin wrappers that read planes, call the stage and write planes, as each ``.cl`` does."""
+"""Twin of ``stages.cl``: thin wrappers that read planes, call a stage and write planes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cltaa.reference.accumulate import Pixel, box_gamma, load_shares, past_alpha
 from cltaa.reference.colour import Colour, repaired_planes, usable_colour
 from cltaa.reference.history import History, sample_history
 from cltaa.reference.neighbourhood import Statistics, Surface, current_sample, nearest_surface, neighbourhood_statistics
-from cltaa.reference.planes import read_rows, real_type, store_resolved
+from cltaa.reference.planes import read_rows, real_type, store_recurrent
 from cltaa.reference.real import Array, number, quiet
 from cltaa.reference.rectify import Rectification, rectify
 from cltaa.reference.reprojection import Motion, surface_motion
@@ -77,13 +77,13 @@ def sample_history_kernel(
     frame: Record,
     settings: Record,
 ) -> None:
-    """``history_at`` [8, rows, stride]: r, g, b, alpha, count, fx, fy, valid."""
+    """``history_at`` [9, rows, stride]: r, g, b, alpha, count, fx, fy, valid, change of light."""
     u, v, scale, shift, visible, nearest, farthest = _load(motion_in, build, layout)
     m = Motion(u, v, scale, shift, visible > number(0.5, u))
     s = Surface(u, u, u, u, u, u, nearest, farthest)  # of the surface, only its range of closeness is looked at
     h = sample_history(current, history, history_count, previous_closeness, m, s, build, layout, frame, settings)
-    one = number(1.0, u)
-    _store(history_at, layout, (*h.rgb, h.alpha, h.count, h.fx, h.fy, np.where(h.valid, one, number(0.0, u))))
+    valid = np.where(h.valid, number(1.0, u), number(0.0, u))
+    _store(history_at, layout, (*h.rgb, h.alpha, h.count, h.fx, h.fy, valid, h.change))
 
 
 @quiet
@@ -124,10 +124,10 @@ def blend_kernel(
     settings: Record,
 ) -> None:
     """``output`` [3 or 4, rows, stride] and ``output_count``: what the frame leaves."""
-    r, g, b, opacity, count, fx, fy, valid = _load(history_at, build, layout)
+    r, g, b, opacity, count, fx, fy, valid, light = _load(history_at, build, layout)
     if build.steps.alpha and alpha is not None:
         opacity = past_alpha(alpha, opacity, build, layout)
-    h = History((r, g, b), opacity, count, fx, fy, valid > number(0.5, valid))
+    h = History((r, g, b), opacity, count, fx, fy, valid > number(0.5, valid), light)
     change_r, change_g, change_b, pull, unrest, calm = _load(change_in, build, layout)
     near, sample = _load_statistics(statistics_in, build, layout)
     few = build.choices.filter_use is FilterUse.FEW
@@ -135,7 +135,7 @@ def blend_kernel(
     shares = load_shares(alpha, reactive, count, build, layout)
     p = Pixel(own, sample, *shares, near, shares[1], shares[1])
     change = Rectification((change_r, change_g, change_b), pull, unrest, calm)
-    store_resolved(resolve_pixel(p, h, change, build, settings), build, layout, frame, output, output_count)
+    store_recurrent(resolve_pixel(p, h, change, build, settings), build, layout, frame, output, output_count)
 
 
 def _load(planes: Array, build: Build, layout: Layout) -> list[Array]:

@@ -109,7 +109,6 @@ CASES: list[tuple[str, int, str]] = [
     ("compare seq --heatmap file.txt", OUTPUT, "file.txt: the folder cannot be created"),
     ("presets nonsense", WRONG, "unknown preset nonsense"),
     ("presets t", WRONG, "known presets: babylon-accumulate, "),
-    ("presets 200", WRONG, "unknown preset 200; did you mean t3-200?"),
     ("presets Babylon", WRONG, "unknown preset Babylon; did you mean one of babylon-accumulate, babylon-disable-on-c"),
     ("presets ''", WRONG, "known presets: babylon-accumulate, "),
     ("resolve seq -o out --set gamma=2", WRONG, "--set: unknown key gamma; did you mean one of changing_gamma, gamma_"),

@@ -157,8 +157,8 @@ def test_bands_begin_where_the_formula_says(
     """A device with the host's memory reads channels where they are, so that larger images fit whole."""
     sequence, launcher = open_sequence(write_sequence(tmp_path / "in", 2)), DeviceLauncher()
     launcher.shares_memory = shared
-    plain = of_whole_images(sequence).whole
-    whole = of_whole_images(sequence, storage, half=half, shared=shared).whole
+    plain = of_whole_images(sequence, changes=True).whole  # of light, for which the default tests where it is declared
+    whole = of_whole_images(sequence, storage, changes=True, half=half, shared=shared).whole
     assert (whole != plain) == (half or shared or storage is Storage.HALF)
     for memory, banded in ((whole, False), (whole - 1, True)):
         monkeypatch.setattr("cltaa.pipeline.run.memory_limit", lambda memory=memory: memory)

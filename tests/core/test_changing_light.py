@@ -11,7 +11,7 @@ import pytest
 
 from cltaa.core.bands import BandedResolver
 from cltaa.core.build import Build, Steps, settings_record
-from cltaa.core.constants import PAD_X, PAD_Y
+from cltaa.core.constants import CONSTANTS, PAD_X, PAD_Y
 from cltaa.core.parameters import BoxSpace, Choices, LightChange, Settings
 from cltaa.core.plan import plan_frame
 from cltaa.core.planes import Layout
@@ -21,7 +21,7 @@ from cltaa.frame import Effect, Frame
 from cltaa.pipeline.checkpoint import Checkpoints
 from cltaa.pipeline.debug import DebugViews
 from cltaa.pipeline.debug_views import View
-from cltaa.reference.illumination import history_in_light, kept_change, with_change, with_change_of
+from cltaa.reference.illumination import Lit, history_in_light, kept_change
 from cltaa.reference.sampling import Footprint
 from tests.kernels.hard_planes import padded
 from tests.sequence_factory import make_camera, make_frame
@@ -29,26 +29,25 @@ from tests.sequence_factory import make_camera, make_frame
 WIDTH, HEIGHT = 40, 30
 BUILD = Build(choices=Choices(box_space=BoxSpace.RGB), steps=Steps(exposure=False))
 LIT = frozenset({Effect.SHADING})
-NONE = 1.0 + 2.0**-16  # divisors below it are 1, but for the bits of a count that hold a change
+NONE = 1.0 + 2.0**-22  # divisors below it are 1
 
 
-def light_count(now: Any, then: Any, before: float, held: float = 1.0, **settings: Any) -> Any:
-    """What ``held`` samples count for, [H, W], and hold, where nothing moves and light changed by ``before`` before."""
+def in_light(now: Any, then: Any, before: float, held: float = 1.0, **settings: Any) -> Lit:
+    """What ``held`` samples count for, [H, W], and the change, where nothing moves; ``before`` is the last one."""
     layout = Layout(WIDTH, HEIGHT)
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     still = np.zeros((HEIGHT, WIDTH), np.float32)
     place = Footprint(y + PAD_Y, x + PAD_X, still, still)
     record = settings_record(Settings(**settings))
-    of_each = with_change(np.full((1, HEIGHT, WIDTH), 7.0, np.float32), np.full((), before, np.float32))
-    count, counts = padded(of_each, layout)[0], np.full_like(still, held)
+    change, counts = padded(np.full((1, HEIGHT, WIDTH), before, np.float32), layout)[0], np.full_like(still, held)
     return history_in_light(
-        counts, padded(now, layout), padded(then, layout), count, place, BUILD, layout, record, record
-    ).count
+        counts, padded(now, layout), padded(then, layout), change, place, BUILD, layout, record, record
+    )
 
 
 def divisors(now: Any, then: Any, before: float = 0.0, **settings: Any) -> Any:
-    """What counts are divided by, to 2^-17, since their last bits hold the change."""
-    return 1.0 / np.abs(light_count(now, then, before, **settings))
+    """What counts are divided by."""
+    return 1.0 / in_light(now, then, before, **settings).samples
 
 
 def test_it_is_students_t() -> None:
@@ -90,19 +89,14 @@ def test_what_goes_back_where_it_came_from_is_no_change_and_what_goes_on_is_more
     assert (divisors(darker, noisy, 5.0) < NONE).all()
     for now, before in ((brighter, 5.0), (darker, -5.0)):
         assert (divisors(now, noisy, before) > divisors(now, noisy) + 1.0).all()
-        assert (np.sign(light_count(now, noisy, before)) == np.sign(before)).all()
+        assert (np.sign(in_light(now, noisy, before).change) == np.sign(before)).all()
 
 
 @pytest.mark.parametrize("real", [np.float32, np.float64])
-def test_a_count_holds_a_change_in_its_sign_and_last_bits(real: Any) -> None:
-    counts = np.array([[1.0, 3.0, 64.0, 1e-9, 2.0**20, 17.3]], real)
-    changes = np.array([[0.0, -0.3, 1.0, -7.8, 100.0, -(2.0**50)]], real)
-    held = with_change(counts, changes)
-    assert np.allclose(np.abs(held), counts, rtol=2.0**-17, atol=0.0)
-    assert kept_change(held).tolist() == [[0.0, -0.25, 1.0, -7.75, 7.875, -7.875]]
-    assert (held.astype(np.float32) == held).all()  # planes of counts are floats
-    assert (kept_change(with_change_of(counts[:, ::-1], held)) == kept_change(held)).all()
-    assert (np.abs(with_change(np.zeros((1, 1), real), np.ones((1, 1), real))) > 2.0**-101).all()
+def test_a_change_is_kept_as_it_is_up_to_a_limit(real: Any) -> None:
+    most = CONSTANTS["MOST_CHANGE"].value
+    changes = np.array([[0.0, -0.3, 1.0, 100.0, -(2.0**50), 1e-35]], real)
+    assert kept_change(changes).tolist() == [[0.0, real(-0.3), 1.0, most, -most, 0.0]]
 
 
 def textured(index: int, light: float, effects: frozenset[Effect] = LIT) -> Frame:
@@ -142,22 +136,22 @@ def stored_counts(lights: list[float], **settings: float) -> Any:
 
 
 def stored(resolver: Resolver) -> Any:
-    """The counts that the last frame left, [H, W]."""
+    """The counts that the last frame left and the changes of light, [2, H, W]."""
     assert resolver.last is not None
     with resolver.last.arguments["output_count"].mapped(write=False) as count:
-        return Layout(WIDTH, HEIGHT).inside(count)[0].copy()
+        return Layout(WIDTH, HEIGHT).inside(count).copy()
 
 
 def test_light_that_goes_on_is_followed_and_light_that_alternates_a_little_is_not() -> None:
     rising, falling = ([1.3 ** (way * index) for index in range(10)] for way in (1, -1))
     flickering = [1.0, 1.3] * 5
-    assert np.median(np.abs(stored_counts(flickering))) > 8.5  # of ten frames; 8.9
-    assert np.median(np.abs(stored_counts(flickering, change_kept=0.0))) < 7.6  # by each frame alone; 7.3
-    assert np.median(np.abs(stored_counts([1.0, 1.6] * 5))) < 6.0  # a lamp that blinks is followed; 4.2
+    assert np.median(stored_counts(flickering)[0]) > 8.5  # of ten frames; 8.9
+    assert np.median(stored_counts(flickering, change_kept=0.0)[0]) < 7.6  # by each frame alone; 7.3
+    assert np.median(stored_counts([1.0, 1.6] * 5)[0]) < 6.0  # a lamp that blinks is followed; 4.2
     for lights, way in ((rising, 1.0), (falling, -1.0)):
-        going = stored_counts(lights)
-        assert (way * going > 0).mean() > 0.95
-        assert np.median(np.abs(going)) < 4.0
+        going, change = stored_counts(lights)
+        assert (way * change > 0).mean() > 0.95
+        assert np.median(going) < 4.0
 
 
 @pytest.mark.parametrize(
@@ -187,21 +181,20 @@ def test_without_the_test_the_box_alone_tells_and_is_narrow() -> None:
 
 
 def changes_read(resolver: Resolver) -> Any:
-    """What changes of light the counts held that the last frame read, [H, W]."""
+    """The changes of light that the last frame read, [H, W]."""
     assert resolver.last is not None
     with resolver.last.arguments["history_count"].mapped(write=False) as count:
-        return kept_change(Layout(WIDTH, HEIGHT).inside(count)[0].copy())
+        return Layout(WIDTH, HEIGHT).inside(count)[1].copy()
 
 
-def test_counts_of_a_frame_without_the_test_hold_no_change() -> None:
-    """Their last bits are their own: read as a change they divided counts by up to 2.6 for one frame."""
+def test_after_a_frame_without_the_test_no_change_is_read() -> None:
     resolver, beside, banded = Resolver(), Resolver(strict=True, device="numpy"), BandedResolver(band_rows=7)
     for index in range(8):
         frame = textured(index, 1.0, LIT if index in (2, 5, 6) else frozenset({Effect.MOTION}))
         image = resolver.resolve(frame)
         if index in (2, 5):
             assert (changes_read(resolver) == 0.0).all()
-            assert (np.abs(stored(resolver)) > index).mean() > 0.99
+            assert (stored(resolver)[0] > index).mean() > 0.99
         if index == 6:
             assert np.median(np.abs(changes_read(resolver))) > 0.2
         assert np.allclose(image, beside.resolve(frame), rtol=1e-4, atol=1e-5)

@@ -16,5 +16,4 @@ def test_tiers_are_complete_and_only_the_top_gathers() -> None:
     assert tiers == [f"t{number}" for number in range(6)]
     gathering = [name for name in tiers if load_preset(name).choices.history_of is HistoryOf.SAMPLES]
     assert gathering == ["t4", "t5"]
-    assert load_preset("t3-200").choices.history_of is HistoryOf.DOUBLED
     assert load_preset("t4").settings.frames_kept < load_preset("t5").settings.frames_kept

@@ -148,7 +148,7 @@ def test_alpha_is_resolved_with_colour() -> None:
     assert resolved[..., 3].max() <= 1.0
 
 
-@pytest.mark.parametrize("preset", ["default", "t3-200", "t4", "t5"])
+@pytest.mark.parametrize("preset", ["default", "t4", "t5"])
 def test_a_frame_that_was_interrupted_is_resolved_to_the_same_bits(
     preset: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -18,7 +18,7 @@ def test_beside_the_spans_runs_the_resolve_of_the_default() -> None:
     for frame in declared(10):
         shown, expected = spans.resolve(frame), alone.resolve(frame)
         (past, recurs), (_, recurs_alone) = spans.recurrent(), alone.recurrent()
-        assert past.marked
+        assert past.holds_changes
         for name, buffer in recurs_alone.items():
             with buffer.mapped(write=False) as planes, recurs[name].mapped(write=False) as found:
                 assert (bits(found) == bits(planes)).all()

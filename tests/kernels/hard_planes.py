@@ -64,8 +64,6 @@ def hard_planes(layout: Layout, seed: int = 0) -> Planes:
             *strew((even + shares.choice([0.0, 0.05, -0.08, 0.3], shape))[None], shares, 0.02),
         )
     ]
-    alphas, counts = random.uniform(-0.2, 1.2, (4, *shape)), random.choice([0.0, 0.01, 1.0, 7.0, 1000.0], (4, *shape))
-    texels = [*storable(strew(near_mean(12), random, 0.002)), *storable(alphas.astype(np.float32)), *counts]
     # Of each span r, g, b, error, count and alpha; the errors of many are alike.
     errors = mean * random.choice([1.0, 1.0, 1.001, 0.1, 1e8], shape)
     spans = [
@@ -79,7 +77,6 @@ def hard_planes(layout: Layout, seed: int = 0) -> Planes:
         )
     ]
     named = {**dict(zip(names, strewn, strict=True)), "kept": np.array(kept), "spans": np.array(spans)}
-    named["texels"] = np.array(texels)
     named["repeats"] = (errors * random.choice([0.01, 0.3, 1.0, 3.0], (1, *shape))).astype(np.float32)
     named["recursive"] = np.concatenate(
         [storable(strew(near_mean(3), random, 0.01)), random.uniform(0, 1, (1, *shape))]

@@ -33,7 +33,7 @@ from cltaa.core.planes import Layout
 from cltaa.core.presets import load_preset
 from cltaa.core.record import Past, frame_record
 from cltaa.reference import KERNELS
-from cltaa.reference.illumination import with_change
+from cltaa.reference.illumination import tests_light
 from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import KEPT, Planes, hard_planes
 from tests.kernels.test_resolve import turned
@@ -45,18 +45,17 @@ WRITES: dict[str, dict[str, int]] = {
     "repair_colour": {"repaired": 3},
     "neighbourhood_statistics": {"statistics_out": 15},
     "surface_motion": {"motion_out": 7},
-    "sample_history": {"history_at": 8},
+    "sample_history": {"history_at": 9},
     "rectify_history": {"change_out": 6},
     "blend": {"output": 4, "output_count": 1},
     "resolve": {"output": 4, "output_count": 1},
-    "resolve_doubled": {"texels_out": 20, "output": 4, "output_count": 1},
     "gather": {"output": 4, "output_count": 1},
     "gather_spans": {"spans": 24, "repeats": 1},
     "weigh_spans": {"output": 4, "output_count": 1},
 }
-FUSED = ("resolve", "resolve_doubled", "gather", "gather_spans")
+FUSED = ("resolve", "gather", "gather_spans")
 # The choices that fused kernels are shipped with, all of them at once.
-SHIPPED = {"resolve": "default", "resolve_doubled": "t3-200", "gather": "t5", "gather_spans": "t5"}
+SHIPPED = {"resolve": "default", "gather": "t5", "gather_spans": "t5"}
 STAGES = [kernel for kernel in WRITES if kernel not in FUSED]
 # The choices and steps that each stage's code looks at; of the fused kernels what no stage does.
 LOOKS_AT: dict[str, tuple[str, ...]] = {
@@ -90,17 +89,6 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "weighting",
     ),
     "resolve": ("storage",),
-    "resolve_doubled": (
-        "alpha",
-        "camera_motion",
-        "exposure",
-        "filter_use",
-        "history_filter",
-        "own_motion",
-        "reactive",
-        "reject",
-        "storage",
-    ),
     "gather": (
         "alpha",
         "alpha_from",
@@ -156,7 +144,6 @@ def hard_work(width: int = 70, height: int = 41, seed: int = 0, settings: Settin
     )
     record = frame_record(now, Past.of(before[-1]), layout)
     record["left_weight"], record["right_weight"], record["above_weight"], record["below_weight"] = 0.3, -0.05, 0.1, 0.2
-    record["left_mass"], record["right_mass"], record["upper_mass"], record["lower_mass"] = 0.9, 0.01, 0.6, 0.3
     past = np.array([frame_record(now, Past.of(frame), layout) for frame in reversed(before)], FRAME_DTYPE)
     # None that puts a texel's sample on the border of a neighbour's window, 0.8 off its centre, but for rounding.
     past["again"] = KEPT - 1
@@ -176,29 +163,32 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     given |= {"past": work.past, "frames": len(work.past), "standing": len(work.past)}
     if len(work.past):
         given["kept"] = kept_of(build.steps, work)
-    if not build.steps.alpha and "texels" in work.planes:
-        given["texels"] = np.delete(work.planes["texels"], slice(12, 16), 0)
     given |= {f"{name[:-4]}_in": planes for name, planes in work.planes.items() if name.endswith("_out")}
     if "spans" in work.planes:
         given["spans"] = spans_of(build.steps, work)
-    given |= {name: np.full_like(work.layout.zeros(count), UNWRITTEN) for name, count in WRITES[kernel].items()}
+    given |= {name: np.full_like(work.layout.zeros(count), UNWRITTEN) for name, count in writes(kernel, build).items()}
     names = [p.name for p in inspect.signature(KERNELS[kernel]).parameters.values() if p.kind is p.KEYWORD_ONLY]
-    if build.choices.light_change is not LightChange.IGNORE:
-        for name in {"history_count", "history_at", "recursive_count"} & set(names):
+    if tests_light(build):
+        for name in {"history_count", "history_at"} & set(names):
             given[name] = with_changes(given[name])
     most = value_of("HALF_LIMIT") if build.storage in HALVES else np.inf
-    for name in {"history", "recursive", "output", "texels", "texels_out"} & set(names):
+    for name in {"history", "recursive", "output"} & set(names):
         with np.errstate(invalid="ignore"):  # signalling NaN
             given[name] = np.clip(given[name], -most, most).astype(storage_dtype(build))
     return {name: given[name] for name in names}
 
 
+def writes(kernel: str, build: Build) -> dict[str, int]:
+    """The planes that a kernel of that build writes: where light is tested the count has a second one."""
+    recurs = kernel in ("blend", "resolve") and tests_light(build)
+    return WRITES[kernel] | ({"output_count": 2} if recurs else {})
+
+
 def with_changes(planes: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The count, one plane or the fifth of eight, holding changes of light as a test for them leaves them; 0 none."""
-    held, plane = planes.copy(), 0 if len(planes) == 1 else 4
-    changes = np.random.default_rng(1).uniform(-9.0, 9.0, planes.shape[1:]).astype(np.float32)
-    held[plane] = np.where(held[plane] == 0, held[plane], with_change(held[plane], changes))
-    return held
+    """The planes of the count, or of a history at its place, with changes of light as a test for them leaves them."""
+    most = value_of("MOST_CHANGE")
+    changes = np.random.default_rng(1).uniform(-most, most, planes.shape[1:]).astype(np.float32)
+    return np.concatenate([planes[: 8 if len(planes) > 1 else 1], changes[None]])
 
 
 def spans_of(steps: Steps, work: Work) -> NDArray[np.float32]:
@@ -225,7 +215,7 @@ def run_stage(kernel: str, build: Build, work: Work, launcher: Launcher) -> Plan
     launcher.run(kernel, build, work.layout, buffers)
     launcher.finish()
     written: Planes = {}
-    for name in WRITES[kernel]:
+    for name in writes(kernel, build):
         with buffers[name].mapped(write=False) as planes_of:
             written[name] = planes_of.copy()
     return written

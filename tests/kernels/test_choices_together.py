@@ -1,4 +1,4 @@
-"""The fused kernel against its NumPy twin for every choice, down rows and along them: several choices in one build.
+"""The fused kernel against its NumPy twin for every choice: several choices in one build.
 
 A build takes seconds to compile, so choices that do not bear on one another share one. Of each group at most one is not
 as usual, lest one hide what another does: a box says nothing of history that nothing moves into it.
@@ -18,17 +18,12 @@ from cltaa.core.build import Terms
 from cltaa.core.parameters import Choices, LightChange
 from cltaa.core.presets import load_preset
 from cltaa.frame import Effect
-from cltaa.opencl.device import Device
-from cltaa.opencl.shape import INTEL_16
 from tests.kernels.test_resolve import ALONE, CHOICES, differing, hard_frames
 
 Row = dict[str, Any]  # choices by name
 
 LANES, ROWS = 8, 7
-# Columns that a work-item walks row by row, as it does sixteen on Intel's CPUs; 70 pixels are nine segments.
-COLUMNS = {"down": 1, "along": 3}
-# Each value of the first group has a build of its own. The last names there decide which work is done at all, and
-# whether a segment is under way while the next one is read (kernels/kept_rows.h).
+# Each value of the first group has a build of its own. The last names there decide which work is done at all.
 GROUPS = [
     ("box", "box_space", "neighbourhood", "variance", "rectify", "history_filter", "weighting"),
     ("current_filter", "filter_use"),
@@ -64,22 +59,19 @@ def rows(chance: random.Random) -> Iterator[Row]:
 
 
 CHANCE = random.Random(0)
-CASES = [(way, row) for way in COLUMNS for row in rows(CHANCE)]
+CASES = list(rows(CHANCE))
 
 
-def named(way: str, row: Row) -> str:
-    """The way, and the choice of the first group that is not as usual."""
-    return "-".join([way, *(f"{name}={value}" for name, value in list(row.items())[:1] if name in GROUPS[0])])
+def named(row: Row) -> str:
+    """The choice of the first group that is not as usual."""
+    return next((f"{name}={value}" for name, value in list(row.items())[:1] if name in GROUPS[0]), "usual")
 
 
-def differing_with(way: str, row: Row) -> int:
+def differing_with(row: Row) -> int:
     """Values that differ between kernel and twin, over three frames."""
     with pytest.MonkeyPatch.context() as patch:
         # The first frame has nothing to blur, which changes no bit (test_terms.py): it needs no kernel of its own.
         patch.setattr("cltaa.core.resolver.Terms.of", lambda _: Terms())
-        if way == "along":
-            patch.setattr(Device, "shape", INTEL_16._replace(lanes=LANES, columns=COLUMNS[way]))
-            patch.setattr("cltaa.opencl.shape.ITEMS_A_UNIT", 0)
         effects = frozenset(Effect) if "light_change" in row else None
         frames = [replace(frame, effects=effects) for frame in hard_frames()]
         return differing({**row, "fresh_blur": 0.5}, frames, LANES, ROWS)
@@ -94,20 +86,18 @@ def needed(row: Row, fails: Callable[[Row], bool]) -> Row:
     return row
 
 
-@pytest.mark.parametrize(("way", "row"), CASES, ids=[named(*case) for case in CASES])
-def test_same_bits_for_every_choice(way: str, row: Row) -> None:
-    if different := differing_with(way, row):
-        culprits = needed(row, lambda less: differing_with(way, less) > 0)
-        pytest.fail(f"{different} values differ, {way} rows, by {culprits or 'whatever is chosen'}")
+@pytest.mark.parametrize("row", CASES, ids=[named(row) for row in CASES])
+def test_same_bits_for_every_choice(row: Row) -> None:
+    if different := differing_with(row):
+        culprits = needed(row, lambda less: differing_with(less) > 0)
+        pytest.fail(f"{different} values differ by {culprits or 'whatever is chosen'}")
 
 
-@pytest.mark.parametrize("way", COLUMNS)
-def test_every_value_is_tried_beside_usual_ones(way: str) -> None:
+def test_every_value_is_tried_beside_usual_ones() -> None:
     assert sorted([*CHOSEN, *ALONE]) == sorted(Choices.__struct_fields__)
-    tried = [row for tried_way, row in CASES if tried_way == way]
     for group in GROUPS:
         for alternative in alternatives(group):
-            own = [row for row in tried if {name: row[name] for name in group if name in row} == alternative]
+            own = [row for row in CASES if {name: row[name] for name in group if name in row} == alternative]
             assert any(group is GROUPS[0] or not DECISIVE & set(row) for row in own), alternative
 
 

@@ -87,13 +87,6 @@ def test_same_bits_for_every_choice_that_stands_alone(name: str, choice: str) ->
     assert differing({name: choice}, list(hard_frames()), 8, 7) == 0
 
 
-def test_a_kernel_that_gathers_walks_down_whatever_columns_the_build_has() -> None:
-    build, preset = Build(strict=True, lanes=8, rows=7, columns=3), load_preset("t4")
-    device, twin = Resolver(preset, build=build), Resolver(preset, "numpy")
-    for frame in hard_frames(count=2):
-        assert np.array_equal(bits(device.resolve(frame)), bits(twin.resolve(frame)))
-
-
 @pytest.mark.parametrize("size", [(1, 1), (1, 17), (17, 1), (2, 2), (3, 3), (17, 13), (33, 9)])
 def test_same_bits_at_every_size(size: tuple[int, int]) -> None:
     assert differing({}, list(hard_frames(*size)), 8, 4) == 0

@@ -25,7 +25,6 @@ from cltaa.core.backend import Buffer
 from cltaa.core.build import Build, Storage
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
-from cltaa.opencl import shape
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import padded
@@ -36,22 +35,23 @@ from tests.sequence_factory import bits
 
 SIZES = [(9, 7), (1, 1), (17, 2)]
 LANES = (1, 4, 8, 16)
-WALKS = [*((lanes, 1) for lanes in LANES), (4, 3), (16, 3)]  # lanes, and columns that a work-item walks row by row
 # What the simulator asks for.
 EDITS = [
-    Mutation("no inlining", "kernels/lanes.h", " __attribute__((always_inline))", ""),
-    Mutation("library root", "kernels/real.h", "#define SCALAR_ROOT __builtin_sqrtf", "#define SCALAR_ROOT sqrt"),
+    Mutation("no inlining", "kernels/platform/lanes.h", " __attribute__((always_inline))", ""),
+    Mutation(
+        "library root", "kernels/platform/real.h", "#define SCALAR_ROOT __builtin_sqrtf", "#define SCALAR_ROOT sqrt"
+    ),
     Mutation(
         "halves of masks",
-        "kernels/lanes.h",
+        "kernels/platform/lanes.h",
         "return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0;",
         "return any(m != 0);",
     ),
-    Mutation("no reading ahead", "kernels/lanes.h", "#if __has_builtin(__builtin_prefetch)", "#if 0"),
-    Mutation("no reductions", "kernels/lanes.h", "#if __has_builtin(__builtin_reduce_or)", "#if 0"),
+    Mutation("no reading ahead", "kernels/platform/lanes.h", "#if __has_builtin(__builtin_prefetch)", "#if 0"),
+    Mutation("no reductions", "kernels/platform/lanes.h", "#if __has_builtin(__builtin_reduce_or)", "#if 0"),
     Mutation(
         "no floor",
-        "kernels/lanes.h",
+        "kernels/platform/lanes.h",
         "#if __has_builtin(__builtin_elementwise_floor)",
         "#if 0 && __has_builtin(__builtin_elementwise_floor)",
     ),
@@ -60,28 +60,21 @@ STORED = "store_colour(repaired + texel_offset(frame, x, y), plane, v);"
 # Fault and the simulator's word for it.
 PLANTED = [
     (
-        Mutation(
-            "read beyond the end", "kernels/repair_colour.cl", STORED, "v.r += 0.0f * current[4 * plane]; " + STORED
-        ),
+        Mutation("read beyond the end", "kernels/stages.cl", STORED, "v.r += 0.0f * current[4 * plane]; " + STORED),
         "Invalid read",
     ),
     (
         Mutation(
-            "write beyond the end",
-            "kernels/repair_colour.cl",
-            STORED,
-            STORED.replace("repaired", "repaired + 4 * plane"),
+            "write beyond the end", "kernels/stages.cl", STORED, STORED.replace("repaired", "repaired + 4 * plane")
         ),
         "Invalid write",
     ),
     (
-        Mutation(
-            "two work-items write one texel", "kernels/repair_colour.cl", STORED, STORED + " *repaired = (float)x;"
-        ),
+        Mutation("two work-items write one texel", "kernels/stages.cl", STORED, STORED + " *repaired = (float)x;"),
         "data race",
     ),
     (
-        Mutation("a sum that begins with nothing", "kernels/repair.h", "float sum = 0.0f;", "float sum;"),
+        Mutation("a sum that begins with nothing", "kernels/taa/repair.h", "float sum = 0.0f;", "float sum;"),
         "Uninitialized",
     ),
 ]
@@ -125,7 +118,6 @@ def moved_alike() -> Work:
 def run_everything() -> int:
     """Every kernel in every choice, lane count and size, and short sequences in every storage; returns the launches."""
     launcher, launches = Written(), 0
-    shape.ITEMS_A_UNIT = 0  # so that a work-item has several columns of an image as small as these
     assert "Oclgrind" in launcher.description, launcher.description
     default = Build(steps=ALL_STEPS, strict=True, rows=2)
     for kernel in WRITES:
@@ -136,23 +128,23 @@ def run_everything() -> int:
                     expected = run_stage(kernel, shaped, work, NumpyLauncher())
                     assert differing(work, run_stage(kernel, shaped, work, launcher), expected) == 0, (kernel, name)
                     launches += 1
-    for lanes, columns in WALKS:  # rows that move alike, of which a work-item keeps some
-        work, shaped = moved_alike(), replace(default, lanes=lanes, rows=9, columns=columns)
+    for lanes in LANES:  # rows that move alike, of which a work-item keeps some
+        work, shaped = moved_alike(), replace(default, lanes=lanes, rows=9)
         expected = run_stage("resolve", shaped, work, NumpyLauncher())
-        assert differing(work, run_stage("resolve", shaped, work, launcher), expected) == 0, (lanes, columns)
+        assert differing(work, run_stage("resolve", shaped, work, launcher), expected) == 0, lanes
         launches += 1
     gathering = override(load_preset(), {"history_of": "samples", "frames_kept": 2})
     sequences = [(load_preset(), storage, SIZES[0]) for storage in Storage]
     sequences += [(load_preset(), Storage.FLOAT, size) for size in SIZES[1:]] + [(gathering, Storage.FLOAT, SIZES[0])]
     for preset, storage, size in sequences:
-        for lanes, columns in WALKS:
-            shaped = Build(strict=True, storage=storage, lanes=lanes, rows=3, columns=columns)
+        for lanes in LANES:
+            shaped = Build(strict=True, storage=storage, lanes=lanes, rows=3)
             ours = Resolver(preset, launcher, build=shaped)
             theirs = Resolver(preset, "numpy", storage=storage)
             for frame in hard_frames(*size, 4):
                 half = bool(frame.index % 2)
                 one, other = ours.resolve(frame, half=half), theirs.resolve(frame, half=half)
-                assert (bits(one) == bits(other)).all(), (preset, storage, lanes, columns)
+                assert (bits(one) == bits(other)).all(), (preset, storage, lanes)
                 launches += 3 + half  # the fused kernel, the edges of colour and count, and halves
     return launches
 

@@ -19,7 +19,7 @@ from tests.numerics.still_frames import still_frame
 from tests.sequence_factory import bits, make_frame
 
 WIDTH, HEIGHT = 28, 24
-TIERS = [*(f"t{number}" for number in range(6)), "t3-200"]
+TIERS = [f"t{number}" for number in range(6)]
 # Where light is declared to change it is tested for, and nothing is gathered; elsewhere the top tiers gather.
 DECLARED: dict[str, frozenset[Effect] | None] = {
     "nothing": None,

@@ -178,19 +178,6 @@ def blended(work: Work) -> Values:
     return both(work) * conditioned(work)
 
 
-def texel_taps(channels: slice) -> Callable[[Work], Any]:
-    """Largest magnitude of the texels that a pixel's texels are read from, of those channels."""
-    return lambda work: taps(work, "texels", channels).max(0)
-
-
-def doubled(work: Work) -> Values:
-    return np.maximum(colour(work), texel_taps(slice(0, 12))(work)) * conditioned(work)
-
-
-def texel_counts(work: Work) -> Values:
-    return 1 + texel_taps(slice(16, 20))(work)
-
-
 def drawn(work: Work) -> Values:
     """Largest usable magnitude of the frame and of those kept: whose samples a pixel gathers, its motion says."""
     kept = work.planes["kept"].reshape(len(work.past), -1, work.layout.rows, work.layout.stride)[:, :3]
@@ -251,6 +238,7 @@ OUTPUTS = [
     Output(HISTORY, "history: count n", "history_at", slice(4, 5), "u·(1 + n)", counts),
     Output(HISTORY, "history: fraction of a texel", "history_at", slice(5, 7), "u", one),
     Output(HISTORY, "history: usable", "history_at", slice(7, 8), "u", one),
+    Output(HISTORY, "history: change of light", "history_at", slice(8, 9), "u", one),
     Output("rectify_history", "rectify: change", "change_out", RGB, "u·M", box),
     Output("rectify_history", "rectify: pull p", "change_out", FOURTH, "u·(M / extent + p)", pulled),
     Output("rectify_history", "rectify: unrest, calm", "change_out", slice(4, 6), "u", one),
@@ -260,12 +248,6 @@ OUTPUTS = [
     Output("resolve", "resolve: colour", "output", RGB, "u·M·k", blended),
     Output("resolve", "resolve: alpha", "output", FOURTH, "u·k", conditioned),
     Output("resolve", "resolve: count n", "output_count", FIRST, "u·(1 + n)", counts),
-    Output("resolve_doubled", "doubled: colour of texels", "texels_out", slice(0, 12), "u·M·k", doubled),
-    Output("resolve_doubled", "doubled: alpha of texels", "texels_out", slice(12, 16), "u·k", conditioned),
-    Output("resolve_doubled", "doubled: count n of texels", "texels_out", slice(16, 20), "u·(1 + n)", texel_counts),
-    Output("resolve_doubled", "doubled: colour", "output", RGB, "u·M·k", doubled),
-    Output("resolve_doubled", "doubled: alpha", "output", FOURTH, "u·k", conditioned),
-    Output("resolve_doubled", "doubled: count n", "output_count", FIRST, "u·(1 + n)", texel_counts),
     Output("gather", "gather: colour", "output", RGB, "u·M", gathered),
     Output("gather", "gather: alpha", "output", FOURTH, "u", one),
     Output("gather", "gather: count n", "output_count", FIRST, "u·(1 + n)", one),

@@ -1,4 +1,4 @@
-"""Which shape a device's kernels get, and that neither what they fetch ahead nor their way changes a bit."""
+"""Which shape a device's kernels get, and that what they fetch ahead changes no bit."""
 
 from __future__ import annotations
 
@@ -15,15 +15,7 @@ from cltaa.frame import Image
 from cltaa.lab.bench.frames import Motion, make_frames
 from cltaa.opencl.device import Device, cpu_shape
 from cltaa.opencl.launcher import DeviceLauncher
-from cltaa.opencl.shape import (
-    CPU_4,
-    CPU_8,
-    CPU_16,
-    INTEL_16,
-    ITEMS_A_UNIT,
-    Shape,
-    shared_out,
-)
+from cltaa.opencl.shape import CPU_4, CPU_8, CPU_16, INTEL_16, Shape
 
 INTEL, AMD = "GenuineIntel", "AuthenticAMD"  # as every version of PoCL has it from the CPU itself
 
@@ -80,26 +72,3 @@ def test_far_lines_come_into_the_first_cache_where_that_was_measured_to_pay(
     steps = Steps(camera_motion=preset != "t0", own_motion=False)
     build = DeviceLauncher().build(Build(choices=chosen.choices, steps=steps))
     assert f"#define FAR_FIRST {int(first)}\n" in prelude(build)
-
-
-@pytest.mark.parametrize("storage", [Storage.FLOAT, Storage.HALF])
-def test_a_walk_along_rows_changes_no_bit(storage: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cltaa.opencl.shape.ITEMS_A_UNIT", 0)  # as few work-items as can be, on any number of cores
-    _, down = resolved(CPU_16, storage, monkeypatch)
-    _, along = resolved(INTEL_16, storage, monkeypatch)
-    assert np.array_equal(down.view(np.uint32), along.view(np.uint32))
-
-
-@pytest.mark.parametrize(("width", "height"), [(1280, 720), (1920, 1080), (2560, 1440), (3840, 2160)])
-def test_work_items_along_rows_are_as_many_on_each_of_sixteen_cores(width: int, height: int) -> None:
-    steps, rest = divmod(height, INTEL_16.rows)
-    items = steps * shared_out(width // INTEL_16.lanes, INTEL_16.columns, steps, 16)
-    assert rest == 0
-    assert items % 16 == 0
-
-
-def test_rows_are_shared_out_evenly_and_keep_every_core_busy() -> None:
-    assert shared_out(120, 16, 17, 2) == 8
-    assert shared_out(16, 16, 4, 16) == 4 * ITEMS_A_UNIT == 16  # 256 x 256 on 16 cores: a column each
-    assert shared_out(3, 16, 1, 16) == 3  # never more than there are segments
-    assert all(-(-segments // shared_out(segments, 16, 100, 2)) <= 16 for segments in range(1, 1100))

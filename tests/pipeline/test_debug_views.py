@@ -228,19 +228,6 @@ def test_a_gathering_preset_says_what_came_into_view() -> None:
     assert (reasons[:, 10:] == Reason.KEPT).all()
 
 
-def test_a_history_at_200_percent_shows_what_was_decided_for_its_pixels() -> None:
-    shift, first = 5, flat_frame(0)
-    second = flat_frame(1, camera=panned(first.camera, shift, first.width))
-    layers = look([first, second], "t3-200")
-    found = np.full(first.depth.shape, float(Reason.KEPT))
-    found[:, -shift:] = Reason.OFF_SCREEN
-    np.testing.assert_array_equal(layers["debug.reject"], found)
-    assert (layers["debug.motion.u"] == shift).all()
-    # Two samples of some mass against one of the same.
-    assert layers["debug.count"][:, :-shift].min() > layers["debug.count"][:, -shift:].max() > 0
-    assert (layers["debug.clip"][:, -shift:] == 0).all()
-
-
 def test_a_restart_leaves_no_picture_of_before(tmp_path: Path) -> None:
     write_sequence(tmp_path / "in", 3)
     arguments = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy"]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.core.build import Steps, texel_planes
+from cltaa.core.build import Steps
 from cltaa.core.planes import Layout
 from cltaa.inputs.open import open_input
 from cltaa.io.exr_frame import frame_attributes, frame_planes
@@ -63,23 +63,10 @@ def test_layers_stay_until_their_result_is_written(layered: Path, capsys: pytest
     assert every["frames"] == none["frames"]
 
 
-def test_what_decides_the_history_is_counted(layered: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_what_decides_the_history_is_counted(layered: Path, capsys: pytest.CaptureFixture[str]) -> None:
     haloed = Layout(WIDTH, HEIGHT).plane
-    floats, halves, doubled, both = (
-        planned(layered, capsys, *more)["device"]
-        for more in (
-            [],
-            ["--storage", "half"],
-            ["--set", "history_of=doubled"],
-            ["--storage", "half", "--set", "history_of=doubled"],
-        )
-    )
+    floats, halves = (planned(layered, capsys, *more)["device"] for more in ([], ["--storage", "half"]))
     assert halves - floats == -2 * 3 * 2 * haloed  # history and result
-    assert doubled - floats == 2 * texel_planes(False) * 4 * haloed
-    assert both - halves == 2 * texel_planes(False) * 2 * haloed
-    config = tmp_path / "doubled.toml"
-    config.write_text('history_of = "doubled"\n')
-    assert planned(layered, capsys, "--config", str(config))["device"] == doubled
 
 
 def test_bands_that_are_asked_for_are_counted(layered: Path, capsys: pytest.CaptureFixture[str]) -> None:

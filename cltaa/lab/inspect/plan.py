@@ -131,16 +131,17 @@ def memory(
     if rows is None:
         whole = of_whole(sequence, resolver, half=half, layers=layers)
         rows = band_rows_for(whole) if has_bands(resolver) else 0
-    kept, doubled = HistoryOf.SAMPLES in histories, HistoryOf.DOUBLED in histories
+    kept = HistoryOf.SAMPLES in histories
     frames_kept = preset.settings.frames_kept if kept else 0
     spans = kept and any(each.choices.light_change is LightChange.SPANS for each in plans)
+    changes = any(each.choices.light_change is not LightChange.IGNORE for each in plans)
     held = PlanesHeld(
         Steps(**used),
         resolver.storage,
         band_rows=rows,
         frames_kept=frames_kept,
         spans=spans,
-        doubled=doubled,
+        changes=changes,
         shared=shared,
         half=half,
     )

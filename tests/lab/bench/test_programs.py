@@ -42,7 +42,7 @@ def test_what_is_built_first_is_all_that_is_run(
             number, camera=camera, effects=frozenset(), motion=one_size, alpha=one_size, reactive=one_size
         )
         write_frame(folder / f"synthetic.{number:04d}.exr", frame)
-    every = [task(folder, choices=load_preset(name).choices) for name in ("t0", "t3-200", "t5")]
+    every = [task(folder, choices=load_preset(name).choices) for name in ("t0", "t5")]
     planned = programs_of(every, DeviceLauncher(None), 3000)
     run = set[Program]()
     for each in every:

@@ -71,7 +71,7 @@ def test_a_step_is_turned_on_as_its_preset_has_it(name: str) -> None:
     assert on is preset.choices.light_change is (LightChange.SPANS if name == "t5" else LightChange.TEST)
 
 
-@pytest.mark.parametrize("name", ["default", "t3-200", "t5"])
+@pytest.mark.parametrize("name", ["default", "t5"])
 @pytest.mark.parametrize("effects", [None, frozenset({Effect.CAMERA})])
 def test_no_other_step_is_turned_with_one(name: str, effects: frozenset[Effect] | None) -> None:
     preset, frame = load_preset(name), make_frame(effects=effects)

@@ -1,7 +1,7 @@
 // The history of a pixel: its colour at the place where the surface was, and whether it can be used at all.
-#include "ahead.h"
-#include "kept_rows.h"
-#include "reject.h"
+#include "schedule/ahead.h"
+#include "schedule/kept_rows.h"
+#include "taa/reject.h"
 
 #if !defined(ALPHA) || !defined(REJECT) || !defined(LIGHT_CHANGE)
 #error "history.h needs ALPHA, REJECT and LIGHT_CHANGE from the prelude"
@@ -10,7 +10,8 @@
 typedef struct
 {
     colour rgb;
-    real alpha, count, fx, fy; // in the count: how light changes, where that is tested for
+    real alpha, count, fx, fy;
+    real change; // of light, where that is tested for
     real most; // samples that it may stand for
     mask valid;
 } history_t;
@@ -37,13 +38,7 @@ typedef struct
     real fx, fy, most;
 } sampled;
 
-// Whichever way light went. Where no light is tested for too: the frame before may have had another plan.
-STAGE real sample_count(plane_in count, footprint f, int stride)
-{
-    const quad t = sample_quad(count, f, stride);
-    const quad size = { absolute(t.p00), absolute(t.p10), absolute(t.p01), absolute(t.p11) };
-    return bilinear(size, f);
-}
+STAGE real sample_count(plane_in count, footprint f, int stride) { return bilinear(sample_quad(count, f, stride), f); }
 
 STAGE sampled sample_planes(history_in history, plane_in previous_closeness, footprint f, weights wx, weights wy,
     colour rgb, real count, real most, frame_t frame)
@@ -88,7 +83,7 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_cl
     frame_t frame, settings_t settings, kept_rows* kept)
 {
     const size_t plane = history_plane_size(frame);
-    if ((LANES == 1) | (COLUMNS > 1)) // who walks down a column on a CPU has asked for its own
+    if (LANES == 1)
         fetch_history(history, count, previous_closeness, f.at, frame);
 #if KEEPS_ROWS && LANES == 1
     real counted;
@@ -113,14 +108,6 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_cl
 #endif
 }
 
-// A channel that was read between texels, no less than lobe_floor of the least of the nearest row of three, or than
-// that least where it is negative: a highlight beside them takes as much off by the filter's negative lobes as it is
-// bright. A half is no more than bilinear weights give where light is not negative.
-STAGE real above_lobes(real v, real least, settings_t settings)
-{
-    return greater(lesser(K(settings.lobe_floor) * least, least), v);
-}
-
 // `next` holds the texels of the row below the pixel's.
 STAGE history_t sample_history(plane_in current, boxed_row next, history_in history, plane_in count,
     plane_in previous_closeness, motion_t m, surface s, int x, int y, frame_t frame, settings_t settings,
@@ -128,6 +115,8 @@ STAGE history_t sample_history(plane_in current, boxed_row next, history_in hist
 {
     const uint at = history_offset(frame, x, y);
     history_t h;
+    if (LANES > 1) // not beside the frame's: more would be asked for at a time than can be under way
+        fetch_history(history, count, previous_closeness, at, frame);
     const motion_t seen = motion_to_edge(m, LANE_INDEX + K(x), SPLAT(y), frame);
     h.valid = on_screen(seen, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
     int alike;
@@ -136,12 +125,12 @@ STAGE history_t sample_history(plane_in current, boxed_row next, history_in hist
     h.rgb = v.rgb;
     h.count = v.count;
     h.valid = h.valid & !colour_outside_domain(h.rgb);
-    if (LIGHT_CHANGE != LIGHT_CHANGE_IGNORE) {
-        const lit l = history_in_light(v.count, current, next, history, count, f, x, y, frame, settings, &kept->light);
+    h.change = SPLAT(0.0);
+    if (TESTS_LIGHT) {
+        const lit_t l
+            = history_in_light(v.count, current, next, history, count, f, x, y, frame, settings, &kept->light);
         h.count = l.count;
-        h.rgb.r = above_lobes(h.rgb.r, l.least.r, settings);
-        h.rgb.g = above_lobes(h.rgb.g, l.least.g, settings);
-        h.rgb.b = above_lobes(h.rgb.b, l.least.b, settings);
+        h.change = l.change;
     }
     h.rgb = history_in_range(h.rgb, frame);
     h.alpha = ALPHA ? limit(v.alpha, SPLAT(0.0), SPLAT(1.0)) : v.alpha;

@@ -1,7 +1,7 @@
 // The history's filters: what the taps around a position weigh. Taps 0 to 3 surround it, tap 1 is the texel at its
 // whole part; a filter of six has one more before them and one behind. Every filter is applied to differences from a
 // tap, so that equal taps give exactly their value, and a fraction of 0 gives exactly tap 1.
-#include "real.h"
+#include "platform/real.h"
 
 #if !defined(HISTORY_FILTER)
 #error "history_filter.h needs HISTORY_FILTER from the prelude"

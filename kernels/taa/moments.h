@@ -1,5 +1,5 @@
 // Moments of a 3x3, row by row: means, spreads and extremes of its rows, and of the three rows together.
-#include "real.h"
+#include "platform/real.h"
 
 #if !defined(BOX) || !defined(NEIGHBOURHOOD) || !defined(VARIANCE)
 #error "moments.h needs BOX, NEIGHBOURHOOD and VARIANCE from the prelude"

@@ -1,5 +1,5 @@
 // Rectification: history that the current neighbourhood makes implausible is moved into its box.
-#include "projection.h"
+#include "taa/projection.h"
 
 #if !defined(RECTIFY) || !defined(BOX) || !defined(ACCUMULATE) || !defined(ANTI_FLICKER)
 #error "rectify.h needs RECTIFY, BOX, ACCUMULATE and ANTI_FLICKER from the prelude"

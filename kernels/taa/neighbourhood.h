@@ -1,6 +1,6 @@
 // The 3x3 neighbourhood, gathered row by row so that a window sliding down a column reads and converts each row once.
-#include "moments.h"
-#include "repair.h"
+#include "taa/moments.h"
+#include "taa/repair.h"
 
 #if !defined(DILATION) || !defined(OWN_MOTION) || !defined(CURRENT_FILTER)
 #error "neighbourhood.h needs DILATION, OWN_MOTION and CURRENT_FILTER from the prelude"
@@ -48,12 +48,6 @@ STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below
 
 // Closeness outside the domain (no depth, infinite) is the sky's.
 STAGE real usable_closeness(real v, frame_t frame) { return usable_or(v, SPLAT(frame.sky_closeness)); }
-
-STAGE colour least_colour(colour a, colour b)
-{
-    const colour v = { lesser(a.r, b.r), lesser(a.g, b.g), lesser(a.b, b.b) };
-    return v;
-}
 
 STAGE colour colour_step(colour from, colour to) { return (colour) { to.r - from.r, to.g - from.g, to.b - from.b }; }
 

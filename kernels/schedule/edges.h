@@ -1,8 +1,8 @@
 // Edges: what is stored of an image is repeated into its halo, so that filters may read past the image. On a CPU each
 // work-item repeats, at its end, the edge that it has stored itself: to start a kernel for that takes longer than the
 // work does. On a GPU the groups at the edges would end last; there extend_edges.cl does it.
-#include "image.h"
-#include "storage.h"
+#include "platform/image.h"
+#include "platform/storage.h"
 
 // What a work-item has stored: the columns from x and the rows from y on, up to `end` and `below`, these left out.
 typedef struct

@@ -9,15 +9,13 @@
 // so many work-items right of it into the second cache alone, and its own next texels and those right of them from
 // there into the first. FAR_FIRST: the far ones into the first as well. On a Zen 5 those that were asked for into the
 // second alone were not there in time once a walk had fallen behind, and it did not catch up.
-#include "image.h"
+#include "platform/image.h"
 
-// COLUMNS > 1: along rows a CPU foresees what comes, so that a work-item fetches its own texels alone, into the second
-// cache.
-#if !defined(COLUMNS_AHEAD) || !defined(FAR_FIRST) || !defined(COLUMNS)
-#error "ahead.h needs COLUMNS_AHEAD, FAR_FIRST and COLUMNS from the prelude"
+#if !defined(COLUMNS_AHEAD) || !defined(FAR_FIRST)
+#error "ahead.h needs COLUMNS_AHEAD and FAR_FIRST from the prelude"
 #endif
 
-#define ROWS_AHEAD (COLUMNS > 1 ? 3 : (LANES > 1 ? (FAR_FIRST ? 3 : 4) : 2))
+#define ROWS_AHEAD (LANES > 1 ? (FAR_FIRST ? 3 : 4) : 2)
 #define ROWS_NEAR (FAR_FIRST ? 1 : 2) // of ROWS_AHEAD left out for what comes from the second cache
 
 // The texel of plane p that lies `rows` rows below the one at `at`. Where a row's length is a constant the step is part
@@ -25,8 +23,6 @@
 #if NVIDIA && STRIDE > 0
 #define FETCH_BELOW(p, at, rows, stride)                                                                               \
     __asm volatile("prefetch.global.L1 [%0+%1];" ::"l"((p) + (at)), "n"((rows) * STRIDE * (int)sizeof(*(p))))
-#elif COLUMNS > 1
-#define FETCH_BELOW(p, at, rows, stride) FETCH_FAR(ROW_BELOW(p, at, rows, stride))
 #elif COLUMNS_AHEAD
 #define FETCH_BELOW(p, at, rows, stride)                                                                               \
     FETCH_TWICE(ROW_BELOW(p, at, rows, stride) + COLUMNS_AHEAD * LANES, ROW_BELOW(p, at, rows - ROWS_NEAR, stride))
@@ -51,8 +47,8 @@ STAGE void fetch_frame(plane_in current, plane_in closeness, plane_in motion, in
     }
 }
 
-// Below the texel at `at`: the one that the pixel came from, or where a CPU walks down the pixel's own, as if nothing
-// moved, for what moves was fetched that many rows earlier or later, still ahead of its use as a rule.
+// Below the texel at `at`: on a GPU the one that the pixel came from, on a CPU the pixel's own, as if nothing moved,
+// for what moves was fetched that many rows earlier or later, still ahead of its use as a rule.
 STAGE void fetch_history(history_in history, plane_in count, plane_in previous_closeness, uint at, frame_t frame)
 {
     const size_t plane = history_plane_size(frame);
@@ -71,6 +67,8 @@ STAGE void fetch_history(history_in history, plane_in count, plane_in previous_c
 STAGE void fetch_first(plane_in current, plane_in closeness, plane_in motion, history_in history, plane_in count,
     plane_in previous_closeness, int x, int y, frame_t frame)
 {
+    if ((LANES > 1) | !(CAMERA_MOTION | OWN_MOTION))
+        return;
     const int stride = row_stride(frame);
     const uint at = texel_offset(frame, x, y), past = history_offset(frame, x, y);
     const size_t plane = plane_size(frame), past_plane = history_plane_size(frame);

@@ -1,7 +1,7 @@
 // One output pixel from its current sample, its neighbourhood and its history.
-#include "history.h"
-#include "rectify.h"
-#include "blend.h"
+#include "taa/history.h"
+#include "taa/rectify.h"
+#include "taa/blend.h"
 
 #if !defined(ALPHA) || !defined(REACTIVE) || !defined(ALPHA_FROM) || !defined(FILTER_USE)
 #error "pixel.h needs ALPHA, REACTIVE, ALPHA_FROM and FILTER_USE from the prelude"
@@ -22,6 +22,7 @@ typedef struct
 {
     colour rgb;
     real alpha, count;
+    real change; // of light, where that is tested for
 } resolved;
 
 // Alpha and reactivity are shares: outside [0, 1], or no number, means the nearer end (no number: `otherwise`).
@@ -112,8 +113,7 @@ STAGE real fading_share(real of_mean, settings_t settings)
 // How many samples a pixel's rectified history is believed to stand for.
 STAGE real believed_samples(pixel_t p, history_t h, rectification r, settings_t settings)
 {
-    const real held = LIGHT_CHANGE == LIGHT_CHANGE_IGNORE ? h.count : absolute(h.count);
-    const real count = believed_count(held, h.most, r.pull, settings);
+    const real count = believed_count(h.count, h.most, r.pull, settings);
     return REACTIVE ? count * (SPLAT(1.0) - p.reactivity) : count;
 }
 
@@ -159,26 +159,22 @@ STAGE resolved blend_pixel(
     if (ALPHA_FROM == ALPHA_FROM_BLEND)
         out.alpha = h.valid ? blend(h.alpha, p.alpha, weight) : p.alpha;
     out.count = h.valid ? count + K(1.0) : SPLAT(1.0);
-    if (LIGHT_CHANGE != LIGHT_CHANGE_IGNORE)
-        out.count = with_change_of(out.count, h.count, h.valid);
+    out.change = h.valid ? h.change : SPLAT(0.0);
     return out;
-}
-
-STAGE resolved resolve_beside(pixel_t p, history_t h, rectification r, real count, settings_t settings)
-{
-    return blend_pixel(p, h, r, rectified(h, r), sample_beside(p, h.valid, count, settings), count, settings);
 }
 
 STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t settings)
 {
-    return resolve_beside(p, h, r, believed_samples(p, h, r, settings), settings);
+    const real count = believed_samples(p, h, r, settings);
+    return blend_pixel(p, h, r, rectified(h, r), sample_beside(p, h.valid, count, settings), count, settings);
 }
 
 // The alpha of the history; where the box is `unit`, held in the extremes of the current 3x3 as colour is.
-STAGE real past_alpha(plane_in alpha_at, real past, frame_t frame)
+STAGE real past_alpha(plane_in alpha, real past, int x, int y, frame_t frame)
 {
-    if (BOX != BOX_UNIT)
+    if (!ALPHA | (BOX != BOX_UNIT))
         return past;
+    plane_in alpha_at = alpha + texel_offset(frame, x, y);
     real low = SPLAT(1.0), high = SPLAT(0.0);
     for (int dy = -1; dy <= 1; ++dy)
         for (int dx = -1; dx <= 1; ++dx) {
@@ -199,4 +195,12 @@ STAGE void store_resolved(history_out image, plane_out count, resolved r, int x,
     if (ALPHA)
         store_history(image + 3 * plane + at, r.alpha < SPLAT(TINY) ? SPLAT(0.0) : r.alpha, x, y, frame);
     store(count + at, r.count);
+}
+
+// The same, and how light changes, in the plane after the count's.
+STAGE void store_recurrent(history_out image, plane_out count, resolved r, int x, int y, frame_t frame)
+{
+    store_resolved(image, count, r, x, y, frame);
+    if (TESTS_LIGHT)
+        store(count + plane_size(frame) + texel_offset(frame, x, y), r.change);
 }

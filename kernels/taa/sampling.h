@@ -1,7 +1,7 @@
 // Reading the previous frame between its texels.
-#include "history_filter.h"
-#include "projection.h"
-#include "storage.h"
+#include "taa/history_filter.h"
+#include "taa/projection.h"
+#include "platform/storage.h"
 
 #if !defined(CAMERA_MOTION) || !defined(OWN_MOTION)
 #error "sampling.h needs CAMERA_MOTION and OWN_MOTION from the prelude"

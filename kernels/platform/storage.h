@@ -1,6 +1,6 @@
 // The numbers that the history is kept in: floats, doubles, halves rounded to the nearest, or halves rounded at random;
 // and halves as a file holds them.
-#include "real.h"
+#include "platform/real.h"
 
 #if !defined(STORAGE_HALF) || !defined(STORAGE_STOCHASTIC) || !defined(STORAGE_DOUBLE) || !defined(LIGHT_CHANGE)
 #error "storage.h needs STORAGE_HALF, STORAGE_STOCHASTIC, STORAGE_DOUBLE and LIGHT_CHANGE from the prelude"

@@ -1,5 +1,5 @@
 // Blending: how much the current sample counts against the history.
-#include "colour.h"
+#include "taa/colour.h"
 
 #if !defined(ACCUMULATE) || !defined(WEIGHTING) || !defined(ANTI_FLICKER) || !defined(NEGATIVES)
 #error "blend.h needs ACCUMULATE, WEIGHTING, ANTI_FLICKER and NEGATIVES from the prelude"

@@ -1,5 +1,5 @@
 // Rejection: history that belongs to another surface is dropped.
-#include "sampling.h"
+#include "taa/sampling.h"
 
 // The previous frame saw this surface if one of the four texels around the history position lies within the range of
 // closeness that the current 3x3 has, seen from the previous camera and widened by depth_tolerance. One matching texel

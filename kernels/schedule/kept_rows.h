@@ -2,11 +2,11 @@
 // the same fraction of a texel and as many whole ones, three of the four rows of taps around it have been weighed along
 // x already. Its place, fractions and weights are known too, before the motion that says the same has been worked out,
 // so that a CPU need not wait for it.
-#include "blend.h"
-#include "light.h"
+#include "taa/blend.h"
+#include "taa/light.h"
 
-#if !defined(CAMERA_MOTION) || !defined(OWN_MOTION) || !defined(COLUMNS) || !defined(WEIGHTING)
-#error "kept_rows.h needs CAMERA_MOTION, OWN_MOTION, COLUMNS and WEIGHTING from the prelude"
+#if !defined(CAMERA_MOTION) || !defined(OWN_MOTION)
+#error "kept_rows.h needs CAMERA_MOTION and OWN_MOTION from the prelude"
 #endif
 
 // Where nothing moves there is no filter to keep rows for.
@@ -14,11 +14,6 @@
     ((CAMERA_MOTION || OWN_MOTION)                                                                                     \
         && (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM                                                               \
             || (LANES > 1 && HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9)))
-
-// Whether a segment is still under way while the next one is read (columns.h), and its footprint may be the one above.
-// Both pay where what follows the history is long: without weights, or without rows kept, they took 1.03 to 1.05 of the
-// time, in a turn at least. With four lanes neither has been measured.
-#define TWO_UNDER_WAY (LANES >= 8 && KEEPS_ROWS && WEIGHTING != WEIGHTING_NONE)
 
 #if KEEPS_ROWS && LANES == 1
 // A plane's rows, weighed along y as far as they are known, in the order of `weigh`: what the next pixel and the one
@@ -62,10 +57,7 @@ STAGE kept_rows nothing_kept(void)
 
 #if KEEPS_ROWS && LANES > 1
 // Whether a segment moves as the one above it to the last bit, so that its footprint need not be worked out.
-STAGE int moves_the_same(const kept_rows* kept, real u, real v)
-{
-    return TWO_UNDER_WAY && !any_of((u != kept->u) | (v != kept->v));
-}
+STAGE int moves_the_same(const kept_rows* kept, real u, real v) { return !any_of((u != kept->u) | (v != kept->v)); }
 
 // The footprint of a segment that moves as the one above it.
 STAGE footprint footprint_below(const kept_rows* kept, uint own, int stride)
@@ -81,12 +73,10 @@ STAGE int moves_alike(kept_rows* kept, footprint f, real u, real v, int stride)
 {
     const uint next = kept->at + (uint)stride;
     kept->at = f.at;
-    if (TWO_UNDER_WAY) {
-        kept->u = f.lanes == LANES_ALIKE ? u : SPLAT(DOMAIN_LIMIT);
-        kept->v = v;
-        kept->dx = first_lane(f.dx);
-        kept->dy = first_lane(f.dy);
-    }
+    kept->u = f.lanes == LANES_ALIKE ? u : SPLAT(DOMAIN_LIMIT);
+    kept->v = v;
+    kept->dx = first_lane(f.dx);
+    kept->dy = first_lane(f.dy);
     if (f.lanes == LANES_ALIKE && f.at == next && !any_of((f.fx != kept->fx) | (f.fy != kept->fy)))
         return 1;
     kept->fx = f.fx;
@@ -160,10 +150,7 @@ STAGE real slide_plane(slid* s, taps t, weights wx, weights wy)
 }
 
 // A row of the count between two texels, as `sample_count` has it.
-STAGE real count_between(real left, real right, real fx)
-{
-    return absolute(left) + fx * (absolute(right) - absolute(left));
-}
+STAGE real count_between(real left, real right, real fx) { return left + fx * (right - left); }
 
 // Colour and count at a footprint.
 STAGE colour slide_history(

@@ -3,7 +3,7 @@
 //
 // A large image may be resolved in bands: planes of what arrives and of what results then hold band_rows rows from
 // first_row on (and the rows around them), while the history is whole. Coordinates are always those of the image.
-#include "real.h"
+#include "platform/real.h"
 
 STAGE int band_rows(frame_t frame) { return frame.band_rows > 0 ? frame.band_rows : frame.height; }
 

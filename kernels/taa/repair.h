@@ -1,8 +1,8 @@
 // Repair: a texel outside the domain (NaN, infinite, beyond DOMAIN_LIMIT) becomes the mean of the usable texels of its
 // own 3x3, or 0 where there are none. Such texels are rare: a whole row segment is tested at once, and only a segment
 // that holds one takes the slow way, texel by texel.
-#include "colour.h"
-#include "image.h"
+#include "taa/colour.h"
+#include "platform/image.h"
 
 STAGE int texel_outside_domain(plane_in p, size_t plane)
 {

@@ -14,7 +14,7 @@
 #else
 #pragma OPENCL FP_CONTRACT ON
 #endif
-#include "lanes.h"
+#include "platform/lanes.h"
 
 // One float a work-item, and no need of the strict build's roundings: the device's own maximum and minimum.
 #define NATIVE (LANES == 1 && !REAL_DOUBLE && !STRICT)

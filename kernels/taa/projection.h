@@ -1,5 +1,5 @@
 // Where a surface was in the previous frame.
-#include "neighbourhood.h"
+#include "taa/neighbourhood.h"
 
 #if !defined(CAMERA_MOTION) || !defined(OWN_MOTION) || !defined(ORTHOGRAPHIC) || !defined(OFF_SCREEN)
 #error "projection.h needs CAMERA_MOTION, OWN_MOTION, ORTHOGRAPHIC and OFF_SCREEN from the prelude"

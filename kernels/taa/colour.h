@@ -1,5 +1,5 @@
 // Colour: three reals, as RGB, or in the space in which history is compared with the neighbourhood (the box space).
-#include "real.h"
+#include "platform/real.h"
 
 #if !defined(BOX_SPACE) || !defined(TONEMAP)
 #error "colour.h needs BOX_SPACE and TONEMAP from the prelude"

@@ -1,7 +1,7 @@
 // Light that changes where nothing moves. Nine samples of now are paired with what the history holds at their places:
 // where light stands, the nine differences are the jitter's, of either sign; where it changes, they agree.
-#include "neighbourhood.h"
-#include "sampling.h"
+#include "taa/neighbourhood.h"
+#include "taa/sampling.h"
 
 #if !defined(EXPOSURE)
 #error "light.h needs EXPOSURE from the prelude"
@@ -108,47 +108,24 @@ STAGE texel_row nearest_row(history_in p, nearest_t n, int j, size_t plane, int 
         load_history_colour(q + 1, plane) };
 }
 
-// What is kept of a change of light: its sign as that of a count, and its size in steps of CHANGE_STEP as the count's
-// last bits, which are 2^-17 of it at most. So no plane is read or written for it. After a frame without the test those
-// bits would be the count's own: the host clears them before the next one with it.
-#define CHANGE_BITS ((whole)(KEPT_CHANGES) << FLOAT_BITS)
-#define BELOW_CHANGE_BITS (((whole)(1) << FLOAT_BITS) - (whole)(1)) // of a double, past those of a float
+// Whether the frame is tested for it. The count's buffer then has a second plane, which holds how light changed.
+#define TESTS_LIGHT (LIGHT_CHANGE != LIGHT_CHANGE_IGNORE)
 
-STAGE real kept_change(real count)
-{
-    const real size = TO_REAL((AS_WHOLE(count) & CHANGE_BITS) >> FLOAT_BITS) * K(CHANGE_STEP);
-    return AS_REAL(AS_WHOLE(size) | (AS_WHOLE(count) & ~(whole)(MAGNITUDE_BITS)));
-}
-
-// A count and the bits of a change.
-STAGE real marked_count(real count, whole marks)
-{
-    return AS_REAL((AS_WHOLE(count) & (whole)(MAGNITUDE_BITS) & ~(CHANGE_BITS | BELOW_CHANGE_BITS)) | marks);
-}
-
-// A count, not 0 since no denormal is stored, with a finite change.
-STAGE real with_change(real count, real change)
-{
-    const whole steps = TO_WHOLE(lesser(absolute(change) * K(1.0 / CHANGE_STEP), SPLAT(KEPT_CHANGES)));
-    const whole sign = AS_WHOLE(change) & ~(whole)(MAGNITUDE_BITS);
-    return marked_count(greater(count, SPLAT(TINY)), (steps << FLOAT_BITS) | sign);
-}
-
-// A count with the change that another one holds, or none. Chosen here: LLVM 14 gets a choice of such counts wrong.
-STAGE real with_change_of(real count, real other, mask any)
-{
-    const whole marks = AS_WHOLE(other) & (CHANGE_BITS | ~(whole)(MAGNITUDE_BITS));
-    return marked_count(count, any ? marks : (whole)(0));
-}
-
-// The count at the nearest texel.
-STAGE real nearest_count(plane_in count, nearest_t n, int stride)
+// The change of light that the frame before left at the nearest texel.
+STAGE real nearest_change(plane_in change, nearest_t n, int stride)
 {
 #if LANES > 1
     if (!n.alike)
-        return texels_apart(count + n.own, steps_apart(n.dx, n.dy, stride));
+        return texels_apart(change + n.own, steps_apart(n.dx, n.dy, stride));
 #endif
-    return load(count + n.at);
+    return load(change + n.at);
+}
+
+// What is kept of a change: MOST_CHANGE at most, so that it is over some frames later, and no denormal.
+STAGE real kept_change(real change)
+{
+    const real kept = limit(change, SPLAT(-MOST_CHANGE), SPLAT(MOST_CHANGE));
+    return absolute(kept) < SPLAT(TINY) ? SPLAT(0.0) : kept;
 }
 
 // Mean of three differences, and 3/2 of their spread. The mean is a sum here, where that of colours keeps its shift:
@@ -182,7 +159,6 @@ typedef struct
     paired a, b, c;
     boxed step;
     real level, levels; // its own, and with that of the row above
-    colour least; // of each channel of the history's texels
 } light_row;
 
 // What a work-item keeps while it slides down: the row at the next segment, and the texel of the history that is
@@ -193,13 +169,6 @@ typedef struct
     light_row row;
     uint nearest;
 } kept_light;
-
-// What the nine texels say of a history: the samples it counts for, and each channel's least of the nearest row.
-typedef struct
-{
-    real count;
-    colour least;
-} lit;
 
 // Of YCoCg the formula of to_box_space, each part taken away from now's by itself: fewer operations.
 STAGE boxed light_difference(boxed now, colour past, frame_t frame)
@@ -219,7 +188,6 @@ STAGE light_row light_of_row(boxed_row now, history_in history, nearest_t n, int
     const texel_row past = nearest_row(history, n, j, plane, row_stride(frame));
     const boxed left = light_difference(now.left, past.left, frame), own = light_difference(now.own, past.own, frame),
                 right = light_difference(now.right, past.right, frame);
-    row.least = least_colour(least_colour(past.left, past.own), past.right);
     row.a = pair_row(left.a, own.a, right.a);
     row.b = pair_row(left.b, own.b, right.b);
     row.c = pair_row(left.c, own.c, right.c);
@@ -255,13 +223,19 @@ STAGE light_row light_above(plane_in current, history_in history, nearest_t n, i
 #endif
 }
 
-// `held` samples of a history, divided by how much light changes, and holding that, beside the least of the nearest row
-// of the nine texels that tell it. The change: Student's t of the channel that changed most, with the sign of the first
-// one, luminance, and change_kept of what the frame before left. Its size over change_t divides, where that is more
-// than 1. The jitter moves all nine differences one way in one frame and another way in the next, light that changes
-// goes on: so what the jitter does stays small in the sum. `next` is the row below the pixel's.
-STAGE lit history_in_light(real held, plane_in current, boxed_row next, history_in history, plane_in count, footprint f,
-    int x, int y, frame_t frame, settings_t settings, kept_light* kept)
+// What the nine texels say of a history: the samples that it counts for, and how light changes.
+typedef struct
+{
+    real count, change;
+} lit_t;
+
+// `held` samples of a history, divided by how much light changes. The change: Student's t of the channel that changed
+// most, with the sign of the first one, luminance, and change_kept of what the frame before left. Its size over
+// change_t divides, where that is more than 1. The jitter moves all nine differences one way in one frame and another
+// way in the next, light that changes goes on: so what the jitter does stays small in the sum. `next` is the row below
+// the pixel's.
+STAGE lit_t history_in_light(real held, plane_in current, boxed_row next, history_in history, plane_in count,
+    footprint f, int x, int y, frame_t frame, settings_t settings, kept_light* kept)
 {
     const nearest_t n = nearest_texels(f, row_stride(frame));
     if (!n.alike | (n.at != kept->nearest))
@@ -278,8 +252,8 @@ STAGE lit history_in_light(real held, plane_in current, boxed_row next, history_
                tc = paired_t(centre.c, below.c, -up.c, down.c, least);
     const real largest = K(3.0) * greater(absolute(ta), greater(absolute(tb), absolute(tc)));
     const real t = lesser(largest, SPLAT(DOMAIN_LIMIT)); // or that, where it is no number
-    const real before = kept_change(nearest_count(count, n, row_stride(frame)));
+    const real before = nearest_change(count + history_plane_size(frame), n, row_stride(frame));
     const real change = (ta < SPLAT(0.0) ? -t : t) + K(settings.change_kept) * before;
     const real by = greater(quotient(absolute(change), SPLAT(settings.change_t)), SPLAT(1.0));
-    return (lit) { with_change(quotient(held, by), change), centre.least };
+    return (lit_t) { quotient(held, by), kept_change(change) };
 }

@@ -1,0 +1,53 @@
+// How a work-item walks: it slides a segment of LANES pixels down ROWS rows and carries the 3x3 around it along, so
+// that each row of the frame is read and converted once.
+#include "schedule/ahead.h"
+#include "taa/neighbourhood.h"
+
+#if !defined(ROWS)
+#error "window.h needs ROWS from the prelude"
+#endif
+
+// The pixels of a work-item: the segment at x in the rows from `first` up to `end`, which is left out; none where they
+// lie beyond the image.
+typedef struct
+{
+    int x, first, end;
+} column_t;
+
+STAGE column_t own_column(frame_t frame)
+{
+    const int first = frame.first_row + (int)get_global_id(1) * ROWS;
+    const int below_band = frame.first_row + band_rows(frame);
+    const int end = below_band < frame.height ? below_band : frame.height;
+    const column_t c = { (int)get_global_id(0) * LANES, first, first + ROWS < end ? first + ROWS : end };
+    return c;
+}
+
+STAGE int is_empty(column_t c, frame_t frame) { return (c.x >= frame.width) | (c.first >= c.end); }
+
+// Three rows of the frame: `centre` is the pixel's own.
+typedef struct
+{
+    row_t above, centre, below;
+} window_t;
+
+// Moves the window down to row y.
+STAGE void slide_window(window_t* w, plane_in current, plane_in closeness, plane_in motion, int x, int y, frame_t frame)
+{
+    fetch_frame(current, closeness, motion, x, y, frame);
+    w->above = w->centre;
+    w->centre = w->below;
+    w->below = read_next_row(w->centre, current, closeness, motion, x, y + 1, frame);
+}
+
+// The window above the first pixel of a column: sliding it down once makes it that pixel's.
+STAGE window_t open_window(plane_in current, plane_in closeness, plane_in motion, column_t c, frame_t frame)
+{
+    window_t w = { 0 };
+    ROLLED
+    for (int y = c.first - 1; y <= c.first; ++y) {
+        w.centre = w.below;
+        w.below = read_next_row(w.centre, current, closeness, motion, c.x, y, frame);
+    }
+    return w;
+}

@@ -1,0 +1,161 @@
+// The stages of resolve.cl one by one, for tests and debug views: each entry point reads the planes that the ones
+// before it wrote.
+#include "taa/pixel.h"
+
+STAGE boxed load_boxed(plane_in p, size_t plane)
+{
+    boxed v = { load(p), load(p + plane), load(p + 2 * plane) };
+    return from_units(v);
+}
+
+STAGE void store_boxed(plane_out p, boxed v, size_t plane)
+{
+    store(p, v.a);
+    store(p + plane, v.b);
+    store(p + 2 * plane, v.c);
+}
+
+// Repair: every texel outside the domain replaced by its neighbours' mean.
+__kernel void repair_colour_kernel(plane_in current, plane_out repaired, const frame_t frame)
+{
+    const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
+    if (x >= frame.width || y >= frame.height)
+        return;
+    const size_t plane = plane_size(frame);
+    colour v;
+    repair_colours(&v, 1, current, plane, x, y, frame);
+    store_colour(repaired + texel_offset(frame, x, y), plane, v);
+}
+
+// Statistics: mean, standard deviation and extremes of the 3x3, and the current sample. 15 planes: 12 in the box space,
+// 3 of colour.
+__kernel void neighbourhood_statistics_kernel(
+    plane_in current, plane_in closeness, plane_in motion, plane_out statistics_out, const frame_t frame)
+{
+    const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
+    if (x >= frame.width || y >= frame.height)
+        return;
+    const size_t plane = plane_size(frame);
+    const row_t above = read_row(current, closeness, motion, x, y - 1, frame),
+                centre = read_next_row(above, current, closeness, motion, x, y, frame),
+                below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
+    const statistics s = neighbourhood_statistics(above, centre, below);
+    const colour sample = current_sample(above, centre, below, s, frame);
+    plane_out p = statistics_out + texel_offset(frame, x, y);
+    store_boxed(p, in_units(s.mean), plane);
+    store_boxed(p + 3 * plane, in_units(s.deviation), plane);
+    store_boxed(p + 6 * plane, in_units(s.low), plane);
+    store_boxed(p + 9 * plane, in_units(s.high), plane);
+    store_boxed(p + 12 * plane, (boxed) { sample.r, sample.g, sample.b }, plane);
+}
+
+// Motion: what each pixel follows. 7 planes: u, v, scale, shift, visible (1 or 0), and the nearest and farthest
+// closeness of the 3x3.
+__kernel void surface_motion_kernel(plane_in current, plane_in closeness, plane_in motion, plane_out motion_out,
+    const frame_t frame, const settings_t settings)
+{
+    const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
+    if (x >= frame.width || y >= frame.height)
+        return;
+    const size_t plane = plane_size(frame);
+    const surface s = nearest_surface(read_row(current, closeness, motion, x, y - 1, frame),
+        read_row(current, closeness, motion, x, y, frame), read_row(current, closeness, motion, x, y + 1, frame),
+        settings);
+    const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
+    plane_out p = motion_out + texel_offset(frame, x, y);
+    store(p, m.u);
+    store(p + plane, m.v);
+    store(p + 2 * plane, m.scale);
+    store(p + 3 * plane, m.shift);
+    store(p + 4 * plane, m.visible ? SPLAT(1.0) : SPLAT(0.0));
+    store(p + 5 * plane, s.nearest);
+    store(p + 6 * plane, s.farthest);
+}
+
+// History at that motion. 9 planes: r, g, b, alpha, count, fx, fy, valid (1 or 0), and how light changes, where that is
+// tested for.
+__kernel void sample_history_kernel(plane_in current, plane_in motion_in, history_in history, plane_in history_count,
+    plane_in previous_closeness, plane_out history_at, const frame_t frame, const settings_t settings)
+{
+    const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
+    if (x >= frame.width || y >= frame.height)
+        return;
+    const size_t plane = plane_size(frame);
+    const uint at = texel_offset(frame, x, y);
+    plane_in q = motion_in + at;
+    const motion_t m
+        = { load(q), load(q + plane), load(q + 2 * plane), load(q + 3 * plane), load(q + 4 * plane) > SPLAT(0.5) };
+    surface s;
+    s.nearest = load(q + 5 * plane);
+    s.farthest = load(q + 6 * plane);
+    kept_rows kept = nothing_kept();
+    const history_t h = sample_history(current, read_boxed(current, x, y + 1, frame), history, history_count,
+        previous_closeness, m, s, x, y, frame, settings, &kept);
+    plane_out p = history_at + at;
+    store_colour(p, plane, h.rgb);
+    store(p + 3 * plane, h.alpha);
+    store(p + 4 * plane, h.count);
+    store(p + 5 * plane, h.fx);
+    store(p + 6 * plane, h.fy);
+    store(p + 7 * plane, h.valid ? SPLAT(1.0) : SPLAT(0.0));
+    store(p + 8 * plane, h.change);
+}
+
+// Rectification: the change that moves that history into the box of the statistics. 6 planes: r, g, b, pull, unrest,
+// calm.
+__kernel void rectify_history_kernel(plane_in statistics_in, plane_in motion_in, plane_in history_at,
+    plane_out change_out, const frame_t frame, const settings_t settings)
+{
+    const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
+    if (x >= frame.width || y >= frame.height)
+        return;
+    const size_t plane = plane_size(frame);
+    const uint at = texel_offset(frame, x, y);
+    plane_in q = statistics_in + at;
+    const statistics near = { load_boxed(q, plane), load_boxed(q + 3 * plane, plane), load_boxed(q + 6 * plane, plane),
+        load_boxed(q + 9 * plane, plane) };
+    motion_t m;
+    m.u = load(motion_in + at);
+    m.v = load(motion_in + at + plane);
+    const rectification r = rectify(load_colour(history_at + at, plane), load_colour(q + 12 * plane, plane), near, m,
+        box_gamma(m, settings), frame, settings);
+    plane_out p = change_out + at;
+    store_colour(p, plane, r.change);
+    store(p + 3 * plane, r.pull);
+    store(p + 4 * plane, r.unrest);
+    store(p + 5 * plane, r.calm);
+}
+
+// Blend: the current sample with the rectified history. Writes the output and its count.
+__kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, plane_in statistics_in,
+    plane_in history_at, plane_in change_in, history_out output, plane_out output_count, const frame_t frame,
+    const settings_t settings)
+{
+    const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
+    if (x >= frame.width || y >= frame.height)
+        return;
+    const size_t plane = plane_size(frame);
+    const uint at = texel_offset(frame, x, y);
+    plane_in q = history_at + at, c = change_in + at;
+    history_t h;
+    h.rgb = load_colour(q, plane);
+    h.alpha = load(q + 3 * plane);
+    h.count = load(q + 4 * plane);
+    h.fx = load(q + 5 * plane);
+    h.fy = load(q + 6 * plane);
+    h.most = most_samples(h.fx, h.fy, settings);
+    h.valid = load(q + 7 * plane) > SPLAT(0.5);
+    h.change = load(q + 8 * plane);
+    const rectification r = { load_colour(c, plane), load(c + 3 * plane), load(c + 4 * plane), load(c + 5 * plane) };
+    h.alpha = past_alpha(alpha, h.alpha, x, y, frame);
+    const colour mean = load_colour(statistics_in + at, plane);
+    pixel_t p; // of it only what is looked at after rectification
+    p.near.mean = from_units((boxed) { mean.r, mean.g, mean.b });
+    p.alpha = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
+    p.reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
+    p.filtered = load_colour(statistics_in + at + 12 * plane, plane);
+    p.luminance = luminance_4(p.filtered);
+    p.own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? usable_colour(current, plane, x, y, frame) : p.filtered;
+    const resolved out = resolve_pixel(p, h, r, settings);
+    store_recurrent(output, output_count, out, x, y, frame);
+}
