@@ -55,8 +55,7 @@ typedef struct
 } gathering;
 
 // With `parted` false the pixel has one nearer and one farther surface, as also where the nearest moves on its own: its
-// way may end after a few frames, whose samples are too few to be shared out. Nor are thin things then looked for
-// beside others.
+// way may end after a few frames, whose samples are too few to be shared out.
 STAGE gathering begin_gathering(row_t above, row_t centre, row_t below, pixel_t p, plane_in closeness, plane_in kept,
     frames_in past, int frames, int parted, int x, int y, frame_t frame, settings_t settings)
 {
@@ -66,7 +65,7 @@ STAGE gathering begin_gathering(row_t above, row_t centre, row_t below, pixel_t 
     b.l = layers_of(above, centre, below, b.s, settings);
     const mask seen_now = b.l.edge;
     if (GATHER_FIT == GATHER_FIT_LAYERS)
-        recall_thin(&b.s, &b.l, parted, closeness, kept, past, frames, x, y, frame, settings);
+        recall_thin(&b.s, &b.l, kept, past, frames, x, y, frame, settings);
     b.edges = GATHER_FIT == GATHER_FIT_LAYERS && any_of(b.l.edge);
     const sides_t whole = { b.l, b.l, b.l, b.l };
     b.sides = whole;

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.core.constants import CONSTANTS, WANDER_FRAMES, WHOLE_NUMBERS
-from cltaa.core.parameters import HOST_CHOICES, KERNEL_SETTINGS, Choices, GatherFit, HistoryOf, Settings, ThinSearch
+from cltaa.core.parameters import HOST_CHOICES, KERNEL_SETTINGS, Choices, GatherFit, HistoryOf, Settings
 from cltaa.errors import UsageError, known
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def shared(build: Build) -> Build:
     """``build`` without what its kernels make nothing of: what does not gather is the default's program."""
     if build.choices.history_of is HistoryOf.SAMPLES:
         return build
-    choices = msgspec.structs.replace(build.choices, gather_fit=GatherFit.MEAN, thin_search=ThinSearch.OWN_WAY)
+    choices = msgspec.structs.replace(build.choices, gather_fit=GatherFit.MEAN)
     terms = msgspec.structs.replace(build.terms, wander=True)
     return msgspec.structs.replace(build, choices=choices, terms=terms)
 

@@ -19,9 +19,6 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "LEAST_W": Constant(2.0**-6, "least previous w over current w: nearer to the camera plane nothing was seen"),
     "THIN_REACH": Constant(0.75, "pixels from the centre to which a thing that the 3x3 misses is looked for: measured"),
     "THIN_HITS": Constant(3.0, "samples of a 3x3 that a line through it hits: what hits more is not thin"),
-    "THIN_ROOM": Constant(
-        1.0625, "pixels off the centre within which hits beside another thing count: samples a pixel apart lie in it"
-    ),
     "WANDER_SAMPLES": Constant(2.0, "latest samples, and earlier ones, that tell whether an edge wandered: measured"),
     "WANDER_SLACK": Constant(
         0.2, "difference of shares that chance makes where a surface does not move on its own: measured"
@@ -87,13 +84,6 @@ SPANS: Final = 4
 SHORT_SPAN: Final = 3  # kept frames of the first
 MIDDLE_SPAN: Final = 7  # and of the second
 SPAN_REACH: Final = 2  # texels up, down, left and right that are asked
-# Where things thinner than a pixel are looked for beside others: texels to the left and right and up and down (at most
-# PAD_X and PAD_Y) that are asked for the nearest one, every THIN_STEP-th of a row, and how many times as many kept
-# frames. Measured (decision 37).
-THIN_COLUMNS: Final = 12
-THIN_STEP: Final = 3
-THIN_ROWS: Final = 4
-THIN_FARTHER: Final = 2
 WANDER_FRAMES: Final = 8  # latest kept frames that are held against those before, to tell an edge that wandered
 # Those of them that kernels know, by these names.
 WHOLE_NUMBERS: Final = {
@@ -103,10 +93,6 @@ WHOLE_NUMBERS: Final = {
     "SHORT_SPAN": SHORT_SPAN,
     "MIDDLE_SPAN": MIDDLE_SPAN,
     "SPAN_REACH": SPAN_REACH,
-    "THIN_COLUMNS": THIN_COLUMNS,
-    "THIN_STEP": THIN_STEP,
-    "THIN_ROWS": THIN_ROWS,
-    "THIN_FARTHER": THIN_FARTHER,
     "WANDER_FRAMES": WANDER_FRAMES,
 }
 # Rows begin on a multiple of this many floats, the widest vector of any device.

@@ -48,8 +48,7 @@ class Gathering:
 
     @classmethod
     def begin(cls, build: Build, layout: Layout, given: Mapping[str, Any], *, parted: bool) -> Gathering:
-        """Before the first kept frame, as ``given`` to the kernel; only with ``parted`` may a side be two surfaces, and
-        thin things be looked for beside others."""
+        """Before the first kept frame, as ``given`` to the kernel; only with ``parted`` may a side be two surfaces."""
         current, closeness, motion, frame, settings = (
             given[name] for name in ("current", "closeness", "motion", "frame", "settings")
         )
@@ -64,8 +63,7 @@ class Gathering:
             g, far = (begin_layer(s, layers, w, build, frame, far=side) for side in (False, True))
             return cls(p, m, layers, slots, [(s, layers, g, Track.of(s, build))], far)
         seen = layers
-        beside = closeness if parted else None
-        s, layers = recall_thin(s, layers, slots, told, build, layout, frame, settings, beside=beside)
+        s, layers = recall_thin(s, layers, slots, told, build, layout, settings)
         parts = [layers, layers]
         if parted:
             open_here = seen.edge & untold(s.u, s.v) if build.steps.own_motion else seen.edge

@@ -112,7 +112,6 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "reactive",
         "reject",
         "storage",
-        "thin_search",
         "tonemap",
         "weighting",
     ),
