@@ -23,8 +23,7 @@ __kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motio
         if (b.edges)
             side = side_of(b.s, b.sides.front, 0, p.own, current, closeness, motion, x, y, frame, settings);
         track_t near_t = first_step(side.s);
-        b.near = gather_samples(
-            kept, past, 0, frames, WANDER_FRAMES, &near_t, b.near, p, side.s, side.l, 0, x, y, frame, settings);
+        b.near = gather_samples(kept, past, 0, frames, 0, &near_t, b.near, p, side.s, side.l, 0, x, y, frame, settings);
         if (b.edges) {
             side = side_of(b.s, b.sides.back, 1, p.own, current, closeness, motion, x, y, frame, settings);
             add_side(&b.far, side, p.own, settings);
@@ -41,7 +40,7 @@ __kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motio
                 b.far = in_front(g, b.far, between, settings);
             }
         }
-        const resolved out = resolve_gathered(b.near, b.far, b.l, near_t, p, b.m, frame, settings);
+        const resolved out = resolve_gathered(b.near, b.far, b.l, p, b.m, frame, settings);
         store_resolved(output, output_count, out, x, y, frame);
         above = centre;
         centre = below;

@@ -3,8 +3,8 @@
 #include "gather_sample.h"
 #include "gather_thin.h"
 
-#if !defined(OWN_MOTION) || !defined(ALPHA) || !defined(WANDER)
-#error "gather.h needs OWN_MOTION, ALPHA and WANDER from the prelude"
+#if !defined(OWN_MOTION) || !defined(ALPHA)
+#error "gather.h needs OWN_MOTION and ALPHA from the prelude"
 #endif
 
 // The way of the pixel's centre to a kept frame, by the sample that told the depth or by the track, and the stretch.
@@ -123,10 +123,6 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int from, int to, i
             place.v += s.y;
             follow(t, followed, v.m, v.planes, footprint_of(place, v.seen, at, frame), v.seen, plane, then, settings);
         }
-        if (WANDER && k + 1 == recent) {
-            g.late_weight = g.weight;
-            g.late_near = g.near;
-        }
     }
     return g;
 }
@@ -172,32 +168,16 @@ STAGE gathered in_front(gathered g, gathered behind, layers_t l, settings_t sett
     return behind;
 }
 
-// How far the nearer side's share among the latest samples is from that among those before: what an edge that was
-// followed rightly keeps, and one that was followed wrongly, or behind which other things came by, does not.
-STAGE real wander_of(gathered g)
-{
-    const real zero = SPLAT(0.0), one = SPLAT(1.0), before = g.weight - g.late_weight;
-    const real least = K(WANDER_SAMPLES) * (g.weight / (g.count + one));
-    const mask told = (g.late_weight > least) & (before > least);
-    const real late = g.late_near / (told ? g.late_weight : one),
-               early = (g.near - g.late_near) / (told ? before : one);
-    return told ? absolute(late - early) : zero;
-}
-
 // Share of the filtered sample beside the n of a pixel, from their share 1 / n: as 1 / (n^2 - 1), at most 1, since a
 // fit leaves little for it to do but between two samples or three; where light may change as 1 / n, beyond
 // filter_samples as 1 / n^2. At a depth edge, where samples miss their surface and are worth fewer than they are,
-// 1 / n; or as much as the edge wandered, less a slack where it does not move on its own, since thin things that
-// samples hit by chance look so.
-STAGE real gathered_filter_share(real of_mean, gathered g, layers_t l, track_t t, settings_t settings)
+// 1 / n.
+STAGE real gathered_filter_share(real of_mean, gathered g, layers_t l, settings_t settings)
 {
     if (LIGHT_CHANGE == LIGHT_CHANGE_SPANS)
         return l.edge ? of_mean : fading_share(of_mean, settings);
-    real at_edge = of_mean;
-    if (WANDER & (GATHER_FIT == GATHER_FIT_LAYERS))
-        at_edge = greater(at_edge, wander_of(g) - (t.own ? SPLAT(0.0) : SPLAT(WANDER_SLACK)));
     const real one = SPLAT(1.0), n = g.count + one;
-    return l.edge ? at_edge : quotient(one, greater(n * n - one, one));
+    return l.edge ? of_mean : quotient(one, greater(n * n - one, one));
 }
 
 // How much of its samples a reactive pixel gives up for the current one. Spans of the past are each judged by the
@@ -208,9 +188,9 @@ STAGE real distrust(real reactivity)
     return LIGHT_CHANGE == LIGHT_CHANGE_SPANS ? square * square : reactivity;
 }
 
-// The pixel from its samples, the current one among them; `t` is where the way of the nearest layer has led.
+// The pixel from its samples, the current one among them.
 STAGE resolved resolve_gathered(
-    gathered g, gathered far, layers_t l, track_t t, pixel_t p, motion_t m, frame_t frame, settings_t settings)
+    gathered g, gathered far, layers_t l, pixel_t p, motion_t m, frame_t frame, settings_t settings)
 {
     const colour current = p.own;
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
@@ -234,7 +214,7 @@ STAGE resolved resolve_gathered(
         current.b + share * ((past.b - current.b) + r.change.b) };
     colour chosen = choose_colour(any, mixed, fresh_colour(current, p.near.mean, settings));
     if ((FILTER_USE == FILTER_USE_FEW_SAMPLES) & (CURRENT_FILTER != CURRENT_FILTER_NONE)) {
-        const real of_mean = one / (g.count + one), kept = gathered_filter_share(of_mean, g, l, t, settings);
+        const real of_mean = one / (g.count + one), kept = gathered_filter_share(of_mean, g, l, settings);
         chosen = drawn_towards(chosen, p.filtered, filtered_share(kept, p.filtered, settings));
     }
     resolved out;

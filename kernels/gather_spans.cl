@@ -36,7 +36,7 @@ __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in
             if (b.edges)
                 b.far = gather_samples(
                     kept, past, from, to, 0, &far_t, b.far, p, back.s, back.l, 1, x, y, frame, settings);
-            out = resolve_gathered(b.near, b.far, b.l, t, p, b.m, frame, settings);
+            out = resolve_gathered(b.near, b.far, b.l, p, b.m, frame, settings);
             error = span_error(b.near, p.own, out, settings);
             if (REACTIVE & (span == 0))
                 out.count += b.near.unlike;

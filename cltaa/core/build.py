@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.constants import CONSTANTS, WANDER_FRAMES, WHOLE_NUMBERS
+from cltaa.core.constants import CONSTANTS, WHOLE_NUMBERS
 from cltaa.core.parameters import HOST_CHOICES, KERNEL_SETTINGS, Choices, GatherFit, HistoryOf, Settings
 from cltaa.errors import UsageError, known
 
@@ -65,7 +65,6 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     pull_cost: bool = True
     gamma_by_motion: bool = True
     fresh_blur: bool = True
-    wander: bool = True
 
     @classmethod
     def of(cls, settings: Settings) -> Terms:
@@ -75,7 +74,6 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
             pull_cost=settings.pull_cost != 0.0,
             gamma_by_motion=settings.gamma_still != settings.gamma_moving,
             fresh_blur=settings.fresh_blur != 0.0,
-            wander=settings.frames_kept > WANDER_FRAMES,
         )
 
 
@@ -133,8 +131,7 @@ def shared(build: Build) -> Build:
     if build.choices.history_of is HistoryOf.SAMPLES:
         return build
     choices = msgspec.structs.replace(build.choices, gather_fit=GatherFit.MEAN)
-    terms = msgspec.structs.replace(build.terms, wander=True)
-    return msgspec.structs.replace(build, choices=choices, terms=terms)
+    return msgspec.structs.replace(build, choices=choices)
 
 
 def edge_build(build: Build) -> Build:

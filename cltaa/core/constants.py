@@ -19,10 +19,6 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "LEAST_W": Constant(2.0**-6, "least previous w over current w: nearer to the camera plane nothing was seen"),
     "THIN_REACH": Constant(0.75, "pixels from the centre to which a thing that the 3x3 misses is looked for: measured"),
     "THIN_HITS": Constant(3.0, "samples of a 3x3 that a line through it hits: what hits more is not thin"),
-    "WANDER_SAMPLES": Constant(2.0, "latest samples, and earlier ones, that tell whether an edge wandered: measured"),
-    "WANDER_SLACK": Constant(
-        0.2, "difference of shares that chance makes where a surface does not move on its own: measured"
-    ),
     "HALF_LIMIT": Constant(65504.0, "largest half; larger magnitudes are stored as it"),
     "HALF_NORMAL": Constant(2.0**-14, "least normal half; below it halves have one distance"),
     "HALF_STEP": Constant(2.0**-10, "distance of halves over the power of two below them"),
@@ -84,7 +80,6 @@ SPANS: Final = 4
 SHORT_SPAN: Final = 3  # kept frames of the first
 MIDDLE_SPAN: Final = 7  # and of the second
 SPAN_REACH: Final = 2  # texels up, down, left and right that are asked
-WANDER_FRAMES: Final = 8  # latest kept frames that are held against those before, to tell an edge that wandered
 # Those of them that kernels know, by these names.
 WHOLE_NUMBERS: Final = {
     "PAD_X": PAD_X,
@@ -93,7 +88,6 @@ WHOLE_NUMBERS: Final = {
     "SHORT_SPAN": SHORT_SPAN,
     "MIDDLE_SPAN": MIDDLE_SPAN,
     "SPAN_REACH": SPAN_REACH,
-    "WANDER_FRAMES": WANDER_FRAMES,
 }
 # Rows begin on a multiple of this many floats, the widest vector of any device.
 ROW_ALIGNMENT: Final = 16

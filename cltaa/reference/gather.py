@@ -34,14 +34,7 @@ from cltaa.reference.gather_sample import View, gather_sample
 from cltaa.reference.gather_sides import NEIGHBOURS, Layers, Side, range_of_side
 from cltaa.reference.gather_track import Track
 from cltaa.reference.neighbourhood import Surface
-from cltaa.reference.real import (
-    Array,
-    Mask,
-    constant,
-    greater,
-    limit,
-    number,
-)
+from cltaa.reference.real import Array, Mask, greater, limit, number
 from cltaa.reference.rectify import rectify
 from cltaa.reference.reprojection import Motion, motion_from_depth, on_screen, pixel_grid
 from cltaa.reference.sampling import footprint_of
@@ -85,8 +78,6 @@ def gather_samples(
         if own_motion:
             there = footprint_of(nearest._replace(u=nearest.u + s.x, v=nearest.v + s.y), v.seen, layout)
             track.follow(followed, m, v.planes, there, v.seen, build, then, settings)
-        if build.terms.wander and k + 1 == recent:
-            g.late_weight, g.late_near = g.weight, g.near
     return g
 
 
@@ -156,30 +147,13 @@ def in_front(g: Gathered, behind: Gathered, layers: Layers, build: Build, settin
     return result
 
 
-def wander_of(g: Gathered) -> Array:
-    """How far the nearer side's share among the latest samples is from that among those before."""
-    zero, one = np.zeros_like(g.count), np.ones_like(g.count)
-    before = g.weight - g.late_weight
-    least = constant("WANDER_SAMPLES", zero) * (g.weight / (g.count + one))
-    told = (g.late_weight > least) & (before > least)
-    late = g.late_near / np.where(told, g.late_weight, one)
-    early = (g.near - g.late_near) / np.where(told, before, one)
-    return np.where(told, np.abs(late - early), zero)
-
-
-def gathered_filter_share(
-    of_mean: Array, g: Gathered, layers: Layers, track: Track, build: Build, settings: Record
-) -> Array:
+def gathered_filter_share(of_mean: Array, g: Gathered, layers: Layers, build: Build, settings: Record) -> Array:
     """Share of the filtered sample beside the n of a pixel, from their share 1 / n, ``of_mean``."""
     if build.choices.light_change is LightChange.SPANS:
         return np.where(layers.edge, of_mean, fading_share(of_mean, settings))
-    at_edge = of_mean
-    if build.terms.wander and build.choices.gather_fit is GatherFit.LAYERS:
-        slack = np.where(track.own, np.zeros_like(of_mean), constant("WANDER_SLACK", of_mean))
-        at_edge = greater(at_edge, wander_of(g) - slack)
     one = np.ones_like(of_mean)
     n = g.count + one
-    return np.where(layers.edge, at_edge, one / greater(n * n - one, one))
+    return np.where(layers.edge, of_mean, one / greater(n * n - one, one))
 
 
 def distrust(reactivity: Array, build: Build) -> Array:
@@ -192,14 +166,13 @@ def resolve_gathered(
     g: Gathered,
     far: Gathered,
     layers: Layers,
-    track: Track,
     p: Pixel,
     m: Motion,
     build: Build,
     layout: Layout,
     settings: Record,
 ) -> Resolved:
-    """The pixel from its samples, the current one among them; ``track`` is the way of its nearest layer."""
+    """The pixel from its samples, the current one among them."""
     current, alpha = p.own, p.alpha
     zero, one = np.zeros_like(alpha), np.ones_like(alpha)
     any_of = g.count > zero
@@ -219,7 +192,7 @@ def resolve_gathered(
     chosen = (r, gr, b)
     filters = build.choices.current_filter is not CurrentFilter.NONE
     if filters and build.choices.filter_use is FilterUse.FEW:
-        kept = gathered_filter_share(one / (g.count + one), g, layers, track, build, settings)
+        kept = gathered_filter_share(one / (g.count + one), g, layers, build, settings)
         share = filtered_share(kept, p.filtered, build, settings)
         chosen = drawn_towards(chosen, p.filtered, share)
     stored = storable_colour(from_range(chosen, build), current, build)

@@ -45,14 +45,12 @@ class Gathered:
     recent_squares: Array = field(init=False)
     recent_count: Array = field(init=False)
     unlike: Array = field(init=False)  # of the recent samples, what was drawn with another reactivity
-    late_weight: Array = field(init=False)
-    late_near: Array = field(init=False)
 
     def __post_init__(self) -> None:
         """No samples."""
         self.sum, self.along, self.down, self.recent = ([self.zero] * 3 for _ in range(4))
         names = "alpha weight count x y xx xy yy near near_x near_y"
-        for name in f"{names} recent_squares recent_count unlike late_weight late_near".split():
+        for name in f"{names} recent_squares recent_count unlike".split():
             setattr(self, name, self.zero)
 
     def add(self, d: list[Array], w: Array, dx: Array, dy: Array, near: Mask, fit: GatherFit) -> None:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from cltaa.core.build import Build, Record, kept_planes
-from cltaa.core.constants import WANDER_FRAMES
 from cltaa.core.parameters import GatherFit
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel, Resolved, current_pixel, sample_share
@@ -115,9 +114,7 @@ class Gathering:
         far = self.sides[FARTHEST][2] if len(self.sides) > 1 else self.none
         for _, layers, sums, _ in self.sides[FARTHEST + 1 :]:
             far = in_front(sums, far, layers, build, settings)
-        return resolve_gathered(
-            self.near, far, self.layers, self.sides[0][3], self.pixel, self.motion, build, layout, settings
-        )
+        return resolve_gathered(self.near, far, self.layers, self.pixel, self.motion, build, layout, settings)
 
     @property
     def moves(self) -> Array:
@@ -152,6 +149,6 @@ def gather(
 ) -> None:
     """Resolve one frame from padded planes and ``frames`` kept ones into ``output`` and ``output_count``."""
     gathering = Gathering.begin(build, layout, locals(), parted=True)
-    gathering.add(past[:frames], build, layout, frame, settings, recent=WANDER_FRAMES)
+    gathering.add(past[:frames], build, layout, frame, settings)
     store_resolved(gathering.resolved(build, layout, settings), build, layout, frame, output, output_count)
     extend_stored(build, layout, output[: 3 + build.steps.alpha], output_count)

@@ -13,8 +13,6 @@ from cltaa.core.planes import Layout
 from cltaa.core.record import frame_record
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame
-from cltaa.reference import gather
-from cltaa.reference.gather_fit import Gathered
 from cltaa.reference.gather_sides import Layers, layers_of, side_of, sides_of, two_surfaces
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.planes import read_rows
@@ -132,53 +130,6 @@ def test_the_kernel_takes_it_for_one_surface_too() -> None:
 
     frames = [net_before_hills(index) for index in range(3)]
     assert differing({"history_of": "samples", "gather_fit": "layers"}, frames, 8, 7) == 0
-
-
-def bar_that_shrinks(index: int, *, own: bool) -> Frame:
-    """A white bar before a black wall, neither of which moves; from frame 6 on its last column shows the wall."""
-    frame = make_frame(index, motion=True, camera=make_camera(), effects=frozenset({Effect.MOTION, Effect.UNCOVER}))
-    bar = np.zeros(frame.depth.shape, bool)
-    bar[:, 6 : 11 if index < 6 else 10] = True
-    motion = np.full((*bar.shape, 2), np.nan, np.float32)
-    motion[bar] = 0.0 if own else np.nan
-    colour, depth = np.where(bar, 1.0, 0.0), np.where(bar, 4.0, 5.0)
-    colour = np.repeat(colour[..., None], 3, axis=-1).astype(np.float32)
-    return replace(frame, colour=colour, depth=depth.astype(np.float32), motion=motion, jitter_px=(0.0, 0.0))
-
-
-@pytest.mark.parametrize("own", [True, False])
-def test_an_edge_that_wandered_is_drawn_towards_the_filter(monkeypatch: pytest.MonkeyPatch, *, own: bool) -> None:
-    changes = {"frames_kept": 14, "current_filter": "gaussian", "filter_use": "few-samples", "rectify": "none"}
-    preset = gathering("layers", **changes)
-    frames = [bar_that_shrinks(index, own=own) for index in range(15)]
-
-    def last(resolver: Resolver) -> np.ndarray:
-        return [resolver.resolve(frame) for frame in frames][-1]
-
-    followed = last(Resolver(preset, "numpy"))
-    assert (last(Resolver(preset, build=Build(strict=True, lanes=8, rows=7))) == followed).all()
-    monkeypatch.setattr(gather, "wander_of", lambda g: np.zeros_like(g.count))
-    followed, kept = (image[3:-3, 10] for image in (followed, last(Resolver(preset, "numpy"))))
-    # Of fifteen samples there six show the bar, none of them among the latest nine.
-    assert kept.min() > 0.3
-    assert followed.max() < 0.25
-
-
-def sums(*, late: tuple[float, float], early: tuple[float, float]) -> Gathered:
-    """Sums over samples of which so many lie near, of so many, among the latest and among those before."""
-    g = Gathered(np.zeros(1, np.float32))
-    g.late_near, g.late_weight = (np.array([value], np.float32) for value in late)
-    g.near, g.weight = (np.array([sum(pair)], np.float32) for pair in zip(late, early, strict=True))
-    g.count = g.weight - 1
-    return g
-
-
-def test_an_edge_wanders_by_the_difference_of_the_latest_share_to_the_one_before() -> None:
-    assert gather.wander_of(sums(late=(2, 8), early=(3, 4)))[0] == 0.5
-    assert gather.wander_of(sums(late=(8, 8), early=(1, 4)))[0] == 0.75
-    assert gather.wander_of(sums(late=(2, 8), early=(1, 4)))[0] == 0
-    assert gather.wander_of(sums(late=(0, 2), early=(4, 4)))[0] == 0  # too few of them to tell
-    assert gather.wander_of(sums(late=(0, 8), early=(2, 2)))[0] == 0
 
 
 def test_a_thing_that_moves_between_two_others_leaves_no_trace_on_the_farther_one() -> None:

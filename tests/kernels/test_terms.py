@@ -70,8 +70,6 @@ def test_presets_call_for_the_terms_that_they_use() -> None:
     assert Terms.of(load_preset("default").settings) == Terms(fresh_blur=False)
     none = Terms(resample_cost=False, pull_cost=False, gamma_by_motion=False, fresh_blur=False)
     assert Terms.of(load_preset("t2").settings) == none
-    assert Terms.of(load_preset("t5").settings).wander
-    assert not Terms.of(load_preset("t4").settings).wander
     resolver = Resolver("t2", "numpy")
     resolver.resolve(make_frame(0, width=WIDTH, height=HEIGHT))
     assert resolver.last is not None
