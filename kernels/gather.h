@@ -32,54 +32,39 @@ STAGE motion_t way_back(
     return m;
 }
 
-// The sums of a layer before its way back. They hold the current sample if that shows the layer; of all but the
-// farthest one also if it shows what lies behind.
+// The sums of a layer before its way back. Those of the nearer one hold the current sample whatever it shows, those of
+// the farther one if it shows that.
 STAGE gathered begin_layer(surface s, layers_t l, int far, real w, frame_t frame)
 {
     const mask front = !l.edge | (s.centre > l.cut);
     if (far)
         return first_sample(w, !front, !front, frame);
-    return first_sample(w, l.between ? l.edge & (s.centre <= l.over) : front | !front, front, frame);
+    return first_sample(w, front | !front, front, frame);
 }
 
-// A pixel before its way back: its surface, the layers at a depth edge, where each side of it holds two surfaces, and
-// the sums of its nearest and farthest layer.
+// A pixel before its way back: its surface, the layers at a depth edge, and the sums of the nearer and farther one.
 typedef struct
 {
     surface s;
     motion_t m;
     layers_t l;
-    sides_t sides;
     gathered near, far;
     int edges; // whether a pixel of the segment has a farther side to follow on its own
 } gathering;
 
-// With `parted` false the pixel has one nearer and one farther surface, as also where the nearest moves on its own: its
-// way may end after a few frames, whose samples are too few to be shared out.
-STAGE gathering begin_gathering(row_t above, row_t centre, row_t below, pixel_t p, plane_in closeness, plane_in kept,
-    frames_in past, int frames, int parted, int x, int y, frame_t frame, settings_t settings)
+STAGE gathering begin_gathering(row_t above, row_t centre, row_t below, pixel_t p, plane_in kept, frames_in past,
+    int frames, int x, int y, frame_t frame, settings_t settings)
 {
     gathering b;
     b.s = nearest_surface(above, centre, below, settings);
     b.m = surface_motion(b.s, LANE_INDEX + K(x), SPLAT(y), frame);
     b.l = layers_of(above, centre, below, b.s, settings);
-    const mask seen_now = b.l.edge;
     if (GATHER_FIT == GATHER_FIT_LAYERS)
         recall_thin(&b.s, &b.l, kept, past, frames, x, y, frame, settings);
     b.edges = GATHER_FIT == GATHER_FIT_LAYERS && any_of(b.l.edge);
-    const sides_t whole = { b.l, b.l, b.l, b.l };
-    b.sides = whole;
-    if (parted && b.edges) {
-        layers_t seen = b.l;
-        seen.edge = seen_now;
-        if (OWN_MOTION)
-            seen.edge = seen.edge & untold(b.s.u, b.s.v);
-        b.sides = sides_of(b.s, seen, closeness, x, y, frame, settings);
-        b.sides.front.edge = b.sides.back.edge = b.l.edge;
-    }
     const real w = sample_share(p.own, settings);
-    b.near = begin_layer(b.s, b.sides.front, 0, w, frame);
-    b.far = begin_layer(b.s, b.sides.back, 1, w, frame);
+    b.near = begin_layer(b.s, b.l, 0, w, frame);
+    b.far = begin_layer(b.s, b.l, 1, w, frame);
     return b;
 }
 
@@ -155,17 +140,6 @@ STAGE colour gathered_change(gathered g, gathered far, layers_t l, settings_t se
         v.b += mean * (any ? far.sum.b : g.sum.b);
     }
     return v;
-}
-
-// What lies behind a surface, where there is such a one: that surface before what lay behind it.
-STAGE gathered in_front(gathered g, gathered behind, layers_t l, settings_t settings)
-{
-    const real one = SPLAT(1.0);
-    const mask some = l.edge & (g.weight > SPLAT(0.0));
-    g.weight = some ? g.weight : one;
-    behind.sum = choose_colour(some, gathered_change(g, behind, l, settings), behind.sum);
-    behind.weight = some ? one : behind.weight;
-    return behind;
 }
 
 // Share of the filtered sample beside the n of a pixel, from their share 1 / n: as 1 / (n^2 - 1), at most 1, since a

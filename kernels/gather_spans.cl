@@ -18,7 +18,7 @@ __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in
         fetch_frame(current, closeness, motion, x, y, frame);
         const row_t below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
         const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
-        gathering b = begin_gathering(above, centre, below, p, closeness, kept, past, frames, 0, x, y, frame, settings);
+        gathering b = begin_gathering(above, centre, below, p, kept, past, frames, x, y, frame, settings);
         side_t front = { b.s, b.l }, back = front;
         if (b.edges) {
             front = side_of(b.s, b.l, 0, p.own, current, closeness, motion, x, y, frame, settings);

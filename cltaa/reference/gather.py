@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from typing import Any
 
 import numpy as np
@@ -132,19 +131,6 @@ def gathered_change(g: Gathered, far: Gathered, layers: Layers, build: Build, se
         mean = np.where(layers.edge, seen, zero) / instead
         v = [k + mean * np.where(any_of, a, b) for k, a, b in zip(v, far.sum, g.sum, strict=True)]
     return v
-
-
-def in_front(g: Gathered, behind: Gathered, layers: Layers, build: Build, settings: Record) -> Gathered:
-    """What lies behind a surface, where there is such a one: that surface before what lay ``behind`` it."""
-    one = np.ones_like(g.weight)
-    some = layers.edge & (g.weight > np.zeros_like(g.weight))
-    g = copy(g)
-    g.weight = np.where(some, g.weight, one)
-    change = gathered_change(g, behind, layers, build, settings)
-    result = Gathered(g.zero)
-    result.sum = [np.where(some, a, b) for a, b in zip(change, behind.sum, strict=True)]
-    result.weight = np.where(some, one, behind.weight)
-    return result
 
 
 def gathered_filter_share(of_mean: Array, g: Gathered, layers: Layers, build: Build, settings: Record) -> Array:

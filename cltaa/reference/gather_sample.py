@@ -77,8 +77,6 @@ def gather_sample(
     if fit is not GatherFit.MEAN:
         near = ~layers.edge | (q > layers.cut * v.m.scale + v.m.shift)
         good = good & ~near if far_only else good
-        if layers.over is not None:
-            good = good & (q <= layers.over * v.m.scale + v.m.shift)
     if build.steps.exposure:
         ratio = number(v.then["exposure_ratio"], zero)
         c = (c[0] * ratio, c[1] * ratio, c[2] * ratio)

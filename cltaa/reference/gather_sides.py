@@ -19,18 +19,16 @@ NEIGHBOURS = [(dx, dy) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
 
 @dataclass(frozen=True, slots=True)
 class Layers:
-    """Where an edge runs, the closeness that parts its sides, and how closeness changes on the surface followed; of
-    the nearer side only what is no closer than ``over``, where that is told."""
+    """Where an edge runs, the closeness that parts its sides, and how closeness changes on the surface followed."""
 
     edge: Mask
     cut: Array
     slope: tuple[Array, Array]
-    over: Array | None = None
 
     def on_side(self, closeness: Array, *, far: bool) -> Mask:
         """Samples of one side of the edge."""
         side: Mask = self.edge & ((closeness <= self.cut) if far else (closeness > self.cut))
-        return side if self.over is None else side & (closeness <= self.over)
+        return side
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,66 +49,6 @@ def layers_of(above: Row, centre: Row, below: Row, s: Surface, settings: Record)
     slopes = (half * centre.rise, half * (below.closeness - above.closeness))
     x, y = (np.where(edge, zero, slope) for slope in slopes)
     return Layers(edge, half * (s.nearest + s.farthest), (x, y))
-
-
-@dataclass(frozen=True, slots=True)
-class Sides:
-    """The layers of a pixel from the nearest surface to the farthest; between them those of a side that holds two."""
-
-    front: Layers
-    near_between: Layers
-    far_between: Layers
-    back: Layers
-
-
-def two_surfaces(
-    origin: Array, layers: Layers, closeness: Array, layout: Layout, frame: Record, settings: Record, *, far: bool
-) -> tuple[Mask, Array]:
-    """Where no plane passes near all samples of a side, and the closeness that parts them, in the middle."""
-    real: Any = origin.dtype
-    zero, one, half = np.zeros_like(origin), np.ones_like(origin), number(0.5, origin)
-    sides = [
-        (dx, dy, q, layers.on_side(q, far=far))
-        for dx, dy in NEIGHBOURS
-        for q in [usable_closeness(texels_beside(closeness[0], dx, dy, layout, real), frame)]
-    ]
-    n = sx = sy = sq = xy = qx = qy = zero
-    xx = yy = np.full_like(zero, number(settings["fit_ridge"], zero))
-    much = np.full_like(zero, constant("DOMAIN_LIMIT", zero))
-    low, high = much, -much
-    for dx, dy, q, here in sides:
-        rise = np.where(here, q - origin, zero)
-        ox, oy = np.where(here, number(dx, zero), zero), np.where(here, number(dy, zero), zero)
-        n = n + np.where(here, one, zero)
-        sx, sy, sq = sx + ox, sy + oy, sq + rise
-        xx, xy, yy = xx + ox * ox, xy + ox * oy, yy + oy * oy
-        qx, qy = qx + ox * rise, qy + oy * rise
-        low, high = np.where(here & (q < low), q, low), np.where(here & (q > high), q, high)
-    mean = one / np.where(n > zero, n, one)
-    mx, my, mq = sx * mean, sy * mean, sq * mean
-    xx, xy, yy, qx, qy = xx - sx * mx, xy - sx * my, yy - sy * my, qx - sx * mq, qy - sy * mq
-    det = xx * yy - xy * xy
-    slope_x, slope_y = (yy * qx - xy * qy) / det, (xx * qy - xy * qx) / det
-    below = above = zero
-    for dx, dy, q, here in sides:
-        plane = mq + (slope_x * (number(dx, zero) - mx) + slope_y * (number(dy, zero) - my))
-        off = np.where(here, (q - origin) - plane, zero)
-        below, above = np.where(off < below, off, below), np.where(off > above, off, above)
-    two = layers.edge & (above - below > number(settings["edge_tolerance"], zero) * np.abs(high))
-    return two, np.where(two, half * (low + high), layers.cut)
-
-
-def sides_of(s: Surface, layers: Layers, closeness: Array, layout: Layout, frame: Record, settings: Record) -> Sides:
-    """The layers of each pixel where each side may hold two surfaces."""
-    at = (layers, closeness, layout, frame, settings)
-    near, front = two_surfaces(s.nearest, *at, far=False)
-    far, back = two_surfaces(s.farthest, *at, far=True)
-    return Sides(
-        replace(layers, cut=front),
-        replace(layers, edge=near, over=front),
-        replace(layers, edge=far, cut=back, over=layers.cut),
-        replace(layers, cut=back),
-    )
 
 
 def texels_beside(plane: Array, dx: int, dy: int, layout: Layout, real: Any) -> Array:
@@ -192,5 +130,4 @@ def range_of_side(s: Surface, layers: Layers, *, far: bool) -> Surface:
     """The surface with the range of closeness of its own side alone."""
     if far:
         return s._replace(nearest=np.where(layers.edge, layers.cut, s.nearest))
-    nearest = s.nearest if layers.over is None else np.where(layers.edge, layers.over, s.nearest)
-    return s._replace(nearest=nearest, farthest=np.where(layers.edge, layers.cut, s.farthest))
+    return s._replace(farthest=np.where(layers.edge, layers.cut, s.farthest))

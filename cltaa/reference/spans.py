@@ -171,7 +171,7 @@ def gather_spans(
     """Resolve one frame from each span of ``frames`` kept ones into ``spans`` [SPANS * SPAN_PLANES, rows, stride]; the
     latest ``standing`` of them were seen by the camera of now. What repeated samples say of the span without
     motion goes into ``repeats`` [1, rows, stride]."""
-    gathering = Gathering.begin(build, layout, locals(), parted=False)
+    gathering = Gathering.begin(build, layout, locals())
     target, own = layout.inside(spans)[: SPANS * span_planes(build.steps)], gathering.pixel.own
     planes, begun, moves = span_planes(build.steps), 0, gathering.moves
     for span, end in enumerate(span_ends(frames)):
