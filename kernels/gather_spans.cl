@@ -1,12 +1,12 @@
 // As gather.cl, but where light may change: each pixel from several spans of its past, and how far each is off. Which
 // of them to believe is weigh_spans.cl's to say.
-#include "spans.h"
+#include "window.h"
 #include "ahead.h"
 #include "edges.h"
 
 __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha,
     plane_in reactive, plane_in kept, frames_in past, const int frames, const int standing, plane_out spans,
-    plane_out repeats, const frame_t frame, const settings_t settings)
+    const frame_t frame, const settings_t settings)
 {
     const int x = (int)get_global_id(0) * LANES, first = (int)get_global_id(1) * ROWS;
     if (x >= frame.width || first >= frame.height)
@@ -26,7 +26,6 @@ __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in
             add_side(&b.far, back, p.own, settings);
         }
         track_t t = first_step(front.s), far_t = first_step(back.s);
-        const mask moves = t.own | (b.l.edge & far_t.own);
         resolved out;
         real error = SPLAT(0.0);
         for (int span = 0, from = 0; span <= ALL_FRAMES; ++span) {
@@ -38,30 +37,22 @@ __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in
                     kept, past, from, to, 0, &far_t, b.far, p, back.s, back.l, 1, x, y, frame, settings);
             out = resolve_gathered(b.near, b.far, b.l, p, b.m, frame, settings);
             error = span_error(b.near, p.own, out, settings);
-            if (REACTIVE & (span == 0))
-                out.count += b.near.unlike;
             store_span(spans, span, out, error, x, y, frame);
             from = to;
         }
         if (REACTIVE)
             stand_in(spans, b.near, out, error, x, y, frame);
-        const mask lately = b.l.edge | (b.near.recent_count > SPLAT(SEEN_LATELY))
-            | stood_here(kept, past, standing, front.s, x, y, frame, settings);
-        repeats_t repeated;
-        const resolved unmoved = resolve_unmoved(&b.near, &repeated, kept, past, standing, p, x, y, frame, settings);
-        // What no latest sample could contradict says nothing, nor does what stood here before the surface came into
-        // view: an edge has two surfaces, either of which may have stood.
-        const mask told = lately & (b.near.recent_count >= SPLAT(SHORT_SPAN));
+        const resolved unmoved = resolve_unmoved(&b.near, kept, past, standing, p, x, y, frame, settings);
+        // What no latest sample could contradict says nothing.
+        const mask told = b.near.recent_count >= SPLAT(SHORT_SPAN);
         out.rgb = choose_colour(told, unmoved.rgb, out.rgb);
         out.alpha = told ? unmoved.alpha : out.alpha;
         out.count = told ? unmoved.count : out.count;
         error = told ? span_error(b.near, p.own, unmoved, settings) : error;
         store_span(spans, UNMOVED, out, error, x, y, frame);
-        store(repeats + texel_offset(frame, x, y), repeat_error(repeated, lately, moves, error));
         above = centre;
         centre = below;
     }
     const block_t stored = { x, x + LANES, first, last };
     extend_stored(0, 0, spans, SPANS * SPAN_PLANES, stored, frame);
-    extend_stored(0, 0, repeats, 1, stored, frame);
 }

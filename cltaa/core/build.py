@@ -171,7 +171,6 @@ FRAME_FIELDS: dict[str, tuple[str, str]] = {
     "jitter_x": ("float", "the frame's sample, in pixels right of the pixel's centre"),
     "jitter_y": ("float", "the same, below it"),
     "slot": ("int", "where the frame is kept"),
-    "again": ("int", "place of the kept frame whose samples lie nearest to those of the frame after this one, or -1"),
     "left_weight": ("float", "weight of the left column in the current filter"),
     "right_weight": ("float", "weight of the right column"),
     "above_weight": ("float", "weight of the row above"),

@@ -131,7 +131,6 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan
         across,
         down,
         0,
-        0,
         *weights,
         *masses,
     )

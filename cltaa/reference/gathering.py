@@ -103,13 +103,6 @@ class Gathering:
         return resolve_gathered(self.near, self.far, self.layers, self.pixel, self.motion, build, layout, settings)
 
     @property
-    def moves(self) -> Array:
-        """Where the nearest or the farthest layer moves on its own; before it is followed."""
-        near, far = self.sides[0][3].own, self.sides[-1][3].own
-        own: Array = near | (self.layers.edge & far)
-        return own
-
-    @property
     def near(self) -> Gathered:
         """The sums of the nearer side, or of the only one."""
         return self.sides[0][2]

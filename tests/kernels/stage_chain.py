@@ -51,7 +51,7 @@ WRITES: dict[str, dict[str, int]] = {
     "resolve": {"output": 4, "output_count": 1},
     "resolve_doubled": {"texels_out": 20, "output": 4, "output_count": 1},
     "gather": {"output": 4, "output_count": 1},
-    "gather_spans": {"spans": 24, "repeats": 1},
+    "gather_spans": {"spans": 24},
     "weigh_spans": {"output": 4, "output_count": 1},
 }
 FUSED = ("resolve", "resolve_doubled", "gather", "gather_spans")
@@ -126,7 +126,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "tonemap",
         "weighting",
     ),
-    "weigh_spans": ("alpha", "reactive", "storage"),
+    "weigh_spans": ("alpha", "storage", "weighting"),
 }
 BACK = 0.2  # the nearest points of the planes lie at 0.1: the previous camera was in front of them
 UNWRITTEN = np.float32(-77.0)  # what no stage writes into a plane by itself
@@ -158,7 +158,6 @@ def hard_work(width: int = 70, height: int = 41, seed: int = 0, settings: Settin
     record["left_mass"], record["right_mass"], record["upper_mass"], record["lower_mass"] = 0.9, 0.01, 0.6, 0.3
     past = np.array([frame_record(now, Past.of(frame), layout) for frame in reversed(before)], FRAME_DTYPE)
     # None that puts a texel's sample on the border of a neighbour's window, 0.8 off its centre, but for rounding.
-    past["again"] = KEPT - 1
     past["jitter_x"], past["jitter_y"] = np.linspace(-0.37, 0.31, KEPT), np.linspace(0.23, -0.46, KEPT)
     past["slot"] = (np.arange(KEPT) + 1) % KEPT
     settings = Settings() if settings is None else settings
@@ -183,10 +182,10 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     given |= {name: np.full_like(work.layout.zeros(count), UNWRITTEN) for name, count in WRITES[kernel].items()}
     names = [p.name for p in inspect.signature(KERNELS[kernel]).parameters.values() if p.kind is p.KEYWORD_ONLY]
     if build.choices.light_change is not LightChange.IGNORE:
-        for name in {"history_count", "history_at", "recursive_count"} & set(names):
+        for name in {"history_count", "history_at"} & set(names):
             given[name] = with_changes(given[name])
     most = value_of("HALF_LIMIT") if build.storage in HALVES else np.inf
-    for name in {"history", "recursive", "output", "texels", "texels_out"} & set(names):
+    for name in {"history", "output", "texels", "texels_out"} & set(names):
         with np.errstate(invalid="ignore"):  # signalling NaN
             given[name] = np.clip(given[name], -most, most).astype(storage_dtype(build))
     return {name: given[name] for name in names}
