@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+import warnings
 from collections.abc import Mapping
 from enum import StrEnum
 from importlib import resources
@@ -16,6 +17,8 @@ from cltaa.core.parameters import Choices, Settings
 from cltaa.errors import DataError, UsageError, known
 from cltaa.io.content import read_text
 
+LADDER = ("accumulate", "basic", "fast", "default", "gather-8", "gather-48")  # our own, from the fastest to the best
+OLD_NAMES = {"t0": "accumulate", "t1": "basic", "t2": "fast", "t3": "default", "t4": "gather-8", "t5": "gather-48"}
 LARGEST_CONFIG = 1 << 16  # bytes; every parameter with a comment takes a few thousand
 _FOLDER = resources.files("cltaa") / "presets"
 
@@ -95,7 +98,13 @@ def preset_names() -> list[str]:
 
 
 def load_preset(name: str = "default") -> Preset:
-    """The preset of that name; raises UsageError where there is none."""
+    """The preset of that name; raises UsageError where there is none.
+
+    An old name gives the preset that it stands for, and a FutureWarning that says so.
+    """
+    if name in OLD_NAMES:
+        warnings.warn(f"the preset {name} is called {OLD_NAMES[name]} now", FutureWarning, stacklevel=2)
+        name = OLD_NAMES[name]
     if name not in preset_names():
         cure = known(name, preset_names(), "presets")
         if name.endswith(".toml"):

@@ -56,7 +56,7 @@ WRITES: dict[str, dict[str, int]] = {
 }
 FUSED = ("resolve", "resolve_doubled", "gather", "gather_spans")
 # The choices that fused kernels are shipped with, all of them at once.
-SHIPPED = {"resolve": "default", "resolve_doubled": "t3-200", "gather": "t5", "gather_spans": "t5"}
+SHIPPED = {"resolve": "default", "resolve_doubled": "t3-200", "gather": "gather-48", "gather_spans": "gather-48"}
 STAGES = [kernel for kernel in WRITES if kernel not in FUSED]
 # The choices and steps that each stage's code looks at; of the fused kernels what no stage does.
 LOOKS_AT: dict[str, tuple[str, ...]] = {

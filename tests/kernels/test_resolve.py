@@ -88,7 +88,7 @@ def test_same_bits_for_every_choice_that_stands_alone(name: str, choice: str) ->
 
 
 def test_a_kernel_that_gathers_walks_down_whatever_columns_the_build_has() -> None:
-    build, preset = Build(strict=True, lanes=8, rows=7, columns=3), load_preset("t4")
+    build, preset = Build(strict=True, lanes=8, rows=7, columns=3), load_preset("gather-8")
     device, twin = Resolver(preset, build=build), Resolver(preset, "numpy")
     for frame in hard_frames(count=2):
         assert np.array_equal(bits(device.resolve(frame)), bits(twin.resolve(frame)))
