@@ -10,7 +10,7 @@ from typing import Any
 
 from cltaa.reference import (
     doubled,
-    gathering,
+    gather,
     resolve,
     stages,
     window,
@@ -23,7 +23,7 @@ from cltaa.reference import (
 KERNELS: dict[str, Callable[..., Any]] = {
     "blend": stages.blend_kernel,
     "extend_edges": resolve.extend_edges,
-    "gather": gathering.gather,
+    "gather": gather.gather,
     "gather_spans": window.gather_spans,
     "neighbourhood_statistics": stages.neighbourhood_statistics_kernel,
     "rectify_history": stages.rectify_history_kernel,

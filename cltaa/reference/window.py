@@ -31,9 +31,9 @@ from cltaa.reference.accumulate import (
     usable_share,
 )
 from cltaa.reference.colour import Colour, colour_outside_domain, from_range, to_range
-from cltaa.reference.gather_fit import Gathered
-from cltaa.reference.gather_track import kept_alpha, kept_reactive
-from cltaa.reference.gathering import Gathering
+from cltaa.reference.gather import Gathering
+from cltaa.reference.gather_samples import Gathered
+from cltaa.reference.gather_surfaces import kept_alpha, kept_reactive
 from cltaa.reference.planes import extend_stored, real_type, store_resolved
 from cltaa.reference.real import (
     Array,

@@ -13,8 +13,8 @@ from cltaa.core.constants import PAD_X, PAD_Y, SPANS
 from cltaa.core.constants import value as value_of
 from cltaa.reference.accumulate import current_pixel
 from cltaa.reference.gather import gather_samples
-from cltaa.reference.gather_fit import Gathered
-from cltaa.reference.gather_sides import layers_of
+from cltaa.reference.gather_samples import Gathered
+from cltaa.reference.gather_surfaces import layers_of
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.planes import read_rows
 from cltaa.reference.real import outside_domain, quiet
