@@ -19,6 +19,7 @@ from cltaa.io.content import read_text
 
 LADDER = ("accumulate", "basic", "fast", "default", "gather-8", "gather-48")  # our own, from the fastest to the best
 OLD_NAMES = {"t0": "accumulate", "t1": "basic", "t2": "fast", "t3": "default", "t4": "gather-8", "t5": "gather-48"}
+BASE = "plain"  # what others begin with; a preset to name in a file, not one that is listed
 LARGEST_CONFIG = 1 << 16  # bytes; every parameter with a comment takes a few thousand
 _FOLDER = resources.files("cltaa") / "presets"
 
@@ -94,7 +95,8 @@ def override(preset: Preset, values: Mapping[str, object], origin: str = "--set"
 
 def preset_names() -> list[str]:
     """Names of the presets that come with cltaa, sorted."""
-    return sorted(Path(entry.name).stem for entry in _FOLDER.iterdir() if entry.name.endswith(".toml"))
+    names = {Path(entry.name).stem for entry in _FOLDER.iterdir() if entry.name.endswith(".toml")}
+    return sorted(names - {BASE})
 
 
 def load_preset(name: str = "default") -> Preset:
@@ -105,7 +107,7 @@ def load_preset(name: str = "default") -> Preset:
     if name in OLD_NAMES:
         warnings.warn(f"the preset {name} is called {OLD_NAMES[name]} now", FutureWarning, stacklevel=2)
         name = OLD_NAMES[name]
-    if name not in preset_names():
+    if name not in (BASE, *preset_names()):
         cure = known(name, preset_names(), "presets")
         if name.endswith(".toml"):
             takers = "resolve, tune, bench accuracy and bench quality take a file by --config"
