@@ -42,45 +42,60 @@ STAGE gathered begin_layer(surface s, layers_t l, int far, real w, frame_t frame
     return first_sample(w, front | !front, front, frame);
 }
 
-// A pixel before its way back: its surface, the layers at a depth edge, and the sums of the nearer and farther one.
-typedef struct
+// What the current frame shows of a side around the pixel, as one sample: of what has just come into view there is
+// hardly another.
+STAGE void add_side(gathered* g, side_t side, colour current, settings_t settings)
 {
-    surface s;
-    motion_t m;
-    layers_t l;
-    gathered near, far;
-    int edges; // whether a pixel of the segment has a farther side to follow on its own
-} gathering;
-
-STAGE gathering begin_gathering(row_t above, row_t centre, row_t below, pixel_t p, plane_in kept, frames_in past,
-    int frames, int x, int y, frame_t frame, settings_t settings)
-{
-    gathering b;
-    b.s = nearest_surface(above, centre, below, settings);
-    b.m = surface_motion(b.s, LANE_INDEX + K(x), SPLAT(y), frame);
-    b.l = layers_of(above, centre, below, b.s, settings);
-    if (GATHER_FIT == GATHER_FIT_LAYERS)
-        recall_thin(&b.s, &b.l, kept, past, frames, x, y, frame, settings);
-    b.edges = GATHER_FIT == GATHER_FIT_LAYERS && any_of(b.l.edge);
-    const real w = sample_share(p.own, settings);
-    b.near = begin_layer(b.s, b.l, 0, w, frame);
-    b.far = begin_layer(b.s, b.l, 1, w, frame);
-    return b;
+    const real zero = SPLAT(0.0);
+    const mask any = side.count > zero;
+    const colour d = { side.mean.r - current.r, side.mean.g - current.g, side.mean.b - current.b };
+    add_sample(g, d, any ? sample_share(side.mean, settings) : zero, zero, zero, any);
 }
 
-// The samples of the pixel `now` on surface s in the kept frames `from` to `to` - 1, the latest being 0; `t` is where
-// its own motion had led before them; those of the first `recent` frames are summed on their own too, all or none of
-// which lie among `from` to `to` - 1. past[k] says how
-// to come from this frame to the k-th, where its samples lie in their pixels (jitter) and in which slot of `kept` it
-// is. The place of the pixel's centre in frame k falls into the area of exactly one sample there: the one whose
-// position rounds to it. It and the eight around it count by where they lie, seen from now.
-STAGE gathered gather_samples(plane_in kept, frames_in past, int from, int to, int recent, track_t* t, gathered g,
-    pixel_t now, surface s, layers_t l, int far_only, int x, int y, frame_t frame, settings_t settings)
+// Whether a pixel of the segment has a farther side to follow on its own.
+STAGE int has_edges(layers_t l) { return GATHER_FIT == GATHER_FIT_LAYERS && any_of(l.edge); }
+
+#define NEARER 0
+#define FARTHER 1
+
+// The nearer or the farther surface of a pixel on its way back through the kept frames: where it is now, where its own
+// motion has led so far, and the sums of the samples on it.
+typedef struct
 {
+    side_t side;
+    track_t track;
+    gathered sums;
+    int far; // NEARER or FARTHER
+} way_t;
+
+STAGE way_t begin_way(surface s, layers_t l, int far, pixel_t p, plane_in current, plane_in closeness, plane_in motion,
+    int x, int y, frame_t frame, settings_t settings)
+{
+    way_t way = { { s, l }, first_step(s), begin_layer(s, l, far, sample_share(p.own, settings), frame), far };
+    if (!has_edges(l))
+        return way;
+    way.side = side_of(s, l, far, p.own, current, closeness, motion, x, y, frame, settings);
+    way.track = first_step(way.side.s);
+    if (far)
+        add_side(&way.sums, way.side, p.own, settings);
+    return way;
+}
+
+// Follows a surface of the pixel `now` through the kept frames `from` to `to` - 1, the latest being 0, and adds their
+// samples; those of the first `recent` frames are summed on their own too. past[k] says how to come from this frame to
+// the k-th, where its samples lie in their pixels (jitter) and in which slot of `kept` it is. The place of the pixel's
+// centre in frame k falls into the area of exactly one sample there: the one whose position rounds to it. It and the
+// eight around it count by where they lie, seen from now.
+STAGE void gather_samples(way_t* way, plane_in kept, frames_in past, int from, int to, int recent, pixel_t now, int x,
+    int y, frame_t frame, settings_t settings)
+{
+    const surface s = way->side.s;
+    const layers_t l = way->side.l;
+    track_t* t = &way->track;
     const size_t plane = plane_size(frame);
     const uint at = texel_offset(frame, x, y);
     const real px = LANE_INDEX + K(x), py = SPLAT(y), reach = reach_of(to + 1, settings);
-    const surface followed = GATHER_FIT == GATHER_FIT_LAYERS ? range_of_side(s, l, far_only) : s;
+    const surface followed = GATHER_FIT == GATHER_FIT_LAYERS ? range_of_side(s, l, way->far) : s;
     for (int k = from; k < to; ++k) {
         const frame_t then = past[k];
         stretch_t stretch;
@@ -98,10 +113,10 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int from, int to, i
         v.recent = k < recent;
         v.planes = kept + (size_t)then.slot * KEPT_PLANES * plane;
         if (GATHER_FIT == GATHER_FIT_MEAN)
-            gather_sample(&g, v, 0, 0, now, s, l, far_only, then, frame, settings);
+            gather_sample(&way->sums, v, 0, 0, now, s, l, way->far, then, frame, settings);
         else
             for (int i = 0; i < 9; ++i)
-                gather_sample(&g, v, i % 3 - 1, i / 3 - 1, now, s, l, far_only, then, frame, settings);
+                gather_sample(&way->sums, v, i % 3 - 1, i / 3 - 1, now, s, l, way->far, then, frame, settings);
         if (OWN_MOTION) {
             motion_t place = nearest;
             place.u += s.x;
@@ -109,17 +124,6 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int from, int to, i
             follow(t, followed, v.m, v.planes, footprint_of(place, v.seen, at, frame), v.seen, plane, then, settings);
         }
     }
-    return g;
-}
-
-// What the current frame shows of a side around the pixel, as one sample: of what has just come into view there is
-// hardly another.
-STAGE void add_side(gathered* g, side_t side, colour current, settings_t settings)
-{
-    const real zero = SPLAT(0.0);
-    const mask any = side.count > zero;
-    const colour d = { side.mean.r - current.r, side.mean.g - current.g, side.mean.b - current.b };
-    add_sample(g, d, any ? sample_share(side.mean, settings) : zero, zero, zero, any);
 }
 
 // What the samples of a pixel come to, less the current one. Across a depth edge the nearer surface's share and colour

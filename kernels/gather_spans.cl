@@ -18,37 +18,34 @@ __kernel void gather_spans_kernel(plane_in current, plane_in closeness, plane_in
         fetch_frame(current, closeness, motion, x, y, frame);
         const row_t below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
         const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
-        gathering b = begin_gathering(above, centre, below, p, kept, past, frames, x, y, frame, settings);
-        side_t front = { b.s, b.l }, back = front;
-        if (b.edges) {
-            front = side_of(b.s, b.l, 0, p.own, current, closeness, motion, x, y, frame, settings);
-            back = side_of(b.s, b.l, 1, p.own, current, closeness, motion, x, y, frame, settings);
-            add_side(&b.far, back, p.own, settings);
-        }
-        track_t t = first_step(front.s), far_t = first_step(back.s);
+        surface s = nearest_surface(above, centre, below, settings);
+        const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
+        layers_t l = layers_of(above, centre, below, s, settings);
+        recall_thin(&s, &l, kept, past, frames, x, y, frame, settings);
+        way_t near = begin_way(s, l, NEARER, p, current, closeness, motion, x, y, frame, settings);
+        way_t far = begin_way(s, l, FARTHER, p, current, closeness, motion, x, y, frame, settings);
         resolved out;
         real error = SPLAT(0.0);
         for (int span = 0, from = 0; span <= ALL_FRAMES; ++span) {
             const int to = span_end(span, frames);
-            b.near = gather_samples(
-                kept, past, from, to, SHORT_SPAN, &t, b.near, p, front.s, front.l, 0, x, y, frame, settings);
-            if (b.edges)
-                b.far = gather_samples(
-                    kept, past, from, to, 0, &far_t, b.far, p, back.s, back.l, 1, x, y, frame, settings);
-            out = resolve_gathered(b.near, b.far, b.l, p, b.m, frame, settings);
-            error = span_error(b.near, p.own, out, settings);
+            gather_samples(&near, kept, past, from, to, SHORT_SPAN, p, x, y, frame, settings);
+            if (has_edges(l))
+                gather_samples(&far, kept, past, from, to, 0, p, x, y, frame, settings);
+            out = resolve_gathered(near.sums, far.sums, l, p, m, frame, settings);
+            error = span_error(near.sums, p.own, out, settings);
             store_span(spans, span, out, error, x, y, frame);
             from = to;
         }
         if (REACTIVE)
-            stand_in(spans, b.near, out, error, x, y, frame);
-        const resolved unmoved = resolve_unmoved(&b.near, kept, past, standing, p, x, y, frame, settings);
+            stand_in(spans, near.sums, out, error, x, y, frame);
+        gathered standing_sums;
+        const resolved unmoved = resolve_unmoved(&standing_sums, kept, past, standing, p, x, y, frame, settings);
         // What no latest sample could contradict says nothing.
-        const mask told = b.near.recent_count >= SPLAT(SHORT_SPAN);
+        const mask told = standing_sums.recent_count >= SPLAT(SHORT_SPAN);
         out.rgb = choose_colour(told, unmoved.rgb, out.rgb);
         out.alpha = told ? unmoved.alpha : out.alpha;
         out.count = told ? unmoved.count : out.count;
-        error = told ? span_error(b.near, p.own, unmoved, settings) : error;
+        error = told ? span_error(standing_sums, p.own, unmoved, settings) : error;
         store_span(spans, UNMOVED, out, error, x, y, frame);
         above = centre;
         centre = below;

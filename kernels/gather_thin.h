@@ -76,6 +76,8 @@ STAGE thin_t look_for_thin(
 STAGE void recall_thin(surface* s, layers_t* l, plane_in kept, frames_in past, int frames, int x, int y, frame_t frame,
     settings_t settings)
 {
+    if (GATHER_FIT != GATHER_FIT_LAYERS)
+        return;
     mask open = !l->edge;
     if (OWN_MOTION)
         open = open & untold(s->u, s->v);
