@@ -49,7 +49,7 @@ LAYERS = (
 SPEAK_OPENCL = {TOP / "cltaa" / "devices" / name for name in ("device.py", "program.py", "free_calls.py")}
 
 VAGUE_NAME = re.compile(r"(?i)(manager|helper|utils?$|utils?_|^common|_common|_misc|^misc)")
-LONGEST_MODULE, LONGEST_FUNCTION = 250, 40  # lines, docs/design.md
+LONGEST_MODULE, LONGEST_FUNCTION = 600, 40  # lines, docs/design.md
 
 PUBLIC = [
     "Camera",
