@@ -18,30 +18,16 @@ __kernel void gather_kernel(plane_in current, plane_in closeness, plane_in motio
         fetch_frame(current, closeness, motion, x, y, frame);
         const row_t below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
         const pixel_t p = current_pixel(above, centre, below, alpha, reactive, x, y, frame);
-        gathering b = begin_gathering(above, centre, below, p, closeness, kept, past, frames, 1, x, y, frame, settings);
-        side_t side = { b.s, b.l };
-        if (b.edges)
-            side = side_of(b.s, b.sides.front, 0, p.own, current, closeness, motion, x, y, frame, settings);
-        track_t near_t = first_step(side.s);
-        b.near = gather_samples(
-            kept, past, 0, frames, WANDER_FRAMES, &near_t, b.near, p, side.s, side.l, 0, x, y, frame, settings);
-        if (b.edges) {
-            side = side_of(b.s, b.sides.back, 1, p.own, current, closeness, motion, x, y, frame, settings);
-            add_side(&b.far, side, p.own, settings);
-            track_t t = first_step(side.s);
-            b.far = gather_samples(kept, past, 0, frames, 0, &t, b.far, p, side.s, side.l, 1, x, y, frame, settings);
-            for (int i = 0; i < 2; ++i) {
-                const layers_t between = i ? b.sides.near_between : b.sides.far_between;
-                if (!any_of(between.edge))
-                    continue;
-                side = side_of(b.s, between, 0, p.own, current, closeness, motion, x, y, frame, settings);
-                t = first_step(side.s);
-                gathered g = begin_layer(b.s, between, 0, sample_share(p.own, settings), frame);
-                g = gather_samples(kept, past, 0, frames, 0, &t, g, p, side.s, side.l, 0, x, y, frame, settings);
-                b.far = in_front(g, b.far, between, settings);
-            }
-        }
-        const resolved out = resolve_gathered(b.near, b.far, b.l, near_t, p, b.m, frame, settings);
+        surface s = nearest_surface(above, centre, below, settings);
+        const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
+        layers_t l = layers_of(above, centre, below, s, settings);
+        recall_thin(&s, &l, kept, past, frames, x, y, frame, settings);
+        way_t near = begin_way(s, l, NEARER, p, current, closeness, motion, x, y, frame, settings);
+        gather_samples(&near, kept, past, 0, frames, 0, p, x, y, frame, settings);
+        way_t far = begin_way(s, l, FARTHER, p, current, closeness, motion, x, y, frame, settings);
+        if (has_edges(l))
+            gather_samples(&far, kept, past, 0, frames, 0, p, x, y, frame, settings);
+        const resolved out = resolve_gathered(near.sums, far.sums, l, p, m, frame, settings);
         store_resolved(output, output_count, out, x, y, frame);
         above = centre;
         centre = below;

@@ -3,8 +3,8 @@
 #include "gather_sample.h"
 #include "gather_thin.h"
 
-#if !defined(OWN_MOTION) || !defined(ALPHA) || !defined(WANDER)
-#error "gather.h needs OWN_MOTION, ALPHA and WANDER from the prelude"
+#if !defined(OWN_MOTION) || !defined(ALPHA)
+#error "gather.h needs OWN_MOTION and ALPHA from the prelude"
 #endif
 
 // The way of the pixel's centre to a kept frame, by the sample that told the depth or by the track, and the stretch.
@@ -32,71 +32,70 @@ STAGE motion_t way_back(
     return m;
 }
 
-// The sums of a layer before its way back. They hold the current sample if that shows the layer; of all but the
-// farthest one also if it shows what lies behind.
+// The sums of a layer before its way back. Those of the nearer one hold the current sample whatever it shows, those of
+// the farther one if it shows that.
 STAGE gathered begin_layer(surface s, layers_t l, int far, real w, frame_t frame)
 {
     const mask front = !l.edge | (s.centre > l.cut);
     if (far)
         return first_sample(w, !front, !front, frame);
-    return first_sample(w, l.between ? l.edge & (s.centre <= l.over) : front | !front, front, frame);
+    return first_sample(w, front | !front, front, frame);
 }
 
-// A pixel before its way back: its surface, the layers at a depth edge, where each side of it holds two surfaces, and
-// the sums of its nearest and farthest layer.
+// What the current frame shows of a side around the pixel, as one sample: of what has just come into view there is
+// hardly another.
+STAGE void add_side(gathered* g, side_t side, colour current, settings_t settings)
+{
+    const real zero = SPLAT(0.0);
+    const mask any = side.count > zero;
+    const colour d = { side.mean.r - current.r, side.mean.g - current.g, side.mean.b - current.b };
+    add_sample(g, d, any ? sample_share(side.mean, settings) : zero, zero, zero, any);
+}
+
+// Whether a pixel of the segment has a farther side to follow on its own.
+STAGE int has_edges(layers_t l) { return GATHER_FIT == GATHER_FIT_LAYERS && any_of(l.edge); }
+
+#define NEARER 0
+#define FARTHER 1
+
+// The nearer or the farther surface of a pixel on its way back through the kept frames: where it is now, where its own
+// motion has led so far, and the sums of the samples on it.
 typedef struct
 {
-    surface s;
-    motion_t m;
-    layers_t l;
-    sides_t sides;
-    gathered near, far;
-    int edges; // whether a pixel of the segment has a farther side to follow on its own
-} gathering;
+    side_t side;
+    track_t track;
+    gathered sums;
+    int far; // NEARER or FARTHER
+} way_t;
 
-// With `parted` false the pixel has one nearer and one farther surface, as also where the nearest moves on its own: its
-// way may end after a few frames, whose samples are too few to be shared out. Nor are thin things then looked for
-// beside others.
-STAGE gathering begin_gathering(row_t above, row_t centre, row_t below, pixel_t p, plane_in closeness, plane_in kept,
-    frames_in past, int frames, int parted, int x, int y, frame_t frame, settings_t settings)
+STAGE way_t begin_way(surface s, layers_t l, int far, pixel_t p, plane_in current, plane_in closeness, plane_in motion,
+    int x, int y, frame_t frame, settings_t settings)
 {
-    gathering b;
-    b.s = nearest_surface(above, centre, below, settings);
-    b.m = surface_motion(b.s, LANE_INDEX + K(x), SPLAT(y), frame);
-    b.l = layers_of(above, centre, below, b.s, settings);
-    const mask seen_now = b.l.edge;
-    if (GATHER_FIT == GATHER_FIT_LAYERS)
-        recall_thin(&b.s, &b.l, parted, closeness, kept, past, frames, x, y, frame, settings);
-    b.edges = GATHER_FIT == GATHER_FIT_LAYERS && any_of(b.l.edge);
-    const sides_t whole = { b.l, b.l, b.l, b.l };
-    b.sides = whole;
-    if (parted && b.edges) {
-        layers_t seen = b.l;
-        seen.edge = seen_now;
-        if (OWN_MOTION)
-            seen.edge = seen.edge & untold(b.s.u, b.s.v);
-        b.sides = sides_of(b.s, seen, closeness, x, y, frame, settings);
-        b.sides.front.edge = b.sides.back.edge = b.l.edge;
-    }
-    const real w = sample_share(p.own, settings);
-    b.near = begin_layer(b.s, b.sides.front, 0, w, frame);
-    b.far = begin_layer(b.s, b.sides.back, 1, w, frame);
-    return b;
+    way_t way = { { s, l }, first_step(s), begin_layer(s, l, far, sample_share(p.own, settings), frame), far };
+    if (!has_edges(l))
+        return way;
+    way.side = side_of(s, l, far, p.own, current, closeness, motion, x, y, frame, settings);
+    way.track = first_step(way.side.s);
+    if (far)
+        add_side(&way.sums, way.side, p.own, settings);
+    return way;
 }
 
-// The samples of the pixel `now` on surface s in the kept frames `from` to `to` - 1, the latest being 0; `t` is where
-// its own motion had led before them; those of the first `recent` frames are summed on their own too, all or none of
-// which lie among `from` to `to` - 1. past[k] says how
-// to come from this frame to the k-th, where its samples lie in their pixels (jitter) and in which slot of `kept` it
-// is. The place of the pixel's centre in frame k falls into the area of exactly one sample there: the one whose
-// position rounds to it. It and the eight around it count by where they lie, seen from now.
-STAGE gathered gather_samples(plane_in kept, frames_in past, int from, int to, int recent, track_t* t, gathered g,
-    pixel_t now, surface s, layers_t l, int far_only, int x, int y, frame_t frame, settings_t settings)
+// Follows a surface of the pixel `now` through the kept frames `from` to `to` - 1, the latest being 0, and adds their
+// samples; those of the first `recent` frames are summed on their own too. past[k] says how to come from this frame to
+// the k-th, where its samples lie in their pixels (jitter) and in which slot of `kept` it is. The place of the pixel's
+// centre in frame k falls into the area of exactly one sample there: the one whose position rounds to it. It and the
+// eight around it count by where they lie, seen from now.
+STAGE void gather_samples(way_t* way, plane_in kept, frames_in past, int from, int to, int recent, pixel_t now, int x,
+    int y, frame_t frame, settings_t settings)
 {
+    const surface s = way->side.s;
+    const layers_t l = way->side.l;
+    track_t* t = &way->track;
     const size_t plane = plane_size(frame);
     const uint at = texel_offset(frame, x, y);
     const real px = LANE_INDEX + K(x), py = SPLAT(y), reach = reach_of(to + 1, settings);
-    const surface followed = GATHER_FIT == GATHER_FIT_LAYERS ? range_of_side(s, l, far_only) : s;
+    const surface followed = GATHER_FIT == GATHER_FIT_LAYERS ? range_of_side(s, l, way->far) : s;
     for (int k = from; k < to; ++k) {
         const frame_t then = past[k];
         stretch_t stretch;
@@ -114,32 +113,17 @@ STAGE gathered gather_samples(plane_in kept, frames_in past, int from, int to, i
         v.recent = k < recent;
         v.planes = kept + (size_t)then.slot * KEPT_PLANES * plane;
         if (GATHER_FIT == GATHER_FIT_MEAN)
-            gather_sample(&g, v, 0, 0, now, s, l, far_only, then, frame, settings);
+            gather_sample(&way->sums, v, 0, 0, now, s, l, way->far, then, frame, settings);
         else
             for (int i = 0; i < 9; ++i)
-                gather_sample(&g, v, i % 3 - 1, i / 3 - 1, now, s, l, far_only, then, frame, settings);
+                gather_sample(&way->sums, v, i % 3 - 1, i / 3 - 1, now, s, l, way->far, then, frame, settings);
         if (OWN_MOTION) {
             motion_t place = nearest;
             place.u += s.x;
             place.v += s.y;
             follow(t, followed, v.m, v.planes, footprint_of(place, v.seen, at, frame), v.seen, plane, then, settings);
         }
-        if (WANDER && k + 1 == recent) {
-            g.late_weight = g.weight;
-            g.late_near = g.near;
-        }
     }
-    return g;
-}
-
-// What the current frame shows of a side around the pixel, as one sample: of what has just come into view there is
-// hardly another.
-STAGE void add_side(gathered* g, side_t side, colour current, settings_t settings)
-{
-    const real zero = SPLAT(0.0);
-    const mask any = side.count > zero;
-    const colour d = { side.mean.r - current.r, side.mean.g - current.g, side.mean.b - current.b };
-    add_sample(g, d, any ? sample_share(side.mean, settings) : zero, zero, zero, any);
 }
 
 // What the samples of a pixel come to, less the current one. Across a depth edge the nearer surface's share and colour
@@ -162,43 +146,16 @@ STAGE colour gathered_change(gathered g, gathered far, layers_t l, settings_t se
     return v;
 }
 
-// What lies behind a surface, where there is such a one: that surface before what lay behind it.
-STAGE gathered in_front(gathered g, gathered behind, layers_t l, settings_t settings)
-{
-    const real one = SPLAT(1.0);
-    const mask some = l.edge & (g.weight > SPLAT(0.0));
-    g.weight = some ? g.weight : one;
-    behind.sum = choose_colour(some, gathered_change(g, behind, l, settings), behind.sum);
-    behind.weight = some ? one : behind.weight;
-    return behind;
-}
-
-// How far the nearer side's share among the latest samples is from that among those before: what an edge that was
-// followed rightly keeps, and one that was followed wrongly, or behind which other things came by, does not.
-STAGE real wander_of(gathered g)
-{
-    const real zero = SPLAT(0.0), one = SPLAT(1.0), before = g.weight - g.late_weight;
-    const real least = K(WANDER_SAMPLES) * (g.weight / (g.count + one));
-    const mask told = (g.late_weight > least) & (before > least);
-    const real late = g.late_near / (told ? g.late_weight : one),
-               early = (g.near - g.late_near) / (told ? before : one);
-    return told ? absolute(late - early) : zero;
-}
-
 // Share of the filtered sample beside the n of a pixel, from their share 1 / n: as 1 / (n^2 - 1), at most 1, since a
 // fit leaves little for it to do but between two samples or three; where light may change as 1 / n, beyond
 // filter_samples as 1 / n^2. At a depth edge, where samples miss their surface and are worth fewer than they are,
-// 1 / n; or as much as the edge wandered, less a slack where it does not move on its own, since thin things that
-// samples hit by chance look so.
-STAGE real gathered_filter_share(real of_mean, gathered g, layers_t l, track_t t, settings_t settings)
+// 1 / n.
+STAGE real gathered_filter_share(real of_mean, gathered g, layers_t l, settings_t settings)
 {
     if (LIGHT_CHANGE == LIGHT_CHANGE_SPANS)
         return l.edge ? of_mean : fading_share(of_mean, settings);
-    real at_edge = of_mean;
-    if (WANDER & (GATHER_FIT == GATHER_FIT_LAYERS))
-        at_edge = greater(at_edge, wander_of(g) - (t.own ? SPLAT(0.0) : SPLAT(WANDER_SLACK)));
     const real one = SPLAT(1.0), n = g.count + one;
-    return l.edge ? at_edge : quotient(one, greater(n * n - one, one));
+    return l.edge ? of_mean : quotient(one, greater(n * n - one, one));
 }
 
 // How much of its samples a reactive pixel gives up for the current one. Spans of the past are each judged by the
@@ -209,9 +166,9 @@ STAGE real distrust(real reactivity)
     return LIGHT_CHANGE == LIGHT_CHANGE_SPANS ? square * square : reactivity;
 }
 
-// The pixel from its samples, the current one among them; `t` is where the way of the nearest layer has led.
+// The pixel from its samples, the current one among them.
 STAGE resolved resolve_gathered(
-    gathered g, gathered far, layers_t l, track_t t, pixel_t p, motion_t m, frame_t frame, settings_t settings)
+    gathered g, gathered far, layers_t l, pixel_t p, motion_t m, frame_t frame, settings_t settings)
 {
     const colour current = p.own;
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
@@ -235,7 +192,7 @@ STAGE resolved resolve_gathered(
         current.b + share * ((past.b - current.b) + r.change.b) };
     colour chosen = choose_colour(any, mixed, fresh_colour(current, p.near.mean, settings));
     if ((FILTER_USE == FILTER_USE_FEW_SAMPLES) & (CURRENT_FILTER != CURRENT_FILTER_NONE)) {
-        const real of_mean = one / (g.count + one), kept = gathered_filter_share(of_mean, g, l, t, settings);
+        const real of_mean = one / (g.count + one), kept = gathered_filter_share(of_mean, g, l, settings);
         chosen = drawn_towards(chosen, p.filtered, filtered_share(kept, p.filtered, settings));
     }
     resolved out;

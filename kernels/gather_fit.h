@@ -17,14 +17,12 @@ typedef struct
     // of them, since it was drawn with another reactivity, is unlike.
     colour recent;
     real recent_squares, recent_count, unlike;
-    // Of weight and near, what the current sample and those of the latest frames came to.
-    real late_weight, late_near;
 } gathered;
 
 STAGE gathered no_samples(void)
 {
     const real o = SPLAT(0.0);
-    gathered g = { { o, o, o }, { o, o, o }, { o, o, o }, o, o, o, o, o, o, o, o, o, o, o, { o, o, o }, o, o, o, o, o };
+    gathered g = { { o, o, o }, { o, o, o }, { o, o, o }, o, o, o, o, o, o, o, o, o, o, o, { o, o, o }, o, o, o };
     return g;
 }
 

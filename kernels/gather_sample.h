@@ -69,8 +69,6 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
     if (GATHER_FIT != GATHER_FIT_MEAN) {
         near = !l.edge | (q > l.cut * v.m.scale + v.m.shift);
         good = far_only ? good & !near : good;
-        if (l.between)
-            good = good & (q <= l.over * v.m.scale + v.m.shift);
     }
     if (EXPOSURE)
         c = scaled(c, SPLAT(then.exposure_ratio));

@@ -1,4 +1,4 @@
-// The surfaces of a pixel that a depth edge runs through: a nearer and a farther side, each of one surface or of two.
+// The surfaces of a pixel that a depth edge runs through: a nearer and a farther side.
 #include "taa/neighbourhood.h"
 
 #if !defined(OWN_MOTION) || !defined(GATHER_FIT)
@@ -11,8 +11,6 @@ typedef struct
     mask edge;
     real cut; // closeness that parts the nearer from the farther one
     real slope_x, slope_y; // of closeness, a pixel
-    int between; // 1: of the nearer side of the cut only what is no closer than `over`
-    real over;
 } layers_t;
 
 STAGE layers_t layers_of(row_t above, row_t centre, row_t below, surface s, settings_t settings)
@@ -24,8 +22,6 @@ STAGE layers_t layers_of(row_t above, row_t centre, row_t below, surface s, sett
     l.cut = K(0.5) * (s.nearest + s.farthest);
     l.slope_x = l.edge ? zero : K(0.5) * centre.rise;
     l.slope_y = l.edge ? zero : K(0.5) * (below.closeness - above.closeness);
-    l.between = 0;
-    l.over = zero;
     return l;
 }
 
@@ -41,69 +37,7 @@ typedef struct
 
 STAGE mask on_side(real closeness, layers_t l, int far)
 {
-    const mask side = l.edge & (far ? closeness <= l.cut : closeness > l.cut);
-    return l.between ? side & (closeness <= l.over) : side;
-}
-
-// The layers of a pixel from the nearest surface to the farthest. Between them lie those of a side that holds two.
-typedef struct
-{
-    layers_t front, near_between, far_between, back;
-} sides_t;
-
-// Whether a side holds two surfaces: no plane passes as near to all of its samples as a surface's lie to each other
-// where no edge runs. `cut` parts them in the middle of what they span. All differences are from `origin`, a sample of
-// the side: beside the other one a far side's own differences would drown.
-STAGE mask two_surfaces(
-    real* cut, real origin, layers_t l, int far, plane_in closeness, int x, int y, frame_t frame, settings_t settings)
-{
-    const size_t at = texel_offset(frame, x, y);
-    const real zero = SPLAT(0.0), one = SPLAT(1.0), ridge = SPLAT(settings.fit_ridge), much = SPLAT(DOMAIN_LIMIT);
-    real n = zero, sx = zero, sy = zero, sq = zero, xx = ridge, xy = zero, yy = ridge, qx = zero, qy = zero;
-    real low = much, high = -much;
-    for (int dy = -1; dy <= 1; ++dy)
-        for (int dx = -1; dx <= 1; ++dx) {
-            const ptrdiff_t step = (ptrdiff_t)at + dy * (ptrdiff_t)row_stride(frame) + dx;
-            const real q = usable_closeness(load(closeness + step), frame);
-            const mask here = on_side(q, l, far);
-            const real rise = here ? q - origin : zero;
-            const real ox = here ? SPLAT(dx) : zero, oy = here ? SPLAT(dy) : zero;
-            n += here ? one : zero;
-            sx += ox, sy += oy, sq += rise;
-            xx += ox * ox, xy += ox * oy, yy += oy * oy;
-            qx += ox * rise, qy += oy * rise;
-            low = (here & (q < low)) ? q : low;
-            high = (here & (q > high)) ? q : high;
-        }
-    const real mean = reciprocal(n > zero ? n : one), mx = sx * mean, my = sy * mean, mq = sq * mean;
-    xx -= sx * mx, xy -= sx * my, yy -= sy * my;
-    qx -= sx * mq, qy -= sy * mq;
-    const real det = xx * yy - xy * xy, slope_x = (yy * qx - xy * qy) / det, slope_y = (xx * qy - xy * qx) / det;
-    real below = zero, above = zero;
-    for (int dy = -1; dy <= 1; ++dy)
-        for (int dx = -1; dx <= 1; ++dx) {
-            const ptrdiff_t step = (ptrdiff_t)at + dy * (ptrdiff_t)row_stride(frame) + dx;
-            const real q = usable_closeness(load(closeness + step), frame);
-            const real plane = mq + (slope_x * (SPLAT(dx) - mx) + slope_y * (SPLAT(dy) - my));
-            const real off = on_side(q, l, far) ? (q - origin) - plane : zero;
-            below = off < below ? off : below;
-            above = off > above ? off : above;
-        }
-    const mask two = l.edge & (above - below > K(settings.edge_tolerance) * absolute(high));
-    *cut = two ? K(0.5) * (low + high) : l.cut;
-    return two;
-}
-
-STAGE sides_t sides_of(surface s, layers_t l, plane_in closeness, int x, int y, frame_t frame, settings_t settings)
-{
-    sides_t sides = { l, l, l, l };
-    sides.near_between.edge = two_surfaces(&sides.front.cut, s.nearest, l, 0, closeness, x, y, frame, settings);
-    sides.far_between.edge = two_surfaces(&sides.back.cut, s.farthest, l, 1, closeness, x, y, frame, settings);
-    sides.near_between.between = sides.far_between.between = 1;
-    sides.near_between.over = sides.front.cut;
-    sides.far_between.over = l.cut;
-    sides.far_between.cut = sides.back.cut;
-    return sides;
+    return l.edge & (far ? closeness <= l.cut : closeness > l.cut);
 }
 
 // Of samples as far away as each other that of the pixel's own row: floors, the most slanted of surfaces, change from
@@ -170,7 +104,7 @@ STAGE side_t side_of(surface s, layers_t l, int far, colour own, plane_in image,
 // The surface with the range of closeness of its own side alone.
 STAGE surface range_of_side(surface s, layers_t l, int far)
 {
-    s.nearest = far ? (l.edge ? l.cut : s.nearest) : (l.between && l.edge ? l.over : s.nearest);
+    s.nearest = far ? (l.edge ? l.cut : s.nearest) : s.nearest;
     s.farthest = far ? s.farthest : (l.edge ? l.cut : s.farthest);
     return s;
 }

@@ -2,8 +2,8 @@
 #include "gather_sides.h"
 #include "gather_track.h"
 
-#if !defined(OWN_MOTION) || !defined(THIN_SEARCH) || !defined(THIN_REACH) || !defined(THIN_HITS)
-#error "gather_thin.h needs OWN_MOTION, THIN_SEARCH, THIN_REACH and THIN_HITS from the prelude"
+#if !defined(OWN_MOTION) || !defined(THIN_REACH) || !defined(THIN_HITS)
+#error "gather_thin.h needs OWN_MOTION, THIN_REACH and THIN_HITS from the prelude"
 #endif
 
 typedef __global const frame_t* restrict frames_in;
@@ -16,21 +16,20 @@ typedef struct
     real off, closeness;
 } thin_t;
 
-// Of the surfaces that the 3x3 of the latest kept frames, at the place of surface `along`, show in front of all that
-// the 3x3 of now shows of `s`, the one that now lies nearest to the pixel's centre, if that is nearer than what was
-// found. What filled more of that 3x3 than a line does is not missed now but gone. With `beside` true `along` is
-// another thing that is still there: what is of it counts only where it now lies nearer than THIN_ROOM.
-STAGE thin_t look_for_thin(thin_t thin, mask open, surface along, int beside, surface s, plane_in kept, frames_in past,
-    int frames, int x, int y, frame_t frame, settings_t settings)
+// Of the surfaces that the 3x3 of the latest kept frames show in front of all that the 3x3 of now shows of `s`, the one
+// that now lies nearest to the pixel's centre, if that is within THIN_REACH. What filled more of that 3x3 than a line
+// does is not missed now but gone.
+STAGE thin_t look_for_thin(
+    mask open, surface s, plane_in kept, frames_in past, int frames, int x, int y, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
     const uint at = texel_offset(frame, x, y);
-    const int stride = row_stride(frame), wanted = (beside ? THIN_FARTHER : 1) * (int)settings.thin_frames,
-              count = wanted < frames ? wanted : frames;
+    const int stride = row_stride(frame), wanted = (int)settings.thin_frames, count = wanted < frames ? wanted : frames;
     const real px = LANE_INDEX + K(x), py = SPLAT(y);
+    thin_t thin = { open & !open, SPLAT(THIN_REACH), s.closeness };
     for (int k = 0; k < count; ++k) {
         const frame_t then = past[k];
-        const motion_t m = motion_from_depth(along, px, py, then);
+        const motion_t m = motion_from_depth(s, px, py, then);
         const mask seen = open & on_screen(m, px, py, frame);
         motion_t nearest = m;
         nearest.u = m.u + (K(0.5) - K(then.jitter_x));
@@ -46,6 +45,7 @@ STAGE thin_t look_for_thin(thin_t thin, mask open, surface along, int beside, su
                 mask nearer = seen & (q > high);
                 if (!any_of(nearer))
                     continue;
+                hits += nearer ? SPLAT(1.0) : SPLAT(0.0);
                 surface hit = s;
                 hit.closeness = (q - m.shift) / m.scale;
                 const motion_t way = motion_from_depth(hit, px, py, then);
@@ -53,8 +53,6 @@ STAGE thin_t look_for_thin(thin_t thin, mask open, surface along, int beside, su
                 const real ox = ((K(0.5) - f.fx) + K(dx)) + (m.u - way.u),
                            oy = ((K(0.5) - f.fy) + K(dy)) + (m.v - way.v);
                 const real off = greater(absolute(ox), absolute(oy));
-                const mask counts = beside ? nearer & (off < SPLAT(THIN_ROOM)) : nearer;
-                hits += counts ? SPLAT(1.0) : SPLAT(0.0);
                 if (OWN_MOTION) {
                     plane_in moved = p + KEPT_MOTION * plane + step;
                     nearer = nearer & untold(texel_at(moved, f, stride), texel_at(moved + plane, f, stride));
@@ -71,39 +69,19 @@ STAGE thin_t look_for_thin(thin_t thin, mask open, surface along, int beside, su
     return thin;
 }
 
-// The pixel's surface, as far away as the nearest thing that pixels around show.
-STAGE surface nearest_around(surface s, plane_in closeness, int x, int y, frame_t frame)
-{
-    const size_t at = texel_offset(frame, x, y);
-    s.closeness = s.nearest;
-    for (int dy = -THIN_ROWS; dy <= THIN_ROWS; dy += THIN_ROWS)
-        for (int dx = -THIN_COLUMNS; dx <= THIN_COLUMNS; dx += THIN_STEP) {
-            const ptrdiff_t step = (ptrdiff_t)at + dy * (ptrdiff_t)row_stride(frame) + dx;
-            s.closeness = greater(s.closeness, usable_closeness(load(closeness + step), frame));
-        }
-    return s;
-}
-
 // A surface that kept frames show and the current 3x3 misses, if it lies within THIN_REACH of the pixel's centre. It is
 // taken for the nearer side of a depth edge, and the samples along its way tell what share of the pixel it has, none
-// included. Looked for is along the way of what the pixel shows, which a nearer thing soon leaves as the camera moves,
-// and, with `beside` true, along that of the nearest thing around: a wire goes the way of its pole. Only what the
-// camera alone moves is looked for: where a thing that moves on its own is now, an earlier frame does not tell.
-STAGE void recall_thin(surface* s, layers_t* l, int beside, plane_in closeness, plane_in kept, frames_in past,
-    int frames, int x, int y, frame_t frame, settings_t settings)
+// included. Only what the camera alone moves is looked for: where a thing that moves on its own is now, an earlier
+// frame does not tell.
+STAGE void recall_thin(surface* s, layers_t* l, plane_in kept, frames_in past, int frames, int x, int y, frame_t frame,
+    settings_t settings)
 {
+    if (GATHER_FIT != GATHER_FIT_LAYERS)
+        return;
     mask open = !l->edge;
     if (OWN_MOTION)
         open = open & untold(s->u, s->v);
-    thin_t thin = { open & !open, SPLAT(THIN_REACH), s->closeness };
-    thin = look_for_thin(thin, open, *s, 0, *s, kept, past, frames, x, y, frame, settings);
-    if (THIN_SEARCH == THIN_SEARCH_BESIDE && beside) {
-        const surface along = nearest_around(*s, closeness, x, y, frame);
-        const real nearer = along.closeness - s->nearest;
-        const mask other = open & (nearer > K(settings.edge_tolerance) * absolute(along.closeness));
-        if (any_of(other))
-            thin = look_for_thin(thin, other, along, 1, *s, kept, past, frames, x, y, frame, settings);
-    }
+    const thin_t thin = look_for_thin(open, *s, kept, past, frames, x, y, frame, settings);
     l->cut = thin.found ? K(0.5) * (thin.closeness + s->nearest) : l->cut;
     l->slope_x = thin.found ? SPLAT(0.0) : l->slope_x;
     l->slope_y = thin.found ? SPLAT(0.0) : l->slope_y;

@@ -14,7 +14,7 @@ from rich.table import Table
 from cltaa.commands.options import PRESET, PROFILE, json_option
 from cltaa.commands.printing import Console
 from cltaa.core.parameters import Choices, Settings
-from cltaa.core.presets import Preset, allowed, load_preset, preset_names
+from cltaa.core.presets import LADDER, Preset, allowed, load_preset, preset_names
 from cltaa.errors import UsageError
 from cltaa.inputs.profile import load_profile, profile_names, toml_text
 from cltaa.printable import json_of
@@ -46,7 +46,8 @@ def presets(name: str | None, against: str | None, parameters: bool, as_json: bo
         preset = load_preset(name)
         click.echo(json_of(preset) if as_json else _toml(preset), nl=as_json)
     else:
-        listed = sorted(map(load_preset, preset_names()), key=lambda preset: bool(preset.published))  # our own first
+        others = sorted(map(load_preset, {*preset_names()} - {*LADDER}), key=lambda preset: preset.name)
+        listed = [*map(load_preset, LADDER), *sorted(others, key=lambda preset: bool(preset.published))]  # ours first
         rows = [{"preset": preset.name, "description": preset.description} for preset in listed]
         click.echo(json_of(rows)) if as_json else _print_presets(listed)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cltaa.camera import is_still
 from cltaa.core.backend import Buffer, Launcher
 from cltaa.core.build import FRAME_DTYPE, Build, Record, Steps, kept_planes, span_planes
-from cltaa.core.constants import MIDDLE_SPAN, SHORT_SPAN, SPANS
+from cltaa.core.constants import SPANS
 from cltaa.core.parameters import Choices, HistoryOf, LightChange
 from cltaa.core.plan import Plan
 from cltaa.core.planes import Layout, around, empty_image
@@ -51,7 +51,6 @@ class Buffers:
         self.channels: dict[str, Buffer] = {}  # of the frame: current, motion, alpha, reactive
         self._copies: dict[str, Buffer] = {}  # memory for those that were copied once
         self._dtype = dtype
-        self._shown: dict[str, Buffer] = {}
         self._halves: Buffer | None = None
         self._counts = 1  # planes of the counts
         self.holds_changes = False  # whether those that the last frame left hold changes of light
@@ -79,16 +78,6 @@ class Buffers:
         fill(self._copies[name], self.layout, planes)
         self.channels[name] = self._copies[name]
 
-    def shown(self) -> dict[str, Buffer]:
-        """What takes the place of the output and its counts where the next frame reads another image than is shown;
-        allocated when first asked for."""
-        if not self._shown:
-            self._shown = {
-                "output": self._planes(self.result_planes, self._dtype),
-                "output_count": self._planes(1),
-            }
-        return self._shown
-
     def halves(self) -> Buffer:
         """What holds the result in halves, allocated when first asked for."""
         if self._halves is None:
@@ -101,7 +90,7 @@ class Buffers:
         return {"image": self.output, "floats": self.output_count, **planes}
 
     def read(self, image: Buffer, alpha: bool, dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
-        """The output, what is ``shown`` in its place, or ``halves``, as [H, W, 3 or 4] ``dtype``, planar in memory."""
+        """The output or ``halves``, as [H, W, 3 or 4] ``dtype``, planar in memory."""
         with image.mapped(write=False) as planes:
             stored = self.layout.inside(planes)[: 4 if alpha else 3]
             inside = empty_image(stored.shape, dtype)
@@ -176,7 +165,7 @@ class KeptFrames:
         self.planes = _ring(launcher, (self._slots * self._planes, layout.rows, layout.stride), self._slots)
         self.records = launcher.allocate((count,), FRAME_DTYPE)
         self.past: tuple[Past, ...] = ()
-        self._spans: dict[str, Buffer] = {}
+        self._spans: Buffer | None = None
 
     def fit(self, layout: Layout, count: int, steps: Steps) -> bool:
         """True when this ring holds ``count`` frames of that size and with those channels."""
@@ -187,12 +176,11 @@ class KeptFrames:
         moved = any(not is_still(frame.camera, past.camera) for past in self.past)
         return replace(build, steps=replace(build.steps, camera_motion=build.steps.camera_motion or moved))
 
-    def span_memory(self, steps: Steps) -> dict[str, Buffer]:
+    def span_memory(self, steps: Steps) -> Buffer:
         """Memory for what is gathered of the spans of the past, allocated when first asked for."""
-        if not self._spans:
-            for name, planes in (("spans", SPANS * span_planes(steps)), ("repeats", 1)):
-                shape = (planes, self.layout.rows, self.layout.stride)
-                self._spans[name] = self._launcher.allocate(shape, np.float32)
+        if self._spans is None:
+            shape = (SPANS * span_planes(steps), self.layout.rows, self.layout.stride)
+            self._spans = self._launcher.allocate(shape, np.float32)
         return self._spans
 
     def standing(self, frame: Frame) -> int:
@@ -208,22 +196,7 @@ class KeptFrames:
                 record["jitter_x"], record["jitter_y"] = past.jitter_px
                 record["slot"] = past.index // frame.step % self._slots
                 records[place] = record
-            self._tell_repeats(frame, records)
         return min(len(self.past), self._count)
-
-    def _tell_repeats(self, frame: Frame, records: NDArray[Any]) -> None:
-        """Tell of each frame, that of now first, which other kept frame of one camera has its samples nearest to where
-        they lie in their pixels, of the latest ones before them; of no more frames than the middle span has none."""
-        standing, records["again"] = self.standing(frame), -1
-        if standing <= MIDDLE_SPAN:
-            return
-        jitters = np.array([frame.jitter_px, *(past.jitter_px for past in self.past[:standing])])
-        apart = np.square(jitters[:-1, None] - jitters[1:]).sum(-1)
-        itself = np.arange(1, standing)
-        apart[itself, itself - 1] = np.inf
-        for place in range(1, SHORT_SPAN + 1):
-            apart[place, :place] = np.inf
-        records["again"][:standing] = apart.argmin(-1)
 
     def keep(self, frame: Frame, buffers: Buffers, steps: Steps) -> None:
         """Copy what was uploaded of ``frame`` into the ring, in the place of the oldest."""

@@ -10,8 +10,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.constants import CONSTANTS, WANDER_FRAMES, WHOLE_NUMBERS
-from cltaa.core.parameters import HOST_CHOICES, KERNEL_SETTINGS, Choices, GatherFit, HistoryOf, Settings, ThinSearch
+from cltaa.core.constants import CONSTANTS, WHOLE_NUMBERS
+from cltaa.core.parameters import HOST_CHOICES, KERNEL_SETTINGS, Choices, GatherFit, HistoryOf, Settings
 from cltaa.errors import UsageError, known
 
 if TYPE_CHECKING:
@@ -65,7 +65,6 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     pull_cost: bool = True
     gamma_by_motion: bool = True
     fresh_blur: bool = True
-    wander: bool = True
 
     @classmethod
     def of(cls, settings: Settings) -> Terms:
@@ -75,7 +74,6 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
             pull_cost=settings.pull_cost != 0.0,
             gamma_by_motion=settings.gamma_still != settings.gamma_moving,
             fresh_blur=settings.fresh_blur != 0.0,
-            wander=settings.frames_kept > WANDER_FRAMES,
         )
 
 
@@ -128,9 +126,8 @@ def shared(build: Build) -> Build:
     """``build`` without what its kernels make nothing of: what does not gather is the default's program."""
     if build.choices.history_of is HistoryOf.SAMPLES:
         return build
-    choices = msgspec.structs.replace(build.choices, gather_fit=GatherFit.MEAN, thin_search=ThinSearch.OWN_WAY)
-    terms = msgspec.structs.replace(build.terms, wander=True)
-    return msgspec.structs.replace(build, choices=choices, terms=terms)
+    choices = msgspec.structs.replace(build.choices, gather_fit=GatherFit.MEAN)
+    return msgspec.structs.replace(build, choices=choices)
 
 
 def edge_build(build: Build) -> Build:
@@ -170,7 +167,6 @@ FRAME_FIELDS: dict[str, tuple[str, str]] = {
     "jitter_x": ("float", "the frame's sample, in pixels right of the pixel's centre"),
     "jitter_y": ("float", "the same, below it"),
     "slot": ("int", "where the frame is kept"),
-    "again": ("int", "place of the kept frame whose samples lie nearest to those of the frame after this one, or -1"),
     "left_weight": ("float", "weight of the left column in the current filter"),
     "right_weight": ("float", "weight of the right column"),
     "above_weight": ("float", "weight of the row above"),

@@ -189,13 +189,6 @@ class GatherFit(Choice):
     LAYERS = "layers", "the same, and across a depth edge a nearer surface and a farther one, each on its own way"
 
 
-class ThinSearch(Choice):
-    """Along which ways things thinner than a pixel are looked for (gather_fit layers)."""
-
-    OWN_WAY = "own-way", "that of what the pixel shows"
-    BESIDE = "beside", "where light does not change, that of the nearest thing around it too, twice as many frames back"
-
-
 class Tonemap(Choice):
     """The range in which everything is compared and blended."""
 
@@ -356,7 +349,6 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbid
     history_filter: HistoryFilter = HistoryFilter.CATMULL_ROM
     history_of: HistoryOf = HistoryOf.RESULT
     gather_fit: GatherFit = GatherFit.MEAN
-    thin_search: ThinSearch = ThinSearch.OWN_WAY
     current_filter: CurrentFilter = CurrentFilter.NONE
     filter_use: FilterUse = FilterUse.ALWAYS
     tonemap: Tonemap = Tonemap.NONE

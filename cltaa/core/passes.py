@@ -42,33 +42,31 @@ class Passes:
         self.launcher.run("gather", *last)
         return last
 
-    def gather_spans(self, frame: Frame, kept: KeptFrames, recursive: Passes) -> LastRun:
-        """Resolve from spans of the past and, beside them, from a ``recursive`` resolve of the frame.
-
-        The latter's result is all that the next frame reads.
-        """
+    def gather_spans(self, frame: Frame, kept: KeptFrames) -> LastRun:
+        """Resolve from spans of the past of the ``kept`` frames."""
         last = self._gathering(frame, kept)
-        recursive.resolve()
         build, layout, arguments = last
-        memory = kept.span_memory(build.steps)
+        self._ready_counts()
+        spans = {"spans": kept.span_memory(build.steps)}
         inputs = {name: value for name, value in arguments.items() if name not in ("output", "output_count")}
-        standing = {"standing": kept.standing(frame)}
-        self.launcher.run("gather_spans", build, layout, inputs | memory | standing)
+        self.launcher.run("gather_spans", build, layout, inputs | spans | {"standing": kept.standing(frame)})
         if not build.extends:
-            gathered = {"image": memory["spans"], "floats": memory["repeats"], "frame": self.record}
-            planes = {"planes": SPANS * span_planes(build.steps), "more": 1}
+            gathered = {"image": spans["spans"], "floats": None, "frame": self.record}
             floats = Build(lanes=build.lanes, rows=build.rows)  # as spans are, whatever the history is kept in
+            planes = {"planes": SPANS * span_planes(build.steps), "more": 0}
             self.launcher.run("extend_edges", floats, layout, gathered | planes)
-        shown = self.buffers.shown()
-        weighed = {name: arguments[name] for name in ("current", "frame", "settings")}
-        beside = {"recursive": self.buffers.output, "recursive_count": self.buffers.output_count}
-        self.launcher.run("weigh_spans", build, layout, weighed | memory | beside | shown)
-        return LastRun(build, layout, arguments | shown)
+        written = {name: arguments[name] for name in ("output", "output_count", "frame", "settings")}
+        self.launcher.run("weigh_spans", build, layout, spans | written)
+        if build.extends:
+            self._extend()
+        return last
 
     def extend_edges(self) -> None:
         """Repeat the edges of what the next frame reads, where its kernels have not."""
-        if self.build.extends:
-            return
+        if not self.build.extends:
+            self._extend()
+
+    def _extend(self) -> None:
         given = {"frame": self.record, **self.buffers.written()}
         self.launcher.run("extend_edges", edge_build(self.build), self.buffers.layout, given)
 

@@ -224,12 +224,6 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
     return Plan(choices, settings, steps, (*reasons, *estimated))
 
 
-def recursive(preset: Preset) -> Preset:
-    """The recursive resolve that runs beside the spans of ``preset``: its own choices, with a history of results."""
-    choices = msgspec.structs.replace(preset.choices, history_of=HistoryOf.RESULT, light_change=LightChange.TEST)
-    return msgspec.structs.replace(preset, choices=choices)
-
-
 def toggled(plan: Plan, preset: Preset, step: str) -> Plan:
     """``plan`` with one of the steps that its reasons name turned on where it is off, and off where it is on."""
     on = next(reason.on for reason in plan.reasons if reason.step == step)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+import warnings
 from collections.abc import Mapping
 from enum import StrEnum
 from importlib import resources
@@ -15,6 +16,9 @@ import numpy as np
 from cltaa.core.parameters import Choices, Settings
 from cltaa.errors import DataError, UsageError, known
 
+LADDER = ("accumulate", "basic", "fast", "default", "gather-8", "gather-48")  # our own, from the fastest to the best
+OLD_NAMES = {"t0": "accumulate", "t1": "basic", "t2": "fast", "t3": "default", "t4": "gather-8", "t5": "gather-48"}
+BASE = "plain"  # what others begin with; a preset to name in a file, not one that is listed
 _FOLDER = resources.files("cltaa") / "presets"
 
 
@@ -89,12 +93,19 @@ def override(preset: Preset, values: Mapping[str, object], origin: str = "--set"
 
 def preset_names() -> list[str]:
     """Names of the presets that come with cltaa, sorted."""
-    return sorted(Path(entry.name).stem for entry in _FOLDER.iterdir() if entry.name.endswith(".toml"))
+    names = {Path(entry.name).stem for entry in _FOLDER.iterdir() if entry.name.endswith(".toml")}
+    return sorted(names - {BASE})
 
 
 def load_preset(name: str = "default") -> Preset:
-    """The preset of that name; raises UsageError where there is none."""
-    if name not in preset_names():
+    """The preset of that name; raises UsageError where there is none.
+
+    An old name gives the preset that it stands for, and a FutureWarning that says so.
+    """
+    if name in OLD_NAMES:
+        warnings.warn(f"the preset {name} is called {OLD_NAMES[name]} now", FutureWarning, stacklevel=2)
+        name = OLD_NAMES[name]
+    if name not in (BASE, *preset_names()):
         cure = known(name, preset_names(), "presets")
         if name.endswith(".toml"):
             takers = "resolve, tune, bench accuracy and bench quality take a file by --config"

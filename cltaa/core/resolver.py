@@ -30,7 +30,7 @@ from cltaa.core.frame_checks import check_frame
 from cltaa.core.kernel_source import code_sha256
 from cltaa.core.parameters import Choices, HistoryOf, LightChange, Settings
 from cltaa.core.passes import Passes
-from cltaa.core.plan import Plan, channel_steps, plan_frame, recursive
+from cltaa.core.plan import Plan, channel_steps, plan_frame
 from cltaa.core.planes import Layout
 from cltaa.core.presets import Preset, load_preset
 from cltaa.core.record import Past, frame_record
@@ -322,7 +322,7 @@ class Resolver(Recurrent):
         previous = self._previous
         if previous is not None and not previous.continues_in(frame, self.preset.choices):
             previous = None
-        self.plan = self._plan(self.preset, frame, previous)
+        self.plan = plan_frame(self.preset, frame, previous.camera if previous else None, every=self.every_step)
         return previous, self._build(self.plan)
 
     def _build(self, plan: Plan) -> Build:
@@ -340,7 +340,7 @@ class Resolver(Recurrent):
         if choices.history_of is HistoryOf.SAMPLES:
             kept = self._ring(previous, buffers.layout, build.steps)
             if choices.light_change is LightChange.SPANS:
-                self.last = passes.gather_spans(frame, kept, self._beside(passes, frame, previous))
+                self.last = passes.gather_spans(frame, kept)
             else:
                 self.last = passes.gather(frame, kept)
             kept.keep(frame, buffers, build.steps)
@@ -348,11 +348,3 @@ class Resolver(Recurrent):
             self.last = passes.resolve()
         passes.extend_edges()
         return passes
-
-    def _beside(self, passes: Passes, frame: Frame, previous: Past | None) -> Passes:
-        """Those of the recursive resolve that runs beside the spans of the past."""
-        plan = self._plan(recursive(self.preset), frame, previous)
-        return replace(passes, plan=plan, build=self._build(plan))
-
-    def _plan(self, preset: Preset, frame: Frame, previous: Past | None) -> Plan:
-        return plan_frame(preset, frame, previous.camera if previous else None, every=self.every_step)

@@ -44,7 +44,7 @@ class PlanesHeld(msgspec.Struct, frozen=True):
     storage: Storage = Storage.FLOAT
     band_rows: int = 0  # of a band, the only part of the frame and its result that is held at a time; 0: all rows
     frames_kept: int = 0  # a ring holds these and one more
-    spans: bool = False  # of the kept frames are weighed, and hold planes; what is shown is then not what recurs
+    spans: bool = False  # of the kept frames are weighed, and hold planes
     changes: bool = False  # of light, beside the count of what recurs and of the result
     shared: bool = False  # the device has the host's memory: of a whole frame only closeness lies anywhere else
     half: bool = False  # a result in halves, beside the one that it is made from
@@ -65,7 +65,7 @@ def device_bytes(width: int, height: int, held: PlanesHeld) -> int:
     in_place = held.shared and not held.band_rows
     frame = REAL * (1 if in_place else 4 + 2 * steps.own_motion + steps.alpha + steps.reactive)
     ring = REAL * kept_planes(steps) * (held.frames_kept + 1) if held.frames_kept else 0
-    ring += REAL * (SPANS * span_planes(steps) + 2) + colour if held.spans else 0
+    ring += REAL * SPANS * span_planes(steps) if held.spans else 0
     halves = HALF * (3 + steps.alpha) if held.half else 0
     count = REAL * (1 + held.changes)
     return (frame + colour + halves + count) * band.plane + (colour + count + REAL + ring) * whole.plane

@@ -9,11 +9,10 @@ from collections.abc import Callable
 from typing import Any
 
 from cltaa.reference import (
-    gathering,
+    gather,
     resolve,
-    spans,
     stages,
-    weigh_spans,
+    window,
 )
 from cltaa.reference import (
     store as to_halves,
@@ -23,8 +22,8 @@ from cltaa.reference import (
 KERNELS: dict[str, Callable[..., Any]] = {
     "blend": stages.blend_kernel,
     "extend_edges": resolve.extend_edges,
-    "gather": gathering.gather,
-    "gather_spans": spans.gather_spans,
+    "gather": gather.gather,
+    "gather_spans": window.gather_spans,
     "neighbourhood_statistics": stages.neighbourhood_statistics_kernel,
     "rectify_history": stages.rectify_history_kernel,
     "repair_colour": stages.repair_colour_kernel,
@@ -32,5 +31,5 @@ KERNELS: dict[str, Callable[..., Any]] = {
     "sample_history": stages.sample_history_kernel,
     "surface_motion": stages.surface_motion_kernel,
     "to_halves": to_halves.to_halves,
-    "weigh_spans": weigh_spans.weigh_spans,
+    "weigh_spans": window.weigh_spans,
 }

@@ -1,19 +1,21 @@
-"""Twin of ``gather.h``: each pixel gathers the samples that the last frames drew inside it."""
+"""Twin of ``gather.h`` and ``gather.cl``: each pixel gathers the samples that the last frames drew inside it."""
 
 from __future__ import annotations
 
-from copy import copy
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from cltaa.core.build import Build, Record
+from cltaa.core.build import Build, Record, kept_planes
 from cltaa.core.parameters import AlphaFrom, CurrentFilter, FilterUse, GatherFit, LightChange
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import (
     Pixel,
     Resolved,
     box_gamma,
+    current_pixel,
     drawn_towards,
     fading_share,
     filtered_share,
@@ -22,28 +24,39 @@ from cltaa.reference.accumulate import (
     storable_colour,
 )
 from cltaa.reference.colour import Colour, from_range
-from cltaa.reference.gather_fit import (
+from cltaa.reference.gather_samples import (
     Gathered,
     Stretch,
+    View,
+    first_sample,
     fit_at_centre,
+    gather_sample,
     places_now,
     reach_of,
     stretch_of,
 )
-from cltaa.reference.gather_sample import View, gather_sample
-from cltaa.reference.gather_sides import NEIGHBOURS, Layers, Side, range_of_side
-from cltaa.reference.gather_track import Track
-from cltaa.reference.neighbourhood import Surface
+from cltaa.reference.gather_surfaces import (
+    NEIGHBOURS,
+    Layers,
+    Side,
+    Track,
+    layers_of,
+    range_of_side,
+    recall_thin,
+    side_of,
+)
+from cltaa.reference.neighbourhood import Surface, nearest_surface
+from cltaa.reference.planes import extend_stored, read_rows, store_resolved
 from cltaa.reference.real import (
     Array,
     Mask,
-    constant,
     greater,
     limit,
     number,
+    quiet,
 )
 from cltaa.reference.rectify import rectify
-from cltaa.reference.reprojection import Motion, motion_from_depth, on_screen, pixel_grid
+from cltaa.reference.reprojection import Motion, motion_from_depth, on_screen, pixel_grid, surface_motion
 from cltaa.reference.sampling import footprint_of
 
 
@@ -85,8 +98,6 @@ def gather_samples(
         if own_motion:
             there = footprint_of(nearest._replace(u=nearest.u + s.x, v=nearest.v + s.y), v.seen, layout)
             track.follow(followed, m, v.planes, there, v.seen, build, then, settings)
-        if build.terms.wander and k + 1 == recent:
-            g.late_weight, g.late_near = g.weight, g.near
     return g
 
 
@@ -143,43 +154,13 @@ def gathered_change(g: Gathered, far: Gathered, layers: Layers, build: Build, se
     return v
 
 
-def in_front(g: Gathered, behind: Gathered, layers: Layers, build: Build, settings: Record) -> Gathered:
-    """What lies behind a surface, where there is such a one: that surface before what lay ``behind`` it."""
-    one = np.ones_like(g.weight)
-    some = layers.edge & (g.weight > np.zeros_like(g.weight))
-    g = copy(g)
-    g.weight = np.where(some, g.weight, one)
-    change = gathered_change(g, behind, layers, build, settings)
-    result = Gathered(g.zero)
-    result.sum = [np.where(some, a, b) for a, b in zip(change, behind.sum, strict=True)]
-    result.weight = np.where(some, one, behind.weight)
-    return result
-
-
-def wander_of(g: Gathered) -> Array:
-    """How far the nearer side's share among the latest samples is from that among those before."""
-    zero, one = np.zeros_like(g.count), np.ones_like(g.count)
-    before = g.weight - g.late_weight
-    least = constant("WANDER_SAMPLES", zero) * (g.weight / (g.count + one))
-    told = (g.late_weight > least) & (before > least)
-    late = g.late_near / np.where(told, g.late_weight, one)
-    early = (g.near - g.late_near) / np.where(told, before, one)
-    return np.where(told, np.abs(late - early), zero)
-
-
-def gathered_filter_share(
-    of_mean: Array, g: Gathered, layers: Layers, track: Track, build: Build, settings: Record
-) -> Array:
+def gathered_filter_share(of_mean: Array, g: Gathered, layers: Layers, build: Build, settings: Record) -> Array:
     """Share of the filtered sample beside the n of a pixel, from their share 1 / n, ``of_mean``."""
     if build.choices.light_change is LightChange.SPANS:
         return np.where(layers.edge, of_mean, fading_share(of_mean, settings))
-    at_edge = of_mean
-    if build.terms.wander and build.choices.gather_fit is GatherFit.LAYERS:
-        slack = np.where(track.own, np.zeros_like(of_mean), constant("WANDER_SLACK", of_mean))
-        at_edge = greater(at_edge, wander_of(g) - slack)
     one = np.ones_like(of_mean)
     n = g.count + one
-    return np.where(layers.edge, at_edge, one / greater(n * n - one, one))
+    return np.where(layers.edge, of_mean, one / greater(n * n - one, one))
 
 
 def distrust(reactivity: Array, build: Build) -> Array:
@@ -192,14 +173,13 @@ def resolve_gathered(
     g: Gathered,
     far: Gathered,
     layers: Layers,
-    track: Track,
     p: Pixel,
     m: Motion,
     build: Build,
     layout: Layout,
     settings: Record,
 ) -> Resolved:
-    """The pixel from its samples, the current one among them; ``track`` is the way of its nearest layer."""
+    """The pixel from its samples, the current one among them."""
     current, alpha = p.own, p.alpha
     zero, one = np.zeros_like(alpha), np.ones_like(alpha)
     any_of = g.count > zero
@@ -219,10 +199,122 @@ def resolve_gathered(
     chosen = (r, gr, b)
     filters = build.choices.current_filter is not CurrentFilter.NONE
     if filters and build.choices.filter_use is FilterUse.FEW:
-        kept = gathered_filter_share(one / (g.count + one), g, layers, track, build, settings)
+        kept = gathered_filter_share(one / (g.count + one), g, layers, build, settings)
         share = filtered_share(kept, p.filtered, build, settings)
         chosen = drawn_towards(chosen, p.filtered, share)
     stored = storable_colour(from_range(chosen, build), current, build)
     if build.choices.alpha_from is AlphaFrom.BLEND:
         alpha = alpha + alpha_share * (g.alpha / (g.count + one))
     return Resolved(stored, alpha, g.count + one)
+
+
+def begin_layer(s: Surface, layers: Layers, w: Array, build: Build, frame: Record, *, far: bool) -> Gathered:
+    """The sums of a layer before its way back: of the nearer one with the current sample whatever it shows, of the
+    farther one if it shows that."""
+    front = ~layers.edge | (s.centre > layers.cut)
+    return first_sample(w, ~front if far else front | ~front, ~front if far else front, build, frame)
+
+
+@dataclass(slots=True)
+class Gathering:
+    """Pixels on their way back through the kept frames: the nearer layer of each and, at depth edges, the farther."""
+
+    pixel: Pixel
+    motion: Motion
+    layers: Layers
+    slots: Array
+    sides: list[tuple[Surface, Layers, Gathered, Track]]
+    far: Gathered  # the sums of the farther side, or none
+
+    @classmethod
+    def begin(cls, build: Build, layout: Layout, given: Mapping[str, Any]) -> Gathering:
+        """Before the first kept frame, as ``given`` to the kernel."""
+        current, closeness, motion, frame, settings = (
+            given[name] for name in ("current", "closeness", "motion", "frame", "settings")
+        )
+        rows = read_rows(current, closeness, motion, build, layout, frame)
+        p = current_pixel(rows, given["alpha"], given["reactive"], build, layout, frame)
+        s = nearest_surface(*rows, build, settings["edge_tolerance"])
+        m = surface_motion(s, build, layout, frame)
+        slots = given["kept"].reshape(-1, kept_planes(build.steps), layout.rows, layout.stride)
+        layers, past = layers_of(*rows, s, settings), given["past"][: given["frames"]]
+        layered = build.choices.gather_fit is GatherFit.LAYERS
+        if layered:
+            s, layers = recall_thin(s, layers, slots, past, build, layout, settings)
+        w = sample_share(p.own, build, settings)
+        near, far = (begin_layer(s, layers, w, build, frame, far=side) for side in (False, True))
+        if not layered:
+            return cls(p, m, layers, slots, [(s, layers, near, Track.of(s, build))], far)
+        fronts, backs = (
+            side_of(s, layers, p.own, current, closeness, motion, build, layout, frame, settings, far=side)
+            for side in (False, True)
+        )
+        add_side(far, backs, p.own, build, settings)
+        sides = [
+            (side.surface, side.layers, g, Track.of(side.surface, build)) for side, g in ((fronts, near), (backs, far))
+        ]
+        return cls(p, m, layers, slots, sides, far)
+
+    def add(
+        self,
+        past: Any,
+        build: Build,
+        layout: Layout,
+        frame: Record,
+        settings: Record,
+        *,
+        before: int = 0,
+        recent: int = 0,
+    ) -> None:
+        """The samples of some kept frames, those that follow on what was gathered."""
+        for place, (s, layers, sums, track) in enumerate(self.sides):
+            gather_samples(
+                self.slots,
+                past,
+                sums,
+                self.pixel,
+                s,
+                layers,
+                build,
+                layout,
+                frame,
+                settings,
+                far_only=place > 0,
+                track=track,
+                before=before,
+                recent=0 if place else recent,
+            )
+
+    def resolved(self, build: Build, layout: Layout, settings: Record) -> Resolved:
+        """The pixel from the samples gathered so far."""
+        return resolve_gathered(self.near, self.far, self.layers, self.pixel, self.motion, build, layout, settings)
+
+    @property
+    def near(self) -> Gathered:
+        """The sums of the nearer side, or of the only one."""
+        return self.sides[0][2]
+
+
+@quiet
+def gather(
+    build: Build,
+    layout: Layout,
+    *,
+    current: Array,
+    closeness: Array,
+    motion: Array | None,
+    alpha: Array | None,
+    reactive: Array | None,
+    kept: Array,
+    past: Any,
+    frames: int,
+    output: Array,
+    output_count: Array,
+    frame: Record,
+    settings: Record,
+) -> None:
+    """Resolve one frame from padded planes and ``frames`` kept ones into ``output`` and ``output_count``."""
+    gathering = Gathering.begin(build, layout, locals())
+    gathering.add(past[:frames], build, layout, frame, settings)
+    store_resolved(gathering.resolved(build, layout, settings), build, layout, frame, output, output_count)
+    extend_stored(build, layout, output[: 3 + build.steps.alpha], output_count)

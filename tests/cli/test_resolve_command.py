@@ -44,8 +44,12 @@ def test_what_resolved_is_named_with_all_that_was_changed(tmp_path: Path, capsys
     command = ["resolve", str(folder), "-o", str(out), "--device", "numpy"]
     for text, more, name in (
         ("gamma_still = 2.0", [], "mine.toml over default"),
-        ("gamma_still = 2.0", ["--preset", "t2"], "mine.toml over t2"),
-        ('preset = "t2"', ["--preset", "t5", "--set", "gamma_still=2"], "mine.toml over t2 with gamma_still=2"),
+        ("gamma_still = 2.0", ["--preset", "fast"], "mine.toml over fast"),
+        (
+            'preset = "fast"',
+            ["--preset", "gather-48", "--set", "gamma_still=2"],
+            "mine.toml over fast with gamma_still=2",
+        ),
     ):
         config.write_text(text)
         assert main([*command, "--restart", "--config", str(config), *more]) == 0
@@ -175,16 +179,16 @@ def test_printed_preset_is_a_configuration(tmp_path: Path, capsys: pytest.Captur
 def test_what_differs_between_presets_is_a_configuration_over_one_of_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name, other in (("t5", "default"), ("karis", "t2"), ("default", "karis"), ("t3", "default")):
+    for name, other in (("gather-48", "default"), ("karis", "fast"), ("default", "karis"), ("default", "default")):
         assert main(["presets", name, "--against", other]) == 0
         path = tmp_path / f"{name}.toml"
         path.write_text(capsys.readouterr().out)
         assert load_config(path, load_preset()).deciding() == load_preset(name).deciding()
-    assert path.read_text() == 'preset = "default"\n'  # t3 is the default
-    assert main(["presets", "t5", "--against", "default", "--json"]) == 0
+    assert path.read_text() == 'preset = "default"\n'
+    assert main(["presets", "gather-48", "--against", "default", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert {"parameter": "light_change", "value": "spans", "against": "test"} in rows
-    assert main(["presets", "--against", "t2"]) == 64
+    assert main(["presets", "--against", "fast"]) == 64
     assert "cltaa presets NAME --against OTHER" in capsys.readouterr().err
 
 
@@ -219,7 +223,7 @@ def test_every_parameter_of_a_preset_is_listed_with_what_it_sets(capsys: pytest.
     said = capsys.readouterr().out
     assert f"rectify = {preset.choices.rectify.value}  (none, clamp" in said
     assert f"blend_weight = {preset.settings.blend_weight:g}  (" in said
-    assert main(["presets", "karis", "--parameters", "--against", "t2"]) == 64
+    assert main(["presets", "karis", "--parameters", "--against", "fast"]) == 64
     assert "--against and --parameters are two lists" in capsys.readouterr().err
 
 

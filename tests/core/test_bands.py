@@ -192,13 +192,18 @@ def test_a_preset_that_keeps_frames_has_no_bands(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Where images would need them it says so before it reads one, and what to do; so it does when it is asked to."""
-    command = ["resolve", str(write_sequence(tmp_path / "in", 2)), "-o", str(tmp_path / "out"), "--preset", "t5"]
+    command = ["resolve", str(write_sequence(tmp_path / "in", 2)), "-o", str(tmp_path / "out"), "--preset", "gather-48"]
     assert main([*command, "--band-rows", "6"]) == 64
-    assert "preset t5 keeps frames, so it resolves whole images only; leave --band-rows out" in capsys.readouterr().err
+    assert (
+        "preset gather-48 keeps frames, so it resolves whole images only; leave --band-rows out"
+        in capsys.readouterr().err
+    )
     monkeypatch.setattr("cltaa.pipeline.run.memory_limit", lambda: 10**5)
     assert main(command) == 75
     said = capsys.readouterr().err
-    assert "37 x 23 pixels are too many for preset t5, which keeps frames, so it resolves whole images only" in said
+    assert (
+        "37 x 23 pixels are too many for preset gather-48, which keeps frames, so it resolves whole images only" in said
+    )
     assert "take --preset default, which resolves them in bands, or --band-rows 0" in said
     assert not list(tmp_path.glob("out/*.exr"))
     assert main([*command, "--band-rows", "0"]) == 0

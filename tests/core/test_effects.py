@@ -84,7 +84,7 @@ def test_a_camera_that_stops_is_not_reprojected() -> None:
         ("default", {Effect.SHADING}, False),
         ("default", {Effect.CAMERA, Effect.UNCOVER}, True),
         ("default", None, True),
-        ("t5", {Effect.CAMERA}, True),  # a kept sample is chosen by its depth
+        ("gather-48", {Effect.CAMERA}, True),  # a kept sample is chosen by its depth
         ("filament", {Effect.CAMERA}, False),  # published: never does
     ],
 )
@@ -169,8 +169,8 @@ def test_what_does_not_gather_runs_the_program_of_the_default(name: str, monkeyp
         return source_hash("resolve", resolver.last.build), image.tobytes()
 
     program, image = run("default")
-    assert run("t4") == (program, image)
+    assert run("gather-8") == (program, image)
     monkeypatch.setattr("cltaa.core.resolver.shared", lambda build: build)
-    other, alone = run("t4")
+    other, alone = run("gather-8")
     assert other != program
     assert alone == image

@@ -1,4 +1,4 @@
-"""Gathered samples at a depth edge: each of its two surfaces or more from samples of its own."""
+"""Gathered samples at a depth edge: each of its two surfaces from samples of its own."""
 
 from __future__ import annotations
 
@@ -13,14 +13,11 @@ from cltaa.core.planes import Layout
 from cltaa.core.record import frame_record
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame
-from cltaa.reference import gather
-from cltaa.reference.gather_fit import Gathered
-from cltaa.reference.gather_sides import Layers, layers_of, side_of, sides_of, two_surfaces
+from cltaa.reference.gather_surfaces import layers_of, side_of
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.planes import read_rows
 from tests.core.test_gather_fit import gathering
 from tests.kernels.hard_planes import padded
-from tests.kernels.test_resolve import differing
 from tests.sequence_factory import make_camera, make_frame
 
 
@@ -87,111 +84,3 @@ def test_a_side_of_an_edge_is_the_plane_of_its_own_samples() -> None:
             assert np.abs(side.layers.slope[0][at] - across).max() <= 2.0**-11 * abs(across) + 2.0**-23
             assert np.abs(side.layers.slope[1][at] - slope[1]).max() <= 2.0**-11 * slope[1] + 2.0**-23
             assert np.abs(side.mean[0][at] - planes[0, inside, own]).max() <= abs(slope[0])
-
-
-def test_a_side_is_parted_where_no_plane_passes_near_its_samples() -> None:
-    layout = Layout(9, 7)
-    y, x = np.mgrid[:7, :9].astype(np.float32)
-    slanted = 0.2 + 0.02 * x + 0.03 * y  # from row to row by more than edge_tolerance
-    stepped = np.where(y < 3, 0.3, 0.2).astype(np.float32)  # three rows tell it from a plane, two do not
-    settings, frame = settings_record(Settings()), frame_record(make_frame(0, width=9, height=7), None, layout)
-    for far, planes in ((False, slanted), (True, slanted), (False, stepped), (True, stepped)):
-        origin = planes - np.float32(0.01)
-        cut = np.full_like(planes, -1.0 if not far else 1.0)  # all samples on that side
-        layers = Layers(np.ones(planes.shape, bool), cut, (cut, cut))
-        two, parts = two_surfaces(origin, layers, padded(planes[None], layout), layout, frame, settings, far=far)
-        inside = (slice(1, -1), slice(1, -1))
-        expected = np.broadcast_to((stepped is planes) & (y >= 2) & (y <= 3), planes.shape)
-        assert (two[inside] == expected[inside]).all()
-        assert parts[2, 4] == (np.float32(0.25) if planes is stepped else cut[2, 4])
-
-
-def test_a_plane_far_behind_what_is_very_near_is_one_surface() -> None:
-    # Beside a closeness of 16 one of 3e-6 is less than its rounding: differences of the far side must be its own.
-    layout, build = Layout(9, 7), Build(steps=Steps(own_motion=False))
-    y, x = np.mgrid[:7, :9].astype(np.float32)
-    closeness = padded(np.where(x < 4, 16.0, (3.0 + 0.1 * x + 0.2 * y) * 1e-6).astype(np.float32)[None], layout)
-    current = padded(np.zeros((3, 7, 9), np.float32), layout)
-    settings, frame = settings_record(Settings()), frame_record(make_frame(0, width=9, height=7), None, layout)
-    rows = read_rows(current, closeness, None, build, layout, frame)
-    s = nearest_surface(*rows, build, settings["edge_tolerance"])
-    layers = layers_of(*rows, s, settings)
-    sides = sides_of(s, layers, closeness, layout, frame, settings)
-    assert layers.edge[1:-1, 3].all()
-    assert not sides.near_between.edge.any()
-    assert not sides.far_between.edge[1:-1, 1:-1].any()
-
-
-def test_the_kernel_takes_it_for_one_surface_too() -> None:
-    # Its twin, of which the test above is, gives other bits where the kernel parts the far side by rounding alone.
-    def net_before_hills(index: int) -> Frame:
-        frame = make_frame(index, camera=make_camera((0.005 * index, 0.0, 5.0)), effects=None)
-        y, x = np.mgrid[: frame.depth.shape[0], : frame.depth.shape[1]]
-        depth = np.where(x % 5 == 0, 1 / 16, 1e6 / (3.0 + 0.02 * x + 0.05 * y))
-        return replace(frame, depth=depth.astype(np.float32))
-
-    frames = [net_before_hills(index) for index in range(3)]
-    assert differing({"history_of": "samples", "gather_fit": "layers"}, frames, 8, 7) == 0
-
-
-def bar_that_shrinks(index: int, *, own: bool) -> Frame:
-    """A white bar before a black wall, neither of which moves; from frame 6 on its last column shows the wall."""
-    frame = make_frame(index, motion=True, camera=make_camera(), effects=frozenset({Effect.MOTION, Effect.UNCOVER}))
-    bar = np.zeros(frame.depth.shape, bool)
-    bar[:, 6 : 11 if index < 6 else 10] = True
-    motion = np.full((*bar.shape, 2), np.nan, np.float32)
-    motion[bar] = 0.0 if own else np.nan
-    colour, depth = np.where(bar, 1.0, 0.0), np.where(bar, 4.0, 5.0)
-    colour = np.repeat(colour[..., None], 3, axis=-1).astype(np.float32)
-    return replace(frame, colour=colour, depth=depth.astype(np.float32), motion=motion, jitter_px=(0.0, 0.0))
-
-
-@pytest.mark.parametrize("own", [True, False])
-def test_an_edge_that_wandered_is_drawn_towards_the_filter(monkeypatch: pytest.MonkeyPatch, *, own: bool) -> None:
-    changes = {"frames_kept": 14, "current_filter": "gaussian", "filter_use": "few-samples", "rectify": "none"}
-    preset = gathering("layers", **changes)
-    frames = [bar_that_shrinks(index, own=own) for index in range(15)]
-
-    def last(resolver: Resolver) -> np.ndarray:
-        return [resolver.resolve(frame) for frame in frames][-1]
-
-    followed = last(Resolver(preset, "numpy"))
-    assert (last(Resolver(preset, build=Build(strict=True, lanes=8, rows=7))) == followed).all()
-    monkeypatch.setattr(gather, "wander_of", lambda g: np.zeros_like(g.count))
-    followed, kept = (image[3:-3, 10] for image in (followed, last(Resolver(preset, "numpy"))))
-    # Of fifteen samples there six show the bar, none of them among the latest nine.
-    assert kept.min() > 0.3
-    assert followed.max() < 0.25
-
-
-def sums(*, late: tuple[float, float], early: tuple[float, float]) -> Gathered:
-    """Sums over samples of which so many lie near, of so many, among the latest and among those before."""
-    g = Gathered(np.zeros(1, np.float32))
-    g.late_near, g.late_weight = (np.array([value], np.float32) for value in late)
-    g.near, g.weight = (np.array([sum(pair)], np.float32) for pair in zip(late, early, strict=True))
-    g.count = g.weight - 1
-    return g
-
-
-def test_an_edge_wanders_by_the_difference_of_the_latest_share_to_the_one_before() -> None:
-    assert gather.wander_of(sums(late=(2, 8), early=(3, 4)))[0] == 0.5
-    assert gather.wander_of(sums(late=(8, 8), early=(1, 4)))[0] == 0.75
-    assert gather.wander_of(sums(late=(2, 8), early=(1, 4)))[0] == 0
-    assert gather.wander_of(sums(late=(0, 2), early=(4, 4)))[0] == 0  # too few of them to tell
-    assert gather.wander_of(sums(late=(0, 8), early=(2, 2)))[0] == 0
-
-
-def test_a_thing_that_moves_between_two_others_leaves_no_trace_on_the_farther_one() -> None:
-    # A grey bar passes before a black wall and behind a white rod that stands. Beside the rod the 3x3 shows all three.
-    resolver = Resolver(gathering("layers", rectify="none"), "numpy")
-    for index in range(6):
-        frame = make_frame(index, motion=True, camera=make_camera(), effects=frozenset({Effect.MOTION, Effect.UNCOVER}))
-        colour, depth = np.zeros_like(frame.colour), np.full_like(frame.depth, 5.0)
-        motion = np.full((*depth.shape, 2), np.nan, np.float32)
-        bar = (slice(None, 8), slice(14 - index, 17 - index))
-        colour[bar], depth[bar], motion[bar] = 0.5, 3.0, (1.0, 0.0)
-        colour[:, 13], depth[:, 13], motion[:, 13] = 1.0, 2.0, np.nan
-        resolved = resolver.resolve(replace(frame, colour=colour, depth=depth, motion=motion, jitter_px=(0.0, 0.0)))
-    assert colour[7, 11, 0] == 0.5
-    assert resolved[7, 12] == pytest.approx(0.0, abs=1e-6)  # the bar covered it until now
-    assert resolved[7, 13] == pytest.approx(1.0, abs=1e-6)

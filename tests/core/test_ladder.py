@@ -2,18 +2,46 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import pytest
+
+from cltaa.cli import main
 from cltaa.core.parameters import HistoryOf
-from cltaa.core.presets import load_preset, preset_names
+from cltaa.core.presets import LADDER, OLD_NAMES, load_preset, preset_names
+from cltaa.io.preset_file import load_config
 
 
-def test_the_default_is_tier_three() -> None:
-    default, tier = load_preset(), load_preset("t3")
-    assert (default.choices, default.settings) == (tier.choices, tier.settings)
+def test_the_ladder_is_complete_and_only_its_top_gathers() -> None:
+    assert set(LADDER) <= set(preset_names())
+    assert [load_preset(name).name for name in LADDER] == list(LADDER)
+    gathering = [name for name in LADDER if load_preset(name).choices.history_of is HistoryOf.SAMPLES]
+    assert gathering == ["gather-8", "gather-48"]
+    assert [load_preset(name).settings.frames_kept + 1 for name in gathering] == [8, 48]
 
 
-def test_tiers_are_complete_and_only_the_top_gathers() -> None:
-    tiers = [name for name in preset_names() if name[0] == "t" and name[1:].isdigit()]
-    assert tiers == [f"t{number}" for number in range(6)]
-    gathering = [name for name in tiers if load_preset(name).choices.history_of is HistoryOf.SAMPLES]
-    assert gathering == ["t4", "t5"]
-    assert load_preset("t4").settings.frames_kept < load_preset("t5").settings.frames_kept
+@pytest.mark.parametrize(("old", "new"), OLD_NAMES.items())
+def test_an_old_name_gives_the_preset_and_a_warning_that_names_it(old: str, new: str) -> None:
+    assert old not in preset_names()
+    with pytest.warns(FutureWarning, match=f"the preset {old} is called {new} now"):
+        assert load_preset(old) == load_preset(new)
+
+
+def test_the_command_takes_an_old_name_with_one_line_that_names_the_new_one(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["presets", "gather-48"]) == 0
+    expected = capsys.readouterr().out
+    for old in ("t5", "t5"):  # each time, not once a process
+        assert main(["presets", old]) == 0
+        said = capsys.readouterr()
+        assert said.out == expected
+        assert said.err == "cltaa: warning: the preset t5 is called gather-48 now\n"
+    assert main(["presets", "karis", "--against", "t2"]) == 0
+    assert capsys.readouterr().err == "cltaa: warning: the preset t2 is called fast now\n"
+
+
+def test_a_file_may_begin_with_an_old_name(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text('preset = "t4"\nfit_reach = 0.75\n')
+    with pytest.warns(FutureWarning, match="called gather-8 now"):
+        assert load_config(tmp_path / "mine.toml", load_preset()).name == "mine.toml over gather-8"

@@ -68,7 +68,7 @@ def test_a_device_that_is_opened_again_has_no_history() -> None:
 
 
 @pytest.mark.parametrize("every_step", [False, True])
-@pytest.mark.parametrize("preset", ["default", "t4"])
+@pytest.mark.parametrize("preset", ["default", "gather-8"])
 def test_what_is_restored_is_gone_on_from(preset: str, every_step: bool) -> None:
     """Where every step runs, alpha of a frame without one has its memory too; what a preset ignores is not kept."""
     changed = override(load_preset(preset), {"reproject": "camera", "reactive_mask": "ignore"})
@@ -148,7 +148,7 @@ def test_alpha_is_resolved_with_colour() -> None:
     assert resolved[..., 3].max() <= 1.0
 
 
-@pytest.mark.parametrize("preset", ["default", "t4", "t5"])
+@pytest.mark.parametrize("preset", ["default", "gather-8", "gather-48"])
 def test_a_frame_that_was_interrupted_is_resolved_to_the_same_bits(
     preset: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

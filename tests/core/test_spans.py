@@ -45,20 +45,20 @@ def errors(preset: str, lights: list[float], motion_px: float = 0.0) -> list[flo
 
 def test_a_lamp_that_goes_on_is_followed() -> None:
     lights = [1.0] * 20 + [1.5] * 8
-    spans, tested = errors("t5", lights), errors("t3", lights)
+    spans, tested = errors("gather-48", lights), errors("default", lights)
     assert spans[19] < 1.1 * tested[19]
     assert spans[22] < 0.9 * tested[22]  # 0.071 and 0.086: four frames that agree
 
 
 def test_what_moves_along_itself_is_resolved_where_it_stands() -> None:
-    spans, followed = errors("t5", [1.0] * 24, 1.5), errors("t3", [1.0] * 24, 1.5)
+    spans, followed = errors("gather-48", [1.0] * 24, 1.5), errors("default", [1.0] * 24, 1.5)
     assert spans[23] < 0.5 * followed[23]  # 0.022 and 0.067
 
 
 def veiled(reactivity: float, frames: int = 24) -> tuple[Array, Array]:
     """The last frame of a texture under a mask of one ``reactivity``, drawn and resolved, as a camera sees it that all
     but stands."""
-    resolver = Resolver(override(load_preset("t5"), {"current_filter": "none"}), "numpy")
+    resolver = Resolver(override(load_preset("gather-48"), {"current_filter": "none"}), "numpy")
     for index in range(frames):
         mask = np.full((HEIGHT, WIDTH), reactivity, np.float32)
         seen = replace(lit(index, 1.0, 0.0), camera=make_camera((1e-7 * index, 0.0, 5.0)), effects=ALL)
@@ -79,7 +79,7 @@ def test_what_is_not_to_be_trusted_at_all_is_shown_as_it_was_drawn() -> None:
 
 
 def test_what_a_pane_has_left_has_its_samples_of_before() -> None:
-    resolver = Resolver(override(load_preset("t5"), {"current_filter": "none"}), "numpy")
+    resolver = Resolver(override(load_preset("gather-48"), {"current_filter": "none"}), "numpy")
     truth = np.random.default_rng(99).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3)).mean(0)
     errors = []
     for index in range(30):
@@ -93,7 +93,10 @@ def test_what_a_pane_has_left_has_its_samples_of_before() -> None:
 
 def test_what_a_veil_comes_over_and_leaves_has_the_bits_of_the_twin() -> None:
     """More frames are kept than the latest: all of them stand in for those where the mask makes these unlike."""
-    preset, shares = override(load_preset("t5"), {"frames_kept": 9}), np.linspace(0.0, 1.0, WIDTH, dtype=np.float32)
+    preset, shares = (
+        override(load_preset("gather-48"), {"frames_kept": 9}),
+        np.linspace(0.0, 1.0, WIDTH, dtype=np.float32),
+    )
     device, twin = Resolver(preset, strict=True), Resolver(preset, "numpy")
     for index in range(16):
         mask = np.tile(shares, (HEIGHT, 1)) * (8 <= index < 13)
@@ -102,7 +105,7 @@ def test_what_a_veil_comes_over_and_leaves_has_the_bits_of_the_twin() -> None:
 
 
 def test_a_constant_image_keeps_its_bits_whatever_moves() -> None:
-    resolver = Resolver(load_preset("t5"))
+    resolver = Resolver(load_preset("gather-48"))
     value = np.float32(0.1)
     for index in range(10):
         moved = make_frame(
@@ -118,7 +121,7 @@ def declared(count: int) -> Iterator[Frame]:
 
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_strict_kernels_are_their_twins(lanes: int) -> None:
-    preset = override(load_preset("t5"), {"frames_kept": 9})
+    preset = override(load_preset("gather-48"), {"frames_kept": 9})
     device, twin = Resolver(preset, build=Build(strict=True, lanes=lanes, rows=7)), Resolver(preset, "numpy")
     for frame in declared(10):
         resolved = device.resolve(frame)
@@ -130,7 +133,7 @@ def test_a_channel_for_another_gives_the_bits_of_a_new_resolver() -> None:
     """As many channels as before keep as much of a frame, but spans with alpha have a plane more."""
     masked = [make_frame(index, reactive=True, effects=ALL) for index in range(2)]
     seen_through = [make_frame(index, alpha=True, effects=ALL) for index in range(2, 5)]
-    resolver, anew = Resolver("t5", "numpy"), Resolver("t5", "numpy")
+    resolver, anew = Resolver("gather-48", "numpy"), Resolver("gather-48", "numpy")
     for frame in masked:
         resolver.resolve(frame)
     for frame in seen_through:
@@ -138,7 +141,7 @@ def test_a_channel_for_another_gives_the_bits_of_a_new_resolver() -> None:
 
 
 def test_every_step_gives_the_same_bits() -> None:
-    planned, every = (Resolver("t5", strict=True, every_step=every) for every in (False, True))
+    planned, every = (Resolver("gather-48", strict=True, every_step=every) for every in (False, True))
     for index in range(5):
         frame = make_frame(index, camera=make_camera((0.1 * (index > 2), 0.0, 5.0)), effects=LIT | {Effect.CAMERA})
         assert (bits(planned.resolve(frame)) == bits(every.resolve(frame))).all()
@@ -147,11 +150,11 @@ def test_every_step_gives_the_same_bits() -> None:
 @pytest.mark.parametrize(
     ("tier", "effects", "expected"),
     [
-        ("t5", {Effect.SHADING}, (HistoryOf.SAMPLES, LightChange.SPANS, Rectify.NONE)),
-        ("t5", {Effect.REACTIVE, Effect.CAMERA}, (HistoryOf.SAMPLES, LightChange.SPANS, Rectify.NONE)),
-        ("t5", {Effect.CAMERA}, (HistoryOf.SAMPLES, LightChange.IGNORE, Rectify.NONE)),
-        ("t5", None, (HistoryOf.SAMPLES, LightChange.IGNORE, Rectify.CLAMP)),
-        ("t4", {Effect.SHADING}, (HistoryOf.RESULT, LightChange.TEST, Rectify.CLAMP)),
+        ("gather-48", {Effect.SHADING}, (HistoryOf.SAMPLES, LightChange.SPANS, Rectify.NONE)),
+        ("gather-48", {Effect.REACTIVE, Effect.CAMERA}, (HistoryOf.SAMPLES, LightChange.SPANS, Rectify.NONE)),
+        ("gather-48", {Effect.CAMERA}, (HistoryOf.SAMPLES, LightChange.IGNORE, Rectify.NONE)),
+        ("gather-48", None, (HistoryOf.SAMPLES, LightChange.IGNORE, Rectify.CLAMP)),
+        ("gather-8", {Effect.SHADING}, (HistoryOf.RESULT, LightChange.TEST, Rectify.CLAMP)),
     ],
 )
 def test_spans_are_weighed_where_light_may_change(

@@ -42,39 +42,3 @@ def test_what_fills_more_than_a_line_is_not_recalled_when_it_is_gone() -> None:
             colour[4:9, 6:12], depth[4:9, 6:12] = 1.0, 2.0
         resolved = resolver.resolve(replace(frame, index=index, colour=colour, depth=depth))
     assert (resolved[5:8, 7:11] == 0.0).all()
-
-
-def pole_with_wire(index: int) -> Frame:
-    """A grey pole of three columns that a camera passes by, a column a frame, and a white wire across it, which every
-    other frame's samples hit, before a black wall far away."""
-    frame = make_frame(index, effects=frozenset({Effect.CAMERA, Effect.THIN, Effect.UNCOVER}))
-    height = frame.depth.shape[0]
-    step = 2.0 * np.tan(np.radians(30.0)) * 2.0 / height  # what a pixel spans at a depth of 2
-    colour, depth = np.zeros_like(frame.colour), np.full_like(frame.depth, 1e6)
-    if index % 2 == 0:
-        colour[8], depth[8] = 1.0, 2.0
-    pole = (slice(None), slice(12 - index, 15 - index))
-    colour[pole], depth[pole] = 0.25, 2.0
-    camera = make_camera((index * step, 0.0, 5.0))
-    return replace(frame, colour=colour, depth=depth, camera=camera, jitter_px=(0.0, 0.0))
-
-
-@pytest.mark.parametrize(("search", "share"), [("own-way", 0.0), ("beside", 0.5)])
-def test_a_wire_beside_a_pole_that_covered_it_is_still_there(search: str, share: float) -> None:
-    resolver = Resolver(gathering("layers", thin_frames=1, thin_search=search, reject="depth"), "numpy")
-    for index in range(8):  # the last one misses it
-        resolved = resolver.resolve(pole_with_wire(index))
-    assert resolved[8, 9] == pytest.approx(share, abs=1e-5)  # the pole's last column is 7
-    assert resolved[:7, 9:] == pytest.approx(0.0, abs=1e-5)
-
-
-def test_what_is_gone_beside_a_thing_that_stands_is_not_recalled() -> None:
-    resolver = Resolver(gathering("layers", thin_search="beside"), "numpy")
-    for index in range(6):
-        frame = wire(1)
-        colour, depth = frame.colour.copy(), frame.depth.copy()
-        depth[:, 14] = 2.0
-        if index < 5:
-            colour[4:9, 6:12], depth[4:9, 6:12] = 1.0, 2.0
-        resolved = resolver.resolve(replace(frame, index=index, colour=colour, depth=depth))
-    assert (resolved[5:8, 7:11] == 0.0).all()

@@ -28,7 +28,7 @@ FRAMES = 3
 def resolve(top: Path, output: Path, cache: Path) -> int:
     """One run with a cheap kernel: what is tried is who builds it, and when."""
     os.environ["POCL_CACHE_DIR"] = str(cache)
-    return cli.main(["resolve", str(top / "in"), "-o", str(output), "--preset", "t0"])
+    return cli.main(["resolve", str(top / "in"), "-o", str(output), "--preset", "accumulate"])
 
 
 def check(output: Path, whole: dict[str, str]) -> int:

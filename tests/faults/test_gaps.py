@@ -96,7 +96,7 @@ def test_what_is_wrong_outside_the_frames_asked_for_does_not_count(
 
 
 @pytest.mark.parametrize(("first", "step"), [(1, 7), (0, 2)])
-@pytest.mark.parametrize("preset", ["default", "t4"])
+@pytest.mark.parametrize("preset", ["default", "gather-8"])
 def test_numbers_that_lie_apart_are_one_history(
     tmp_path: Path, first: int, step: int, preset: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

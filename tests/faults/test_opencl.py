@@ -138,7 +138,7 @@ def test_device_lost_at_the_nth_call(
 
 @pytest.mark.parametrize("name", ["enqueue_fill", "Buffer"])
 @pytest.mark.parametrize(
-    "more", [[], ["--band-rows", "5"], ["--preset", "t5"], None], ids=["whole", "bands", "gathering", "copying"]
+    "more", [[], ["--band-rows", "5"], ["--preset", "gather-48"], None], ids=["whole", "bands", "gathering", "copying"]
 )
 def test_no_memory_for_the_nth_buffer(
     tmp_path: Path,
@@ -155,8 +155,8 @@ def test_no_memory_for_the_nth_buffer(
         more = []
     failure = planted(cl.MemoryError, "clEnqueueFillBuffer", cl.status_code.MEM_OBJECT_ALLOCATION_FAILURE)
     real, output, at, reached, expected = getattr(cl, name), tmp_path / "out", 0, True, None
-    ring = load_preset("t5").settings.frames_kept + 1  # and the one in work
-    gathers, of_the_ring = more == ["--preset", "t5"], False
+    ring = load_preset("gather-48").settings.frames_kept + 1  # and the one in work
+    gathers, of_the_ring = more == ["--preset", "gather-48"], False
     while reached:
         at += 1
         failing = Failing(real, at, failure)

@@ -122,7 +122,7 @@ def test_other_settings_device_and_inputs_are_refused_by_name(
             f"preset default, not default with gamma_still={other}: "
             f"preset.settings.gamma_still (expected {gamma}, found {other})",
         ),
-        (["--preset", "t2"], "preset default, not t2: preset.choices."),
+        (["--preset", "fast"], "preset default, not fast: preset.choices."),
         (["--device", "0"], "another device (expected NumPy (float32 oracle), found "),
         (["--half"], "another half (expected False, found True)"),
         (["--effects", "all"], "another effects (expected auto, found all)"),

@@ -77,12 +77,6 @@ def hard_planes(layout: Layout, seed: int = 0) -> Planes:
         )
     ]
     named = {**dict(zip(names, strewn, strict=True)), "kept": np.array(kept), "spans": np.array(spans)}
-    named["repeats"] = (errors * random.choice([0.01, 0.3, 1.0, 3.0], (1, *shape))).astype(np.float32)
-    named["recursive"] = np.concatenate(
-        [storable(strew(near_mean(3), random, 0.01)), random.uniform(0, 1, (1, *shape))]
-    )
-    # Begun anew, between the two, and lasted; light grows darker where it is negative.
-    named["recursive_count"] = random.choice([1.0, -3.25, 5.0, -7.5, 30.0, -1000.0], (1, *shape)).astype(np.float32)
     return {name: padded(planes, layout) for name, planes in named.items()}
 
 

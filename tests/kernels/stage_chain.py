@@ -50,12 +50,12 @@ WRITES: dict[str, dict[str, int]] = {
     "blend": {"output": 4, "output_count": 1},
     "resolve": {"output": 4, "output_count": 1},
     "gather": {"output": 4, "output_count": 1},
-    "gather_spans": {"spans": 24, "repeats": 1},
+    "gather_spans": {"spans": 24},
     "weigh_spans": {"output": 4, "output_count": 1},
 }
 FUSED = ("resolve", "gather", "gather_spans")
 # The choices that fused kernels are shipped with, all of them at once.
-SHIPPED = {"resolve": "default", "gather": "t5", "gather_spans": "t5"}
+SHIPPED = {"resolve": "default", "gather": "gather-48", "gather_spans": "gather-48"}
 STAGES = [kernel for kernel in WRITES if kernel not in FUSED]
 # The choices and steps that each stage's code looks at; of the fused kernels what no stage does.
 LOOKS_AT: dict[str, tuple[str, ...]] = {
@@ -100,7 +100,6 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "reactive",
         "reject",
         "storage",
-        "thin_search",
         "tonemap",
         "weighting",
     ),
@@ -115,7 +114,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "tonemap",
         "weighting",
     ),
-    "weigh_spans": ("alpha", "reactive", "storage"),
+    "weigh_spans": ("alpha", "storage", "weighting"),
 }
 BACK = 0.2  # the nearest points of the planes lie at 0.1: the previous camera was in front of them
 UNWRITTEN = np.float32(-77.0)  # what no stage writes into a plane by itself
@@ -146,7 +145,6 @@ def hard_work(width: int = 70, height: int = 41, seed: int = 0, settings: Settin
     record["left_weight"], record["right_weight"], record["above_weight"], record["below_weight"] = 0.3, -0.05, 0.1, 0.2
     past = np.array([frame_record(now, Past.of(frame), layout) for frame in reversed(before)], FRAME_DTYPE)
     # None that puts a texel's sample on the border of a neighbour's window, 0.8 off its centre, but for rounding.
-    past["again"] = KEPT - 1
     past["jitter_x"], past["jitter_y"] = np.linspace(-0.37, 0.31, KEPT), np.linspace(0.23, -0.46, KEPT)
     past["slot"] = (np.arange(KEPT) + 1) % KEPT
     settings = Settings() if settings is None else settings
@@ -172,7 +170,7 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
         for name in {"history_count", "history_at"} & set(names):
             given[name] = with_changes(given[name])
     most = value_of("HALF_LIMIT") if build.storage in HALVES else np.inf
-    for name in {"history", "recursive", "output"} & set(names):
+    for name in {"history", "output"} & set(names):
         with np.errstate(invalid="ignore"):  # signalling NaN
             given[name] = np.clip(given[name], -most, most).astype(storage_dtype(build))
     return {name: given[name] for name in names}

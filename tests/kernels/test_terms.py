@@ -69,10 +69,8 @@ def test_presets_call_for_the_terms_that_they_use() -> None:
     assert Terms.of(Settings()) == Terms(gamma_by_motion=False)
     assert Terms.of(load_preset("default").settings) == Terms(fresh_blur=False)
     none = Terms(resample_cost=False, pull_cost=False, gamma_by_motion=False, fresh_blur=False)
-    assert Terms.of(load_preset("t2").settings) == none
-    assert Terms.of(load_preset("t5").settings).wander
-    assert not Terms.of(load_preset("t4").settings).wander
-    resolver = Resolver("t2", "numpy")
+    assert Terms.of(load_preset("fast").settings) == none
+    resolver = Resolver("fast", "numpy")
     resolver.resolve(make_frame(0, width=WIDTH, height=HEIGHT))
     assert resolver.last is not None
     assert resolver.last.build.terms == Terms.of(resolver.preset.settings)
@@ -82,7 +80,7 @@ def test_only_the_resolve_is_built_for_one_size(monkeypatch: pytest.MonkeyPatch)
     shape = Shape(lanes=1, rows=ROWS, group=(32, 1), one_size=True)
     monkeypatch.setattr(Device, "shape", property(lambda _: shape))
     launcher = DeviceLauncher()
-    resolver = Resolver("t0", launcher)
+    resolver = Resolver("accumulate", launcher)
     resolver.resolve(make_frame(0, width=WIDTH, height=HEIGHT))
     assert resolver.last is not None
     sizes = {name: (build.stride, build.plane) for name, build in launcher._kernels}
@@ -95,7 +93,7 @@ def test_rows_that_were_not_asked_for_fill_the_device(monkeypatch: pytest.Monkey
     shape = Shape(lanes=1, rows=ROWS, group=(32, 1), one_size=True, most_rows=9)
     monkeypatch.setattr(Device, "shape", property(lambda _: shape))
     launcher = DeviceLauncher()
-    resolver = Resolver("t1", launcher, build=Build(rows=asked))
+    resolver = Resolver("basic", launcher, build=Build(rows=asked))
     for index in range(2):
         resolver.resolve(make_frame(index, width=WIDTH, height=HEIGHT))
     assert {build.rows for name, build in launcher._kernels if name == "resolve"} == {taken}

@@ -115,7 +115,7 @@ def test_of_a_band_of_rows(lanes: int, monkeypatch: pytest.MonkeyPatch) -> None:
     [
         ("default", Storage.FLOAT),
         ("default", Storage.HALF_STOCHASTIC),
-        ("t5", Storage.FLOAT),
+        ("gather-48", Storage.FLOAT),
     ],
 )
 @pytest.mark.parametrize("device", [None, "numpy"])

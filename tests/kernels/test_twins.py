@@ -147,7 +147,7 @@ def test_what_is_stored_by_lanes_has_its_edges_repeated(kernel: str, size: tuple
 
 @pytest.mark.parametrize("storage", list(Storage))
 def test_edges_are_repeated_in_every_storage(storage: Storage) -> None:
-    plain = replace(load_preset("t0").choices, rectify=Rectify.NONE)
+    plain = replace(load_preset("accumulate").choices, rectify=Rectify.NONE)
     build = Build(choices=plain, steps=Steps(alpha=True), strict=True, lanes=8, rows=4, storage=storage)
     work = chain_work(70, 41)
     launcher = DeviceLauncher()

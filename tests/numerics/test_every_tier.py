@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cltaa.core.parameters import Box, HistoryOf, LightChange
-from cltaa.core.presets import load_preset, override
+from cltaa.core.presets import LADDER, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame, Image
 from cltaa.opencl.launcher import DeviceLauncher
@@ -19,7 +19,7 @@ from tests.numerics.still_frames import still_frame
 from tests.sequence_factory import bits, make_frame
 
 WIDTH, HEIGHT = 28, 24
-TIERS = [f"t{number}" for number in range(6)]
+TIERS = LADDER
 # Where light is declared to change it is tested for, and nothing is gathered; elsewhere the top tiers gather.
 DECLARED: dict[str, frozenset[Effect] | None] = {
     "nothing": None,
@@ -110,8 +110,8 @@ def test_g6_twice_the_light_gives_twice_the_picture_in_every_tier(tier: str, dec
 @pytest.mark.parametrize(
     ("tier", "declared"),
     [
-        ("t3", "everything"),
-        ("t5", "no light"),
+        ("default", "everything"),
+        ("gather-48", "no light"),
         *(pytest.param(tier, declared, marks=pytest.mark.big) for tier in TIERS for declared in DECLARED),
     ],
 )

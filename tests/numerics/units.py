@@ -13,14 +13,14 @@ from cltaa.core.constants import PAD_X, PAD_Y, SPANS
 from cltaa.core.constants import value as value_of
 from cltaa.reference.accumulate import current_pixel
 from cltaa.reference.gather import gather_samples
-from cltaa.reference.gather_fit import Gathered
-from cltaa.reference.gather_sides import layers_of
+from cltaa.reference.gather_samples import Gathered
+from cltaa.reference.gather_surfaces import layers_of
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.planes import read_rows
 from cltaa.reference.real import outside_domain, quiet
 from cltaa.reference.reprojection import Motion, on_screen
 from cltaa.reference.sampling import footprint_of
-from cltaa.reference.span_weights import around
+from cltaa.reference.window import around
 from tests.kernels.stage_chain import ALL_STEPS, Work
 
 Values = Any  # [H, W] or [C, H, W]
@@ -191,14 +191,10 @@ def squared(work: Work) -> Values:
 
 
 def of_spans(work: Work) -> Values:
-    """Largest magnitude of any span's colour in the 5x5, and of the recursive result."""
-    planes = (
-        work.planes["spans"]
-        .reshape(SPANS, -1, *work.planes["spans"].shape[1:])[:, :3]
-        .reshape(-1, work.layout.rows, work.layout.stride)
-    )
-    recursive = np.abs(work.layout.inside(work.planes["recursive"])[:3])
-    return np.max([*recursive, *(np.abs(part) for plane in planes for part in around(plane, work.layout))], axis=0)
+    """Largest magnitude of any span's colour in the 5x5."""
+    spans = work.planes["spans"]
+    planes = spans.reshape(SPANS, -1, *spans.shape[1:])[:, :3].reshape(-1, *spans.shape[1:])
+    return np.max([np.abs(part) for plane in planes for part in around(plane, work.layout)], axis=0)
 
 
 def counted(work: Work) -> Values:
@@ -252,7 +248,6 @@ OUTPUTS = [
     Output("gather", "gather: alpha", "output", FOURTH, "u", one),
     Output("gather", "gather: count n", "output_count", FIRST, "u·(1 + n)", one),
     *(output for span in range(SPANS) for output in outputs_of_span(span)),
-    Output("gather_spans", "repeats: error", "repeats", slice(0, 1), "u·M²", squared),
     Output("weigh_spans", "weighed: colour", "output", RGB, "u·M", of_spans),
     Output("weigh_spans", "weighed: alpha", "output", FOURTH, "u", one),
     Output("weigh_spans", "weighed: count n", "output_count", FIRST, "u·(1 + n)", counted),

@@ -62,13 +62,13 @@ def test_columns_fetched_ahead_change_no_bit(storage: Storage, monkeypatch: pyte
 
 @pytest.mark.parametrize(
     ("shape", "preset", "first"),
-    [(CPU_16, "default", True), (CPU_16, "t2", True), (CPU_16, "t0", False), (INTEL_16, "default", False)],
+    [(CPU_16, "default", True), (CPU_16, "fast", True), (CPU_16, "accumulate", False), (INTEL_16, "default", False)],
 )
 def test_far_lines_come_into_the_first_cache_where_that_was_measured_to_pay(
     shape: Shape, preset: str, first: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Device, "shape", shape)
     chosen = load_preset(preset)
-    steps = Steps(camera_motion=preset != "t0", own_motion=False)
+    steps = Steps(camera_motion=preset != "accumulate", own_motion=False)
     build = DeviceLauncher().build(Build(choices=chosen.choices, steps=steps))
     assert f"#define FAR_FIRST {int(first)}\n" in prelude(build)

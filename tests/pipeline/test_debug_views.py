@@ -190,7 +190,7 @@ def test_a_folder_named_much_like_a_view_is_a_folder(tmp_path: Path, monkeypatch
 def test_a_gathering_preset_shows_what_it_found() -> None:
     shift, first = 5, flat_frame(0)
     second = flat_frame(1, camera=panned(first.camera, shift, first.width))
-    layers = look([first, second], "t5")
+    layers = look([first, second], "gather-48")
     found = np.full(first.depth.shape, float(Reason.KEPT))
     found[:, -shift:] = Reason.OFF_SCREEN
     np.testing.assert_array_equal(layers["debug.reject"], found)
@@ -199,9 +199,9 @@ def test_a_gathering_preset_shows_what_it_found() -> None:
     # Random colours differ from frame to frame, and without declared effects the past is held in its box (seen: 0.19).
     assert (layers["debug.clip"][:, :-shift] > 0).mean() > 0.1
     assert (layers["debug.clip"][:, -shift:] == 0).all()
-    again = look([replace(frame, effects=frozenset({Effect.CAMERA})) for frame in (first, second)], "t5")
+    again = look([replace(frame, effects=frozenset({Effect.CAMERA})) for frame in (first, second)], "gather-48")
     assert (again["debug.clip"] == 0).all()
-    assert (look([first], "t5")["debug.reject"] == Reason.NO_HISTORY).all()
+    assert (look([first], "gather-48")["debug.reject"] == Reason.NO_HISTORY).all()
 
 
 @pytest.mark.parametrize(
@@ -215,7 +215,7 @@ def test_a_gathering_preset_tells_what_was_off_screen_on_every_other_side(axis: 
     clip[axis, 2] += 2 * shift / (first.width, first.height)[axis]
     found = np.full(first.depth.shape, float(Reason.KEPT))
     found[side] = Reason.OFF_SCREEN
-    layers = look([first, flat_frame(1, camera=Camera(first.camera.world_to_view, clip))], "t5")
+    layers = look([first, flat_frame(1, camera=Camera(first.camera.world_to_view, clip))], "gather-48")
     np.testing.assert_array_equal(layers["debug.reject"], found)
 
 
@@ -223,7 +223,7 @@ def test_a_gathering_preset_says_what_came_into_view() -> None:
     first = flat_frame(0)
     second = flat_frame(1)
     second.depth[:, :9] = 40.0
-    reasons = look([first, second], "t5")["debug.reject"]
+    reasons = look([first, second], "gather-48")["debug.reject"]
     assert (reasons[:, :8] == Reason.DEPTH).all()
     assert (reasons[:, 10:] == Reason.KEPT).all()
 

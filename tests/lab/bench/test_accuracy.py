@@ -58,7 +58,7 @@ def test_frames_without_error_are_measured_and_read_again(tmp_path: Path, capsys
         write_images(folder / "reference", [np.zeros_like(black.colour)], name="synthetic", first=number)
     arguments = ["bench", "accuracy", str(folder), "-o", str(tmp_path / "report"), "--variant", "storage: half"]
     arguments += ["--metrics", "psnr,mse", "--rounding-frames", "0", "--rounds", "3"]
-    arguments += ["--pixels", "1", "--patience", "0", "--preset", "t1"]
+    arguments += ["--pixels", "1", "--patience", "0", "--preset", "basic"]
     assert main(arguments) == 0
     assert main(["bench", "overview", str(tmp_path / "report"), "-o", str(tmp_path / "again")]) == 0
     capsys.readouterr()
@@ -74,9 +74,9 @@ def test_steps_depart_from_a_file_over_a_preset(
 ) -> None:
     (tmp_path / "mine.toml").write_text("blend_weight = 0.25\n")
     arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path / "out"), "--device", "numpy", "--task", "0"]
-    arguments += ["--preset", "t1", "--config", str(tmp_path / "mine.toml"), "--rounding-frames", "0"]
+    arguments += ["--preset", "basic", "--config", str(tmp_path / "mine.toml"), "--rounding-frames", "0"]
     assert main(arguments) == 0
-    assert capsys.readouterr().err.startswith("task 0: mine.toml over t1 over ")
+    assert capsys.readouterr().err.startswith("task 0: mine.toml over basic over ")
 
 
 def test_two_sequences_of_one_name_are_refused(

@@ -185,7 +185,7 @@ def test_a_given_sequence_is_told_as_it_is(capsys: pytest.CaptureFixture[str], t
     """Whatever the options say of what would have been drawn; and nobody knows whether presets were tuned on it."""
     folder = write_sequence(tmp_path / "mine", 3, reference=True)
     (tmp_path / "page.md").write_text(f"{BEGIN}\n{END}", encoding="utf-8")
-    arguments = ["bench", "quality", "--sequence", str(folder), "--preset", "t1", "--settled", "1"]
+    arguments = ["bench", "quality", "--sequence", str(folder), "--preset", "basic", "--settled", "1"]
     arguments += ["--work", str(tmp_path / "work"), "--page", str(tmp_path / "page.md"), "--device", "numpy"]
     assert main(arguments) == 0
     assert "means over sequences, given" in capsys.readouterr().out
@@ -196,22 +196,23 @@ def test_a_given_sequence_is_told_as_it_is(capsys: pytest.CaptureFixture[str], t
     found = json.loads(capsys.readouterr().out)
     assert found["about"] in text
     assert found["versions"].keys() == {"cltaa", "numpy", "scikit-image", "flip-evaluator"}
-    assert found["definitions"].keys() == found["rows"][0]["presets"]["t1"]["scores"].keys()
+    assert found["definitions"].keys() == found["rows"][0]["presets"]["basic"]["scores"].keys()
 
 
 def test_what_the_pictures_show_is_printed_and_of_which_there_is_none(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     folder, pictures = write_sequence(tmp_path / "shot", 3, reference=True), tmp_path / "pictures"
-    asked = ["--preset", "default", "--preset", "t1", "--preset", "t3"]
+    asked = ["--preset", "default", "--preset", "basic", "--config", str(tmp_path / "same.toml")]
+    (tmp_path / "same.toml").write_text("")
     arguments = ["bench", "quality", "--sequence", str(folder), "--settled", "1", "--work", str(tmp_path / "work")]
     assert main([*arguments, *asked, "--device", "numpy", "--pictures", str(pictures)]) == 0
     *_, title, default, quick, same = capsys.readouterr().out.splitlines()
     assert title == f"the worst place of each preset is shown in {pictures}"
     assert default.startswith("  default: shot (given), frame ")
-    assert quick.startswith("  t1: shot (given), frame ")
-    assert same == "  t3: no picture: The same as default on every sequence."
-    assert sorted(path.name for path in pictures.iterdir()) == ["default.png", "t1.png"]
+    assert quick.startswith("  basic: shot (given), frame ")
+    assert same == "  same.toml: no picture: The same as default on every sequence."
+    assert sorted(path.name for path in pictures.iterdir()) == ["basic.png", "default.png"]
 
 
 def test_a_file_is_judged_as_a_preset_is(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

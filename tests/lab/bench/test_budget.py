@@ -75,7 +75,7 @@ def test_resolve_takes_it_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixt
     assert json.loads(captured.out)["preset"] == "storage: half"
     assert "storage: half: 0.000851 of 4 ms a frame" in captured.err
     (tmp_path / "x.toml").write_text("gamma_still = 2.0\n")
-    for chosen in (["--config", str(tmp_path / "x.toml")], ["--preset", "t1"]):
+    for chosen in (["--config", str(tmp_path / "x.toml")], ["--preset", "basic"]):
         assert main(["resolve", str(sequence), "-o", str(tmp_path / "o"), "--budget-ms", "4", *chosen]) == 64
         assert "--budget-ms chooses the preset itself" in capsys.readouterr().err
     command = ["resolve", str(sequence), "-o", str(tmp_path / "o"), "--budget-ms", "4", "--set", "gamma_still=2"]
@@ -88,11 +88,11 @@ def test_a_measurement_is_remembered(tmp_path: Path, capsys: pytest.CaptureFixtu
     path_for(launcher_for(None).description).unlink(missing_ok=True)  # of another test, and perhaps larger
     sequence = write_sequence(tmp_path / "seq", 3, reference=True)
     arguments = ["bench", "accuracy", str(sequence), "-o", str(tmp_path / "report"), "--only", "build,dilation"]
-    arguments += ["--preset", "t1"]  # whose kernels are built soonest
+    arguments += ["--preset", "basic"]  # whose kernels are built soonest
     assert main([*arguments, "--rounds", "3", "--patience", "0", "--rounding-frames", "0", "--metrics", "mse"]) == 0
     capsys.readouterr()
     remembered = msgspec.json.decode(path_for(launcher_for(None).description).read_bytes(), type=Remembered)
-    assert [row.variant.name for row in remembered.candidates] == ["t1", "dilation: closest", "dilation: edge"]
+    assert [row.variant.name for row in remembered.candidates] == ["basic", "dilation: closest", "dilation: edge"]
     assert remembered.candidates[0].error == 1.0
     assert remembered.sequences == ["seq"]
 
@@ -169,9 +169,9 @@ def test_a_measurement_by_a_score_alone_is_told_and_not_kept(
         "-o",
         str(tmp_path / "report"),
         "--variant",
-        "t1",
+        "basic",
         "--preset",
-        "t1",
+        "basic",
     ]
     kept = path_for(launcher_for(None).description)
     before = kept.read_bytes() if kept.exists() else b""

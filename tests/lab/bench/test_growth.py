@@ -100,7 +100,7 @@ def test_the_ring_of_kept_frames_is_in_the_formula() -> None:
 
 def test_the_spans_of_changing_light_are_in_the_formula() -> None:
     launcher = Counting()
-    resolver = Resolver(override(load_preset("t5"), {"frames_kept": 3}), launcher)
+    resolver = Resolver(override(load_preset("gather-48"), {"frames_kept": 3}), launcher)
     resolver.resolve(make_frame(0, width=50, height=31, alpha=True, effects=frozenset({Effect.ALPHA, Effect.SHADING})))
     assert resolver.plan is not None
     told = device_bytes(50, 31, PlanesHeld(resolver.plan.steps, frames_kept=3, spans=True, changes=True))

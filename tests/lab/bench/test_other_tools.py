@@ -27,7 +27,7 @@ from tests.inputs.foreign import frames, side_text, write_blender, write_own
 from tests.sequence_factory import write_sequence
 
 COUNT = 4
-VARIANTS = ladder(load_preset("t2"))[:1]
+VARIANTS = ladder(load_preset("fast"))[:1]
 
 
 @pytest.fixture
@@ -57,7 +57,18 @@ def with_truth(write: Any, folder: Path, made: list[Frame]) -> Path:
 
 
 def judged(capsys: pytest.CaptureFixture[str], folder: Path, work: Path, *options: str) -> Any:
-    arguments = ["bench", "quality", "--sequence", str(folder), "--preset", "t2", "--settled", "1", "--work", str(work)]
+    arguments = [
+        "bench",
+        "quality",
+        "--sequence",
+        str(folder),
+        "--preset",
+        "fast",
+        "--settled",
+        "1",
+        "--work",
+        str(work),
+    ]
     assert main([*arguments, "--device", "numpy", "--json", *options]) == 0
     said = capsys.readouterr()
     return json.loads(said.out), said.err
@@ -74,7 +85,7 @@ def test_quality_is_that_of_the_same_frames(
     assert "read by profile blender" in found["about"]
     assert "profile" not in expected["about"]
     assert expected["about"].startswith("1 given sequence, ")
-    assert (tmp_path / "pictures" / "t2.png").is_file()
+    assert (tmp_path / "pictures" / "fast.png").is_file()
 
 
 def test_a_folder_that_one_stands_in_has_its_name(
@@ -88,7 +99,7 @@ def test_a_folder_that_one_stands_in_has_its_name(
 def test_what_is_kept_counts_for_one_way_of_reading(shot: Path, tmp_path: Path) -> None:
     """Whatever is otherwise: a profile of the same name, the side file, a frame or the truth that was rendered anew."""
     profile, side = tmp_path / "shot.toml", shot / "camera.txt"
-    reading, preset = Reading(profile=str(profile), side_file=str(side)), load_preset("t2")
+    reading, preset = Reading(profile=str(profile), side_file=str(side)), load_preset("fast")
     vectors = 'profile = "blender"\n[motion]\nscale = [1, 1]\n'
     keys: set[str] = set()
 
@@ -96,9 +107,9 @@ def test_what_is_kept_counts_for_one_way_of_reading(shot: Path, tmp_path: Path) 
         profile.write_text(text)
         sequence = reading.open(shot)
         cells = Cells(tmp_path / "cells", sequence, 1, 4)
-        assert cells.get("t2", preset) is None
-        cells.put("t2", preset, Judged(scores={}, frames=COUNT, not_finite=0, device="none"))
-        assert Cells(tmp_path / "cells", reading.open(shot), 1, 4).get("t2", preset) is not None
+        assert cells.get("fast", preset) is None
+        cells.put("fast", preset, Judged(scores={}, frames=COUNT, not_finite=0, device="none"))
+        assert Cells(tmp_path / "cells", reading.open(shot), 1, 4).get("fast", preset) is not None
         now = {tasks_of([shot], VARIANTS, "numpy", ("mse",), 0, reading)[0].key(), key_of(sequences=[sequence])}
         assert now.isdisjoint(keys)
         assert now == {tasks_of([shot], VARIANTS, "numpy", ("mse",), 0, reading)[0].key(), key_of(sequences=[sequence])}
@@ -143,7 +154,7 @@ def test_a_truth_may_lie_elsewhere(own: Path, shot: Path, tmp_path: Path, capsys
     camera = ["--camera", str(shot / "camera.txt")]
     expected, _ = judged(capsys, shot, tmp_path / "work", *camera)
     (shot / "reference").rename(tmp_path / "truth")
-    arguments = ["bench", "quality", "--sequence", str(shot), "--preset", "t2", "--work", str(tmp_path / "work")]
+    arguments = ["bench", "quality", "--sequence", str(shot), "--preset", "fast", "--work", str(tmp_path / "work")]
     assert main([*arguments, *camera]) == 66
     assert "say by --truth DIR where it is" in capsys.readouterr().err
     for place in (str(tmp_path / "truth"), "{}/../truth", str(own)):
@@ -183,8 +194,8 @@ def test_declared_effects_are_those_of_a_capture(
     assert f"effects {declared}, as asked" in said
     assert f"effects {declared}, as asked" in found["read"]["shot"]
     everything, _ = judged(capsys, tmp_path / "capture", tmp_path / "work", *truth, "--effects", "all")
-    assert everything["rows"][0]["presets"]["t2"] != expected["rows"][0]["presets"]["t2"]
-    arguments = ["bench", "quality", "--sequence", str(shot), "--preset", "t2", "--work", str(tmp_path / "work")]
+    assert everything["rows"][0]["presets"]["fast"] != expected["rows"][0]["presets"]["fast"]
+    arguments = ["bench", "quality", "--sequence", str(shot), "--preset", "fast", "--work", str(tmp_path / "work")]
     assert main([*arguments, "--effects", declared]) == 64
     expected = capsys.readouterr().err
     assert "without matrices the vectors alone tell what moves (found effects camera,uncover)" in expected
@@ -198,7 +209,7 @@ def test_frames_that_were_drawn_again_are_complete(
     shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (shot / REDRAWN / f"shot.{COUNT - 1:04d}.exr").unlink()
-    arguments = ["bench", "quality", "--sequence", str(shot), "--preset", "t2", "--settled", "1", "--device", "numpy"]
+    arguments = ["bench", "quality", "--sequence", str(shot), "--preset", "fast", "--settled", "1", "--device", "numpy"]
     assert main([*arguments, "--work", str(tmp_path / "work")]) == 66
     said = capsys.readouterr().err.splitlines()[-1]
     assert said.endswith(
@@ -207,7 +218,7 @@ def test_frames_that_were_drawn_again_are_complete(
 
 
 def test_tune_reads_by_a_profile(shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["tune", str(shot), "--budget", "9999ms", "--trials", "2", "--device", "numpy", "--preset", "t2"]
+    arguments = ["tune", str(shot), "--budget", "9999ms", "--trials", "2", "--device", "numpy", "--preset", "fast"]
     arguments += ["--camera", str(shot / "camera.txt"), "-o", str(tmp_path / "t.toml"), "--json"]
     assert main(arguments) == 0
     said = capsys.readouterr()
@@ -243,9 +254,9 @@ def test_accuracy_in_words_and_pictures(shot: Path, tmp_path: Path, capsys: pyte
         "-o",
         str(tmp_path),
         "--variant",
-        "t1",
+        "basic",
         "--preset",
-        "t2",
+        "fast",
         "--rounds",
         "3",
     ]

@@ -42,7 +42,7 @@ def test_what_is_built_first_is_all_that_is_run(
             number, camera=camera, effects=frozenset(), motion=one_size, alpha=one_size, reactive=one_size
         )
         write_frame(folder / f"synthetic.{number:04d}.exr", frame)
-    every = [task(folder, choices=load_preset(name).choices) for name in ("t0", "t5")]
+    every = [task(folder, choices=load_preset(name).choices) for name in ("accumulate", "gather-48")]
     planned = programs_of(every, DeviceLauncher(None), 3000)
     run = set[Program]()
     for each in every:
@@ -71,14 +71,14 @@ def test_a_program_of_many_sequences_is_built_once(
     assert lengths == sorted(lengths, reverse=True)
     cache = tmp_path / "cache"
     monkeypatch.setenv("POCL_CACHE_DIR", str(cache))
-    arguments = ["bench", "accuracy", str(one), str(same), "-o", str(tmp_path / "out"), "--variant", "t0"]
+    arguments = ["bench", "accuracy", str(one), str(same), "-o", str(tmp_path / "out"), "--variant", "accumulate"]
     assert main([*arguments, "--jobs", "2", "--build-only"]) == 0
     count = int(capsys.readouterr().out.split()[0])
     assert len(list((cache / "locks").iterdir())) == count
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("preset", ["t4", "t5"])
+@pytest.mark.parametrize("preset", ["gather-8", "gather-48"])
 def test_what_is_timed_gathers_from_as_many_frames_as_it_keeps(preset: str) -> None:
     few = override(load_preset(preset), {"frames_kept": 3})
     *_, frame, last = hard_frames(count=5)

@@ -50,10 +50,12 @@ def test_means_and_duels() -> None:
 
 def test_a_preset_of_ones_own_is_told_what_it_beats() -> None:
     better, worse = scores(psnr=30.0, flip=0.1), scores(psnr=20.0, flip=0.2)
-    table = summarise([(case("a"), {ONE_SAMPLE: worse, "t1": better, "mine": better, "karis": worse, "t2": better})])
+    table = summarise(
+        [(case("a"), {ONE_SAMPLE: worse, "basic": better, "mine": better, "karis": worse, "fast": better})]
+    )
     assert [(duel.preset, duel.against, duel.better) for duel in table.duels] == [
         ("mine", "karis", 1),
-        ("t2", "karis", 1),
+        ("fast", "karis", 1),
     ]
     alone = summary(summarise([(case("a"), {"karis": worse})]), "about", "scenes.md")
     assert "no preset of an article or an engine was judged, or none beside it" in alone
@@ -76,16 +78,15 @@ def test_a_model_goes_by_its_file() -> None:
 
 
 def test_presets_stand_in_their_families() -> None:
-    names = ["t2", "zebra", "default", "karis", "t1-200", "simvx", "t1", "babylon-reproject", ONE_SAMPLE, "fsr3-native"]
+    names = ["fast", "zebra", "default", "karis", "simvx", "basic", "babylon-reproject", ONE_SAMPLE, "fsr3-native"]
     assert ordered(names) == [
         ONE_SAMPLE,
         "babylon-reproject",
         "simvx",
         "fsr3-native",
         "karis",
-        "t1",
-        "t1-200",
-        "t2",
+        "basic",
+        "fast",
         "default",
         "zebra",
     ]
@@ -97,7 +98,7 @@ def test_the_pages_need_their_marks(tmp_path: Path) -> None:
     page, beside, table = (
         tmp_path / "a page.md",
         tmp_path / "a page-scenes.md",
-        summarise([(case("a"), {"t1": scores()})]),
+        summarise([(case("a"), {"basic": scores()})]),
     )
     with pytest.raises(OutputError):
         check_pages(tmp_path / "none" / "page.md")
@@ -134,20 +135,24 @@ def test_the_tables_mark_the_best_resolve_and_say_who_lost() -> None:
     assert "| 0.000 |" in text
     assert "| default | bevy | 0 of 1 | 1.0000 : 1.0000 | 30.00 : 1.00 | a (train) |" in text
     assert "Best engine's preset by mean FLIP (train): bevy." in text
-    text = scenes(table, "about", {"bevy": "caption\n\n![bevy](bevy.png)", "t5": "The same."})
+    text = scenes(table, "about", {"bevy": "caption\n\n![bevy](bevy.png)", "gather-48": "The same."})
     shown = "<details><summary><b>bevy.</b> caption</summary>\n\n![bevy](bevy.png)\n\n</details>"
-    assert text.endswith(f"{shown}\n\n<b>t5.</b> The same.")
+    assert text.endswith(f"{shown}\n\n<b>gather-48.</b> The same.")
 
 
 def test_each_scene_has_a_line_that_leads_to_its_table() -> None:
     """With what is held against the published presets: not the lower tiers, but whatever is new."""
-    cells = {"t4": scores(flip=0.3), "t5": scores(flip=0.1, samples=9.0), "default": scores(flip=0.2, samples=3.0)}
+    cells = {
+        "gather-8": scores(flip=0.3),
+        "gather-48": scores(flip=0.1, samples=9.0),
+        "default": scores(flip=0.2, samples=3.0),
+    }
     cells |= {"bevy": scores(flip=0.4, samples=2.0), "simvx": scores(flip=0.5, samples=2.5)}
     cells |= {"my own.toml": scores(flip=0.3, samples=4.0)}
     titles = ("file:/a/Two words.glb", "pan")
     table = summarise([(case(title, split), cells) for title in titles for split in (TRAIN, HELD_OUT)])
     text = summary(table, "about", "a page-scenes.md")
-    of = ["best published", "default", "t5", "my own.toml"]
+    of = ["best published", "default", "gather-48", "my own.toml"]
     head = [f"{score} {name}" for score in ("flip ↓", "samples ↑") for name in of]
     assert f"| scene | {' | '.join(head)} |" in text
     flip = "0.4000 / 0.4000 | 0.2000 / 0.2000 | **0.1000** / **0.1000** | 0.3000 / 0.3000"
@@ -161,17 +166,17 @@ def test_each_scene_has_a_line_that_leads_to_its_table() -> None:
 
 def test_a_preset_that_is_the_default_gets_no_picture(tmp_path: Path) -> None:
     """And what earlier runs drew of it, or of a preset that is not asked for, goes; what they did not draw stays."""
-    table = summarise([(case("a"), {"default": scores(psnr=30.0), "t3": scores(psnr=30.0)})])
+    table = summarise([(case("a"), {"default": scores(psnr=30.0), "fast": scores(psnr=30.0)})])
     (tmp_path / "pictures").mkdir()
-    for name in ("t3", "karis", "mine"):
+    for name in ("fast", "karis", "mine"):
         (tmp_path / "pictures" / f"{name}.png").write_bytes(b"of before")
-    texts = write_pictures(table, {}, [load_preset("t3")], tmp_path / "pictures", None, NUMPY)
-    assert texts == {"t3": "The same as default on every sequence."}
+    texts = write_pictures(table, {}, [load_preset("fast")], tmp_path / "pictures", None, NUMPY)
+    assert texts == {"fast": "The same as default on every sequence."}
     assert [path.name for path in (tmp_path / "pictures").iterdir()] == ["mine.png"]
 
 
 def test_a_preset_that_is_nowhere_worse_gets_no_picture(tmp_path: Path) -> None:
-    cells = [{"default": scores(flip=0.2), "t5": scores(flip=flip)} for flip in (0.1, 0.2)]
+    cells = [{"default": scores(flip=0.2), "gather-48": scores(flip=flip)} for flip in (0.1, 0.2)]
     table = summarise([(case(name), cell) for name, cell in zip("ab", cells, strict=True)])
-    texts = write_pictures(table, {}, [load_preset("t5")], tmp_path / "pictures", None, NUMPY)
-    assert texts == {"t5": "By FLIP worse than default on no sequence."}
+    texts = write_pictures(table, {}, [load_preset("gather-48")], tmp_path / "pictures", None, NUMPY)
+    assert texts == {"gather-48": "By FLIP worse than default on no sequence."}

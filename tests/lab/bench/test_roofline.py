@@ -26,7 +26,7 @@ NANOSECONDS = 7.0
 def test_every_contender_is_drawn(tmp_path: Path) -> None:
     """With the operations of what it computes, and the machine beside it."""
     pytest.importorskip("matplotlib")
-    counts = {"core": BASELINE, "t1": load_preset("t1"), "plain port": BASELINE}
+    counts = {"core": BASELINE, "basic": load_preset("basic"), "plain port": BASELINE}
     picture = tmp_path / "roof.svg"
     draw(measured([*counts]), picture)
     text = picture.read_text(encoding="utf-8")

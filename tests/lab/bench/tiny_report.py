@@ -9,7 +9,7 @@ import numpy as np
 from cltaa.cli import main
 from tests.sequence_factory import write_images, write_sequence
 
-PRESET = "t1"  # whose kernels are built in a third of the time of the default's
+PRESET = "basic"  # whose kernels are built in a third of the time of the default's
 
 
 def write_report(folder: Path) -> Path:

@@ -16,19 +16,21 @@ from tests.sequence_factory import make_frame
 def test_what_a_resolve_wrote_lacks_nothing(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     effects = frozenset({Effect.CAMERA, Effect.MOTION, Effect.HDR})
     write(tmp_path / "in", [sound(i, effects=effects, motion=True) for i in range(4)])
-    command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", "--preset", "t1"]
+    command = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy", "--preset", "basic"]
     assert main(command) == 0
     capsys.readouterr()
     for more in ([], ["--pixels"]):
         found = findings(capsys, tmp_path / "out", *more, code=0)
-        assert (found["resolved_by"], found["problems"], found["idle"]) == ("t1", [], [])
+        assert (found["resolved_by"], found["problems"], found["idle"]) == ("basic", [], [])
     for command in (
         ["check", str(tmp_path / "out")],
         ["resolve", str(tmp_path / "out"), "-o", str(tmp_path / "twice")],
     ):
         assert main(command) == 64
         said = capsys.readouterr().err
-        assert "these are results of cltaa resolve (found preset t1); name the folder that they were made from" in said
+        assert (
+            "these are results of cltaa resolve (found preset basic); name the folder that they were made from" in said
+        )
 
 
 def test_what_a_resolve_wrote_beside_the_layers_of_another_tool_is_a_result(

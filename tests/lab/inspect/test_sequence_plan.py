@@ -62,16 +62,16 @@ def test_a_camera_that_stops_and_a_cut_make_spans(walk: Path) -> None:
     assert all(step.why and step.milliseconds is None for section in plan.sections for step in section.steps)
 
 
-@pytest.mark.parametrize("name", ["default", "t5"])
+@pytest.mark.parametrize("name", ["default", "gather-48"])
 def test_a_step_is_turned_on_as_its_preset_has_it(name: str) -> None:
     preset, frame = load_preset(name), make_frame(effects=frozenset({Effect.CAMERA}))
     plan = plan_frame(preset, frame, None)
     assert plan.choices.light_change is LightChange.IGNORE
     on = toggled(plan, preset, LIGHT).choices.light_change
-    assert on is preset.choices.light_change is (LightChange.SPANS if name == "t5" else LightChange.TEST)
+    assert on is preset.choices.light_change is (LightChange.SPANS if name == "gather-48" else LightChange.TEST)
 
 
-@pytest.mark.parametrize("name", ["default", "t5"])
+@pytest.mark.parametrize("name", ["default", "gather-48"])
 @pytest.mark.parametrize("effects", [None, frozenset({Effect.CAMERA})])
 def test_no_other_step_is_turned_with_one(name: str, effects: frozenset[Effect] | None) -> None:
     preset, frame = load_preset(name), make_frame(effects=effects)
@@ -96,8 +96,8 @@ def test_no_other_step_is_turned_with_one(name: str, effects: frozenset[Effect] 
     ("preset", "on", "why"),
     [
         ("default", True, "something may make history wrong"),
-        ("t0", False, "the preset says rectify = none"),
-        ("t5", False, "kept samples are chosen, not moved into a box"),
+        ("accumulate", False, "the preset says rectify = none"),
+        ("gather-48", False, "kept samples are chosen, not moved into a box"),
         ("karis", True, "as published"),
         ("babylon-accumulate", False, "the preset says rectify = none"),
     ],
@@ -111,8 +111,8 @@ def test_rectification_runs_where_the_kernel_has_it(walk: Path, preset: str, on:
 @pytest.mark.parametrize(
     ("preset", "without"),
     [
-        ("t0", {"reproject", "rectify", "reject", "weighting", "light_change"}),
-        ("t2", {"reject", "light_change"}),
+        ("accumulate", {"reproject", "rectify", "reject", "weighting", "light_change"}),
+        ("fast", {"reject", "light_change"}),
         ("default", set()),
         ("vireo-source", {"reject", "weighting", "light_change", "exposure_change", "reactive_mask"}),
     ],

@@ -65,7 +65,7 @@ def test_quality_is_that_of_the_same_frames(
 ) -> None:
     common: tuple[str | Path, ...] = (
         "--preset",
-        "t2",
+        "fast",
         "--settled",
         "2",
         "--flip-every",
@@ -150,5 +150,5 @@ def test_tune_and_files_take_it(
     monkeypatch.setattr(
         "cltaa.commands.bench_accuracy.run_all", lambda tasks, _: [task for task in tasks if task.open()]
     )
-    task = ["bench", "accuracy", str(stepped), "-o", str(tmp_path / "report"), "--variant", "t2", "--task", "0"]
+    task = ["bench", "accuracy", str(stepped), "-o", str(tmp_path / "report"), "--variant", "fast", "--task", "0"]
     assert main([*task, "--step", str(STEP)]) == 0

@@ -64,7 +64,7 @@ def test_over_fitting(gain: float, elsewhere: float, verdict: bool) -> None:
     assert overfits(gain, elsewhere) is verdict
 
 
-@pytest.mark.parametrize("name", ["default", "t1", "karis"])
+@pytest.mark.parametrize("name", ["default", "basic", "karis"])
 def test_preset_text_is_toml_that_resolve_reads(name: str, tmp_path: Path) -> None:
     base = load_preset(name)
     trial = Trial(values={}, error=1.0, milliseconds=1.0)
@@ -132,7 +132,7 @@ def test_an_output_that_cannot_be_written_is_told_before_the_search(
 def test_the_search_begins_with_the_preset_as_it_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Also where its numbers lie beyond what is searched, as t1's sample_limit does."""
+    """Also where its numbers lie beyond what is searched, as basic's sample_limit does."""
     tried: list[Preset] = []
 
     def error(_: object, preset: Preset) -> float:
@@ -142,15 +142,15 @@ def test_the_search_begins_with_the_preset_as_it_is(
     monkeypatch.setattr("cltaa.lab.tune.search.Bench.error", error)
     monkeypatch.setattr("cltaa.lab.tune.search.Bench.milliseconds", lambda *_: 1.0)
     folder, output = write_sequence(tmp_path / "a", 2, reference=True), tmp_path / "t.toml"
-    arguments = ["tune", str(folder), "--budget", "5ms", "--preset", "t1", "--trials", "2", "--device", "numpy"]
+    arguments = ["tune", str(folder), "--budget", "5ms", "--preset", "basic", "--trials", "2", "--device", "numpy"]
     assert main([*arguments, "-o", str(output)]) == 0
     assert "nothing better" in capsys.readouterr().out
-    assert tried[0] == load_preset("t1")
-    assert load_config(output, load_preset()).deciding() == load_preset("t1").deciding()
+    assert tried[0] == load_preset("basic")
+    assert load_config(output, load_preset()).deciding() == load_preset("basic").deciding()
     (tmp_path / "mine.toml").write_text("blend_weight = 0.25\n")
     tried.clear()
     assert main([*arguments, "--config", str(tmp_path / "mine.toml"), "-o", str(output)]) == 0
-    assert tried[0].deciding() == override(load_preset("t1"), {"blend_weight": 0.25}).deciding()
+    assert tried[0].deciding() == override(load_preset("basic"), {"blend_weight": 0.25}).deciding()
     assert load_config(output, load_preset()).deciding() == tried[0].deciding()
 
 

@@ -14,7 +14,7 @@ from urllib.parse import quote
 
 import msgspec
 
-from cltaa.core.presets import Preset, Published, load_preset, preset_names
+from cltaa.core.presets import LADDER, Preset, Published, load_preset, preset_names
 from cltaa.errors import DataError
 from cltaa.io.atomic import atomic_path, check_creatable
 from cltaa.io.sequence import FrameSequence
@@ -24,7 +24,6 @@ from cltaa.lab.judge.comparison import truth_of, truth_samples
 from cltaa.lab.judge.metrics import mean_psnr
 
 DEFAULT = "default"
-LADDER = re.compile(r"t\d")  # in the order of their names
 DECIDING = ("flip", "psnr")  # the two that a preset is called better by
 HIGHER = {column.name: column.higher_is_better for column in COLUMNS}
 
@@ -83,10 +82,10 @@ def contenders(names: Collection[str]) -> list[str]:
 
     Whoever adds a preset wants to know what it beats.
     """
-    highest = max(filter(LADDER.fullmatch, names), default=None)
+    highest = next((name for name in reversed(LADDER) if name in names), None)
 
     def contends(name: str) -> bool:
-        return name in (DEFAULT, highest) or not (published(name) or LADDER.fullmatch(name) or name == ONE_SAMPLE)
+        return name in (DEFAULT, highest) or not (published(name) or name in LADDER or name == ONE_SAMPLE)
 
     return sorted(filter(contends, names), key=lambda name: name != DEFAULT)
 
@@ -156,15 +155,15 @@ def _better(one: Judged, other: Judged) -> bool:
 def ordered(names: Iterable[str]) -> list[str]:
     """Presets as the tables list them: one sample, articles, engines, the ladder, then all others."""
 
-    def rank(name: str) -> tuple[int, str]:
+    def rank(name: str) -> tuple[int, int, str]:
         groups = (
             name == ONE_SAMPLE,
             published(name) is Published.ARTICLE,
             published(name) is Published.ENGINE,
-            LADDER.fullmatch(name) is not None,
-            name == DEFAULT,
+            name in LADDER,
         )
-        return next((place for place, found in enumerate(groups) if found), len(groups)), name
+        step = LADDER.index(name) if name in LADDER else 0
+        return next((place for place, found in enumerate(groups) if found), len(groups)), step, name
 
     return sorted(names, key=rank)
 

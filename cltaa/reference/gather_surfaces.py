@@ -1,0 +1,305 @@
+"""Twin of ``gather_sides.h``, ``gather_track.h``, ``gather_thin.h``: surfaces of a pixel, and where they were."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cltaa.core.build import Build, Record, Steps
+from cltaa.core.constants import PAD_X, PAD_Y
+from cltaa.core.parameters import GatherFit, Reject
+from cltaa.core.planes import Layout
+from cltaa.reference.colour import Colour, colour_outside_domain, to_range
+from cltaa.reference.history import same_surface
+from cltaa.reference.neighbourhood import Row, Surface, usable_closeness
+from cltaa.reference.real import (
+    Array,
+    Mask,
+    constant,
+    greater,
+    number,
+    outside_domain,
+)
+from cltaa.reference.reprojection import Motion, motion_from_depth, on_screen
+from cltaa.reference.sampling import Footprint, Quad, footprint_of
+
+NEIGHBOURS = [(dx, dy) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
+
+
+@dataclass(frozen=True, slots=True)
+class Layers:
+    """Where an edge runs, the closeness that parts its sides, and how closeness changes on the surface followed."""
+
+    edge: Mask
+    cut: Array
+    slope: tuple[Array, Array]
+
+    def on_side(self, closeness: Array, *, far: bool) -> Mask:
+        """Samples of one side of the edge."""
+        side: Mask = self.edge & ((closeness <= self.cut) if far else (closeness > self.cut))
+        return side
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """The surface of one side at its sample nearest to the pixel, and its samples' mean colour and number."""
+
+    surface: Surface
+    layers: Layers
+    mean: Colour
+    count: Array
+
+
+def layers_of(above: Row, centre: Row, below: Row, s: Surface, settings: Record) -> Layers:
+    """Where a depth edge runs through the 3x3, the closeness that parts its sides, and the slope where none does."""
+    zero, half = np.zeros_like(s.centre), number(0.5, s.centre)
+    skew = (s.nearest - s.centre) - (s.centre - s.farthest)
+    edge = np.abs(skew) > number(settings["edge_tolerance"], zero) * np.abs(s.nearest)
+    slopes = (half * centre.rise, half * (below.closeness - above.closeness))
+    x, y = (np.where(edge, zero, slope) for slope in slopes)
+    return Layers(edge, half * (s.nearest + s.farthest), (x, y))
+
+
+def texels_beside(plane: Array, dx: int, dy: int, layout: Layout, real: Any) -> Array:
+    """Of every pixel the texel ``dx`` columns and ``dy`` rows beside it, [H, W]."""
+    top, left = PAD_Y + dy, PAD_X + dx
+    texels: Array = plane[top : top + layout.height, left : left + layout.width].astype(real)
+    return texels
+
+
+def side_surface(
+    s: Surface,
+    layers: Layers,
+    closeness: Array,
+    motion: Array | None,
+    build: Build,
+    layout: Layout,
+    frame: Record,
+    *,
+    far: bool,
+) -> Surface:
+    """The surface of one side at its sample nearest to the pixel; of those as far away, that of the pixel's own row."""
+    real: Any = s.centre.dtype
+    least = np.full_like(s.centre, constant("DOMAIN_LIMIT", s.centre))
+    x, y, q, u, v = s.x, s.y, s.closeness, s.u, s.v
+    for dx, dy in NEIGHBOURS:
+        z = usable_closeness(texels_beside(closeness[0], dx, dy, layout, real), frame)
+        away = number(2 * dx * dx + 3 * dy * dy, least)
+        here = layers.on_side(z, far=far) & (away < least)
+        least = np.where(here, away, least)
+        x, y, q = np.where(here, number(dx, x), x), np.where(here, number(dy, y), y), np.where(here, z, q)
+        if build.steps.own_motion and motion is not None:
+            u = np.where(here, texels_beside(motion[0], dx, dy, layout, real), u)
+            v = np.where(here, texels_beside(motion[1], dx, dy, layout, real), v)
+    return s._replace(x=x, y=y, closeness=q, u=u, v=v)
+
+
+def side_of(
+    s: Surface,
+    layers: Layers,
+    own: Colour,
+    current: Array,
+    closeness: Array,
+    motion: Array | None,
+    build: Build,
+    layout: Layout,
+    frame: Record,
+    settings: Record,
+    *,
+    far: bool,
+) -> Side:
+    """One side of each pixel that an edge runs through, elsewhere what was there; its slope by least squares."""
+    at = side_surface(s, layers, closeness, motion, build, layout, frame, far=far)
+    real: Any = s.centre.dtype
+    zero, one = np.zeros_like(s.centre), np.ones_like(s.centre)
+    xx = yy = np.full_like(zero, number(settings["fit_ridge"], zero))
+    xy = qx = qy = count = zero
+    mean = [zero, zero, zero]
+    for dx, dy in NEIGHBOURS:
+        z = usable_closeness(texels_beside(closeness[0], dx, dy, layout, real), frame)
+        here = layers.on_side(z, far=far)
+        rise = np.where(here, z - at.closeness, zero)
+        ox = np.where(here, number(dx, zero) - at.x, zero)
+        oy = np.where(here, number(dy, zero) - at.y, zero)
+        xx, xy, yy = xx + ox * ox, xy + ox * oy, yy + oy * oy
+        qx, qy = qx + ox * rise, qy + oy * rise
+        r, g, b = (texels_beside(plane, dx, dy, layout, real) for plane in current[:3])
+        usable = here & ~colour_outside_domain((r, g, b))
+        seen = to_range((r, g, b), build)
+        mean = [t + np.where(usable, c - o, zero) for t, c, o in zip(mean, seen, own, strict=True)]
+        count = count + np.where(usable, one, zero)
+    det, among = xx * yy - xy * xy, np.where(count > zero, count, one)
+    slope_x = np.where(layers.edge, (yy * qx - xy * qy) / det, layers.slope[0])
+    slope_y = np.where(layers.edge, (xx * qy - xy * qx) / det, layers.slope[1])
+    r, g, b = (o + total / among for o, total in zip(own, mean, strict=True))
+    return Side(at, replace(layers, slope=(slope_x, slope_y)), (r, g, b), count)
+
+
+def range_of_side(s: Surface, layers: Layers, *, far: bool) -> Surface:
+    """The surface with the range of closeness of its own side alone."""
+    if far:
+        return s._replace(nearest=np.where(layers.edge, layers.cut, s.nearest))
+    return s._replace(farthest=np.where(layers.edge, layers.cut, s.farthest))
+
+
+KEPT_CLOSENESS, KEPT_MOTION = 3, 4
+
+
+def kept_alpha(steps: Steps) -> int:
+    """Which plane of a kept frame holds alpha, where one does."""
+    return KEPT_MOTION + 2 * steps.own_motion
+
+
+def kept_reactive(steps: Steps) -> int:
+    """Which plane holds reactivity, where one does."""
+    return kept_alpha(steps) + steps.alpha
+
+
+def texel_at(plane: Array, f: Footprint, real: Any) -> Array:
+    """The texel at the whole part of a footprint."""
+    texels: Array = plane[f.row, f.column].astype(real)
+    return texels
+
+
+@dataclass(slots=True)
+class Track:
+    """Where surfaces that move on their own were, how much closer, and which of them were lost on the way."""
+
+    own: Mask
+    u: Array
+    v: Array
+    shift: Array
+    lost: Mask
+
+    @classmethod
+    def of(cls, s: Surface, build: Build) -> Track:
+        """The way of surface ``s`` before its first step."""
+        zero = np.zeros_like(s.centre)
+        none = np.zeros(zero.shape, bool)
+        return cls(~untold(s.u, s.v) if build.steps.own_motion else none, s.u, s.v, zero, none)
+
+    def motion(self, m: Motion) -> Motion:
+        """``m`` where the camera alone moves a surface, the track elsewhere."""
+        one = np.ones_like(m.scale)
+        return Motion(
+            np.where(self.own, self.u, m.u),
+            np.where(self.own, self.v, m.v),
+            np.where(self.own, one, m.scale),
+            np.where(self.own, self.shift, m.shift),
+            m.visible | self.own,
+        )
+
+    def follow(
+        self,
+        s: Surface,
+        m: Motion,
+        planes: Array,
+        there: Footprint,
+        seen: Mask,
+        build: Build,
+        then: Record,
+        settings: Record,
+    ) -> None:
+        """Take the step that the sample at the surface's place tells, or the nearest of its neighbours that tells one;
+        where none does the surface is lost, and where the sample tells another thing's, by its closeness."""
+        real: Any = self.u.dtype
+        u, v = (texel_at(planes[KEPT_MOTION + axis], there, real) for axis in (0, 1))
+        z = usable_closeness(texel_at(planes[KEPT_CLOSENESS], there, real), then)
+        followed, told = self.own & seen, ~untold(u, v)
+        same = told & seen_then(z, s, m, build, settings)
+        self.shift = np.where(followed & same, z - s.closeness, self.shift)
+        missing = followed & ~told
+        if build.choices.gather_fit is GatherFit.LAYERS:
+            best = np.full_like(self.u, -constant("DOMAIN_LIMIT", self.u))
+            for dy in (-1, 0, 1):
+                for dx in (-1, 0, 1):
+                    beside = there._replace(row=there.row + dy, column=there.column + dx)
+                    q = texel_at(planes[KEPT_CLOSENESS], beside, real)
+                    a, b = (texel_at(planes[KEPT_MOTION + axis], beside, real) for axis in (0, 1))
+                    nearer = missing & (q > best) & ~untold(a, b)
+                    best, u, v = np.where(nearer, q, best), np.where(nearer, a, u), np.where(nearer, b, v)
+        self.lost = self.lost | (self.own & (~seen | untold(u, v) | (told & ~same)))
+        self.u, self.v = self.u + u, self.v + v
+
+
+def untold(u: Array, v: Array) -> Mask:
+    """Where a motion is no vector."""
+    return outside_domain(u) | outside_domain(v)
+
+
+def seen_then(closeness: Array, s: Surface, m: Motion, build: Build, settings: Record) -> Mask:
+    """Where a kept texel lies in the range of closeness that the current 3x3 has, as that frame saw it."""
+    if build.choices.reject is Reject.NONE:
+        everywhere: Mask = closeness == closeness
+        return everywhere
+    return same_surface(Quad(closeness, closeness, closeness, closeness), s, m, settings["depth_tolerance"])
+
+
+class Thin(NamedTuple):
+    """What was found of things that the 3x3 of now misses: whether, how far off the centre, and how close it is."""
+
+    found: Mask
+    off: Array
+    closeness: Array
+
+
+def recall_thin(
+    s: Surface,
+    layers: Layers,
+    kept: Array,
+    past: Any,
+    build: Build,
+    layout: Layout,
+    settings: Record,
+) -> tuple[Surface, Layers]:
+    """``s`` and ``layers`` with the surface that the latest kept frames show in front of all that the 3x3 shows now,
+    where it now lies near the pixel's centre and the camera alone moves it."""
+    zero, half = np.zeros_like(s.centre), number(0.5, s.centre)
+    open_here = ~layers.edge & untold(s.u, s.v) if build.steps.own_motion else ~layers.edge
+    latest = past[: int(settings["thin_frames"])]
+    thin = look_for_thin(open_here, s, kept, latest, build, layout, settings)
+    slope_x, slope_y = (np.where(thin.found, zero, slope) for slope in layers.slope)
+    cut = np.where(thin.found, half * (thin.closeness + s.nearest), layers.cut)
+    nearest = np.where(thin.found, thin.closeness, s.nearest)
+    edge = layers.edge | thin.found
+    return s._replace(closeness=thin.closeness, nearest=nearest), Layers(edge, cut, (slope_x, slope_y))
+
+
+def look_for_thin(
+    open_here: Mask, s: Surface, kept: Array, past: Any, build: Build, layout: Layout, settings: Record
+) -> Thin:
+    """What the kept frames ``past`` show near the pixel in front of all that the 3x3 shows now of ``s``."""
+    zero, half = np.zeros_like(s.centre), number(0.5, s.centre)
+    found, least, closeness = np.zeros(zero.shape, bool), np.full_like(zero, constant("THIN_REACH", zero)), s.closeness
+    real: Any = zero.dtype
+    own_motion = build.steps.own_motion
+    for then in past:
+        planes = kept[int(then["slot"])]
+        m = motion_from_depth(s, build, layout, then)
+        seen = open_here & on_screen(m, layout)
+        u = m.u + (half - number(then["jitter_x"], zero))
+        v = m.v + (half - number(then["jitter_y"], zero))
+        f = footprint_of(m._replace(u=u, v=v), seen, layout)
+        near = s.nearest * m.scale + m.shift
+        high = near + number(settings["depth_tolerance"], zero) * np.abs(near)
+        hits, best, thinner = zero, least, closeness
+        for dx, dy in NEIGHBOURS:
+            there = f._replace(row=f.row + dy, column=f.column + dx)
+            q = usable_closeness(texel_at(planes[KEPT_CLOSENESS], there, real), then)
+            nearer = seen & (q > high)
+            hit = s._replace(closeness=(q - m.shift) / m.scale)
+            way = motion_from_depth(hit, build, layout, then)
+            ox = ((half - f.fx) + number(dx, zero)) + (m.u - way.u)
+            oy = ((half - f.fy) + number(dy, zero)) + (m.v - way.v)
+            off = greater(np.abs(ox), np.abs(oy))
+            hits = hits + np.where(nearer, number(1.0, zero), zero)
+            if own_motion:
+                nearer = nearer & untold(*(texel_at(planes[KEPT_MOTION + axis], there, real) for axis in (0, 1)))
+            here = nearer & way.visible & (off < best)
+            best, thinner = np.where(here, off, best), np.where(here, hit.closeness, thinner)
+        is_thin = (best < least) & (hits <= constant("THIN_HITS", zero))
+        least, closeness = np.where(is_thin, best, least), np.where(is_thin, thinner, closeness)
+        found = found | is_thin
+    return Thin(found, least, closeness)

@@ -1,0 +1,248 @@
+"""Twin of ``window.h``, ``gather_spans.cl`` and ``weigh_spans.cl``: the adaptive temporal window.
+
+Each pixel is resolved from several spans of its past, each as far as the texels around it bear that out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from cltaa.core.build import Build, Record, span_planes
+from cltaa.core.constants import (
+    MIDDLE_SPAN,
+    PAD_X,
+    PAD_Y,
+    SHORT_SPAN,
+    SPAN_REACH,
+    SPANS,
+)
+from cltaa.core.parameters import AlphaFrom
+from cltaa.core.planes import Layout
+from cltaa.reference.accumulate import (
+    Pixel,
+    Resolved,
+    as_reactive,
+    sample_share,
+    share_difference,
+    storable_colour,
+    usable_share,
+)
+from cltaa.reference.colour import Colour, colour_outside_domain, from_range, to_range
+from cltaa.reference.gather import Gathering
+from cltaa.reference.gather_samples import Gathered
+from cltaa.reference.gather_surfaces import kept_alpha, kept_reactive
+from cltaa.reference.planes import extend_stored, real_type, store_resolved
+from cltaa.reference.real import (
+    Array,
+    constant,
+    greater,
+    lesser,
+    number,
+    quiet,
+)
+
+TEXELS = (2 * SPAN_REACH + 1) ** 2
+
+
+def span_ends(frames: int) -> list[int]:
+    """How many of the kept frames each span has: the latest, a few more, all."""
+    return [min(SHORT_SPAN, frames), min(MIDDLE_SPAN, frames), frames]
+
+
+def span_error(g: Gathered, now: Colour, span: Resolved, build: Build, settings: Record) -> Array:
+    """Squared distances of the latest samples, the current one among them, from what a span says."""
+    one, two = number(1.0, g.zero), number(2.0, g.zero)
+    d = share_difference(to_range(span.rgb, build), now, build, settings)
+    along = (d[0] * g.recent[0] + d[1] * g.recent[1]) + d[2] * g.recent[2]
+    size = (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
+    squares = (g.recent_squares - two * along) + (one + g.recent_count) * size
+    left = one - one / greater(span.count, number(1.5, g.zero))
+    error: Array = greater(squares, number(0.0, g.zero)) / (left * left)
+    return error
+
+
+def resolve_unmoved(
+    slots: Array, past: Any, p: Pixel, build: Build, layout: Layout, settings: Record
+) -> tuple[Resolved, Gathered]:
+    """The plain mean of what was drawn at each pixel's own place, and the sums of its samples."""
+    one = np.ones_like(p.own[0])
+    g = Gathered(np.zeros_like(one))
+    for place, then in enumerate(past):
+        planes = layout.inside(slots[int(then["slot"])]).astype(one.dtype)
+        c: Any = tuple(planes[:3])
+        good = ~colour_outside_domain(c)
+        if build.steps.exposure:
+            ratio = number(then["exposure_ratio"], one)
+            c = (c[0] * ratio, c[1] * ratio, c[2] * ratio)
+        r, gr, b = (np.where(good, k, own) for k, own in zip(to_range(c, build), p.own, strict=True))
+        counted = np.where(good, one, g.zero)
+        if build.steps.reactive:
+            counted = counted * as_reactive(usable_share(planes[kept_reactive(build.steps)], 0.0), p)
+        d = [k - own for k, own in zip((r, gr, b), p.own, strict=True)]
+        w = counted * sample_share((r, gr, b), build, settings)
+        g.sum = [total + w * k for total, k in zip(g.sum, d, strict=True)]
+        g.weight, g.count = g.weight + w, g.count + counted
+        if place < SHORT_SPAN:
+            g.add_recent(share_difference((r, gr, b), p.own, build, settings), counted)
+        if build.steps.alpha:
+            g.alpha = g.alpha + counted * (usable_share(planes[kept_alpha(build.steps)], 1.0) - p.alpha)
+    whole = sample_share(p.own, build, settings) + g.weight
+    r, gr, b = (own + total / whole for own, total in zip(p.own, g.sum, strict=True))
+    alpha, count = p.alpha, g.count + one
+    if build.choices.alpha_from is AlphaFrom.BLEND:
+        alpha = alpha + g.alpha / count
+    return Resolved(storable_colour(from_range((r, gr, b), build), p.own, build), alpha, count), g
+
+
+@quiet
+def gather_spans(
+    build: Build,
+    layout: Layout,
+    *,
+    current: Array,
+    closeness: Array,
+    motion: Array | None,
+    alpha: Array | None,
+    reactive: Array | None,
+    kept: Array,
+    past: Any,
+    frames: int,
+    standing: int,
+    spans: Array,
+    frame: Record,
+    settings: Record,
+) -> None:
+    """Resolve one frame from each span of ``frames`` kept ones into ``spans`` [SPANS * SPAN_PLANES, rows, stride]; the
+    latest ``standing`` of them were seen by the camera of now."""
+    gathering = Gathering.begin(build, layout, locals())
+    own, planes, begun = gathering.pixel.own, span_planes(build.steps), 0
+    target = layout.inside(spans)[: SPANS * planes].reshape(SPANS, planes, layout.height, layout.width)
+    for span, end in enumerate(span_ends(frames)):
+        gathering.add(past[begun:end], build, layout, frame, settings, before=begun, recent=SHORT_SPAN - begun)
+        said = gathering.resolved(build, layout, settings)
+        error = span_error(gathering.near, own, said, build, settings)
+        _store(target[span], said, error)
+        begun = end
+    if build.steps.reactive:
+        unlike = gathering.near.unlike > gathering.near.recent_count
+        for span in range(SPANS - 2):
+            _store(target[span], said, error, unlike)
+    unmoved, sums = resolve_unmoved(gathering.slots, past[:standing], gathering.pixel, build, layout, settings)
+    told = sums.recent_count >= number(SHORT_SPAN, error)
+    _store(target[-1], said, error)
+    _store(target[-1], unmoved, span_error(sums, own, unmoved, build, settings), told)
+    extend_stored(build, layout, spans[: SPANS * planes])
+
+
+def _store(planes: Array, said: Resolved, error: Array, where: Array | None = None) -> None:
+    """Write what a span says, everywhere or ``where`` it is asked for, and alpha where there is a plane for it."""
+    for plane, values in zip(planes, [*said.rgb, error, said.count, said.alpha], strict=False):
+        plane[...] = values if where is None else np.where(where, values, plane)
+
+
+def around(plane: Array, layout: Layout, reach: int = SPAN_REACH) -> Iterator[Array]:
+    """A padded plane [rows, stride] moved by each step of the window, row by row, [H, W] each."""
+    for j in range(-reach, reach + 1):
+        for i in range(-reach, reach + 1):
+            top, left = PAD_Y + j, PAD_X + i
+            yield plane[top : top + layout.height, left : left + layout.width]
+
+
+def sum_around(plane: Array, layout: Layout) -> Array:
+    """The sum over the window about each pixel."""
+    total: Array = np.zeros_like(layout.inside(plane))
+    for part in around(plane, layout):
+        total = total + part
+    return total
+
+
+def trust(error: Array, least: Array) -> Array:
+    """How much a span is believed beside that of the least error."""
+    tiny = constant("TINY", error)
+    ratio = greater((least + tiny) / (error + tiny), constant("LEAST_TRUST", error))
+    second = ratio * ratio
+    fourth = second * second
+    eighth = fourth * fourth
+    result: Array = eighth * eighth
+    return result
+
+
+class Drift(NamedTuple):
+    """How far light has moved in one channel since a span: the mean over the window [H, W], its variance, and what the
+    texels show."""
+
+    mean: Array
+    variance: Array
+    level: Array
+
+
+def drift_of(then: list[Array], now: list[Array], weights: list[Array]) -> Drift:
+    """The drift of one channel from the texels [H, W] of a window then and now, each by its weight."""
+    differences = [k - v for k, v in zip(now, then, strict=True)]
+    total = squares = level = weight = np.zeros_like(weights[0])
+    for d, v, w in zip(differences, then, weights, strict=True):
+        total, level, weight = total + w * d, level + w * np.abs(v), weight + w
+    mean = total / weight
+    for d, w in zip(differences, weights, strict=True):
+        off = d - mean
+        squares = squares + w * (off * off)
+    return Drift(mean, squares / (weight * number(TEXELS - 1, mean)), level / weight)
+
+
+def drifts_of(span: Array, shortest: Array, build: Build, layout: Layout, settings: Record) -> list[Drift]:
+    """The drifts of padded planes [3, rows, stride] to the shortest span; a texel counts as its light does in a mean,
+    then and now."""
+    then, now = ([list(around(plane, layout)) for plane in planes] for planes in (span, shortest))
+    weights = [
+        sample_share((r, g, b), build, settings) * sample_share((x, y, z), build, settings)
+        for r, g, b, x, y, z in zip(*then, *now, strict=True)
+    ]
+    return [drift_of(v, k, weights) for v, k in zip(then, now, strict=True)]
+
+
+def t_of(drift: Drift) -> Array:
+    """Student's t of a drift, to whose deviation comes as little of the light as nobody sees."""
+    floor = constant("DRIFT_FLOOR", drift.mean) * drift.level + constant("TINY", drift.mean)
+    result: Array = np.abs(drift.mean) / (np.sqrt(drift.variance) + floor)
+    return result
+
+
+def believed(drifts: list[Drift]) -> list[Array]:
+    """As much of a drift in three channels as is not chance, by the one that drifted most."""
+    r, g, b = (t_of(drift) for drift in drifts)
+    enough = constant("DRIFT_T", r)
+    chance = enough / greater(greater(r, greater(g, b)), enough)
+    sure = number(1.0, r) - chance * chance
+    return [sure * drift.mean for drift in drifts]
+
+
+@quiet
+def weigh_spans(
+    build: Build, layout: Layout, *, spans: Array, output: Array, output_count: Array, frame: Record, settings: Record
+) -> None:
+    """Write each pixel from the spans of its past, padded planes [SPANS * SPAN_PLANES, rows, stride]."""
+    real: Any = real_type(build)
+    parts = spans.astype(real).reshape(SPANS, span_planes(build.steps), layout.rows, layout.stride)
+    errors = [sum_around(part[3], layout) for part in parts]
+    least: Array = errors[0]
+    for error in errors[1:]:
+        least = lesser(least, error)
+    zero, first, weight = np.zeros_like(least), layout.inside(parts[0]), trust(errors[0], least)
+    alpha, darkest = first[5] if build.steps.alpha else np.ones_like(least), list(first[:3])
+    sums, alphas, counts = [zero, zero, zero], zero, zero
+    for part, error in zip(parts[1:], errors[1:], strict=True):
+        w, own = trust(error, least), layout.inside(part)
+        moved = believed(drifts_of(part[:3], parts[0][:3], build, layout, settings))
+        sums = [total + w * ((v + step) - k) for total, v, step, k in zip(sums, own[:3], moved, first[:3], strict=True)]
+        darkest = [lesser(k, v) for k, v in zip(darkest, own[:3], strict=True)]
+        counts = counts + w * (own[4] - first[4])
+        if build.steps.alpha:
+            alphas = alphas + w * (own[5] - alpha)
+        weight = weight + w
+    r, g, b = (k + total / weight for k, total in zip(first[:3], sums, strict=True))
+    rgb = storable_colour((r, g, b), (darkest[0], darkest[1], darkest[2]), build)
+    resolved = Resolved(rgb, alpha + alphas / weight, first[4] + counts / weight)
+    store_resolved(resolved, build, layout, frame, output, output_count)

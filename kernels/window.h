@@ -1,0 +1,206 @@
+// The adaptive temporal window. Where light may change, how far back should a pixel look? It is resolved from several
+// spans of its past, and each leaves an error: how far its latest samples lie from what the span says. A span that is
+// too short errs by their noise, one that is too long by what has changed since. Errors summed up over the texels
+// around tell how far each span is believed, and the texels' mean difference from the shortest moves the longer ones.
+#include "gather.h"
+
+#if !defined(SPANS) || !defined(SPAN_REACH) || !defined(SHORT_SPAN) || !defined(MIDDLE_SPAN)
+#error "window.h needs SPANS, SPAN_REACH, SHORT_SPAN and MIDDLE_SPAN from the prelude"
+#endif
+
+// Planes of a span: r, g, b, error, count, alpha. The spans stand one behind the other: the latest frames, a few more,
+// all, and without motion all since the camera came to stand.
+#define SPAN_PLANES (5 + ALPHA)
+#define ALL_FRAMES (SPANS - 2)
+#define UNMOVED (SPANS - 1)
+#define SPAN_TEXELS ((2 * SPAN_REACH + 1) * (2 * SPAN_REACH + 1))
+
+// How many of the kept frames a span has.
+STAGE int span_end(int span, int frames)
+{
+    const int end = span == 0 ? SHORT_SPAN : (span < ALL_FRAMES ? MIDDLE_SPAN : frames);
+    return end < frames ? end : frames;
+}
+
+// Squared distances of the latest samples, the current one among them, from what a span says, all channels, of light as
+// much as it counts in a mean: the edge of a highlight would outweigh all around it that a screen can show. A span
+// holds these samples itself and lies the nearer to them the fewer others it has, which is made good (leave one out).
+STAGE real span_error(gathered g, colour now, resolved span, settings_t settings)
+{
+    const real one = SPLAT(1.0), two = SPLAT(2.0);
+    const colour d = share_difference(to_range(span.rgb), now, settings);
+    const real along = (d.r * g.recent.r + d.g * g.recent.g) + d.b * g.recent.b;
+    const real size = (d.r * d.r + d.g * d.g) + d.b * d.b;
+    const real squares = (g.recent_squares - two * along) + (one + g.recent_count) * size;
+    const real left = one - reciprocal(greater(span.count, SPLAT(1.5)));
+    return quotient(greater(squares, SPLAT(0.0)), left * left);
+}
+
+// The plain mean of what was drawn at the pixel's own place in the `frames` latest frames, those from the camera of
+// now: right for what only moves along itself, as a wheel does, and for light that stands on what moves. `sums` are
+// those of its samples.
+STAGE resolved resolve_unmoved(gathered* sums, plane_in kept, frames_in past, int frames, pixel_t p, int x, int y,
+    frame_t frame, settings_t settings)
+{
+    const size_t plane = plane_size(frame);
+    const real zero = SPLAT(0.0), one = SPLAT(1.0);
+    gathered g = no_samples();
+    for (int k = 0; k < frames; ++k) {
+        const frame_t then = past[k];
+        plane_in q = kept + (size_t)then.slot * KEPT_PLANES * plane + texel_offset(frame, x, y);
+        colour c = load_colour(q, plane);
+        const mask good = !colour_outside_domain(c);
+        if (EXPOSURE)
+            c = scaled(c, SPLAT(then.exposure_ratio));
+        c = choose_colour(good, to_range(c), p.own);
+        real counted = good ? one : zero;
+        if (REACTIVE)
+            counted *= as_reactive(load_share(q + KEPT_REACTIVE * plane, zero), p);
+        const colour d = { c.r - p.own.r, c.g - p.own.g, c.b - p.own.b };
+        const real w = counted * sample_share(c, settings);
+        g.sum.r += w * d.r;
+        g.sum.g += w * d.g;
+        g.sum.b += w * d.b;
+        g.weight += w;
+        g.count += counted;
+        if (k < SHORT_SPAN)
+            add_recent(&g, share_difference(c, p.own, settings), counted);
+        if (ALPHA)
+            g.alpha += counted * (load_share(q + KEPT_ALPHA * plane, one) - p.alpha);
+    }
+    const real whole_weight = sample_share(p.own, settings) + g.weight;
+    const colour v = { p.own.r + quotient(g.sum.r, whole_weight), p.own.g + quotient(g.sum.g, whole_weight),
+        p.own.b + quotient(g.sum.b, whole_weight) };
+    resolved out;
+    out.count = g.count + one;
+    out.rgb = storable_colour(from_range(v), p.own);
+    out.alpha = p.alpha;
+    if (ALPHA_FROM == ALPHA_FROM_BLEND)
+        out.alpha = p.alpha + quotient(g.alpha, out.count);
+    *sums = g;
+    return out;
+}
+
+STAGE void store_span(plane_out spans, int span, resolved r, real error, int x, int y, frame_t frame)
+{
+    const size_t plane = plane_size(frame);
+    plane_out p = spans + (size_t)span * SPAN_PLANES * plane + texel_offset(frame, x, y);
+    store(p, r.rgb.r);
+    store(p + plane, r.rgb.g);
+    store(p + 2 * plane, r.rgb.b);
+    store(p + 3 * plane, error);
+    store(p + 4 * plane, r.count);
+    if (ALPHA)
+        store(p + 5 * plane, r.alpha);
+}
+
+// All spans but that without motion say what that of all frames does where most of the latest samples are unlike: of
+// what a veil has just come over or left they tell next to nothing.
+STAGE void stand_in(plane_out spans, gathered latest, resolved all, real error, int x, int y, frame_t frame)
+{
+    const size_t plane = plane_size(frame);
+    const mask unlike = latest.unlike > latest.recent_count;
+    if (!any_of(unlike))
+        return;
+    for (int span = 0; span < ALL_FRAMES; ++span) {
+        plane_out p = spans + (size_t)span * SPAN_PLANES * plane + texel_offset(frame, x, y);
+        resolved r = all;
+        r.rgb = choose_colour(unlike, all.rgb, load_colour(p, plane));
+        r.count = unlike ? all.count : load(p + 4 * plane);
+        if (ALPHA)
+            r.alpha = unlike ? all.alpha : load(p + 5 * plane);
+        store_span(spans, span, r, unlike ? error : load(p + 3 * plane), x, y, frame);
+    }
+}
+
+STAGE plane_in span_plane(plane_in spans, int span, int plane, frame_t frame)
+{
+    return spans + ((size_t)span * SPAN_PLANES + (size_t)plane) * plane_size(frame);
+}
+
+// From a texel to the k-th of those around it, row by row.
+STAGE ptrdiff_t span_step(int k, frame_t frame)
+{
+    const int side = 2 * SPAN_REACH + 1;
+    return (k / side - SPAN_REACH) * (ptrdiff_t)row_stride(frame) + (k % side - SPAN_REACH);
+}
+
+STAGE real sum_around(plane_in p, frame_t frame)
+{
+    real sum = SPLAT(0.0);
+    for (int k = 0; k < SPAN_TEXELS; ++k)
+        sum += load(p + span_step(k, frame));
+    return sum;
+}
+
+// How much a span is believed beside that of the least error: a ratio of errors to the 16th, for as many recent samples
+// as tell it (a likelihood goes with half their number).
+STAGE real trust(real error, real least)
+{
+    const real ratio = greater(quotient(least + K(TINY), error + K(TINY)), SPLAT(LEAST_TRUST));
+    const real second = ratio * ratio, fourth = second * second, eighth = fourth * fourth;
+    return eighth * eighth;
+}
+
+// How far light has moved in one channel since a span, around the pixel: the mean difference of the shortest span from
+// it, the variance of that mean, and what the texels show.
+typedef struct
+{
+    real mean, variance, level;
+} drift_t;
+
+// How much each texel around counts for a drift: as its light does in a mean of samples, then and now. A highlight that
+// comes or goes is no change of the light around it.
+STAGE void weigh_texels(real* weights, plane_in span, plane_in shortest, frame_t frame, settings_t settings)
+{
+    const size_t plane = plane_size(frame);
+    for (int k = 0; k < SPAN_TEXELS; ++k) {
+        const ptrdiff_t step = span_step(k, frame);
+        weights[k] = sample_share(load_colour(span + step, plane), settings)
+            * sample_share(load_colour(shortest + step, plane), settings);
+    }
+}
+
+// Twice over the texels: beside a highlight their squares less the square of their mean would leave its rounding.
+STAGE drift_t drift_of(plane_in span, plane_in shortest, const real* weights, frame_t frame)
+{
+    real sum = SPLAT(0.0), squares = sum, level = sum, weight = sum;
+    for (int k = 0; k < SPAN_TEXELS; ++k) {
+        const ptrdiff_t step = span_step(k, frame);
+        const real v = load(span + step);
+        sum += weights[k] * (load(shortest + step) - v);
+        level += weights[k] * absolute(v);
+        weight += weights[k];
+    }
+    const real mean = quotient(sum, weight);
+    for (int k = 0; k < SPAN_TEXELS; ++k) {
+        const ptrdiff_t step = span_step(k, frame);
+        const real off = (load(shortest + step) - load(span + step)) - mean;
+        squares += weights[k] * (off * off);
+    }
+    const drift_t drift = { mean, quotient(squares, weight * SPLAT(SPAN_TEXELS - 1)), quotient(level, weight) };
+    return drift;
+}
+
+// Student's t of a drift, to whose deviation comes as little of the light as nobody sees.
+STAGE real t_of(drift_t drift)
+{
+    const real error = square_root(drift.variance) + (SPLAT(DRIFT_FLOOR) * drift.level + K(TINY));
+    return quotient(absolute(drift.mean), error);
+}
+
+// The drift from a span to the shortest as far as it is not chance: 1 - (DRIFT_T / t)^2 (James and Stein), of the
+// channel that drifted most.
+STAGE colour drift_to_shortest(plane_in span, plane_in shortest, frame_t frame, settings_t settings)
+{
+    const size_t plane = plane_size(frame);
+    real weights[SPAN_TEXELS];
+    weigh_texels(weights, span, shortest, frame, settings);
+    const drift_t r = drift_of(span, shortest, weights, frame),
+                  g = drift_of(span + plane, shortest + plane, weights, frame),
+                  b = drift_of(span + 2 * plane, shortest + 2 * plane, weights, frame);
+    const real t = greater(greater(t_of(r), greater(t_of(g), t_of(b))), SPLAT(DRIFT_T));
+    const real chance = quotient(SPLAT(DRIFT_T), t), sure = SPLAT(1.0) - chance * chance;
+    const colour moved = { sure * r.mean, sure * g.mean, sure * b.mean };
+    return moved;
+}
