@@ -13,7 +13,6 @@ import pytest
 from cltaa.cli import main
 from cltaa.printable import json_of
 from tests.sequence_factory import write_sequence
-from tests.test_architecture import SOURCES, name_of
 
 USAGE, WRONG, DATA, MISSING, OUTPUT, RESOURCE = 2, 64, 65, 66, 73, 75
 
@@ -210,12 +209,6 @@ def test_answers_are_json_when_asked(
         main([*line.split(), "--json"])  # random numbers are no good sequence, and check and inspect say so
         said = capsys.readouterr()
         assert said.out == json_of(json.loads(said.out)) + "\n"
-
-
-@pytest.mark.parametrize("path", SOURCES, ids=name_of)
-def test_every_path_of_a_command_is_refused_when_empty(path: Path) -> None:
-    """All take ``FILE_PATH``, which refuses it; none asks click for a path of its own."""
-    assert "type=click.Path(" not in path.read_text()
 
 
 # The signal comes from within, when the sixth of eight frames is read: from outside it might come behind the last one.
