@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -165,9 +166,9 @@ def test_a_card_that_egl_does_not_know_is_refused(tmp_path: Path, number: str) -
 
 @pytest.mark.parametrize("motion", ["turntable", "orbit"])
 def test_a_model_from_a_file(tmp_path: Path, motion: str) -> None:
-    cone = trimesh.creation.cone(1.0, 2.0)
+    cone: Any = trimesh.creation.cone(1.0, 2.0)
     cone.visual.vertex_colors = np.where(cone.vertices[:, :1] > 0.0, [220, 40, 20, 255], [20, 40, 220, 255])
-    trimesh.Scene(cone).export(tmp_path / "cone.glb")
+    cone.scene().export(tmp_path / "cone.glb")
     folder = tmp_path / "out"
     assert main(["capture", f"file:{tmp_path / 'cone.glb'}", "-o", str(folder), *TINY, "--motion", motion]) == 0
     found = open_sequence(folder)

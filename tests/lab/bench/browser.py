@@ -64,7 +64,8 @@ class Browser:
 
     def log(self) -> list[str]:
         """Errors and warnings of the console."""
-        return [entry["message"] for entry in self._driver.get_log("browser")]
+        entries = self._driver.get_log("browser")  # type: ignore[no-untyped-call]
+        return [entry["message"] for entry in entries]
 
     def picture(self, path: Path, *, whole: bool = True) -> None:
         answer = self._driver.execute_cdp_cmd("Page.captureScreenshot", {"captureBeyondViewport": whole})
