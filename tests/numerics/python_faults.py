@@ -1,7 +1,7 @@
 """Single faults put into the Python of ``cltaa`` to see that the tests notice: ``sh scripts/mutate --python``.
 
 Faults are made from the syntax tree and chosen by a seed, each kind equally often. Each stands alone in a copy of the
-tree, in which the tests that are nearest to its module run until one fails or the time is up. Nearest are those named
+tree, in which the tests that are nearest to its module run until one fails or their time is up. Nearest are those named
 after the module, then those that import it, then those of its folder, then those that reach it over other modules.
 """
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import ast
 import copy
+import math
 import os
 import random
 import re
@@ -50,8 +51,8 @@ SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
 }
 # Words whose loss changes no result: what is printed for people, and what guards against mistakes of programmers.
 IDLE_KEYWORDS = {"help", "metavar", "show_default", "frozen", "slots", "kw_only", "strict", "encoding", "check"}
-SECONDS = 60.0  # for the tests of one fault
-PATIENCE = 120.0  # seconds more, after which a run counts as hung
+SECONDS = 40.0  # of the processor for the tests of one fault
+PATIENCE = 600.0  # of the clock, after which a run counts as hung
 FILES = 12  # of tests for one fault; each takes time to collect
 
 
@@ -262,7 +263,7 @@ def nearest_tests(file: str, top: Path = TOP) -> list[str]:
 
 
 def noticed_by(tree: Path, tests: Sequence[str], seconds: float = SECONDS) -> str:
-    """The first test that fails in a tree within ``seconds``, or nothing."""
+    """The first test that fails in a tree within ``seconds`` of the processor, or nothing."""
     paths = os.pathsep.join(str(tree / name) for name in ("", "capture", "datasets_gen"))
     settings = {
         "PYTHONPATH": paths,
@@ -280,7 +281,7 @@ def noticed_by(tree: Path, tests: Sequence[str], seconds: float = SECONDS) -> st
         start_new_session=True,
     )
     try:
-        said, _ = process.communicate(timeout=seconds + PATIENCE)
+        said, _ = process.communicate(timeout=PATIENCE if math.isfinite(seconds) else None)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
