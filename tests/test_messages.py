@@ -45,7 +45,7 @@ def parts_of(message: ast.expr) -> list[str]:
     if isinstance(message, ast.Constant) and isinstance(message.value, str):
         return [message.value]
     if isinstance(message, ast.JoinedStr):
-        return [part.value for part in message.values if isinstance(part, ast.Constant)]
+        return [str(part.value) for part in message.values if isinstance(part, ast.Constant)]
     return []
 
 
