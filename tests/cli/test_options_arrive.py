@@ -408,6 +408,15 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--parameters", "parameter_rows.preset.name", "t2"),
     ],
 }
+# command -> what it gives a function though no option says so, and though the function has a default
+OTHERWISE = {
+    "resolve": {"resolve_sequence.compression", "resolve_sequence.layers"},  # those of the input
+    "demo": {"resolve_sequence.restart"},  # the folder is the demo's own
+    "bench accuracy": {"page.pictured", "write_report.pictured", "write_report.pages"},
+    "bench quality": {"check_scenes.also"},
+    "bench overview": {"write_report.of_one", "write_report.pictured"},
+    "capture": {"capture_sequence.progress"},
+}
 # Of --json every command has a test of its answer (test_nonsense.py and that of the command).
 ANSWERS = {"--json"}
 
@@ -508,3 +517,18 @@ def test_every_option_is_among_them() -> None:
 def test_every_command_answers_as_json_alone() -> None:
     """What is left out above: the commands without any other option."""
     assert {name for name, _ in commands()} - {*ROWS} == {"doctor", "profiles", "scenes"}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_program_gets_by_default_what_a_command_gets(desk: pytest.MonkeyPatch, name: str) -> None:
+    """Without options, a command passes what the functions that it calls would take by themselves."""
+    other = set()
+    calls = calls_of(name, "", desk)
+    for path in COMMANDS[name].calls:
+        module, _, function = path.rpartition(".")
+        for parameter in inspect.signature(getattr(importlib.import_module(module), function)).parameters.values():
+            given = calls.get(function, {}).get(parameter.name, parameter.default)
+            given = tuple(given) if isinstance(given, list) else given
+            if parameter.default is not parameter.empty and given != parameter.default:
+                other.add(f"{function}.{parameter.name}")
+    assert other == OTHERWISE.get(name, set())
