@@ -2,7 +2,7 @@
 
 Faults are made from the syntax tree and chosen by a seed, each kind equally often. Each stands alone in a copy of the
 tree, in which the tests that are nearest to its module run until one fails or their time is up. Nearest are those named
-after the module, then those that import it, then those of its folder, then those that reach it over other modules.
+after the module, that import it, that quote a text of it, that lie in its folder, or that reach it over other modules.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from typing import Any, NamedTuple
 from tests.numerics import time_limit
 from tests.numerics.mutations import TOP, copy_tree
 from tests.test_architecture import imported
+from tests.test_messages import WORDS, parts_of, pieces, plain
 
 SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
     ast.Lt: ast.LtE,
@@ -243,9 +244,24 @@ def imports(top: Path) -> Mapping[str, frozenset[str]]:
     return {name: frozenset({*imported(tree)} & {*trees} - {"cltaa"}) for name, tree in trees.items()}
 
 
+@cache
+def texts(top: Path) -> Mapping[Path, str]:
+    """What each file of tests says."""
+    return {path: plain(path.read_text(encoding="utf-8")) for path in sorted((top / "tests").rglob("test_*.py"))}
+
+
+def told_by(tree: ast.AST) -> set[str]:
+    """A few words in a row of each text of a module, by which tests that look for a message know it."""
+    comments = {node.value for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    texts_of_it = {node for node in ast.walk(tree) if isinstance(node, ast.expr)} - comments
+    told = (part for node in texts_of_it for part in parts_of(node))
+    return {plain(piece) for text in told for piece in pieces(text) if piece.count(" ") == WORDS - 1}
+
+
 def nearest_tests(file: str, top: Path = TOP) -> list[str]:
     """The files of tests that are nearest to a module, the nearest first."""
     module, known, words = dotted(file), imports(top), set(Path(file).stem.split("_"))
+    told = told_by(ast.parse((top / file).read_text(encoding="utf-8")))
     distances, way = {module: 0}, [module]
     for name in way:  # which grows
         for other in (other for other, needs in known.items() if name in needs and other not in distances):
@@ -256,9 +272,10 @@ def nearest_tests(file: str, top: Path = TOP) -> list[str]:
         distance = distances.get(dotted(path.relative_to(top).as_posix()))
         named = len(words & set(path.stem.split("_"))) / len(words)
         same_folder = path.parent.name == Path(file).parent.name
-        return 4.0 * named + 2.0 * same_folder + (6.0 / distance if distance else 0.0)
+        quoted = any(piece in texts(top)[path] for piece in told)
+        return 4.0 * named + 2.0 * same_folder + 3.0 * quoted + (6.0 / distance if distance else 0.0)
 
-    paths = sorted((top / "tests").rglob("test_*.py"), key=lambda path: (-nearness(path), path))
+    paths = sorted(texts(top), key=lambda path: (-nearness(path), path))
     return [path.relative_to(top).as_posix() for path in paths[:FILES] if nearness(path) > 0.0]
 
 

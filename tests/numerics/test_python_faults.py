@@ -75,6 +75,8 @@ def test_faults_can_be_listed(capsys: pytest.CaptureFixture[str]) -> None:
 def test_the_nearest_tests_come_first() -> None:
     module = next((TOP / "cltaa").rglob("manifest.py")).relative_to(TOP).as_posix()
     assert Path(nearest_tests(module)[0]).name == "test_manifest.py"
+    module = next((TOP / "cltaa").rglob("one_process.py")).relative_to(TOP).as_posix()
+    assert "test_copies.py" in {Path(path).name for path in nearest_tests(module)}  # which quotes it alone
 
 
 @pytest.mark.parametrize(
