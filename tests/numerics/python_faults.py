@@ -97,6 +97,10 @@ class Finder(ast.NodeVisitor):
     def visit_JoinedStr(self, node: ast.JoinedStr) -> None:
         """Leave out texts: up to Python 3.11 their parts do not know where they stand."""
 
+    def visit_keyword(self, node: ast.keyword) -> None:
+        if node.arg not in IDLE_KEYWORDS:
+            self.visit(node.value)
+
     def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
         if node.value:
             self.visit(node.value)
