@@ -8,17 +8,20 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+import trimesh
 
 from cltaa.cli import main
 from cltaa.io.sequence import open_sequence
 from cltaa_capture import osmesa
 from tests.capture.test_sequence import digests
+from tests.datasets.gltf_writer import Writer
 
 PATIENCE = 600.0  # seconds that a capture of two tiny frames may take, on a machine however busy
 TINY = ["--frames", "2", "--size", "32x18", "--jitter", "halton:4"]
-MODELS = Path(__file__).parents[3] / "shared" / "data" / "gltf"
 
 
 def run_alone(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
@@ -161,21 +164,26 @@ def test_a_card_that_egl_does_not_know_is_refused(tmp_path: Path, number: str) -
     assert not list(tmp_path.glob("*.exr"))
 
 
-@pytest.mark.skipif(not MODELS.is_dir(), reason=f"the sample models are not in {MODELS}")
 @pytest.mark.parametrize("motion", ["turntable", "orbit"])
-def test_a_sample_model(tmp_path: Path, motion: str) -> None:
-    model = f"file:{MODELS / 'CesiumMilkTruck.glb'}"
-    assert main(["capture", model, "-o", str(tmp_path), *TINY, "--motion", motion]) == 0
-    found = open_sequence(tmp_path)
-    assert found.name == "CesiumMilkTruck"
+def test_a_model_from_a_file(tmp_path: Path, motion: str) -> None:
+    cone: Any = trimesh.creation.cone(1.0, 2.0)
+    cone.visual.vertex_colors = np.where(cone.vertices[:, :1] > 0.0, [220, 40, 20, 255], [20, 40, 220, 255])
+    cone.scene().export(tmp_path / "cone.glb")
+    folder = tmp_path / "out"
+    assert main(["capture", f"file:{tmp_path / 'cone.glb'}", "-o", str(folder), *TINY, "--motion", motion]) == 0
+    found = open_sequence(folder)
+    assert found.name == "cone"
     assert (found.frame(0).motion is not None) == (motion == "turntable")
     assert found.frame(0).colour.std() > 0.05  # there is something to see
 
 
-@pytest.mark.skipif(not MODELS.is_dir(), reason=f"the sample models are not in {MODELS}")
 def test_a_see_through_model_has_a_reactive_channel(tmp_path: Path) -> None:
-    assert main(["capture", f"file:{MODELS / 'AlphaBlendModeTest.glb'}", "-o", str(tmp_path), *TINY]) == 0
-    frame = open_sequence(tmp_path).frame(1)
+    writer = Writer(nodes=[{"mesh": 0}], materials=[{"alphaMode": "BLEND"}])
+    writer.json["materials"][0]["pbrMetallicRoughness"] = {"baseColorFactor": [0.2, 0.5, 0.9, 0.5]}
+    writer.json["meshes"] = [{"primitives": [writer.square(material=0)]}]
+    pane = writer.write(tmp_path / "pane.glb")
+    assert main(["capture", f"file:{pane}", "-o", str(tmp_path / "out"), *TINY]) == 0
+    frame = open_sequence(tmp_path / "out").frame(1)
     assert frame.reactive is not None
     assert 0.0 < frame.reactive.mean() < 0.5
     assert frame.reactive.max() <= 1.0

@@ -13,7 +13,6 @@ import pytest
 from cltaa.cli import main
 from cltaa.printable import json_of
 from tests.sequence_factory import write_sequence
-from tests.test_architecture import SOURCES, name_of
 
 USAGE, WRONG, DATA, MISSING, OUTPUT, RESOURCE = 2, 64, 65, 66, 73, 75
 
@@ -150,6 +149,26 @@ CASES: list[tuple[str, int, str]] = [
     ("capture file: -o out", WRONG, "no reader for a file without suffix"),
     ("capture file:nowhere.glb -o out", MISSING, "nowhere.glb: there is no such model"),
     ("capture file:/dev/zero -o out", WRONG, "no reader"),
+    ("resolve seq -o out --set gamma_still", WRONG, "--set gamma_still: no value"),
+    ("resolve seq -o out --device numpy --compression dwaa", WRONG, "unknown or lossy compression"),
+    ("resolve seq -o out --budget-ms 5 --preset t1", WRONG, "--budget-ms chooses the preset itself"),
+    ("presets --against t1", WRONG, "--against compares with a preset"),
+    ("compare done twin/seq seq --heatmap maps", WRONG, "--heatmap: maps of several would have one name"),
+    ("bench files seq --threads 9999", WRONG, "--threads: too many (expected at most 1024, found 9999)"),
+    (
+        "bench files seq --commands zip:x",
+        WRONG,
+        "--commands: no compression (expected as zip or zip:half, found zip:x)",
+    ),
+    ("bench growth --sizes ,", WRONG, "--sizes: none is named"),
+    ("bench kernels --size 4x4", WRONG, "too small to compare images in"),
+    ("bench kernels --device numpy", WRONG, "bench kernels times OpenCL kernels"),
+    ("bench accuracy seq -o out --task 9999", WRONG, "--task: no such task"),
+    ("bench overview seq -o out", MISSING, "not a report"),
+    ("tune seq -o out.toml", WRONG, "one of --budget and --target is needed"),
+    ("tune seq -o out.toml --target flip", WRONG, "no goal (expected --budget 5ms, or --target flip=0.02"),
+    ("tune seq -o out.toml --budget 5ms --metric psnr", WRONG, "no metric to minimise"),
+    ("capture spinner -o out --motion play", WRONG, "applies to file:PATH"),
     ("demo -o file.txt", OUTPUT, "the folder cannot be created"),
     ("demo -o out --scene nonsense", WRONG, "no such scene: nonsense"),
     ("demo -o out --size 3x90", WRONG, "--size: too small (expected at least 4 pixels a side"),
@@ -209,12 +228,6 @@ def test_answers_are_json_when_asked(
         main([*line.split(), "--json"])  # random numbers are no good sequence, and check and inspect say so
         said = capsys.readouterr()
         assert said.out == json_of(json.loads(said.out)) + "\n"
-
-
-@pytest.mark.parametrize("path", SOURCES, ids=name_of)
-def test_every_path_of_a_command_is_refused_when_empty(path: Path) -> None:
-    """All take ``FILE_PATH``, which refuses it; none asks click for a path of its own."""
-    assert "type=click.Path(" not in path.read_text()
 
 
 # The signal comes from within, when the sixth of eight frames is read: from outside it might come behind the last one.

@@ -109,7 +109,7 @@ def test_unreadable_file(tmp_path: Path, name: str, content: bytes) -> None:
 
 def test_no_size(tmp_path: Path) -> None:
     (tmp_path / "flat.obj").write_text("v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n")
-    with pytest.raises(DataError):
+    with pytest.raises(DataError, match="the model has no size"):
         load_model(tmp_path / "flat.obj")
 
 

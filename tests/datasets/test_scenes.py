@@ -19,6 +19,7 @@ from cltaa_datasets.registry import SCENES
 from cltaa_datasets.scene import AlphaMode, Instant, Material, Perspective, Scene, Sky
 from cltaa_datasets.scenes import build_scene, registered
 from tests.built_scenes import built
+from tests.datasets.scene_digests import DIGESTS, digest
 
 NAMES = [entry.name for entry in registered()]
 TIMES = (0.0, 1.0 / 30.0, 0.7, 1.6)
@@ -74,6 +75,10 @@ def test_what_else_shows_is_declared(scene: Scene) -> None:
         assert not any(glossy(material) for material in materials)
     assert any(m.alpha_mode is AlphaMode.BLEND for m in materials) == (Effect.REACTIVE in scene.effects)
     assert (scene.at(0.0).sky is None) == (Effect.ALPHA in scene.effects)
+
+
+def test_meshes_colours_and_textures_are_what_they_were(scene: Scene) -> None:
+    assert digest(scene) == DIGESTS[scene.name]
 
 
 def test_a_scene_is_a_function_of_time(scene: Scene) -> None:

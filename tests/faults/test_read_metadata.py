@@ -49,9 +49,9 @@ def written(folder: Path, **changes: object) -> Path:
 
 
 CASES: list[tuple[dict[str, object], str]] = [
-    ({"worldToView": None}, "expected cltaa:worldToView"),
-    ({"viewToClip": None}, "expected cltaa:viewToClip"),
-    ({"jitterPx": None}, "expected cltaa:jitterPx"),
+    ({"worldToView": None}, "attribute is missing (expected cltaa:worldToView"),
+    ({"viewToClip": None}, "attribute is missing (expected cltaa:viewToClip"),
+    ({"jitterPx": None}, "attribute is missing (expected cltaa:jitterPx"),
     ({"worldToView": EYE.astype(np.float32)}, "worldToView is wrong (expected M44d, found float32"),
     ({"viewToClip": EYE.astype(np.float32)}, "viewToClip is wrong (expected M44d, found float32"),
     ({"worldToView": "identity"}, "worldToView is wrong (expected M44d, found 'identity'"),

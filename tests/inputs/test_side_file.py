@@ -75,6 +75,13 @@ def test_damaged_side_files(name: str, text: str, tmp_path: Path) -> None:
         read_side_file(tmp_path / name)
 
 
+def test_one_matrix_without_the_other_is_told(tmp_path: Path) -> None:
+    matrix = [float(number) for number in np.eye(4).ravel()]
+    (tmp_path / "a.json").write_text(json.dumps({"frames": {"1": {"world_to_view": matrix}}}))
+    with pytest.raises(DataError, match="world_to_view and view_to_clip belong together"):
+        read_side_file(tmp_path / "a.json")
+
+
 def test_the_mark_that_spreadsheets_write_is_none_of_the_first_column(tmp_path: Path) -> None:
     path = tmp_path / "camera.csv"
     path.write_bytes(b"\xef\xbb\xbfframe,jitter_px.0,jitter_px.1\r\n1,0.25,-0.5\r\n")

@@ -44,6 +44,20 @@ def test_stops_are_powers_of_two() -> None:
     np.testing.assert_array_equal(shown_light(linear, -1.0), linear / 2)
 
 
+def test_stops_reach_every_picture(tmp_path: Path) -> None:
+    """One stop is twice the light, whichever way a picture is made; no stops are what is left out."""
+    linear = np.linspace(0, 0.4, 60, dtype=np.float32).reshape(4, 5, 3)
+    brighter, other = 2 * linear, np.float32(0.25)
+    assert not np.array_equal(to_picture(linear), to_picture(brighter))
+    np.testing.assert_array_equal(to_picture(linear, 1.0), to_picture(brighter))
+    write_image_png(tmp_path / "stops.png", linear, 1.0)
+    write_image_png(tmp_path / "light.png", brighter)
+    assert (tmp_path / "stops.png").read_bytes() == (tmp_path / "light.png").read_bytes()
+    constant = np.full_like(linear, other)
+    assert not np.array_equal(error_map(linear, constant), error_map(brighter, 2 * constant))
+    np.testing.assert_array_equal(error_map(linear, constant, 1.0), error_map(brighter, 2 * constant))
+
+
 def test_any_bit_pattern_gives_a_picture() -> None:
     shown = to_display(special_values())
     assert np.isfinite(shown).all()

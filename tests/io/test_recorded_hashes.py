@@ -71,10 +71,17 @@ def test_resolved_images_are_verified_by_their_manifest(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "content", ['{"files": {"synthetic.0000.exr": 5}}', '{"files": ["a"]}', '{"files": "abc"}', "[" * 100_000, "7"]
+    ("content", "says"),
+    [
+        ('{"files": {"synthetic.0000.exr": 5}}', "wrong content .*a SHA-256 in hexadecimal"),
+        ('{"files": ["a"]}', "wrong content .*a SHA-256 in hexadecimal"),
+        ('{"files": "abc"}', "wrong content .*a SHA-256 in hexadecimal"),
+        ("[" * 100_000, "not readable as JSON"),
+        ("7", "wrong content .*a JSON object, found int"),
+    ],
 )
-def test_damaged_record_is_an_error_and_not_a_pass(tmp_path: Path, content: str) -> None:
+def test_damaged_record_is_an_error_and_not_a_pass(tmp_path: Path, content: str, says: str) -> None:
     sequence = open_sequence(write_sequence(tmp_path, 1))
     (tmp_path / "sequence.json").write_text(content)
-    with pytest.raises(DataError, match=r"sequence\.json"):
+    with pytest.raises(DataError, match=rf"sequence\.json: {says}"):
         sequence.frame(0)

@@ -196,10 +196,10 @@ def test_lossy_or_unknown_compression_is_refused(tmp_path: Path, compression: st
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"depth": np.ones((HEIGHT, WIDTH + 1), np.float32)}, "channel Z"),
-        ({"alpha": np.ones((HEIGHT, WIDTH), np.float64)}, "channel A"),
+        ({"depth": np.ones((HEIGHT, WIDTH + 1), np.float32)}, "channel Z: array is wrong"),
+        ({"alpha": np.ones((HEIGHT, WIDTH), np.float64)}, "channel A: array is wrong"),
         ({"motion": np.ones((HEIGHT, WIDTH, 3), np.float32)}, "number of channels"),
-        ({"object_id": np.full((HEIGHT, WIDTH), 0.5, np.float32)}, "channel id"),
+        ({"object_id": np.full((HEIGHT, WIDTH), 0.5, np.float32)}, "channel id: array is wrong"),
     ],
 )
 def test_wrong_arrays_are_not_written(tmp_path: Path, change: dict[str, Any], message: str) -> None:

@@ -188,7 +188,7 @@ def test_renamed_frame(tmp_path: Path) -> None:
     (tmp_path / "synthetic.0002.exr").rename(tmp_path / "synthetic.0003.exr")
     (tmp_path / "synthetic.0001.exr").rename(tmp_path / "synthetic.0002.exr")
     (tmp_path / "synthetic.0000.exr").rename(tmp_path / "synthetic.0001.exr")
-    with pytest.raises(DataError, match=r"disagree \(expected 1, found 0\)"):
+    with pytest.raises(DataError, match=r"the file name and attribute cltaa:frame disagree \(expected 1, found 0\)"):
         next(iter(open_sequence(tmp_path)))
 
 

@@ -36,10 +36,17 @@ def test_forgotten_reader_and_writer_end_their_threads(tmp_path: Path) -> None:
 
 
 def test_depth_of_nothing() -> None:
-    with pytest.raises(ValueError, match="depth"):
+    with pytest.raises(ValueError, match="depth must be at least 1, not 0"):
         read_ahead([], 0)
-    with pytest.raises(ValueError, match="depth"):
+    with pytest.raises(ValueError, match="depth must be at least 1, not 0"):
         Writer(0)
+
+
+def test_a_closed_writer_takes_nothing(tmp_path: Path) -> None:
+    with Writer(1) as writer:
+        pass
+    with pytest.raises(ValueError, match="the writer is closed"):
+        writer.write(tmp_path / "a.exr", {})
 
 
 SCRIPT = """

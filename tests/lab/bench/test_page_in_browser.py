@@ -59,9 +59,11 @@ def test_what_all_else_is_compared_with_goes_by_its_name(window: Browser) -> Non
     assert window.run("return document.querySelector('#numbers th:nth-child(4)').textContent") == f"× {PRESET}"
     assert f"as a multiple of those of {PRESET}" in window.run("return document.body.textContent")
     assert PRESET in window.run("return document.getElementById('frames-legend').textContent")
-    assert f"{PRESET} " in window.run("return document.getElementById('noise').textContent") or not window.run(
-        "return current().noisy"
-    )
+    window.run("window.kept = current().noisy; current().noisy = true; drawAll()")
+    assert f"{PRESET} " in window.run("return document.getElementById('noise').textContent")
+    window.run("current().noisy = false; drawAll()")
+    assert f"{PRESET} " not in window.run("return document.getElementById('noise').textContent")
+    window.run("current().noisy = window.kept; drawAll()")
 
 
 def test_what_there_is_nothing_of_is_not_shown(window: Browser) -> None:

@@ -24,7 +24,7 @@ NANOSECONDS = 7.0
 
 
 def test_every_contender_is_drawn(tmp_path: Path) -> None:
-    """With the operations of what it computes, and the machine beside it."""
+    """With the operations of what it computes."""
     pytest.importorskip("matplotlib")
     counts = {"core": BASELINE, "basic": load_preset("basic"), "plain port": BASELINE}
     picture = tmp_path / "roof.svg"
@@ -32,9 +32,6 @@ def test_every_contender_is_drawn(tmp_path: Path) -> None:
     text = picture.read_text(encoding="utf-8")
     for name, preset in counts.items():
         assert f"{name}: {operations(preset, Motion.UNIFORM).total() / NANOSECONDS:.3g}" in text
-    assert "a device" in text
-    assert "a processor, 3 cores, 2026-01-02" in text
-    assert "64 x 32, half history, uniform motion" in text
 
 
 def measured(names: list[str]) -> KernelBench:

@@ -208,3 +208,7 @@ def test_device_times_are_used_where_there_are_any() -> None:
     assert samples.has("b", Clock.DEVICE)
     samples.add("shader", 0, Sample(1.0))
     assert not samples.has("shader", Clock.DEVICE)
+
+
+def test_equal_times_are_on_neither_side() -> None:
+    assert sign_test(np.array([1.0, 1.0, 1.0, 2.0, 2.0])) == sign_test(np.array([2.0, 2.0])) == 0.5

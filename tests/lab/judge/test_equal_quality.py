@@ -84,5 +84,5 @@ def test_curve_is_read_between_its_points_and_not_beyond() -> None:
     for error, end in ((2.0, 1), (0.001, 16), (0.0, 16)):
         assert samples_on_curve(error, curve) == pytest.approx(end, rel=1e-12)
     for wrong in ([(1, 1.0)], [(1, 1.0), (4, 1.0)], [(1, 1.0), (4, 0.0)]):
-        with pytest.raises(DataError, match="no curve"):
+        with pytest.raises(DataError, match="no curve of error against samples"):
             samples_on_curve(0.5, wrong)

@@ -1,0 +1,67 @@
+"""Commands on one frame, and on one more than each looks at: what counts frames is wrong there first."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from cltaa.cli import main
+from cltaa.lab.check.jitter import MOST_FRAMES
+from cltaa.lab.check.report import FRAMES
+from tests.sequence_factory import write_sequence
+
+MOST = max(FRAMES, MOST_FRAMES) + 1
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    folder = tmp_path_factory.mktemp("counts")
+    return {
+        count: write_sequence(folder / str(count), count, reference=True, motion=True, width=20, height=12)
+        for count in (1, FRAMES + 1, MOST)
+    }
+
+
+def answer(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, object]:
+    """The answer as JSON of a command that may find mistakes, as it does in random numbers."""
+    assert main([*arguments, "--json"]) in (0, 65)
+    said = capsys.readouterr()
+    assert "error" not in said.err
+    found = json.loads(said.out)
+    assert isinstance(found, dict)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("count", "asked", "seen"),
+    [
+        (1, [], 1),
+        (1, ["--frames", "1"], 1),
+        (FRAMES + 1, [], FRAMES),
+        (MOST, ["--frames", str(MOST)], MOST),
+        (MOST, ["--frames", "3-3"], 1),
+    ],
+)
+def test_check(
+    folders: dict[int, Path], count: int, asked: list[str], seen: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert answer(capsys, "check", str(folders[count]), *asked)["frames"] == seen
+
+
+@pytest.mark.parametrize("count", [1, MOST])
+def test_inspect(folders: dict[int, Path], count: int, capsys: pytest.CaptureFixture[str]) -> None:
+    assert answer(capsys, "inspect", str(folders[count]), "--pixels")["frames"] == count
+    assert answer(capsys, "inspect", str(folders[count]), "--plan", "--device", "numpy")["kernels"] == 1
+
+
+@pytest.mark.parametrize("count", [1, MOST])
+def test_resolve_and_compare(
+    folders: dict[int, Path], count: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sequence, output = str(folders[count]), str(tmp_path / "out")
+    assert answer(capsys, "resolve", sequence, "-o", output, "--device", "numpy", "--preset", "t1")["frames"] == count
+    frames = answer(capsys, "compare", output, sequence, "--metrics", "mse", "--video")["frames"]
+    assert isinstance(frames, list)
+    assert [row["frame"] for row in frames] == [*range(count)]
