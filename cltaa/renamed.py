@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from enum import EnumType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cltaa.printable import printable
 
@@ -86,10 +86,12 @@ def one_line_each() -> Iterator[None]:
 class RenamedMembers(EnumType):
     """An enumeration whose members are found by the names of earlier versions too."""
 
-    def __getattr__(cls, name: str) -> Any:
-        """Find the member that was called ``name``."""
-        new = MEMBERS.get(cls.__name__, {}).get(name)
-        if new is None or new not in cls.__members__:
-            raise AttributeError(f"type object {cls.__name__!r} has no attribute {name!r}")
-        say(f"{cls.__name__}.{name}", f"{cls.__name__}.{new}", "member")
-        return cls.__members__[new]
+    if not TYPE_CHECKING:  # to a type checker a name of an earlier version is none
+
+        def __getattr__(cls, name: str) -> Any:
+            """Find the member that was called ``name``."""
+            new = MEMBERS.get(cls.__name__, {}).get(name)
+            if new is None or new not in cls.__members__:
+                raise AttributeError(f"type object {cls.__name__!r} has no attribute {name!r}")
+            say(f"{cls.__name__}.{name}", f"{cls.__name__}.{new}", "member")
+            return cls.__members__[new]

@@ -68,7 +68,7 @@ def test_an_option_names_what_it_set_by_the_new_name() -> None:
 @pytest.mark.usefixtures("earlier")
 def test_an_effect() -> None:
     with pytest.warns(Renamed, match="^effect reflecting is called reactive now"):
-        assert chosen_effects("camera, reflecting") == {Effect.CAMERA, Effect.REACTIVE}
+        assert chosen_effects("camera, reflecting") == frozenset({Effect.CAMERA, Effect.REACTIVE})
     with pytest.warns(Renamed, match="^member Effect.REFLECTING is called Effect.REACTIVE now"):
         assert Effect.REFLECTING is Effect.REACTIVE  # type: ignore[attr-defined]
     with pytest.warns(Renamed):
