@@ -6,9 +6,6 @@ import atexit
 import io
 import os
 import sys
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import click
@@ -20,6 +17,7 @@ from cltaa.interrupt import Stop, ends_at_once, ignore_signals, interrupts
 from cltaa.pipeline.debug_views import are_views
 from cltaa.printable import printable
 from cltaa.process import configure
+from cltaa.renamed import one_line_each
 
 # A module is imported when its command runs, and not to list it: ``cltaa resolve`` needs no OpenGL, ``cltaa capture``
 # no OpenCL, and ``cltaa --help`` neither.
@@ -90,7 +88,7 @@ def _outcome(arguments: list[str]) -> int:
             stream.reconfigure(errors="backslashreplace")  # a letter that the terminal's encoding has not ends nothing
     stop = Stop()
     try:
-        with interrupts(stop), _old_names_told():
+        with one_line_each(), interrupts(stop):
             outcome: Any = root.main(arguments, prog_name="cltaa", standalone_mode=False)
         sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):
@@ -105,25 +103,6 @@ def _outcome(arguments: list[str]) -> int:
             raise
         return _failed(error)
     return outcome if isinstance(outcome, int) else 0
-
-
-@contextmanager
-def _old_names_told() -> Iterator[None]:
-    """Say of each old name that is used what it is called now: one line a command, whatever asks for it how often."""
-    said: set[str] = set()
-    others = warnings.showwarning
-
-    def show(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
-        if not issubclass(category, FutureWarning):
-            others(message, category, *rest, **more)
-        elif str(message) not in said:
-            said.add(str(message))
-            click.echo(f"cltaa: warning: {message}", err=True)
-
-    with warnings.catch_warnings():
-        warnings.filterwarnings("always", message="the preset .* is called", category=FutureWarning)
-        warnings.showwarning = show
-        yield
 
 
 def _open_standard_streams() -> None:

@@ -8,8 +8,9 @@ import pytest
 
 from cltaa.cli import main
 from cltaa.core.parameters import HistoryOf
-from cltaa.core.presets import LADDER, OLD_NAMES, load_preset, preset_names
+from cltaa.core.presets import LADDER, load_preset, preset_names
 from cltaa.io.preset_file import load_config
+from cltaa.renamed import PRESETS
 
 
 def test_the_ladder_is_complete_and_only_its_top_gathers() -> None:
@@ -20,10 +21,10 @@ def test_the_ladder_is_complete_and_only_its_top_gathers() -> None:
     assert [load_preset(name).settings.frames_kept + 1 for name in gathering] == [8, 48]
 
 
-@pytest.mark.parametrize(("old", "new"), OLD_NAMES.items())
+@pytest.mark.parametrize(("old", "new"), PRESETS.items())
 def test_an_old_name_gives_the_preset_and_a_warning_that_names_it(old: str, new: str) -> None:
     assert old not in preset_names()
-    with pytest.warns(FutureWarning, match=f"the preset {old} is called {new} now"):
+    with pytest.warns(FutureWarning, match=f"preset {old} is called {new} now"):
         assert load_preset(old) == load_preset(new)
 
 
@@ -36,9 +37,11 @@ def test_the_command_takes_an_old_name_with_one_line_that_names_the_new_one(
         assert main(["presets", old]) == 0
         said = capsys.readouterr()
         assert said.out == expected
-        assert said.err == "cltaa: warning: the preset t5 is called gather-48 now\n"
+        assert said.err == "cltaa: warning: preset t5 is called gather-48 now; the next version takes that alone\n"
     assert main(["presets", "karis", "--against", "t2"]) == 0
-    assert capsys.readouterr().err == "cltaa: warning: the preset t2 is called fast now\n"
+    assert (
+        capsys.readouterr().err == "cltaa: warning: preset t2 is called fast now; the next version takes that alone\n"
+    )
 
 
 def test_a_file_may_begin_with_an_old_name(tmp_path: Path) -> None:
