@@ -1,6 +1,6 @@
 // As gather.cl, but where light may change: each pixel from several spans of its past, and how far each is off. Which
 // of them to believe is weigh_spans.cl's to say.
-#include "window.h"
+#include "temporal_window.h"
 #include "schedule/ahead.h"
 #include "schedule/edges.h"
 

@@ -1,5 +1,5 @@
 // The pixel from the spans of its past that gather_spans.cl found, each as far as the texels around it bear it out.
-#include "window.h"
+#include "temporal_window.h"
 
 __kernel void weigh_spans_kernel(
     plane_in spans, history_out output, plane_out output_count, const frame_t frame, const settings_t settings)

@@ -1,4 +1,4 @@
-"""Twin of ``window.h``, ``gather_spans.cl`` and ``weigh_spans.cl``: the adaptive temporal window.
+"""Twin of ``temporal_window.h``, ``gather_spans.cl`` and ``weigh_spans.cl``: the adaptive temporal window.
 
 Each pixel is resolved from several spans of its past, each as far as the texels around it bear that out.
 """

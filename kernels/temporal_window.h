@@ -5,7 +5,7 @@
 #include "gather.h"
 
 #if !defined(SPANS) || !defined(SPAN_REACH) || !defined(SHORT_SPAN) || !defined(MIDDLE_SPAN)
-#error "window.h needs SPANS, SPAN_REACH, SHORT_SPAN and MIDDLE_SPAN from the prelude"
+#error "temporal_window.h needs SPANS, SPAN_REACH, SHORT_SPAN and MIDDLE_SPAN from the prelude"
 #endif
 
 // Planes of a span: r, g, b, error, count, alpha. The spans stand one behind the other: the latest frames, a few more,
