@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cltaa.frame import Camera
 
-# Depth of the sky as closeness: 1/Z is exactly 0; -Z has no such value, so the farthest usable one stands for it.
+# Depth of the sky as inverse depth: 1/Z is exactly 0; -Z has no such value, so the farthest usable one stands for it.
 SKY_PERSPECTIVE = 0.0
 SKY_ORTHOGRAPHIC = -(2.0**50)
 
@@ -21,19 +21,21 @@ _NONE = [0.0] * 4
 
 
 class Displacement(NamedTuple):
-    """Rows x, y, w of D (columns px, py, closeness, 1) and the change of closeness, float64; all zero for no motion."""
+    """Rows x, y, w of D (columns px, py, inverse depth, 1) and the change of inverse depth, float64; all zero for no
+    motion."""
 
     rows: NDArray[np.float64]  # [3, 4]
-    closeness: NDArray[np.float64]  # [4], orthographic cameras only
+    inverse_depth: NDArray[np.float64]  # [4], orthographic cameras only
 
 
-def sky_closeness(camera: Camera) -> float:
-    """The closeness that stands for a direction at infinity."""
+def sky_inverse_depth(camera: Camera) -> float:
+    """The inverse depth that stands for a direction at infinity."""
     return SKY_ORTHOGRAPHIC if camera.orthographic else SKY_PERSPECTIVE
 
 
-def closeness(depth: NDArray[np.float32], camera: Camera, out: NDArray[np.float32]) -> None:
-    """Planar depth [H, W] as closeness, into ``out``: 1/Z, or -Z for an orthographic camera; sky as ``sky_closeness``.
+def inverse_depth(depth: NDArray[np.float32], camera: Camera, out: NDArray[np.float32]) -> None:
+    """Planar depth [H, W] as inverse depth, into ``out``: 1/Z, or -Z for an orthographic camera; sky as
+    ``sky_inverse_depth``.
 
     Depth that is no distance (NaN; 0 or less before a perspective camera) counts as sky.
     """
@@ -48,8 +50,8 @@ def closeness(depth: NDArray[np.float32], camera: Camera, out: NDArray[np.float3
             out[~((out >= 0.0) & (out < np.inf))] = SKY_PERSPECTIVE
 
 
-def closeness_at(reversed_depth: float, camera: Camera) -> float:
-    """Closeness 1/Z of a perspective camera's (1 - z_ndc) / 2: 1 at the near plane, 0 at the far one."""
+def inverse_depth_at(reversed_depth: float, camera: Camera) -> float:
+    """Inverse depth 1/Z of a perspective camera's (1 - z_ndc) / 2: 1 at the near plane, 0 at the far one."""
     _, _, by_z, constant = camera.view_to_clip[2]
     return float((1.0 - 2.0 * reversed_depth + by_z) / constant)
 
@@ -66,14 +68,14 @@ def is_still(camera: Camera, previous: Camera) -> bool:
 def displacement(camera: Camera, previous: Camera, width: int, height: int) -> Displacement:
     """D between two frames, in pixels from the image centre (x right, y down), computed camera-relative in float64.
 
-    With p = (px, py, closeness, 1) the previous position is (p_xy + D_xy p) / (1 + D_w p).
+    With p = (px, py, inverse depth, 1) the previous position is (p_xy + D_xy p) / (1 + D_w p).
     """
     *rows, closer = displacement_rows(camera, previous, width, height)
     return Displacement(np.array(rows), np.array(closer))
 
 
 def displacement_rows(camera: Camera, previous: Camera, width: int, height: int) -> Rows:
-    """The three rows of ``displacement`` and the change of closeness, [4][4], in plain Python.
+    """The three rows of ``displacement`` and the change of inverse depth, [4][4], in plain Python.
 
     A frame waits for these few numbers, and after its kernels nothing of NumPy and LAPACK is in a cache.
     """
@@ -95,9 +97,10 @@ def displacement_rows(camera: Camera, previous: Camera, width: int, height: int)
 
 
 def _view_position(clip: Rows, ndc_x: float, ndc_y: float, *, parallel: bool) -> list[Four]:
-    """Homogeneous view-space position by px, by py, by closeness and by 1, [4][4]; NDC = ndc_x px, ndc_y py.
+    """Homogeneous view-space position by px, by py, by inverse depth and by 1, [4][4]; NDC = ndc_x px, ndc_y py.
 
-    Perspective: the position divided by depth, (ray, -1) with w = closeness. Orthographic: the position itself, w = 1.
+    Perspective: the position divided by depth, (ray, -1) with w = inverse depth. Orthographic: the position itself, w =
+    1.
     """
     (xx, xy, xz, x1), (yx, yy, yz, y1), *_ = clip
     size = xx * yy - xy * yx

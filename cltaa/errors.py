@@ -88,7 +88,7 @@ def closest(name: str, names: Iterable[str]) -> str | None:
 def known(name: str, names: Iterable[str], kind: str) -> str:
     """The cure for a name that is none of ``names``: the one that was meant, where one is close, else all of them.
 
-    Of many those that have the name in them stand for all: there are sixty parameters, two with ``gamma``.
+    Of many those that have the name in them stand for all: there are sixty parameters, three with ``scale``.
     """
     names = list(names)
     if close := closest(name, names):
@@ -98,7 +98,7 @@ def known(name: str, names: Iterable[str], kind: str) -> str:
     return f"did you mean {'one of ' * (len(having) > 1)}{', '.join(having)}?" if having else listed
 
 
-def room_cure(error: OSError) -> str:
+def disk_space_cure(error: OSError) -> str:
     """The cure for a file that could not be written: what the system says is too large is no matter of a full disk."""
     if error.errno == errno.EFBIG:
         return "the shell limits the size of a file, and of a copy in memory: ulimit -f unlimited"

@@ -28,10 +28,10 @@ class Effect(StrEnum, metaclass=RenamedMembers):
 
     CAMERA = "camera"  # the camera moves, turns or zooms
     MOTION = "motion"  # something other than the camera moves: channels backward.u, backward.v
-    UNCOVER = "uncover"  # something that was hidden becomes visible
+    DISOCCLUSION = "disocclusion"  # something that was hidden becomes visible
     THIN = "thin"  # features narrower than a pixel
     HDR = "hdr"  # values far above 1
-    SHADING = "shading"  # colour changes without motion: moving shadow, flashing light, glints
+    ILLUMINATION = "illumination"  # colour changes without motion: moving shadow, flashing light, glints
     REACTIVE = "reactive"  # see-through or unmodelled motion: channel reactive
     EXPOSURE = "exposure"  # attribute cltaa:exposure changes
     CUT = "cut"  # attribute cltaa:cut is set on some frame

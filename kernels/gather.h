@@ -1,14 +1,15 @@
 // Gathering: a pixel's past as the samples that earlier frames drew inside it, each read where it was drawn. Nothing is
 // ever read between texels, so nothing blurs, however far and however long things move.
 #include "gather_sample.h"
-#include "gather_thin.h"
+#include "gather_subpixel.h"
 
 #if !defined(OWN_MOTION) || !defined(ALPHA)
 #error "gather.h needs OWN_MOTION and ALPHA from the prelude"
 #endif
 
-// The way of the pixel's centre to a kept frame, by the sample that told the depth or by the track, and the stretch.
-STAGE motion_t way_back(
+// The way of the pixel's centre to a frame of the ring, by the sample that told the depth or by the track, and the
+// stretch.
+STAGE motion_t motion_to_frame(
     stretch_t* stretch, track_t t, surface s, layers_t l, real px, real py, frame_t frame, frame_t then)
 {
     const real zero = SPLAT(0.0);
@@ -42,7 +43,7 @@ STAGE gathered begin_layer(surface s, layers_t l, int far, real w, frame_t frame
     return first_sample(w, front | !front, front, frame);
 }
 
-// What the current frame shows of a side around the pixel, as one sample: of what has just come into view there is
+// What the current frame shows of a side around the pixel, as one sample: of what is disoccluded there is
 // hardly another.
 STAGE void add_side(gathered* g, side_t side, colour current, settings_t settings)
 {
@@ -58,8 +59,8 @@ STAGE int has_edges(layers_t l) { return GATHER_FIT == GATHER_FIT_LAYERS && any_
 #define NEARER 0
 #define FARTHER 1
 
-// The nearer or the farther surface of a pixel on its way back through the kept frames: where it is now, where its own
-// motion has led so far, and the sums of the samples on it.
+// The nearer or the farther surface of a pixel on its way back through the frames in the ring: where it is now, where
+// its own motion has led so far, and the sums of the samples on it.
 typedef struct
 {
     side_t side;
@@ -68,26 +69,26 @@ typedef struct
     int far; // NEARER or FARTHER
 } way_t;
 
-STAGE way_t begin_way(surface s, layers_t l, int far, pixel_t p, plane_in current, plane_in closeness, plane_in motion,
-    int x, int y, frame_t frame, settings_t settings)
+STAGE way_t begin_way(surface s, layers_t l, int far, pixel_t p, plane_in current, plane_in inverse_depth,
+    plane_in motion, int x, int y, frame_t frame, settings_t settings)
 {
     way_t way = { { s, l }, first_step(s), begin_layer(s, l, far, sample_share(p.own, settings), frame), far };
     if (!has_edges(l))
         return way;
-    way.side = side_of(s, l, far, p.own, current, closeness, motion, x, y, frame, settings);
+    way.side = side_of(s, l, far, p.own, current, inverse_depth, motion, x, y, frame, settings);
     way.track = first_step(way.side.s);
     if (far)
         add_side(&way.sums, way.side, p.own, settings);
     return way;
 }
 
-// Follows a surface of the pixel `now` through the kept frames `from` to `to` - 1, the latest being 0, and adds their
-// samples; those of the first `recent` frames are summed on their own too. past[k] says how to come from this frame to
-// the k-th, where its samples lie in their pixels (jitter) and in which slot of `kept` it is. The place of the pixel's
-// centre in frame k falls into the area of exactly one sample there: the one whose position rounds to it. It and the
-// eight around it count by where they lie, seen from now.
-STAGE void gather_samples(way_t* way, plane_in kept, frames_in past, int from, int to, int recent, pixel_t now, int x,
-    int y, frame_t frame, settings_t settings)
+// Follows a surface of the pixel `now` through the frames in the ring `from` to `to` - 1, the latest being 0, and adds
+// their samples; those of the first `recent` frames are summed on their own too. past[k] says how to come from this
+// frame to the k-th, where its samples lie in their pixels (jitter) and in which slot of `ring` it is. The place of the
+// pixel's centre in frame k falls into the area of exactly one sample there: the one whose position rounds to it. It
+// and the eight around it count by where they lie, seen from now.
+STAGE void gather_samples(way_t* way, plane_in ring, frame_records past, int from, int to, int recent, pixel_t now,
+    int x, int y, frame_t frame, settings_t settings)
 {
     const surface s = way->side.s;
     const layers_t l = way->side.l;
@@ -100,7 +101,7 @@ STAGE void gather_samples(way_t* way, plane_in kept, frames_in past, int from, i
         const frame_t then = past[k];
         stretch_t stretch;
         view_t v;
-        v.m = way_back(&stretch, *t, s, l, px, py, frame, then);
+        v.m = motion_to_frame(&stretch, *t, s, l, px, py, frame, then);
         v.seen = on_screen(v.m, px, py, frame) & !t->lost;
         motion_t nearest = v.m;
         nearest.u = v.m.u + (K(0.5) - K(then.jitter_x));
@@ -111,7 +112,7 @@ STAGE void gather_samples(way_t* way, plane_in kept, frames_in past, int from, i
         v.places = places_now(SPLAT(0.5) - v.f.fx, SPLAT(0.5) - v.f.fy, stretch);
         v.reach = reach;
         v.recent = k < recent;
-        v.planes = kept + (size_t)then.slot * KEPT_PLANES * plane;
+        v.planes = ring + (size_t)then.slot * RING_PLANES * plane;
         if (GATHER_FIT == GATHER_FIT_MEAN)
             gather_sample(&way->sums, v, 0, 0, now, s, l, way->far, then, frame, settings);
         else
@@ -152,18 +153,18 @@ STAGE colour gathered_change(gathered g, gathered far, layers_t l, settings_t se
 // 1 / n.
 STAGE real gathered_filter_share(real of_mean, gathered g, layers_t l, settings_t settings)
 {
-    if (LIGHT_CHANGE == LIGHT_CHANGE_SPANS)
+    if (ILLUMINATION == ILLUMINATION_WINDOW)
         return l.edge ? of_mean : fading_share(of_mean, settings);
     const real one = SPLAT(1.0), n = g.count + one;
     return l.edge ? of_mean : quotient(one, greater(n * n - one, one));
 }
 
-// How much of its samples a reactive pixel gives up for the current one. Spans of the past are each judged by the
+// How much of its samples a reactive pixel gives up for the current one. Temporal windows are each judged by the
 // latest samples, so that there little of what is half to be trusted is.
 STAGE real distrust(real reactivity)
 {
     const real square = reactivity * reactivity;
-    return LIGHT_CHANGE == LIGHT_CHANGE_SPANS ? square * square : reactivity;
+    return ILLUMINATION == ILLUMINATION_WINDOW ? square * square : reactivity;
 }
 
 // The pixel from its samples, the current one among them.
@@ -179,7 +180,7 @@ STAGE resolved resolve_gathered(
         const colour change = gathered_change(g, far, l, settings);
         past.r = current.r + change.r, past.g = current.g + change.g, past.b = current.b + change.b;
     }
-    const rectification r = rectify(past, current, p.near, m, box_gamma(m, settings), frame, settings);
+    const rectification r = rectify(past, current, p.near, m, box_scale_of(m, settings), frame, settings);
     // The mean of the others has its share beside the current sample, which a fit holds already.
     real share = GATHER_FIT == GATHER_FIT_MEAN ? g.weight / (sample_share(current, settings) + g.weight) : one;
     real alpha_share = one;
@@ -190,10 +191,10 @@ STAGE resolved resolve_gathered(
     const colour mixed = { current.r + share * ((past.r - current.r) + r.change.r),
         current.g + share * ((past.g - current.g) + r.change.g),
         current.b + share * ((past.b - current.b) + r.change.b) };
-    colour chosen = choose_colour(any, mixed, fresh_colour(current, p.near.mean, settings));
+    colour chosen = choose_colour(any, mixed, disoccluded_colour(current, p.near.mean, settings));
     if ((FILTER_USE == FILTER_USE_FEW_SAMPLES) & (CURRENT_FILTER != CURRENT_FILTER_NONE)) {
-        const real of_mean = one / (g.count + one), kept = gathered_filter_share(of_mean, g, l, settings);
-        chosen = drawn_towards(chosen, p.filtered, filtered_share(kept, p.filtered, settings));
+        const real of_mean = one / (g.count + one), filter_share = gathered_filter_share(of_mean, g, l, settings);
+        chosen = drawn_towards(chosen, p.filtered, filtered_share(filter_share, p.filtered, settings));
     }
     resolved out;
     out.rgb = storable_colour(from_range(chosen), current);

@@ -1,6 +1,6 @@
 // From the samples that lie in a pixel to its colour. What a supersampler gets by placing its samples evenly has to be
 // made good here, since they lie wherever jitter and motion have put them.
-#include "taa/projection.h"
+#include "taa/reprojection.h"
 
 #if !defined(GATHER_FIT) || !defined(CAMERA_MOTION)
 #error "gather_fit.h needs GATHER_FIT and CAMERA_MOTION from the prelude"
@@ -99,8 +99,8 @@ STAGE fit_t fit_at_centre(gathered g, real samples, settings_t settings)
 STAGE real fitted(fit_t f, real sum, real along, real down) { return f.one * sum - (f.x * along + f.y * down); }
 
 // How one pixel step here is seen in an earlier frame, less the step itself: the derivative of motion_from_depth on a
-// plane whose closeness changes by (slope_x, slope_y) a pixel. Samples drawn from farther off cover several pixels of
-// now, and lie that much farther apart.
+// plane whose inverse depth changes by (slope_x, slope_y) a pixel. Samples drawn from farther off cover several pixels
+// of now, and lie that much farther apart.
 typedef struct
 {
     real xx, xy, yx, yy;
@@ -112,7 +112,7 @@ STAGE stretch_t stretch_of(surface s, real slope_x, real slope_y, motion_t m, re
     stretch_t t = { zero, zero, zero, zero };
     if (!CAMERA_MOTION)
         return t;
-    const real px = (x + s.x) + K(then.origin_x), py = (y + s.y) + K(then.origin_y), q = s.closeness;
+    const real px = (x + s.x) + K(then.origin_x), py = (y + s.y) + K(then.origin_y), q = s.inverse_depth;
     const real dw = ((K(then.wx) * px + K(then.wy) * py) + K(then.wq) * q) + K(then.w1);
     const real w = m.visible ? SPLAT(1.0) + dw : SPLAT(1.0);
     const real wx = K(then.wx) + K(then.wq) * slope_x, wy = K(then.wy) + K(then.wq) * slope_y;

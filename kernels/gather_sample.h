@@ -1,4 +1,4 @@
-// The samples that a kept frame holds in and around a pixel.
+// The samples that a frame of the ring holds in and around a pixel.
 #include "taa/pixel.h"
 #include "gather_fit.h"
 #include "gather_sides.h"
@@ -14,7 +14,7 @@ STAGE colour colour_at(plane_in p, footprint f, size_t plane, int stride)
     return v;
 }
 
-// A kept frame as a pixel sees it: its planes, the way there, the texel whose sample lies nearest to the pixel's
+// A frame of the ring as a pixel sees it: its planes, the way there, the texel whose sample lies nearest to the pixel's
 // centre, and where its samples lie.
 typedef struct
 {
@@ -47,8 +47,8 @@ STAGE real weight_beside(view_t v, int right, int down, real* dx, real* dy, fram
     return near & inside ? share : zero;
 }
 
-// One sample of a kept frame. It counts if it shows one of the pixel's surfaces; with `far_only` true, if it shows the
-// farther one.
+// One sample of a frame of the ring. It counts if it shows one of the pixel's surfaces; with `far_only` true, if it
+// shows the farther one.
 STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now, surface s, layers_t l, int far_only,
     frame_t then, frame_t frame, settings_t settings)
 {
@@ -63,8 +63,8 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
     plane_in p = v.planes + down * (ptrdiff_t)stride + right;
     colour c = colour_at(p, v.f, plane, stride);
     good = good & !colour_outside_domain(c);
-    const real q = usable_closeness(texel_at(p + KEPT_CLOSENESS * plane, v.f, stride), then);
-    good = good & seen_then(q, s, v.m, settings);
+    const real q = inverse_depth_or_sky(texel_at(p + RING_INVERSE_DEPTH * plane, v.f, stride), then);
+    good = good & matches_surface(q, s, v.m, settings);
     mask near = (s.x == s.x);
     if (GATHER_FIT != GATHER_FIT_MEAN) {
         near = !l.edge | (q > l.cut * v.m.scale + v.m.shift);
@@ -75,8 +75,8 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
     c = choose_colour(good, to_range(c), now.own);
     const colour d = { c.r - now.own.r, c.g - now.own.g, c.b - now.own.b };
     real counted = good ? share : zero;
-    if (REACTIVE & (LIGHT_CHANGE == LIGHT_CHANGE_SPANS)) {
-        const real alike = as_reactive(usable_share(texel_at(p + KEPT_REACTIVE * plane, v.f, stride), zero), now);
+    if (REACTIVE & (ILLUMINATION == ILLUMINATION_WINDOW)) {
+        const real alike = as_reactive(share_in_domain(texel_at(p + RING_REACTIVE * plane, v.f, stride), zero), now);
         g->unlike += v.recent ? counted * (SPLAT(1.0) - alike) : zero;
         counted *= alike;
     }
@@ -85,7 +85,7 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
     if (v.recent)
         add_recent(g, share_difference(c, now.own, settings), counted);
     if (ALPHA) {
-        const real a = usable_share(texel_at(p + KEPT_ALPHA * plane, v.f, stride), SPLAT(1.0));
+        const real a = share_in_domain(texel_at(p + RING_ALPHA * plane, v.f, stride), SPLAT(1.0));
         g->alpha += counted * (a - now.alpha);
     }
 }

@@ -5,12 +5,12 @@
 #error "gather_sides.h needs OWN_MOTION and GATHER_FIT from the prelude"
 #endif
 
-// Where an edge runs, and how closeness changes on the surface that is followed.
+// Where an edge runs, and how inverse depth changes on the surface that is followed.
 typedef struct
 {
     mask edge;
-    real cut; // closeness that parts the nearer from the farther one
-    real slope_x, slope_y; // of closeness, a pixel
+    real cut; // inverse depth that parts the nearer from the farther one
+    real slope_x, slope_y; // of inverse depth, a pixel
 } layers_t;
 
 STAGE layers_t layers_of(row_t above, row_t centre, row_t below, surface s, settings_t settings)
@@ -21,12 +21,12 @@ STAGE layers_t layers_of(row_t above, row_t centre, row_t below, surface s, sett
         = absolute((s.nearest - s.centre) - (s.centre - s.farthest)) > K(settings.edge_tolerance) * absolute(s.nearest);
     l.cut = K(0.5) * (s.nearest + s.farthest);
     l.slope_x = l.edge ? zero : K(0.5) * centre.rise;
-    l.slope_y = l.edge ? zero : K(0.5) * (below.closeness - above.closeness);
+    l.slope_y = l.edge ? zero : K(0.5) * (below.inverse_depth - above.inverse_depth);
     return l;
 }
 
-// One side of the edge: the surface at its sample that lies nearest to the pixel, how closeness changes from there, and
-// the mean colour of its samples in the 3x3, of which there are `count`.
+// One side of the edge: the surface at its sample that lies nearest to the pixel, how inverse depth changes from there,
+// and the mean colour of its samples in the 3x3, of which there are `count`.
 typedef struct
 {
     surface s;
@@ -35,27 +35,28 @@ typedef struct
     real count;
 } side_t;
 
-STAGE mask on_side(real closeness, layers_t l, int far)
+STAGE mask on_side(real inverse_depth, layers_t l, int far)
 {
-    return l.edge & (far ? closeness <= l.cut : closeness > l.cut);
+    return l.edge & (far ? inverse_depth <= l.cut : inverse_depth > l.cut);
 }
 
 // Of samples as far away as each other that of the pixel's own row: floors, the most slanted of surfaces, change from
 // row to row.
 STAGE surface side_surface(
-    surface s, layers_t l, int far, plane_in closeness, plane_in motion, int x, int y, frame_t frame)
+    surface s, layers_t l, int far, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
     real least = SPLAT(DOMAIN_LIMIT);
     for (int dy = -1; dy <= 1; ++dy)
         for (int dx = -1; dx <= 1; ++dx) {
             const ptrdiff_t step = (ptrdiff_t)at + dy * (ptrdiff_t)row_stride(frame) + dx;
-            const real q = usable_closeness(load(closeness + step), frame), away = SPLAT(2 * dx * dx + 3 * dy * dy);
+            const real q = inverse_depth_or_sky(load(inverse_depth + step), frame),
+                       away = SPLAT(2 * dx * dx + 3 * dy * dy);
             const mask here = on_side(q, l, far) & (away < least);
             least = here ? away : least;
             s.x = here ? SPLAT(dx) : s.x;
             s.y = here ? SPLAT(dy) : s.y;
-            s.closeness = here ? q : s.closeness;
+            s.inverse_depth = here ? q : s.inverse_depth;
             if (OWN_MOTION) {
                 s.u = here ? load(motion + step) : s.u;
                 s.v = here ? load(motion + plane + step) : s.v;
@@ -68,29 +69,29 @@ STAGE surface side_surface(
 // the side's samples, through the one that lies nearest, and held back as that of a gathered pixel is. The mean is
 // summed up as differences from the pixel's `own` colour, so that equal samples have that colour for their mean, to the
 // bit.
-STAGE side_t side_of(surface s, layers_t l, int far, colour own, plane_in image, plane_in closeness, plane_in motion,
-    int x, int y, frame_t frame, settings_t settings)
+STAGE side_t side_of(surface s, layers_t l, int far, colour own, plane_in image, plane_in inverse_depth,
+    plane_in motion, int x, int y, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame), at = texel_offset(frame, x, y);
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
-    side_t side = { side_surface(s, l, far, closeness, motion, x, y, frame), l, { zero, zero, zero }, zero };
+    side_t side = { side_surface(s, l, far, inverse_depth, motion, x, y, frame), l, { zero, zero, zero }, zero };
     real xx = SPLAT(settings.fit_ridge), xy = zero, yy = xx, qx = zero, qy = zero;
     for (int dy = -1; dy <= 1; ++dy)
         for (int dx = -1; dx <= 1; ++dx) {
             const ptrdiff_t step = (ptrdiff_t)at + dy * (ptrdiff_t)row_stride(frame) + dx;
-            const real q = usable_closeness(load(closeness + step), frame);
+            const real q = inverse_depth_or_sky(load(inverse_depth + step), frame);
             const mask here = on_side(q, l, far);
-            const real rise = here ? q - side.s.closeness : zero;
+            const real rise = here ? q - side.s.inverse_depth : zero;
             const real ox = here ? SPLAT(dx) - side.s.x : zero, oy = here ? SPLAT(dy) - side.s.y : zero;
             xx += ox * ox, xy += ox * oy, yy += oy * oy;
             qx += ox * rise, qy += oy * rise;
             const colour c = load_colour(image + step, plane);
-            const mask usable = here & !colour_outside_domain(c);
+            const mask in_domain = here & !colour_outside_domain(c);
             const colour v = to_range(c);
-            side.mean.r += usable ? v.r - own.r : zero;
-            side.mean.g += usable ? v.g - own.g : zero;
-            side.mean.b += usable ? v.b - own.b : zero;
-            side.count += usable ? one : zero;
+            side.mean.r += in_domain ? v.r - own.r : zero;
+            side.mean.g += in_domain ? v.g - own.g : zero;
+            side.mean.b += in_domain ? v.b - own.b : zero;
+            side.count += in_domain ? one : zero;
         }
     const real det = xx * yy - xy * xy, among = side.count > zero ? side.count : one;
     side.l.slope_x = l.edge ? (yy * qx - xy * qy) / det : l.slope_x;
@@ -101,7 +102,7 @@ STAGE side_t side_of(surface s, layers_t l, int far, colour own, plane_in image,
     return side;
 }
 
-// The surface with the range of closeness of its own side alone.
+// The surface with the range of inverse depth of its own side alone.
 STAGE surface range_of_side(surface s, layers_t l, int far)
 {
     s.nearest = far ? (l.edge ? l.cut : s.nearest) : s.nearest;

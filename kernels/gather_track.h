@@ -1,16 +1,17 @@
-// Surfaces on their ways back through the kept frames.
-#include "taa/reject.h"
+// Surfaces on their ways back through the frames in the ring.
+#include "taa/disocclusion.h"
 
 #if !defined(OWN_MOTION) || !defined(ALPHA) || !defined(GATHER_FIT) || !defined(REJECT)
 #error "gather_track.h needs OWN_MOTION, ALPHA, GATHER_FIT and REJECT from the prelude"
 #endif
 
-// Planes of a kept frame, as it was drawn: r, g, b, closeness, then own motion and alpha where there are such.
-#define KEPT_CLOSENESS 3
-#define KEPT_MOTION 4
-#define KEPT_ALPHA (4 + 2 * OWN_MOTION)
-#define KEPT_REACTIVE (KEPT_ALPHA + ALPHA)
-#define KEPT_PLANES (KEPT_REACTIVE + REACTIVE)
+// Planes of a frame of the ring, as it was drawn: r, g, b, inverse depth, then own motion and alpha where there are
+// such.
+#define RING_INVERSE_DEPTH 3
+#define RING_MOTION 4
+#define RING_ALPHA (4 + 2 * OWN_MOTION)
+#define RING_REACTIVE (RING_ALPHA + ALPHA)
+#define RING_PLANES (RING_REACTIVE + REACTIVE)
 
 // The texel at the whole part of a footprint.
 STAGE real texel_at(plane_in p, footprint f, int stride)
@@ -35,54 +36,55 @@ typedef struct
     real u, v, shift;
 } track_t;
 
-STAGE mask untold(real u, real v) { return outside_domain(u) | outside_domain(v); }
+STAGE mask no_motion_vector(real u, real v) { return outside_domain(u) | outside_domain(v); }
 
 // The way of surface s before its first step.
 STAGE track_t first_step(surface s)
 {
     track_t t = { s.x != s.x, s.x != s.x, s.u, s.v, SPLAT(0.0) };
     if (OWN_MOTION)
-        t.own = !untold(s.u, s.v);
+        t.own = !no_motion_vector(s.u, s.v);
     return t;
 }
 
-// True where a kept texel lies in the range of closeness that the current 3x3 has, as `then` saw it.
-STAGE mask seen_then(real closeness, surface s, motion_t m, settings_t settings)
+// True where a texel of the ring lies in the range of inverse depth that the current 3x3 has, as `then` saw it.
+STAGE mask matches_surface(real inverse_depth, surface s, motion_t m, settings_t settings)
 {
-    const quad alone = { closeness, closeness, closeness, closeness };
-    return REJECT == REJECT_NONE ? (closeness == closeness) : same_surface(alone, s, m, settings);
+    const quad alone = { inverse_depth, inverse_depth, inverse_depth, inverse_depth };
+    return REJECT == REJECT_NONE ? (inverse_depth == inverse_depth) : same_surface(alone, s, m, settings);
 }
 
 // One step back, by the motion of the sample at the surface's own place (which is not the pixel's where the motion is a
 // neighbour's). Where that sample tells none, the nearest of its neighbours that tells one is taken, since the edge of
 // a thing lies in front of a sample in one frame and beside it in the next. Where none does the surface is lost, and so
-// is all before it; and where a sample tells the motion of another thing, by its closeness, since that stands before
-// it. From frame to frame a surface may come closer by as much as the range of `s` and the slack of the depth test
-// allow.
+// is all before it; and where a sample tells the motion of another thing, by its inverse depth, since that stands
+// before it. From frame to frame a surface may come closer by as much as the range of `s` and the slack of the depth
+// test allow.
 STAGE void follow(track_t* t, surface s, motion_t m, plane_in p, footprint there, mask seen, size_t plane, frame_t then,
     settings_t settings)
 {
-    plane_in moved = p + KEPT_MOTION * plane;
+    plane_in moved = p + RING_MOTION * plane;
     const int stride = then.stride;
     real u = texel_at(moved, there, stride), v = texel_at(moved + plane, there, stride);
-    const real q = usable_closeness(texel_at(p + KEPT_CLOSENESS * plane, there, stride), then);
-    const mask followed = t->own & seen, told = !untold(u, v), same = told & seen_then(q, s, m, settings);
-    t->shift = followed & same ? q - s.closeness : t->shift;
-    const mask missing = followed & !told;
+    const real q = inverse_depth_or_sky(texel_at(p + RING_INVERSE_DEPTH * plane, there, stride), then);
+    const mask followed = t->own & seen, has_motion = !no_motion_vector(u, v),
+               same = has_motion & matches_surface(q, s, m, settings);
+    t->shift = followed & same ? q - s.inverse_depth : t->shift;
+    const mask missing = followed & !has_motion;
     if (GATHER_FIT == GATHER_FIT_LAYERS && any_of(missing)) {
         real best = SPLAT(-DOMAIN_LIMIT);
         for (int dy = -1; dy <= 1; ++dy)
             for (int dx = -1; dx <= 1; ++dx) {
                 const ptrdiff_t step = dy * (ptrdiff_t)stride + dx;
-                const real near = texel_at(p + KEPT_CLOSENESS * plane + step, there, stride);
+                const real near = texel_at(p + RING_INVERSE_DEPTH * plane + step, there, stride);
                 const real a = texel_at(moved + step, there, stride), b = texel_at(moved + plane + step, there, stride);
-                const mask nearer = missing & (near > best) & !untold(a, b);
+                const mask nearer = missing & (near > best) & !no_motion_vector(a, b);
                 best = nearer ? near : best;
                 u = nearer ? a : u;
                 v = nearer ? b : v;
             }
     }
-    t->lost = t->lost | (t->own & (!seen | untold(u, v) | (told & !same)));
+    t->lost = t->lost | (t->own & (!seen | no_motion_vector(u, v) | (has_motion & !same)));
     t->u += u;
     t->v += v;
 }

@@ -3,20 +3,20 @@
 #include "schedule/window.h"
 #include "schedule/edges.h"
 
-__kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in motion, plane_in alpha, plane_in reactive,
-    history_in history, plane_in history_count, plane_in previous_closeness, history_out output, plane_out output_count,
-    const frame_t frame, const settings_t settings)
+__kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in motion, plane_in alpha,
+    plane_in reactive, history_in history, plane_in history_count, plane_in previous_inverse_depth, history_out output,
+    plane_out output_count, const frame_t frame, const settings_t settings)
 {
     const column_t column = own_column(frame);
     if (is_empty(column, frame))
         return;
     const int x = column.x;
-    fetch_first(current, closeness, motion, history, history_count, previous_closeness, x, column.first, frame);
-    window_t near = open_window(current, closeness, motion, column, frame);
-    kept_rows kept = nothing_kept();
+    fetch_first(current, inverse_depth, motion, history, history_count, previous_inverse_depth, x, column.first, frame);
+    window_t near = open_window(current, inverse_depth, motion, column, frame);
+    row_cache cache = empty_row_cache();
     for (int y = column.first; y < column.end; ++y) {
         // Read: the 3x3 of the frame, of which the row below is new.
-        slide_window(&near, current, closeness, motion, x, y, frame);
+        slide_window(&near, current, inverse_depth, motion, x, y, frame);
 
         // Reproject: the nearest surface of the 3x3, and how it moved.
         const surface s = nearest_surface(near.above, near.centre, near.below, settings);
@@ -24,12 +24,12 @@ __kernel void resolve_kernel(plane_in current, plane_in closeness, plane_in moti
         const pixel_t p = current_pixel(near.above, near.centre, near.below, alpha, reactive, x, y, frame);
 
         // Sample the history where that surface was, unless it was hidden there.
-        history_t h = sample_history(
-            current, near.below.texels, history, history_count, previous_closeness, m, s, x, y, frame, settings, &kept);
+        history_t h = sample_history(current, near.below.texels, history, history_count, previous_inverse_depth, m, s,
+            x, y, frame, settings, &cache);
         h.alpha = past_alpha(alpha, h.alpha, x, y, frame);
 
         // Rectify: pull its colour into the box of what the frame shows around the pixel.
-        const rectification r = rectify(h.rgb, p.filtered, p.near, m, box_gamma(m, settings), frame, settings);
+        const rectification r = rectify(h.rgb, p.filtered, p.near, m, box_scale_of(m, settings), frame, settings);
 
         // Accumulate: blend the sample with it, by how many samples it stands for.
         const resolved out = resolve_pixel(p, h, r, settings);

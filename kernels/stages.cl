@@ -30,15 +30,15 @@ __kernel void repair_colour_kernel(plane_in current, plane_out repaired, const f
 // Statistics: mean, standard deviation and extremes of the 3x3, and the current sample. 15 planes: 12 in the box space,
 // 3 of colour.
 __kernel void neighbourhood_statistics_kernel(
-    plane_in current, plane_in closeness, plane_in motion, plane_out statistics_out, const frame_t frame)
+    plane_in current, plane_in inverse_depth, plane_in motion, plane_out statistics_out, const frame_t frame)
 {
     const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
     if (x >= frame.width || y >= frame.height)
         return;
     const size_t plane = plane_size(frame);
-    const row_t above = read_row(current, closeness, motion, x, y - 1, frame),
-                centre = read_next_row(above, current, closeness, motion, x, y, frame),
-                below = read_next_row(centre, current, closeness, motion, x, y + 1, frame);
+    const row_t above = read_row(current, inverse_depth, motion, x, y - 1, frame),
+                centre = read_next_row(above, current, inverse_depth, motion, x, y, frame),
+                below = read_next_row(centre, current, inverse_depth, motion, x, y + 1, frame);
     const statistics s = neighbourhood_statistics(above, centre, below);
     const colour sample = current_sample(above, centre, below, s, frame);
     plane_out p = statistics_out + texel_offset(frame, x, y);
@@ -50,17 +50,17 @@ __kernel void neighbourhood_statistics_kernel(
 }
 
 // Motion: what each pixel follows. 7 planes: u, v, scale, shift, visible (1 or 0), and the nearest and farthest
-// closeness of the 3x3.
-__kernel void surface_motion_kernel(plane_in current, plane_in closeness, plane_in motion, plane_out motion_out,
+// inverse depth of the 3x3.
+__kernel void surface_motion_kernel(plane_in current, plane_in inverse_depth, plane_in motion, plane_out motion_out,
     const frame_t frame, const settings_t settings)
 {
     const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
     if (x >= frame.width || y >= frame.height)
         return;
     const size_t plane = plane_size(frame);
-    const surface s = nearest_surface(read_row(current, closeness, motion, x, y - 1, frame),
-        read_row(current, closeness, motion, x, y, frame), read_row(current, closeness, motion, x, y + 1, frame),
-        settings);
+    const surface s = nearest_surface(read_row(current, inverse_depth, motion, x, y - 1, frame),
+        read_row(current, inverse_depth, motion, x, y, frame),
+        read_row(current, inverse_depth, motion, x, y + 1, frame), settings);
     const motion_t m = surface_motion(s, LANE_INDEX + K(x), SPLAT(y), frame);
     plane_out p = motion_out + texel_offset(frame, x, y);
     store(p, m.u);
@@ -75,7 +75,7 @@ __kernel void surface_motion_kernel(plane_in current, plane_in closeness, plane_
 // History at that motion. 9 planes: r, g, b, alpha, count, fx, fy, valid (1 or 0), and how light changes, where that is
 // tested for.
 __kernel void sample_history_kernel(plane_in current, plane_in motion_in, history_in history, plane_in history_count,
-    plane_in previous_closeness, plane_out history_at, const frame_t frame, const settings_t settings)
+    plane_in previous_inverse_depth, plane_out history_at, const frame_t frame, const settings_t settings)
 {
     const int x = (int)get_global_id(0) * LANES, y = (int)get_global_id(1);
     if (x >= frame.width || y >= frame.height)
@@ -88,9 +88,9 @@ __kernel void sample_history_kernel(plane_in current, plane_in motion_in, histor
     surface s;
     s.nearest = load(q + 5 * plane);
     s.farthest = load(q + 6 * plane);
-    kept_rows kept = nothing_kept();
+    row_cache cache = empty_row_cache();
     const history_t h = sample_history(current, read_boxed(current, x, y + 1, frame), history, history_count,
-        previous_closeness, m, s, x, y, frame, settings, &kept);
+        previous_inverse_depth, m, s, x, y, frame, settings, &cache);
     plane_out p = history_at + at;
     store_colour(p, plane, h.rgb);
     store(p + 3 * plane, h.alpha);
@@ -118,12 +118,12 @@ __kernel void rectify_history_kernel(plane_in statistics_in, plane_in motion_in,
     m.u = load(motion_in + at);
     m.v = load(motion_in + at + plane);
     const rectification r = rectify(load_colour(history_at + at, plane), load_colour(q + 12 * plane, plane), near, m,
-        box_gamma(m, settings), frame, settings);
+        box_scale_of(m, settings), frame, settings);
     plane_out p = change_out + at;
     store_colour(p, plane, r.change);
-    store(p + 3 * plane, r.pull);
-    store(p + 4 * plane, r.unrest);
-    store(p + 5 * plane, r.calm);
+    store(p + 3 * plane, r.clip_distance);
+    store(p + 4 * plane, r.blend_boost);
+    store(p + 5 * plane, r.anti_flicker_factor);
 }
 
 // Blend: the current sample with the rectified history. Writes the output and its count.
@@ -143,7 +143,7 @@ __kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, 
     h.count = load(q + 4 * plane);
     h.fx = load(q + 5 * plane);
     h.fy = load(q + 6 * plane);
-    h.most = most_samples(h.fx, h.fy, settings);
+    h.count_limit = count_limit_of(h.fx, h.fy, settings);
     h.valid = load(q + 7 * plane) > SPLAT(0.5);
     h.change = load(q + 8 * plane);
     const rectification r = { load_colour(c, plane), load(c + 3 * plane), load(c + 4 * plane), load(c + 5 * plane) };
@@ -155,7 +155,7 @@ __kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, 
     p.reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
     p.filtered = load_colour(statistics_in + at + 12 * plane, plane);
     p.luminance = luminance_4(p.filtered);
-    p.own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? usable_colour(current, plane, x, y, frame) : p.filtered;
+    p.own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? colour_in_domain(current, plane, x, y, frame) : p.filtered;
     const resolved out = resolve_pixel(p, h, r, settings);
     store_recurrent(output, output_count, out, x, y, frame);
 }

@@ -1,45 +1,46 @@
 // The adaptive temporal window. Where light may change, how far back should a pixel look? It is resolved from several
-// spans of its past, and each leaves an error: how far its latest samples lie from what the span says. A span that is
-// too short errs by their noise, one that is too long by what has changed since. Errors summed up over the texels
-// around tell how far each span is believed, and the texels' mean difference from the shortest moves the longer ones.
+// windows of its past, and each leaves an error: how far its latest samples lie from what the window says. A window
+// that is too short errs by their noise, one that is too long by what has changed since. Errors summed up over the
+// texels around tell how far each window is believed, and the texels' mean difference from the shortest moves the
+// longer ones.
 #include "gather.h"
 
-#if !defined(SPANS) || !defined(SPAN_REACH) || !defined(SHORT_SPAN) || !defined(MIDDLE_SPAN)
-#error "temporal_window.h needs SPANS, SPAN_REACH, SHORT_SPAN and MIDDLE_SPAN from the prelude"
+#if !defined(WINDOWS) || !defined(WINDOW_REACH) || !defined(SHORT_WINDOW) || !defined(MIDDLE_WINDOW)
+#error "temporal_window.h needs WINDOWS, WINDOW_REACH, SHORT_WINDOW and MIDDLE_WINDOW from the prelude"
 #endif
 
-// Planes of a span: r, g, b, error, count, alpha. The spans stand one behind the other: the latest frames, a few more,
-// all, and without motion all since the camera came to stand.
-#define SPAN_PLANES (5 + ALPHA)
-#define ALL_FRAMES (SPANS - 2)
-#define UNMOVED (SPANS - 1)
-#define SPAN_TEXELS ((2 * SPAN_REACH + 1) * (2 * SPAN_REACH + 1))
+// Planes of a window: r, g, b, error, count, alpha. The windows stand one behind the other: the latest frames, a few
+// more, all, and without motion all since the camera came to stand.
+#define WINDOW_PLANES (5 + ALPHA)
+#define ALL_FRAMES (WINDOWS - 2)
+#define UNMOVED (WINDOWS - 1)
+#define WINDOW_TEXELS ((2 * WINDOW_REACH + 1) * (2 * WINDOW_REACH + 1))
 
-// How many of the kept frames a span has.
-STAGE int span_end(int span, int frames)
+// How many of the frames in the ring a window has.
+STAGE int window_end(int window, int frames)
 {
-    const int end = span == 0 ? SHORT_SPAN : (span < ALL_FRAMES ? MIDDLE_SPAN : frames);
+    const int end = window == 0 ? SHORT_WINDOW : (window < ALL_FRAMES ? MIDDLE_WINDOW : frames);
     return end < frames ? end : frames;
 }
 
-// Squared distances of the latest samples, the current one among them, from what a span says, all channels, of light as
-// much as it counts in a mean: the edge of a highlight would outweigh all around it that a screen can show. A span
+// Squared distances of the latest samples, the current one among them, from what a window says, all channels, of light
+// as much as it counts in a mean: the edge of a highlight would outweigh all around it that a screen can show. A window
 // holds these samples itself and lies the nearer to them the fewer others it has, which is made good (leave one out).
-STAGE real span_error(gathered g, colour now, resolved span, settings_t settings)
+STAGE real window_error(gathered g, colour now, resolved window, settings_t settings)
 {
     const real one = SPLAT(1.0), two = SPLAT(2.0);
-    const colour d = share_difference(to_range(span.rgb), now, settings);
+    const colour d = share_difference(to_range(window.rgb), now, settings);
     const real along = (d.r * g.recent.r + d.g * g.recent.g) + d.b * g.recent.b;
     const real size = (d.r * d.r + d.g * d.g) + d.b * d.b;
     const real squares = (g.recent_squares - two * along) + (one + g.recent_count) * size;
-    const real left = one - reciprocal(greater(span.count, SPLAT(1.5)));
+    const real left = one - reciprocal(greater(window.count, SPLAT(1.5)));
     return quotient(greater(squares, SPLAT(0.0)), left * left);
 }
 
 // The plain mean of what was drawn at the pixel's own place in the `frames` latest frames, those from the camera of
 // now: right for what only moves along itself, as a wheel does, and for light that stands on what moves. `sums` are
 // those of its samples.
-STAGE resolved resolve_unmoved(gathered* sums, plane_in kept, frames_in past, int frames, pixel_t p, int x, int y,
+STAGE resolved resolve_unmoved(gathered* sums, plane_in ring, frame_records past, int frames, pixel_t p, int x, int y,
     frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
@@ -47,7 +48,7 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in kept, frames_in past, in
     gathered g = no_samples();
     for (int k = 0; k < frames; ++k) {
         const frame_t then = past[k];
-        plane_in q = kept + (size_t)then.slot * KEPT_PLANES * plane + texel_offset(frame, x, y);
+        plane_in q = ring + (size_t)then.slot * RING_PLANES * plane + texel_offset(frame, x, y);
         colour c = load_colour(q, plane);
         const mask good = !colour_outside_domain(c);
         if (EXPOSURE)
@@ -55,7 +56,7 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in kept, frames_in past, in
         c = choose_colour(good, to_range(c), p.own);
         real counted = good ? one : zero;
         if (REACTIVE)
-            counted *= as_reactive(load_share(q + KEPT_REACTIVE * plane, zero), p);
+            counted *= as_reactive(load_share(q + RING_REACTIVE * plane, zero), p);
         const colour d = { c.r - p.own.r, c.g - p.own.g, c.b - p.own.b };
         const real w = counted * sample_share(c, settings);
         g.sum.r += w * d.r;
@@ -63,10 +64,10 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in kept, frames_in past, in
         g.sum.b += w * d.b;
         g.weight += w;
         g.count += counted;
-        if (k < SHORT_SPAN)
+        if (k < SHORT_WINDOW)
             add_recent(&g, share_difference(c, p.own, settings), counted);
         if (ALPHA)
-            g.alpha += counted * (load_share(q + KEPT_ALPHA * plane, one) - p.alpha);
+            g.alpha += counted * (load_share(q + RING_ALPHA * plane, one) - p.alpha);
     }
     const real whole_weight = sample_share(p.own, settings) + g.weight;
     const colour v = { p.own.r + quotient(g.sum.r, whole_weight), p.own.g + quotient(g.sum.g, whole_weight),
@@ -81,10 +82,10 @@ STAGE resolved resolve_unmoved(gathered* sums, plane_in kept, frames_in past, in
     return out;
 }
 
-STAGE void store_span(plane_out spans, int span, resolved r, real error, int x, int y, frame_t frame)
+STAGE void store_window(plane_out windows, int window, resolved r, real error, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame);
-    plane_out p = spans + (size_t)span * SPAN_PLANES * plane + texel_offset(frame, x, y);
+    plane_out p = windows + (size_t)window * WINDOW_PLANES * plane + texel_offset(frame, x, y);
     store(p, r.rgb.r);
     store(p + plane, r.rgb.g);
     store(p + 2 * plane, r.rgb.b);
@@ -94,47 +95,47 @@ STAGE void store_span(plane_out spans, int span, resolved r, real error, int x, 
         store(p + 5 * plane, r.alpha);
 }
 
-// All spans but that without motion say what that of all frames does where most of the latest samples are unlike: of
+// All windows but that without motion say what that of all frames does where most of the latest samples are unlike: of
 // what a veil has just come over or left they tell next to nothing.
-STAGE void stand_in(plane_out spans, gathered latest, resolved all, real error, int x, int y, frame_t frame)
+STAGE void stand_in(plane_out windows, gathered latest, resolved all, real error, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame);
     const mask unlike = latest.unlike > latest.recent_count;
     if (!any_of(unlike))
         return;
-    for (int span = 0; span < ALL_FRAMES; ++span) {
-        plane_out p = spans + (size_t)span * SPAN_PLANES * plane + texel_offset(frame, x, y);
+    for (int window = 0; window < ALL_FRAMES; ++window) {
+        plane_out p = windows + (size_t)window * WINDOW_PLANES * plane + texel_offset(frame, x, y);
         resolved r = all;
         r.rgb = choose_colour(unlike, all.rgb, load_colour(p, plane));
         r.count = unlike ? all.count : load(p + 4 * plane);
         if (ALPHA)
             r.alpha = unlike ? all.alpha : load(p + 5 * plane);
-        store_span(spans, span, r, unlike ? error : load(p + 3 * plane), x, y, frame);
+        store_window(windows, window, r, unlike ? error : load(p + 3 * plane), x, y, frame);
     }
 }
 
-STAGE plane_in span_plane(plane_in spans, int span, int plane, frame_t frame)
+STAGE plane_in window_plane(plane_in windows, int window, int plane, frame_t frame)
 {
-    return spans + ((size_t)span * SPAN_PLANES + (size_t)plane) * plane_size(frame);
+    return windows + ((size_t)window * WINDOW_PLANES + (size_t)plane) * plane_size(frame);
 }
 
 // From a texel to the k-th of those around it, row by row.
-STAGE ptrdiff_t span_step(int k, frame_t frame)
+STAGE ptrdiff_t window_step(int k, frame_t frame)
 {
-    const int side = 2 * SPAN_REACH + 1;
-    return (k / side - SPAN_REACH) * (ptrdiff_t)row_stride(frame) + (k % side - SPAN_REACH);
+    const int side = 2 * WINDOW_REACH + 1;
+    return (k / side - WINDOW_REACH) * (ptrdiff_t)row_stride(frame) + (k % side - WINDOW_REACH);
 }
 
 STAGE real sum_around(plane_in p, frame_t frame)
 {
     real sum = SPLAT(0.0);
-    for (int k = 0; k < SPAN_TEXELS; ++k)
-        sum += load(p + span_step(k, frame));
+    for (int k = 0; k < WINDOW_TEXELS; ++k)
+        sum += load(p + window_step(k, frame));
     return sum;
 }
 
-// How much a span is believed beside that of the least error: a ratio of errors to the 16th, for as many recent samples
-// as tell it (a likelihood goes with half their number).
+// How much a window is believed beside that of the least error: a ratio of errors to the 16th, for as many recent
+// samples as tell it (a likelihood goes with half their number).
 STAGE real trust(real error, real least)
 {
     const real ratio = greater(quotient(least + K(TINY), error + K(TINY)), SPLAT(LEAST_TRUST));
@@ -142,8 +143,8 @@ STAGE real trust(real error, real least)
     return eighth * eighth;
 }
 
-// How far light has moved in one channel since a span, around the pixel: the mean difference of the shortest span from
-// it, the variance of that mean, and what the texels show.
+// How far light has moved in one channel since a window, around the pixel: the mean difference of the shortest window
+// from it, the variance of that mean, and what the texels show.
 typedef struct
 {
     real mean, variance, level;
@@ -151,34 +152,34 @@ typedef struct
 
 // How much each texel around counts for a drift: as its light does in a mean of samples, then and now. A highlight that
 // comes or goes is no change of the light around it.
-STAGE void weigh_texels(real* weights, plane_in span, plane_in shortest, frame_t frame, settings_t settings)
+STAGE void weigh_texels(real* weights, plane_in window, plane_in shortest, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
-    for (int k = 0; k < SPAN_TEXELS; ++k) {
-        const ptrdiff_t step = span_step(k, frame);
-        weights[k] = sample_share(load_colour(span + step, plane), settings)
+    for (int k = 0; k < WINDOW_TEXELS; ++k) {
+        const ptrdiff_t step = window_step(k, frame);
+        weights[k] = sample_share(load_colour(window + step, plane), settings)
             * sample_share(load_colour(shortest + step, plane), settings);
     }
 }
 
 // Twice over the texels: beside a highlight their squares less the square of their mean would leave its rounding.
-STAGE drift_t drift_of(plane_in span, plane_in shortest, const real* weights, frame_t frame)
+STAGE drift_t drift_of(plane_in window, plane_in shortest, const real* weights, frame_t frame)
 {
     real sum = SPLAT(0.0), squares = sum, level = sum, weight = sum;
-    for (int k = 0; k < SPAN_TEXELS; ++k) {
-        const ptrdiff_t step = span_step(k, frame);
-        const real v = load(span + step);
+    for (int k = 0; k < WINDOW_TEXELS; ++k) {
+        const ptrdiff_t step = window_step(k, frame);
+        const real v = load(window + step);
         sum += weights[k] * (load(shortest + step) - v);
         level += weights[k] * absolute(v);
         weight += weights[k];
     }
     const real mean = quotient(sum, weight);
-    for (int k = 0; k < SPAN_TEXELS; ++k) {
-        const ptrdiff_t step = span_step(k, frame);
-        const real off = (load(shortest + step) - load(span + step)) - mean;
+    for (int k = 0; k < WINDOW_TEXELS; ++k) {
+        const ptrdiff_t step = window_step(k, frame);
+        const real off = (load(shortest + step) - load(window + step)) - mean;
         squares += weights[k] * (off * off);
     }
-    const drift_t drift = { mean, quotient(squares, weight * SPLAT(SPAN_TEXELS - 1)), quotient(level, weight) };
+    const drift_t drift = { mean, quotient(squares, weight * SPLAT(WINDOW_TEXELS - 1)), quotient(level, weight) };
     return drift;
 }
 
@@ -189,16 +190,16 @@ STAGE real t_of(drift_t drift)
     return quotient(absolute(drift.mean), error);
 }
 
-// The drift from a span to the shortest as far as it is not chance: 1 - (DRIFT_T / t)^2 (James and Stein), of the
+// The drift from a window to the shortest as far as it is not chance: 1 - (DRIFT_T / t)^2 (James and Stein), of the
 // channel that drifted most.
-STAGE colour drift_to_shortest(plane_in span, plane_in shortest, frame_t frame, settings_t settings)
+STAGE colour drift_to_shortest(plane_in window, plane_in shortest, frame_t frame, settings_t settings)
 {
     const size_t plane = plane_size(frame);
-    real weights[SPAN_TEXELS];
-    weigh_texels(weights, span, shortest, frame, settings);
-    const drift_t r = drift_of(span, shortest, weights, frame),
-                  g = drift_of(span + plane, shortest + plane, weights, frame),
-                  b = drift_of(span + 2 * plane, shortest + 2 * plane, weights, frame);
+    real weights[WINDOW_TEXELS];
+    weigh_texels(weights, window, shortest, frame, settings);
+    const drift_t r = drift_of(window, shortest, weights, frame),
+                  g = drift_of(window + plane, shortest + plane, weights, frame),
+                  b = drift_of(window + 2 * plane, shortest + 2 * plane, weights, frame);
     const real t = greater(greater(t_of(r), greater(t_of(g), t_of(b))), SPLAT(DRIFT_T));
     const real chance = quotient(SPLAT(DRIFT_T), t), sure = SPLAT(1.0) - chance * chance;
     const colour moved = { sure * r.mean, sure * g.mean, sure * b.mean };

@@ -88,7 +88,7 @@ def ahead(preset: str, others: tuple[str, ...], or_level: bool = False) -> int:
 
 def test_the_means_of_the_page_are_those_of_the_generated_table() -> None:
     rows = table(page(QUALITY), "samples at disocclusions")
-    columns = {"samples": "samples", "PSNR, dB": "psnr", "FLIP": "flip", "samples at disocclusions": "uncovered"}
+    columns = {"samples": "samples", "PSNR, dB": "psnr", "FLIP": "flip", "samples at disocclusions": "disoccluded"}
     assert len(rows) >= 8
     for row in rows:
         preset = re.split(r",| \(", row["preset (name in the tables)"])[0]

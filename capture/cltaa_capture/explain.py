@@ -15,10 +15,10 @@ BYTES_A_CHANNEL = 4  # float32
 DRAWN_AS: dict[Effect, tuple[str, tuple[str, ...]]] = {
     Effect.CAMERA: ("another world_to_view or view_to_clip every frame", ()),
     Effect.MOTION: ("previous poses; motion of what moves by itself", ("backward.u", "backward.v")),
-    Effect.UNCOVER: ("nothing of its own: depth tells", ()),
+    Effect.DISOCCLUSION: ("nothing of its own: depth tells", ()),
     Effect.THIN: ("nothing of its own: depth tells", ()),
     Effect.HDR: ("nothing of its own: colour is never clamped", ()),
-    Effect.SHADING: ("nothing of its own: it is in the colour", ()),
+    Effect.ILLUMINATION: ("nothing of its own: it is in the colour", ()),
     Effect.REACTIVE: ("share of see-through surfaces", ("reactive",)),
     Effect.EXPOSURE: ("attribute cltaa:exposure", ()),
     Effect.CUT: ("attribute cltaa:cut", ()),

@@ -27,7 +27,7 @@ from cltaa.commands.printing import print_line, print_table
 from cltaa.core.backend import Launcher, launcher_for
 from cltaa.core.presets import Preset
 from cltaa.errors import UsageError
-from cltaa.inputs.open import AS_EVER, Reading
+from cltaa.inputs.open import DEFAULT_READING, Reading
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.bench.quality.cases import (
     GIVEN,
@@ -167,7 +167,7 @@ def quality(
     cases = [(Case(folder.name, GIVEN, folder), 0) for folder in folders]
     if scenes or not folders:
         cases += _planned(scenes, seeds, shape, work)
-    if reading != AS_EVER and not folders:
+    if reading != DEFAULT_READING and not folders:
         what, cure = (
             "profile, input, camera, step, truth and effects are of frames that are there",
             "name them: --sequence",

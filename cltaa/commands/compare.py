@@ -178,7 +178,7 @@ def compare(
     judged against its own truth.
 
     --video needs the capture, for the motion in it, and tells apart what an error of single images cannot: ghosting
-    (the past shows at uncovered pixels), flicker (changes that are not in the truth), blur (fine detail lost) and
+    (the past shows at disoccluded pixels), flicker (changes that are not in the truth), blur (fine detail lost) and
     aliasing (fine detail that is false). docs/metrics.md has the formulas.
 
     Heat maps run from black over red and yellow to white; they show FLIP where it is among the metrics, else the

@@ -21,7 +21,7 @@ from cltaa.io.sequence import ImageSequence, open_images, open_sequence
 from cltaa.io.video import import_av, write_side_by_side
 from cltaa.lab.judge.equal_quality import equal_quality_samples
 from cltaa.lab.judge.metrics import METRICS, mean, measure, named_metrics
-from cltaa.pipeline.run import Outcome, resolve_sequence
+from cltaa.pipeline.run import ResolveReport, resolve_sequence
 from cltaa.printable import counted, json_of, shown
 from cltaa.process import call_cltaa
 
@@ -76,15 +76,15 @@ def demo(output: Path, scene: str, frames: int, size: tuple[int, int], device: s
     resolver = Resolver(device=device)  # a device that is not there is told before the work, not after it
     _capture(scene, folder, frames, size)
     sequence = open_sequence(folder).select(0, frames - 1)
-    outcome = resolve_sequence(sequence, resolved, resolver, restart=True, stopping=stop_signals())
+    report = resolve_sequence(sequence, resolved, resolver, restart=True, stopping=stop_signals())
     after = open_images(resolved).select(0, frames - 1)
     assert sequence.reference is not None
-    gain = _judge(open_images(folder).select(0, frames - 1), after, sequence.reference, outcome)
+    gain = _judge(open_images(folder).select(0, frames - 1), after, sequence.reference, report)
     _show(output, open_images(folder).select(0, frames - 1), after)
     if as_json:
         click.echo(json_of(gain))
     else:
-        _print(gain, outcome, output)
+        _print(gain, report, output)
 
 
 def _capture(scene: str, folder: Path, frames: int, size: tuple[int, int]) -> None:
@@ -110,7 +110,7 @@ def _capture(scene: str, folder: Path, frames: int, size: tuple[int, int]) -> No
         click.get_current_context().exit(code)  # it has said why
 
 
-def _judge(before: ImageSequence, after: ImageSequence, truth: ImageSequence, outcome: Outcome) -> Gain:
+def _judge(before: ImageSequence, after: ImageSequence, truth: ImageSequence, report: ResolveReport) -> Gain:
     rows: dict[str, list[dict[str, float]]] = {"before": [], "after": []}
     for number in range(SETTLED, len(truth)):
         reference = truth.image(number)
@@ -121,7 +121,7 @@ def _judge(before: ImageSequence, after: ImageSequence, truth: ImageSequence, ou
     for side, values in rows.items():
         flip = [row.pop("flip") for row in values if "flip" in row]
         means[side] = {**mean(values), "flip": float(np.mean(flip))}
-    seconds = outcome.seconds
+    seconds = report.seconds
     return Gain(
         psnr_one_sample=means["before"]["psnr"],
         psnr_resolved=means["after"]["psnr"],
@@ -131,7 +131,7 @@ def _judge(before: ImageSequence, after: ImageSequence, truth: ImageSequence, ou
             means["after"]["mse"], means["before"]["mse"], truth_samples=TRUTH_SAMPLES
         ),
         resolve_ms=1e3 * (seconds.upload + seconds.kernels + seconds.read_back),
-        device=outcome.device,
+        device=report.device,
     )
 
 
@@ -152,9 +152,9 @@ def _crop(image: Image) -> Image:
     return image[top : top + height, left : left + width].repeat(ZOOM, axis=0).repeat(ZOOM, axis=1)
 
 
-def _print(gain: Gain, outcome: Outcome, output: Path) -> None:
-    frames = counted(outcome.frames, "frame")
-    table = Table(title=f"{frames}, {outcome.width} x {outcome.height}, judged from frame {SETTLED} on")
+def _print(gain: Gain, report: ResolveReport, output: Path) -> None:
+    frames = counted(report.frames, "frame")
+    table = Table(title=f"{frames}, {report.width} x {report.height}, judged from frame {SETTLED} on")
     for column in ("", "one sample", "resolved"):
         table.add_column(column, justify="left" if not column else "right")
     table.add_row("PSNR, dB (more is better)", f"{gain.psnr_one_sample:.2f}", f"[bold]{gain.psnr_resolved:.2f}")

@@ -68,7 +68,8 @@ def print_plan(plan: SequencePlan) -> None:
 def _table(section: Section, title: str) -> Table:
     planned, every = section.milliseconds, section.every_milliseconds
     if planned is not None and every is not None:
-        # Without what would make another estimate, such as the test for a change of light: that has its own line alone.
+        # Without what would make another estimate, such as the test for an illumination change: that has its own line
+        # alone.
         same_bits = f"{every:.2f} with every step that leaves the bits as they are ({every / planned:.2f} x)"
         title += f": {planned:.2f} ms a frame, {same_bits}"
     table = Table(title=title, title_justify="left", box=None, padding=(0, 2, 0, 0))

@@ -32,8 +32,8 @@ from cltaa.io.numbered import OnBreak
 from cltaa.io.preset_file import preset_of
 from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY
 from cltaa.pipeline.debug_views import View, parse_views
-from cltaa.pipeline.output import carried_compression, chosen_layers, kept_kinds
-from cltaa.pipeline.run import Outcome, resolve_sequence, resolver_for, stage_rows
+from cltaa.pipeline.output import carried_compression, carried_kinds, chosen_layers
+from cltaa.pipeline.run import ResolveReport, resolve_sequence, resolver_for, stage_rows
 from cltaa.printable import counted, json_of, printable, shown
 
 
@@ -170,9 +170,16 @@ def resolve(
         settings, kept = within_budget(budget_ms, device, (source.width, source.height), changes)
     carried = chosen_layers(layers, source)
     resolver = resolver_for(
-        settings, device, source, band_rows, strict=strict, storage=kept, half=half, layers=kept_kinds(source, carried)
+        settings,
+        device,
+        source,
+        band_rows,
+        strict=strict,
+        storage=kept,
+        half=half,
+        layers=carried_kinds(source, carried),
     )
-    outcome = resolve_sequence(
+    report = resolve_sequence(
         source,
         output,
         resolver,
@@ -187,9 +194,9 @@ def resolve(
         stopping=stop_signals(),
     )
     if as_json:
-        click.echo(json_of(outcome))
+        click.echo(json_of(report))
     else:
-        _print_outcome(outcome, preview, views, foreign=bool(source.notes))
+        _print_report(report, preview, views, foreign=bool(source.notes))
 
 
 def _refuse_more(ctx: click.Context) -> None:
@@ -210,33 +217,33 @@ def within_budget(
     return assigned(choice.variant.preset, assignments), choice.variant.storage
 
 
-def _print_outcome(outcome: Outcome, preview: Path | None, views: str, *, foreign: bool) -> None:
+def _print_report(report: ResolveReport, preview: Path | None, views: str, *, foreign: bool) -> None:
     from rich.table import Table  # here and below: when the frames are written, and not before the first is read
 
     from cltaa.commands.printing import print_line, print_table
     from cltaa.inputs.intake import OPAQUE
 
-    what = f"{counted(outcome.frames, 'frame')}, {outcome.width} x {outcome.height}, preset {shown(outcome.preset)}"
+    what = f"{counted(report.frames, 'frame')}, {report.width} x {report.height}, preset {shown(report.preset)}"
     print_line(what)
-    if outcome.resolved:
+    if report.resolved:
         table = Table()
         table.add_column("stage")
         table.add_column("ms a frame", justify="right")
-        for name, milliseconds in stage_rows(outcome.seconds):
+        for name, milliseconds in stage_rows(report.seconds):
             table.add_row(name, f"{milliseconds:.1f}", end_section=name == "write")
         print_table(table)
         print_line("stages: medians, side by side; whole: the clock over all frames, with building kernels", "dim")
-    if outcome.resolved < outcome.frames:
-        print_line(f"{counted(outcome.frames - outcome.resolved, 'frame')} finished already")
-    if outcome.repaired:
-        print_line(f"{counted(outcome.repaired, 'pixel')} without a usable number repaired")
-    if outcome.saturated:
-        print_line(f"{counted(outcome.saturated, 'pixel')} saturated at 65504, the largest half")
-    if foreign and outcome.opaque == outcome.resolved > 0:
+    if report.resolved < report.frames:
+        print_line(f"{counted(report.frames - report.resolved, 'frame')} finished already")
+    if report.repaired:
+        print_line(f"{counted(report.repaired, 'pixel')} without a usable number repaired")
+    if report.saturated:
+        print_line(f"{counted(report.saturated, 'pixel')} saturated at 65504, the largest half")
+    if foreign and report.opaque == report.resolved > 0:
         print_line(OPAQUE)
-    print_line(f"on {shown(outcome.device)}")
-    print_line(f"written to {shown(outcome.output)}")
+    print_line(f"on {shown(report.device)}")
+    print_line(f"written to {shown(report.output)}")
     if views:
-        print_line(f"debug views in {shown(outcome.output)}/debug")
+        print_line(f"debug views in {shown(report.output)}/debug")
     if preview is not None:
         print_line(f"film {shown(str(preview))}")

@@ -14,7 +14,7 @@ from cltaa.core.build import Build, Storage
 from cltaa.core.planes import Layout
 from cltaa.errors import UsageError
 
-WISH = "CLTAA_DEVICE"  # the variable that names a device where nothing else does
+DEVICE_VARIABLE = "CLTAA_DEVICE"  # the variable that names a device where nothing else does
 
 
 class Buffer(Protocol):
@@ -67,5 +67,5 @@ def launcher_for(device: str | int | Launcher | None) -> Launcher:
     from cltaa.opencl.launcher import DeviceLauncher
     from cltaa.reference.launcher import NumpyLauncher
 
-    wish = str(device) if isinstance(device, int) else device or os.environ.get(WISH)
-    return NumpyLauncher() if wish == "numpy" else DeviceLauncher(wish)
+    requested = str(device) if isinstance(device, int) else device or os.environ.get(DEVICE_VARIABLE)
+    return NumpyLauncher() if requested == "numpy" else DeviceLauncher(requested)

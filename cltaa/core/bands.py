@@ -1,8 +1,8 @@
 """Images too large to lie in memory several times: resolved in bands of rows, to the same bits as in one piece.
 
-What recurs (history, counts, closeness) is whole, once; of the frame that arrives and of its result the device holds
-one band at a time, and the result replaces the frame's own arrays band by band. A band takes the rows around it along,
-so that every pixel sees the neighbours that it sees in one piece.
+What recurs (history, counts, inverse depth) is whole, once; of the frame that arrives and of its result the device
+holds one band at a time, and the result replaces the frame's own arrays band by band. A band takes the rows around it
+along, so that every pixel sees the neighbours that it sees in one piece.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cltaa.core.buffers import Buffers
 from cltaa.core.build import edge_build
 from cltaa.core.constants import PAD_X, PAD_Y
 from cltaa.core.frame_checks import check_frame
-from cltaa.core.parameters import HistoryOf
+from cltaa.core.parameters import HistoryKind
 from cltaa.core.passes import Passes
 from cltaa.core.planes import Layout
 from cltaa.core.record import Past, frame_record
@@ -73,7 +73,7 @@ class _Result(NamedTuple):
     band: Band
     output: NDArray[np.float32]
     counts: NDArray[np.float32]
-    closeness: NDArray[np.float32]
+    inverse_depth: NDArray[np.float32]
 
 
 class _Whole(NamedTuple):
@@ -81,8 +81,8 @@ class _Whole(NamedTuple):
 
     colour: Image  # [H, W, 3]
     alpha: Image | None
-    counts: NDArray[np.float32]  # [1 or 2, H, W]: samples, and where it is tested for the change of light
-    closeness: Image
+    counts: NDArray[np.float32]  # [1 or 2, H, W]: samples, and where it is tested for the illumination change
+    inverse_depth: Image
 
     def store(self, result: _Result) -> None:
         rows = result.band.own
@@ -90,7 +90,7 @@ class _Whole(NamedTuple):
         if self.alpha is not None:
             self.alpha[rows] = result.output[3]
         self.counts[:, rows] = result.counts[: len(self.counts)]
-        self.closeness[rows] = result.closeness[0]
+        self.inverse_depth[rows] = result.inverse_depth[0]
 
 
 class BandedResolver(Resolver):
@@ -104,7 +104,7 @@ class BandedResolver(Resolver):
         super().__init__(*arguments, **options)
         if not self.launcher.takes_bands:
             raise UsageError("NumPy resolves whole images only", cure="leave --band-rows out, or name a device")
-        if self.preset.choices.history_of is not HistoryOf.RESULT:
+        if self.preset.choices.history is not HistoryKind.ACCUMULATED:
             raise UsageError(
                 f"preset {self.preset.name} keeps frames, so it resolves whole images only",
                 cure="leave --band-rows out, or take --preset default",
@@ -146,7 +146,7 @@ class BandedResolver(Resolver):
             self.launcher.finish()
             if rounded is not None:
                 halves[:, band.own] = band.copied(rounded, np.float16)[:planes]
-            written = (buffers.output, buffers.output_count, buffers.closeness)
+            written = (buffers.output, buffers.output_count, buffers.inverse_depth)
             waiting.append(_Result(band, *(band.copied(buffer) for buffer in written)))
         for result in waiting:
             whole.store(result)
@@ -202,7 +202,7 @@ def _keep(whole: _Whole, buffers: Buffers) -> None:
     for buffer, planes in (
         (buffers.history, [*colour, *([] if whole.alpha is None else [whole.alpha])]),
         (buffers.history_count, [*whole.counts]),
-        (buffers.previous_closeness, [whole.closeness]),
+        (buffers.previous_inverse_depth, [whole.inverse_depth]),
     ):
         with buffer.mapped(write=True) as target:
             for place, plane in zip(buffers.whole.inside(target)[: len(planes)], planes, strict=True):

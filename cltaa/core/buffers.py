@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from cltaa.camera import is_still
 from cltaa.core.backend import Buffer, Launcher
-from cltaa.core.build import FRAME_DTYPE, Build, Record, Steps, kept_planes, span_planes
-from cltaa.core.constants import SPANS
-from cltaa.core.parameters import Choices, HistoryOf, LightChange
+from cltaa.core.build import FRAME_DTYPE, Build, Record, Steps, ring_planes, window_planes
+from cltaa.core.constants import WINDOWS
+from cltaa.core.parameters import Choices, HistoryKind, Illumination
 from cltaa.core.plan import Plan
 from cltaa.core.planes import Layout, around, empty_image
 from cltaa.core.record import Past, frame_record
@@ -33,7 +33,7 @@ class LastRun(NamedTuple):
 
 
 class Buffers:
-    """Device memory of one image size; history and output, and closeness now and then, change places each frame."""
+    """Device memory of one image size; history and output, and inverse depth now and then, change places each frame."""
 
     def __init__(
         self, launcher: Launcher, layout: Layout, alpha: bool, dtype: Any, whole: Layout | None = None
@@ -44,16 +44,16 @@ class Buffers:
         """
         self.layout, self.whole, self._launcher = layout, whole or layout, launcher
         self.result_planes = 4 if alpha else 3
-        self.closeness = self._planes(1)
+        self.inverse_depth = self._planes(1)
         self.output, self.output_count = self._planes(self.result_planes, dtype), self._planes(1)
         self.history = self._planes(self.result_planes, dtype, self.whole)
-        self.history_count, self.previous_closeness = self._planes(1, layout=whole), self._planes(1, layout=whole)
+        self.history_count, self.previous_inverse_depth = self._planes(1, layout=whole), self._planes(1, layout=whole)
         self.channels: dict[str, Buffer] = {}  # of the frame: current, motion, alpha, reactive
         self._copies: dict[str, Buffer] = {}  # memory for those that were copied once
         self._dtype = dtype
         self._halves: Buffer | None = None
         self._counts = 1  # planes of the counts
-        self.holds_changes = False  # whether those that the last frame left hold changes of light
+        self.holds_changes = False  # whether those that the last frame left hold illumination changes
 
     def _planes(self, count: int, dtype: Any = np.float32, layout: Layout | None = None) -> Buffer:
         layout = layout or self.layout
@@ -101,12 +101,12 @@ class Buffers:
         """What was written becomes what is read."""
         self.history, self.output = self.output, self.history
         self.history_count, self.output_count = self.output_count, self.history_count
-        self.closeness, self.previous_closeness = self.previous_closeness, self.closeness
+        self.inverse_depth, self.previous_inverse_depth = self.previous_inverse_depth, self.inverse_depth
 
     def ready_counts(self, choices: Choices, *, read: bool) -> None:
         """Ready the counts for a frame of those choices, which does or does not read them: where it tests light they
         have a second plane, of the change, and after a frame without the test that holds none."""
-        tests = choices.history_of is HistoryOf.RESULT and choices.light_change is not LightChange.IGNORE
+        tests = choices.history is HistoryKind.ACCUMULATED and choices.illumination is not Illumination.STATIC
         if tests:
             self.hold_changes()
         if tests and read and not self.holds_changes:
@@ -115,7 +115,7 @@ class Buffers:
         self.holds_changes = tests
 
     def hold_changes(self) -> None:
-        """Give the counts a plane more, for changes of light, unless they have one."""
+        """Give the counts a plane more, for illumination changes, unless they have one."""
         if self._counts == 2:
             return
         self._counts = 2
@@ -129,7 +129,7 @@ class Buffers:
         """What every kernel that resolves is given beside what recurs."""
         return {
             "current": self.channels["current"],
-            "closeness": self.closeness,
+            "inverse_depth": self.inverse_depth,
             "motion": self.channels["motion"] if steps.own_motion else None,
             "alpha": self.channels["alpha"] if steps.alpha else None,
             "reactive": self.channels["reactive"] if steps.reactive else None,
@@ -144,7 +144,7 @@ class Buffers:
         return {
             "history": self.history,
             "history_count": self.history_count,
-            "previous_closeness": self.previous_closeness,
+            "previous_inverse_depth": self.previous_inverse_depth,
         }
 
 
@@ -155,41 +155,41 @@ def fill(buffer: Buffer, layout: Layout, planes: NDArray[np.float32]) -> None:
         layout.extend_edges(target)
 
 
-class KeptFrames:
+class FrameRing:
     """A ring of ``count`` frames of one size and the one in work; ``past``: the facts about each, the latest first."""
 
     def __init__(self, launcher: Launcher, layout: Layout, count: int, steps: Steps) -> None:
         self.layout, self._launcher, self._count = layout, launcher, count
-        self._planes, self._channels = kept_planes(steps), _channels(steps)
+        self._planes, self._channels = ring_planes(steps), _channels(steps)
         self._slots = count + 1
         self.planes = _ring(launcher, (self._slots * self._planes, layout.rows, layout.stride), self._slots)
         self.records = launcher.allocate((count,), FRAME_DTYPE)
         self.past: tuple[Past, ...] = ()
-        self._spans: Buffer | None = None
+        self._windows: Buffer | None = None
 
     def fit(self, layout: Layout, count: int, steps: Steps) -> bool:
         """True when this ring holds ``count`` frames of that size and with those channels."""
         return (layout, count, _channels(steps)) == (self.layout, self._count, self._channels)
 
     def build(self, build: Build, frame: Frame) -> Build:
-        """``build`` with camera motion where the camera differs from that of any kept frame."""
+        """``build`` with camera motion where the camera differs from that of any frame of the ring."""
         moved = any(not is_still(frame.camera, past.camera) for past in self.past)
         return replace(build, steps=replace(build.steps, camera_motion=build.steps.camera_motion or moved))
 
-    def span_memory(self, steps: Steps) -> Buffer:
-        """Memory for what is gathered of the spans of the past, allocated when first asked for."""
-        if self._spans is None:
-            shape = (SPANS * span_planes(steps), self.layout.rows, self.layout.stride)
-            self._spans = self._launcher.allocate(shape, np.float32)
-        return self._spans
+    def window_memory(self, steps: Steps) -> Buffer:
+        """Memory for what is gathered of the temporal windows, allocated when first asked for."""
+        if self._windows is None:
+            shape = (WINDOWS * window_planes(steps), self.layout.rows, self.layout.stride)
+            self._windows = self._launcher.allocate(shape, np.float32)
+        return self._windows
 
     def standing(self, frame: Frame) -> int:
-        """How many of the latest kept frames were seen by the camera of ``frame``."""
+        """How many of the latest frames in the ring were seen by the camera of ``frame``."""
         told = self.past[: self._count]
         return next((place for place, past in enumerate(told) if not is_still(frame.camera, past.camera)), len(told))
 
     def describe(self, frame: Frame, plan: Plan) -> int:
-        """Tell the device how ``frame`` looks from each kept frame; returns how many there are."""
+        """Tell the device how ``frame`` looks from each frame of the ring; returns how many there are."""
         with self.records.mapped(write=True) as records:
             for place, past in enumerate(self.past[: self._count]):
                 record = frame_record(frame, past, self.layout, plan)
@@ -200,7 +200,7 @@ class KeptFrames:
 
     def keep(self, frame: Frame, buffers: Buffers, steps: Steps) -> None:
         """Copy what was uploaded of ``frame`` into the ring, in the place of the oldest."""
-        sources = [(buffers.channels["current"], 3), (buffers.closeness, 1)]
+        sources = [(buffers.channels["current"], 3), (buffers.inverse_depth, 1)]
         if steps.own_motion:
             sources.append((buffers.channels["motion"], 2))
         if steps.alpha:
@@ -223,7 +223,7 @@ class KeptFrames:
 
 
 def _channels(steps: Steps) -> tuple[bool, ...]:
-    """Which channels are kept: as many others take as much of the ring, but not of the memory for spans."""
+    """Which channels are kept: as many others take as much of the ring, but not of the memory for windows."""
     return steps.own_motion, steps.alpha, steps.reactive
 
 
@@ -235,5 +235,5 @@ def _ring(launcher: Launcher, shape: tuple[int, int, int], frames: int) -> Buffe
             f"{error.what} to keep {counted(frames, 'frame')}",
             expected=error.expected,
             found=error.found,
-            cure="keep fewer with --set frames_kept=N, or none with --preset default",
+            cure="keep fewer with --set history_frames=N, or none with --preset default",
         ) from error

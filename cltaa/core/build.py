@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.core.constants import CONSTANTS, WHOLE_NUMBERS
-from cltaa.core.parameters import HOST_CHOICES, KERNEL_SETTINGS, Choices, GatherFit, HistoryOf, Settings
+from cltaa.core.parameters import HOST_CHOICES, KERNEL_SETTINGS, Choices, GatherFit, HistoryKind, Settings
 from cltaa.errors import UsageError, known
 
 if TYPE_CHECKING:
@@ -61,29 +61,30 @@ class Steps(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
 class Terms(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     """Which terms the settings call for. One that they make nothing of is not compiled, and no bit changes."""
 
-    resample_cost: bool = True
-    pull_cost: bool = True
-    gamma_by_motion: bool = True
-    fresh_blur: bool = True
+    resampling_penalty: bool = True
+    clip_penalty: bool = True
+    box_scale_by_motion: bool = True
+    disocclusion_blur: bool = True
 
     @classmethod
     def of(cls, settings: Settings) -> Terms:
         """The terms that ``settings`` call for."""
         return cls(
-            resample_cost=settings.resample_cost != 0.0,
-            pull_cost=settings.pull_cost != 0.0,
-            gamma_by_motion=settings.gamma_still != settings.gamma_moving,
-            fresh_blur=settings.fresh_blur != 0.0,
+            resampling_penalty=settings.resampling_penalty != 0.0,
+            clip_penalty=settings.clip_penalty != 0.0,
+            box_scale_by_motion=settings.box_scale_static != settings.box_scale_moving,
+            disocclusion_blur=settings.disocclusion_blur != 0.0,
         )
 
 
-def kept_planes(steps: Steps) -> int:
-    """Planes of a kept frame: r, g, b, closeness, and where steps read them own motion, alpha, reactivity."""
+def ring_planes(steps: Steps) -> int:
+    """Planes of a frame of the ring: r, g, b, inverse depth, and where steps read them own motion, alpha,
+    reactivity."""
     return 4 + 2 * steps.own_motion + steps.alpha + steps.reactive
 
 
-def span_planes(steps: Steps) -> int:
-    """Planes of a span: r, g, b, error, count, and alpha where there is such (SPAN_PLANES)."""
+def window_planes(steps: Steps) -> int:
+    """Planes of a window: r, g, b, error, count, and alpha where there is such (WINDOW_PLANES)."""
     return 5 + steps.alpha
 
 
@@ -124,7 +125,7 @@ class Build(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
 
 def shared(build: Build) -> Build:
     """``build`` without what its kernels make nothing of: what does not gather is the default's program."""
-    if build.choices.history_of is HistoryOf.SAMPLES:
+    if build.choices.history is HistoryKind.FRAMES:
         return build
     choices = msgspec.structs.replace(build.choices, gather_fit=GatherFit.MEAN)
     return msgspec.structs.replace(build, choices=choices)
@@ -148,21 +149,21 @@ FRAME_FIELDS: dict[str, tuple[str, str]] = {
     "origin_y": ("float", "py of pixel y's sample = y + origin_y: 0.5 + jitter - height / 2"),
     "xx": ("float", "row x of D, by px"),
     "xy": ("float", "row x of D, by py"),
-    "xq": ("float", "row x of D, by closeness"),
+    "xq": ("float", "row x of D, by inverse depth"),
     "x1": ("float", "row x of D, constant"),
     "yx": ("float", "row y of D, by px"),
     "yy": ("float", "row y of D, by py"),
-    "yq": ("float", "row y of D, by closeness"),
+    "yq": ("float", "row y of D, by inverse depth"),
     "y1": ("float", "row y of D, constant"),
     "wx": ("float", "row w of D, by px"),
     "wy": ("float", "row w of D, by py"),
-    "wq": ("float", "row w of D, by closeness"),
+    "wq": ("float", "row w of D, by inverse depth"),
     "w1": ("float", "row w of D, constant"),
-    "zx": ("float", "change of closeness by px (orthographic)"),
-    "zy": ("float", "change of closeness by py (orthographic)"),
-    "zq": ("float", "change of closeness by closeness (orthographic)"),
-    "z1": ("float", "change of closeness, constant (orthographic)"),
-    "sky_closeness": ("float", "closeness of the sky"),
+    "zx": ("float", "change of inverse depth by px (orthographic)"),
+    "zy": ("float", "change of inverse depth by py (orthographic)"),
+    "zq": ("float", "change of inverse depth by inverse depth (orthographic)"),
+    "z1": ("float", "change of inverse depth, constant (orthographic)"),
+    "sky_inverse_depth": ("float", "inverse depth of the sky"),
     "exposure_ratio": ("float", "exposure now over exposure then"),
     "jitter_x": ("float", "the frame's sample, in pixels right of the pixel's centre"),
     "jitter_y": ("float", "the same, below it"),

@@ -17,21 +17,23 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "TINY": Constant(2.0**-100, "smaller magnitudes are stored as 0: well above the denormals, below any light"),
     "MOTION_LIMIT": Constant(2.0**20, "largest displacement in pixels; larger ones, and NaN, mean no history"),
     "LEAST_W": Constant(2.0**-6, "least previous w over current w: nearer to the camera plane nothing was seen"),
-    "THIN_REACH": Constant(0.75, "pixels from the centre to which a thing that the 3x3 misses is looked for: measured"),
-    "THIN_HITS": Constant(3.0, "samples of a 3x3 that a line through it hits: what hits more is not thin"),
+    "SUBPIXEL_REACH": Constant(
+        0.75, "pixels from the centre to which a thing that the 3x3 misses is looked for: measured"
+    ),
+    "SUBPIXEL_HITS": Constant(3.0, "samples of a 3x3 that a line through it hits: what hits more is not thin"),
     "HALF_LIMIT": Constant(65504.0, "largest half; larger magnitudes are stored as it"),
     "HALF_NORMAL": Constant(2.0**-14, "least normal half; below it halves have one distance"),
     "HALF_STEP": Constant(2.0**-10, "distance of halves over the power of two below them"),
     "HALF_TINY": Constant(2.0**-25, "half the least half: smaller magnitudes round to 0, and are stored as +0"),
     "DITHER_STEP": Constant(2.0**-24, "24 bits as a number in [0, 1)"),
-    "LEAST_TRUST": Constant(2.0**-6, "least ratio of two spans' errors: its 16th power is well above the denormals"),
-    "DRIFT_T": Constant(2.0, "Student's t from which light has moved since a longer span: as measured for gather-48"),
+    "LEAST_TRUST": Constant(2.0**-6, "least ratio of two windows' errors: its 16th power is well above the denormals"),
+    "DRIFT_T": Constant(2.0, "Student's t from which light has moved since a longer window: as measured for gather-48"),
     "DRIFT_FLOOR": Constant(0.01, "share of the light below which nobody sees that"),
     "REACTIVE_FALL": Constant(
         10.0,
         "1 over how far beside the reactivities of the 3x3 of now that of a sample may lie: measured (decision 43)",
     ),
-    "MOST_CHANGE": Constant(8.0, "most of Student's t that is kept of a change of light"),
+    "MOST_CHANGE": Constant(8.0, "most of Student's t that is kept of an illumination change"),
     "LEAST_HEADROOM": Constant(2.0**-16, "least 1 - peak when a tonemap is undone: half's largest number, 65504"),
     "ONE_THIRD": Constant(1.0 / 3.0, "mean of a row of three"),
     "TWO_THIRDS": Constant(2.0 / 3.0, "sum of squared distances over a row's spread (moments.h)"),
@@ -47,18 +49,18 @@ PAD_X: Final = 16
 PAD_Y: Final = 4
 # Where light may change, a pixel is resolved from the latest frames, from a few more, from all that are kept, and from
 # all without following its motion; which of them to believe, the texels around it tell (docs/decisions).
-SPANS: Final = 4
-SHORT_SPAN: Final = 3  # kept frames of the first
-MIDDLE_SPAN: Final = 7  # and of the second
-SPAN_REACH: Final = 2  # texels up, down, left and right that are asked
+WINDOWS: Final = 4
+SHORT_WINDOW: Final = 3  # frames in the ring of the first
+MIDDLE_WINDOW: Final = 7  # and of the second
+WINDOW_REACH: Final = 2  # texels up, down, left and right that are asked
 # Those of them that kernels know, by these names.
 WHOLE_NUMBERS: Final = {
     "PAD_X": PAD_X,
     "PAD_Y": PAD_Y,
-    "SPANS": SPANS,
-    "SHORT_SPAN": SHORT_SPAN,
-    "MIDDLE_SPAN": MIDDLE_SPAN,
-    "SPAN_REACH": SPAN_REACH,
+    "WINDOWS": WINDOWS,
+    "SHORT_WINDOW": SHORT_WINDOW,
+    "MIDDLE_WINDOW": MIDDLE_WINDOW,
+    "WINDOW_REACH": WINDOW_REACH,
 }
 # Rows begin on a multiple of this many floats, the widest vector of any device.
 ROW_ALIGNMENT: Final = 16

@@ -91,8 +91,8 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
         float,
         _number("samples of a history beyond which the filter's share falls as 1 / n^2", 1.0, 2.0**20, "1", "measured"),
     ] = 8.0
-    frames_kept: Annotated[
-        int, _number("earlier frames whose samples are kept (history_of samples)", 1, 64, "frames", "measured")
+    history_frames: Annotated[
+        int, _number("earlier frames whose samples are kept (history frames)", 1, 64, "frames", "measured")
     ] = 15
     fit_ridge: Annotated[
         float,
@@ -108,41 +108,42 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
             "measured",
         ),
     ] = 0.8
-    thin_frames: Annotated[
-        int, _number("kept frames in which things thinner than a pixel are looked for", 0, 64, "frames", "measured")
+    subpixel_frames: Annotated[
+        int, _number("frames in the ring in which sub-pixel features are looked for", 0, 64, "frames", "measured")
     ] = 4
     sample_limit: Annotated[
         float, _number("most samples that the history counts for", 1.0, 2.0**20, "samples", "measured")
     ] = 24.0
-    changing_cost: Annotated[
-        float, _number("resample_cost, where light is declared to change", 0.0, 16.0, "1", "measured")
+    illumination_resampling_penalty: Annotated[
+        float, _number("resampling_penalty, where light is declared to change", 0.0, 16.0, "1", "measured")
     ] = 0.0
-    changing_gamma: Annotated[
-        float, _number("gamma_still, where a change of light is tested for", 0.0, 64.0, "the same", "measured")
+    illumination_box_scale: Annotated[
+        float,
+        _number("box_scale_static, where an illumination change is tested for", 0.0, 64.0, "the same", "measured"),
     ] = 1.0
-    change_t: Annotated[
+    illumination_t: Annotated[
         float, _number("Student's t of the 3x3 from which light that goes on has changed", 0.125, 1e6, "1", "measured")
     ] = 2.3
-    change_kept: Annotated[
+    illumination_decay: Annotated[
         float, _number("share of such a t that is added to that of the next frame", 0.0, 1.0, "1", "measured")
     ] = 0.72
-    change_floor: Annotated[
+    illumination_floor: Annotated[
         float, _number("standard error added to that of the 3x3, over its luminance", 0.0, 1.0, "1", "measured")
     ] = 0.03
-    resample_cost: Annotated[
+    resampling_penalty: Annotated[
         float, _number("loss of count per fraction f(1-f) read between texels", 0.0, 16.0, "1", "measured")
     ] = 1.5
-    pull_cost: Annotated[
+    clip_penalty: Annotated[
         float, _number("loss of count per half extent that rectification moved the history", 0.0, 64.0, "1", "measured")
     ] = 0.5
-    gamma_still: Annotated[
+    box_scale_static: Annotated[
         float, _number("half width of the box where nothing moves", 0.0, 64.0, "deviations, half extents", "measured")
     ] = 1.0
-    gamma_moving: Annotated[
+    box_scale_moving: Annotated[
         float, _number("half width of the box in motion", 0.0, 64.0, "the same", "Salvi 2016: 0.75 to 1.25")
     ] = 1.0
     motion_px: Annotated[
-        float, _number("motion from which gamma_moving holds", 1e-3, 1e6, "pixels a frame", "measured")
+        float, _number("motion from which box_scale_moving holds", 1e-3, 1e6, "pixels a frame", "measured")
     ] = 1.0
     box_floor: Annotated[
         float,
@@ -152,7 +153,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
         float, _number("relative slack of the depth test", 0.0, 1.0, "1", "0.02, two engines' value")
     ] = 0.05
     edge_tolerance: Annotated[
-        float, _number("relative skew of closeness in the 3x3 that makes a depth edge", 0.0, 1.0, "1", "measured")
+        float, _number("relative skew of inverse depth in the 3x3 that makes a depth edge", 0.0, 1.0, "1", "measured")
     ] = 0.03
     luminance_knee: Annotated[
         float,
@@ -164,25 +165,34 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
     sky_at: Annotated[
         float, _number("reversed depth at which the sky is reprojected; 0: at infinity", 0.0, 0.5, "1", "simvx: 1e-3")
     ] = 0.0
-    fresh_blur: Annotated[
+    disocclusion_blur: Annotated[
         float, _number("share of the 3x3 mean in a pixel without history", 0.0, 1.0, "1", "measured")
     ] = 0.5
 
 
 # What the host alone looks at: it does not reach the kernels' struct.
-HOST_SETTINGS = frozenset({"changing_cost", "changing_gamma", "filter_falloff", "frames_kept", "sky_at", "sky_below"})
+HOST_SETTINGS = frozenset(
+    {
+        "illumination_resampling_penalty",
+        "illumination_box_scale",
+        "filter_falloff",
+        "history_frames",
+        "sky_at",
+        "sky_below",
+    }
+)
 KERNEL_SETTINGS = tuple(name for name in Settings.__struct_fields__ if name not in HOST_SETTINGS)
 
 
-class HistoryOf(Choice):
+class HistoryKind(Choice):
     """What is remembered of earlier frames."""
 
-    RESULT = "result", "their resolved image: any number of frames in one"
-    SAMPLES = "samples", "the samples of the last frames_kept frames, as they were drawn"
+    ACCUMULATED = "accumulated", "their resolved image: any number of frames in one"
+    FRAMES = "frames", "the samples of the last history_frames frames, as they were drawn"
 
 
 class GatherFit(Choice):
-    """What the gathered samples of a pixel are taken for (history_of samples)."""
+    """What the gathered samples of a pixel are taken for (history frames)."""
 
     MEAN = "mean", "as many draws of one value"
     PLANE = "plane", "points of a plane over the pixel, whose value at the centre is taken"
@@ -304,19 +314,19 @@ class Dilation(Choice):
     EDGE = "edge", "the same, but only across a depth edge"
 
 
-class LightChange(Choice):
+class Illumination(Choice):
     """What becomes of history whose light has changed since."""
 
-    IGNORE = "ignore", "its box alone tells"
+    STATIC = "static", "its box alone tells"
     TEST = "test", "the more the 3x3 of now differs from that of the history all one way, the less it counts"
-    SPANS = "spans", "the span of the past that the latest samples bear out; without gathered samples: test"
+    WINDOW = "window", "the temporal window that agrees with the latest samples; without gathered samples: test"
 
 
 class Reject(Choice):
     """How history of another surface is recognised."""
 
     NONE = "none"
-    DEPTH = "depth", "by the closeness that the previous frame should have had there"
+    DEPTH = "depth", "by the inverse depth that the previous frame should have had there"
 
 
 class Accumulate(Choice):
@@ -347,7 +357,7 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbid
     """Parameters that shape the code; they reach the kernels as ``#define`` lines and cost one cached build."""
 
     history_filter: HistoryFilter = HistoryFilter.CATMULL_ROM
-    history_of: HistoryOf = HistoryOf.RESULT
+    history: HistoryKind = HistoryKind.ACCUMULATED
     gather_fit: GatherFit = GatherFit.MEAN
     current_filter: CurrentFilter = CurrentFilter.NONE
     filter_use: FilterUse = FilterUse.ALWAYS
@@ -365,7 +375,7 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbid
     rectify: Rectify = Rectify.CLAMP
     dilation: Dilation = Dilation.EDGE
     reject: Reject = Reject.DEPTH
-    light_change: LightChange = LightChange.IGNORE
+    illumination: Illumination = Illumination.STATIC
     accumulate: Accumulate = Accumulate.COUNT
     weighting: Weighting = Weighting.LUMINANCE
     anti_flicker: AntiFlicker = AntiFlicker.NONE
@@ -374,6 +384,4 @@ class Choices(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbid
 
 
 # What the host alone looks at: it does not reach the kernels' text.
-HOST_CHOICES = frozenset(
-    {"exposure_change", "history_of", "on_camera_move", "ray_through", "reactive_mask", "reproject"}
-)
+HOST_CHOICES = frozenset({"exposure_change", "history", "on_camera_move", "ray_through", "reactive_mask", "reproject"})

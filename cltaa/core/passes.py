@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from cltaa.core.backend import Buffer, Launcher
-from cltaa.core.buffers import Buffers, KeptFrames, LastRun
-from cltaa.core.build import Build, Record, edge_build, settings_record, span_planes
-from cltaa.core.constants import SPANS
+from cltaa.core.buffers import Buffers, FrameRing, LastRun
+from cltaa.core.build import Build, Record, edge_build, settings_record, window_planes
+from cltaa.core.constants import WINDOWS
 from cltaa.core.plan import Plan
 from cltaa.frame import Frame
 
@@ -35,28 +35,28 @@ class Passes:
         self.launcher.run("resolve", *last)
         return last
 
-    def gather(self, frame: Frame, kept: KeptFrames) -> LastRun:
-        """Resolve from the samples of the ``kept`` frames."""
-        last = self._gathering(frame, kept)
+    def gather(self, frame: Frame, frame_ring: FrameRing) -> LastRun:
+        """Resolve from the samples in ``frame_ring``."""
+        last = self._gathering(frame, frame_ring)
         self._ready_counts()
         self.launcher.run("gather", *last)
         return last
 
-    def gather_spans(self, frame: Frame, kept: KeptFrames) -> LastRun:
-        """Resolve from spans of the past of the ``kept`` frames."""
-        last = self._gathering(frame, kept)
+    def gather_windows(self, frame: Frame, frame_ring: FrameRing) -> LastRun:
+        """Resolve from temporal windows in ``frame_ring``."""
+        last = self._gathering(frame, frame_ring)
         build, layout, arguments = last
         self._ready_counts()
-        spans = {"spans": kept.span_memory(build.steps)}
+        windows = {"windows": frame_ring.window_memory(build.steps)}
         inputs = {name: value for name, value in arguments.items() if name not in ("output", "output_count")}
-        self.launcher.run("gather_spans", build, layout, inputs | spans | {"standing": kept.standing(frame)})
+        self.launcher.run("gather_windows", build, layout, inputs | windows | {"standing": frame_ring.standing(frame)})
         if not build.extends:
-            gathered = {"image": spans["spans"], "floats": None, "frame": self.record}
-            floats = Build(lanes=build.lanes, rows=build.rows)  # as spans are, whatever the history is kept in
-            planes = {"planes": SPANS * span_planes(build.steps), "more": 0}
+            gathered = {"image": windows["windows"], "floats": None, "frame": self.record}
+            floats = Build(lanes=build.lanes, rows=build.rows)  # as windows are, whatever the history is kept in
+            planes = {"planes": WINDOWS * window_planes(build.steps), "more": 0}
             self.launcher.run("extend_edges", floats, layout, gathered | planes)
         written = {name: arguments[name] for name in ("output", "output_count", "frame", "settings")}
-        self.launcher.run("weigh_spans", build, layout, spans | written)
+        self.launcher.run("weigh_windows", build, layout, windows | written)
         if build.extends:
             self._extend()
         return last
@@ -83,8 +83,8 @@ class Passes:
     def _arguments(self) -> dict[str, Any]:
         return self.buffers.arguments(self.record, settings_record(self.plan.settings), self.build.steps)
 
-    def _gathering(self, frame: Frame, kept: KeptFrames) -> LastRun:
+    def _gathering(self, frame: Frame, frame_ring: FrameRing) -> LastRun:
         """What a kernel that gathers is given."""
-        told = kept.describe(frame, self.plan)
-        ring = {"kept": kept.planes, "past": kept.records, "frames": told}
-        return LastRun(kept.build(self.build, frame), self.buffers.layout, self._arguments() | ring)
+        told = frame_ring.describe(frame, self.plan)
+        ring = {"ring": frame_ring.planes, "past": frame_ring.records, "frames": told}
+        return LastRun(frame_ring.build(self.build, frame), self.buffers.layout, self._arguments() | ring)

@@ -22,8 +22,8 @@ from cltaa.core.parameters import (
     Choices,
     Dilation,
     ExposureChange,
-    HistoryOf,
-    LightChange,
+    HistoryKind,
+    Illumination,
     ReactiveMask,
     Rectify,
     Reject,
@@ -45,10 +45,12 @@ class Reason(NamedTuple):
 
 # Steps whose absence is another estimate.
 RECTIFICATION, REJECTION, WEIGHTS, GATHERING = "rectification", "rejection", "luminance weights", "gathering"
-LIGHT = "change of light"
+LIGHT = "illumination change"
 
 # Effects that can make a pixel's history wrong.
-CHANGING = frozenset({Effect.CAMERA, Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.REACTIVE, Effect.EXPOSURE})
+CHANGING = frozenset(
+    {Effect.CAMERA, Effect.MOTION, Effect.DISOCCLUSION, Effect.ILLUMINATION, Effect.REACTIVE, Effect.EXPOSURE}
+)
 
 
 def estimate(
@@ -56,7 +58,7 @@ def estimate(
 ) -> tuple[Choices, Settings, list[Reason]]:
     """The choices of ``preset`` and ``settings`` as the declared effects ask for, with a reason for each decision."""
     choices, reasons = preset.choices, []
-    if choices.history_of is HistoryOf.SAMPLES:
+    if choices.history is HistoryKind.FRAMES:
         choices, reason = _gathered(choices, declared)
         reasons.append(reason)
     # A published resolve does what it does whether the scene calls for it or not.
@@ -64,9 +66,9 @@ def estimate(
     still = nothing_changes(declared)
     if free and still:
         choices, settings = plain_mean(choices, settings)
-    elif free and _light_may_change(declared):
-        settings = for_changing_light(choices, settings, declared)
-    choices, reason = _testing_light(preset, choices, declared)
+    elif free and _illumination_may_change(declared):
+        settings = for_changing_illumination(choices, settings, declared)
+    choices, reason = _testing_illumination(preset, choices, declared)
     reasons.append(reason)
     rectified = choices.rectify is not Rectify.NONE
     reasons.append(Reason(RECTIFICATION, rectified, _why_rectified(preset, rectified, free and still)))
@@ -95,19 +97,23 @@ def nothing_changes(declared: frozenset[Effect] | None) -> bool:
 def plain_mean(choices: Choices, settings: Settings) -> tuple[Choices, Settings]:
     """Nothing can make history wrong: the plain mean of all samples is the best estimate there is."""
     choices = msgspec.structs.replace(
-        choices, rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE, history_of=HistoryOf.RESULT
+        choices, rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE, history=HistoryKind.ACCUMULATED
     )
     return choices, msgspec.structs.replace(settings, sample_limit=2.0**20)
 
 
-def for_changing_light(choices: Choices, settings: Settings, declared: frozenset[Effect] | None) -> Settings:
+def for_changing_illumination(choices: Choices, settings: Settings, declared: frozenset[Effect] | None) -> Settings:
     """Light that changes without motion: where a change is declared and tested for, the test tells of what stands, and
     the box there may be wide; else the box alone tells, and is no wider than the 3x3."""
-    tested = declared is not None and choices.light_change is not LightChange.IGNORE
-    still = max(settings.gamma_still, settings.changing_gamma) if tested else min(settings.gamma_still, 1.0)
-    changed = {"gamma_still": still, "gamma_moving": min(settings.gamma_moving, 1.0)}
+    tested = declared is not None and choices.illumination is not Illumination.STATIC
+    still = (
+        max(settings.box_scale_static, settings.illumination_box_scale)
+        if tested
+        else min(settings.box_scale_static, 1.0)
+    )
+    changed = {"box_scale_static": still, "box_scale_moving": min(settings.box_scale_moving, 1.0)}
     if declared is not None:
-        changed["resample_cost"] = max(settings.resample_cost, settings.changing_cost)
+        changed["resampling_penalty"] = max(settings.resampling_penalty, settings.illumination_resampling_penalty)
     return msgspec.structs.replace(settings, **changed)
 
 
@@ -116,49 +122,53 @@ def _why_rectified(preset: Preset, rectified: bool, still: bool) -> str:
         return "as published" if preset.published else "something may make history wrong"
     if preset.choices.rectify is Rectify.NONE:
         return "the preset says rectify = none"
-    return "declared still: plain mean of all samples" if still else "kept samples are chosen, not moved into a box"
+    return (
+        "declared still: plain mean of all samples" if still else "samples in the ring are chosen, not moved into a box"
+    )
 
 
-def _light_may_change(declared: frozenset[Effect] | None) -> bool:
-    return declared is None or bool(declared & {Effect.SHADING, Effect.REACTIVE})
+def _illumination_may_change(declared: frozenset[Effect] | None) -> bool:
+    return declared is None or bool(declared & {Effect.ILLUMINATION, Effect.REACTIVE})
 
 
-def _testing_light(preset: Preset, choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choices, Reason]:
-    """Where no change of light is declared there is none to test for."""
-    if why := declined(preset, "light_change", LightChange.TEST, LightChange.SPANS):
+def _testing_illumination(
+    preset: Preset, choices: Choices, declared: frozenset[Effect] | None
+) -> tuple[Choices, Reason]:
+    """Where no illumination change is declared there is none to test for."""
+    if why := declined(preset, "illumination", Illumination.TEST, Illumination.WINDOW):
         return choices, Reason(LIGHT, False, why)
     if preset.published:
         return choices, Reason(LIGHT, True, "as published")
-    if declared is not None and _light_may_change(declared):
-        return choices, Reason(LIGHT, True, "effect shading or reactive is declared")
-    why = "neither effect shading nor reactive is declared"
-    return msgspec.structs.replace(choices, light_change=LightChange.IGNORE), Reason(LIGHT, False, why)
+    if declared is not None and _illumination_may_change(declared):
+        return choices, Reason(LIGHT, True, "effect illumination or reactive is declared")
+    why = "neither effect illumination nor reactive is declared"
+    return msgspec.structs.replace(choices, illumination=Illumination.STATIC), Reason(LIGHT, False, why)
 
 
 def _gathered(choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choices, Reason]:
     """What gathering samples asks of a sequence: old samples say nothing of light that has changed since, so that
-    several spans of the past have to be told apart, or the resolved image has to do, which forgets faster."""
+    several temporal windows have to be told apart, or the resolved image has to do, which forgets faster."""
     if declared is None:
         return choices, Reason(GATHERING, True, "the sequence declares no effects: the past is held in its box")
-    if _light_may_change(declared) and choices.light_change is not LightChange.SPANS:
+    if _illumination_may_change(declared) and choices.illumination is not Illumination.WINDOW:
         why = "light changes without motion: the resolved image forgets faster than samples do"
-        return msgspec.structs.replace(choices, history_of=HistoryOf.RESULT), Reason(GATHERING, False, why)
-    if _light_may_change(declared):
-        why = "light changes without motion: each pixel from the span of the past that its latest samples bear out"
+        return msgspec.structs.replace(choices, history=HistoryKind.ACCUMULATED), Reason(GATHERING, False, why)
+    if _illumination_may_change(declared):
+        why = "light changes without motion: each pixel from the temporal window that agrees with its latest samples"
         return msgspec.structs.replace(choices, rectify=Rectify.NONE), Reason(GATHERING, True, why)
-    why = "no change of light is declared: samples of the same surface stand"
+    why = "no illumination change is declared: samples of the same surface stand"
     return msgspec.structs.replace(choices, rectify=Rectify.NONE), Reason(GATHERING, True, why)
 
 
 def _rejecting(preset: Preset, choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choices, Reason]:
-    """Depth tells what was uncovered; where nothing is, it has nothing to reject. Samples are chosen by it always."""
+    """Depth tells what was disoccluded; where nothing is, it has nothing to reject. Samples are chosen by it always."""
     free = not preset.published
-    why = declared_or_not(Effect.UNCOVER, declared) if free else "as published"
+    why = declared_or_not(Effect.DISOCCLUSION, declared) if free else "as published"
     if not_wanted := declined(preset, "reject", Reject.DEPTH):
         why = not_wanted
-    elif free and choices.history_of is HistoryOf.SAMPLES:
-        why = "which surface a kept sample shows"
-    elif free and declared is not None and Effect.UNCOVER not in declared:
+    elif free and choices.history is HistoryKind.FRAMES:
+        why = "which surface a sample in the ring shows"
+    elif free and declared is not None and Effect.DISOCCLUSION not in declared:
         choices = msgspec.structs.replace(choices, reject=Reject.NONE)
     return choices, Reason(REJECTION, choices.reject is not Reject.NONE, why)
 
@@ -197,8 +207,8 @@ WANTED: dict[str, tuple[Any, ...]] = {
 # Those that are one choice: step -> field among ``Choices``, its value where the step does not run, and where it does.
 CHOICE_OF_STEP: dict[str, tuple[str, StrEnum, StrEnum]] = {
     REJECTION: ("reject", Reject.NONE, Reject.DEPTH),
-    GATHERING: ("history_of", HistoryOf.RESULT, HistoryOf.SAMPLES),
-    LIGHT: ("light_change", LightChange.IGNORE, LightChange.TEST),
+    GATHERING: ("history", HistoryKind.ACCUMULATED, HistoryKind.FRAMES),
+    LIGHT: ("illumination", Illumination.STATIC, Illumination.TEST),
     WEIGHTS: ("weighting", Weighting.NONE, Weighting.LUMINANCE),
 }
 
@@ -219,7 +229,7 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
     settings = preset.settings
     if previous is None:
         # The blur is for pixels that appear amid others with a past.
-        settings = msgspec.structs.replace(settings, fresh_blur=0.0)
+        settings = msgspec.structs.replace(settings, disocclusion_blur=0.0)
     choices, settings, estimated = estimate(preset, settings, declared)
     return Plan(choices, settings, steps, (*reasons, *estimated))
 

@@ -69,18 +69,18 @@ LARGE_PAGE = 2 * 2**20  # bytes; the system begins a mapping of a multiple of it
 
 
 @contextmanager
-def kept_memory(*, images: bool = True) -> Iterator[None]:
+def pooled_memory(*, images: bool = True) -> Iterator[None]:
     """Keep what ``empty_image`` and copies of files leave for those that come next; all goes back at the end.
 
     Else each is mapped and unmapped: page faults, and each unmapping halts all threads of the process. Without
     ``images`` nothing is kept.
     """
-    with KEPT_BLOCKS if images else nullcontext():
+    with BLOCK_POOL if images else nullcontext():
         yield
 
 
-class KeptBlocks:
-    """What frames have left, by its kind, while somebody is inside of ``kept_memory``."""
+class BlockPool:
+    """What frames have left, by its kind, while somebody is inside of ``pooled_memory``."""
 
     def __init__(self) -> None:
         self._lock, self._users, self._left = threading.Lock(), 0, dict[Hashable, deque[Any]]()
@@ -109,11 +109,11 @@ class KeptBlocks:
             self._left.setdefault(kind, deque()).append(block)
 
 
-KEPT_BLOCKS = KeptBlocks()
+BLOCK_POOL = BlockPool()
 
 
 def empty_image(shape: tuple[int, ...], dtype: type[np.floating[Any]] = np.float32) -> NDArray[Any]:
-    """Planes like those of ``np.empty``, inside ``kept_memory`` in what earlier ones of the same size have left."""
+    """Planes like those of ``np.empty``, inside ``pooled_memory`` in what earlier ones of the same size have left."""
     small = np.dtype(dtype).itemsize * int(np.prod(shape)) < SMALLEST
     return np.empty(shape, dtype) if small else mapped_image(shape, dtype)
 
@@ -122,7 +122,7 @@ def mapped_image(shape: tuple[int, ...], dtype: type[np.floating[Any]] = np.floa
     """The same of any size in a mapping of its own, which begins at a page."""
     count = int(np.prod(shape))
     pages = in_large_pages(np.dtype(dtype).itemsize * count)
-    return np.asarray(Block(KEPT_BLOCKS.take(pages) or _mapped(pages, pages))).view(dtype)[:count].reshape(shape)
+    return np.asarray(Block(BLOCK_POOL.take(pages) or _mapped(pages, pages))).view(dtype)[:count].reshape(shape)
 
 
 def bytes_in_large_pages(size: int) -> NDArray[np.uint8]:
@@ -161,7 +161,7 @@ class Block:
 
     def __del__(self) -> None:
         """Leave it to what is allocated next."""
-        KEPT_BLOCKS.leave(len(self._memory), self._memory)
+        BLOCK_POOL.leave(len(self._memory), self._memory)
 
 
 def empty_haloed(count: int, height: int, width: int) -> NDArray[np.float32]:

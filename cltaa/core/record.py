@@ -9,7 +9,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from cltaa.camera import displacement_rows, is_still, sky_closeness
+from cltaa.camera import displacement_rows, is_still, sky_inverse_depth
 from cltaa.core.build import FRAME_DTYPE, Record
 from cltaa.core.parameters import Choices, CurrentFilter, FilterUse, OnCameraMove, RayThrough, Settings
 from cltaa.core.plan import Plan
@@ -55,7 +55,7 @@ class Past:
     own_motion: bool
     reactive: bool
     jitter_px: tuple[float, float]
-    holds_changes: bool = False  # whether the counts that it left hold changes of light
+    holds_changes: bool = False  # whether the counts that it left hold illumination changes
     earlier: tuple[Past, ...] = ()  # the frames before it whose samples are kept, the latest first
 
     @classmethod
@@ -106,7 +106,7 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan
         *moved[1],
         *moved[2],
         *moved[3],
-        sky_closeness(frame.camera),
+        sky_inverse_depth(frame.camera),
         ratio,
         across,
         down,

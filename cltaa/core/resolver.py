@@ -13,9 +13,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.camera import closeness, closeness_at
+from cltaa.camera import inverse_depth, inverse_depth_at
 from cltaa.core.backend import Buffer, Launcher, launcher_for, storage_dtype
-from cltaa.core.buffers import Buffers, KeptFrames, LastRun
+from cltaa.core.buffers import Buffers, FrameRing, LastRun
 from cltaa.core.build import (
     HALVES,
     Build,
@@ -28,7 +28,7 @@ from cltaa.core.build import (
 )
 from cltaa.core.frame_checks import check_frame
 from cltaa.core.kernel_source import code_sha256
-from cltaa.core.parameters import Choices, HistoryOf, LightChange, Settings
+from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.passes import Passes
 from cltaa.core.plan import Plan, channel_steps, plan_frame
 from cltaa.core.planes import Layout
@@ -63,7 +63,7 @@ def one_thread(method: Method) -> Method:
 
 
 class Recurrent:
-    """Facts about the last frame, memory for images of its size, and the ring of kept frames where there is one."""
+    """Facts about the last frame, memory for images of its size, and the frame ring where there is one."""
 
     launcher: Launcher
     preset: Preset
@@ -73,7 +73,7 @@ class Recurrent:
     def __init__(self) -> None:
         """Nothing is kept yet; the rest is the resolver's own to say."""
         self._buffers: Buffers | None = None
-        self._kept: KeptFrames | None = None
+        self._frame_ring: FrameRing | None = None
         self._previous: Past | None = None
 
     @one_thread
@@ -90,16 +90,16 @@ class Recurrent:
         if self._previous is None or self._buffers is None:
             raise ValueError("there is no history")
         memory, past = self._buffers.recurrent(), replace(self._previous, holds_changes=self._buffers.holds_changes)
-        if self._kept is None:
+        if self._frame_ring is None:
             return past, memory
-        return replace(past, earlier=self._kept.past), {**memory, "kept": self._kept.planes}
+        return replace(past, earlier=self._frame_ring.past), {**memory, "ring": self._frame_ring.planes}
 
     @one_thread
     def restore(self, past: Past) -> dict[str, Buffer]:
         """Go on after ``past``; returns the memory to fill with what ``recurrent`` gave then, by the same names."""
         layout = Layout(past.shape[1], past.shape[0])
         buffers = self._allocate(layout, past.alpha or self.every_step)
-        self._previous, self._kept = past, None
+        self._previous, self._frame_ring = past, None
         buffers.holds_changes = past.holds_changes
         if past.holds_changes:
             buffers.hold_changes()
@@ -108,9 +108,9 @@ class Recurrent:
         steps = channel_steps(
             self.preset, motion=past.own_motion, alpha=past.alpha, reactive=past.reactive, every=self.every_step
         )
-        kept = self._ring(past, layout, steps)
-        kept.past = past.earlier
-        return {**buffers.recurrent(), "kept": kept.planes}
+        frame_ring = self._ring(past, layout, steps)
+        frame_ring.past = past.earlier
+        return {**buffers.recurrent(), "ring": frame_ring.planes}
 
     def _fitting(self, layout: Layout, alpha: bool) -> Buffers:
         """Memory for images of a size: what there is, where that fits."""
@@ -126,14 +126,14 @@ class Recurrent:
     def _new_buffers(self, layout: Layout, alpha: bool) -> Buffers:
         return Buffers(self.launcher, layout, alpha, storage_dtype(self._shape))
 
-    def _ring(self, previous: Past | None, layout: Layout, steps: Steps) -> KeptFrames:
-        """The ring of kept frames for this frame; it holds none where there is no predecessor."""
-        count = self.preset.settings.frames_kept
-        if self._kept is None or not self._kept.fit(layout, count, steps):
-            self._kept = None  # released before the new one is allocated
-            self._kept = KeptFrames(self.launcher, layout, count, steps)
-        self._kept.go_back(previous)
-        return self._kept
+    def _ring(self, previous: Past | None, layout: Layout, steps: Steps) -> FrameRing:
+        """The frame ring for this frame; it holds none where there is no predecessor."""
+        count = self.preset.settings.history_frames
+        if self._frame_ring is None or not self._frame_ring.fit(layout, count, steps):
+            self._frame_ring = None  # released before the new one is allocated
+            self._frame_ring = FrameRing(self.launcher, layout, count, steps)
+        self._frame_ring.go_back(previous)
+        return self._frame_ring
 
 
 # What a channel that a frame does not have would hold: no vector, all covered, nothing to distrust.
@@ -147,12 +147,12 @@ def upload(frame: Frame, buffers: Buffers, steps: Steps, settings: Settings) -> 
     """
     layout = buffers.layout
     buffers.bring("current", np.moveaxis(frame.colour, -1, 0))
-    with buffers.closeness.mapped(write=True) as planes:
+    with buffers.inverse_depth.mapped(write=True) as planes:
         inside = layout.inside(planes)[0]
-        closeness(frame.depth, frame.camera, out=inside)
+        inverse_depth(frame.depth, frame.camera, out=inside)
         if settings.sky_at > 0.0 and not frame.camera.orthographic:
-            sky = inside <= closeness_at(settings.sky_below, frame.camera)
-            inside[sky] = closeness_at(settings.sky_at, frame.camera)
+            sky = inside <= inverse_depth_at(settings.sky_below, frame.camera)
+            inside[sky] = inverse_depth_at(settings.sky_at, frame.camera)
         layout.extend_edges(planes)
     planes_of = {"motion": 2, "alpha": 1, "reactive": 1}
     for name, wanted in (("motion", steps.own_motion), ("alpha", steps.alpha), ("reactive", steps.reactive)):
@@ -239,7 +239,7 @@ class Resolver(Recurrent):
     @one_thread
     def reopen(self) -> None:
         """Open the device again after it was lost, without a history; raises what opening it raises."""
-        self._buffers, self._kept, self._previous = None, None, None
+        self._buffers, self._frame_ring, self._previous = None, None, None
         self.launcher, self._builds = launcher_for(self._device), {}
 
     @one_thread
@@ -301,8 +301,8 @@ class Resolver(Recurrent):
         assert self.plan is not None
         assert self._buffers is not None
         self._buffers.swap()
-        if self._kept is not None:
-            self._kept.take_back()
+        if self._frame_ring is not None:
+            self._frame_ring.take_back()
         self._run(frame, Past.of(previous), self._build(self.plan), self._buffers)
         self._buffers.swap()
         self.launcher.finish()
@@ -310,11 +310,11 @@ class Resolver(Recurrent):
     @one_thread
     def keep_again(self, frame: Frame, times: int) -> None:
         """Keep ``frame``, which was resolved last, as the last ``times`` ones, if any are kept: something to time."""
-        if self._kept is None or self._buffers is None or self.plan is None:
+        if self._frame_ring is None or self._buffers is None or self.plan is None:
             return
         self._buffers.swap()  # back to where the frame was uploaded
         for ago in reversed(range(times)):
-            self._kept.keep(replace(frame, index=frame.index - ago), self._buffers, self.plan.steps)
+            self._frame_ring.keep(replace(frame, index=frame.index - ago), self._buffers, self.plan.steps)
         self._buffers.swap()
 
     def _begin(self, frame: Frame) -> tuple[Past | None, Build]:
@@ -337,13 +337,13 @@ class Resolver(Recurrent):
         assert self.plan is not None
         choices, record = self.plan.choices, frame_record(frame, previous, buffers.layout, self.plan)
         passes = Passes(self.launcher, self.plan, build, buffers, record)
-        if choices.history_of is HistoryOf.SAMPLES:
-            kept = self._ring(previous, buffers.layout, build.steps)
-            if choices.light_change is LightChange.SPANS:
-                self.last = passes.gather_spans(frame, kept)
+        if choices.history is HistoryKind.FRAMES:
+            frame_ring = self._ring(previous, buffers.layout, build.steps)
+            if choices.illumination is Illumination.WINDOW:
+                self.last = passes.gather_windows(frame, frame_ring)
             else:
-                self.last = passes.gather(frame, kept)
-            kept.keep(frame, buffers, build.steps)
+                self.last = passes.gather(frame, frame_ring)
+            frame_ring.keep(frame, buffers, build.steps)
         else:
             self.last = passes.resolve()
         passes.extend_edges()

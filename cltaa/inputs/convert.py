@@ -107,7 +107,7 @@ def planar_depth(stored: Image, rule: Depth, camera: Camera, jitter: Offset) -> 
         if rule.kind is DepthKind.INVERSE:
             planar = 1.0 / wide
         elif rule.kind in (DepthKind.DEVICE, DepthKind.DEVICE_REVERSED):
-            planar = 1.0 / _device_closeness(wide, rule, camera)
+            planar = 1.0 / _device_inverse_depth(wide, rule, camera)
         else:
             planar = wide / ray_length(wide.shape, camera, jitter) if rule.kind is DepthKind.RAY else wide
         planar = np.asarray(planar * rule.scale, np.float64)
@@ -168,7 +168,7 @@ def still_camera(width: int, height: int) -> Camera:
     return Camera(np.eye(4), projection)
 
 
-def _device_closeness(device: NDArray[np.float64], rule: Depth, camera: Camera) -> NDArray[np.float64]:
+def _device_inverse_depth(device: NDArray[np.float64], rule: Depth, camera: Camera) -> NDArray[np.float64]:
     """1 / planar depth, which is linear in device depth."""
     near, far = planes_of(camera.view_to_clip)
     near, far = 1.0 / rule.near if rule.near else near, 1.0 / rule.far if rule.far else far
@@ -177,7 +177,7 @@ def _device_closeness(device: NDArray[np.float64], rule: Depth, camera: Camera) 
 
 
 def planes_of(projection: Matrix, *, from_zero: bool = False) -> tuple[float, float]:
-    """Closeness (1 / distance) of the near and the far plane of a perspective projection, 0 for none.
+    """Inverse depth (1 / distance) of the near and the far plane of a perspective projection, 0 for none.
 
     In NDC z = b / Z - a, with a and b the last two of its third row. Where it falls with Z (b > 0) it is 1 at the near
     plane and 0 at the far one; else 1 at the far plane, and at the near one -1, or 0 where clip space begins

@@ -101,7 +101,7 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.structs.replace(self, **placed)
 
 
-AS_EVER = Reading()  # cltaa's own as they are, another tool's by what their headers say
+DEFAULT_READING = Reading()  # cltaa's own as they are, another tool's by what their headers say
 
 
 def readings(folders: Iterable[Path], asked: Reading) -> dict[Path, Reading]:

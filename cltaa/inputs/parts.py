@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from cltaa.errors import DataError
-from cltaa.io.content import Copy, check_memory, open_regular
+from cltaa.io.content import FileCopy, check_memory, open_regular
 from cltaa.io.exr_frame import Pixels
 from cltaa.io.exr_header import MULTI_PART, Outline, parse_parts, read_outline
 from cltaa.io.exr_layout import Layout, shared_window
@@ -50,7 +50,7 @@ def read_planes(path: Path, wanted: Container[str] | None = None, *, sha256: str
     return {name: decoded[at][channel][shown[at]] for name, (at, channel) in places.items()}
 
 
-def _all_decoded(outline: Outline, content: Copy) -> list[dict[str, Pixels]]:
+def _all_decoded(outline: Outline, content: FileCopy) -> list[dict[str, Pixels]]:
     """Every channel of every part: OpenEXR's module cannot decode a few of them."""
     path, parts = outline.path, outline.parts
     check_memory(path, content.size + 2 * sum(part.decoded_bytes for part in parts))

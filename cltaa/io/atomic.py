@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cltaa.errors import OutputError, StorageError, room_cure
+from cltaa.errors import OutputError, StorageError, disk_space_cure
 
 LONGEST_NAME = 200  # bytes of a final name in that of its temporary file; file systems end at 255
 
@@ -71,7 +71,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
             _flush(path.parent)
         except OSError as error:
             what = f"writing failed: {error.strerror or error}"
-            raise StorageError(what, path=path, cure=room_cure(error)) from error
+            raise StorageError(what, path=path, cure=disk_space_cure(error)) from error
     finally:
         temporary.unlink(missing_ok=True)
 

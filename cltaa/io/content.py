@@ -16,10 +16,10 @@ from mmap import mmap
 from pathlib import Path
 from typing import BinaryIO, Self
 
-from cltaa.core.planes import KEPT_BLOCKS
-from cltaa.errors import DataError, InputMissing, ResourceError, StorageError, room_cure
+from cltaa.core.planes import BLOCK_POOL
+from cltaa.errors import DataError, InputMissing, ResourceError, StorageError, disk_space_cure
 
-Look = Callable[[int, int], bytes]  # the bytes from a place on, as many as are asked for or fewer where the file ends
+ReadAt = Callable[[int, int], bytes]  # the bytes from a place on, as many as are asked for or fewer where the file ends
 
 _CGROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")
 
@@ -45,7 +45,7 @@ def open_regular(path: Path, expected: str = "an EXR file") -> Iterator[BinaryIO
     except PermissionError as error:
         raise InputMissing("the file cannot be read: permission denied", path=path) from error
     except OSError as error:
-        cure = room_cure(error) if error.errno in (errno.EFBIG, errno.ENOSPC) else None  # of the copy in memory
+        cure = disk_space_cure(error) if error.errno in (errno.EFBIG, errno.ENOSPC) else None  # of the copy in memory
         raise StorageError(f"reading failed: {error.strerror or error}", path=path, cure=cure) from error
 
 
@@ -69,7 +69,7 @@ def read_text(path: Path, expected: str, largest: int) -> str:
         raise DataError(f"not UTF-8: {error}", path=path, expected=expected) from None
 
 
-class Copy:
+class FileCopy:
     """A file's bytes in memory, which is a file of no folder, so that nobody can change them; a descriptor of it."""
 
     def __init__(self) -> None:
@@ -105,7 +105,7 @@ class Copy:
 
     def __exit__(self, *_: object) -> None:
         """Leave the memory to the next file, in a run that keeps it."""
-        KEPT_BLOCKS.leave(Copy, self)
+        BLOCK_POOL.leave(FileCopy, self)
 
     def __del__(self) -> None:
         """Give the memory back."""
@@ -113,17 +113,17 @@ class Copy:
             os.close(self._descriptor)
 
 
-def read_all(path: Path, file: BinaryIO, sha256: str | None, check: Callable[[Look, int], None]) -> Copy:
+def read_all(path: Path, file: BinaryIO, sha256: str | None, check: Callable[[ReadAt, int], None]) -> FileCopy:
     """Copy the whole file into memory; use the copy in a ``with`` block.
 
     ``check`` is given what reads bytes of it, and its size. Raises DataError where its SHA-256, in hexadecimal, is not
     the given one, or where the file changes meanwhile, and what ``check`` raises.
     """
-    copy = KEPT_BLOCKS.take(Copy) or Copy()
+    copy = BLOCK_POOL.take(FileCopy) or FileCopy()
     copy.fill(path, file)
     with copy.bytes() as content:
         check(lambda place, size: bytes(content[place : place + size]), copy.size)
-        # By one call: where threads are many, each turn with the interpreter is waited for.
+        # By one call: where threads are many, each acquisition of the GIL is waited for.
         found = "" if sha256 is None else hashlib.sha256(content).hexdigest()
     if sha256 is not None and found != sha256:
         raise DataError(

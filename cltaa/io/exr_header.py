@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.errors import DataError
-from cltaa.io.content import Look, file_size, open_regular
+from cltaa.io.content import ReadAt, file_size, open_regular
 from cltaa.io.exr_layout import COMPRESSIONS, Layout, shared_window
 
 MAGIC = 20000630
@@ -204,21 +204,21 @@ class Table(NamedTuple):
     behind: int  # where the first chunk can be: behind all tables
 
 
-def check_chunks(table: Table, look: Look, length: int) -> None:
+def check_chunks(table: Table, read_at: ReadAt, length: int) -> None:
     """Check that every chunk begins behind all tables, ends inside the file and can hold its pixels.
 
     The size of a chunk ends its ``leader`` bytes. One that is smaller than its compression allows cannot be decoded.
-    ``look`` reads bytes of the file, which has ``length`` of them. Raises DataError, and struct.error or ValueError
+    ``read_at`` reads bytes of the file, which has ``length`` of them. Raises DataError, and struct.error or ValueError
     where bytes are missing.
     """
     path, place, pixels, bytes_a_pixel, compression, leader, behind = table
     if behind > length:
         raise DataError("the file is truncated inside its table of chunks", path=path, cure="write it again")
-    offsets = np.frombuffer(look(place, 8 * len(pixels)), dtype="<u8")
+    offsets = np.frombuffer(read_at(place, 8 * len(pixels)), dtype="<u8")
     fits = bool((offsets >= behind).all() and (offsets <= length - leader).all())
     if fits:
         ends = (int(offset) + leader for offset in offsets)
-        sizes = np.array([struct.unpack_from("<i", look(end - 4, 4))[0] for end in ends])
+        sizes = np.array([struct.unpack_from("<i", read_at(end - 4, 4))[0] for end in ends])
         fits = bool((sizes >= 0).all() and (offsets + sizes.astype("<u8") <= length - leader).all())
     if not fits:
         raise DataError("the file is truncated or was never finished", path=path, cure="write it again")
@@ -266,14 +266,14 @@ class Outline(NamedTuple):
             raise DataError("multi-part images are not read", path=self.path, cure="write a flat single-part EXR")
         return self.parts[0]
 
-    def check_chunks(self, look: Look, length: int) -> None:
+    def check_chunks(self, read_at: ReadAt, length: int) -> None:
         """Check that every chunk lies inside the file of ``length`` bytes and can hold its pixels; raises DataError.
 
-        Each chunk is looked at, which in a file is a turn with the interpreter for each.
+        Each chunk is looked at, which in a file is an acquisition of the GIL for each.
         """
         with damaged(self.path):
             for table in self.tables:
-                check_chunks(table, look, length)
+                check_chunks(table, read_at, length)
 
 
 def read_outline(path: Path, file: BinaryIO) -> Outline:

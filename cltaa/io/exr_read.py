@@ -18,7 +18,7 @@ import numpy as np
 from cltaa.core.planes import empty_haloed
 from cltaa.errors import DataError
 from cltaa.frame import Frame, Image
-from cltaa.io.content import Copy, check_memory, file_size, open_regular, read_all
+from cltaa.io.content import FileCopy, check_memory, file_size, open_regular, read_all
 from cltaa.io.exr_frame import (
     COLOUR,
     GROUPS,
@@ -126,7 +126,7 @@ def read_colour(path: Path, *, sha256: str | None = None) -> Image:
 
 
 @contextmanager
-def loaded_parts(path: Path, sha256: str | None, *, one: bool = False) -> Iterator[tuple[Outline, Copy]]:
+def loaded_parts(path: Path, sha256: str | None, *, one: bool = False) -> Iterator[tuple[Outline, FileCopy]]:
     """Check the headers, read the whole file, and check in memory what is decoded from there.
 
     Its content goes at the end of the block: of a large picture little fits into memory twice. Where it is to have
@@ -143,7 +143,7 @@ def loaded_parts(path: Path, sha256: str | None, *, one: bool = False) -> Iterat
 
 
 @contextmanager
-def _loaded(path: Path, sha256: str | None) -> Iterator[tuple[Layout, Copy]]:
+def _loaded(path: Path, sha256: str | None) -> Iterator[tuple[Layout, FileCopy]]:
     """The same of a file of one part, whose pixels fit into memory."""
     with loaded_parts(path, sha256, one=True) as (outline, content):
         layout = outline.layout
@@ -152,7 +152,7 @@ def _loaded(path: Path, sha256: str | None) -> Iterator[tuple[Layout, Copy]]:
         yield layout, content
 
 
-def decode_all(layout: Layout, content: BinaryIO | Copy) -> tuple[dict[str, Pixels], dict[str, object]]:
+def decode_all(layout: Layout, content: BinaryIO | FileCopy) -> tuple[dict[str, Pixels], dict[str, object]]:
     """Let OpenEXR's module decode every channel of a file of one part; the attributes too. Raises DataError."""
     file, attributes = _open(layout, content, header_only=False)
     channels = {name: channel.pixels for name, channel in file.channels().items()}
@@ -162,12 +162,12 @@ def decode_all(layout: Layout, content: BinaryIO | Copy) -> tuple[dict[str, Pixe
     return channels, attributes
 
 
-def _open(layout: Layout, content: BinaryIO | Copy, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:
+def _open(layout: Layout, content: BinaryIO | FileCopy, *, header_only: bool) -> tuple[OpenEXR.File, dict[str, object]]:
     file = open_content(layout.path, content, header_only=header_only)
     return file, attributes_of(file)
 
 
-def open_content(path: Path, content: BinaryIO | Copy, *, header_only: bool) -> OpenEXR.File:
+def open_content(path: Path, content: BinaryIO | FileCopy, *, header_only: bool) -> OpenEXR.File:
     """Let OpenEXR decode an open file whose layout was checked; ``path`` is its name in messages. Raises DataError."""
     # By the name of the descriptor: the file's own need not be UTF-8, and what OpenEXR itself prints would hold it raw.
     # Not as a stream: OpenEXR's threads would take hundreds of turns a frame with the interpreter to read from one.

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
-from cltaa.errors import DataError, StorageError, room_cure
+from cltaa.errors import DataError, StorageError, disk_space_cure
 from cltaa.io.atomic import atomic_path
 from cltaa.io.content import read_bytes, read_text
 
@@ -54,7 +54,7 @@ def file_sha256(path: Path) -> str:
 
 
 def _piece() -> memoryview:
-    """Memory of this thread to read into; large, since each reading is a turn with the interpreter."""
+    """Memory of this thread to read into; large, since each reading is an acquisition of the GIL."""
     if not hasattr(_OF_THREAD, "piece"):
         _OF_THREAD.piece = memoryview(bytearray(PIECE))
     return cast(memoryview, _OF_THREAD.piece)
@@ -142,7 +142,7 @@ class Manifest:
                 os.fsync(stream.fileno())
         except OSError as error:
             what = f"writing failed: {error.strerror}"
-            raise StorageError(what, path=self.path, cure=room_cure(error)) from error
+            raise StorageError(what, path=self.path, cure=disk_space_cure(error)) from error
         self.entries[name] = entry
 
     def vouches_for(self, path: Path) -> bool:

@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.parameters import HistoryOf
+from cltaa.core.parameters import HistoryKind
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Frame, Image
 from cltaa.io.sequence import FrameSequence
@@ -240,7 +240,7 @@ def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int 
 
     Its clock is the device's, in seconds, and there is none on NumPy. Raises what ``Resolver.resolve`` raises.
     """
-    if resolver.preset.choices.history_of is HistoryOf.SAMPLES:
+    if resolver.preset.choices.history is HistoryKind.FRAMES:
         _keep_before(resolver, frames[0])
     image = [resolver.resolve(frame) for frame in frames][-1]
     launcher = resolver.launcher
@@ -259,7 +259,7 @@ def _keep_before(resolver: Resolver, frame: Frame) -> None:
     """Keep ``frame`` as often as the preset keeps frames, as if each had been resolved, if its plan gathers at all."""
     before = replace(frame, index=frame.index - frame.step)
     resolver.resolve(before)
-    resolver.keep_again(before, resolver.preset.settings.frames_kept)
+    resolver.keep_again(before, resolver.preset.settings.history_frames)
 
 
 def device_seconds(events: list[tuple[str, Any]]) -> float:

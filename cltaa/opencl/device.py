@@ -11,7 +11,7 @@ import numpy as np
 import pyopencl as cl
 from numpy.typing import NDArray
 
-from cltaa.core.backend import WISH
+from cltaa.core.backend import DEVICE_VARIABLE
 from cltaa.core.planes import LARGE_PAGE, bytes_in_large_pages
 from cltaa.errors import DeviceLost, DeviceMissing, InternalError, ResourceError, UsageError
 from cltaa.opencl.cache import check_cache, filling
@@ -56,7 +56,7 @@ def describe(device: cl.Device) -> str:
     return f"{device.name.strip()} ({device.platform.name.strip()}, driver {device.driver_version.strip()})"
 
 
-def choose_device(wish: str | None = None) -> cl.Device:
+def choose_device(requested: str | None = None) -> cl.Device:
     """The device for a wish: an index, a part of its description, or None for the first (GPUs come first).
 
     The variable CLTAA_DEVICE is the wish where none is given. Raises DeviceMissing without any device and UsageError
@@ -69,19 +69,19 @@ def choose_device(wish: str | None = None) -> cl.Device:
             "no OpenCL device found",
             cure="install one with: pip install 'pyopencl[pocl]', or use --device numpy; see: cltaa doctor",
         )
-    wish = wish or os.environ.get(WISH)
-    if not wish:
+    requested = requested or os.environ.get(DEVICE_VARIABLE)
+    if not requested:
         return found[0]
     matching = [
         device
         for index, device in enumerate(found)
-        if wish == str(index) or (not wish.isdigit() and wish.lower() in describe(device).lower())
+        if requested == str(index) or (not requested.isdigit() and requested.lower() in describe(device).lower())
     ]
     if not matching:
         listed = "; ".join(f"{index}: {describe(device)}" for index, device in enumerate(found))
-        if wish == "numpy":  # asked of what runs on a device alone
+        if requested == "numpy":  # asked of what runs on a device alone
             raise UsageError("this needs an OpenCL device, and numpy is none", found=listed, cure="name one of them")
-        raise UsageError(f"no OpenCL device matches {wish}", found=listed, cure="name one of them, or numpy")
+        raise UsageError(f"no OpenCL device matches {requested}", found=listed, cure="name one of them, or numpy")
     return matching[0]
 
 
@@ -156,8 +156,8 @@ class Memory(OneProcess):
 class Device(OneProcess):
     """One OpenCL device with its context and queue, and how the kernels are shaped for it."""
 
-    def __init__(self, wish: str | None = None) -> None:
-        self.cl_device = choose_device(wish)
+    def __init__(self, requested: str | None = None) -> None:
+        self.cl_device = choose_device(requested)
         try:
             self.context = cl.Context([self.cl_device])
             self.queue = cl.CommandQueue(self.context, properties=cl.command_queue_properties.PROFILING_ENABLE)

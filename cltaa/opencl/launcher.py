@@ -19,7 +19,7 @@ from cltaa.process import OneProcess
 if TYPE_CHECKING:
     from cltaa.opencl.program import Kernel
 
-SLIDING = frozenset({"resolve", "gather", "gather_spans"})  # kernels whose work-items walk down rows
+SLIDING = frozenset({"resolve", "gather", "gather_windows"})  # kernels whose work-items walk down rows
 EDGE_GROUP = 256  # work-items of a group of extend_edges
 
 
@@ -28,10 +28,10 @@ class DeviceLauncher(OneProcess):
 
     takes_bands = True
 
-    def __init__(self, wish: str | None = None) -> None:
+    def __init__(self, requested: str | None = None) -> None:
         from cltaa.opencl.device import Device
 
-        self.device = Device(wish)
+        self.device = Device(requested)
         self.description, self.shares_memory = self.device.description, self.device.shares_memory
         self._kernels: dict[tuple[str, Build], Kernel] = {}
         self.events: list[tuple[str, Any]] | None = None  # a list put here receives each started kernel and its event

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cltaa.core.build import Build
-from cltaa.core.parameters import HistoryFilter, HistoryOf, LightChange, Rectify, Reject
+from cltaa.core.parameters import HistoryFilter, HistoryKind, Illumination, Rectify, Reject
 
 LEAST_ROWS = 8  # of a work-item where rows are chosen by the image; fewer have not been measured
 UNIT_REGISTERS = 65536  # of a compute unit of NVIDIA's, since compute capability 3.0 (CUDA C++ Programming Guide)
@@ -21,7 +21,7 @@ class Shape(NamedTuple):
     registers: int = 0  # the most that a work-item may have; 0: as many as the compiler likes
     one_size: bool = False  # whether the resolve is built for one size of planes
     registers_to_reject: int = 0  # the same where history is rejected by its depth, which takes more of them
-    registers_for_light: int = 0  # the same where changing light is tested
+    registers_for_illumination: int = 0  # the same where changing light is tested
     registers_in_place: int = 0  # the same where history is neither moved nor rectified, which takes few
     registers_for_few: int = 0  # the same where history is read from four texels at most
     columns_ahead: int = 0  # work-items right of one whose texels it fetches into the second cache; 0: next, first
@@ -32,8 +32,8 @@ class Shape(NamedTuple):
         """The most registers that a work-item of a kernel with this build may have; with more of them fewer work-items
         are under way at once."""
         choices = build.choices
-        if choices.light_change is not LightChange.IGNORE and choices.history_of is HistoryOf.RESULT:
-            return self.registers_for_light
+        if choices.illumination is not Illumination.STATIC and choices.history is HistoryKind.ACCUMULATED:
+            return self.registers_for_illumination
         if choices.reject is not Reject.NONE:
             return self.registers_to_reject
         if in_place(build):
@@ -76,7 +76,7 @@ NVIDIA = Shape(
     one_size=True,
     registers=96,
     registers_to_reject=128,
-    registers_for_light=128,
+    registers_for_illumination=128,
     registers_in_place=64,
     registers_for_few=72,
     most_rows=36,

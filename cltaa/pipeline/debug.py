@@ -34,7 +34,7 @@ class Reason(IntEnum):
     KEPT = 0
     NO_HISTORY = 1  # first frame, cut, gap, other size
     OFF_SCREEN = 2  # it lies outside the previous image, or behind the previous camera
-    BAD_TEXEL = 3  # it is no number, or beyond the domain
+    BAD_TEXEL = 3  # it is NaN, or beyond the domain
     DEPTH = 4  # it shows another surface
     REACTIVE = 5  # half of it or more, because the reactive mask says so
 
@@ -67,7 +67,7 @@ class DebugViews:
             raise ValueError("nothing was resolved yet")
         stages = _Stages(self._resolver, last)
         layers: dict[str, Image] = {}
-        gathers = "kept" in last.arguments
+        gathers = "ring" in last.arguments
         if View.REJECT in self.views:
             layers["debug.reject"] = (_reasons_gathered(stages) if gathers else _reasons(stages)).astype(np.float32)
         if View.COUNT in self.views:
@@ -95,7 +95,7 @@ class _Stages:
     def __init__(self, resolver: Resolver, last: LastRun) -> None:
         self._launcher, self._last = resolver.launcher, last
         self.shape = (last.layout.height, last.layout.width)
-        self.motion = self.run("surface_motion", last.build, 7, "motion_out", "current closeness motion", {})
+        self.motion = self.run("surface_motion", last.build, 7, "motion_out", "current inverse_depth motion", {})
 
     def run(self, kernel: str, build: Build, planes: int, output: str, given: str, made: dict[str, Buffer]) -> Buffer:
         """Run one kernel with what the fused one was ``given`` and what earlier stages ``made`` into new memory."""
@@ -108,8 +108,8 @@ class _Stages:
         return written
 
     def history(self, build: Build, **made: Buffer) -> Buffer:
-        """The history at the motion: r, g, b, alpha, count, fx, fy, valid, change of light."""
-        given = " ".join({"current", "history", "history_count", "previous_closeness"} - made.keys())
+        """The history at the motion: r, g, b, alpha, count, fx, fy, valid, illumination change."""
+        given = " ".join({"current", "history", "history_count", "previous_inverse_depth"} - made.keys())
         return self.run("sample_history", build, 9, "history_at", given, {"motion_in": self.motion, **made})
 
     def read(self, buffer: Buffer) -> Planes:
@@ -161,7 +161,8 @@ def _reasons(stages: _Stages) -> NDArray[np.int64]:
 
 
 def _reasons_gathered(stages: _Stages) -> NDArray[np.int64]:
-    """A Reason a pixel that gathers samples: where not one of the kept frames had one, why the latest had none."""
+    """A Reason a pixel that gathers samples: where not one of the frames in the ring had one, why the latest had
+    none."""
     if stages.given("frames") == 0:
         return np.full(stages.shape, Reason.NO_HISTORY.value)
     count = stages.read(stages.given("output_count"))[0]
@@ -191,7 +192,7 @@ def _clip_gathered(stages: _Stages) -> Image:
 def _clip_distance(stages: _Stages) -> Image:
     """Length of the change that rectification made, in the range that the preset blends in; 0 without history."""
     statistics = stages.run(
-        "neighbourhood_statistics", stages.build, 15, "statistics_out", "current closeness motion", {}
+        "neighbourhood_statistics", stages.build, 15, "statistics_out", "current inverse_depth motion", {}
     )
     history = stages.history(stages.build)
     made = {"statistics_in": statistics, "motion_in": stages.motion, "history_at": history}

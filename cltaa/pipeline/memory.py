@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 
 from cltaa.core.backend import storage_dtype
-from cltaa.core.build import Build, Steps, Storage, kept_planes, span_planes
-from cltaa.core.constants import SPANS
+from cltaa.core.build import Build, Steps, Storage, ring_planes, window_planes
+from cltaa.core.constants import WINDOWS
 from cltaa.core.planes import SMALLEST, Layout, in_large_pages
 from cltaa.io import exr_write as exr_zip
 from cltaa.io.exr_frame import GROUPS
@@ -37,24 +37,24 @@ MADE = frozenset("RGBA")  # channels that a result has of its own
 NO_LAYERS: Mapping[str, str] = MappingProxyType({})
 
 
-class PlanesHeld(msgspec.Struct, frozen=True):
+class DevicePlanes(msgspec.Struct, frozen=True):
     """What decides how many planes a resolve holds."""
 
     steps: Steps
     storage: Storage = Storage.FLOAT
     band_rows: int = 0  # of a band, the only part of the frame and its result that is held at a time; 0: all rows
-    frames_kept: int = 0  # a ring holds these and one more
-    spans: bool = False  # of the kept frames are weighed, and hold planes
+    history_frames: int = 0  # a ring holds these and one more
+    windows: bool = False  # of the frames in the ring are weighed, and hold planes
     changes: bool = False  # of light, beside the count of what recurs and of the result
-    shared: bool = False  # the device has the host's memory: of a whole frame only closeness lies anywhere else
+    shared: bool = False  # the device has the host's memory: of a whole frame only inverse depth lies anywhere else
     half: bool = False  # a result in halves, beside the one that it is made from
 
 
-def device_bytes(width: int, height: int, held: PlanesHeld) -> int:
+def device_bytes(width: int, height: int, held: DevicePlanes) -> int:
     """Bytes of the planes on the device, halos included.
 
-    Per texel and in floats: the frame holds 4 (R G B, closeness), and 2, 1 and 1 more for own motion, alpha and
-    reactive; what recurs holds count and closeness; the result its count, and each count the change of light
+    Per texel and in floats: the frame holds 4 (R G B, inverse depth), and 2, 1 and 1 more for own motion, alpha and
+    reactive; what recurs holds count and inverse depth; the result its count, and each count the illumination change
     where that is tested for. Both hold 3 or, with alpha, 4 planes of
     ``storage``.
     """
@@ -64,8 +64,8 @@ def device_bytes(width: int, height: int, held: PlanesHeld) -> int:
     colour = (3 + steps.alpha) * stored
     in_place = held.shared and not held.band_rows
     frame = REAL * (1 if in_place else 4 + 2 * steps.own_motion + steps.alpha + steps.reactive)
-    ring = REAL * kept_planes(steps) * (held.frames_kept + 1) if held.frames_kept else 0
-    ring += REAL * SPANS * span_planes(steps) if held.spans else 0
+    ring = REAL * ring_planes(steps) * (held.history_frames + 1) if held.history_frames else 0
+    ring += REAL * WINDOWS * window_planes(steps) if held.windows else 0
     halves = HALF * (3 + steps.alpha) if held.half else 0
     count = REAL * (1 + held.changes)
     return (frame + colour + halves + count) * band.plane + (colour + count + REAL + ring) * whole.plane
@@ -111,7 +111,7 @@ def of_resolve(
     channels: Collection[str],
     file: int,
     chunk: int,
-    held: PlanesHeld,
+    held: DevicePlanes,
     *,
     recorded: bool = False,
     converted: bool = False,
@@ -160,7 +160,7 @@ def _mapped(size: int, banded: bool) -> int:
     return size if banded or size < SMALLEST else in_large_pages(size)
 
 
-def of_sequence(sequence: FrameSequence, held: PlanesHeld, layers: Mapping[str, str] = NO_LAYERS) -> Memory:
+def of_sequence(sequence: FrameSequence, held: DevicePlanes, layers: Mapping[str, str] = NO_LAYERS) -> Memory:
     """Memory of a resolve of ``sequence``; ``layers`` as for ``of_resolve``."""
     memory = of_resolve(
         sequence.width,
@@ -190,8 +190,8 @@ def of_whole_images(
 ) -> Memory:
     """Memory of a resolve of ``sequence`` over whole images, with each step that its channels allow; no frames kept.
 
-    ``storage``, ``changes``, ``half`` and ``shared`` are those of ``PlanesHeld``, ``layers`` those of ``of_resolve``.
+    ``storage``, ``changes``, ``half`` and ``shared`` are those of ``DevicePlanes``, ``layers`` those of ``of_resolve``.
     """
     holds = sequence.holds
     steps = Steps(own_motion="motion" in holds, alpha="alpha" in holds, reactive="reactive" in holds)
-    return of_sequence(sequence, PlanesHeld(steps, storage, changes=changes, half=half, shared=shared), layers)
+    return of_sequence(sequence, DevicePlanes(steps, storage, changes=changes, half=half, shared=shared), layers)

@@ -73,7 +73,7 @@ class CarriedOver(NamedTuple):
     windows: Windows
 
 
-def kept_channels(layout: Layout, layers: tuple[str, ...], replaced: frozenset[str] = frozenset()) -> frozenset[str]:
+def carried_channels(layout: Layout, layers: tuple[str, ...], replaced: frozenset[str] = frozenset()) -> frozenset[str]:
     """The channels of a file that are carried over: those whose names match one of ``layers``.
 
     Where ``layers`` are all, those that the resolve ``replaced`` are none of them: who opens the result would take the
@@ -91,11 +91,11 @@ def chosen_layers(names: tuple[str, ...] | None, sequence: FrameSequence) -> tup
     return () if names == ("none",) else ALL if names == ("all",) else names
 
 
-def kept_kinds(sequence: FrameSequence, layers: tuple[str, ...]) -> dict[str, str]:
+def carried_kinds(sequence: FrameSequence, layers: tuple[str, ...]) -> dict[str, str]:
     """The channels that any file of ``sequence`` has carried over -> "uint", "half" or "float"; nothing is read."""
     kept: dict[str, str] = {}
     for layout in sequence.layouts.values():
-        names = kept_channels(layout, layers, sequence.replaced)
+        names = carried_channels(layout, layers, sequence.replaced)
         kept |= {name: layout.channels[name] for name in names}
     return kept
 
@@ -284,7 +284,7 @@ def reads(sequence: FrameSequence, before: int | None, layers: tuple[str, ...]) 
 
 
 def _read(sequence: FrameSequence, number: int, before: int | None, layers: tuple[str, ...]) -> Read:
-    path, kept = sequence.path(number), kept_channels(sequence.layouts[number], layers, sequence.replaced)
+    path, kept = sequence.path(number), carried_channels(sequence.layouts[number], layers, sequence.replaced)
     found = _stamps(sequence, number)
     frame, file = sequence.frame_and_file(number, kept)
     # What was verified while it was read need not be hashed again.

@@ -17,9 +17,9 @@ import msgspec
 from cltaa.core.backend import Launcher
 from cltaa.core.bands import BAND_ROWS, BandedResolver
 from cltaa.core.build import Storage
-from cltaa.core.parameters import HistoryOf, LightChange
+from cltaa.core.parameters import HistoryKind, Illumination
 from cltaa.core.plan import with_effects
-from cltaa.core.planes import kept_memory
+from cltaa.core.planes import pooled_memory
 from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver, Times
 from cltaa.errors import DeviceLost, ResourceError, UsageError
@@ -42,10 +42,10 @@ from cltaa.pipeline.output import OutputFolder, ResolvedFiles, check_layers, rea
 from cltaa.printable import bytes_of, counted, printable
 from cltaa.progress import track
 
-TOLD_AFTER = 2  # files, of which frames of one sequence differ little
+CHECKED_AFTER = 2  # files, of which frames of one sequence differ little
 
 
-class Room:
+class DiskSpace:
     """Looks once whether ``count`` results fit into ``folder``; a guess, so that it warns and refuses nothing."""
 
     def __init__(self, folder: Path, count: int) -> None:
@@ -55,7 +55,7 @@ class Room:
     def look(self, sizes: Sequence[int]) -> None:
         """Warn on standard error if as many bytes a file as ``sizes``, of those that are finished, will not fit."""
         finished = len(sizes)
-        if self._looked or finished < TOLD_AFTER:
+        if self._looked or finished < CHECKED_AFTER:
             return
         self._looked = True
         try:
@@ -85,7 +85,7 @@ class StageTimes(msgspec.Struct, kw_only=True):
     whole: float
 
 
-class Outcome(msgspec.Struct, kw_only=True):
+class ResolveReport(msgspec.Struct, kw_only=True):
     """What a run of ``resolve_sequence`` did: of ``frames``, ``resolved`` were written now, the others before.
 
     ``repaired`` counts the pixels of those whose colour was no usable number (NaN, infinite, beyond 2^50), ``opaque``
@@ -106,9 +106,9 @@ class Outcome(msgspec.Struct, kw_only=True):
     seconds: StageTimes
 
 
-def write_record(folder: Path, outcome: Outcome, preset: Preset) -> None:
+def write_record(folder: Path, report: ResolveReport, preset: Preset) -> None:
     """Write ``resolve.json``: beside the images, what made them. Raises OutputError and StorageError."""
-    record: dict[str, Any] = {"outcome": msgspec.to_builtins(outcome), "preset": msgspec.to_builtins(preset)}
+    record: dict[str, Any] = {"outcome": msgspec.to_builtins(report), "preset": msgspec.to_builtins(preset)}
     with atomic_path(folder / "resolve.json") as temporary:
         temporary.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
 
@@ -130,7 +130,7 @@ def of_whole(
     return of_whole_images(
         sequence,
         resolver.storage,
-        changes=resolver.preset.choices.light_change is not LightChange.IGNORE,
+        changes=resolver.preset.choices.illumination is not Illumination.STATIC,
         half=half,
         shared=resolver.launcher.shares_memory,
         layers=layers,
@@ -140,7 +140,7 @@ def of_whole(
 def has_bands(resolver: Resolver) -> bool:
     """True where the device and the preset of ``resolver`` can do with bands."""
     on_device = isinstance(resolver.launcher, DeviceLauncher)
-    return on_device and resolver.preset.choices.history_of is HistoryOf.RESULT
+    return on_device and resolver.preset.choices.history is HistoryKind.ACCUMULATED
 
 
 def resolver_for(
@@ -164,7 +164,7 @@ def resolver_for(
     if band_rows is None:
         whole = of_whole(sequence, resolver, half=half, layers=layers)
         band_rows = band_rows_for(whole)
-        if band_rows and preset.choices.history_of is not HistoryOf.RESULT:
+        if band_rows and preset.choices.history is not HistoryKind.ACCUMULATED:
             raise ResourceError(
                 f"{sequence.width} x {sequence.height} pixels are too many for preset {preset.name}, which "
                 "keeps frames, so it resolves whole images only",
@@ -194,7 +194,7 @@ def resolve_sequence(
     layers: tuple[str, ...] = (),
     progress: bool = True,
     stopping: AbstractContextManager[Stop] | None = None,
-) -> Outcome:
+) -> ResolveReport:
     """Resolve every frame of ``sequence`` into ``output``, one EXR a frame under the same names.
 
     ``effects`` overrides what the sequence declares: ``auto`` keeps it, ``all`` runs every step of the preset whatever
@@ -227,7 +227,7 @@ def resolve_sequence(
     if preview is not None:
         check_film(preview, sequence, output)
         rate = rate_of(sequence.attributes, sequence.sequence_json, sequence.step)
-    keeping = kept_memory(images=not isinstance(resolver, BandedResolver))
+    keeping = pooled_memory(images=not isinstance(resolver, BandedResolver))
     every = _every_step(resolver, resolver.every_step or effects == "all")
     with keeping, every, owned(output), stopping or nullcontext(Stop()) as stop:
         if preview is not None:
@@ -244,12 +244,12 @@ def resolve_sequence(
         except DeviceLost:
             resolver.reopen()
             run.resolve(compression, checkpoint_every)
-        outcome = run.outcome()
-        write_record(output, outcome, resolver.preset)
+        report = run.report()
+        write_record(output, report, resolver.preset)
         checkpoints.clear()
     if preview is not None:
         write_video(preview, open_images(output, gaps=OnBreak.RESET).select(sequence.first, sequence.last), rate=rate)
-    return outcome
+    return report
 
 
 @contextmanager
@@ -301,7 +301,7 @@ class _Run:
         numbers = [n for n in self._sequence.numbers if (after is None or n > after) and n <= missing[-1]]
         wanted = frozenset(missing)
         part = self._sequence.select(numbers[0], numbers[-1])
-        room = Room(self._files.folder.folder, len(self._files.sizes) + len(missing))
+        disk_space = DiskSpace(self._files.folder.folder, len(self._files.sizes) + len(missing))
         started = time.perf_counter()
         in_turn = isinstance(self._resolver, BandedResolver)  # so large that no second image waits beside it
         tasks = reads(part, after, self._layers)
@@ -315,7 +315,7 @@ class _Run:
                 image = self._resolver.resolve(with_effects(read.frame, self._effects), half=self._half)
                 if number in wanted:
                     self._files.write(writer, read, image)
-                    room.look(self._files.sizes)
+                    disk_space.look(self._files.sizes)
                 self._resolver.release()
                 self._note(self._resolver.times)
                 if self._stop.requested or done % checkpoint_every == 0:
@@ -340,9 +340,9 @@ class _Run:
         for name, seconds in times._asdict().items():
             self._seconds[name].append(seconds)
 
-    def outcome(self) -> Outcome:
+    def report(self) -> ResolveReport:
         """What was done; stages that nothing had to be done in took no time."""
-        return Outcome(
+        return ResolveReport(
             output=str(self._files.folder.folder),
             frames=len(self._sequence),
             resolved=self._files.count,

@@ -23,7 +23,7 @@ KERNELS: dict[str, Callable[..., Any]] = {
     "blend": stages.blend_kernel,
     "extend_edges": resolve.extend_edges,
     "gather": gather.gather,
-    "gather_spans": window.gather_spans,
+    "gather_windows": window.gather_windows,
     "neighbourhood_statistics": stages.neighbourhood_statistics_kernel,
     "rectify_history": stages.rectify_history_kernel,
     "repair_colour": stages.repair_colour_kernel,
@@ -31,5 +31,5 @@ KERNELS: dict[str, Callable[..., Any]] = {
     "sample_history": stages.sample_history_kernel,
     "surface_motion": stages.surface_motion_kernel,
     "to_halves": to_halves.to_halves,
-    "weigh_spans": window.weigh_spans,
+    "weigh_windows": window.weigh_windows,
 }

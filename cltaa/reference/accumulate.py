@@ -9,7 +9,7 @@ import numpy as np
 
 from cltaa.core.build import Build, Record
 from cltaa.core.constants import PAD_X, PAD_Y
-from cltaa.core.parameters import Accumulate, AlphaFrom, AntiFlicker, Box, FilterUse, LightChange, Negatives, Weighting
+from cltaa.core.parameters import Accumulate, AlphaFrom, AntiFlicker, Box, FilterUse, Illumination, Negatives, Weighting
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, from_box_space, from_range, luminance, to_box_space
 from cltaa.reference.history import History
@@ -28,13 +28,13 @@ from cltaa.reference.reprojection import Motion
 from cltaa.reference.sampling import between_texels
 
 
-def sample_weight(count: Array, unrest: Array, build: Build, settings: Record) -> Array:
+def sample_weight(count: Array, blend_boost: Array, build: Build, settings: Record) -> Array:
     """Weight of the current sample beside ``count`` earlier ones."""
     least = number(settings["blend_weight"], count)
     if build.choices.accumulate is Accumulate.CONSTANT:
         return np.full_like(count, least)
     if build.choices.accumulate is Accumulate.ADAPTIVE:
-        adaptive: Array = least + unrest * (number(settings["moving_weight"], count) - least)
+        adaptive: Array = least + blend_boost * (number(settings["moving_weight"], count) - least)
         return adaptive
     mean: Array = number(1.0, count) / (count + number(1.0, count))
     if build.choices.accumulate is Accumulate.COUNT:
@@ -50,21 +50,21 @@ def samples_in_mean(count: Array, build: Build, settings: Record) -> Array:
     return lesser(count, one / number(settings["blend_weight"], count) - one)
 
 
-def most_samples(fx: Array, fy: Array, build: Build, settings: Record) -> Array:
+def count_limit_of(fx: Array, fy: Array, build: Build, settings: Record) -> Array:
     """The most samples that a history resampled at fraction ``fx``, ``fy`` may stand for."""
     one = number(1.0, fx)
     least = one / number(settings["sample_limit"], fx)
-    if build.terms.resample_cost:
-        least = least + number(settings["resample_cost"], fx) * between_texels(fx, fy)
-    most: Array = one / least
-    return most
+    if build.terms.resampling_penalty:
+        least = least + number(settings["resampling_penalty"], fx) * between_texels(fx, fy)
+    count_limit: Array = one / least
+    return count_limit
 
 
-def believed_count(count: Array, most: Array, pull: Array, build: Build, settings: Record) -> Array:
-    """Samples that the history still stands for after resampling, ``most`` at most, and rectification."""
-    if build.terms.pull_cost:
-        count = count / (number(1.0, count) + number(settings["pull_cost"], count) * pull)
-    return lesser(count, most)
+def effective_count(count: Array, count_limit: Array, clip_distance: Array, build: Build, settings: Record) -> Array:
+    """Samples that the history still stands for after resampling, ``count_limit`` at most, and rectification."""
+    if build.terms.clip_penalty:
+        count = count / (number(1.0, count) + number(settings["clip_penalty"], count) * clip_distance)
+    return lesser(count, count_limit)
 
 
 def luminance_inertia(v: Colour, settings: Record) -> Array:
@@ -88,7 +88,7 @@ def weight_of_sample(
     current: Colour,
     history: Colour,
     reactivity: Array,
-    unrest: Array,
+    blend_boost: Array,
     build: Build,
     settings: Record,
 ) -> Array:
@@ -103,7 +103,7 @@ def weight_of_sample(
             now, samples = (one + reactivity * samples) * now, samples * (one - reactivity)
         share: Array = now / (now + samples * inertia)
         return share
-    weight = sample_weight(count, unrest, build, settings)
+    weight = sample_weight(count, blend_boost, build, settings)
     if build.steps.reactive:
         weight = weight + reactivity * (one - weight)
     return luminance_weight(weight, current, history, build, settings)
@@ -174,7 +174,7 @@ class Pixel(NamedTuple):
     alpha: Array
     reactivity: Array
     near: Statistics
-    least_reactive: Array  # of the 3x3, where spans of the past are weighed
+    least_reactive: Array  # of the 3x3, where temporal windows are weighed
     most_reactive: Array
 
 
@@ -188,7 +188,7 @@ class Resolved:
     change: Array | None = None  # of light, where that is tested for
 
 
-def usable_share(v: Array, otherwise: float) -> Array:
+def share_in_domain(v: Array, otherwise: float) -> Array:
     """Alpha or reactivity limited to [0, 1]; no number means ``otherwise``."""
     return np.where(outside_domain(v), number(otherwise, v), limit(v, number(0, v), number(1, v)))
 
@@ -200,8 +200,8 @@ def load_shares(
     one, zero = np.ones_like(like), np.zeros_like(like)
     steps = build.steps
     return (
-        usable_share(layout.inside(alpha)[0].astype(like.dtype), 1.0) if steps.alpha and alpha is not None else one,
-        usable_share(layout.inside(reactive)[0].astype(like.dtype), 0.0)
+        share_in_domain(layout.inside(alpha)[0].astype(like.dtype), 1.0) if steps.alpha and alpha is not None else one,
+        share_in_domain(layout.inside(reactive)[0].astype(like.dtype), 0.0)
         if steps.reactive and reactive is not None
         else zero,
     )
@@ -220,14 +220,14 @@ def current_pixel(
     filtered = current_sample(*rows, near, build, frame)
     own = rows[1].centre if build.choices.filter_use is FilterUse.FEW else filtered
     shares = load_shares(alpha, reactive, own[0], build, layout)
-    least = most = shares[1]
-    if build.steps.reactive and reactive is not None and build.choices.light_change is LightChange.SPANS:
+    least = count_limit = shares[1]
+    if build.steps.reactive and reactive is not None and build.choices.illumination is Illumination.WINDOW:
         for top in (PAD_Y - 1, PAD_Y, PAD_Y + 1):
             for left in (PAD_X - 1, PAD_X, PAD_X + 1):
                 there = reactive[0, top : top + layout.height, left : left + layout.width].astype(least.dtype)
-                r = usable_share(there, 0.0)
-                least, most = lesser(least, r), greater(most, r)
-    return Pixel(own, filtered, *shares, near, least, most)
+                r = share_in_domain(there, 0.0)
+                least, count_limit = lesser(least, r), greater(count_limit, r)
+    return Pixel(own, filtered, *shares, near, least, count_limit)
 
 
 def as_reactive(r: Array, now: Pixel) -> Array:
@@ -238,12 +238,14 @@ def as_reactive(r: Array, now: Pixel) -> Array:
     return result
 
 
-def box_gamma(m: Motion, settings: Record) -> Array:
+def box_scale_of(m: Motion, settings: Record) -> Array:
     """Half width of the box in standard deviations: wide where nothing moves."""
     k = m.u.dtype.type
     speed = greater(np.abs(m.u), np.abs(m.v)) / k(settings["motion_px"])
     still = greater(k(1.0) - speed, k(0.0))
-    result: Array = k(settings["gamma_moving"]) + still * (k(settings["gamma_still"]) - k(settings["gamma_moving"]))
+    result: Array = k(settings["box_scale_moving"]) + still * (
+        k(settings["box_scale_static"]) - k(settings["box_scale_moving"])
+    )
     return result
 
 
@@ -251,7 +253,7 @@ def past_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> Array
     """The history's alpha; where the box is ``unit``, held in the extremes of the current 3x3 of ``plane``."""
     if build.choices.box is not Box.UNIT:
         return past
-    share = usable_share(plane[0].astype(past.dtype), 1.0)
+    share = share_in_domain(plane[0].astype(past.dtype), 1.0)
     low, high = np.ones_like(past), np.zeros_like(past)
     for top in (PAD_Y - 1, PAD_Y, PAD_Y + 1):
         for left in (PAD_X - 1, PAD_X, PAD_X + 1):
@@ -260,11 +262,11 @@ def past_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> Array
     return limit(past, low, high)
 
 
-def fresh_colour(current: Colour, mean: Colour, build: Build, settings: Record) -> Colour:
+def disoccluded_colour(current: Colour, mean: Colour, build: Build, settings: Record) -> Colour:
     """The sample of a pixel without history, drawn towards the mean of its neighbourhood."""
     c = to_box_space(current, build)
     change = from_box_space((mean[0] - c[0], mean[1] - c[1], mean[2] - c[2]), build)
-    blur = number(settings["fresh_blur"], c[0])
+    blur = number(settings["disocclusion_blur"], c[0])
     r, g, b = (k + blur * by for k, by in zip(current, change, strict=True))
     return r, g, b
 
@@ -275,10 +277,10 @@ def drawn_towards(own: Colour, filtered: Colour, share: Array) -> Colour:
     return r, g, b
 
 
-def believed_samples(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Array:
+def effective_samples(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Array:
     """How many samples a pixel's rectified history is believed to stand for."""
-    most = most_samples(h.fx, h.fy, build, settings)
-    count = believed_count(h.count, most, r.pull, build, settings)
+    count_limit = count_limit_of(h.fx, h.fy, build, settings)
+    count = effective_count(h.count, count_limit, r.clip_distance, build, settings)
     return count * (number(1.0, count) - p.reactivity) if build.steps.reactive else count
 
 
@@ -289,18 +291,18 @@ def fading_share(of_mean: Array, settings: Record) -> Array:
 
 def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Resolved:
     """The pixel blended with its rectified history, or begun anew where there is none."""
-    count, current = believed_samples(p, h, r, build, settings), p.filtered
+    count, current = effective_samples(p, h, r, build, settings), p.filtered
     one = number(1.0, h.count)
     past = (h.rgb[0] + r.change[0], h.rgb[1] + r.change[1], h.rgb[2] + r.change[2])
     if build.choices.filter_use is FilterUse.FEW:
         share = np.where(h.valid, fading_share(one / (count + one), settings), one)
         current = drawn_towards(p.own, current, filtered_share(share, current, build, settings))
-    weight = weight_of_sample(count, current, past, p.reactivity, r.unrest, build, settings)
+    weight = weight_of_sample(count, current, past, p.reactivity, r.blend_boost, build, settings)
     if build.choices.anti_flicker is AntiFlicker.DIFFERENCE:
         weight = weight * difference_share(current, past, settings)
     if build.choices.anti_flicker is AntiFlicker.CLAMP_DISTANCE:
-        weight = weight * r.calm
-    fresh = fresh_colour(current, p.near.mean, build, settings)
+        weight = weight * r.anti_flicker_factor
+    fresh = disoccluded_colour(current, p.near.mean, build, settings)
     mixed = [blend(y, c, weight) for y, c in zip(past, current, strict=True)]
     chosen = [np.where(h.valid, m, f) for m, f in zip(mixed, fresh, strict=True)]
     stored = storable_colour(from_range((chosen[0], chosen[1], chosen[2]), build), current, build)

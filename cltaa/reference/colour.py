@@ -108,15 +108,15 @@ def repaired_planes(planes: Array, layout: Layout) -> Array:
         total, count = zero, zero[0]
         for j in (-1, 0, 1):
             for i in (-1, 0, 1):
-                usable = ~bad[rows + j, columns + i]
-                total = np.where(usable, total + planes[:3, rows + j, columns + i], total)
-                count = np.where(usable, count + number(1.0, count), count)
+                in_domain = ~bad[rows + j, columns + i]
+                total = np.where(in_domain, total + planes[:3, rows + j, columns + i], total)
+                count = np.where(in_domain, count + number(1.0, count), count)
         repaired[:3, rows, columns] = np.where(count > number(0.0, count), total / greater(count, 1.0), zero)
         layout.extend_edges(repaired)
     return repaired
 
 
-def usable_colour(current: Array, build: Build, layout: Layout) -> Colour:
+def colour_in_domain(current: Array, build: Build, layout: Layout) -> Colour:
     """Each pixel's own colour [H, W], repaired where need be, in the range that everything is compared in."""
     real = np.float64 if build.real is Real.DOUBLE else np.float32
     r, g, b = (layout.inside(plane).astype(real) for plane in repaired_planes(current, layout)[:3])

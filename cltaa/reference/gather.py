@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from cltaa.core.build import Build, Record, kept_planes
-from cltaa.core.parameters import AlphaFrom, CurrentFilter, FilterUse, GatherFit, LightChange
+from cltaa.core.build import Build, Record, ring_planes
+from cltaa.core.parameters import AlphaFrom, CurrentFilter, FilterUse, GatherFit, Illumination
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import (
     Pixel,
     Resolved,
-    box_gamma,
+    box_scale_of,
     current_pixel,
+    disoccluded_colour,
     drawn_towards,
     fading_share,
     filtered_share,
-    fresh_colour,
     sample_share,
     storable_colour,
 )
@@ -40,9 +40,9 @@ from cltaa.reference.gather_surfaces import (
     Layers,
     Side,
     Track,
+    find_subpixel_feature,
     layers_of,
     range_of_side,
-    recall_thin,
     side_of,
 )
 from cltaa.reference.neighbourhood import Surface, nearest_surface
@@ -61,7 +61,7 @@ from cltaa.reference.sampling import footprint_of
 
 
 def gather_samples(
-    kept: Array,
+    ring: Array,
     past: Any,
     g: Gathered,
     now: Pixel,
@@ -77,8 +77,8 @@ def gather_samples(
     before: int = 0,
     recent: int = 0,
 ) -> Gathered:
-    """``g`` and the samples of ``now`` on ``s`` in the kept frames [slots, planes, rows, stride] of ``past``, latest
-    first.
+    """``g`` and the samples of ``now`` on ``s`` in the frames in the ring [slots, planes, rows, stride] of ``past``,
+    latest first.
 
     ``track`` is where own motion had led in the ``before`` frames before them, and is led on; samples of the first
     ``recent`` frames are summed on their own too.
@@ -91,7 +91,7 @@ def gather_samples(
     reach = reach_of(before + len(past) + 1, settings, zero)
     for k, then in enumerate(past):
         m, stretch = _way_back(track, s, layers, build, layout, frame, then)
-        nearest, v = _view(kept[int(then["slot"])], m, on_screen(m, layout) & ~track.lost, stretch, reach, layout, then)
+        nearest, v = _view(ring[int(then["slot"])], m, on_screen(m, layout) & ~track.lost, stretch, reach, layout, then)
         v = v._replace(recent=k < recent)
         for right, down in steps:
             gather_sample(g, v, right, down, now, s, layers, build, layout, settings, far_only=far_only)
@@ -117,7 +117,7 @@ def _view(
 def _way_back(
     track: Track, s: Surface, layers: Layers, build: Build, layout: Layout, frame: Record, then: Record
 ) -> tuple[Motion, Stretch]:
-    """The motion of the pixel's centre to a kept frame, and how pixels are stretched on the way."""
+    """The motion of the pixel's centre to a frame of the ring, and how pixels are stretched on the way."""
     zero = np.zeros_like(s.centre)
     m = motion_from_depth(s, build, layout, then)
     stretch = Stretch(zero, zero, zero, zero)
@@ -156,7 +156,7 @@ def gathered_change(g: Gathered, far: Gathered, layers: Layers, build: Build, se
 
 def gathered_filter_share(of_mean: Array, g: Gathered, layers: Layers, build: Build, settings: Record) -> Array:
     """Share of the filtered sample beside the n of a pixel, from their share 1 / n, ``of_mean``."""
-    if build.choices.light_change is LightChange.SPANS:
+    if build.choices.illumination is Illumination.WINDOW:
         return np.where(layers.edge, of_mean, fading_share(of_mean, settings))
     one = np.ones_like(of_mean)
     n = g.count + one
@@ -166,7 +166,7 @@ def gathered_filter_share(of_mean: Array, g: Gathered, layers: Layers, build: Bu
 def distrust(reactivity: Array, build: Build) -> Array:
     """How much of its samples a reactive pixel [H, W] gives up for the current one."""
     square: Array = reactivity * reactivity
-    return square * square if build.choices.light_change is LightChange.SPANS else reactivity
+    return square * square if build.choices.illumination is Illumination.WINDOW else reactivity
 
 
 def resolve_gathered(
@@ -187,20 +187,20 @@ def resolve_gathered(
     plain = build.choices.gather_fit is GatherFit.MEAN
     change = [total / weight for total in g.sum] if plain else gathered_change(g, far, layers, build, settings)
     past = (current[0] + change[0], current[1] + change[1], current[2] + change[2])
-    moved = rectify(past, current, p.near, m, box_gamma(m, settings), build, layout, settings).change
+    moved = rectify(past, current, p.near, m, box_scale_of(m, settings), build, layout, settings).change
     share = g.weight / (sample_share(current, build, settings) + g.weight) if plain else one
     alpha_share = one
     if build.steps.reactive:
         alpha_share = one - distrust(p.reactivity, build)
         share = share * alpha_share
     mixed = [x + share * ((y - x) + c) for x, y, c in zip(current, past, moved, strict=True)]
-    fresh = fresh_colour(current, p.near.mean, build, settings)
+    fresh = disoccluded_colour(current, p.near.mean, build, settings)
     r, gr, b = (np.where(any_of, k, f) for k, f in zip(mixed, fresh, strict=True))
     chosen = (r, gr, b)
     filters = build.choices.current_filter is not CurrentFilter.NONE
     if filters and build.choices.filter_use is FilterUse.FEW:
-        kept = gathered_filter_share(one / (g.count + one), g, layers, build, settings)
-        share = filtered_share(kept, p.filtered, build, settings)
+        filter_share = gathered_filter_share(one / (g.count + one), g, layers, build, settings)
+        share = filtered_share(filter_share, p.filtered, build, settings)
         chosen = drawn_towards(chosen, p.filtered, share)
     stored = storable_colour(from_range(chosen, build), current, build)
     if build.choices.alpha_from is AlphaFrom.BLEND:
@@ -217,7 +217,8 @@ def begin_layer(s: Surface, layers: Layers, w: Array, build: Build, frame: Recor
 
 @dataclass(slots=True)
 class Gathering:
-    """Pixels on their way back through the kept frames: the nearer layer of each and, at depth edges, the farther."""
+    """Pixels on their way back through the frames in the ring: the nearer layer of each and, at depth edges, the
+    farther."""
 
     pixel: Pixel
     motion: Motion
@@ -228,25 +229,25 @@ class Gathering:
 
     @classmethod
     def begin(cls, build: Build, layout: Layout, given: Mapping[str, Any]) -> Gathering:
-        """Before the first kept frame, as ``given`` to the kernel."""
-        current, closeness, motion, frame, settings = (
-            given[name] for name in ("current", "closeness", "motion", "frame", "settings")
+        """Before the first frame of the ring, as ``given`` to the kernel."""
+        current, inverse_depth, motion, frame, settings = (
+            given[name] for name in ("current", "inverse_depth", "motion", "frame", "settings")
         )
-        rows = read_rows(current, closeness, motion, build, layout, frame)
+        rows = read_rows(current, inverse_depth, motion, build, layout, frame)
         p = current_pixel(rows, given["alpha"], given["reactive"], build, layout, frame)
         s = nearest_surface(*rows, build, settings["edge_tolerance"])
         m = surface_motion(s, build, layout, frame)
-        slots = given["kept"].reshape(-1, kept_planes(build.steps), layout.rows, layout.stride)
+        slots = given["ring"].reshape(-1, ring_planes(build.steps), layout.rows, layout.stride)
         layers, past = layers_of(*rows, s, settings), given["past"][: given["frames"]]
         layered = build.choices.gather_fit is GatherFit.LAYERS
         if layered:
-            s, layers = recall_thin(s, layers, slots, past, build, layout, settings)
+            s, layers = find_subpixel_feature(s, layers, slots, past, build, layout, settings)
         w = sample_share(p.own, build, settings)
         near, far = (begin_layer(s, layers, w, build, frame, far=side) for side in (False, True))
         if not layered:
             return cls(p, m, layers, slots, [(s, layers, near, Track.of(s, build))], far)
         fronts, backs = (
-            side_of(s, layers, p.own, current, closeness, motion, build, layout, frame, settings, far=side)
+            side_of(s, layers, p.own, current, inverse_depth, motion, build, layout, frame, settings, far=side)
             for side in (False, True)
         )
         add_side(far, backs, p.own, build, settings)
@@ -266,7 +267,7 @@ class Gathering:
         before: int = 0,
         recent: int = 0,
     ) -> None:
-        """The samples of some kept frames, those that follow on what was gathered."""
+        """The samples of some frames in the ring, those that follow on what was gathered."""
         for place, (s, layers, sums, track) in enumerate(self.sides):
             gather_samples(
                 self.slots,
@@ -301,11 +302,11 @@ def gather(
     layout: Layout,
     *,
     current: Array,
-    closeness: Array,
+    inverse_depth: Array,
     motion: Array | None,
     alpha: Array | None,
     reactive: Array | None,
-    kept: Array,
+    ring: Array,
     past: Any,
     frames: int,
     output: Array,

@@ -8,19 +8,19 @@ from typing import NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Record
-from cltaa.core.parameters import GatherFit, LightChange
+from cltaa.core.parameters import GatherFit, Illumination
 from cltaa.core.planes import Layout
-from cltaa.reference.accumulate import Pixel, as_reactive, sample_share, share_difference, usable_share
+from cltaa.reference.accumulate import Pixel, as_reactive, sample_share, share_difference, share_in_domain
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.gather_surfaces import (
-    KEPT_CLOSENESS,
+    RING_INVERSE_DEPTH,
     Layers,
-    kept_alpha,
-    kept_reactive,
-    seen_then,
+    matches_surface,
+    ring_alpha,
+    ring_reactive,
     texel_at,
 )
-from cltaa.reference.neighbourhood import Surface, usable_closeness
+from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
 from cltaa.reference.real import (
     Array,
     Mask,
@@ -131,13 +131,13 @@ class Stretch(NamedTuple):
 def stretch_of(
     s: Surface, slope: tuple[Array, Array], m: Motion, build: Build, layout: Layout, then: Record
 ) -> Stretch:
-    """The derivative of the camera's motion on a plane whose closeness changes by ``slope`` a pixel."""
+    """The derivative of the camera's motion on a plane whose inverse depth changes by ``slope`` a pixel."""
     zero, one = np.zeros_like(s.centre), np.ones_like(s.centre)
     if not build.steps.camera_motion:
         return Stretch(zero, zero, zero, zero)
     x, y = pixel_grid(layout, zero)
     f = {name: number(then[name], zero) for name in then.dtype.fields or ()}
-    px, py, q = (x + s.x) + f["origin_x"], (y + s.y) + f["origin_y"], s.closeness
+    px, py, q = (x + s.x) + f["origin_x"], (y + s.y) + f["origin_y"], s.inverse_depth
     dw = ((f["wx"] * px + f["wy"] * py) + f["wq"] * q) + f["w1"]
     w = np.where(m.visible, one + dw, one)
     wx, wy = f["wx"] + f["wq"] * slope[0], f["wy"] + f["wq"] * slope[1]
@@ -192,8 +192,8 @@ def window(off: Array, reach: Array) -> Array:
 
 
 class View(NamedTuple):
-    """A kept frame as pixels see it: its planes and facts, the way there, the texels whose samples lie nearest to the
-    centres, and where its samples lie and where they no longer count."""
+    """A frame of the ring as pixels see it: its planes and facts, the way there, the texels whose samples lie nearest
+    to the centres, and where its samples lie and where they no longer count."""
 
     planes: Array
     then: Record
@@ -233,7 +233,7 @@ def gather_sample(
     *,
     far_only: bool,
 ) -> None:
-    """One sample of a kept frame, ``right`` and ``down`` texels beside the nearest one."""
+    """One sample of a frame of the ring, ``right`` and ``down`` texels beside the nearest one."""
     current, fit = now.own, build.choices.gather_fit
     zero = np.zeros_like(current[0])
     share, dx, dy = v.weight_beside(right, down, fit, layout)
@@ -243,7 +243,7 @@ def gather_sample(
     f = v.f._replace(row=v.f.row + down, column=v.f.column + right)
     c, q = _sample(v.planes, f, zero, v.then)
     good = good & ~colour_outside_domain(c)
-    good = good & seen_then(q, s, v.m, build, settings)
+    good = good & matches_surface(q, s, v.m, build, settings)
     near = np.ones(zero.shape, bool)
     if fit is not GatherFit.MEAN:
         near = ~layers.edge | (q > layers.cut * v.m.scale + v.m.shift)
@@ -255,8 +255,8 @@ def gather_sample(
     c = (np.where(good, c[0], current[0]), np.where(good, c[1], current[1]), np.where(good, c[2], current[2]))
     d = [a - b for a, b in zip(c, current, strict=True)]
     counted = np.where(good, share, zero)
-    if build.steps.reactive and build.choices.light_change is LightChange.SPANS:
-        r = usable_share(texel_at(v.planes[kept_reactive(build.steps)], f, zero.dtype), 0.0)
+    if build.steps.reactive and build.choices.illumination is Illumination.WINDOW:
+        r = share_in_domain(texel_at(v.planes[ring_reactive(build.steps)], f, zero.dtype), 0.0)
         alike = as_reactive(r, now)
         if v.recent:
             g.unlike = g.unlike + counted * (np.ones_like(alike) - alike)
@@ -267,10 +267,10 @@ def gather_sample(
     if v.recent:
         g.add_recent(share_difference(c, current, build, settings), counted)
     if build.steps.alpha:
-        a = usable_share(texel_at(v.planes[kept_alpha(build.steps)], f, zero.dtype), 1.0)
+        a = share_in_domain(texel_at(v.planes[ring_alpha(build.steps)], f, zero.dtype), 1.0)
         g.alpha = g.alpha + counted * (a - now.alpha)
 
 
 def _sample(planes: Array, f: Footprint, like: Array, then: Record) -> tuple[Colour, Array]:
     r, g, b = (texel_at(planes[channel], f, like.dtype) for channel in range(3))
-    return (r, g, b), usable_closeness(texel_at(planes[KEPT_CLOSENESS], f, like.dtype), then)
+    return (r, g, b), inverse_depth_or_sky(texel_at(planes[RING_INVERSE_DEPTH], f, like.dtype), then)

@@ -1,4 +1,4 @@
-"""Twin of ``gather_sides.h``, ``gather_track.h``, ``gather_thin.h``: surfaces of a pixel, and where they were."""
+"""Twin of ``gather_sides.h``, ``gather_track.h``, ``gather_subpixel.h``: surfaces of a pixel, and where they were."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cltaa.core.parameters import GatherFit, Reject
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.history import same_surface
-from cltaa.reference.neighbourhood import Row, Surface, usable_closeness
+from cltaa.reference.neighbourhood import Row, Surface, inverse_depth_or_sky
 from cltaa.reference.real import (
     Array,
     Mask,
@@ -30,15 +30,16 @@ NEIGHBOURS = [(dx, dy) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
 
 @dataclass(frozen=True, slots=True)
 class Layers:
-    """Where an edge runs, the closeness that parts its sides, and how closeness changes on the surface followed."""
+    """Where an edge runs, the inverse depth that parts its sides, and how inverse depth changes on the surface
+    followed."""
 
     edge: Mask
     cut: Array
     slope: tuple[Array, Array]
 
-    def on_side(self, closeness: Array, *, far: bool) -> Mask:
+    def on_side(self, inverse_depth: Array, *, far: bool) -> Mask:
         """Samples of one side of the edge."""
-        side: Mask = self.edge & ((closeness <= self.cut) if far else (closeness > self.cut))
+        side: Mask = self.edge & ((inverse_depth <= self.cut) if far else (inverse_depth > self.cut))
         return side
 
 
@@ -53,11 +54,12 @@ class Side:
 
 
 def layers_of(above: Row, centre: Row, below: Row, s: Surface, settings: Record) -> Layers:
-    """Where a depth edge runs through the 3x3, the closeness that parts its sides, and the slope where none does."""
+    """Where a depth edge runs through the 3x3, the inverse depth that parts its sides, and the slope where none
+    does."""
     zero, half = np.zeros_like(s.centre), number(0.5, s.centre)
     skew = (s.nearest - s.centre) - (s.centre - s.farthest)
     edge = np.abs(skew) > number(settings["edge_tolerance"], zero) * np.abs(s.nearest)
-    slopes = (half * centre.rise, half * (below.closeness - above.closeness))
+    slopes = (half * centre.rise, half * (below.inverse_depth - above.inverse_depth))
     x, y = (np.where(edge, zero, slope) for slope in slopes)
     return Layers(edge, half * (s.nearest + s.farthest), (x, y))
 
@@ -72,7 +74,7 @@ def texels_beside(plane: Array, dx: int, dy: int, layout: Layout, real: Any) -> 
 def side_surface(
     s: Surface,
     layers: Layers,
-    closeness: Array,
+    inverse_depth: Array,
     motion: Array | None,
     build: Build,
     layout: Layout,
@@ -83,9 +85,9 @@ def side_surface(
     """The surface of one side at its sample nearest to the pixel; of those as far away, that of the pixel's own row."""
     real: Any = s.centre.dtype
     least = np.full_like(s.centre, constant("DOMAIN_LIMIT", s.centre))
-    x, y, q, u, v = s.x, s.y, s.closeness, s.u, s.v
+    x, y, q, u, v = s.x, s.y, s.inverse_depth, s.u, s.v
     for dx, dy in NEIGHBOURS:
-        z = usable_closeness(texels_beside(closeness[0], dx, dy, layout, real), frame)
+        z = inverse_depth_or_sky(texels_beside(inverse_depth[0], dx, dy, layout, real), frame)
         away = number(2 * dx * dx + 3 * dy * dy, least)
         here = layers.on_side(z, far=far) & (away < least)
         least = np.where(here, away, least)
@@ -93,7 +95,7 @@ def side_surface(
         if build.steps.own_motion and motion is not None:
             u = np.where(here, texels_beside(motion[0], dx, dy, layout, real), u)
             v = np.where(here, texels_beside(motion[1], dx, dy, layout, real), v)
-    return s._replace(x=x, y=y, closeness=q, u=u, v=v)
+    return s._replace(x=x, y=y, inverse_depth=q, u=u, v=v)
 
 
 def side_of(
@@ -101,7 +103,7 @@ def side_of(
     layers: Layers,
     own: Colour,
     current: Array,
-    closeness: Array,
+    inverse_depth: Array,
     motion: Array | None,
     build: Build,
     layout: Layout,
@@ -111,25 +113,25 @@ def side_of(
     far: bool,
 ) -> Side:
     """One side of each pixel that an edge runs through, elsewhere what was there; its slope by least squares."""
-    at = side_surface(s, layers, closeness, motion, build, layout, frame, far=far)
+    at = side_surface(s, layers, inverse_depth, motion, build, layout, frame, far=far)
     real: Any = s.centre.dtype
     zero, one = np.zeros_like(s.centre), np.ones_like(s.centre)
     xx = yy = np.full_like(zero, number(settings["fit_ridge"], zero))
     xy = qx = qy = count = zero
     mean = [zero, zero, zero]
     for dx, dy in NEIGHBOURS:
-        z = usable_closeness(texels_beside(closeness[0], dx, dy, layout, real), frame)
+        z = inverse_depth_or_sky(texels_beside(inverse_depth[0], dx, dy, layout, real), frame)
         here = layers.on_side(z, far=far)
-        rise = np.where(here, z - at.closeness, zero)
+        rise = np.where(here, z - at.inverse_depth, zero)
         ox = np.where(here, number(dx, zero) - at.x, zero)
         oy = np.where(here, number(dy, zero) - at.y, zero)
         xx, xy, yy = xx + ox * ox, xy + ox * oy, yy + oy * oy
         qx, qy = qx + ox * rise, qy + oy * rise
         r, g, b = (texels_beside(plane, dx, dy, layout, real) for plane in current[:3])
-        usable = here & ~colour_outside_domain((r, g, b))
+        in_domain = here & ~colour_outside_domain((r, g, b))
         seen = to_range((r, g, b), build)
-        mean = [t + np.where(usable, c - o, zero) for t, c, o in zip(mean, seen, own, strict=True)]
-        count = count + np.where(usable, one, zero)
+        mean = [t + np.where(in_domain, c - o, zero) for t, c, o in zip(mean, seen, own, strict=True)]
+        count = count + np.where(in_domain, one, zero)
     det, among = xx * yy - xy * xy, np.where(count > zero, count, one)
     slope_x = np.where(layers.edge, (yy * qx - xy * qy) / det, layers.slope[0])
     slope_y = np.where(layers.edge, (xx * qy - xy * qx) / det, layers.slope[1])
@@ -138,23 +140,23 @@ def side_of(
 
 
 def range_of_side(s: Surface, layers: Layers, *, far: bool) -> Surface:
-    """The surface with the range of closeness of its own side alone."""
+    """The surface with the range of inverse depth of its own side alone."""
     if far:
         return s._replace(nearest=np.where(layers.edge, layers.cut, s.nearest))
     return s._replace(farthest=np.where(layers.edge, layers.cut, s.farthest))
 
 
-KEPT_CLOSENESS, KEPT_MOTION = 3, 4
+RING_INVERSE_DEPTH, RING_MOTION = 3, 4
 
 
-def kept_alpha(steps: Steps) -> int:
-    """Which plane of a kept frame holds alpha, where one does."""
-    return KEPT_MOTION + 2 * steps.own_motion
+def ring_alpha(steps: Steps) -> int:
+    """Which plane of a frame of the ring holds alpha, where one does."""
+    return RING_MOTION + 2 * steps.own_motion
 
 
-def kept_reactive(steps: Steps) -> int:
+def ring_reactive(steps: Steps) -> int:
     """Which plane holds reactivity, where one does."""
-    return kept_alpha(steps) + steps.alpha
+    return ring_alpha(steps) + steps.alpha
 
 
 def texel_at(plane: Array, f: Footprint, real: Any) -> Array:
@@ -178,7 +180,7 @@ class Track:
         """The way of surface ``s`` before its first step."""
         zero = np.zeros_like(s.centre)
         none = np.zeros(zero.shape, bool)
-        return cls(~untold(s.u, s.v) if build.steps.own_motion else none, s.u, s.v, zero, none)
+        return cls(~no_motion_vector(s.u, s.v) if build.steps.own_motion else none, s.u, s.v, zero, none)
 
     def motion(self, m: Motion) -> Motion:
         """``m`` where the camera alone moves a surface, the track elsewhere."""
@@ -203,80 +205,86 @@ class Track:
         settings: Record,
     ) -> None:
         """Take the step that the sample at the surface's place tells, or the nearest of its neighbours that tells one;
-        where none does the surface is lost, and where the sample tells another thing's, by its closeness."""
+        where none does the surface is lost, and where the sample tells another thing's, by its inverse depth."""
         real: Any = self.u.dtype
-        u, v = (texel_at(planes[KEPT_MOTION + axis], there, real) for axis in (0, 1))
-        z = usable_closeness(texel_at(planes[KEPT_CLOSENESS], there, real), then)
-        followed, told = self.own & seen, ~untold(u, v)
-        same = told & seen_then(z, s, m, build, settings)
-        self.shift = np.where(followed & same, z - s.closeness, self.shift)
+        u, v = (texel_at(planes[RING_MOTION + axis], there, real) for axis in (0, 1))
+        z = inverse_depth_or_sky(texel_at(planes[RING_INVERSE_DEPTH], there, real), then)
+        followed, told = self.own & seen, ~no_motion_vector(u, v)
+        same = told & matches_surface(z, s, m, build, settings)
+        self.shift = np.where(followed & same, z - s.inverse_depth, self.shift)
         missing = followed & ~told
         if build.choices.gather_fit is GatherFit.LAYERS:
             best = np.full_like(self.u, -constant("DOMAIN_LIMIT", self.u))
             for dy in (-1, 0, 1):
                 for dx in (-1, 0, 1):
                     beside = there._replace(row=there.row + dy, column=there.column + dx)
-                    q = texel_at(planes[KEPT_CLOSENESS], beside, real)
-                    a, b = (texel_at(planes[KEPT_MOTION + axis], beside, real) for axis in (0, 1))
-                    nearer = missing & (q > best) & ~untold(a, b)
+                    q = texel_at(planes[RING_INVERSE_DEPTH], beside, real)
+                    a, b = (texel_at(planes[RING_MOTION + axis], beside, real) for axis in (0, 1))
+                    nearer = missing & (q > best) & ~no_motion_vector(a, b)
                     best, u, v = np.where(nearer, q, best), np.where(nearer, a, u), np.where(nearer, b, v)
-        self.lost = self.lost | (self.own & (~seen | untold(u, v) | (told & ~same)))
+        self.lost = self.lost | (self.own & (~seen | no_motion_vector(u, v) | (told & ~same)))
         self.u, self.v = self.u + u, self.v + v
 
 
-def untold(u: Array, v: Array) -> Mask:
+def no_motion_vector(u: Array, v: Array) -> Mask:
     """Where a motion is no vector."""
     return outside_domain(u) | outside_domain(v)
 
 
-def seen_then(closeness: Array, s: Surface, m: Motion, build: Build, settings: Record) -> Mask:
-    """Where a kept texel lies in the range of closeness that the current 3x3 has, as that frame saw it."""
+def matches_surface(inverse_depth: Array, s: Surface, m: Motion, build: Build, settings: Record) -> Mask:
+    """Where a texel of the ring lies in the range of inverse depth that the current 3x3 has, as that frame saw it."""
     if build.choices.reject is Reject.NONE:
-        everywhere: Mask = closeness == closeness
+        everywhere: Mask = inverse_depth == inverse_depth
         return everywhere
-    return same_surface(Quad(closeness, closeness, closeness, closeness), s, m, settings["depth_tolerance"])
+    return same_surface(
+        Quad(inverse_depth, inverse_depth, inverse_depth, inverse_depth), s, m, settings["depth_tolerance"]
+    )
 
 
-class Thin(NamedTuple):
+class SubpixelFeature(NamedTuple):
     """What was found of things that the 3x3 of now misses: whether, how far off the centre, and how close it is."""
 
     found: Mask
     off: Array
-    closeness: Array
+    inverse_depth: Array
 
 
-def recall_thin(
+def find_subpixel_feature(
     s: Surface,
     layers: Layers,
-    kept: Array,
+    ring: Array,
     past: Any,
     build: Build,
     layout: Layout,
     settings: Record,
 ) -> tuple[Surface, Layers]:
-    """``s`` and ``layers`` with the surface that the latest kept frames show in front of all that the 3x3 shows now,
-    where it now lies near the pixel's centre and the camera alone moves it."""
+    """``s`` and ``layers`` with the surface that the latest frames in the ring show in front of all that the 3x3 shows
+    now, where it now lies near the pixel's centre and the camera alone moves it."""
     zero, half = np.zeros_like(s.centre), number(0.5, s.centre)
-    open_here = ~layers.edge & untold(s.u, s.v) if build.steps.own_motion else ~layers.edge
-    latest = past[: int(settings["thin_frames"])]
-    thin = look_for_thin(open_here, s, kept, latest, build, layout, settings)
+    open_here = ~layers.edge & no_motion_vector(s.u, s.v) if build.steps.own_motion else ~layers.edge
+    latest = past[: int(settings["subpixel_frames"])]
+    thin = search_subpixel_feature(open_here, s, ring, latest, build, layout, settings)
     slope_x, slope_y = (np.where(thin.found, zero, slope) for slope in layers.slope)
-    cut = np.where(thin.found, half * (thin.closeness + s.nearest), layers.cut)
-    nearest = np.where(thin.found, thin.closeness, s.nearest)
+    cut = np.where(thin.found, half * (thin.inverse_depth + s.nearest), layers.cut)
+    nearest = np.where(thin.found, thin.inverse_depth, s.nearest)
     edge = layers.edge | thin.found
-    return s._replace(closeness=thin.closeness, nearest=nearest), Layers(edge, cut, (slope_x, slope_y))
+    return s._replace(inverse_depth=thin.inverse_depth, nearest=nearest), Layers(edge, cut, (slope_x, slope_y))
 
 
-def look_for_thin(
-    open_here: Mask, s: Surface, kept: Array, past: Any, build: Build, layout: Layout, settings: Record
-) -> Thin:
-    """What the kept frames ``past`` show near the pixel in front of all that the 3x3 shows now of ``s``."""
+def search_subpixel_feature(
+    open_here: Mask, s: Surface, ring: Array, past: Any, build: Build, layout: Layout, settings: Record
+) -> SubpixelFeature:
+    """What the frames in the ring ``past`` show near the pixel in front of all that the 3x3 shows now of ``s``."""
     zero, half = np.zeros_like(s.centre), number(0.5, s.centre)
-    found, least, closeness = np.zeros(zero.shape, bool), np.full_like(zero, constant("THIN_REACH", zero)), s.closeness
+    found, least, inverse_depth = (
+        np.zeros(zero.shape, bool),
+        np.full_like(zero, constant("SUBPIXEL_REACH", zero)),
+        s.inverse_depth,
+    )
     real: Any = zero.dtype
     own_motion = build.steps.own_motion
     for then in past:
-        planes = kept[int(then["slot"])]
+        planes = ring[int(then["slot"])]
         m = motion_from_depth(s, build, layout, then)
         seen = open_here & on_screen(m, layout)
         u = m.u + (half - number(then["jitter_x"], zero))
@@ -284,22 +292,24 @@ def look_for_thin(
         f = footprint_of(m._replace(u=u, v=v), seen, layout)
         near = s.nearest * m.scale + m.shift
         high = near + number(settings["depth_tolerance"], zero) * np.abs(near)
-        hits, best, thinner = zero, least, closeness
+        hits, best, thinner = zero, least, inverse_depth
         for dx, dy in NEIGHBOURS:
             there = f._replace(row=f.row + dy, column=f.column + dx)
-            q = usable_closeness(texel_at(planes[KEPT_CLOSENESS], there, real), then)
+            q = inverse_depth_or_sky(texel_at(planes[RING_INVERSE_DEPTH], there, real), then)
             nearer = seen & (q > high)
-            hit = s._replace(closeness=(q - m.shift) / m.scale)
+            hit = s._replace(inverse_depth=(q - m.shift) / m.scale)
             way = motion_from_depth(hit, build, layout, then)
             ox = ((half - f.fx) + number(dx, zero)) + (m.u - way.u)
             oy = ((half - f.fy) + number(dy, zero)) + (m.v - way.v)
             off = greater(np.abs(ox), np.abs(oy))
             hits = hits + np.where(nearer, number(1.0, zero), zero)
             if own_motion:
-                nearer = nearer & untold(*(texel_at(planes[KEPT_MOTION + axis], there, real) for axis in (0, 1)))
+                nearer = nearer & no_motion_vector(
+                    *(texel_at(planes[RING_MOTION + axis], there, real) for axis in (0, 1))
+                )
             here = nearer & way.visible & (off < best)
-            best, thinner = np.where(here, off, best), np.where(here, hit.closeness, thinner)
-        is_thin = (best < least) & (hits <= constant("THIN_HITS", zero))
-        least, closeness = np.where(is_thin, best, least), np.where(is_thin, thinner, closeness)
-        found = found | is_thin
-    return Thin(found, least, closeness)
+            best, thinner = np.where(here, off, best), np.where(here, hit.inverse_depth, thinner)
+        is_subpixel = (best < least) & (hits <= constant("SUBPIXEL_HITS", zero))
+        least, inverse_depth = np.where(is_subpixel, best, least), np.where(is_subpixel, thinner, inverse_depth)
+        found = found | is_subpixel
+    return SubpixelFeature(found, least, inverse_depth)

@@ -1,4 +1,4 @@
-"""Twin of ``reject.h`` and ``history.h``: the history of each pixel and whether it can be used."""
+"""Twin of ``disocclusion.h`` and ``history.h``: the history of each pixel and whether it can be used."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cltaa.core.build import Build, Record
 from cltaa.core.parameters import Reject
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, colour_outside_domain
-from cltaa.reference.illumination import history_in_light, history_in_range, tests_light
+from cltaa.reference.illumination import history_in_range, illumination_test, tests_light
 from cltaa.reference.neighbourhood import Surface
 from cltaa.reference.real import Array, Mask, greater, limit, number
 from cltaa.reference.reprojection import Motion, motion_to_edge, on_screen
@@ -33,7 +33,7 @@ class History:
 
 
 def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
-    """True where one of four texels of the previous closeness lies in the range of the current 3x3."""
+    """True where one of four texels of the previous inverse depth lies in the range of the current 3x3."""
     near, far = s.nearest * m.scale + m.shift, s.farthest * m.scale + m.shift
     slack = number(tolerance, near) * greater(np.abs(near), np.abs(far))
     high, low = near + slack, far - slack
@@ -46,7 +46,7 @@ def sample_history(
     current: Array,
     history: Array,
     history_count: Array,
-    previous_closeness: Array,
+    previous_inverse_depth: Array,
     m: Motion,
     s: Surface,
     build: Build,
@@ -54,8 +54,8 @@ def sample_history(
     frame: Record,
     settings: Record,
 ) -> History:
-    """History planes [3 or 4, rows, stride], count and change of light [1 or 2, ...], the previous closeness [1, ...]
-    at the motion; ``current`` [3, ...] is looked at where a change of light is tested for."""
+    """History planes [3 or 4, rows, stride], count and illumination change [1 or 2, ...], the previous inverse depth
+    [1, ...] at the motion; ``current`` [3, ...] is looked at where an illumination change is tested for."""
     real: Any = m.u.dtype
     seen = motion_to_edge(m, build, layout)
     valid = on_screen(seen, layout) & np.bool_(frame["reset"] == 0)
@@ -66,11 +66,11 @@ def sample_history(
     count = bilinear(sample_quad(history_count[0], f, real), f)
     change = np.zeros_like(count)
     if tests_light(build):
-        count, change = history_in_light(count, current, history, history_count[1], f, build, layout, frame, settings)
+        count, change = illumination_test(count, current, history, history_count[1], f, build, layout, frame, settings)
     rgb = history_in_range((r, g, b), build, frame)
     alpha = np.ones_like(rgb[0])
     if build.steps.alpha:
         alpha = limit(sample_plane(history[3], f, wx, wy, build, real), number(0, r), number(1, r))
     if build.choices.reject is Reject.DEPTH:
-        valid &= same_surface(sample_quad(previous_closeness[0], f, real), s, m, settings["depth_tolerance"])
+        valid &= same_surface(sample_quad(previous_inverse_depth[0], f, real), s, m, settings["depth_tolerance"])
     return History(rgb, alpha, count, f.fx, f.fy, valid, change)

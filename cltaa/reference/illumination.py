@@ -1,4 +1,4 @@
-"""Twin of ``light.h``: nine samples of now paired with what the history holds at their places."""
+"""Twin of ``illumination.h``: nine samples of now paired with what the history holds at their places."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from cltaa.core.build import Build, Record
 from cltaa.core.constants import PAD_X, PAD_Y, value
-from cltaa.core.parameters import BoxSpace, LightChange
+from cltaa.core.parameters import BoxSpace, Illumination
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, box_units, repaired_planes, to_boxed, to_range
 from cltaa.reference.neighbourhood import spread_of_three
@@ -54,7 +54,7 @@ def paired_t(above: Paired, centre: Paired, below: Paired, least: Array) -> Arra
     return t
 
 
-def light_difference(now: Colour, past: Colour, build: Build, frame: Record) -> Colour:
+def illumination_difference(now: Colour, past: Colour, build: Build, frame: Record) -> Colour:
     """What is in the box space now, less the history's colour there, both as ``to_boxed`` has them."""
     r, g, b = history_in_range(past, build, frame)
     if build.choices.box_space is not BoxSpace.YCOCG:
@@ -65,24 +65,24 @@ def light_difference(now: Colour, past: Colour, build: Build, frame: Record) -> 
 
 def tests_light(build: Build) -> bool:
     """Whether the frame is tested for changing light; the planes of the count then hold the change too."""
-    return build.choices.light_change is not LightChange.IGNORE
+    return build.choices.illumination is not Illumination.STATIC
 
 
-def kept_change(change: Array) -> Array:
+def stored_change(change: Array) -> Array:
     """What is kept of a change: MOST_CHANGE at most, and no denormal."""
     most = constant("MOST_CHANGE", change)
     kept = limit(change, -most, most)
     return np.where(np.abs(kept) < constant("TINY", kept), number(0.0, kept), kept)
 
 
-class Lit(NamedTuple):
+class IlluminationResult(NamedTuple):
     """What nine texels say of a history: the samples that it counts for, and how light changes."""
 
     samples: Array
     change: Array
 
 
-def history_in_light(
+def illumination_test(
     held: Array,
     current: Array,
     history: Array,
@@ -92,13 +92,13 @@ def history_in_light(
     layout: Layout,
     frame: Record,
     settings: Record,
-) -> Lit:
+) -> IlluminationResult:
     """``held`` [H, W] samples of a history, divided by how much light changes.
 
-    The change is Student's t of the channel that changed most, negative where luminance falls, and ``change_kept`` of
-    the change that the frame before left; its size over ``change_t`` divides, where it is more than 1. ``current`` [3,
-    rows, stride], ``history`` [3 or 4, rows, stride] and ``history_change`` [rows, stride], which that frame left, are
-    padded planes.
+    The change is Student's t of the channel that changed most, negative where luminance falls, and
+    ``illumination_decay`` of the change that the frame before left; its size over ``illumination_t`` divides, where it
+    is more than 1. ``current`` [3, rows, stride], ``history`` [3 or 4, rows, stride] and ``history_change`` [rows,
+    stride], which that frame left, are padded planes.
     """
     real: Any = f.fx.dtype
     colour = repaired_planes(current, layout).astype(real)
@@ -112,7 +112,7 @@ def history_in_light(
         there = slice(PAD_Y + j, PAD_Y + j + layout.height), slice(PAD_X + i, PAD_X + i + layout.width)
         now = to_boxed(to_range((colour[0][there], colour[1][there], colour[2][there]), build), build)
         r, g, b = (plane[row + j, column + i].astype(real) for plane in history[:3])
-        return light_difference(now, (r, g, b), build, frame), np.abs(now[0])
+        return illumination_difference(now, (r, g, b), build, frame), np.abs(now[0])
 
     rows: list[list[Paired]] = []
     levels = []
@@ -121,7 +121,7 @@ def history_in_light(
         rows.append([pair_row(left[k], own[k], right[k]) for k in range(3)])
         levels.append((left_size + own_size) + right_size)
     level = (levels[0] + levels[1]) + levels[2]
-    floor = number(settings["change_floor"], level)
+    floor = number(settings["illumination_floor"], level)
     units = box_units(build)
     least = floor * (level * constant("ONE_THIRD", level)) + number(units[0] * value("TINY"), level)
     ta, tb, tc = (
@@ -130,6 +130,6 @@ def history_in_light(
     largest = number(3.0, level) * greater(np.abs(ta), greater(np.abs(tb), np.abs(tc)))
     t = lesser(largest, constant("DOMAIN_LIMIT", level))
     before = history_change[row, column].astype(real)
-    change = np.where(ta < number(0.0, level), -t, t) + number(settings["change_kept"], level) * before
-    by = greater(np.abs(change) / number(settings["change_t"], level), number(1.0, level))
-    return Lit(held / by, kept_change(change))
+    change = np.where(ta < number(0.0, level), -t, t) + number(settings["illumination_decay"], level) * before
+    by = greater(np.abs(change) / number(settings["illumination_t"], level), number(1.0, level))
+    return IlluminationResult(held / by, stored_change(change))

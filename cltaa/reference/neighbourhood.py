@@ -175,7 +175,7 @@ class Row(NamedTuple):
     nearest: Array
     nearest_x: Array
     farthest: Array
-    closeness: Array
+    inverse_depth: Array
     rise: Array
     u: Array
     v: Array
@@ -197,7 +197,7 @@ class Surface(NamedTuple):
 
     x: Array
     y: Array
-    closeness: Array
+    inverse_depth: Array
     u: Array
     v: Array
     centre: Array
@@ -235,15 +235,15 @@ def current_sample(above: Row, centre: Row, below: Row, near: Statistics, build:
     return v[0] + change[0], v[1] + change[1], v[2] + change[2]
 
 
-def usable_closeness(v: Array, frame: Record) -> Array:
-    """Closeness outside the domain is the sky's."""
-    return np.where(outside_domain(v), number(frame["sky_closeness"], v), v)
+def inverse_depth_or_sky(v: Array, frame: Record) -> Array:
+    """Inverse depth outside the domain is the sky's."""
+    return np.where(outside_domain(v), number(frame["sky_inverse_depth"], v), v)
 
 
 def read_row(
-    colour: Array, closeness: Array, motion: Array | None, dy: int, build: Build, layout: Layout, frame: Record
+    colour: Array, inverse_depth: Array, motion: Array | None, dy: int, build: Build, layout: Layout, frame: Record
 ) -> Row:
-    """Rows y + ``dy`` of repaired colour planes, closeness [1, rows, stride] and motion [2, rows, stride]."""
+    """Rows y + ``dy`` of repaired colour planes, inverse depth [1, rows, stride] and motion [2, rows, stride]."""
 
     def window(plane: Array, dx: int) -> Array:
         top, left = PAD_Y + dy, PAD_X + dx
@@ -256,8 +256,8 @@ def read_row(
     left, centre, right = (to_boxed(v, build) for v in line)
     texels_of = list(zip(left, centre, right, strict=True))
     channels = [chosen_row(row_moments(*three), *three, build) for three in texels_of]
-    usable = usable_closeness(closeness[0], frame)
-    zl, zc, zr = (window(usable, dx) for dx in (-1, 0, 1))
+    in_domain = inverse_depth_or_sky(inverse_depth[0], frame)
+    zl, zc, zr = (window(in_domain, dx) for dx in (-1, 0, 1))
     to_left = zl > zc
     nearest = greater(zl, zc)
     to_right = zr > nearest
@@ -289,18 +289,20 @@ def read_row(
 
 def nearest_surface(above: Row, centre: Row, below: Row, build: Build, edge_tolerance: Any) -> Surface:
     """The nearest surface of the 3x3, or the pixel's own, as the build's dilation says."""
-    zero = np.zeros_like(centre.closeness)
+    zero = np.zeros_like(centre.inverse_depth)
     nearer = greater(above.nearest, centre.nearest)
     nearest = greater(below.nearest, nearer)
     farthest = lesser(lesser(above.farthest, below.farthest), centre.farthest)
-    own = Surface(zero, zero, centre.closeness, centre.centre_u, centre.centre_v, centre.closeness, nearest, farthest)
+    own = Surface(
+        zero, zero, centre.inverse_depth, centre.centre_u, centre.centre_v, centre.inverse_depth, nearest, farthest
+    )
     if build.choices.dilation is Dilation.NONE:
         return own
     up = above.nearest > centre.nearest
     down = below.nearest > nearer
     across = np.ones_like(up)
     if build.choices.dilation is Dilation.EDGE:
-        skew = (nearest - centre.closeness) - (centre.closeness - farthest)
+        skew = (nearest - centre.inverse_depth) - (centre.inverse_depth - farthest)
         across = np.abs(skew) > number(edge_tolerance, zero) * np.abs(nearest)
 
     def pick(a: Array, c: Array, b: Array, otherwise: Array) -> Array:
@@ -308,7 +310,7 @@ def nearest_surface(above: Row, centre: Row, below: Row, build: Build, edge_tole
 
     one = np.ones_like(zero)
     return own._replace(
-        closeness=np.where(across, nearest, own.closeness),
+        inverse_depth=np.where(across, nearest, own.inverse_depth),
         x=pick(above.nearest_x, centre.nearest_x, below.nearest_x, zero),
         y=pick(-one, zero, one, zero),
         u=pick(above.u, centre.u, below.u, own.u),

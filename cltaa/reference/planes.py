@@ -22,12 +22,12 @@ def real_type(build: Build) -> Any:
 
 
 def read_rows(
-    current: Array, closeness: Array, motion: Array | None, build: Build, layout: Layout, frame: Record
+    current: Array, inverse_depth: Array, motion: Array | None, build: Build, layout: Layout, frame: Record
 ) -> tuple[Row, Row, Row]:
     """The rows above, at and below each pixel, from padded planes in the build's real."""
     real = real_type(build)
     colour = repaired_planes(current, layout).astype(real)
-    near = closeness.astype(real)
+    near = inverse_depth.astype(real)
     moved = None if motion is None else motion.astype(real)
     above, centre, below = (read_row(colour, near, moved, dy, build, layout, frame) for dy in (-1, 0, 1))
     return above, centre, below

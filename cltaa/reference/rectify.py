@@ -35,9 +35,9 @@ class Rectification(NamedTuple):
     """The change to the history in RGB; how far its first coordinate was moved in half extents; unrest and calm."""
 
     change: Colour
-    pull: Array
-    unrest: Array
-    calm: Array
+    clip_distance: Array
+    blend_boost: Array
+    anti_flicker_factor: Array
 
 
 def _three(parts: list[Array]) -> Colour:
@@ -131,7 +131,7 @@ def rectify_history(history: Colour, current: Colour, box: BoxOf, build: Build) 
     return a, b, c
 
 
-def unrest_of(m: Motion, moved: list[Array], build: Build, layout: Layout, settings: Record) -> Array:
+def blend_boost_of(m: Motion, moved: list[Array], build: Build, layout: Layout, settings: Record) -> Array:
     """The larger of two shares: motion in screens a frame, and the distance that the history was moved."""
     if build.choices.accumulate is not Accumulate.ADAPTIVE:
         return np.zeros_like(m.u)
@@ -145,13 +145,13 @@ def unrest_of(m: Motion, moved: list[Array], build: Build, layout: Layout, setti
     return lesser(greater(by_motion, by_distance), number(1.0, speed))
 
 
-def calm_of(history: Array, centre: Array, extent: Array, build: Build) -> Array:
+def anti_flicker_factor_of(history: Array, centre: Array, extent: Array, build: Build) -> Array:
     """d / (d + range), d the distance of the history's first coordinate from the nearer end of the box."""
     if build.choices.anti_flicker is not AntiFlicker.CLAMP_DISTANCE:
         return np.ones_like(history)
     d = lesser(np.abs(history - (centre - extent)), np.abs(history - (centre + extent)))
-    calm: Array = d / ((d + (extent + extent)) + constant("TINY", d))
-    return calm
+    anti_flicker_factor: Array = d / ((d + (extent + extent)) + constant("TINY", d))
+    return anti_flicker_factor
 
 
 def rectify(
@@ -178,6 +178,6 @@ def rectify(
     return Rectification(
         from_box_space((moved[0], moved[1], moved[2]), build),
         np.abs(moved[0]) / greater(box.extent[0], least),
-        unrest_of(m, moved, build, layout, settings),
-        calm_of(h[0], box.centre[0], box.extent[0], build),
+        blend_boost_of(m, moved, build, layout, settings),
+        anti_flicker_factor_of(h[0], box.centre[0], box.extent[0], build),
     )

@@ -1,4 +1,4 @@
-"""Twin of ``projection.h``: where a surface was in the previous frame."""
+"""Twin of ``reprojection.h``: where a surface was in the previous frame."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from cltaa.reference.real import Array, Mask, constant, number, outside_domain
 
 
 class Motion(NamedTuple):
-    """Displacement in pixels; closeness then = closeness now * scale + shift; visible: the previous frame saw it."""
+    """Displacement in pixels; inverse depth then = inverse depth now * scale + shift; visible: the previous frame saw
+    it."""
 
     u: Array
     v: Array
@@ -36,7 +37,7 @@ def motion_from_depth(s: Surface, build: Build, layout: Layout, frame: Record) -
         return Motion(zero, zero, one, zero, np.ones(zero.shape, bool))
     x, y = pixel_grid(layout, zero)
     f = {name: number(frame[name], zero) for name in frame.dtype.fields or ()}
-    px, py, q = (x + s.x) + f["origin_x"], (y + s.y) + f["origin_y"], s.closeness
+    px, py, q = (x + s.x) + f["origin_x"], (y + s.y) + f["origin_y"], s.inverse_depth
     dx = ((f["xx"] * px + f["xy"] * py) + f["xq"] * q) + f["x1"]
     dy = ((f["yx"] * px + f["yy"] * py) + f["yq"] * q) + f["y1"]
     dw = ((f["wx"] * px + f["wy"] * py) + f["wq"] * q) + f["w1"]
@@ -67,8 +68,8 @@ def surface_motion(s: Surface, build: Build, layout: Layout, frame: Record) -> M
 
 def _to_edge(position: Array, by: Array, last: Any) -> Array:
     there = position + by
-    kept = np.where(there > last, last - position, by)
-    return np.where(there < number(0.0, by), -position, kept)
+    shortened = np.where(there > last, last - position, by)
+    return np.where(there < number(0.0, by), -position, shortened)
 
 
 def motion_to_edge(m: Motion, build: Build, layout: Layout) -> Motion:

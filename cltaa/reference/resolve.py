@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from cltaa.core.build import Build, Record
 from cltaa.core.planes import Layout
-from cltaa.reference.accumulate import box_gamma, current_pixel, past_alpha, resolve_pixel
+from cltaa.reference.accumulate import box_scale_of, current_pixel, past_alpha, resolve_pixel
 from cltaa.reference.history import sample_history
 from cltaa.reference.illumination import tests_light
 from cltaa.reference.neighbourhood import nearest_surface
@@ -22,25 +22,25 @@ def resolve(
     layout: Layout,
     *,
     current: Array,
-    closeness: Array,
+    inverse_depth: Array,
     motion: Array | None,
     alpha: Array | None,
     reactive: Array | None,
     history: Array,
     history_count: Array,
-    previous_closeness: Array,
+    previous_inverse_depth: Array,
     output: Array,
     output_count: Array,
     frame: Record,
     settings: Record,
 ) -> None:
     """Resolve one frame from padded planes into ``output`` [3 or 4, rows, stride] and ``output_count``."""
-    rows = read_rows(current, closeness, motion, build, layout, frame)
+    rows = read_rows(current, inverse_depth, motion, build, layout, frame)
     p = current_pixel(rows, alpha, reactive, build, layout, frame)
     s = nearest_surface(*rows, build, settings["edge_tolerance"])
     m = surface_motion(s, build, layout, frame)
-    h = sample_history(current, history, history_count, previous_closeness, m, s, build, layout, frame, settings)
-    r = rectify(h.rgb, p.filtered, p.near, m, box_gamma(m, settings), build, layout, settings)
+    h = sample_history(current, history, history_count, previous_inverse_depth, m, s, build, layout, frame, settings)
+    r = rectify(h.rgb, p.filtered, p.near, m, box_scale_of(m, settings), build, layout, settings)
     if build.steps.alpha and alpha is not None:
         h = replace(h, alpha=past_alpha(alpha, h.alpha, build, layout))
     store_recurrent(resolve_pixel(p, h, r, build, settings), build, layout, frame, output, output_count)

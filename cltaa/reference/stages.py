@@ -9,8 +9,8 @@ import numpy as np
 from cltaa.core.build import Build, Record
 from cltaa.core.parameters import FilterUse
 from cltaa.core.planes import Layout
-from cltaa.reference.accumulate import Pixel, box_gamma, load_shares, past_alpha, resolve_pixel
-from cltaa.reference.colour import Colour, repaired_planes, usable_colour
+from cltaa.reference.accumulate import Pixel, box_scale_of, load_shares, past_alpha, resolve_pixel
+from cltaa.reference.colour import Colour, colour_in_domain, repaired_planes
 from cltaa.reference.history import History, sample_history
 from cltaa.reference.neighbourhood import Statistics, Surface, current_sample, nearest_surface, neighbourhood_statistics
 from cltaa.reference.planes import read_rows, real_type, store_recurrent
@@ -30,13 +30,13 @@ def neighbourhood_statistics_kernel(
     layout: Layout,
     *,
     current: Array,
-    closeness: Array,
+    inverse_depth: Array,
     motion: Array | None,
     statistics_out: Array,
     frame: Record,
 ) -> None:
     """``statistics_out`` [15, rows, stride]: mean, deviation, low and high in the box space, and the current sample."""
-    rows = read_rows(current, closeness, motion, build, layout, frame)
+    rows = read_rows(current, inverse_depth, motion, build, layout, frame)
     near = neighbourhood_statistics(*rows, build)
     sample = current_sample(*rows, near, build, frame)
     _store(statistics_out, layout, (part for colour in (*near, sample) for part in colour))
@@ -48,14 +48,14 @@ def surface_motion_kernel(
     layout: Layout,
     *,
     current: Array,
-    closeness: Array,
+    inverse_depth: Array,
     motion: Array | None,
     motion_out: Array,
     frame: Record,
     settings: Record,
 ) -> None:
-    """``motion_out`` [7, rows, stride]: u, v, scale, shift, visible, nearest and farthest closeness."""
-    rows = read_rows(current, closeness, motion, build, layout, frame)
+    """``motion_out`` [7, rows, stride]: u, v, scale, shift, visible, nearest and farthest inverse depth."""
+    rows = read_rows(current, inverse_depth, motion, build, layout, frame)
     s = nearest_surface(*rows, build, settings["edge_tolerance"])
     m = surface_motion(s, build, layout, frame)
     one = number(1.0, m.u)
@@ -72,16 +72,16 @@ def sample_history_kernel(
     motion_in: Array,
     history: Array,
     history_count: Array,
-    previous_closeness: Array,
+    previous_inverse_depth: Array,
     history_at: Array,
     frame: Record,
     settings: Record,
 ) -> None:
-    """``history_at`` [9, rows, stride]: r, g, b, alpha, count, fx, fy, valid, change of light."""
+    """``history_at`` [9, rows, stride]: r, g, b, alpha, count, fx, fy, valid, illumination change."""
     u, v, scale, shift, visible, nearest, farthest = _load(motion_in, build, layout)
     m = Motion(u, v, scale, shift, visible > number(0.5, u))
-    s = Surface(u, u, u, u, u, u, nearest, farthest)  # of the surface, only its range of closeness is looked at
-    h = sample_history(current, history, history_count, previous_closeness, m, s, build, layout, frame, settings)
+    s = Surface(u, u, u, u, u, u, nearest, farthest)  # of the surface, only its range of inverse depth is looked at
+    h = sample_history(current, history, history_count, previous_inverse_depth, m, s, build, layout, frame, settings)
     valid = np.where(h.valid, number(1.0, u), number(0.0, u))
     _store(history_at, layout, (*h.rgb, h.alpha, h.count, h.fx, h.fy, valid, h.change))
 
@@ -103,8 +103,8 @@ def rectify_history_kernel(
     m = _load(motion_in, build, layout)
     moved = Motion(m[0], m[1], m[2], m[3], m[4] > number(0.5, m[4]))
     r, g, b = _load(history_at[:3], build, layout)
-    change = rectify((r, g, b), sample, near, moved, box_gamma(moved, settings), build, layout, settings)
-    _store(change_out, layout, (*change.change, change.pull, change.unrest, change.calm))
+    change = rectify((r, g, b), sample, near, moved, box_scale_of(moved, settings), build, layout, settings)
+    _store(change_out, layout, (*change.change, change.clip_distance, change.blend_boost, change.anti_flicker_factor))
 
 
 @quiet
@@ -128,13 +128,13 @@ def blend_kernel(
     if build.steps.alpha and alpha is not None:
         opacity = past_alpha(alpha, opacity, build, layout)
     h = History((r, g, b), opacity, count, fx, fy, valid > number(0.5, valid), light)
-    change_r, change_g, change_b, pull, unrest, calm = _load(change_in, build, layout)
+    change_r, change_g, change_b, clip_distance, blend_boost, anti_flicker_factor = _load(change_in, build, layout)
     near, sample = _load_statistics(statistics_in, build, layout)
     few = build.choices.filter_use is FilterUse.FEW
-    own = usable_colour(current, build, layout) if few else sample
+    own = colour_in_domain(current, build, layout) if few else sample
     shares = load_shares(alpha, reactive, count, build, layout)
     p = Pixel(own, sample, *shares, near, shares[1], shares[1])
-    change = Rectification((change_r, change_g, change_b), pull, unrest, calm)
+    change = Rectification((change_r, change_g, change_b), clip_distance, blend_boost, anti_flicker_factor)
     store_recurrent(resolve_pixel(p, h, change, build, settings), build, layout, frame, output, output_count)
 
 

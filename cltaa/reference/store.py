@@ -52,10 +52,10 @@ def stored_history(v: Array, build: Build, layout: Layout, frame: Record) -> NDA
     """``v`` [H, W] in the numbers of the history."""
     if build.storage in (Storage.FLOAT, Storage.DOUBLE):
         return v
-    kept = half_storable(v.astype(np.float32))
+    rounded = half_storable(v.astype(np.float32))
     if build.storage is Storage.HALF_STOCHASTIC:
-        kept = stochastic_half(kept, storage_dither(layout, frame)) + np.float32(0.0)  # no -0
-    return kept.astype(np.float16)  # to the nearest, as vstore_half_rte does
+        rounded = stochastic_half(rounded, storage_dither(layout, frame)) + np.float32(0.0)  # no -0
+    return rounded.astype(np.float16)  # to the nearest, as vstore_half_rte does
 
 
 @quiet

@@ -1,6 +1,6 @@
-"""Twin of ``temporal_window.h``, ``gather_spans.cl`` and ``weigh_spans.cl``: the adaptive temporal window.
+"""Twin of ``temporal_window.h``, ``gather_windows.cl`` and ``weigh_windows.cl``: the adaptive temporal window.
 
-Each pixel is resolved from several spans of its past, each as far as the texels around it bear that out.
+Each pixel is resolved from several windows of its past, each as far as the texels around it bear that out.
 """
 
 from __future__ import annotations
@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cltaa.core.build import Build, Record, span_planes
+from cltaa.core.build import Build, Record, window_planes
 from cltaa.core.constants import (
-    MIDDLE_SPAN,
+    MIDDLE_WINDOW,
     PAD_X,
     PAD_Y,
-    SHORT_SPAN,
-    SPAN_REACH,
-    SPANS,
+    SHORT_WINDOW,
+    WINDOW_REACH,
+    WINDOWS,
 )
 from cltaa.core.parameters import AlphaFrom
 from cltaa.core.planes import Layout
@@ -27,13 +27,13 @@ from cltaa.reference.accumulate import (
     as_reactive,
     sample_share,
     share_difference,
+    share_in_domain,
     storable_colour,
-    usable_share,
 )
 from cltaa.reference.colour import Colour, colour_outside_domain, from_range, to_range
 from cltaa.reference.gather import Gathering
 from cltaa.reference.gather_samples import Gathered
-from cltaa.reference.gather_surfaces import kept_alpha, kept_reactive
+from cltaa.reference.gather_surfaces import ring_alpha, ring_reactive
 from cltaa.reference.planes import extend_stored, real_type, store_resolved
 from cltaa.reference.real import (
     Array,
@@ -44,22 +44,22 @@ from cltaa.reference.real import (
     quiet,
 )
 
-TEXELS = (2 * SPAN_REACH + 1) ** 2
+TEXELS = (2 * WINDOW_REACH + 1) ** 2
 
 
-def span_ends(frames: int) -> list[int]:
-    """How many of the kept frames each span has: the latest, a few more, all."""
-    return [min(SHORT_SPAN, frames), min(MIDDLE_SPAN, frames), frames]
+def window_ends(frames: int) -> list[int]:
+    """How many of the frames in the ring each window has: the latest, a few more, all."""
+    return [min(SHORT_WINDOW, frames), min(MIDDLE_WINDOW, frames), frames]
 
 
-def span_error(g: Gathered, now: Colour, span: Resolved, build: Build, settings: Record) -> Array:
-    """Squared distances of the latest samples, the current one among them, from what a span says."""
+def window_error(g: Gathered, now: Colour, window: Resolved, build: Build, settings: Record) -> Array:
+    """Squared distances of the latest samples, the current one among them, from what a window says."""
     one, two = number(1.0, g.zero), number(2.0, g.zero)
-    d = share_difference(to_range(span.rgb, build), now, build, settings)
+    d = share_difference(to_range(window.rgb, build), now, build, settings)
     along = (d[0] * g.recent[0] + d[1] * g.recent[1]) + d[2] * g.recent[2]
     size = (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
     squares = (g.recent_squares - two * along) + (one + g.recent_count) * size
-    left = one - one / greater(span.count, number(1.5, g.zero))
+    left = one - one / greater(window.count, number(1.5, g.zero))
     error: Array = greater(squares, number(0.0, g.zero)) / (left * left)
     return error
 
@@ -80,15 +80,15 @@ def resolve_unmoved(
         r, gr, b = (np.where(good, k, own) for k, own in zip(to_range(c, build), p.own, strict=True))
         counted = np.where(good, one, g.zero)
         if build.steps.reactive:
-            counted = counted * as_reactive(usable_share(planes[kept_reactive(build.steps)], 0.0), p)
+            counted = counted * as_reactive(share_in_domain(planes[ring_reactive(build.steps)], 0.0), p)
         d = [k - own for k, own in zip((r, gr, b), p.own, strict=True)]
         w = counted * sample_share((r, gr, b), build, settings)
         g.sum = [total + w * k for total, k in zip(g.sum, d, strict=True)]
         g.weight, g.count = g.weight + w, g.count + counted
-        if place < SHORT_SPAN:
+        if place < SHORT_WINDOW:
             g.add_recent(share_difference((r, gr, b), p.own, build, settings), counted)
         if build.steps.alpha:
-            g.alpha = g.alpha + counted * (usable_share(planes[kept_alpha(build.steps)], 1.0) - p.alpha)
+            g.alpha = g.alpha + counted * (share_in_domain(planes[ring_alpha(build.steps)], 1.0) - p.alpha)
     whole = sample_share(p.own, build, settings) + g.weight
     r, gr, b = (own + total / whole for own, total in zip(p.own, g.sum, strict=True))
     alpha, count = p.alpha, g.count + one
@@ -98,52 +98,52 @@ def resolve_unmoved(
 
 
 @quiet
-def gather_spans(
+def gather_windows(
     build: Build,
     layout: Layout,
     *,
     current: Array,
-    closeness: Array,
+    inverse_depth: Array,
     motion: Array | None,
     alpha: Array | None,
     reactive: Array | None,
-    kept: Array,
+    ring: Array,
     past: Any,
     frames: int,
     standing: int,
-    spans: Array,
+    windows: Array,
     frame: Record,
     settings: Record,
 ) -> None:
-    """Resolve one frame from each span of ``frames`` kept ones into ``spans`` [SPANS * SPAN_PLANES, rows, stride]; the
-    latest ``standing`` of them were seen by the camera of now."""
+    """Resolve one frame from each window of ``frames`` kept ones into ``windows`` [WINDOWS * WINDOW_PLANES, rows,
+    stride]; the latest ``standing`` of them were seen by the camera of now."""
     gathering = Gathering.begin(build, layout, locals())
-    own, planes, begun = gathering.pixel.own, span_planes(build.steps), 0
-    target = layout.inside(spans)[: SPANS * planes].reshape(SPANS, planes, layout.height, layout.width)
-    for span, end in enumerate(span_ends(frames)):
-        gathering.add(past[begun:end], build, layout, frame, settings, before=begun, recent=SHORT_SPAN - begun)
+    own, planes, begun = gathering.pixel.own, window_planes(build.steps), 0
+    target = layout.inside(windows)[: WINDOWS * planes].reshape(WINDOWS, planes, layout.height, layout.width)
+    for window, end in enumerate(window_ends(frames)):
+        gathering.add(past[begun:end], build, layout, frame, settings, before=begun, recent=SHORT_WINDOW - begun)
         said = gathering.resolved(build, layout, settings)
-        error = span_error(gathering.near, own, said, build, settings)
-        _store(target[span], said, error)
+        error = window_error(gathering.near, own, said, build, settings)
+        _store(target[window], said, error)
         begun = end
     if build.steps.reactive:
         unlike = gathering.near.unlike > gathering.near.recent_count
-        for span in range(SPANS - 2):
-            _store(target[span], said, error, unlike)
+        for window in range(WINDOWS - 2):
+            _store(target[window], said, error, unlike)
     unmoved, sums = resolve_unmoved(gathering.slots, past[:standing], gathering.pixel, build, layout, settings)
-    told = sums.recent_count >= number(SHORT_SPAN, error)
+    told = sums.recent_count >= number(SHORT_WINDOW, error)
     _store(target[-1], said, error)
-    _store(target[-1], unmoved, span_error(sums, own, unmoved, build, settings), told)
-    extend_stored(build, layout, spans[: SPANS * planes])
+    _store(target[-1], unmoved, window_error(sums, own, unmoved, build, settings), told)
+    extend_stored(build, layout, windows[: WINDOWS * planes])
 
 
 def _store(planes: Array, said: Resolved, error: Array, where: Array | None = None) -> None:
-    """Write what a span says, everywhere or ``where`` it is asked for, and alpha where there is a plane for it."""
+    """Write what a window says, everywhere or ``where`` it is asked for, and alpha where there is a plane for it."""
     for plane, values in zip(planes, [*said.rgb, error, said.count, said.alpha], strict=False):
         plane[...] = values if where is None else np.where(where, values, plane)
 
 
-def around(plane: Array, layout: Layout, reach: int = SPAN_REACH) -> Iterator[Array]:
+def around(plane: Array, layout: Layout, reach: int = WINDOW_REACH) -> Iterator[Array]:
     """A padded plane [rows, stride] moved by each step of the window, row by row, [H, W] each."""
     for j in range(-reach, reach + 1):
         for i in range(-reach, reach + 1):
@@ -160,7 +160,7 @@ def sum_around(plane: Array, layout: Layout) -> Array:
 
 
 def trust(error: Array, least: Array) -> Array:
-    """How much a span is believed beside that of the least error."""
+    """How much a window is believed beside that of the least error."""
     tiny = constant("TINY", error)
     ratio = greater((least + tiny) / (error + tiny), constant("LEAST_TRUST", error))
     second = ratio * ratio
@@ -171,8 +171,8 @@ def trust(error: Array, least: Array) -> Array:
 
 
 class Drift(NamedTuple):
-    """How far light has moved in one channel since a span: the mean over the window [H, W], its variance, and what the
-    texels show."""
+    """How far light has moved in one channel since a window: the mean over the window [H, W], its variance, and what
+    the texels show."""
 
     mean: Array
     variance: Array
@@ -192,10 +192,10 @@ def drift_of(then: list[Array], now: list[Array], weights: list[Array]) -> Drift
     return Drift(mean, squares / (weight * number(TEXELS - 1, mean)), level / weight)
 
 
-def drifts_of(span: Array, shortest: Array, build: Build, layout: Layout, settings: Record) -> list[Drift]:
-    """The drifts of padded planes [3, rows, stride] to the shortest span; a texel counts as its light does in a mean,
+def drifts_of(window: Array, shortest: Array, build: Build, layout: Layout, settings: Record) -> list[Drift]:
+    """The drifts of padded planes [3, rows, stride] to the shortest window; a texel counts as its light does in a mean,
     then and now."""
-    then, now = ([list(around(plane, layout)) for plane in planes] for planes in (span, shortest))
+    then, now = ([list(around(plane, layout)) for plane in planes] for planes in (window, shortest))
     weights = [
         sample_share((r, g, b), build, settings) * sample_share((x, y, z), build, settings)
         for r, g, b, x, y, z in zip(*then, *now, strict=True)
@@ -210,7 +210,7 @@ def t_of(drift: Drift) -> Array:
     return result
 
 
-def believed(drifts: list[Drift]) -> list[Array]:
+def effective(drifts: list[Drift]) -> list[Array]:
     """As much of a drift in three channels as is not chance, by the one that drifted most."""
     r, g, b = (t_of(drift) for drift in drifts)
     enough = constant("DRIFT_T", r)
@@ -220,12 +220,12 @@ def believed(drifts: list[Drift]) -> list[Array]:
 
 
 @quiet
-def weigh_spans(
-    build: Build, layout: Layout, *, spans: Array, output: Array, output_count: Array, frame: Record, settings: Record
+def weigh_windows(
+    build: Build, layout: Layout, *, windows: Array, output: Array, output_count: Array, frame: Record, settings: Record
 ) -> None:
-    """Write each pixel from the spans of its past, padded planes [SPANS * SPAN_PLANES, rows, stride]."""
+    """Write each pixel from the windows of its past, padded planes [WINDOWS * WINDOW_PLANES, rows, stride]."""
     real: Any = real_type(build)
-    parts = spans.astype(real).reshape(SPANS, span_planes(build.steps), layout.rows, layout.stride)
+    parts = windows.astype(real).reshape(WINDOWS, window_planes(build.steps), layout.rows, layout.stride)
     errors = [sum_around(part[3], layout) for part in parts]
     least: Array = errors[0]
     for error in errors[1:]:
@@ -235,7 +235,7 @@ def weigh_spans(
     sums, alphas, counts = [zero, zero, zero], zero, zero
     for part, error in zip(parts[1:], errors[1:], strict=True):
         w, own = trust(error, least), layout.inside(part)
-        moved = believed(drifts_of(part[:3], parts[0][:3], build, layout, settings))
+        moved = effective(drifts_of(part[:3], parts[0][:3], build, layout, settings))
         sums = [total + w * ((v + step) - k) for total, v, step, k in zip(sums, own[:3], moved, first[:3], strict=True)]
         darkest = [lesser(k, v) for k, v in zip(darkest, own[:3], strict=True)]
         counts = counts + w * (own[4] - first[4])

@@ -29,7 +29,7 @@ SKY = Sky(zenith=(0.12, 0.22, 0.46), horizon=(0.66, 0.72, 0.80), ground=(0.26, 0
 Points = NDArray[np.float64]
 
 # Nothing is known of a stranger's model, so all that may happen is declared.
-ALWAYS = frozenset({Effect.UNCOVER, Effect.THIN, Effect.HDR, Effect.SHADING, Effect.SKY})
+ALWAYS = frozenset({Effect.DISOCCLUSION, Effect.THIN, Effect.HDR, Effect.ILLUMINATION, Effect.SKY})
 
 
 def model_scene(path: str, motion: str, seed: int) -> Scene:

@@ -36,7 +36,7 @@ inline void catmull_rom_weights(float t, float* w)
     w[3] = t * t * (-0.5f + 0.5f * t);
 }
 
-__kernel void plain_kernel(__global const float* restrict current, __global const float* restrict closeness,
+__kernel void plain_kernel(__global const float* restrict current, __global const float* restrict inverse_depth,
     __global const texel* restrict history, __global texel* restrict output, const frame_t frame,
     const settings_t settings)
 {
@@ -45,7 +45,7 @@ __kernel void plain_kernel(__global const float* restrict current, __global cons
         return;
 
     float3 sum = 0.0f, squares = 0.0f, centre = 0.0f;
-    float nearest = closeness[texel_at(x, y, frame)];
+    float nearest = inverse_depth[texel_at(x, y, frame)];
     int nearest_x = x, nearest_y = y;
     for (int j = -1; j <= 1; ++j)
         for (int i = -1; i <= 1; ++i) {
@@ -55,8 +55,8 @@ __kernel void plain_kernel(__global const float* restrict current, __global cons
             squares += c * c;
             if (i == 0 && j == 0)
                 centre = c;
-            if (closeness[at] > nearest) {
-                nearest = closeness[at];
+            if (inverse_depth[at] > nearest) {
+                nearest = inverse_depth[at];
                 nearest_x = x + i;
                 nearest_y = y + j;
             }
@@ -89,7 +89,7 @@ __kernel void plain_kernel(__global const float* restrict current, __global cons
         = !frame.reset && hx >= -0.5f && hy >= -0.5f && hx <= frame.width - 0.5f && hy <= frame.height - 0.5f;
 
     const float speed = max(fabs(u), fabs(v)) / settings.motion_px;
-    const float gamma = mix(settings.gamma_moving, settings.gamma_still, max(1.0f - speed, 0.0f));
+    const float gamma = mix(settings.box_scale_moving, settings.box_scale_static, max(1.0f - speed, 0.0f));
     const float size = max(fabs(mean.x), max(fabs(mean.y), fabs(mean.z)));
     const float3 extent = max(gamma * deviation, settings.box_floor * size + 1e-30f);
     const float3 boxed_past = to_ycocg(past), away = fabs((boxed_past - mean) / extent);

@@ -24,9 +24,9 @@
 // Before a loop that stays one on a CPU, around what is rare or long: written out it is what a compiler takes its time
 // over. A GPU keeps in registers only what it has written out.
 #if LANES > 1 && defined(__clang__)
-#define ROLLED _Pragma("clang loop unroll(disable)")
+#define NO_UNROLL _Pragma("clang loop unroll(disable)")
 #else
-#define ROLLED
+#define NO_UNROLL
 #endif
 
 #define PASTE_(a, b) a##b

@@ -26,7 +26,7 @@ STAGE real absolute(real v) { return fabs(v); }
 STAGE real absolute(real v) { return AS_REAL(AS_WHOLE(v) & MAGNITUDE_BITS); }
 #endif
 
-// Greater and lesser of two reals; where b is no number, a GPU's instruction gives a.
+// Greater and lesser of two reals; where b is NaN, a GPU's instruction gives a.
 #if NATIVE
 STAGE real greater(real a, real b) { return fmax(a, b); }
 STAGE real lesser(real a, real b) { return fmin(a, b); }
@@ -34,7 +34,7 @@ STAGE real lesser(real a, real b) { return fmin(a, b); }
 STAGE real greater(real a, real b) { return a > b ? a : b; }
 STAGE real lesser(real a, real b) { return a < b ? a : b; }
 #endif
-// The same, and b where that is no number.
+// The same, and b where that is NaN.
 STAGE real greater_or_nan(real a, real b) { return a > b ? a : b; }
 // v limited to [lo, hi]; the caller makes sure that lo <= hi.
 STAGE real limit(real v, real lo, real hi) { return lesser(greater(v, lo), hi); }
@@ -143,7 +143,7 @@ STAGE mask outside_domain(real v)
 
 // v, or what stands for it outside the domain. Compared as a number where no flag removes that: among numbers that were
 // chosen by their bits a CPU's compiler sees no maximum, and a comparison and a choice take longer.
-STAGE real usable_or(real v, real otherwise)
+STAGE real in_domain_or(real v, real otherwise)
 {
 #if ELEMENTWISE && !RELAXED
     return !(__builtin_elementwise_abs(v) <= K(DOMAIN_LIMIT)) ? otherwise : v;

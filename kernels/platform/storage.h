@@ -2,8 +2,8 @@
 // and halves as a file holds them.
 #include "platform/real.h"
 
-#if !defined(STORAGE_HALF) || !defined(STORAGE_STOCHASTIC) || !defined(STORAGE_DOUBLE) || !defined(LIGHT_CHANGE)
-#error "storage.h needs STORAGE_HALF, STORAGE_STOCHASTIC, STORAGE_DOUBLE and LIGHT_CHANGE from the prelude"
+#if !defined(STORAGE_HALF) || !defined(STORAGE_STOCHASTIC) || !defined(STORAGE_DOUBLE) || !defined(ILLUMINATION)
+#error "storage.h needs STORAGE_HALF, STORAGE_STOCHASTIC, STORAGE_DOUBLE and ILLUMINATION from the prelude"
 #endif
 
 typedef LANED(float) floats;
@@ -19,7 +19,7 @@ typedef LANED(short) loose_halves __attribute__((aligned(2)));
 STAGE void store_halves(__global half* p, floats v) { *(__global loose_halves*)p = TO_HALVES(v); }
 STAGE real from_halves(LANED(short) halves)
 {
-#if LIGHT_CHANGE == LIGHT_CHANGE_IGNORE
+#if ILLUMINATION == ILLUMINATION_STATIC
     return FROM_HALVES_BUILTIN(halves);
 #else
     // Light is tested behind branches. A conversion that LLVM 14 knows it moves there, away from its load, and since it
@@ -87,8 +87,8 @@ STAGE floats stochastic_half(floats v, floats dither)
 
 STAGE floats stored_half(real v, int x, int y, frame_t frame)
 {
-    const floats kept = half_storable(TO_FLOATS(v));
-    return STORAGE_STOCHASTIC ? stochastic_half(kept, storage_dither(x, y, frame)) : kept;
+    const floats rounded = half_storable(TO_FLOATS(v));
+    return STORAGE_STOCHASTIC ? stochastic_half(rounded, storage_dither(x, y, frame)) : rounded;
 }
 #endif
 

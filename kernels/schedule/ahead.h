@@ -30,7 +30,7 @@
 #define FETCH_BELOW(p, at, rows, stride) FETCH_NEXT(ROW_BELOW(p, at, rows, stride))
 #endif
 
-STAGE void fetch_frame(plane_in current, plane_in closeness, plane_in motion, int x, int y, frame_t frame)
+STAGE void fetch_frame(plane_in current, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame);
     // From the row that is read next: a GPU has worked out where that is.
@@ -40,7 +40,7 @@ STAGE void fetch_frame(plane_in current, plane_in closeness, plane_in motion, in
     FETCH_BELOW(current, at, ROWS_BELOW, stride);
     FETCH_BELOW(current + plane, at, ROWS_BELOW, stride);
     FETCH_BELOW(current + 2 * plane, at, ROWS_BELOW, stride);
-    FETCH_BELOW(closeness, at, ROWS_BELOW, stride);
+    FETCH_BELOW(inverse_depth, at, ROWS_BELOW, stride);
     if (OWN_MOTION) {
         FETCH_BELOW(motion, at, ROWS_BELOW, stride);
         FETCH_BELOW(motion + plane, at, ROWS_BELOW, stride);
@@ -49,7 +49,7 @@ STAGE void fetch_frame(plane_in current, plane_in closeness, plane_in motion, in
 
 // Below the texel at `at`: on a GPU the one that the pixel came from, on a CPU the pixel's own, as if nothing moved,
 // for what moves was fetched that many rows earlier or later, still ahead of its use as a rule.
-STAGE void fetch_history(history_in history, plane_in count, plane_in previous_closeness, uint at, frame_t frame)
+STAGE void fetch_history(history_in history, plane_in count, plane_in previous_inverse_depth, uint at, frame_t frame)
 {
     const size_t plane = history_plane_size(frame);
     enum { ROWS_BELOW = ROWS_AHEAD + 1 };
@@ -59,13 +59,13 @@ STAGE void fetch_history(history_in history, plane_in count, plane_in previous_c
     FETCH_BELOW(history + 2 * plane, at, ROWS_BELOW, stride);
     FETCH_BELOW(count, at, ROWS_BELOW, stride);
     if (REJECT == REJECT_DEPTH)
-        FETCH_BELOW(previous_closeness, at, ROWS_BELOW, stride);
+        FETCH_BELOW(previous_inverse_depth, at, ROWS_BELOW, stride);
 }
 
 // What a GPU's work-item needs for its first pixel, asked for all at once: row after row it would wait for memory five
 // times, and all that are under way begin together. Of the history the rows around the pixel, as if nothing moved.
-STAGE void fetch_first(plane_in current, plane_in closeness, plane_in motion, history_in history, plane_in count,
-    plane_in previous_closeness, int x, int y, frame_t frame)
+STAGE void fetch_first(plane_in current, plane_in inverse_depth, plane_in motion, history_in history, plane_in count,
+    plane_in previous_inverse_depth, int x, int y, frame_t frame)
 {
     if ((LANES > 1) | !(CAMERA_MOTION | OWN_MOTION))
         return;
@@ -73,7 +73,7 @@ STAGE void fetch_first(plane_in current, plane_in closeness, plane_in motion, hi
     const uint at = texel_offset(frame, x, y), past = history_offset(frame, x, y);
     const size_t plane = plane_size(frame), past_plane = history_plane_size(frame);
     for (int i = -1; i <= 1; ++i) {
-        FETCH_NEXT(ROW_BELOW(closeness, at, i, stride));
+        FETCH_NEXT(ROW_BELOW(inverse_depth, at, i, stride));
         for (int channel = 0; channel < 3; ++channel)
             FETCH_NEXT(ROW_BELOW(current + channel * plane, at, i, stride));
         for (int axis = 0; axis < (OWN_MOTION ? 2 : 0); ++axis)
@@ -84,6 +84,6 @@ STAGE void fetch_first(plane_in current, plane_in closeness, plane_in motion, hi
             FETCH_NEXT(ROW_BELOW(history + channel * past_plane, past, i, stride));
         FETCH_NEXT(ROW_BELOW(count, past, i, stride));
         if (REJECT == REJECT_DEPTH)
-            FETCH_NEXT(ROW_BELOW(previous_closeness, past, i, stride));
+            FETCH_NEXT(ROW_BELOW(previous_inverse_depth, past, i, stride));
     }
 }

@@ -15,69 +15,69 @@ typedef struct
 #define EDGE_ROWS_AHEAD 8 // of the one that is extended, whose lines are asked for
 
 // A segment of a plane of the history's numbers, or of one of floats.
-STAGE real load_stored(history_out kept, plane_out floats, int is_float, uint at)
+STAGE real load_stored(history_out halves, plane_out floats, int is_float, uint at)
 {
-    return is_float ? load(floats + at) : load_history(kept + at);
+    return is_float ? load(floats + at) : load_history(halves + at);
 }
 
 // The same, stored to the same bits.
-STAGE void store_stored(history_out kept, plane_out floats, int is_float, uint at, real v)
+STAGE void store_stored(history_out halves, plane_out floats, int is_float, uint at, real v)
 {
     if (is_float)
         store(floats + at, v);
     else
-        store_again(kept + at, v);
+        store_again(halves + at, v);
 }
 
 // Asks for the line of the cache in which it lies. Left of rows alone: right of them that was measured to cost.
-STAGE void fetch_stored(history_out kept, plane_out floats, int is_float, uint at)
+STAGE void fetch_stored(history_out halves, plane_out floats, int is_float, uint at)
 {
     if (is_float)
         FETCH_TO_STORE(floats + at);
     else
-        FETCH_TO_STORE(kept + at);
+        FETCH_TO_STORE(halves + at);
 }
 
 // Repeats in a plane the edges that a work-item has stored: left and right of its rows, then above and below, to the
 // corners.
-STAGE void extend_plane(history_out kept, plane_out floats, int is_float, block_t b, frame_t frame)
+STAGE void extend_plane(history_out halves, plane_out floats, int is_float, block_t b, frame_t frame)
 {
     const int stride = row_stride(frame), end = stride - PAD_X, ahead = EDGE_ROWS_AHEAD * stride;
     const int first_column = b.x == 0, last_column = b.end >= frame.width;
     if (first_column) {
-        ROLLED
+        NO_UNROLL
         for (int y = b.y; y < b.below; ++y) {
             const uint row = texel_offset(frame, 0, y);
-            fetch_stored(kept, floats, is_float, row + (uint)(ahead - PAD_X));
-            const real first = (real)(load_stored(kept, floats, is_float, row).s0);
+            fetch_stored(halves, floats, is_float, row + (uint)(ahead - PAD_X));
+            const real first = (real)(load_stored(halves, floats, is_float, row).s0);
             for (int i = LANES; i <= PAD_X; i += LANES)
-                store_stored(kept, floats, is_float, row - (uint)i, first);
+                store_stored(halves, floats, is_float, row - (uint)i, first);
         }
     }
     if (last_column) {
         const int x = (frame.width - 1) / LANES * LANES, lane = frame.width - 1 - x;
-        ROLLED
+        NO_UNROLL
         for (int y = b.y; y < b.below; ++y) {
             const uint row = texel_offset(frame, 0, y);
-            const real v = load_stored(kept, floats, is_float, row + (uint)x);
+            const real v = load_stored(halves, floats, is_float, row + (uint)x);
             const real last = (real)(((const scalar*)&v)[lane]);
             if (lane < LANES - 1) // its other lanes have stored something beyond the image
-                store_stored(kept, floats, is_float, row + (uint)x, (whole)(LANE_NUMBERS) > (whole)(lane) ? last : v);
-            ROLLED
+                store_stored(halves, floats, is_float, row + (uint)x, (whole)(LANE_NUMBERS) > (whole)(lane) ? last : v);
+            NO_UNROLL
             for (int i = x + LANES; i < end; i += LANES)
-                store_stored(kept, floats, is_float, row + (uint)i, last);
+                store_stored(halves, floats, is_float, row + (uint)i, last);
         }
     }
-    ROLLED
+    NO_UNROLL
     for (int is_last = 0; is_last < 2; ++is_last) {
         const int y = is_last ? frame.height - 1 : 0;
         if ((y < b.y) | (y >= b.below))
             continue;
-        ROLLED
+        NO_UNROLL
         for (int x = first_column ? -PAD_X : b.x; x < (last_column ? end : b.end); x += LANES) {
-            const real v = load_stored(kept, floats, is_float, texel_offset(frame, x, y));
+            const real v = load_stored(halves, floats, is_float, texel_offset(frame, x, y));
             for (int k = 1; k <= PAD_Y; ++k)
-                store_stored(kept, floats, is_float, texel_offset(frame, x, is_last ? y + k : y - k), v);
+                store_stored(halves, floats, is_float, texel_offset(frame, x, is_last ? y + k : y - k), v);
         }
     }
 }
@@ -85,15 +85,15 @@ STAGE void extend_plane(history_out kept, plane_out floats, int is_float, block_
 
 // Repeats what a work-item of a CPU has stored of the image's edges, in `planes` planes of the history's numbers and in
 // `more` planes of floats.
-STAGE void extend_stored(history_out kept, int planes, plane_out floats, int more, block_t b, frame_t frame)
+STAGE void extend_stored(history_out halves, int planes, plane_out floats, int more, block_t b, frame_t frame)
 {
 #if LANES > 1
     if ((b.x > 0) & (b.end < frame.width) & (b.y > 0) & (b.below < frame.height))
         return;
-    ROLLED
+    NO_UNROLL
     for (int i = 0; i < planes; ++i)
-        extend_plane(kept + i * plane_size(frame), 0, 0, b, frame);
-    ROLLED
+        extend_plane(halves + i * plane_size(frame), 0, 0, b, frame);
+    NO_UNROLL
     for (int i = 0; i < more; ++i)
         extend_plane(0, floats + i * plane_size(frame), 1, b, frame);
 #endif

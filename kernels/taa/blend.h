@@ -8,12 +8,12 @@
 // Weight of the current sample when the history already holds `count` samples: 1 / (count + 1) for the running mean;
 // never below blend_weight for the exponential one, always that for the constant one, and between it and moving_weight
 // for the adaptive one.
-STAGE real sample_weight(real count, real unrest, settings_t settings)
+STAGE real sample_weight(real count, real blend_boost, settings_t settings)
 {
     if (ACCUMULATE == ACCUMULATE_CONSTANT)
         return SPLAT(settings.blend_weight);
     if (ACCUMULATE == ACCUMULATE_ADAPTIVE)
-        return K(settings.blend_weight) + unrest * (K(settings.moving_weight) - K(settings.blend_weight));
+        return K(settings.blend_weight) + blend_boost * (K(settings.moving_weight) - K(settings.blend_weight));
     const real mean = reciprocal(count + K(1.0));
     if (ACCUMULATE == ACCUMULATE_COUNT)
         return mean;
@@ -31,23 +31,23 @@ STAGE real samples_in_mean(real count, settings_t settings)
 }
 
 // The most samples that a history may stand for. Resampling between texels blurs, the more the further the position
-// lies from a texel, so it limits the count (resample_cost); and sample_limit is the most that is ever counted.
-STAGE real most_samples(real fx, real fy, settings_t settings)
+// lies from a texel, so it limits the count (resampling_penalty); and sample_limit is the most that is ever counted.
+STAGE real count_limit_of(real fx, real fy, settings_t settings)
 {
     real least = reciprocal(SPLAT(settings.sample_limit));
-    if (RESAMPLE_COST)
-        least += K(settings.resample_cost) * (fx * (SPLAT(1.0) - fx) + fy * (SPLAT(1.0) - fy));
+    if (RESAMPLING_PENALTY)
+        least += K(settings.resampling_penalty) * (fx * (SPLAT(1.0) - fx) + fy * (SPLAT(1.0) - fy));
     return reciprocal(least);
 }
 
-// How many samples the history still stands for, `most` at most: history that had to be pulled into its box is less to
-// be believed (pull_cost).
-STAGE real believed_count(real count, real most, real pull, settings_t settings)
+// How many samples the history still stands for, `count_limit` at most: history that had to be pulled into its box is
+// less to be believed (clip_penalty).
+STAGE real effective_count(real count, real count_limit, real clip_distance, settings_t settings)
 {
-    real believed = count;
-    if (PULL_COST)
-        believed = quotient(count, SPLAT(1.0) + K(settings.pull_cost) * pull);
-    return lesser(believed, most);
+    real effective = count;
+    if (CLIP_PENALTY)
+        effective = quotient(count, SPLAT(1.0) + K(settings.clip_penalty) * clip_distance);
+    return lesser(effective, count_limit);
 }
 
 // knee + Y, the inverse of a luminance weight (Karis 2014 with knee 1), four times as large. Of four times a luminance.
@@ -70,7 +70,8 @@ STAGE real luminance_weight(real weight, real current, real history, settings_t 
 // Weight of the current sample beside a history of `count`, before what stills flicker. In a mean of all of them the
 // share 1 / (count + 1) is left to be worked out: with luminance weights it is h / (h + count x), and a reactive sample
 // counts for as many more as are then missing among the count. Four times the luminances again.
-STAGE real weight_of_sample(real count, real current, real history, real reactivity, real unrest, settings_t settings)
+STAGE real weight_of_sample(
+    real count, real current, real history, real reactivity, real blend_boost, settings_t settings)
 {
     const int in_mean = (ACCUMULATE == ACCUMULATE_COUNT) | (ACCUMULATE == ACCUMULATE_EXPONENTIAL);
     if (in_mean & (WEIGHTING != WEIGHTING_NONE)) {
@@ -81,7 +82,7 @@ STAGE real weight_of_sample(real count, real current, real history, real reactiv
         const real before = REACTIVE ? samples * (SPLAT(1.0) - reactivity) * x : samples * x;
         return quotient(now, now + before);
     }
-    real weight = sample_weight(count, unrest, settings);
+    real weight = sample_weight(count, blend_boost, settings);
     if (REACTIVE)
         weight += reactivity * (SPLAT(1.0) - weight);
     return luminance_weight(weight, current, history, settings);

@@ -82,7 +82,7 @@ STAGE colour from_range(colour v)
 STAGE mask colour_outside_domain(colour v) { return outside_domain(v.r) | outside_domain(v.g) | outside_domain(v.b); }
 
 #if LANES > 1 && !REAL_DOUBLE
-// The bits of the largest magnitude of the three, which are in the order of the magnitudes; what is no number is larger
+// The bits of the largest magnitude of the three, which are in the order of the magnitudes; what is NaN is larger
 // than any.
 STAGE whole larger_bits(whole a, whole b) { return a > b ? a : b; }
 STAGE whole magnitude_bits(real v) { return AS_WHOLE(v) & MAGNITUDE_BITS; }

@@ -1,10 +1,10 @@
 // The history of a pixel: its colour at the place where the surface was, and whether it can be used at all.
 #include "schedule/ahead.h"
-#include "schedule/kept_rows.h"
-#include "taa/reject.h"
+#include "schedule/row_cache.h"
+#include "taa/disocclusion.h"
 
-#if !defined(ALPHA) || !defined(REJECT) || !defined(LIGHT_CHANGE)
-#error "history.h needs ALPHA, REJECT and LIGHT_CHANGE from the prelude"
+#if !defined(ALPHA) || !defined(REJECT) || !defined(ILLUMINATION)
+#error "history.h needs ALPHA, REJECT and ILLUMINATION from the prelude"
 #endif
 
 typedef struct
@@ -12,7 +12,7 @@ typedef struct
     colour rgb;
     real alpha, count, fx, fy;
     real change; // of light, where that is tested for
-    real most; // samples that it may stand for
+    real count_limit; // samples that it may stand for
     mask valid;
 } history_t;
 
@@ -22,7 +22,7 @@ STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, si
     if (f.lanes == LANES_ON_TEXELS) // tested here too, once for the three: faster than a test a plane
         return load_history_colour(p + f.at, plane);
     real sample[3];
-    ROLLED
+    NO_UNROLL
     for (int i = 0; i < 3; ++i)
         sample[i] = sample_plane(p + (size_t)i * plane, f, wx, wy, stride);
     v.r = sample[0], v.g = sample[1], v.b = sample[2];
@@ -34,14 +34,14 @@ typedef struct
 {
     colour rgb;
     real alpha, count;
-    quad closeness;
-    real fx, fy, most;
+    quad inverse_depth;
+    real fx, fy, count_limit;
 } sampled;
 
 STAGE real sample_count(plane_in count, footprint f, int stride) { return bilinear(sample_quad(count, f, stride), f); }
 
-STAGE sampled sample_planes(history_in history, plane_in previous_closeness, footprint f, weights wx, weights wy,
-    colour rgb, real count, real most, frame_t frame)
+STAGE sampled sample_planes(history_in history, plane_in previous_inverse_depth, footprint f, weights wx, weights wy,
+    colour rgb, real count, real count_limit, frame_t frame)
 {
     sampled v;
     v.rgb = rgb;
@@ -50,94 +50,95 @@ STAGE sampled sample_planes(history_in history, plane_in previous_closeness, foo
         v.alpha = sample_plane(history + 3 * history_plane_size(frame), f, wx, wy, row_stride(frame));
     v.count = count;
     if (REJECT == REJECT_DEPTH)
-        v.closeness = sample_quad(previous_closeness, f, row_stride(frame));
+        v.inverse_depth = sample_quad(previous_inverse_depth, f, row_stride(frame));
     v.fx = f.fx;
     v.fy = f.fy;
-    v.most = most;
+    v.count_limit = count_limit;
     return v;
 }
 
 // The footprint of a segment of displacement m, and whether it moves as the one above it, where rows are kept.
-STAGE footprint find_footprint(motion_t m, mask valid, uint at, frame_t frame, kept_rows* kept, int* alike)
+STAGE footprint find_footprint(motion_t m, mask valid, uint at, frame_t frame, row_cache* cache, int* alike)
 {
     *alike = 0;
     if (!(CAMERA_MOTION || OWN_MOTION))
         return own_texel(at);
-#if KEEPS_ROWS && LANES > 1
+#if ROW_CACHE && LANES > 1
     const real u = valid ? m.u : SPLAT(0.0), v = valid ? m.v : SPLAT(0.0);
-    if (moves_the_same(kept, u, v)) {
-        const footprint f = footprint_below(kept, at, row_stride(frame));
-        kept->at = f.at;
+    if (same_motion_as_above(cache, u, v)) {
+        const footprint f = footprint_below(cache, at, row_stride(frame));
+        cache->at = f.at;
         *alike = 1;
         return f;
     }
     const footprint f = footprint_of(m, valid, at, frame);
-    *alike = moves_alike(kept, f, u, v, row_stride(frame));
+    *alike = continues_row_cache(cache, f, u, v, row_stride(frame));
     return f;
 #else
     return footprint_of(m, valid, at, frame);
 #endif
 }
 
-STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_closeness, footprint f, int alike, int y,
-    frame_t frame, settings_t settings, kept_rows* kept)
+STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_inverse_depth, footprint f, int alike,
+    int y, frame_t frame, settings_t settings, row_cache* cache)
 {
     const size_t plane = history_plane_size(frame);
     if (LANES == 1)
-        fetch_history(history, count, previous_closeness, f.at, frame);
-#if KEEPS_ROWS && LANES == 1
+        fetch_history(history, count, previous_inverse_depth, f.at, frame);
+#if ROW_CACHE && LANES == 1
     real counted;
-    const colour slid = slide_history(kept, history, count, f, plane, row_stride(frame), &counted);
-    const real most = most_samples(f.fx, f.fy, settings);
-    return sample_planes(history, previous_closeness, f, kept->wx, kept->wy, slid, counted, most, frame);
-#elif KEEPS_ROWS
+    const colour rgb = slide_history(cache, history, count, f, plane, row_stride(frame), &counted);
+    const real count_limit = count_limit_of(f.fx, f.fy, settings);
+    return sample_planes(history, previous_inverse_depth, f, cache->wx, cache->wy, rgb, counted, count_limit, frame);
+#elif ROW_CACHE
     if (alike) {
-        f.fx = kept->fx;
-        f.fy = kept->fy;
+        f.fx = cache->fx;
+        f.fy = cache->fy;
         f.lanes = LANES_ALIKE;
-        const colour rgb = sample_kept_colour(kept, history + f.at, plane, y, row_stride(frame), settings);
+        const colour rgb = sample_cached_colour(cache, history + f.at, plane, y, row_stride(frame), settings);
         const real counted = sample_count(count, f, row_stride(frame));
-        return sample_planes(history, previous_closeness, f, kept->wx, kept->wy, rgb, counted, kept->most, frame);
+        return sample_planes(
+            history, previous_inverse_depth, f, cache->wx, cache->wy, rgb, counted, cache->count_limit, frame);
     }
 #endif
-#if !KEEPS_ROWS || LANES > 1
+#if !ROW_CACHE || LANES > 1
     const weights wx = history_weights(f.fx), wy = history_weights(f.fy);
     const colour rgb = sample_colour(history, f, wx, wy, plane, row_stride(frame));
-    const real counted = sample_count(count, f, row_stride(frame)), most = most_samples(f.fx, f.fy, settings);
-    return sample_planes(history, previous_closeness, f, wx, wy, rgb, counted, most, frame);
+    const real counted = sample_count(count, f, row_stride(frame)), count_limit = count_limit_of(f.fx, f.fy, settings);
+    return sample_planes(history, previous_inverse_depth, f, wx, wy, rgb, counted, count_limit, frame);
 #endif
 }
 
 // `next` holds the texels of the row below the pixel's.
 STAGE history_t sample_history(plane_in current, boxed_row next, history_in history, plane_in count,
-    plane_in previous_closeness, motion_t m, surface s, int x, int y, frame_t frame, settings_t settings,
-    kept_rows* kept)
+    plane_in previous_inverse_depth, motion_t m, surface s, int x, int y, frame_t frame, settings_t settings,
+    row_cache* cache)
 {
     const uint at = history_offset(frame, x, y);
     history_t h;
     if (LANES > 1) // not beside the frame's: more would be asked for at a time than can be under way
-        fetch_history(history, count, previous_closeness, at, frame);
+        fetch_history(history, count, previous_inverse_depth, at, frame);
     const motion_t seen = motion_to_edge(m, LANE_INDEX + K(x), SPLAT(y), frame);
     h.valid = on_screen(seen, LANE_INDEX + K(x), SPLAT(y), frame) & (whole)(frame.reset ? 0 : -1);
     int alike;
-    const footprint f = find_footprint(seen, h.valid, at, frame, kept, &alike);
-    const sampled v = sample_at(history, count, previous_closeness, f, alike, y, frame, settings, kept);
+    const footprint f = find_footprint(seen, h.valid, at, frame, cache, &alike);
+    const sampled v = sample_at(history, count, previous_inverse_depth, f, alike, y, frame, settings, cache);
     h.rgb = v.rgb;
     h.count = v.count;
     h.valid = h.valid & !colour_outside_domain(h.rgb);
     h.change = SPLAT(0.0);
     if (TESTS_LIGHT) {
         const lit_t l
-            = history_in_light(v.count, current, next, history, count, f, x, y, frame, settings, &kept->light);
+            = illumination_test(v.count, current, next, history, count, f, x, y, frame, settings, &cache->illumination);
         h.count = l.count;
         h.change = l.change;
     }
     h.rgb = history_in_range(h.rgb, frame);
     h.alpha = ALPHA ? limit(v.alpha, SPLAT(0.0), SPLAT(1.0)) : v.alpha;
     if (REJECT == REJECT_DEPTH)
-        h.valid = h.valid & same_surface(v.closeness, s, m, settings);
+        h.valid = h.valid & same_surface(v.inverse_depth, s, m, settings);
     h.fx = v.fx;
     h.fy = v.fy;
-    h.most = v.most;
+    h.count_limit = v.count_limit;
     return h;
 }

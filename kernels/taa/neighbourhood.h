@@ -12,8 +12,8 @@ typedef struct
     boxed left, own, right;
 } boxed_row;
 
-// What one row contributes: moments a channel, and the nearest surface of the three texels. Closeness is 1/Z (-Z for an
-// orthographic camera): the greater, the nearer.
+// What one row contributes: moments a channel, and the nearest surface of the three texels. Inverse depth is 1/Z (-Z
+// for an orthographic camera): the greater, the nearer.
 typedef struct
 {
     moments a, b, c;
@@ -21,8 +21,8 @@ typedef struct
     joined a_above, b_above, c_above; // with the row above
     colour centre;
     colour across, across_step; // the three texels weighed by the current filter along x; from those of the row above
-    real nearest, nearest_x, farthest, closeness;
-    real rise; // of closeness from the left texel to the right one
+    real nearest, nearest_x, farthest, inverse_depth;
+    real rise; // of inverse depth from the left texel to the right one
     real u, v; // own motion of the nearest texel
     real centre_u, centre_v;
 } row_t;
@@ -46,8 +46,8 @@ STAGE statistics neighbourhood_statistics(row_t above, row_t centre, row_t below
     return s;
 }
 
-// Closeness outside the domain (no depth, infinite) is the sky's.
-STAGE real usable_closeness(real v, frame_t frame) { return usable_or(v, SPLAT(frame.sky_closeness)); }
+// Inverse depth outside the domain (no depth, infinite) is the sky's.
+STAGE real inverse_depth_or_sky(real v, frame_t frame) { return in_domain_or(v, SPLAT(frame.sky_inverse_depth)); }
 
 STAGE colour colour_step(colour from, colour to) { return (colour) { to.r - from.r, to.g - from.g, to.b - from.b }; }
 
@@ -63,16 +63,16 @@ STAGE colour weigh_line(colour to, colour middle, colour from, scalar first, sca
     return v;
 }
 
-STAGE row_t read_row(plane_in image, plane_in closeness, plane_in motion, int x, int y, frame_t frame)
+STAGE row_t read_row(plane_in image, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame);
     const uint at = texel_offset(frame, x, y);
-    plane_in reds = image + at, greens = image + plane + at, blues = image + 2 * plane + at, z = closeness + at;
+    plane_in reds = image + at, greens = image + plane + at, blues = image + 2 * plane + at, z = inverse_depth + at;
     colour l = { load(reds - 1), load(greens - 1), load(blues - 1) }, c = { load(reds), load(greens), load(blues) },
            r = { load(reds + 1), load(greens + 1), load(blues + 1) };
     // Asked for before the branch below, past which a GPU's compiler moves no load.
-    const real zl = usable_closeness(load(z - 1), frame), zc = usable_closeness(load(z), frame),
-               zr = usable_closeness(load(z + 1), frame);
+    const real zl = inverse_depth_or_sky(load(z - 1), frame), zc = inverse_depth_or_sky(load(z), frame),
+               zr = inverse_depth_or_sky(load(z + 1), frame);
     if (any_outside_domain(l, c, r)) {
         colour line[3];
         repair_colours(line, 3, image, plane, x - 1, y, frame);
@@ -89,7 +89,7 @@ STAGE row_t read_row(plane_in image, plane_in closeness, plane_in motion, int x,
     row.across = weigh_line(colour_step(l, c), c, colour_step(c, r), K(frame.left_weight), K(frame.right_weight));
 
     const mask left = zl > zc;
-    row.closeness = zc;
+    row.inverse_depth = zc;
     row.rise = zr - zl;
     row.nearest = greater(zl, zc);
     row.nearest_x = left ? SPLAT(-1.0) : SPLAT(0.0);
@@ -123,9 +123,10 @@ STAGE boxed_row read_boxed(plane_in image, int x, int y, frame_t frame)
 }
 
 // The row at (x, y), below the one that is given.
-STAGE row_t read_next_row(row_t above, plane_in image, plane_in closeness, plane_in motion, int x, int y, frame_t frame)
+STAGE row_t read_next_row(
+    row_t above, plane_in image, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
 {
-    row_t row = read_row(image, closeness, motion, x, y, frame);
+    row_t row = read_row(image, inverse_depth, motion, x, y, frame);
     row.a_above = joined_rows(above.a, row.a);
     row.b_above = joined_rows(above.b, row.b);
     row.c_above = joined_rows(above.c, row.c);
@@ -136,14 +137,14 @@ STAGE row_t read_next_row(row_t above, plane_in image, plane_in closeness, plane
 // The surface whose motion a pixel follows: where it lies relative to the pixel, how close it is, and its own motion.
 typedef struct
 {
-    real x, y, closeness, u, v;
-    real centre, nearest, farthest; // closeness: of the pixel itself, and the range in its 3x3
+    real x, y, inverse_depth, u, v;
+    real centre, nearest, farthest; // inverse depth: of the pixel itself, and the range in its 3x3
 } surface;
 
 STAGE surface nearest_surface(row_t above, row_t centre, row_t below, settings_t settings)
 {
     const real nearer = greater(above.nearest, centre.nearest);
-    surface s = { SPLAT(0.0), SPLAT(0.0), centre.closeness, centre.centre_u, centre.centre_v, centre.closeness,
+    surface s = { SPLAT(0.0), SPLAT(0.0), centre.inverse_depth, centre.centre_u, centre.centre_v, centre.inverse_depth,
         greater(below.nearest, nearer), lesser(lesser(above.farthest, below.farthest), centre.farthest) };
     if (DILATION == DILATION_NONE)
         return s;
@@ -151,7 +152,7 @@ STAGE surface nearest_surface(row_t above, row_t centre, row_t below, settings_t
     const mask down = below.nearest > nearer;
     mask across = (mask)(-1);
     if (DILATION == DILATION_EDGE) {
-        // Closeness is linear in the pixel coordinates on every plane, so there the window is symmetric about its
+        // Inverse depth is linear in the pixel coordinates on every plane, so there the window is symmetric about its
         // centre: nearest + farthest = 2 centre. Only where it is not does an edge pass through, and only there is the
         // motion of the nearer side borrowed; on a smooth receding surface it would be wrong by the slope.
         const real skew = (s.nearest - s.centre) - (s.centre - s.farthest);
@@ -162,7 +163,7 @@ STAGE surface nearest_surface(row_t above, row_t centre, row_t below, settings_t
     if (!any_of(across))
         return s;
 #endif
-    s.closeness = across ? s.nearest : s.closeness;
+    s.inverse_depth = across ? s.nearest : s.inverse_depth;
     s.x = across ? (down ? below.nearest_x : (up ? above.nearest_x : centre.nearest_x)) : s.x;
     s.y = across ? (down ? SPLAT(1.0) : (up ? SPLAT(-1.0) : SPLAT(0.0))) : s.y;
     s.u = across ? (down ? below.u : (up ? above.u : centre.u)) : s.u;

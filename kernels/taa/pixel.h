@@ -14,7 +14,7 @@ typedef struct
     colour own, filtered;
     real luminance; // four times that of `filtered`
     real alpha, reactivity;
-    real least_reactive, most_reactive; // of the 3x3, where spans of the past are weighed
+    real least_reactive, most_reactive; // of the 3x3, where temporal windows are weighed
     statistics near;
 } pixel_t;
 
@@ -25,13 +25,13 @@ typedef struct
     real change; // of light, where that is tested for
 } resolved;
 
-// Alpha and reactivity are shares: outside [0, 1], or no number, means the nearer end (no number: `otherwise`).
-STAGE real usable_share(real v, real otherwise)
+// Alpha and reactivity are shares: outside [0, 1], or NaN, means the nearer end (NaN: `otherwise`).
+STAGE real share_in_domain(real v, real otherwise)
 {
     return outside_domain(v) ? otherwise : limit(v, SPLAT(0.0), SPLAT(1.0));
 }
 
-STAGE real load_share(plane_in p, real otherwise) { return usable_share(load(p), otherwise); }
+STAGE real load_share(plane_in p, real otherwise) { return share_in_domain(load(p), otherwise); }
 
 // The least and the greatest reactivity of the 3x3 of now.
 STAGE void reactive_range(pixel_t* p, plane_in reactive_at, frame_t frame)
@@ -66,31 +66,31 @@ STAGE pixel_t current_pixel(
     p.alpha = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
     p.reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
     p.least_reactive = p.most_reactive = p.reactivity;
-    if (REACTIVE & (LIGHT_CHANGE == LIGHT_CHANGE_SPANS))
+    if (REACTIVE & (ILLUMINATION == ILLUMINATION_WINDOW))
         reactive_range(&p, reactive + at, frame);
     return p;
 }
 
 // Half width of the box in standard deviations: wide where nothing moves, narrow from motion_px pixels a frame on.
-STAGE real box_gamma(motion_t m, settings_t settings)
+STAGE real box_scale_of(motion_t m, settings_t settings)
 {
-    if (!GAMMA_BY_MOTION)
-        return SPLAT(settings.gamma_moving);
+    if (!BOX_SCALE_BY_MOTION)
+        return SPLAT(settings.box_scale_moving);
     const real speed = over(greater(absolute(m.u), absolute(m.v)), divisor(SPLAT(settings.motion_px)));
     const real still = greater(SPLAT(1.0) - speed, SPLAT(0.0));
-    return SPLAT(settings.gamma_moving) + still * (K(settings.gamma_still) - K(settings.gamma_moving));
+    return SPLAT(settings.box_scale_moving) + still * (K(settings.box_scale_static) - K(settings.box_scale_moving));
 }
 
-// The sample of a pixel without history: drawn towards the mean of its neighbourhood by fresh_blur, since one raw
-// sample is as aliased as an image can be.
-STAGE colour fresh_colour(colour current, boxed mean, settings_t settings)
+// The sample of a pixel without history: drawn towards the mean of its neighbourhood by disocclusion_blur, since one
+// raw sample is as aliased as an image can be.
+STAGE colour disoccluded_colour(colour current, boxed mean, settings_t settings)
 {
-    if (!FRESH_BLUR)
+    if (!DISOCCLUSION_BLUR)
         return current;
     const boxed c = to_box_space(current);
     const boxed offset = { mean.a - c.a, mean.b - c.b, mean.c - c.c };
     const colour change = from_box_space(offset);
-    const scalar k = K(settings.fresh_blur);
+    const scalar k = K(settings.disocclusion_blur);
     colour v = { current.r + k * change.r, current.g + k * change.g, current.b + k * change.b };
     return v;
 }
@@ -111,9 +111,9 @@ STAGE real fading_share(real of_mean, settings_t settings)
 }
 
 // How many samples a pixel's rectified history is believed to stand for.
-STAGE real believed_samples(pixel_t p, history_t h, rectification r, settings_t settings)
+STAGE real effective_samples(pixel_t p, history_t h, rectification r, settings_t settings)
 {
-    const real count = believed_count(h.count, h.most, r.pull, settings);
+    const real count = effective_count(h.count, h.count_limit, r.clip_distance, settings);
     return REACTIVE ? count * (SPLAT(1.0) - p.reactivity) : count;
 }
 
@@ -140,19 +140,19 @@ STAGE resolved blend_pixel(
 {
     const real y = FILTER_USE == FILTER_USE_FEW_SAMPLES ? luminance_4(current) : p.luminance,
                past_y = luminance_4(past);
-    real weight = weight_of_sample(count, y, past_y, p.reactivity, r.unrest, settings);
+    real weight = weight_of_sample(count, y, past_y, p.reactivity, r.blend_boost, settings);
     if (ANTI_FLICKER == ANTI_FLICKER_DIFFERENCE)
         weight *= difference_share(y, past_y, settings);
     if (ANTI_FLICKER == ANTI_FLICKER_CLAMP_DISTANCE)
-        weight *= r.calm;
-    if (!FRESH_BLUR)
+        weight *= r.anti_flicker_factor;
+    if (!DISOCCLUSION_BLUR)
         weight = h.valid ? weight : SPLAT(1.0);
 
     const colour mixed
         = { blend(past.r, current.r, weight), blend(past.g, current.g, weight), blend(past.b, current.b, weight) };
     colour v = mixed;
-    if (FRESH_BLUR && any_of(!h.valid))
-        v = choose_colour(h.valid, mixed, fresh_colour(current, p.near.mean, settings));
+    if (DISOCCLUSION_BLUR && any_of(!h.valid))
+        v = choose_colour(h.valid, mixed, disoccluded_colour(current, p.near.mean, settings));
     resolved out;
     out.rgb = storable_colour(from_range(v), current);
     out.alpha = p.alpha;
@@ -165,7 +165,7 @@ STAGE resolved blend_pixel(
 
 STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t settings)
 {
-    const real count = believed_samples(p, h, r, settings);
+    const real count = effective_samples(p, h, r, settings);
     return blend_pixel(p, h, r, rectified(h, r), sample_beside(p, h.valid, count, settings), count, settings);
 }
 

@@ -1,5 +1,5 @@
 // Rectification: history that the current neighbourhood makes implausible is moved into its box.
-#include "taa/projection.h"
+#include "taa/reprojection.h"
 
 #if !defined(RECTIFY) || !defined(BOX) || !defined(ACCUMULATE) || !defined(ANTI_FLICKER)
 #error "rectify.h needs RECTIFY, BOX, ACCUMULATE and ANTI_FLICKER from the prelude"
@@ -148,13 +148,13 @@ STAGE boxed rectify_history(boxed history, boxed current, box_t box)
 typedef struct
 {
     colour change;
-    real pull; // how far the first coordinate (luminance) was moved, in half extents of the box
-    real unrest; // 0 to 1: motion, or the distance that the history was moved, whichever is more (adaptive)
-    real calm; // factor of the current sample's weight (clamp-distance)
+    real clip_distance; // how far the first coordinate (luminance) was moved, in half extents of the box
+    real blend_boost; // 0 to 1: motion, or the distance that the history was moved, whichever is more (adaptive)
+    real anti_flicker_factor; // factor of the current sample's weight (clamp-distance)
 } rectification;
 
 // The larger of two shares: motion in screens a frame by motion_rate, distance moved in the box space by clip_rate.
-STAGE real unrest_of(motion_t m, boxed moved, frame_t frame, settings_t settings)
+STAGE real blend_boost_of(motion_t m, boxed moved, frame_t frame, settings_t settings)
 {
     const real across = m.u / SPLAT(frame.width), down = m.v / SPLAT(frame.height);
     const real speed = square_root(across * across + down * down);
@@ -165,7 +165,7 @@ STAGE real unrest_of(motion_t m, boxed moved, frame_t frame, settings_t settings
 
 // d / (d + range) with d the distance of the history's first coordinate from the nearer end of the box: history that
 // lies on an end of a wide box flickers between the ends (Karis 2014).
-STAGE real calm_of(real history, real centre, real extent)
+STAGE real anti_flicker_factor_of(real history, real centre, real extent)
 {
     const real d = lesser(absolute(history - (centre - extent)), absolute(history - (centre + extent)));
     return d / ((d + (extent + extent)) + SPLAT(BOX_A * TINY));
@@ -187,8 +187,11 @@ STAGE rectification rectify(
     rectification out;
     out.change = from_box_space(moved);
     const real least = K(settings.box_floor) * absolute(box.centre.a) + K(BOX_A * TINY);
-    out.pull = quotient(absolute(moved.a), greater(box.extent.a, least));
-    out.unrest = ACCUMULATE == ACCUMULATE_ADAPTIVE ? unrest_of(m, in_units(moved), frame, settings) : SPLAT(0.0);
-    out.calm = ANTI_FLICKER == ANTI_FLICKER_CLAMP_DISTANCE ? calm_of(h.a, box.centre.a, box.extent.a) : SPLAT(1.0);
+    out.clip_distance = quotient(absolute(moved.a), greater(box.extent.a, least));
+    out.blend_boost
+        = ACCUMULATE == ACCUMULATE_ADAPTIVE ? blend_boost_of(m, in_units(moved), frame, settings) : SPLAT(0.0);
+    out.anti_flicker_factor = ANTI_FLICKER == ANTI_FLICKER_CLAMP_DISTANCE
+        ? anti_flicker_factor_of(h.a, box.centre.a, box.extent.a)
+        : SPLAT(1.0);
     return out;
 }

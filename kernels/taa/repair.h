@@ -20,16 +20,16 @@ STAGE float repaired_texel(plane_in image, size_t plane, int channel, int x, int
     if (!texel_outside_domain(p, plane))
         return p[(size_t)channel * plane];
     float sum = 0.0f;
-    int usable = 0;
+    int in_domain = 0;
     for (int j = -1; j <= 1; ++j)
         for (int i = -1; i <= 1; ++i) {
             plane_in q = p + (ptrdiff_t)j * row_stride(frame) + i;
             if (!texel_outside_domain(q, plane)) {
                 sum += q[(size_t)channel * plane];
-                usable += 1;
+                in_domain += 1;
             }
         }
-    return usable > 0 ? sum / (float)usable : 0.0f;
+    return in_domain > 0 ? sum / (float)in_domain : 0.0f;
 }
 
 // The colours at (x, y) and the texels right of it, `count` of them, of LANES texels each. On a CPU in a loop that
@@ -56,7 +56,7 @@ STAGE void repair_colours(colour* out, int count, plane_in image, size_t plane, 
 }
 
 // The colour at (x, y), repaired where need be, in the range that everything is compared in.
-STAGE colour usable_colour(plane_in image, size_t plane, int x, int y, frame_t frame)
+STAGE colour colour_in_domain(plane_in image, size_t plane, int x, int y, frame_t frame)
 {
     colour v = load_colour(image + texel_offset(frame, x, y), plane);
     if (any_of(colour_outside_domain(v)))

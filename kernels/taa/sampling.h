@@ -1,6 +1,6 @@
 // Reading the previous frame between its texels.
 #include "taa/history_filter.h"
-#include "taa/projection.h"
+#include "taa/reprojection.h"
 #include "platform/storage.h"
 
 #if !defined(CAMERA_MOTION) || !defined(OWN_MOTION)
@@ -144,7 +144,7 @@ STAGE row_taps row_apart(history_in p, weights w, whole steps)
 {
     real tap[6];
     tap[0] = tap[5] = SPLAT(0.0);
-    ROLLED
+    NO_UNROLL
     for (int i = SIX_TAPS ? 0 : 1; i < (SIX_TAPS ? 6 : 5); ++i)
         tap[i] = history_apart(p + (i - 2), steps);
     return weigh(tap[0], tap[1], tap[2], tap[3], tap[4], tap[5], w);
@@ -187,7 +187,7 @@ STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int s
         const whole steps = steps_apart(f.dx, f.dy, stride);
         row_taps row[6];
         row[0] = row[5] = first;
-        ROLLED
+        NO_UNROLL
         for (int i = SIX_TAPS ? 0 : 1; i < (SIX_TAPS ? 6 : 5); ++i)
             row[i] = row_apart(p + f.own + (i - 2) * (ptrdiff_t)stride, wx, steps);
         return weigh_rows(row[0], row[1], row[2], row[3], row[4], row[5], wx, wy);
@@ -201,7 +201,7 @@ STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int s
         row_alike(ROW_BELOW(p, f.at, 1, stride), wx), row_alike(ROW_BELOW(p, f.at, 2, stride), wx), last, wx, wy);
 }
 
-// The four texels around the footprint in a plane of floats: count and closeness of the previous frame.
+// The four texels around the footprint in a plane of floats: count and inverse depth of the previous frame.
 typedef struct
 {
     real p00, p10, p01, p11;
@@ -228,7 +228,7 @@ STAGE quad sample_quad(plane_in p, footprint f, int stride)
     if (f.lanes == LANES_APART) {
         const whole steps = steps_apart(f.dx, f.dy, stride);
         real texel[4];
-        ROLLED
+        NO_UNROLL
         for (int i = 0; i < 4; ++i)
             texel[i] = texels_apart(p + f.own + (i & 1) + (i >> 1) * (ptrdiff_t)stride, steps);
         const quad apart = { texel[0], texel[1], texel[2], texel[3] };

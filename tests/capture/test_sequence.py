@@ -47,7 +47,7 @@ def test_a_capture_is_a_sequence(tmp_path: Path) -> None:
     capture_sequence(request(tmp_path, "occluder"))
     found = open_sequence(tmp_path)
     assert (found.name, len(found), found.width, found.height) == ("occluder", FRAMES, 48, 27)
-    assert found.effects == frozenset({Effect.MOTION, Effect.UNCOVER})
+    assert found.effects == frozenset({Effect.MOTION, Effect.DISOCCLUSION})
     assert found.reference is not None
     offsets = jitter_sequence("halton:2")
     for index, (frame, truth) in enumerate(zip(found, found.reference, strict=True)):

@@ -81,12 +81,12 @@ def test_completion_script(shell: str) -> None:
         ("cltaa capture spi", "spinner"),
         ("cltaa profiles bl", "blender"),
         ("cltaa resolve x --profile bl", "blender"),
-        ("cltaa kernels --show gather_s", "gather_spans"),
+        ("cltaa kernels --show gather_w", "gather_windows"),
         ("cltaa bench quality --scene spi", "spinner"),
         ("cltaa bench quality --scene al", "all"),
         ("cltaa demo --scene spi", "spinner"),
-        ("cltaa resolve x --set gamma_s", "gamma_still="),
-        ("cltaa resolve x --set history_of=sam", "history_of=samples"),
+        ("cltaa resolve x --set box_scale_s", "box_scale_static="),
+        ("cltaa resolve x --set history=fr", "history=frames"),
         ("cltaa resolve x --debug rej", "reject"),
         ("cltaa resolve x --debug count,mo", "count,motion"),
         ("cltaa resolve x --effects mot", "motion"),
@@ -111,7 +111,7 @@ def test_what_a_list_has_is_not_completed_again_and_a_number_has_no_words() -> N
     for words, completed in (
         ("cltaa resolve x --debug reject,clip,", {"plain,reject,clip,count", "plain,reject,clip,motion"}),
         ("cltaa compare x --metrics mse,al", set()),  # all stands alone
-        ("cltaa resolve x --set gamma_still=1", set()),
+        ("cltaa resolve x --set box_scale_static=1", set()),
         ("cltaa resolve x --set nonsense=", set()),
         ("cltaa resolve x --effects sky,al", {"plain,sky,alpha"}),  # all and auto stand alone
         ("cltaa resolve x --input motion.scale=1", set()),

@@ -54,7 +54,7 @@ COMMANDS = {
             "cltaa.commands.resolve.open_input": sequence,
             "cltaa.commands.resolve.check_declared": lambda *_: None,
             "cltaa.commands.resolve.chosen_layers": lambda *_: ("carried",),
-            "cltaa.commands.resolve.kept_kinds": lambda *_: {},
+            "cltaa.commands.resolve.carried_kinds": lambda *_: {},
             "cltaa.commands.resolve.carried_compression": lambda *_: "piz",
             "cltaa.commands.resolve.within_budget": lambda *_: (load_preset("t2"), Storage.HALF),
             "cltaa.commands.resolve.resolver_for": sequence,
@@ -180,7 +180,7 @@ COMMANDS = {
     ),
 }
 
-CHANGED = "preset.settings.gamma_still"  # what config.toml and --set change
+CHANGED = "preset.settings.box_scale_static"  # what config.toml and --set change
 
 
 def frames_that_are_read(call: str, *, judged: bool = False) -> list[tuple[str, str, object]]:
@@ -211,7 +211,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("-o elsewhere", "resolve_sequence.output", Path("elsewhere")),
         ("--preset t1", "resolver_for.preset.name", "t1"),
         ("--config config.toml", f"resolver_for.{CHANGED}", 0.375),
-        ("--set gamma_still=0.625", f"resolver_for.{CHANGED}", 0.625),
+        ("--set box_scale_static=0.625", f"resolver_for.{CHANGED}", 0.625),
         ("--device 3", "resolver_for.device", "3"),
         ("--effects motion", "check_declared.effects", {"motion"}),
         ("--effects motion", "resolve_sequence.effects", {"motion"}),
@@ -224,7 +224,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--storage half", "resolver_for.storage", Storage.HALF),
         ("--budget-ms 5", "within_budget.budget_ms", 5.0),
         ("--budget-ms 5 --device 3", "within_budget.device", "3"),
-        ("--budget-ms 5 --set gamma_still=1", "within_budget.assignments", ("gamma_still=1",)),
+        ("--budget-ms 5 --set box_scale_static=1", "within_budget.assignments", ("box_scale_static=1",)),
         ("--budget-ms 5", "resolver_for.preset.name", "t2"),
         ("--budget-ms 5", "resolver_for.storage", Storage.HALF),
         ("--strict", "resolver_for.strict", True),
@@ -248,7 +248,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--plan --device 3", "plan.device", "3"),
         ("--plan --effects motion", "plan.effects", {"motion"}),
         ("--plan --config config.toml", f"plan.{CHANGED}", 0.375),
-        ("--plan --set gamma_still=0.625", f"plan.{CHANGED}", 0.625),
+        ("--plan --set box_scale_static=0.625", f"plan.{CHANGED}", 0.625),
         ("--plan --storage half", "plan.storage", Storage.HALF),
         ("--plan --band-rows 7", "plan.band_rows", 7),
         ("--plan --half", "plan.half", True),
@@ -275,7 +275,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--check c", "tune.checked", ["c"]),
         ("--check c", "tune.searched", ["a", "b"]),
         ("--preset t1", "tune.base.name", "t1"),
-        ("--config config.toml", "tune.base.settings.gamma_still", 0.375),
+        ("--config config.toml", "tune.base.settings.box_scale_static", 0.375),
         ("--trials 7", "tune.trials", 7),
         ("--seed 7", "tune.seed", 7),
         ("--device 3", "tune.launcher", "launcher 3"),
@@ -480,7 +480,7 @@ def found(calls: Mapping[str, Any], path: str) -> Any:
 @pytest.fixture
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "config.toml").write_text("gamma_still = 0.375\n")
+    (tmp_path / "config.toml").write_text("box_scale_static = 0.375\n")
     return monkeypatch
 
 

@@ -43,12 +43,12 @@ def test_what_resolved_is_named_with_all_that_was_changed(tmp_path: Path, capsys
     folder, config, out = write_sequence(tmp_path / "in", 2), tmp_path / "mine.toml", tmp_path / "out"
     command = ["resolve", str(folder), "-o", str(out), "--device", "numpy"]
     for text, more, name in (
-        ("gamma_still = 2.0", [], "mine.toml over default"),
-        ("gamma_still = 2.0", ["--preset", "fast"], "mine.toml over fast"),
+        ("box_scale_static = 2.0", [], "mine.toml over default"),
+        ("box_scale_static = 2.0", ["--preset", "fast"], "mine.toml over fast"),
         (
             'preset = "fast"',
-            ["--preset", "gather-48", "--set", "gamma_still=2"],
-            "mine.toml over fast with gamma_still=2",
+            ["--preset", "gather-48", "--set", "box_scale_static=2"],
+            "mine.toml over fast with box_scale_static=2",
         ),
     ):
         config.write_text(text)
@@ -60,9 +60,9 @@ def test_what_resolved_is_named_with_all_that_was_changed(tmp_path: Path, capsys
 def test_another_name_for_the_same_settings_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, config = write_sequence(tmp_path / "in", 2), tmp_path / "mine.toml"
     command = ["resolve", str(folder), "-o", str(tmp_path / "out"), "--device", "numpy", "--set"]
-    assert main([*command, "gamma_still=2"]) == 0
-    assert main([*command, "gamma_still=2.0"]) == 0
-    config.write_text("gamma_still = 2.0")
+    assert main([*command, "box_scale_static=2"]) == 0
+    assert main([*command, "box_scale_static=2.0"]) == 0
+    config.write_text("box_scale_static = 2.0")
     assert main([*command[:-1], "--config", str(config)]) == 0
     assert capsys.readouterr().out.count("2 frames finished already") == 2
 
@@ -78,7 +78,7 @@ def test_half_output_saturates(tmp_path: Path) -> None:
     ("arguments", "code", "message"),
     [
         (["--preset", "deafult"], 64, r"unknown preset deafult; did you mean default\?"),
-        (["--set", "gama_still=1"], 64, r"unknown key gama_still; did you mean gamma_still\?"),
+        (["--set", "bx_scale_static=1"], 64, r"unknown key bx_scale_static; did you mean box_scale_static\?"),
         (["--layers", "dpeth.Z"], 64, r"--layers: no such channel \(expected B G R Z, found dpeth.Z\)"),
         (["--preset", "nonsense"], 64, "unknown preset nonsense; known presets: .*default"),
         (
@@ -86,10 +86,10 @@ def test_half_output_saturates(tmp_path: Path) -> None:
             64,
             r"unknown preset mine\.toml; cltaa resolve, .* take a file by --config; .*presets",
         ),
-        (["--set", "nonsense=1"], 64, "--set: unknown key nonsense; known keys: .*gamma_still"),
-        (["--set", "gamma_still=-1"], 64, r"gamma_still has no such value \(expected 0 to 64, found -1\)"),
-        (["--set", "frames_kept=7.5"], 64, r"frames_kept has .*\(expected 1 to 64 \(whole\), found 7.5\)"),
-        (["--set", "gamma_still"], 64, r"no value \(expected KEY=VALUE, found gamma_still\)"),
+        (["--set", "nonsense=1"], 64, "--set: unknown key nonsense; known keys: .*box_scale_static"),
+        (["--set", "box_scale_static=-1"], 64, r"box_scale_static has no such value \(expected 0 to 64, found -1\)"),
+        (["--set", "history_frames=7.5"], 64, r"history_frames has .*\(expected 1 to 64 \(whole\), found 7.5\)"),
+        (["--set", "box_scale_static"], 64, r"no value \(expected KEY=VALUE, found box_scale_static\)"),
         (["--set", "rectify=maybe"], 64, r"rectify has .*\(expected none, clamp, .*, found maybe\)"),
         (["--config", "/nonexistent.toml"], 66, "/nonexistent.toml: the file is missing"),
         (["--device", "nonsense"], 64, "no OpenCL device matches nonsense"),
@@ -187,7 +187,7 @@ def test_what_differs_between_presets_is_a_configuration_over_one_of_them(
     assert path.read_text() == 'preset = "default"\n'
     assert main(["presets", "gather-48", "--against", "default", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
-    assert {"parameter": "light_change", "value": "spans", "against": "test"} in rows
+    assert {"parameter": "illumination", "value": "spans", "against": "test"} in rows
     assert main(["presets", "--against", "fast"]) == 64
     assert "cltaa presets NAME --against OTHER" in capsys.readouterr().err
 

@@ -14,12 +14,12 @@ from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect
 from cltaa.inputs.intake import OPAQUE
 from cltaa.pipeline.debug_views import View
-from cltaa.pipeline.run import Outcome, StageTimes
+from cltaa.pipeline.run import ResolveReport, StageTimes
 from tests.inputs.foreign import write_blender
 from tests.sequence_factory import make_frame, write_sequence
 
 
-def outcome(**changes: Any) -> Outcome:
+def outcome(**changes: Any) -> ResolveReport:
     seconds = StageTimes(read=0.001, upload=0.002, kernels=0.003, read_back=0.004, write=0.005, whole=0.0125)
     made: dict[str, Any] = {
         "output": "/out",
@@ -34,7 +34,7 @@ def outcome(**changes: Any) -> Outcome:
         "preset": "default",
         "seconds": seconds,
     }
-    return Outcome(**made | changes)
+    return ResolveReport(**made | changes)
 
 
 @pytest.mark.parametrize(
@@ -87,19 +87,19 @@ def test_an_alpha_of_1_in_every_frame_of_another_tool_is_told(
 def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: dict[str, Any] = {}
 
-    def run(_source: object, output: Path, resolver: Resolver, **more: Any) -> Outcome:
+    def run(_source: object, output: Path, resolver: Resolver, **more: Any) -> ResolveReport:
         asked.update(more, output=output, resolver=resolver)
         return outcome()
 
     def built(preset: Preset, device: str | None, _source: object, band_rows: int | None, **more: Any) -> str:
-        asked.update(more, gamma=preset.settings.gamma_still, device=device, band_rows=band_rows)
+        asked.update(more, gamma=preset.settings.box_scale_static, device=device, band_rows=band_rows)
         return "the resolver"
 
     monkeypatch.setattr("cltaa.commands.resolve.resolve_sequence", run)
     monkeypatch.setattr("cltaa.commands.resolve.resolver_for", built)
     options = [
         "--set",
-        " gamma_still = 2 ",
+        " box_scale_static = 2 ",
         "--device",
         "numpy",
         "--storage",

@@ -7,13 +7,13 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from cltaa.core.planes import KEPT_BLOCKS, empty_image, kept_memory
+from cltaa.core.planes import BLOCK_POOL, empty_image, pooled_memory
 
 IMAGE = (3, 1024, 1024)  # large enough to be kept
 
 
 def test_an_image_lies_where_one_of_its_size_was() -> None:
-    with kept_memory():
+    with pooled_memory():
         first = empty_image(IMAGE)
         first[...] = 1.0
         address, view = first.ctypes.data, first[1, 2:]
@@ -32,12 +32,12 @@ def test_an_image_lies_where_one_of_its_size_was() -> None:
 
 @pytest.mark.parametrize("shape", [(3, 8, 8), IMAGE])
 def test_outside_of_a_run_nothing_is_kept(shape: tuple[int, ...]) -> None:
-    with kept_memory(images=False):
+    with pooled_memory(images=False):
         empty_image(shape)[...] = 1.0
-        assert KEPT_BLOCKS.take(12 * 2**20) is None
-    with kept_memory():
+        assert BLOCK_POOL.take(12 * 2**20) is None
+    with pooled_memory():
         empty_image(shape)[...] = 1.0
-    assert KEPT_BLOCKS.take(12 * 2**20) is None
+    assert BLOCK_POOL.take(12 * 2**20) is None
 
 
 def test_an_image_that_no_memory_is_there_for() -> None:
@@ -51,5 +51,5 @@ def test_images_of_many_threads_are_their_own() -> None:
         image[...] = number
         return bool((image == number).all())
 
-    with kept_memory(), ThreadPoolExecutor(4) as threads:
+    with pooled_memory(), ThreadPoolExecutor(4) as threads:
         assert all(threads.map(fill, range(40)))

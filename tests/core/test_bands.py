@@ -14,7 +14,7 @@ import pytest
 from cltaa.cli import main
 from cltaa.core.bands import BandedResolver
 from cltaa.core.build import Steps, Storage
-from cltaa.core.planes import KEPT_BLOCKS
+from cltaa.core.planes import BLOCK_POOL
 from cltaa.core.presets import load_preset
 from cltaa.core.resolver import Resolver
 from cltaa.errors import UsageError
@@ -27,7 +27,7 @@ from cltaa.opencl.device import Device
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.opencl.shape import Shape
 from cltaa.pipeline.checkpoint import Checkpoints
-from cltaa.pipeline.memory import Memory, PlanesHeld, of_resolve, of_whole_images
+from cltaa.pipeline.memory import DevicePlanes, Memory, of_resolve, of_whole_images
 from cltaa.pipeline.run import band_rows_for, resolve_sequence, resolver_for
 from tests.sequence_factory import bits, make_camera, make_frame, special_values, write_sequence
 
@@ -144,7 +144,7 @@ def whole_images(width: int, height: int) -> Memory:
         channels,
         4 * len(channels) * width * height,
         16 * 4 * len(channels) * width,
-        PlanesHeld(Steps()),
+        DevicePlanes(Steps()),
     )
 
 
@@ -218,7 +218,7 @@ def test_no_second_image_waits_beside_a_band(tmp_path: Path, monkeypatch: pytest
     class Looking(BandedResolver):
         def resolve(self, frame: Frame, *, half: bool = False) -> Any:
             there.append(len(list(output.glob("*.exr"))))
-            assert not KEPT_BLOCKS._users  # nor is one kept for what comes next
+            assert not BLOCK_POOL._users  # nor is one kept for what comes next
             return super().resolve(frame, half=half)
 
     def slowly(*given: Any, **named: Any) -> None:

@@ -12,7 +12,7 @@ import pytest
 from cltaa.core.bands import BandedResolver
 from cltaa.core.build import Build, Steps, settings_record
 from cltaa.core.constants import CONSTANTS, PAD_X, PAD_Y
-from cltaa.core.parameters import BoxSpace, Choices, LightChange, Settings
+from cltaa.core.parameters import BoxSpace, Choices, Illumination, Settings
 from cltaa.core.plan import plan_frame
 from cltaa.core.planes import Layout
 from cltaa.core.presets import load_preset, override
@@ -21,18 +21,18 @@ from cltaa.frame import Effect, Frame
 from cltaa.pipeline.checkpoint import Checkpoints
 from cltaa.pipeline.debug import DebugViews
 from cltaa.pipeline.debug_views import View
-from cltaa.reference.illumination import Lit, history_in_light, kept_change
+from cltaa.reference.illumination import IlluminationResult, illumination_test, stored_change
 from cltaa.reference.sampling import Footprint
 from tests.kernels.hard_planes import padded
 from tests.sequence_factory import make_camera, make_frame
 
 WIDTH, HEIGHT = 40, 30
 BUILD = Build(choices=Choices(box_space=BoxSpace.RGB), steps=Steps(exposure=False))
-LIT = frozenset({Effect.SHADING})
+LIT = frozenset({Effect.ILLUMINATION})
 NONE = 1.0 + 2.0**-22  # divisors below it are 1
 
 
-def in_light(now: Any, then: Any, before: float, held: float = 1.0, **settings: Any) -> Lit:
+def in_light(now: Any, then: Any, before: float, held: float = 1.0, **settings: Any) -> IlluminationResult:
     """What ``held`` samples count for, [H, W], and the change, where nothing moves; ``before`` is the last one."""
     layout = Layout(WIDTH, HEIGHT)
     y, x = np.mgrid[:HEIGHT, :WIDTH]
@@ -40,7 +40,7 @@ def in_light(now: Any, then: Any, before: float, held: float = 1.0, **settings: 
     place = Footprint(y + PAD_Y, x + PAD_X, still, still)
     record = settings_record(Settings(**settings))
     change, counts = padded(np.full((1, HEIGHT, WIDTH), before, np.float32), layout)[0], np.full_like(still, held)
-    return history_in_light(
+    return illumination_test(
         counts, padded(now, layout), padded(then, layout), change, place, BUILD, layout, record, record
     )
 
@@ -54,11 +54,11 @@ def test_it_is_students_t() -> None:
     random = np.random.default_rng(0)
     then = random.uniform(0.2, 1.0, (3, HEIGHT, WIDTH)).astype(np.float32)
     now = (then + random.normal(0.005, 0.02, then.shape)).astype(np.float32)
-    found = divisors(now, then, change_floor=0.0)
+    found = divisors(now, then, illumination_floor=0.0)
     windows = np.lib.stride_tricks.sliding_window_view(now.astype(np.float64) - then, (3, 3), axis=(1, 2))
     t = np.abs(windows.mean((-1, -2))) / (windows.std((-1, -2)) / 3)
     # Differences of values below 1 are off by 2^-24; of nine of them the deviation is hardly below 0.005 here.
-    assert np.allclose(found[1:-1, 1:-1], np.maximum(t.max(0) / Settings().change_t, 1.0), rtol=1e-4)
+    assert np.allclose(found[1:-1, 1:-1], np.maximum(t.max(0) / Settings().illumination_t, 1.0), rtol=1e-4)
     assert 0.05 < (found < NONE).mean() < 0.95
 
 
@@ -77,7 +77,7 @@ def test_what_the_jitter_makes_is_no_change_and_what_a_lamp_makes_is() -> None:
 def test_a_difference_that_nobody_sees_is_none() -> None:
     flat = np.full((3, HEIGHT, WIDTH), 0.5, np.float32)
     settings = Settings()
-    seen = np.float32(settings.change_t * settings.change_floor)
+    seen = np.float32(settings.illumination_t * settings.illumination_floor)
     assert (divisors(flat * (1 + 0.9 * seen), flat) < NONE).all()
     assert (divisors(flat * (1 + 1.2 * seen), flat) > NONE).all()
 
@@ -96,7 +96,7 @@ def test_what_goes_back_where_it_came_from_is_no_change_and_what_goes_on_is_more
 def test_a_change_is_kept_as_it_is_up_to_a_limit(real: Any) -> None:
     most = CONSTANTS["MOST_CHANGE"].value
     changes = np.array([[0.0, -0.3, 1.0, 100.0, -(2.0**50), 1e-35]], real)
-    assert kept_change(changes).tolist() == [[0.0, real(-0.3), 1.0, most, -most, 0.0]]
+    assert stored_change(changes).tolist() == [[0.0, real(-0.3), 1.0, most, -most, 0.0]]
 
 
 def textured(index: int, light: float, effects: frozenset[Effect] = LIT) -> Frame:
@@ -108,9 +108,9 @@ def textured(index: int, light: float, effects: frozenset[Effect] = LIT) -> Fram
     return replace(frame, colour=colour.astype(np.float32), depth=np.full_like(frame.depth, 5.0))
 
 
-def errors(light_change: str, step: int, count: int) -> list[float]:
+def errors(illumination: str, step: int, count: int) -> list[float]:
     """Root mean square error of each frame of a texture whose light rises by half in frame ``step``."""
-    resolver = Resolver(override(load_preset(), {"light_change": light_change}), "numpy")
+    resolver = Resolver(override(load_preset(), {"illumination": illumination}), "numpy")
     two = np.random.default_rng(99).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3))
     lights = [1.0 if index < step else 1.5 for index in range(count)]
     resolved = [resolver.resolve(textured(index, light)) for index, light in enumerate(lights)]
@@ -136,7 +136,7 @@ def stored_counts(lights: list[float], **settings: float) -> Any:
 
 
 def stored(resolver: Resolver) -> Any:
-    """The counts that the last frame left and the changes of light, [2, H, W]."""
+    """The counts that the last frame left and the illumination changes, [2, H, W]."""
     assert resolver.last is not None
     with resolver.last.arguments["output_count"].mapped(write=False) as count:
         return Layout(WIDTH, HEIGHT).inside(count).copy()
@@ -146,7 +146,7 @@ def test_light_that_goes_on_is_followed_and_light_that_alternates_a_little_is_no
     rising, falling = ([1.3 ** (way * index) for index in range(10)] for way in (1, -1))
     flickering = [1.0, 1.3] * 5
     assert np.median(stored_counts(flickering)[0]) > 8.5  # of ten frames; 8.9
-    assert np.median(stored_counts(flickering, change_kept=0.0)[0]) < 7.6  # by each frame alone; 7.3
+    assert np.median(stored_counts(flickering, illumination_decay=0.0)[0]) < 7.6  # by each frame alone; 7.3
     assert np.median(stored_counts([1.0, 1.6] * 5)[0]) < 6.0  # a lamp that blinks is followed; 4.2
     for lights, way in ((rising, 1.0), (falling, -1.0)):
         going, change = stored_counts(lights)
@@ -158,7 +158,7 @@ def test_light_that_goes_on_is_followed_and_light_that_alternates_a_little_is_no
     ("effects", "tested", "still", "moving"),
     [
         ({Effect.CAMERA}, False, 1.5, 1.25),
-        ({Effect.SHADING}, True, 16.0, 1.0),
+        ({Effect.ILLUMINATION}, True, 16.0, 1.0),
         ({Effect.REACTIVE, Effect.HDR}, True, 16.0, 1.0),
         (None, False, 1.0, 1.0),
     ],
@@ -169,19 +169,21 @@ def test_where_light_may_change_it_is_tested_for(
     frame = make_frame(1, camera=make_camera(), effects=None if effects is None else frozenset(effects))
     default, plan = load_preset().settings, plan_frame(load_preset(), frame, frame.camera)
     planned = plan.settings
-    assert (plan.choices.light_change is LightChange.TEST) == tested
-    assert (planned.gamma_still, planned.gamma_moving) == (still, moving)
-    assert planned.resample_cost == (default.changing_cost if tested else default.resample_cost)
+    assert (plan.choices.illumination is Illumination.TEST) == tested
+    assert (planned.box_scale_static, planned.box_scale_moving) == (still, moving)
+    assert planned.resampling_penalty == (
+        default.illumination_resampling_penalty if tested else default.resampling_penalty
+    )
 
 
 def test_without_the_test_the_box_alone_tells_and_is_narrow() -> None:
     frame = make_frame(1, camera=make_camera(), effects=LIT)
-    planned = plan_frame(override(load_preset(), {"light_change": "ignore"}), frame, frame.camera).settings
-    assert (planned.gamma_still, planned.gamma_moving) == (1.0, 1.0)
+    planned = plan_frame(override(load_preset(), {"illumination": "ignore"}), frame, frame.camera).settings
+    assert (planned.box_scale_static, planned.box_scale_moving) == (1.0, 1.0)
 
 
 def changes_read(resolver: Resolver) -> Any:
-    """The changes of light that the last frame read, [H, W]."""
+    """The illumination changes that the last frame read, [H, W]."""
     assert resolver.last is not None
     with resolver.last.arguments["history_count"].mapped(write=False) as count:
         return Layout(WIDTH, HEIGHT).inside(count)[1].copy()

@@ -24,7 +24,7 @@ STANDING = make_camera()
 # What a frame calls for -> how it is made.
 CALLS: dict[str, dict[str, object]] = {
     "nothing": {"camera": STANDING, "effects": frozenset()},
-    "a still camera": {"camera": STANDING, "effects": frozenset({Effect.SHADING, Effect.HDR})},
+    "a still camera": {"camera": STANDING, "effects": frozenset({Effect.ILLUMINATION, Effect.HDR})},
     "a moving camera": {"effects": frozenset({Effect.CAMERA, Effect.HDR})},
     "own motion": {"camera": STANDING, "motion": True, "effects": frozenset({Effect.MOTION, Effect.HDR})},
     "alpha and reactive": {"alpha": True, "reactive": True, "effects": frozenset({Effect.CAMERA, Effect.ALPHA})},
@@ -81,14 +81,14 @@ def test_a_camera_that_stops_is_not_reprojected() -> None:
     ("preset", "effects", "rejects"),
     [
         ("default", {Effect.CAMERA}, False),
-        ("default", {Effect.SHADING}, False),
-        ("default", {Effect.CAMERA, Effect.UNCOVER}, True),
+        ("default", {Effect.ILLUMINATION}, False),
+        ("default", {Effect.CAMERA, Effect.DISOCCLUSION}, True),
         ("default", None, True),
-        ("gather-48", {Effect.CAMERA}, True),  # a kept sample is chosen by its depth
+        ("gather-48", {Effect.CAMERA}, True),  # a sample in the ring is chosen by its depth
         ("filament", {Effect.CAMERA}, False),  # published: never does
     ],
 )
-def test_depth_is_asked_where_something_is_uncovered(preset: str, effects: set[Effect] | None, rejects: bool) -> None:
+def test_depth_is_asked_where_something_is_disoccluded(preset: str, effects: set[Effect] | None, rejects: bool) -> None:
     frame = make_frame(1, effects=None if effects is None else frozenset(effects))
     plan = plan_frame(load_preset(preset), frame, STANDING)
     assert (plan.choices.reject is Reject.DEPTH) is rejects
@@ -106,7 +106,7 @@ def test_nothing_is_left_out_of_what_somebody_published(name: str, effects: froz
 
 @pytest.mark.parametrize(
     "effect",
-    [Effect.CAMERA, Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.REACTIVE, Effect.EXPOSURE],
+    [Effect.CAMERA, Effect.MOTION, Effect.DISOCCLUSION, Effect.ILLUMINATION, Effect.REACTIVE, Effect.EXPOSURE],
 )
 def test_what_may_change_anything_is_no_plain_mean(effect: Effect) -> None:
     plain, held = (
@@ -138,11 +138,11 @@ def test_plain_weights_stay_within_their_bound_of_luminance_weights() -> None:
 
     That is the largest value of w r / (w r + 1 - w) - w, at w = 1 / (1 + sqrt r). docs/effects.md.
     """
-    preset = override(DEFAULT, {"rectify": "none", "fresh_blur": 0.0, "current_filter": "none"})
+    preset = override(DEFAULT, {"rectify": "none", "disocclusion_blur": 0.0, "current_filter": "none"})
     rng = np.random.default_rng(0)
     colours = rng.random((2, 23, 37, 3), np.float32)
     results = []
-    for effects in ({Effect.SHADING}, {Effect.SHADING, Effect.HDR}):
+    for effects in ({Effect.ILLUMINATION}, {Effect.ILLUMINATION, Effect.HDR}):
         resolver = Resolver(preset, device="numpy")
         for index, colour in enumerate(colours):
             frame = make_frame(index, camera=STANDING, effects=frozenset(effects))

@@ -24,8 +24,8 @@ from tests.sequence_factory import HEIGHT, WIDTH, bits, make_camera, make_frame
 CAMERA = frozenset({Effect.CAMERA, Effect.SKY})
 
 
-def few(history_of: str, **changes: object) -> Preset:
-    values = {"history_of": history_of, "weighting": "none", "rectify": "none", "reject": "none", "resample_cost": 0.0}
+def few(history: str, **changes: object) -> Preset:
+    values = {"history": history, "weighting": "none", "rectify": "none", "reject": "none", "resampling_penalty": 0.0}
     return override(load_preset(), {**values, **changes})
 
 
@@ -37,9 +37,9 @@ def dotted(index: int, **changes: Any) -> Frame:
     return replace(frame, colour=colour, depth=np.full_like(frame.depth, 5.0), **changes)
 
 
-@pytest.mark.parametrize("history_of", ["result", "samples"])
-def test_the_filter_has_the_share_of_one_sample(history_of: str) -> None:
-    resolver = Resolver(few(history_of), "numpy")
+@pytest.mark.parametrize("history", ["accumulated", "frames"])
+def test_the_filter_has_the_share_of_one_sample(history: str) -> None:
+    resolver = Resolver(few(history), "numpy")
     side = np.exp(-np.float32(resolver.preset.settings.filter_falloff))
     middle = 1 / (1 + 2 * side) ** 2
     alone = resolver.resolve(dotted(0))
@@ -49,7 +49,7 @@ def test_the_filter_has_the_share_of_one_sample(history_of: str) -> None:
         # The recurrent image keeps what the filter took of each sample after the first: 1/n of the n-th. Kept samples
         # are filtered anew in each frame, by 1/(n^2 - 1).
         kept = sum(1 / n for n in range(2, number + 1)) / number
-        taken = 1 / max(number**2 - 1, 1) if history_of == "samples" else kept
+        taken = 1 / max(number**2 - 1, 1) if history == "frames" else kept
         assert abs(value - (1 - (1 - middle) * taken)) < 1e-6
 
 
@@ -61,10 +61,10 @@ def test_jitter_weighs_the_corners_that_it_leads_to() -> None:
     assert across > 1.1 * down > 1.1
 
 
-@pytest.mark.parametrize("history_of", ["result", "samples"])
+@pytest.mark.parametrize("history", ["accumulated", "frames"])
 @pytest.mark.parametrize("beyond", [1.0, 3.0])
-def test_what_the_filter_leaves_in_a_history_fades_sooner(history_of: str, beyond: float) -> None:
-    resolver = Resolver(few(history_of, filter_samples=beyond), "numpy")
+def test_what_the_filter_leaves_in_a_history_fades_sooner(history: str, beyond: float) -> None:
+    resolver = Resolver(few(history, filter_samples=beyond), "numpy")
     side = np.exp(-np.float32(resolver.preset.settings.filter_falloff))
     middle = 1 / (1 + 2 * side) ** 2
     kept = 0.0
@@ -72,7 +72,7 @@ def test_what_the_filter_leaves_in_a_history_fades_sooner(history_of: str, beyon
         value = resolver.resolve(dotted(number - 1))[10, 12, 0]
         kept += min(1 / number, beyond / number**2) if number > 1 else 0.0
         # Kept samples are filtered anew in each frame: nothing adds up, and the setting is not asked.
-        taken = 1 / max(number**2 - 1, 1) if history_of == "samples" else kept / number
+        taken = 1 / max(number**2 - 1, 1) if history == "frames" else kept / number
         assert number == 1 or abs(value - (1 - (1 - middle) * taken)) < 1e-6
 
 
@@ -88,9 +88,9 @@ def test_at_a_depth_edge_the_filter_keeps_the_share_of_one_sample() -> None:
         assert number == 1 or abs(value - (1 - (1 - middle) / number)) < 1e-6
 
 
-@pytest.mark.parametrize("history_of", ["result", "samples"])
-def test_after_a_cut_a_frame_is_the_filter_alone(history_of: str) -> None:
-    resolver = Resolver(few(history_of), "numpy")
+@pytest.mark.parametrize("history", ["accumulated", "frames"])
+def test_after_a_cut_a_frame_is_the_filter_alone(history: str) -> None:
+    resolver = Resolver(few(history), "numpy")
     side = np.exp(-np.float32(resolver.preset.settings.filter_falloff))
     resolver.resolve(dotted(0))
     assert abs(resolver.resolve(dotted(1, cut=True))[10, 12, 0] - 1 / (1 + 2 * side) ** 2) < 1e-6
@@ -98,7 +98,7 @@ def test_after_a_cut_a_frame_is_the_filter_alone(history_of: str) -> None:
 
 def test_a_pixel_that_comes_into_view_is_the_filter_alone() -> None:
     resolver = Resolver(few("result", reject="depth"), "numpy")
-    uncovering = CAMERA | {Effect.UNCOVER}
+    uncovering = CAMERA | {Effect.DISOCCLUSION}
     resolver.resolve(dotted(0, effects=uncovering))
     nearer = dotted(1, effects=uncovering)
     resolved = resolver.resolve(replace(nearer, depth=np.full_like(nearer.depth, 2.0)))
@@ -127,4 +127,4 @@ def test_the_box_of_extremes_is_widened_by_gamma(gamma: float, moved: float) -> 
     history = (3 * one, zero, -3 * one)
     found = rectify(history, (zero,) * 3, near, still, gamma * one, build, layout, settings_record(Settings()))
     assert [float(v[0, 0]) for v in found.change] == [-moved, 0.0, moved]
-    assert float(found.pull[0, 0]) == moved / gamma
+    assert float(found.clip_distance[0, 0]) == moved / gamma

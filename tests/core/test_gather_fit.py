@@ -20,7 +20,7 @@ PLACES = [(0.0, 0.0), (0.4, 0.1), (-0.3, 0.45), (0.25, 0.35), (0.45, -0.1)]  # n
 
 
 def gathering(fit: str, **changes: object) -> Preset:
-    values = {"history_of": "samples", "frames_kept": 7, "gather_fit": fit, "current_filter": "none", **changes}
+    values = {"history": "samples", "history_frames": 7, "gather_fit": fit, "current_filter": "none", **changes}
     return override(load_preset(), {"weighting": "none", **values})
 
 
@@ -28,7 +28,7 @@ def gathering(fit: str, **changes: object) -> Preset:
 @pytest.mark.parametrize("lanes", [1, 8])
 @pytest.mark.parametrize("changes", [{}, {"rectify": "none", "reject": "none", "weighting": "none"}])
 def test_strict_kernel_is_its_twin(fit: str, lanes: int, changes: dict[str, object]) -> None:
-    assert differing({"history_of": "samples", "gather_fit": fit, **changes}, list(hard_frames(count=4)), lanes, 7) == 0
+    assert differing({"history": "samples", "gather_fit": fit, **changes}, list(hard_frames(count=4)), lanes, 7) == 0
 
 
 def ramp(index: int) -> Frame:
@@ -42,7 +42,7 @@ def ramp(index: int) -> Frame:
 
 @pytest.mark.parametrize(("fit", "off"), [("mean", 0.16 / 16), ("plane", 0.0), ("layers", 0.0)])
 def test_a_ramp_is_found_at_the_centre_wherever_the_samples_lie(fit: str, off: float) -> None:
-    resolver = Resolver(gathering(fit, fit_ridge=2.0**-6, frames_kept=4), "numpy")
+    resolver = Resolver(gathering(fit, fit_ridge=2.0**-6, history_frames=4), "numpy")
     for index in range(5):
         resolved = resolver.resolve(ramp(index))
     y, x = np.mgrid[: resolved.shape[0], : resolved.shape[1]] / 16.0
@@ -82,7 +82,7 @@ def test_a_sample_beside_the_pixel_counts_by_how_near_it_lies() -> None:
         colour[:, 10:] = 1.0
         return replace(frame, colour=colour, depth=np.full_like(frame.depth, 5.0))
 
-    preset = gathering("plane", fit_reach=0.75, fit_ridge=2.0**20, rectify="none", frames_kept=3)
+    preset = gathering("plane", fit_reach=0.75, fit_ridge=2.0**20, rectify="none", history_frames=3)
     resolver = Resolver(preset, "numpy")
     for index in range(4):
         resolved = resolver.resolve(step(index))
@@ -103,7 +103,7 @@ def approaching(index: int, z: float) -> Frame:
 @pytest.mark.parametrize("fit", ["mean", "layers"])
 def test_what_comes_closer_by_itself_keeps_its_samples(fit: str) -> None:
     # 4 % a frame: within the 5 % of the depth test from one frame to the next, and far outside from the first on.
-    resolver = Resolver(gathering(fit, frames_kept=7), "numpy")
+    resolver = Resolver(gathering(fit, history_frames=7), "numpy")
     for index in range(8):
         resolver.resolve(approaching(index, 5.0 * 1.04 ** (7 - index)))
     assert resolver.last is not None

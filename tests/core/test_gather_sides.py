@@ -23,7 +23,9 @@ from tests.sequence_factory import make_camera, make_frame
 
 def bar_before_stripes(index: int, x: int) -> Frame:
     """A white bar at column x, a step further left than in the frame before, and a still wall of coloured columns."""
-    frame = make_frame(index, motion=True, camera=make_camera(), effects=frozenset({Effect.MOTION, Effect.UNCOVER}))
+    frame = make_frame(
+        index, motion=True, camera=make_camera(), effects=frozenset({Effect.MOTION, Effect.DISOCCLUSION})
+    )
     colour, depth = np.zeros_like(frame.colour), np.full_like(frame.depth, 5.0)
     motion = np.full((*depth.shape, 2), np.nan, np.float32)
     colour[:, :, 0] = (np.arange(colour.shape[1]) * 5 % 8)[None, :] / 8
@@ -61,25 +63,25 @@ def test_a_side_of_an_edge_is_the_plane_of_its_own_samples() -> None:
     y, x = np.mgrid[:7, :9].astype(np.float32)
     near, far = 0.5 + 0.01 * x + 0.02 * y, 0.1 - 0.004 * x + 0.001 * y
     planes = np.where(x < 4, near, far).astype(np.float32)[None]
-    closeness, current = padded(planes, layout), padded(np.repeat(planes, 3, axis=0), layout)
+    inverse_depth, current = padded(planes, layout), padded(np.repeat(planes, 3, axis=0), layout)
     settings = settings_record(Settings(fit_ridge=2.0**-10))
     frame = frame_record(make_frame(0, width=9, height=7), None, layout)
-    rows = read_rows(current, closeness, None, build, layout, frame)
+    rows = read_rows(current, inverse_depth, None, build, layout, frame)
     s = nearest_surface(*rows, build, settings["edge_tolerance"])
     layers = layers_of(*rows, s, settings)
     assert layers.edge[1:-1, 3:5].all()
     inside, none = slice(1, -1), np.zeros_like(near)
     black = (none, none, none)
     for is_far, own, beside, slope in ((False, 3, 4, (0.01, 0.02)), (True, 4, 3, (-0.004, 0.001))):
-        side = side_of(s, layers, black, current, closeness, None, build, layout, frame, settings, far=is_far)
+        side = side_of(s, layers, black, current, inverse_depth, None, build, layout, frame, settings, far=is_far)
         for column in (own, beside):
             # The nearest of its samples: the pixel's own, or the one beside it in its row.
             at = (inside, column)
             assert (side.surface.x[at] == own - column).all()
             assert (side.surface.y[at] == 0).all()
-            assert (side.surface.closeness[at] == planes[0, inside, own]).all()
+            assert (side.surface.inverse_depth[at] == planes[0, inside, own]).all()
             # All of a side's samples lie in one column for the pixel beside it: they tell no slope along rows. The
-            # ridge holds back 2^-10 in at least two samples' worth; closeness is rounded to 2^-25.
+            # ridge holds back 2^-10 in at least two samples' worth; inverse depth is rounded to 2^-25.
             across = slope[0] if column == own else 0.0
             assert np.abs(side.layers.slope[0][at] - across).max() <= 2.0**-11 * abs(across) + 2.0**-23
             assert np.abs(side.layers.slope[1][at] - slope[1]).max() <= 2.0**-11 * slope[1] + 2.0**-23

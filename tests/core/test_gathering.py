@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.core.parameters import HistoryOf, Rectify
+from cltaa.core.parameters import HistoryKind, Rectify
 from cltaa.core.plan import plan_frame
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.resolver import Resolver
@@ -20,7 +20,7 @@ KEPT = 5
 
 
 def gathering(**changes: object) -> Preset:
-    values: dict[str, object] = {"history_of": "samples", "frames_kept": KEPT, "current_filter": "none", **changes}
+    values: dict[str, object] = {"history": "samples", "history_frames": KEPT, "current_filter": "none", **changes}
     return override(load_preset(), values)
 
 
@@ -32,13 +32,13 @@ def still(index: int, effects: frozenset[Effect] | None = frozenset({Effect.CAME
     "changes",
     [
         {"rectify": "none", "reject": "none"},
-        {"frames_kept": 1, "weighting": "none", "alpha_from": "current"},
+        {"history_frames": 1, "weighting": "none", "alpha_from": "current"},
         {"tonemap": "peak", "rectify": "ellipsoid", "box": "variance", "current_filter": "lanczos"},
     ],
 )
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_strict_kernel_is_its_twin(changes: dict[str, object], lanes: int) -> None:
-    assert differing({"history_of": "samples", **changes}, list(hard_frames(count=4)), lanes, 7) == 0
+    assert differing({"history": "samples", **changes}, list(hard_frames(count=4)), lanes, 7) == 0
 
 
 def test_a_still_pixel_is_the_mean_of_its_kept_samples() -> None:
@@ -115,18 +115,18 @@ def test_a_cut_forgets_all_samples() -> None:
 @pytest.mark.parametrize(
     ("effects", "expected"),
     [
-        (None, (HistoryOf.SAMPLES, Rectify.CLAMP)),
-        ({Effect.CAMERA}, (HistoryOf.SAMPLES, Rectify.NONE)),
-        ({Effect.MOTION, Effect.UNCOVER}, (HistoryOf.SAMPLES, Rectify.NONE)),
-        ({Effect.CAMERA, Effect.SHADING}, (HistoryOf.RESULT, Rectify.CLAMP)),
-        ({Effect.REACTIVE}, (HistoryOf.RESULT, Rectify.CLAMP)),
-        (set(), (HistoryOf.RESULT, Rectify.NONE)),
+        (None, (HistoryKind.FRAMES, Rectify.CLAMP)),
+        ({Effect.CAMERA}, (HistoryKind.FRAMES, Rectify.NONE)),
+        ({Effect.MOTION, Effect.DISOCCLUSION}, (HistoryKind.FRAMES, Rectify.NONE)),
+        ({Effect.CAMERA, Effect.ILLUMINATION}, (HistoryKind.ACCUMULATED, Rectify.CLAMP)),
+        ({Effect.REACTIVE}, (HistoryKind.ACCUMULATED, Rectify.CLAMP)),
+        (set(), (HistoryKind.ACCUMULATED, Rectify.NONE)),
     ],
 )
 def test_samples_are_gathered_where_no_light_changes(effects: set[Effect] | None, expected: tuple[Any, Any]) -> None:
     frame = still(1, None if effects is None else frozenset(effects))
     plan = plan_frame(gathering(), frame, frame.camera)
-    assert (plan.choices.history_of, plan.choices.rectify) == expected
+    assert (plan.choices.history, plan.choices.rectify) == expected
     assert ("gathering" in {reason.step for reason in plan.reasons}) is True
 
 
@@ -136,7 +136,9 @@ def test_a_thin_thing_that_speeds_up_leaves_no_trace() -> None:
     places = [4, 5, 7, 10, 14, 19, 25]
     resolver = Resolver(gathering(weighting="none"))
     for index, x in enumerate(places):
-        frame = make_frame(index, motion=True, camera=make_camera(), effects=frozenset({Effect.MOTION, Effect.UNCOVER}))
+        frame = make_frame(
+            index, motion=True, camera=make_camera(), effects=frozenset({Effect.MOTION, Effect.DISOCCLUSION})
+        )
         colour, depth = np.zeros_like(frame.colour), np.full_like(frame.depth, 5.0)
         motion = np.full((*depth.shape, 2), np.nan, np.float32)
         colour[:, x], depth[:, x] = 1.0, 2.0

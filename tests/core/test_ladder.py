@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cltaa.cli import main
-from cltaa.core.parameters import HistoryOf
+from cltaa.core.parameters import HistoryKind
 from cltaa.core.presets import LADDER, load_preset, preset_names
 from cltaa.io.preset_file import load_config
 from cltaa.renamed import PRESETS
@@ -16,9 +16,9 @@ from cltaa.renamed import PRESETS
 def test_the_ladder_is_complete_and_only_its_top_gathers() -> None:
     assert set(LADDER) <= set(preset_names())
     assert [load_preset(name).name for name in LADDER] == list(LADDER)
-    gathering = [name for name in LADDER if load_preset(name).choices.history_of is HistoryOf.SAMPLES]
+    gathering = [name for name in LADDER if load_preset(name).choices.history is HistoryKind.FRAMES]
     assert gathering == ["gather-8", "gather-48"]
-    assert [load_preset(name).settings.frames_kept + 1 for name in gathering] == [8, 48]
+    assert [load_preset(name).settings.history_frames + 1 for name in gathering] == [8, 48]
 
 
 @pytest.mark.parametrize(("old", "new"), PRESETS.items())

@@ -19,7 +19,7 @@ UNIT_ROUNDOFF = 2.0**-24
 
 @pytest.mark.parametrize("blur", [0.0, 1.0])  # of what appears amid pixels with a past
 def test_first_frame_is_the_current_one(blur: float) -> None:
-    frame, preset = still_frame(0), override(load_preset(), {"fresh_blur": blur})
+    frame, preset = still_frame(0), override(load_preset(), {"disocclusion_blur": blur})
     assert np.array_equal(bits(Resolver(preset).resolve(frame)), bits(frame.colour))
 
 
@@ -120,7 +120,7 @@ def test_history_is_brought_to_the_exposure_of_now() -> None:
         "rectify": "none",
         "weighting": "none",
         "reject": "none",
-        "light_change": "ignore",
+        "illumination": "ignore",
         "current_filter": "none",
     }
     one, other = (Resolver(override(load_preset(), plain), "numpy") for _ in range(2))

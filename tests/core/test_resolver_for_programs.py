@@ -162,7 +162,7 @@ def test_unknown_names_are_refused() -> None:
         Resolver("nonsense")
     with pytest.raises(UsageError, match="no OpenCL device matches nonsense"):
         Resolver(device="nonsense")
-    assert override(load_preset(), {"gamma_still": np.float32(2)}).settings.gamma_still == 2.0
+    assert override(load_preset(), {"box_scale_static": np.float32(2)}).settings.box_scale_static == 2.0
     with pytest.raises(UsageError, match=r"no such storage halff; did you mean half\?"):
         Resolver(storage="halff")  # type: ignore[arg-type]
     with pytest.raises(UsageError, match=r"no preset .*found 3"):

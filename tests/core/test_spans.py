@@ -1,4 +1,4 @@
-"""Spans of the past: where light may change, each pixel is resolved from the one that its latest samples bear out."""
+"""Temporal windows: where light may change, each pixel is resolved from the one that its latest samples bear out."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cltaa.core.build import Build
-from cltaa.core.parameters import HistoryOf, LightChange, Rectify
+from cltaa.core.parameters import HistoryKind, Illumination, Rectify
 from cltaa.core.plan import plan_frame
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
@@ -19,7 +19,7 @@ from tests.kernels.test_resolve import hard_frames
 from tests.sequence_factory import bits, make_camera, make_frame
 
 WIDTH, HEIGHT = 40, 30
-LIT = frozenset({Effect.SHADING})
+LIT = frozenset({Effect.ILLUMINATION})
 ALL = frozenset(Effect)
 
 
@@ -45,14 +45,14 @@ def errors(preset: str, lights: list[float], motion_px: float = 0.0) -> list[flo
 
 def test_a_lamp_that_goes_on_is_followed() -> None:
     lights = [1.0] * 20 + [1.5] * 8
-    spans, tested = errors("gather-48", lights), errors("default", lights)
-    assert spans[19] < 1.1 * tested[19]
-    assert spans[22] < 0.9 * tested[22]  # 0.071 and 0.086: four frames that agree
+    windows, tested = errors("gather-48", lights), errors("default", lights)
+    assert windows[19] < 1.1 * tested[19]
+    assert windows[22] < 0.9 * tested[22]  # 0.071 and 0.086: four frames that agree
 
 
 def test_what_moves_along_itself_is_resolved_where_it_stands() -> None:
-    spans, followed = errors("gather-48", [1.0] * 24, 1.5), errors("default", [1.0] * 24, 1.5)
-    assert spans[23] < 0.5 * followed[23]  # 0.022 and 0.067
+    windows, followed = errors("gather-48", [1.0] * 24, 1.5), errors("default", [1.0] * 24, 1.5)
+    assert windows[23] < 0.5 * followed[23]  # 0.022 and 0.067
 
 
 def veiled(reactivity: float, frames: int = 24) -> tuple[Array, Array]:
@@ -70,7 +70,7 @@ def veiled(reactivity: float, frames: int = 24) -> tuple[Array, Array]:
 def test_spans_of_what_is_half_to_be_trusted_are_still_means() -> None:
     truth = np.random.default_rng(99).uniform(0.2, 0.6, (2, HEIGHT, WIDTH, 3)).mean(0)
     bare, half = (float(np.sqrt(np.mean((veiled(share)[1] - truth) ** 2))) for share in (0.0, 0.5))
-    assert half < 1.5 * bare  # 0.028 and 0.025; 0.046 if each span gave up as much of its samples
+    assert half < 1.5 * bare  # 0.028 and 0.025; 0.046 if each window gave up as much of its samples
 
 
 def test_what_is_not_to_be_trusted_at_all_is_shown_as_it_was_drawn() -> None:
@@ -94,7 +94,7 @@ def test_what_a_pane_has_left_has_its_samples_of_before() -> None:
 def test_what_a_veil_comes_over_and_leaves_has_the_bits_of_the_twin() -> None:
     """More frames are kept than the latest: all of them stand in for those where the mask makes these unlike."""
     preset, shares = (
-        override(load_preset("gather-48"), {"frames_kept": 9}),
+        override(load_preset("gather-48"), {"history_frames": 9}),
         np.linspace(0.0, 1.0, WIDTH, dtype=np.float32),
     )
     device, twin = Resolver(preset, strict=True), Resolver(preset, "numpy")
@@ -121,7 +121,7 @@ def declared(count: int) -> Iterator[Frame]:
 
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_strict_kernels_are_their_twins(lanes: int) -> None:
-    preset = override(load_preset("gather-48"), {"frames_kept": 9})
+    preset = override(load_preset("gather-48"), {"history_frames": 9})
     device, twin = Resolver(preset, build=Build(strict=True, lanes=lanes, rows=7)), Resolver(preset, "numpy")
     for frame in declared(10):
         resolved = device.resolve(frame)
@@ -130,7 +130,7 @@ def test_strict_kernels_are_their_twins(lanes: int) -> None:
 
 
 def test_a_channel_for_another_gives_the_bits_of_a_new_resolver() -> None:
-    """As many channels as before keep as much of a frame, but spans with alpha have a plane more."""
+    """As many channels as before keep as much of a frame, but windows with alpha have a plane more."""
     masked = [make_frame(index, reactive=True, effects=ALL) for index in range(2)]
     seen_through = [make_frame(index, alpha=True, effects=ALL) for index in range(2, 5)]
     resolver, anew = Resolver("gather-48", "numpy"), Resolver("gather-48", "numpy")
@@ -150,11 +150,11 @@ def test_every_step_gives_the_same_bits() -> None:
 @pytest.mark.parametrize(
     ("tier", "effects", "expected"),
     [
-        ("gather-48", {Effect.SHADING}, (HistoryOf.SAMPLES, LightChange.SPANS, Rectify.NONE)),
-        ("gather-48", {Effect.REACTIVE, Effect.CAMERA}, (HistoryOf.SAMPLES, LightChange.SPANS, Rectify.NONE)),
-        ("gather-48", {Effect.CAMERA}, (HistoryOf.SAMPLES, LightChange.IGNORE, Rectify.NONE)),
-        ("gather-48", None, (HistoryOf.SAMPLES, LightChange.IGNORE, Rectify.CLAMP)),
-        ("gather-8", {Effect.SHADING}, (HistoryOf.RESULT, LightChange.TEST, Rectify.CLAMP)),
+        ("gather-48", {Effect.ILLUMINATION}, (HistoryKind.FRAMES, Illumination.WINDOW, Rectify.NONE)),
+        ("gather-48", {Effect.REACTIVE, Effect.CAMERA}, (HistoryKind.FRAMES, Illumination.WINDOW, Rectify.NONE)),
+        ("gather-48", {Effect.CAMERA}, (HistoryKind.FRAMES, Illumination.STATIC, Rectify.NONE)),
+        ("gather-48", None, (HistoryKind.FRAMES, Illumination.STATIC, Rectify.CLAMP)),
+        ("gather-8", {Effect.ILLUMINATION}, (HistoryKind.ACCUMULATED, Illumination.TEST, Rectify.CLAMP)),
     ],
 )
 def test_spans_are_weighed_where_light_may_change(
@@ -162,4 +162,4 @@ def test_spans_are_weighed_where_light_may_change(
 ) -> None:
     frame = make_frame(1, camera=make_camera(), effects=None if effects is None else frozenset(effects))
     choices = plan_frame(load_preset(tier), frame, frame.camera).choices
-    assert (choices.history_of, choices.light_change, choices.rectify) == expected
+    assert (choices.history, choices.illumination, choices.rectify) == expected

@@ -1,4 +1,4 @@
-"""Things thinner than a pixel, which the gathered samples show and the current ones may miss."""
+"""Sub-pixel features, which the gathered samples show and the current ones may miss."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def wire(index: int) -> Frame:
     return replace(frame, colour=colour, depth=depth, jitter_px=(0.0, 0.0))
 
 
-@pytest.mark.parametrize(("thin_frames", "share"), [(1, 0.5), (0, 0.0)])
-def test_a_wire_that_this_frame_misses_is_still_there(thin_frames: int, share: float) -> None:
-    resolver = Resolver(gathering("layers", thin_frames=thin_frames), "numpy")
+@pytest.mark.parametrize(("subpixel_frames", "share"), [(1, 0.5), (0, 0.0)])
+def test_a_wire_that_this_frame_misses_is_still_there(subpixel_frames: int, share: float) -> None:
+    resolver = Resolver(gathering("layers", subpixel_frames=subpixel_frames), "numpy")
     for index in range(8):  # the last one misses it
         resolved = resolver.resolve(wire(index))
     assert resolved[:, 10] == pytest.approx(share, abs=1e-6)

@@ -1,4 +1,4 @@
-"""How spans of the past are weighed, and moved to what light does now: by hand, of texels that are given."""
+"""How temporal windows are weighed, and moved to what light does now: by hand, of texels that are given."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cltaa.core.build import FRAME_DTYPE, Build, Steps, settings_record
-from cltaa.core.constants import SPAN_REACH, SPANS
+from cltaa.core.constants import WINDOW_REACH, WINDOWS
 from cltaa.core.parameters import Settings
 from cltaa.core.planes import Layout
 from cltaa.reference.window import (
@@ -15,7 +15,7 @@ from cltaa.reference.window import (
     drifts_of,
     t_of,
     trust,
-    weigh_spans,
+    weigh_windows,
 )
 from tests.kernels.hard_planes import padded
 
@@ -31,7 +31,7 @@ def test_the_drift_is_students_t() -> None:
     texels = [list(around(padded(values, layout)[0], layout)) for values in (then, now)]
     drift = drift_of(texels[0], texels[1], [np.full_like(now[0], 0.25)] * len(texels[0]))
     mean, t = drift.mean, t_of(drift)
-    side, inside = 2 * SPAN_REACH + 1, np.s_[SPAN_REACH:-SPAN_REACH, SPAN_REACH:-SPAN_REACH]
+    side, inside = 2 * WINDOW_REACH + 1, np.s_[WINDOW_REACH:-WINDOW_REACH, WINDOW_REACH:-WINDOW_REACH]
     windows = np.lib.stride_tricks.sliding_window_view(now[0].astype(np.float64) - then[0], (side, side))
     expected = windows.mean((-1, -2))
     level = np.lib.stride_tricks.sliding_window_view(then[0].astype(np.float64), (side, side)).mean((-1, -2))
@@ -43,17 +43,17 @@ def test_the_drift_is_students_t() -> None:
 
 
 def weighed(errors: tuple[float, float, float, float]) -> float:
-    """What flat spans come to, each of which leaves its error in every texel: 1.0 the latest four frames, 0.98 the
+    """What flat windows come to, each of which leaves its error in every texel: 1.0 the latest four frames, 0.98 the
     latest eight, 0.8 all and 0.4 all without motion."""
     layout, build = Layout(WIDTH, HEIGHT), Build(steps=Steps(alpha=False))
-    spans = layout.zeros(SPANS * 5)
-    for planes, light, error in zip(spans.reshape(SPANS, 5, *spans.shape[1:]), LIGHTS, errors, strict=True):
+    windows = layout.zeros(WINDOWS * 5)
+    for planes, light, error in zip(windows.reshape(WINDOWS, 5, *windows.shape[1:]), LIGHTS, errors, strict=True):
         planes[:3], planes[3], planes[4] = light, error, 7.0
     output, count = layout.zeros(4), layout.zeros(1)
     frame = np.zeros((), FRAME_DTYPE)
     frame["width"], frame["height"] = WIDTH, HEIGHT
     settings = settings_record(Settings())
-    weigh_spans(build, layout, spans=spans, output=output, output_count=count, frame=frame, settings=settings)
+    weigh_windows(build, layout, windows=windows, output=output, output_count=count, frame=frame, settings=settings)
     return float(layout.inside(output)[0, HEIGHT // 2, WIDTH // 2])
 
 
@@ -73,9 +73,9 @@ def test_a_highlight_that_appears_is_no_drift_of_the_light_around_it() -> None:
     then = np.random.default_rng(0).uniform(0.2, 1.0, (3, HEIGHT, WIDTH)).astype(np.float32)
     now = then.copy()
     now[:, 12] = 1e4  # a fifth of the texels around those beside it: by a plain mean t is 2.4, and the drift 2000
-    spans = padded(then, layout), padded(now, layout)
-    for drift in drifts_of(*spans, Build(), layout, settings_record(Settings())):
-        beside = np.s_[10:12, SPAN_REACH:-SPAN_REACH]
+    windows = padded(then, layout), padded(now, layout)
+    for drift in drifts_of(*windows, Build(), layout, settings_record(Settings())):
+        beside = np.s_[10:12, WINDOW_REACH:-WINDOW_REACH]
         assert (drift.mean[beside] < 2).all()
         assert (t_of(drift)[beside] < 0.1).all()
 

@@ -18,7 +18,7 @@ FPS = 30.0
 FRAMES = (3, 13, 14, 25)  # of 48: on both sides of a cut and of a step of exposure
 BRIGHT = 8.0  # "far above 1"
 # Things that change a pixel under one jitter although the camera stands.
-CHANGING = {Effect.MOTION, Effect.SHADING, Effect.REACTIVE, Effect.EXPOSURE, Effect.CAMERA, Effect.CUT}
+CHANGING = {Effect.MOTION, Effect.ILLUMINATION, Effect.REACTIVE, Effect.EXPOSURE, Effect.CAMERA, Effect.CUT}
 
 
 class Shots:

@@ -40,7 +40,7 @@ def glossy(material: Material) -> bool:
 
 
 def test_every_effect_has_a_scene_of_its_own() -> None:
-    shape = {Effect.UNCOVER, Effect.THIN}  # what comes with the things that are shown
+    shape = {Effect.DISOCCLUSION, Effect.THIN}  # what comes with the things that are shown
     effects = [entry.effects - shape for entry in registered()]
     # Highlights that do not move or flash are only bright, and a cut is a move of the camera.
     alone = set(Effect) - shape - {Effect.HDR, Effect.CUT}
@@ -63,14 +63,14 @@ def test_what_moves_is_declared(scene: Scene) -> None:
     shapes = {tuple(i.shapes[name].positions.tobytes() for name in sorted(bodies)) for i in instants}
     assert (len(poses) > 1 or len(shapes) > 1) == (Effect.MOTION in scene.effects)
     assert (len({camera_of(instant) for instant in instants}) > 1) == (Effect.CAMERA in scene.effects)
-    assert (len({instant.lights for instant in instants}) > 1) <= (Effect.SHADING in scene.effects)
+    assert (len({instant.lights for instant in instants}) > 1) <= (Effect.ILLUMINATION in scene.effects)
     assert (len({instant.exposure for instant in instants}) > 1) == (Effect.EXPOSURE in scene.effects)
     assert (len({instant.shot for instant in instants}) > 1) == (Effect.CUT in scene.effects)
 
 
 def test_what_else_shows_is_declared(scene: Scene) -> None:
     materials = [part.material for part in scene.parts]
-    if {Effect.MOTION, Effect.CAMERA} & scene.effects and Effect.SHADING not in scene.effects:
+    if {Effect.MOTION, Effect.CAMERA} & scene.effects and Effect.ILLUMINATION not in scene.effects:
         # The colour of a shining surface follows the eye.
         assert not any(glossy(material) for material in materials)
     assert any(m.alpha_mode is AlphaMode.BLEND for m in materials) == (Effect.REACTIVE in scene.effects)
@@ -166,4 +166,4 @@ def test_the_scene_of_the_page_is_drawn_and_keeps_its_promises(
         SCENES.pop("pendulum", None)
     found = json.loads(capsys.readouterr().out)
     assert (found["problems"], found["idle"]) == ([], [])
-    assert found["effects"] == ["motion", "sky", "uncover"]
+    assert found["effects"] == ["motion", "sky", "disocclusion"]

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 from cltaa.cli import main
-from cltaa.pipeline.run import Room
+from cltaa.pipeline.run import DiskSpace
 from tests.faults.runs import (
     PATIENCE,
     arguments,
@@ -111,4 +111,4 @@ def test_a_disk_that_will_not_do_is_told_before_it_is_full(
 
 
 def test_a_folder_that_is_gone_is_told_by_what_is_written_into_it(tmp_path: Path) -> None:
-    Room(tmp_path / "gone", 9).look([1, 1])
+    DiskSpace(tmp_path / "gone", 9).look([1, 1])

@@ -102,7 +102,7 @@ def test_numbers_that_lie_apart_are_one_history(
 ) -> None:
     """To the bit that of the same frames under numbers without a gap, and under their own names. So few frames are
     kept that two would share a place, were it theirs by number."""
-    count, apart, chosen = 5, tmp_path / "apart", ("--preset", preset, "--set", "frames_kept=3")
+    count, apart, chosen = 5, tmp_path / "apart", ("--preset", preset, "--set", "history_frames=3")
     whole = write_sequence(tmp_path / "whole", count, width=9, height=7, motion=True)
     apart.mkdir()
     for number in range(count):

@@ -155,7 +155,7 @@ def test_no_memory_for_the_nth_buffer(
         more = []
     failure = planted(cl.MemoryError, "clEnqueueFillBuffer", cl.status_code.MEM_OBJECT_ALLOCATION_FAILURE)
     real, output, at, reached, expected = getattr(cl, name), tmp_path / "out", 0, True, None
-    ring = load_preset("gather-48").settings.frames_kept + 1  # and the one in work
+    ring = load_preset("gather-48").settings.history_frames + 1  # and the one in work
     gathers, of_the_ring = more == ["--preset", "gather-48"], False
     while reached:
         at += 1
@@ -168,7 +168,7 @@ def test_no_memory_for_the_nth_buffer(
         if reached:
             assert "not enough memory on" in said
             assert "bytes in one buffer, found largest buffer" in said
-            of_the_ring |= f"to keep {ring} frames" in said and "keep fewer with --set frames_kept=N" in said
+            of_the_ring |= f"to keep {ring} frames" in said and "keep fewer with --set history_frames=N" in said
             # What is copied through the host is pinned when it is copied first: the state for the first checkpoint. A
             # channel that is read where it is takes no memory, but a buffer of its own in each frame.
             finished = check_after_fault(output, expected) if expected else len(digests(output))

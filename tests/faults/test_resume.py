@@ -114,13 +114,13 @@ def test_other_settings_device_and_inputs_are_refused_by_name(
     begun(folder, output, 3)
     kept = check_after_fault(output, expected)
     capsys.readouterr()
-    gamma = load_preset().settings.gamma_still
+    gamma = load_preset().settings.box_scale_static
     other = gamma + 0.25
     for more, difference in (
         (
-            ["--set", f"gamma_still={other}"],
-            f"preset default, not default with gamma_still={other}: "
-            f"preset.settings.gamma_still (expected {gamma}, found {other})",
+            ["--set", f"box_scale_static={other}"],
+            f"preset default, not default with box_scale_static={other}: "
+            f"preset.settings.box_scale_static (expected {gamma}, found {other})",
         ),
         (["--preset", "fast"], "preset default, not fast: preset.choices."),
         (["--device", "0"], "another device (expected NumPy (float32 oracle), found "),
@@ -146,14 +146,16 @@ def test_a_preset_whose_name_nothing_tells_is_refused_by_what_differs(
         tmp_path / "a.toml",
     )
     command = [*arguments(folder, output), "--config", str(config)]
-    config.write_text("gamma_still = 2")
+    config.write_text("box_scale_static = 2")
     assert main(command) == 0
-    config.write_text("gamma_still = 3")
+    config.write_text("box_scale_static = 3")
     assert main(command) == 64  # the same name, of another content
-    assert "was begun with another preset.settings.gamma_still (expected 2.0, found 3.0)" in capsys.readouterr().err
+    assert (
+        "was begun with another preset.settings.box_scale_static (expected 2.0, found 3.0)" in capsys.readouterr().err
+    )
     (output / "synthetic.0000.exr").write_bytes(b"damaged")
     assert main([*arguments(folder, output)]) == 64
-    assert "was begun with another preset.settings.gamma_still (expected 2.0" in capsys.readouterr().err
+    assert "was begun with another preset.settings.box_scale_static (expected 2.0" in capsys.readouterr().err
 
 
 def test_restart_begins_anew(tmp_path: Path, whole: tuple[Path, dict[str, str]]) -> None:

@@ -12,7 +12,7 @@ from cltaa.cli import root
 from cltaa.core.build import Steps
 from cltaa.inputs.open import open_input
 from cltaa.io.exr_write import write_image
-from cltaa.pipeline.memory import PlanesHeld, of_sequence, of_whole_images
+from cltaa.pipeline.memory import DevicePlanes, of_sequence, of_whole_images
 from tests.inputs.foreign import write_blender, write_colour, write_parts
 from tests.sequence_factory import make_frame
 
@@ -96,7 +96,7 @@ def test_what_is_wrong_with_another_tools_pixels_is_listed(tmp_path: Path) -> No
 def test_memory_counts_what_another_tools_frames_hold() -> None:
     source = open_input(BLENDER)
     assert source.holds == {"alpha", "motion"}
-    assert of_whole_images(source) == of_sequence(source, PlanesHeld(Steps(own_motion=True, alpha=True)))
+    assert of_whole_images(source) == of_sequence(source, DevicePlanes(Steps(own_motion=True, alpha=True)))
 
 
 def truncate(path: Path) -> None:

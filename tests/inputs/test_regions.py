@@ -90,8 +90,8 @@ def test_camera_of_a_region_moves_as_that_of_the_whole(tmp_path: Path) -> None:
     whole = displacement(moving(3).camera, moving(2).camera, WIDTH, HEIGHT).rows
     for x, y, near in ((10.25, 8.5, 0.2), (30.0, 20.0, 0.0), (38.9, 28.9, 1.0)):
 
-        def moved(rows: np.ndarray, px: float, py: float, closeness: float = near) -> np.ndarray:
-            p = np.array([px, py, closeness, 1.0])
+        def moved(rows: np.ndarray, px: float, py: float, inverse_depth: float = near) -> np.ndarray:
+            p = np.array([px, py, inverse_depth, 1.0])
             return np.asarray((p[:2] + rows[:2] @ p) / (1 + rows[2] @ p) - p[:2])
 
         expected = moved(whole, x - WIDTH / 2, y - HEIGHT / 2)

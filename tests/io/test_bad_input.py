@@ -21,7 +21,7 @@ from cltaa.errors import (
     ResourceError,
     StorageError,
 )
-from cltaa.io.content import Copy, read_all
+from cltaa.io.content import FileCopy, read_all
 from cltaa.io.exr_frame import Pixels, frame_attributes
 from cltaa.io.exr_header import MIP_MAP, RIP_MAP, TILED
 from cltaa.io.exr_read import read_colour, read_frame, read_header, read_image
@@ -245,7 +245,7 @@ def test_a_file_that_changes_between_its_header_and_its_pixels(
     write_raw(tmp_path / "a.exr", attributes(), planes())
     write_raw(tmp_path / "b.exr", attributes(), {name: np.ones(size, np.float32) for name, size in another.items()})
 
-    def read_other(path: Path, _: BinaryIO, sha256: str | None, __: object) -> Copy:
+    def read_other(path: Path, _: BinaryIO, sha256: str | None, __: object) -> FileCopy:
         with (tmp_path / "b.exr").open("rb") as file:
             return read_all(path, file, sha256, lambda *_: None)
 

@@ -10,12 +10,12 @@ from typing import BinaryIO
 
 import pytest
 
-from cltaa.core.planes import kept_memory
+from cltaa.core.planes import pooled_memory
 from cltaa.errors import DataError, StorageError
 from cltaa.io import content as file_content
 from cltaa.io.content import (
-    Copy,
-    Look,
+    FileCopy,
+    ReadAt,
     memory_limit,
     open_regular,
     read_all,
@@ -23,7 +23,7 @@ from cltaa.io.content import (
 )
 
 
-def unchecked(look: Look, size: int) -> None:
+def unchecked(look: ReadAt, size: int) -> None:
     assert size >= len(look(0, size))
 
 
@@ -36,7 +36,7 @@ def copied(path: Path, sha256: str | None = None) -> tuple[int, bytes]:
 @pytest.mark.parametrize("kept", [False, True])
 def test_files_of_all_sizes_one_after_another(tmp_path: Path, kept: bool) -> None:
     path, places = tmp_path / "a", set()
-    with kept_memory(images=kept):
+    with pooled_memory(images=kept):
         for size in (5_000_000, 3, 4096, 9_000_001, 9_000_000, 0, 1):
             content = os.urandom(size)
             path.write_bytes(content)
@@ -50,7 +50,7 @@ def test_two_files_at_once_lie_apart(tmp_path: Path) -> None:
     for name in "ab":
         (tmp_path / name).write_bytes(name.encode() * 5000)
     with (
-        kept_memory(),
+        pooled_memory(),
         open_regular(tmp_path / "a") as first,
         open_regular(tmp_path / "b") as second,
         read_all(tmp_path / "a", first, None, unchecked) as one,
@@ -64,7 +64,7 @@ def test_file_that_ends_before_its_size(tmp_path: Path, monkeypatch: pytest.Monk
     path = tmp_path / "a"
     path.write_bytes(b"12345")
     monkeypatch.setattr("cltaa.io.content.file_size", lambda _: 6)
-    with kept_memory():
+    with pooled_memory():
         with pytest.raises(DataError, match=r"a: the file changed while it was read"):
             copied(path)
         monkeypatch.undo()
@@ -76,10 +76,10 @@ def test_a_wrong_copy_is_refused_and_given_back(tmp_path: Path) -> None:
     path.write_bytes(b"12345")
     before = len(list(Path("/proc/self/fd").iterdir()))
 
-    def refuse(look: Look, size: int) -> None:
+    def refuse(look: ReadAt, size: int) -> None:
         raise DataError(f"{look(1, 2)!r} of {size}", path=path)
 
-    def read(file: BinaryIO) -> Copy:
+    def read(file: BinaryIO) -> FileCopy:
         return read_all(path, file, None, refuse)
 
     with open_regular(path) as file, pytest.raises(DataError, match="b'23' of 5"):

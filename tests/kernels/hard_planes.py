@@ -1,4 +1,4 @@
-"""Planes of a frame, its history and its kept frames that hold every hard case at once."""
+"""Planes of a frame, its history and its frames in the ring that hold every hard case at once."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.constants import SPANS
+from cltaa.core.constants import WINDOWS
 from cltaa.core.constants import value as value_of
 from cltaa.core.planes import Layout
 from tests.sequence_factory import SPECIAL_BITS
@@ -32,18 +32,18 @@ def hard_planes(layout: Layout, seed: int = 0) -> Planes:
     def near_mean(planes: int) -> NDArray[np.float32]:
         return (mean * (1 + spread * random.normal(size=(planes, *shape)))).astype(np.float32)
 
-    colour, closeness = near_mean(3), 10 ** tiles(random, shape, -3, 1)
-    closeness = closeness * (1 + spread * random.normal(size=shape))
+    colour, inverse_depth = near_mean(3), 10 ** tiles(random, shape, -3, 1)
+    inverse_depth = inverse_depth * (1 + spread * random.normal(size=shape))
     motion = random.choice([np.nan, np.nan, 0.0, 0.0, 1.0, -2.0, 0.5, 1e-7, 1e6, 1e30], (2, *shape))
     motion += random.choice([0.0, 1.0], shape) * random.normal(0, 3, (2, *shape))
     history = np.concatenate([near_mean(3), random.uniform(-0.2, 1.2, (1, *shape))])
     # Reactivity with a draw of its own, so that all else stays: rough in half of the tiles, in the others even.
     shares = np.random.default_rng((seed, 43))
     even, rough = tiles(shares, shape, 0, 1), tiles(shares, shape, 0, 1) < 0.5
-    earlier = closeness * random.choice([1.0, 1.02, 1.3], shape)
+    earlier = inverse_depth * random.choice([1.0, 1.02, 1.3], shape)
     strewn = (
         strew(colour, random, 0.01),
-        strew(closeness[None], random, 0.02),
+        strew(inverse_depth[None], random, 0.02),
         strew(motion, random, 0.02),
         strew(random.uniform(-0.2, 1.2, (1, *shape)), random, 0.02),
         strew(np.where(rough, random.choice([0.0, 1.0, 0.3], (1, *shape)), even), random, 0.02),
@@ -51,24 +51,33 @@ def hard_planes(layout: Layout, seed: int = 0) -> Planes:
         random.choice([0.0, 1.0, 7.0, 24.0, 1000.0], (1, *shape)),
         strew(earlier[None], random, 0.02),
     )
-    names = ("current", "closeness", "motion", "alpha", "reactive", "history", "history_count", "previous_closeness")
-    # Of each kept frame r, g, b, closeness, own motion, alpha and reactivity.
-    kept = [
+    names = (
+        "current",
+        "inverse_depth",
+        "motion",
+        "alpha",
+        "reactive",
+        "history",
+        "history_count",
+        "previous_inverse_depth",
+    )
+    # Of each frame of the ring r, g, b, inverse depth, own motion, alpha and reactivity.
+    ring = [
         plane
         for _ in range(KEPT)
         for plane in (
             *strew(near_mean(3), random, 0.01),
-            *strew((closeness * random.choice([1.0, 1.0, 1.02, 1.3], shape))[None], random, 0.02),
+            *strew((inverse_depth * random.choice([1.0, 1.0, 1.02, 1.3], shape))[None], random, 0.02),
             *strew(motion + random.choice([0.0, 0.1], shape), random, 0.02),
             *strew(random.uniform(-0.2, 1.2, (1, *shape)), random, 0.02),
             *strew((even + shares.choice([0.0, 0.05, -0.08, 0.3], shape))[None], shares, 0.02),
         )
     ]
-    # Of each span r, g, b, error, count and alpha; the errors of many are alike.
+    # Of each window r, g, b, error, count and alpha; the errors of many are alike.
     errors = mean * random.choice([1.0, 1.0, 1.001, 0.1, 1e8], shape)
-    spans = [
+    windows = [
         plane
-        for _ in range(SPANS)
+        for _ in range(WINDOWS)
         for plane in (
             *storable(strew(near_mean(3), random, 0.01)),
             *(errors * (1 + 0.1 * random.random((1, *shape)))).astype(np.float32),
@@ -76,7 +85,7 @@ def hard_planes(layout: Layout, seed: int = 0) -> Planes:
             *random.uniform(0, 1, (1, *shape)),
         )
     ]
-    named = {**dict(zip(names, strewn, strict=True)), "kept": np.array(kept), "spans": np.array(spans)}
+    named = {**dict(zip(names, strewn, strict=True)), "ring": np.array(ring), "windows": np.array(windows)}
     return {name: padded(planes, layout) for name, planes in named.items()}
 
 

@@ -24,11 +24,11 @@ from cltaa.core.build import (
     Record,
     Steps,
     settings_record,
-    span_planes,
+    window_planes,
 )
-from cltaa.core.constants import SPANS
+from cltaa.core.constants import WINDOWS
 from cltaa.core.constants import value as value_of
-from cltaa.core.parameters import Choices, CurrentFilter, LightChange, Settings
+from cltaa.core.parameters import Choices, CurrentFilter, Illumination, Settings
 from cltaa.core.planes import Layout
 from cltaa.core.presets import load_preset
 from cltaa.core.record import Past, frame_record
@@ -40,7 +40,7 @@ from tests.kernels.test_resolve import turned
 from tests.sequence_factory import bits, make_frame
 
 # Kernel -> the planes that it writes: the stages in the order of the chain, those that slide down rows, and what weighs
-# their spans.
+# their windows.
 WRITES: dict[str, dict[str, int]] = {
     "repair_colour": {"repaired": 3},
     "neighbourhood_statistics": {"statistics_out": 15},
@@ -50,12 +50,12 @@ WRITES: dict[str, dict[str, int]] = {
     "blend": {"output": 4, "output_count": 1},
     "resolve": {"output": 4, "output_count": 1},
     "gather": {"output": 4, "output_count": 1},
-    "gather_spans": {"spans": 24},
-    "weigh_spans": {"output": 4, "output_count": 1},
+    "gather_windows": {"windows": 24},
+    "weigh_windows": {"output": 4, "output_count": 1},
 }
-FUSED = ("resolve", "gather", "gather_spans")
+FUSED = ("resolve", "gather", "gather_windows")
 # The choices that fused kernels are shipped with, all of them at once.
-SHIPPED = {"resolve": "default", "gather": "gather-48", "gather_spans": "gather-48"}
+SHIPPED = {"resolve": "default", "gather": "gather-48", "gather_windows": "gather-48"}
 STAGES = [kernel for kernel in WRITES if kernel not in FUSED]
 # The choices and steps that each stage's code looks at; of the fused kernels what no stage does.
 LOOKS_AT: dict[str, tuple[str, ...]] = {
@@ -70,7 +70,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "tonemap",
         "off_screen",
         "storage",
-        "light_change",
+        "illumination",
     ),
     "rectify_history": ("box", "box_space", "rectify", "accumulate", "anti_flicker"),
     "blend": (
@@ -81,7 +81,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "box",
         "box_space",
         "filter_use",
-        "light_change",
+        "illumination",
         "negatives",
         "reactive",
         "storage",
@@ -103,7 +103,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "tonemap",
         "weighting",
     ),
-    "gather_spans": (
+    "gather_windows": (
         "alpha",
         "alpha_from",
         "camera_motion",
@@ -114,7 +114,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "tonemap",
         "weighting",
     ),
-    "weigh_spans": ("alpha", "storage", "weighting"),
+    "weigh_windows": ("alpha", "storage", "weighting"),
 }
 BACK = 0.2  # the nearest points of the planes lie at 0.1: the previous camera was in front of them
 UNWRITTEN = np.float32(-77.0)  # what no stage writes into a plane by itself
@@ -123,7 +123,8 @@ ALL_STEPS = Steps(alpha=True, reactive=True)
 
 @dataclass(frozen=True)
 class Work:
-    """What a frame of one size reads: planes, the two structs, and what is known of the kept frames, latest first."""
+    """What a frame of one size reads: planes, the two structs, and what is known of the frames in the ring, latest
+    first."""
 
     layout: Layout
     planes: Planes
@@ -155,15 +156,15 @@ def arguments_of(kernel: str, build: Build, work: Work) -> dict[str, Any]:
     """What a kernel is given, by the names in its twin's signature: structs, planes to read, and UNWRITTEN ones.
 
     What an earlier stage wrote as ``x_out`` is read as ``x_in``; history and output are in the build's storage, and of
-    the kept frames only the planes that its steps read are there.
+    the frames in the ring only the planes that its steps read are there.
     """
     given: dict[str, Any] = {"frame": work.frame, "settings": work.settings, **work.planes}
     given |= {"past": work.past, "frames": len(work.past), "standing": len(work.past)}
     if len(work.past):
-        given["kept"] = kept_of(build.steps, work)
+        given["ring"] = ring_of(build.steps, work)
     given |= {f"{name[:-4]}_in": planes for name, planes in work.planes.items() if name.endswith("_out")}
-    if "spans" in work.planes:
-        given["spans"] = spans_of(build.steps, work)
+    if "windows" in work.planes:
+        given["windows"] = windows_of(build.steps, work)
     given |= {name: np.full_like(work.layout.zeros(count), UNWRITTEN) for name, count in writes(kernel, build).items()}
     names = [p.name for p in inspect.signature(KERNELS[kernel]).parameters.values() if p.kind is p.KEYWORD_ONLY]
     if tests_light(build):
@@ -183,22 +184,23 @@ def writes(kernel: str, build: Build) -> dict[str, int]:
 
 
 def with_changes(planes: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The planes of the count, or of a history at its place, with changes of light as a test for them leaves them."""
+    """The planes of the count, or of a history at its place, with illumination changes as a test for them leaves
+    them."""
     most = value_of("MOST_CHANGE")
     changes = np.random.default_rng(1).uniform(-most, most, planes.shape[1:]).astype(np.float32)
     return np.concatenate([planes[: 8 if len(planes) > 1 else 1], changes[None]])
 
 
-def spans_of(steps: Steps, work: Work) -> NDArray[np.float32]:
-    """The planes of the spans that a build with ``steps`` reads, one span after another."""
-    spans = work.planes["spans"].reshape(SPANS, -1, work.layout.rows, work.layout.stride)
-    return np.ascontiguousarray(spans[:, : span_planes(steps)]).reshape(-1, *spans.shape[2:])
+def windows_of(steps: Steps, work: Work) -> NDArray[np.float32]:
+    """The planes of the windows that a build with ``steps`` reads, one window after another."""
+    windows = work.planes["windows"].reshape(WINDOWS, -1, work.layout.rows, work.layout.stride)
+    return np.ascontiguousarray(windows[:, : window_planes(steps)]).reshape(-1, *windows.shape[2:])
 
 
-def kept_of(steps: Steps, work: Work) -> NDArray[np.float32]:
-    """The planes of the kept frames that a build with ``steps`` reads, one frame after another."""
+def ring_of(steps: Steps, work: Work) -> NDArray[np.float32]:
+    """The planes of the frames in the ring that a build with ``steps`` reads, one frame after another."""
     read = [True] * 4 + [steps.own_motion] * 2 + [steps.alpha, steps.reactive]
-    frames = work.planes["kept"].reshape(len(work.past), len(read), work.layout.rows, work.layout.stride)
+    frames = work.planes["ring"].reshape(len(work.past), len(read), work.layout.rows, work.layout.stride)
     return frames[:, read].reshape(-1, *frames.shape[2:])
 
 
@@ -260,7 +262,7 @@ def variants(kernel: str, build: Build) -> dict[str, Build]:
             named[f"{name}={value}"] = replace(build, **{part: changed}) if part else changed
     if kernel in SHIPPED:
         shipped = load_preset(SHIPPED[kernel]).choices
-        if kernel == "gather":  # which the plan asks only where no change of light is declared
-            shipped = replace(shipped, light_change=LightChange.IGNORE)
+        if kernel == "gather":  # which the plan asks only where no illumination change is declared
+            shipped = replace(shipped, illumination=Illumination.STATIC)
         named[f"preset={SHIPPED[kernel]}"] = replace(build, choices=shipped)
     return named

@@ -15,7 +15,7 @@ import msgspec
 import pytest
 
 from cltaa.core.build import Terms
-from cltaa.core.parameters import Choices, LightChange
+from cltaa.core.parameters import Choices, Illumination
 from cltaa.core.presets import load_preset
 from cltaa.frame import Effect
 from tests.kernels.test_resolve import ALONE, CHOICES, differing, hard_frames
@@ -29,14 +29,14 @@ GROUPS = [
     ("current_filter", "filter_use"),
     ("accumulate", "anti_flicker", "negatives"),
     ("dilation", "off_screen", "ray_through", "reject"),
-    ("exposure_change", "light_change", "reactive_mask", "tonemap"),
+    ("exposure_change", "illumination", "reactive_mask", "tonemap"),
 ]
 DECISIVE = {"rectify", "history_filter", "weighting"}
 # What a choice needs to be seen: the usual box knows no variance.
 BESIDE = {"variance": {"box": "variance"}}
 CHOSEN = [name for group in GROUPS for name in group]
-# For frames that declare no effects, which no change of light is looked for in.
-USUAL = msgspec.structs.replace(load_preset().choices, light_change=LightChange.IGNORE)
+# For frames that declare no effects, which no illumination change is looked for in.
+USUAL = msgspec.structs.replace(load_preset().choices, illumination=Illumination.STATIC)
 
 
 def alternatives(group: Sequence[str]) -> list[Row]:
@@ -72,9 +72,9 @@ def differing_with(row: Row) -> int:
     with pytest.MonkeyPatch.context() as patch:
         # The first frame has nothing to blur, which changes no bit (test_terms.py): it needs no kernel of its own.
         patch.setattr("cltaa.core.resolver.Terms.of", lambda _: Terms())
-        effects = frozenset(Effect) if "light_change" in row else None
+        effects = frozenset(Effect) if "illumination" in row else None
         frames = [replace(frame, effects=effects) for frame in hard_frames()]
-        return differing({**row, "fresh_blur": 0.5}, frames, LANES, ROWS)
+        return differing({**row, "disocclusion_blur": 0.5}, frames, LANES, ROWS)
 
 
 def needed(row: Row, fails: Callable[[Row], bool]) -> Row:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cltaa.core.build import Build, Steps, Storage
-from cltaa.core.parameters import Choices, HistoryFilter, LightChange
+from cltaa.core.parameters import Choices, HistoryFilter, Illumination
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.reference.launcher import NumpyLauncher
 from tests.kernels.hard_planes import padded
@@ -53,7 +53,7 @@ def moved(name: str) -> Work:
 @pytest.mark.parametrize(("kind", "lanes", "storage"), BUILDS)
 def test_kept_rows_give_the_same_bits(kind: HistoryFilter, lanes: int, storage: Storage) -> None:
     steps = Steps(alpha=True, exposure=False)
-    choices = Choices(history_filter=kind, light_change=LightChange.TEST)
+    choices = Choices(history_filter=kind, illumination=Illumination.TEST)
     build = Build(choices=choices, steps=steps, strict=True, lanes=lanes, rows=ROWS, storage=storage)
     for name in ("alike", *CHANGES, "each segment its own", "a lane now and then"):
         work = moved(name)
@@ -66,7 +66,7 @@ def test_kept_rows_give_the_same_bits(kind: HistoryFilter, lanes: int, storage: 
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_what_stands_still_keeps_no_rows_and_gives_the_same_bits(lanes: int) -> None:
     steps = Steps(camera_motion=False, own_motion=False, alpha=True, exposure=False)
-    build = Build(choices=Choices(light_change=LightChange.TEST), steps=steps, strict=True, lanes=lanes, rows=ROWS)
+    build = Build(choices=Choices(illumination=Illumination.TEST), steps=steps, strict=True, lanes=lanes, rows=ROWS)
     work = hard_work(WIDTH, HEIGHT, seed=3)
     ours, theirs = (run_stage("resolve", build, work, launcher) for launcher in (device(), NumpyLauncher()))
     assert differing(work, ours, theirs) == 0

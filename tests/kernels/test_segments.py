@@ -114,7 +114,7 @@ def test_fewer_taps_give_the_same_bits_of_halves() -> None:
 @pytest.mark.parametrize("kind", list(HistoryFilter))
 @pytest.mark.parametrize("way", ["on texels", "on rows"])
 def test_taps_without_weight_are_not_read(way: str, kind: HistoryFilter, lanes: int) -> None:
-    # What is no number spreads through any filter that reads it. All lie on even rows (and in every other segment),
+    # What is NaN spreads through any filter that reads it. All lie on even rows (and in every other segment),
     # which alone hold numbers.
     height, width = SIZE[1], SIZE[0]
     y, x = np.mgrid[:height, :width]

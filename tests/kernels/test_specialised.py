@@ -20,7 +20,7 @@ from cltaa.core.parameters import (
     Choices,
     Dilation,
     HistoryFilter,
-    LightChange,
+    Illumination,
     Neighbourhood,
     Rectify,
     Reject,
@@ -32,7 +32,7 @@ from cltaa.opencl.program import source
 
 BARE = Steps(camera_motion=False, own_motion=False, orthographic=False, exposure=False, alpha=False, reactive=False)
 PLAIN = Choices(rectify=Rectify.NONE, dilation=Dilation.NONE, reject=Reject.NONE, weighting=Weighting.NONE)
-IDLE = Terms(resample_cost=False, pull_cost=False, gamma_by_motion=False, fresh_blur=False)
+IDLE = Terms(resampling_penalty=False, clip_penalty=False, box_scale_by_motion=False, disocclusion_blur=False)
 LEAST = Build(choices=PLAIN, steps=BARE, terms=IDLE, lanes=8, rows=4)
 
 # Step -> (a word that only its code holds, what turns it on among steps and choices).
@@ -46,7 +46,7 @@ CODE: dict[str, tuple[str, dict[str, bool], dict[str, object]]] = {
     "reactive": ("load_share(reactive + at, SPLAT(0.0))", {"reactive": True}, {}),
     "rejection": ("K(settings.depth_tolerance)", {}, {"reject": Reject.DEPTH}),
     "rectification": ("K(settings.box_floor)", {}, {"rectify": Rectify.CLAMP}),
-    "change of light": ("SPLAT(settings.change_t)", {}, {"light_change": LightChange.TEST}),
+    "illumination change": ("SPLAT(settings.illumination_t)", {}, {"illumination": Illumination.TEST}),
     "dilation": ("K(settings.edge_tolerance)", {}, {"dilation": Dilation.EDGE}),
     "naive variance": (
         "K(MIDDLE) * (centre * centre)",
@@ -63,10 +63,10 @@ CODE: dict[str, tuple[str, dict[str, bool], dict[str, object]]] = {
 }
 # Term of the settings -> a word that only its code holds.
 TERMS = {
-    "resample_cost": "K(settings.resample_cost)",
-    "pull_cost": "K(settings.pull_cost)",
-    "gamma_by_motion": "K(settings.gamma_still)",
-    "fresh_blur": "K(settings.fresh_blur)",
+    "resampling_penalty": "K(settings.resampling_penalty)",
+    "clip_penalty": "K(settings.clip_penalty)",
+    "box_scale_by_motion": "K(settings.box_scale_static)",
+    "disocclusion_blur": "K(settings.disocclusion_blur)",
 }
 
 

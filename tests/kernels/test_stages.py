@@ -33,9 +33,9 @@ class Kept(Resolver):
         read, build, layout = self._buffers, self._build(self.plan), self._buffers.layout
         record, settings = frame_record(frame, previous, layout, self.plan), settings_record(self.plan.settings)
         made: dict[str, Buffer] = {name: read._planes(count) for name, count in PLANES.items()}
-        # The resolve has swapped already: what it read as history and closeness is now what it will write next.
-        current, closeness, motion = read.channels["current"], read.previous_closeness, read.channels["motion"]
-        window = {"current": current, "closeness": closeness, "motion": motion}
+        # The resolve has swapped already: what it read as history and inverse depth is now what it will write next.
+        current, inverse_depth, motion = read.channels["current"], read.previous_inverse_depth, read.channels["motion"]
+        window = {"current": current, "inverse_depth": inverse_depth, "motion": motion}
         image = {"frame": record}
         both = {"frame": record, "settings": settings}
 
@@ -51,7 +51,7 @@ class Kept(Resolver):
             motion_in=made["motion"],
             history=read.output,
             history_count=read.output_count,
-            previous_closeness=read.closeness,
+            previous_inverse_depth=read.inverse_depth,
             history_at=made["history"],
             **both,
         )
@@ -85,7 +85,7 @@ OTHERWISE = {
     "rectify": "clip",
     "dilation": "closest",
     "filter_use": "always",
-    "light_change": "ignore",
+    "illumination": "ignore",
 }
 
 
@@ -98,6 +98,6 @@ def test_chain_of_stages_is_the_fused_kernel(changes: dict[str, object], lanes: 
         frame = dataclasses.replace(wild, effects=frozenset(Effect))
         fused = resolver.resolve(frame)
         assert resolver.plan is not None
-        assert (resolver.plan.choices.light_change == "test") == (not changes)
+        assert (resolver.plan.choices.illumination == "test") == (not changes)
         assert np.array_equal(bits(resolver.chain(previous, frame)), bits(fused))
         previous = Past.of(frame)

@@ -23,10 +23,10 @@ WIDTH, HEIGHT = 45, 23
 ROWS = 7
 # Term -> settings that make nothing of it.
 NOTHING = {
-    "resample_cost": Settings(resample_cost=0.0),
-    "pull_cost": Settings(pull_cost=0.0),
-    "gamma_by_motion": Settings(gamma_still=1.25, gamma_moving=1.25),
-    "fresh_blur": Settings(fresh_blur=0.0),
+    "resampling_penalty": Settings(resampling_penalty=0.0),
+    "clip_penalty": Settings(clip_penalty=0.0),
+    "box_scale_by_motion": Settings(box_scale_static=1.25, box_scale_moving=1.25),
+    "disocclusion_blur": Settings(disocclusion_blur=0.0),
 }
 
 
@@ -66,9 +66,9 @@ def test_a_size_known_when_kernels_are_built_changes_no_bit(lanes: int) -> None:
 
 
 def test_presets_call_for_the_terms_that_they_use() -> None:
-    assert Terms.of(Settings()) == Terms(gamma_by_motion=False)
-    assert Terms.of(load_preset("default").settings) == Terms(fresh_blur=False)
-    none = Terms(resample_cost=False, pull_cost=False, gamma_by_motion=False, fresh_blur=False)
+    assert Terms.of(Settings()) == Terms(box_scale_by_motion=False)
+    assert Terms.of(load_preset("default").settings) == Terms(disocclusion_blur=False)
+    none = Terms(resampling_penalty=False, clip_penalty=False, box_scale_by_motion=False, disocclusion_blur=False)
     assert Terms.of(load_preset("fast").settings) == none
     resolver = Resolver("fast", "numpy")
     resolver.resolve(make_frame(0, width=WIDTH, height=HEIGHT))

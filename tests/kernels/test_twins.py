@@ -89,7 +89,7 @@ def whole() -> None:
 
 
 @pytest.mark.parametrize("lanes", [1, 4, 8])
-@pytest.mark.parametrize("kernel", [*STAGES, "gather", "gather_spans"])
+@pytest.mark.parametrize("kernel", [*STAGES, "gather", "gather_windows"])
 def test_a_stage_gives_the_bits_of_its_twin(kernel: str, lanes: int) -> None:
     assert compared(kernel, strict(lanes)) == 0
 
@@ -122,7 +122,7 @@ def test_a_reset_uses_no_history_and_gives_the_bits_of_the_twin(kernel: str) -> 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 17), (17, 1), (2, 2), (3, 3), (33, 9), (131, 64)])
 def test_stages_give_the_bits_of_their_twins_at_every_size(size: tuple[int, int]) -> None:
-    kernels = [*STAGES, "gather", "gather_spans"]
+    kernels = [*STAGES, "gather", "gather_windows"]
     assert {kernel: compared(kernel, strict(), size) for kernel in kernels} == dict.fromkeys(kernels, 0)
 
 

@@ -61,7 +61,7 @@ def orthographic(half_width: float, half_height: float, near: float = 0.1, far: 
 def displacement_of(
     px: NDArray[Any],
     py: NDArray[Any],
-    closeness: NDArray[Any],
+    inverse_depth: NDArray[Any],
     camera: Camera,
     previous: Camera,
     width: int,
@@ -69,7 +69,7 @@ def displacement_of(
 ) -> tuple[Exact, Exact, Exact]:
     """Displacement in pixels and distance before the previous camera over the one now.
 
-    ``px``, ``py``: pixels from the image's centre, x right, y down; ``closeness``: 1/Z, or -Z where orthographic.
+    ``px``, ``py``: pixels from the image's centre, x right, y down; ``inverse_depth``: 1/Z, or -Z where orthographic.
     """
     kind = np.longdouble
 
@@ -79,12 +79,12 @@ def displacement_of(
     n = np.array([px.astype(kind) * 2 / width, -py.astype(kind) * 2 / height])
     clip, then = camera.view_to_clip.astype(kind), previous.view_to_clip.astype(kind)
     turn, before = camera.world_to_view.astype(kind), previous.world_to_view.astype(kind)
-    q = closeness.astype(kind)
+    q = inverse_depth.astype(kind)
     across = np.linalg.inv(camera.view_to_clip[:2, :2]).astype(kind)
     if camera.orthographic:
         position = np.array([*np.tensordot(across, n - off(clip[:2, 3]) - off(clip[:2, 2]) * q, 1), q])
         weight: Any = kind(1)
-    else:  # the position over its distance, so that the sky (closeness 0) is a direction
+    else:  # the position over its distance, so that the sky (inverse depth 0) is a direction
         position = np.array([*np.tensordot(across, n + off(clip[:2, 2]) - off(clip[:2, 3]) * q, 1), -np.ones_like(q)])
         weight = q
     world = np.tensordot(inverse(turn[:3, :3]), position - turn[:3, 3][:, None, None] * weight, 1)

@@ -21,7 +21,7 @@ from tests.kernels.stage_chain import ALL_STEPS, STAGES, WRITES, Work, hard_work
 FOLDER = Path(__file__).parent / "golden"
 LAYOUT = Layout(5, 4)
 CORNER = 6, 5  # row and column of a hard frame whose 4 x 5 pixels lie in four tiles
-SEED = 3  # history is used at 14 of the 20 pixels, rectified at 6 of them; one texel is no number
+SEED = 3  # history is used at 14 of the 20 pixels, rectified at 6 of them; one texel is NaN
 
 
 def golden_work() -> Work:

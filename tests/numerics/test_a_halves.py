@@ -45,7 +45,7 @@ def test_a4_what_saturated_is_counted(
         colour[4, 2:14:2, 1] = [65472.0, 65504.0, 65520.0, 1e15, -65520.0, 1e30]  # the last is repaired instead
         write_frame(tmp_path / "in" / f"a.{index:04d}.exr", replace(frame, colour=colour, cut=True))
     given = ["resolve", str(tmp_path / "in"), "-o", str(tmp_path / "out"), "--device", "numpy"]
-    given += ["--set", "fresh_blur=0", "--set", "current_filter=none"]
+    given += ["--set", "disocclusion_blur=0", "--set", "current_filter=none"]
     assert main([*given, *options, "--json"]) == 0
     outcome = json.loads(capsys.readouterr().out)
     assert (outcome["saturated"], outcome["repaired"]) == (counted, 2)

@@ -16,8 +16,8 @@ from cltaa.core.parameters import (
     Box,
     Choices,
     GatherFit,
-    HistoryOf,
-    LightChange,
+    HistoryKind,
+    Illumination,
     Neighbourhood,
 )
 from cltaa.core.planes import Layout
@@ -39,7 +39,7 @@ from tests.sequence_factory import bits, make_frame
 WIDTH, HEIGHT = 48, 40
 ROW, COLUMN = 20, 24
 BAD = [np.nan, np.inf, -np.inf, 1e30, -3e38]
-LIGHT = frozenset({Effect.MOTION, Effect.SHADING, Effect.HDR})  # light that changes is tested for
+LIGHT = frozenset({Effect.MOTION, Effect.ILLUMINATION, Effect.HDR})  # light that changes is tested for
 
 
 def moving(index: int, effects: frozenset[Effect] | None = None) -> Frame:
@@ -90,11 +90,11 @@ def test_a1_nan_dies_in_its_own_frame(
         assert distance[touched].max(initial=0) <= 1 + 2 * max(index - when, 0)
         assert touched.any() == (index >= when)
     assert ill.plan is not None
-    assert (ill.plan.choices.light_change is LightChange.TEST) == (effects is LIGHT)
+    assert (ill.plan.choices.illumination is Illumination.TEST) == (effects is LIGHT)
 
 
 @pytest.mark.parametrize(
-    "history", [{"history_of": "result"}, *({"gather_fit": fit} for fit in GatherFit)], ids=lambda h: str(*h.values())
+    "history", [{"history": "result"}, *({"gather_fit": fit} for fit in GatherFit)], ids=lambda h: str(*h.values())
 )
 @pytest.mark.parametrize("lanes", [0, 1])
 @pytest.mark.parametrize("seed", range(4))
@@ -103,9 +103,7 @@ def test_a1_any_bits_of_input_give_finite_output(
 ) -> None:
     random = np.random.default_rng(seed)
     # The fast build, as it is used: a CPU's and a GPU's.
-    resolver = Resolver(
-        override(load_preset(), {"history_of": "samples", **history}), launcher, build=Build(lanes=lanes)
-    )
+    resolver = Resolver(override(load_preset(), {"history": "samples", **history}), launcher, build=Build(lanes=lanes))
 
     def any_bits(like: Image) -> Image:
         wild = random.integers(0, 2**32, like.shape, np.uint32).view(np.float32)
@@ -127,7 +125,9 @@ def test_a1_any_bits_of_input_give_finite_output(
         }
         assert np.isfinite(resolver.resolve(replace(frame, **channels))).all()
         assert resolver.plan is not None
-        assert resolver.plan.choices.history_of is (HistoryOf.SAMPLES if "gather_fit" in history else HistoryOf.RESULT)
+        assert resolver.plan.choices.history is (
+            HistoryKind.FRAMES if "gather_fit" in history else HistoryKind.ACCUMULATED
+        )
 
 
 NOT_FOR_REALS = ("f?max", "f?min", "clamp", "mix", "fdim", "step", "smoothstep", "isnan", "isinf", "isfinite")

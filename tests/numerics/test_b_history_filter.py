@@ -39,7 +39,7 @@ def sampled(launcher: Launcher, history: Plane, u: Any, v: Any, kind: HistoryFil
         "current": padded(np.array([history] * 3), layout),
         "history": padded(np.array([history] * 3), layout),
         "history_count": padded(one[None], layout),
-        "previous_closeness": padded(one[None], layout),
+        "previous_inverse_depth": padded(one[None], layout),
     }
     frame = make_frame(width=width, height=height, camera=CAMERA)
     choices = Choices(history_filter=kind, reject=Reject.NONE)
@@ -213,7 +213,13 @@ def drifting(count: int) -> float:
     """Largest distance from the middle of inputs in [2, 4] over ``count`` frames of half-pixel motion, unrectified."""
     preset = override(
         load_preset(),
-        {"rectify": "none", "reject": "none", "weighting": "none", "accumulate": "exponential", "resample_cost": 0.0},
+        {
+            "rectify": "none",
+            "reject": "none",
+            "weighting": "none",
+            "accumulate": "exponential",
+            "resampling_penalty": 0.0,
+        },
     )
     resolver, random, worst = Resolver(preset, "numpy"), np.random.default_rng(5), 0.0
     motion = np.broadcast_to(np.array([0.5, 0.1], np.float32), (16, 24, 2))

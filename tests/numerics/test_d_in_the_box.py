@@ -86,8 +86,8 @@ def outside_in_ycocg(
     way_in = np.abs(h) + np.stack([red_and_blue, np.zeros_like(red_and_blue), red_and_blue])
     moved, change = np.abs(r - h), np.abs(out - rgb)
     t = np.abs((r - h)[0] - (r - h)[2])
-    way_back = change + np.abs(out) + np.stack([t, np.zeros_like(t), t])
-    back = np.einsum("ij,j...->i...", MAGNITUDES, way_back)
+    motion_to_frame = change + np.abs(out) + np.stack([t, np.zeros_like(t), t])
+    back = np.einsum("ij,j...->i...", MAGNITUDES, motion_to_frame)
     bound = UNIT_ROUNDOFF * (way_in + quotients * extent + np.abs(r) + moved + back) + TINY
     return np.abs(r - mean) - extent, bound
 

@@ -22,7 +22,7 @@ from tests.numerics.test_c_statistics import box_space
 from tests.sequence_factory import make_frame
 
 Planes = NDArray[np.float32]
-SETTINGS = Settings(gamma_still=1.0, gamma_moving=1.0)
+SETTINGS = Settings(box_scale_static=1.0, box_scale_moving=1.0)
 BOXES = (300, 400)  # boxes at once, [H, W]
 
 

@@ -20,7 +20,7 @@ POISON = np.array([np.nan, np.inf, -np.inf, 1e30, -3e38], np.float32)
 
 
 def poison(resolver: Resolver) -> None:
-    """Fill what a resolver hands on from frame to frame with what is no number, or no light."""
+    """Fill what a resolver hands on from frame to frame with what is NaN, or no light."""
     random = np.random.default_rng(46)
     _, memory = resolver.recurrent()
     for buffer in memory.values():
@@ -87,7 +87,7 @@ def test_e5_even_history_that_is_used_may_be_poisoned(launcher: DeviceLauncher) 
 @pytest.mark.parametrize("by", ["weight", "mask"])
 def test_e5_a_full_weight_never_looks_at_poison(launcher: DeviceLauncher, by: str) -> None:
     changes = {"accumulate": "exponential", "blend_weight": 1.0} if by == "weight" else {}
-    resolver = Resolver(override(unfiltered(), {**changes, "fresh_blur": 0.0}), launcher, strict=True)
+    resolver = Resolver(override(unfiltered(), {**changes, "disocclusion_blur": 0.0}), launcher, strict=True)
     frames = [make_frame(i, alpha=True, effects=None) for i in range(3)]
     share = np.ones(frames[0].depth.shape, np.float32)
     for frame in frames[:2]:

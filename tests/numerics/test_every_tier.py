@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.core.parameters import Box, HistoryOf, LightChange
+from cltaa.core.parameters import Box, HistoryKind, Illumination
 from cltaa.core.presets import LADDER, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame, Image
@@ -24,7 +24,7 @@ TIERS = LADDER
 DECLARED: dict[str, frozenset[Effect] | None] = {
     "nothing": None,
     "everything": frozenset(Effect),
-    "no light": frozenset(Effect) - {Effect.SHADING, Effect.REACTIVE, Effect.EXPOSURE},
+    "no light": frozenset(Effect) - {Effect.ILLUMINATION, Effect.REACTIVE, Effect.EXPOSURE},
 }
 
 
@@ -47,11 +47,11 @@ def check_plan(resolver: Resolver, declared: str) -> None:
     """That the test looks at what it is for."""
     assert resolver.plan is not None
     choices, tier = resolver.plan.choices, resolver.preset
-    spans = tier.choices.light_change is LightChange.SPANS
-    gathers = tier.choices.history_of is HistoryOf.SAMPLES and (spans or declared != "everything")
-    assert (choices.history_of is HistoryOf.SAMPLES) == gathers
-    light_change = tier.choices.light_change if declared == "everything" else LightChange.IGNORE
-    assert choices.light_change is light_change
+    windows = tier.choices.illumination is Illumination.WINDOW
+    gathers = tier.choices.history is HistoryKind.FRAMES and (windows or declared != "everything")
+    assert (choices.history is HistoryKind.FRAMES) == gathers
+    illumination = tier.choices.illumination if declared == "everything" else Illumination.STATIC
+    assert choices.illumination is illumination
 
 
 @pytest.mark.parametrize("declared", DECLARED)
@@ -89,7 +89,7 @@ def test_e1_equal_frames_give_equal_bits_in_every_tier(tier: str, declared: str)
     # Without what filters a sample for itself, which leaves nothing but a flat picture as it is. A box of deviations,
     # that of tier 2, leaves out what lies beyond them, be it the history of a texel that stays as it is.
     image = (10.0 ** np.random.default_rng(72).uniform(-4, 4, (HEIGHT, WIDTH, 3))).astype(np.float32)
-    resolver = Resolver(override(load_preset(tier), {"current_filter": "none", "fresh_blur": 0.0}), "numpy")
+    resolver = Resolver(override(load_preset(tier), {"current_filter": "none", "disocclusion_blur": 0.0}), "numpy")
     for index in range(5):
         resolved = resolver.resolve(still_frame(index, image, effects=DECLARED[declared]))
         assert np.array_equal(bits(resolved), bits(image))

@@ -52,7 +52,7 @@ def error_of(matrices: Callable[[tuple[float, float]], tuple[float, float]], dra
     """RMSE against the truth where the matrices move by ``matrices(jitter)`` pixels and samples by the jitter."""
     clip = perspective(SIZE[1] / SIZE[0])
     preset = override(
-        load_preset(), {"rectify": "none", "reject": "none", "sample_limit": 2.0**20, "resample_cost": 0.0}
+        load_preset(), {"rectify": "none", "reject": "none", "sample_limit": 2.0**20, "resampling_penalty": 0.0}
     )
     resolver = Resolver(preset, "numpy")
     for index, jitter in enumerate(sequence()):

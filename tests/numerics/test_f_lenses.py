@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cltaa.camera import SKY_ORTHOGRAPHIC, SKY_PERSPECTIVE, closeness, displacement
+from cltaa.camera import SKY_ORTHOGRAPHIC, SKY_PERSPECTIVE, displacement, inverse_depth
 from cltaa.frame import Camera
-from cltaa.lab.check.registration import planar_closeness
+from cltaa.lab.check.registration import planar_inverse_depth
 from tests.numerics.exact_cameras import orthographic, perspective, rotation, view_at
 from tests.numerics.test_f_reprojection import TURN, compared, worst
 from tests.sequence_factory import make_camera
@@ -53,7 +53,7 @@ def test_f6_a_turn_brings_things_closer_to_an_orthographic_camera(clip: NDArray[
     place = np.array([0.3, -0.4, -7.0])  # x right, y up, -distance
     n = clip[:2, :2] @ place[:2] + clip[:2, 3]
     p = np.array([n[0] * WIDTH / 2, -n[1] * HEIGHT / 2, place[2], 1.0])
-    change = displacement(camera, previous, WIDTH, HEIGHT).closeness @ p
+    change = displacement(camera, previous, WIDTH, HEIGHT).inverse_depth @ p
     assert change == pytest.approx((turn @ (place - [0.0, 0.0, 2.0]))[2] - place[2], abs=1e-12)
     assert abs(change) > 1.0
 
@@ -68,8 +68,8 @@ def test_f6_a_turn_brings_things_closer_to_an_orthographic_camera(clip: NDArray[
 )
 def test_f5_depth_that_is_no_distance_is_sky(camera: Camera, expected: list[Any]) -> None:
     depth, out = np.array([[np.nan, np.inf, -np.inf, 0.0, -1.0, 2.0]], np.float32), np.empty((1, 6), np.float32)
-    closeness(depth, camera, out)
-    assert out.tolist() == planar_closeness(depth, camera).tolist() == [expected]  # the latter for cltaa check
+    inverse_depth(depth, camera, out)
+    assert out.tolist() == planar_inverse_depth(depth, camera).tolist() == [expected]  # the latter for cltaa check
     for place, value in enumerate(expected):  # each in a picture of its own, too
-        closeness(depth[:, place : place + 1], camera, out[:, :1])
+        inverse_depth(depth[:, place : place + 1], camera, out[:, :1])
         assert out[0, 0] == value

@@ -44,7 +44,7 @@ def measured(
         for i, c in enumerate((previous, camera))
     ]
     near = (-depth if camera.orthographic else 1 / depth).astype(np.float32)
-    planes = {"current": layout.zeros(3), "closeness": padded(near[None], layout), "motion": layout.zeros(2)}
+    planes = {"current": layout.zeros(3), "inverse_depth": padded(near[None], layout), "motion": layout.zeros(2)}
     steps = Steps(own_motion=False, orthographic=camera.orthographic)
     build = launcher.build(Build(choices=Choices(dilation=Dilation.NONE), steps=steps, strict=True))
     work = Work(layout, planes, frame_record(frames[1], Past.of(frames[0]), layout), settings_record(Settings()))
@@ -63,7 +63,9 @@ def compared(
     found, work = measured(camera, previous, depth, launcher or NumpyLauncher(), jitter)
     y, x = np.mgrid[:height, :width]
     px, py = x + 0.5 + jitter[0] - width / 2, y + 0.5 + jitter[1] - height / 2
-    u, v, w = displacement_of(px, py, work.layout.inside(work.planes["closeness"])[0], camera, previous, width, height)
+    u, v, w = displacement_of(
+        px, py, work.layout.inside(work.planes["inverse_depth"])[0], camera, previous, width, height
+    )
     shown = (w > 0) & (np.abs(px + u) < width / 2) & (np.abs(py + v) < height / 2)
     error = np.hypot((found[0] - u).astype(float), (found[1] - v).astype(float))
     turned = displacement_of(px, py, np.zeros((height, width)), camera, previous, width, height)
@@ -152,7 +154,7 @@ def test_f3_what_was_behind_the_previous_camera_is_new() -> None:
     clip = perspective(width / height)
     views = [view_at(np.array([0.0, 0.0, z]), np.eye(3)) for z in (0.0, 5.0)]
     depth = np.geomspace(0.2, 50.0, height * width, dtype=np.float32).reshape(height, width)
-    resolver = Resolver(override(unfiltered(), {"fresh_blur": 0.0, "dilation": "none"}), "numpy")
+    resolver = Resolver(override(unfiltered(), {"disocclusion_blur": 0.0, "dilation": "none"}), "numpy")
     frames = [
         replace(make_frame(i, width=width, height=height, effects=None), camera=Camera(view, clip), depth=depth)
         for i, view in enumerate(views)
@@ -197,13 +199,13 @@ def test_f4_f5_the_kind_of_depth_buffer_changes_nothing(clip: NDArray[np.float64
     assert np.array_equal(found.rows, expected.rows)
 
 
-def test_f5_closeness_keeps_the_precision_of_depth() -> None:
+def test_f5_inverse_depth_keeps_the_precision_of_depth() -> None:
     # 1/Z in float32 is within 1 u of exact wherever Z is: no plane near or far spoils it.
     depth = (10.0 ** np.random.default_rng(32).uniform(-3, 8, (64, 64))).astype(np.float32)
-    from cltaa.camera import closeness
+    from cltaa.camera import inverse_depth
 
     out = np.empty_like(depth)
-    closeness(depth, make_camera(), out)
+    inverse_depth(depth, make_camera(), out)
     assert (np.abs(out * depth.astype(np.float64) - 1) <= 2.0**-24 * (1 + 1e-6)).all()
 
 
@@ -233,5 +235,6 @@ def test_f6_an_orthographic_camera_may_turn_and_zoom() -> None:
     previous = Camera(view_at(position, TURN), before)
     error, exact, shown = compared(camera, previous, depth)
     assert shown.mean() > 0.5
-    # Closeness is -Z here: its rounding (1 u of up to 90) times 12 pixels a unit and the turn of 1e-3 is below 1e-7.
+    # Inverse depth is -Z here: its rounding (1 u of up to 90) times 12 pixels a unit and the turn of 1e-3 is below
+    # 1e-7.
     assert worst(error, exact, shown) <= 1.0

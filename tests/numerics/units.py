@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Real
-from cltaa.core.constants import PAD_X, PAD_Y, SPANS
+from cltaa.core.constants import PAD_X, PAD_Y, WINDOWS
 from cltaa.core.constants import value as value_of
 from cltaa.reference.accumulate import current_pixel
 from cltaa.reference.gather import gather_samples
@@ -129,13 +129,13 @@ def gathered(work: Work) -> Values:
     """Largest magnitude of the current sample, what lies around it and the mean of what was gathered, any channel."""
     build = Build(steps=ALL_STEPS, real=Real.DOUBLE)
     planes, layout = work.planes, work.layout
-    rows = read_rows(planes["current"], planes["closeness"], planes["motion"], build, layout, work.frame)
+    rows = read_rows(planes["current"], planes["inverse_depth"], planes["motion"], build, layout, work.frame)
     p = current_pixel(rows, None, None, build, layout, work.frame)
     surface = nearest_surface(*rows, build, work.settings["edge_tolerance"])
-    kept = planes["kept"].reshape(len(work.past), -1, layout.rows, layout.stride)
+    ring = planes["ring"].reshape(len(work.past), -1, layout.rows, layout.stride)
     layers, none = layers_of(*rows, surface, work.settings), Gathered(np.zeros_like(p.alpha))
     g = gather_samples(
-        kept,
+        ring,
         work.past,
         none,
         p,
@@ -180,8 +180,8 @@ def blended(work: Work) -> Values:
 
 def drawn(work: Work) -> Values:
     """Largest usable magnitude of the frame and of those kept: whose samples a pixel gathers, its motion says."""
-    kept = work.planes["kept"].reshape(len(work.past), -1, work.layout.rows, work.layout.stride)[:, :3]
-    planes = [work.layout.inside(plane) for plane in (*work.planes["current"], *kept.reshape(-1, *kept.shape[2:]))]
+    ring = work.planes["ring"].reshape(len(work.past), -1, work.layout.rows, work.layout.stride)[:, :3]
+    planes = [work.layout.inside(plane) for plane in (*work.planes["current"], *ring.reshape(-1, *ring.shape[2:]))]
     return max(float(np.abs(plane[~outside_domain(plane)]).max()) for plane in planes)
 
 
@@ -190,30 +190,32 @@ def squared(work: Work) -> Values:
     return drawn(work) ** 2
 
 
-def of_spans(work: Work) -> Values:
-    """Largest magnitude of any span's colour in the 5x5."""
-    spans = work.planes["spans"]
-    planes = spans.reshape(SPANS, -1, *spans.shape[1:])[:, :3].reshape(-1, *spans.shape[1:])
+def of_windows(work: Work) -> Values:
+    """Largest magnitude of any window's colour in the 5x5."""
+    windows = work.planes["windows"]
+    planes = windows.reshape(WINDOWS, -1, *windows.shape[1:])[:, :3].reshape(-1, *windows.shape[1:])
     return np.max([np.abs(part) for plane in planes for part in around(plane, work.layout)], axis=0)
 
 
 def counted(work: Work) -> Values:
-    """1 + the largest count of a span."""
-    planes = work.planes["spans"].reshape(SPANS, -1, *work.planes["spans"].shape[1:])[:, 4]
+    """1 + the largest count of a window."""
+    planes = work.planes["windows"].reshape(WINDOWS, -1, *work.planes["windows"].shape[1:])[:, 4]
     return 1 + np.max([work.layout.inside(plane) for plane in planes], axis=0)
 
 
-def outputs_of_span(span: int) -> list[Output]:
-    """The rows of one span."""
-    name, first = ("short", "middle", "all", "unmoved")[span], 6 * span
+def outputs_of_window(window: int) -> list[Output]:
+    """The rows of one window."""
+    name, first = ("short", "middle", "all", "unmoved")[window], 6 * window
     parts = [
-        (RGB, "colour", "u·M", gathered if span < SPANS - 1 else drawn),
+        (RGB, "colour", "u·M", gathered if window < WINDOWS - 1 else drawn),
         (FOURTH, "error", "u·M²", squared),
         (slice(4, 5), "count n", "u·(1 + n)", one),
         (slice(5, 6), "alpha", "u", one),
     ]
     return [
-        Output("gather_spans", f"span {name}: {said}", "spans", slice(first + at.start, first + at.stop), unit, scale)
+        Output(
+            "gather_windows", f"window {name}: {said}", "windows", slice(first + at.start, first + at.stop), unit, scale
+        )
         for at, said, unit, scale in parts
     ]
 
@@ -228,13 +230,13 @@ OUTPUTS = [
     Output(STATISTICS, "statistics: current sample", "statistics_out", slice(12, 15), "u·M", colour),
     Output(MOTION, "motion: displacement d", "motion_out", slice(0, 2), "2⁻²⁰·max(1, d) px", displacement),
     Output(MOTION, "motion: scale s, shift", "motion_out", slice(2, 4), "u·max(1, s²)", scaled),
-    Output(MOTION, "motion: visible, closeness", "motion_out", slice(4, 7), "u", one),
+    Output(MOTION, "motion: visible, inverse depth", "motion_out", slice(4, 7), "u", one),
     Output(HISTORY, "history: colour", "history_at", RGB, "u·M", lambda work: taps(work, "history", RGB)),
     Output(HISTORY, "history: alpha", "history_at", FOURTH, "u·M", lambda work: taps(work, "history", FOURTH)),
     Output(HISTORY, "history: count n", "history_at", slice(4, 5), "u·(1 + n)", counts),
     Output(HISTORY, "history: fraction of a texel", "history_at", slice(5, 7), "u", one),
     Output(HISTORY, "history: usable", "history_at", slice(7, 8), "u", one),
-    Output(HISTORY, "history: change of light", "history_at", slice(8, 9), "u", one),
+    Output(HISTORY, "history: illumination change", "history_at", slice(8, 9), "u", one),
     Output("rectify_history", "rectify: change", "change_out", RGB, "u·M", box),
     Output("rectify_history", "rectify: pull p", "change_out", FOURTH, "u·(M / extent + p)", pulled),
     Output("rectify_history", "rectify: unrest, calm", "change_out", slice(4, 6), "u", one),
@@ -247,10 +249,10 @@ OUTPUTS = [
     Output("gather", "gather: colour", "output", RGB, "u·M", gathered),
     Output("gather", "gather: alpha", "output", FOURTH, "u", one),
     Output("gather", "gather: count n", "output_count", FIRST, "u·(1 + n)", one),
-    *(output for span in range(SPANS) for output in outputs_of_span(span)),
-    Output("weigh_spans", "weighed: colour", "output", RGB, "u·M", of_spans),
-    Output("weigh_spans", "weighed: alpha", "output", FOURTH, "u", one),
-    Output("weigh_spans", "weighed: count n", "output_count", FIRST, "u·(1 + n)", counted),
+    *(output for window in range(WINDOWS) for output in outputs_of_window(window)),
+    Output("weigh_windows", "weighed: colour", "output", RGB, "u·M", of_windows),
+    Output("weigh_windows", "weighed: alpha", "output", FOURTH, "u", one),
+    Output("weigh_windows", "weighed: count n", "output_count", FIRST, "u·(1 + n)", counted),
 ]
 # The blend's output where the history is kept in halves: the error of the storage beside that of the arithmetic.
 STORED = [

@@ -19,9 +19,9 @@ PIECE = 1000  # bytes; not a divisor of what is allocated
 
 
 def test_zeros_reach_the_end_of_a_buffer_though_only_its_beginning_is_filled(monkeypatch: pytest.MonkeyPatch) -> None:
-    # NVIDIA's driver (580.159) ends with an illegal access where it fills beyond the first 4 GB: 32 kept frames of
-    # 3840 x 2160 could not be allocated. So what is beyond the first piece may only be copied. Sevens for zeros, which
-    # fresh memory holds anyway.
+    # NVIDIA's driver (580.159) ends with an illegal access where it fills beyond the first 4 GB: 32 frames in the ring
+    # of 3840 x 2160 could not be allocated. So what is beyond the first piece may only be copied. Sevens for zeros,
+    # which fresh memory holds anyway.
     fill, filled = cl.enqueue_fill, []
 
     def sevens(queue: Any, memory: Any, pattern: Any, size: int, offset: int = 0) -> Any:

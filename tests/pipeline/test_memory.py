@@ -17,14 +17,14 @@ from cltaa.io.exr_write import write_image
 from cltaa.io.sequence import open_sequence
 from cltaa.io.streams import AHEAD, BEHIND
 from cltaa.pipeline import memory
-from cltaa.pipeline.memory import PlanesHeld, of_sequence
-from cltaa.pipeline.output import chosen_layers, kept_kinds
+from cltaa.pipeline.memory import DevicePlanes, of_sequence
+from cltaa.pipeline.output import carried_kinds, chosen_layers
 from tests.inputs.foreign import write_blender
 from tests.sequence_factory import HEIGHT, WIDTH, make_frame
 
 TEXELS = WIDTH * HEIGHT
 LAYERS = {"albedo.R": np.float32, "mask.A": np.float16, "count": np.uint32}
-HELD = PlanesHeld(Steps())
+HELD = DevicePlanes(Steps())
 
 
 @pytest.fixture(scope="module")
@@ -83,9 +83,9 @@ def test_a_layer_that_is_not_there_is_refused_by_name(layered: Path, capsys: pyt
 def test_layers_of_another_tool_are_kept_unless_none_are_wanted(tmp_path: Path) -> None:
     sequence = open_input(write_blender(tmp_path, [make_frame(n, motion=True, effects=None) for n in (1, 2)]))
     assert sequence.channels == {*"RGBZ", "backward.u", "backward.v"}
-    kept = kept_kinds(sequence, chosen_layers(None, sequence))
+    kept = carried_kinds(sequence, chosen_layers(None, sequence))
     assert set(kept) == {"ViewLayer.Depth.Z", *(f"ViewLayer.Vector.{name}" for name in "XYZW")}
-    assert kept_kinds(sequence, chosen_layers(("none",), sequence)) == {}
+    assert carried_kinds(sequence, chosen_layers(("none",), sequence)) == {}
     told = of_sequence(sequence, HELD, kept)
     assert told.layers == (1 + BEHIND) * 5 * 4 * TEXELS
     packed = max(path.stat().st_size for path in sequence.files)

@@ -41,7 +41,7 @@ BASELINE = Preset(
         reject=Reject.NONE,
         accumulate=Accumulate.EXPONENTIAL,
     ),
-    settings=Settings(resample_cost=0.0, pull_cost=0.0, fresh_blur=0.0),
+    settings=Settings(resampling_penalty=0.0, clip_penalty=0.0, disocclusion_blur=0.0),
 )
 PLAIN_GROUP = {True: (64, 1), False: (16, 16)}  # work-items a group of the plain port: on a CPU, on a GPU
 COPY_BYTES = 16  # a work-item of copy.cl
@@ -63,7 +63,7 @@ class PlainPort:
         self._kernel = launcher.kernel("bench/plain", build)
         pixels = storage_dtype(build)
         self._current = launcher.allocate((height, width, 4))
-        self._closeness = launcher.allocate((height, width))
+        self._inverse_depth = launcher.allocate((height, width))
         self._history, self._output = (launcher.allocate((height, width, 4), pixels) for _ in range(2))
         self._record: np.ndarray[Any, Any] | None = None
 
@@ -71,7 +71,7 @@ class PlainPort:
         """The resolved image [H, W, 3] float32 of ``frame``, whose history is the output of the call before."""
         with self._current.mapped(write=True) as pixels:
             pixels[..., :3], pixels[..., 3] = frame.colour, 1.0
-        with self._closeness.mapped(write=True) as plane:
+        with self._inverse_depth.mapped(write=True) as plane:
             np.divide(np.float32(1.0), frame.depth, out=plane)
         past = None if previous is None else Past.of(previous)
         self._record = frame_record(frame, past, Layout(frame.width, frame.height))
@@ -84,7 +84,7 @@ class PlainPort:
         """Run the kernel on what the last ``resolve`` was given; return the device's seconds."""
         buffers = {
             "current": self._current,
-            "closeness": self._closeness,
+            "inverse_depth": self._inverse_depth,
             "history": self._history,
             "output": self._output,
         }
@@ -118,7 +118,7 @@ def least_bytes(resolver: Resolver, storage: Storage) -> int:
     steps, choices = resolver.plan.steps, resolver.plan.choices
     real, kept = 4, np.dtype(storage_dtype(Build(storage=storage))).itemsize
     history = int(kept) * (4 if steps.alpha else 3)
-    planes = 3 + 1 + 1 + 1  # colour, closeness, count read, count written
+    planes = 3 + 1 + 1 + 1  # colour, inverse depth, count read, count written
     planes += 2 * steps.own_motion + steps.alpha + steps.reactive + (choices.reject is Reject.DEPTH)
     return real * planes + 2 * history
 
@@ -155,9 +155,9 @@ class Shader:
         self.renderer = f"{gl.info['GL_RENDERER']}, OpenGL {gl.info['GL_VERSION']}"
         kept = "f4" if storage is Storage.FLOAT else "f2"
         self._current = gl.texture((width, height), 4, dtype="f4")
-        self._closeness = gl.texture((width, height), 1, dtype="f4")
+        self._inverse_depth = gl.texture((width, height), 1, dtype="f4")
         self._history, self._output = (gl.texture((width, height), 4, dtype=kept) for _ in range(2))
-        for texture in (self._current, self._closeness, self._history, self._output):
+        for texture in (self._current, self._inverse_depth, self._history, self._output):
             texture.repeat_x = texture.repeat_y = False
             texture.filter = (gl.NEAREST, gl.NEAREST)
         if taps == 9:
@@ -167,7 +167,7 @@ class Shader:
             vertex_shader=(_FOLDER / "resolve.vert").read_text(encoding="utf-8"),
             fragment_shader=fragment.replace("#version 330\n", f"#version 330\n#define TAPS {taps}\n", 1),
         )
-        for unit, name in enumerate(("current", "closeness", "history")):
+        for unit, name in enumerate(("current", "inverse_depth", "history")):
             self._program[name] = unit
         settings = BASELINE.settings
         self._program["limits"] = (
@@ -176,7 +176,7 @@ class Shader:
             settings.luminance_knee,
             settings.box_floor,
         )
-        self._program["box"] = (settings.gamma_still, settings.gamma_moving, settings.motion_px)
+        self._program["box"] = (settings.box_scale_static, settings.box_scale_moving, settings.motion_px)
         self._triangle = gl.vertex_array(self._program, [])
         self._targets = {texture: gl.framebuffer([texture]) for texture in (self._history, self._output)}
 
@@ -185,7 +185,7 @@ class Shader:
         pixels = np.ones((frame.height, frame.width, 4), np.float32)
         pixels[..., :3] = frame.colour
         self._current.write(pixels.tobytes())
-        self._closeness.write((np.float32(1.0) / frame.depth).tobytes())
+        self._inverse_depth.write((np.float32(1.0) / frame.depth).tobytes())
         past = None if previous is None else Past.of(previous)
         self._program["displacement"] = _matrix(frame_record(frame, past, Layout(frame.width, frame.height)))
         self._history, self._output = self._output, self._history
@@ -196,7 +196,7 @@ class Shader:
 
     def run(self) -> float | None:
         """Draw what the last ``resolve`` was given; return the seconds by OpenGL's clock, None where it has none."""
-        for unit, texture in enumerate((self._current, self._closeness, self._history)):
+        for unit, texture in enumerate((self._current, self._inverse_depth, self._history)):
             texture.use(unit)
         self._targets[self._output].use()
         query = self._context.query(time=True)

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 import msgspec
 import numpy as np
 
-from cltaa.core.planes import kept_memory
+from cltaa.core.planes import pooled_memory
 from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
 from cltaa.io.atomic import make_folder
@@ -97,7 +97,7 @@ def bench_files(
     channels = image_channels(resolver.resolve(sequence.frame(sequence.first)))
     resolver.reset()
     counts = threads or (OpenEXR.global_thread_count(),)
-    with TemporaryDirectory() as folder, kept_memory():
+    with TemporaryDirectory() as folder, pooled_memory():
         packings = [
             packing
             for half in (False, True)

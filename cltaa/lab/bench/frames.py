@@ -14,7 +14,7 @@ TURN_RADIANS = 0.01  # rotation about the viewing axis, a frame
 ZOOM = 1.004  # of the focal length, a frame
 SCALE = 1.0 / np.tan(np.radians(60.0) / 2)
 STEPS = 8  # in depth, over the picture's width
-EFFECTS = frozenset({Effect.CAMERA, Effect.UNCOVER, Effect.HDR})
+EFFECTS = frozenset({Effect.CAMERA, Effect.DISOCCLUSION, Effect.HDR})
 
 
 class Motion(StrEnum):

@@ -24,7 +24,7 @@ from cltaa.lab.bench.environment import Environment, environment, load_average
 from cltaa.lab.bench.frames import EFFECTS, Motion, camera_at
 from cltaa.lab.timing import Clock, Interval, Job, device_seconds, measure
 from cltaa.opencl.launcher import DeviceLauncher
-from cltaa.pipeline.memory import PlanesHeld, device_bytes
+from cltaa.pipeline.memory import DevicePlanes, device_bytes
 
 SIZES = (256, 512, 1024, 2048, 4096, 8192)
 REFERENCE = 2048
@@ -95,7 +95,7 @@ class _Sized:
 
 
 def square(side: int) -> Frame:
-    """A frame of random pixels at a distance of 1, which is its own inverse: bands leave closeness where depth was.
+    """A frame of random pixels at a distance of 1, which is its own inverse: bands leave inverse depth where depth was.
 
     Raises ResourceError where there is no memory for it.
     """
@@ -148,7 +148,7 @@ def bench_growth(
                 least_ns=float(samples.seconds("size", Clock.DEVICE).min()) * scale,
                 ratio=ratio.times(reference.pixels / sized.pixels),
                 allocated=sized.launcher.allocated,
-                formula=device_bytes(side, side, PlanesHeld(sized.steps, band_rows=bands)),
+                formula=device_bytes(side, side, DevicePlanes(sized.steps, band_rows=bands)),
             )
         )
         del sized

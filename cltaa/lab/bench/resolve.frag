@@ -2,10 +2,10 @@
 // The resolve of kernels/bench/plain.cl as a fragment shader: the same algorithm, the same order of work. Row 0 of every
 // texture is the top of the image, and so is row 0 of the target, so that y points down here too.
 // TAPS is 16 (texel fetches) or 9 (bilinear reads that weigh the two middle taps of each axis at once).
-uniform sampler2D current, closeness, history;
+uniform sampler2D current, inverse_depth, history;
 uniform mat4 displacement; // rows x, y, w of D, then (origin_x, origin_y, reset, -)
 uniform vec4 limits; // sample_limit, blend_weight, luminance_knee, box_floor
-uniform vec3 box; // gamma_still, gamma_moving, motion_px
+uniform vec3 box; // box_scale_static, box_scale_moving, motion_px
 out vec4 result;
 
 vec3 to_ycocg(vec3 c)
@@ -61,7 +61,7 @@ void main()
 {
     ivec2 at = ivec2(gl_FragCoord.xy), last = textureSize(current, 0) - 1, place = at;
     vec3 sum = vec3(0.0), squares = vec3(0.0), centre = vec3(0.0);
-    float nearest = texelFetch(closeness, at, 0).r;
+    float nearest = texelFetch(inverse_depth, at, 0).r;
     for (int j = -1; j <= 1; ++j)
         for (int i = -1; i <= 1; ++i) {
             ivec2 p = clamp(at + ivec2(i, j), ivec2(0), last);
@@ -70,7 +70,7 @@ void main()
             squares += c * c;
             if (i == 0 && j == 0)
                 centre = c;
-            float q = texelFetch(closeness, p, 0).r;
+            float q = texelFetch(inverse_depth, p, 0).r;
             if (q > nearest) {
                 nearest = q;
                 place = at + ivec2(i, j);

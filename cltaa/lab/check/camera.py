@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cltaa.camera import is_still, sky_closeness
+from cltaa.camera import is_still, sky_inverse_depth
 from cltaa.core.frame_checks import check_camera
 from cltaa.errors import DataError
 from cltaa.frame import Camera, Frame
@@ -264,7 +264,7 @@ def _vector_mismatch(pair: Pair, meant: Affine, leak: float) -> float:
 
 def _sparse(pair: Pair) -> Pair:
     """``pair`` at a few of its points, such as have a depth: the sky says nothing of its unit."""
-    chosen = np.flatnonzero(pair.closeness != sky_closeness(pair.frame.camera))
+    chosen = np.flatnonzero(pair.inverse_depth != sky_inverse_depth(pair.frame.camera))
     if len(chosen) < LEAST_POINTS:
         chosen = np.arange(len(pair.x))
     chosen = chosen[:: max(1, len(chosen) // MOST_VECTORS)]
@@ -273,7 +273,7 @@ def _sparse(pair: Pair) -> Pair:
         x=pair.x[chosen],
         y=pair.y[chosen],
         now=pair.now[chosen],
-        closeness=pair.closeness[chosen],
+        inverse_depth=pair.inverse_depth[chosen],
         own=pair.own[:, chosen],
         usable=pair.usable[chosen],
     )
@@ -283,7 +283,7 @@ def _compared(pairs: Sequence[Pair], camera: str, scale: float, maps: dict[str, 
     """How far vectors under each of ``maps`` are from the camera's motion under one reading of that."""
     change = COMBINED[camera].change
     motions = [
-        pair.camera_motion(change(pair.frame.camera), change(pair.previous.camera), pair.closeness / scale)
+        pair.camera_motion(change(pair.frame.camera), change(pair.previous.camera), pair.inverse_depth / scale)
         for pair in pairs
     ]
     moved = float(np.mean([middle_length(motion) for motion in motions]))

@@ -1,7 +1,8 @@
 """Which kind of depth the depth channel holds.
 
 A rasteriser draws planes, and over a plane 1/Z is a linear function of the pixel (docs/conventions.md, Matrices). So
-the right reading of the channel is the one under which the second differences of closeness vanish, whatever is shown.
+the right reading of the channel is the one under which the second differences of inverse depth vanish, whatever is
+shown.
 """
 
 from __future__ import annotations
@@ -83,7 +84,9 @@ def check_depth_scale(shot: Shot) -> list[Finding]:
 
 def _residuals(pairs: Sequence[Pair], scale: float) -> Vector:
     """How badly each pair matches where depth is ``scale`` times what it says."""
-    return np.array([camera_residual(pair, pair.camera_motion(closeness=pair.closeness / scale)) for pair in pairs])
+    return np.array(
+        [camera_residual(pair, pair.camera_motion(inverse_depth=pair.inverse_depth / scale)) for pair in pairs]
+    )
 
 
 def tells_kind(frames: Sequence[Frame]) -> bool:
@@ -98,9 +101,9 @@ def _flat_shares(frames: Sequence[Frame], depth: Sequence[Plane]) -> dict[str, d
     for frame, raw in zip(frames, depth, strict=True):
         usable = np.isfinite(raw) & (raw > 0) & (raw < 1e9)
         step = _step(raw[usable])
-        for kind, closeness in _readings(frame, np.where(usable, raw, np.nan)).items():
+        for kind, inverse_depth in _readings(frame, np.where(usable, raw, np.nan)).items():
             # Along rows and along columns: a level floor is at one depth along each row.
-            flat[kind] += [_is_flat(lines, step)[_is_known(lines)] for lines in (closeness, closeness.T)]
+            flat[kind] += [_is_flat(lines, step)[_is_known(lines)] for lines in (inverse_depth, inverse_depth.T)]
     table = {kind: np.concatenate(planes) for kind, planes in flat.items()}
     shares = {}
     for kind in ("ray", "reciprocal"):
@@ -175,7 +178,9 @@ def tell_device(shot: Shot, found: Finding) -> Finding:
     raw = [pair.frame.depth[pair.y.astype(int), pair.x.astype(int)].astype(np.float64) for pair in pairs]
     stored = raw if reverse else [1.0 - values for values in raw]
     plain, changed = (
-        np.array([camera_residual(p, p.camera_motion(closeness=q * by)) for p, q in zip(pairs, stored, strict=True)])
+        np.array(
+            [camera_residual(p, p.camera_motion(inverse_depth=q * by)) for p, q in zip(pairs, stored, strict=True)]
+        )
         for by in ((1.0, near) if reverse else (near, other))
     )
     if changed.mean() >= plain.mean():

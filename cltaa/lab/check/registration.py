@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.camera import Displacement, displacement, is_still, sky_closeness
+from cltaa.camera import Displacement, displacement, is_still, sky_inverse_depth
 from cltaa.frame import Camera, Frame, Image
 from cltaa.io.display import LUMA
 
@@ -164,7 +164,7 @@ class Pair:
     now: Vector
     before: Picture
     scale: float
-    closeness: Vector  # as declared; the sky's where there is no depth
+    inverse_depth: Vector  # as declared; the sky's where there is no depth
     own: Vector  # [2, n], NaN where no vector was given
     usable: NDArray[np.bool_]  # neither reactive nor NaN
 
@@ -187,25 +187,25 @@ class Pair:
         return change
 
     def camera_motion(
-        self, camera: Camera | None = None, previous: Camera | None = None, closeness: Vector | None = None
+        self, camera: Camera | None = None, previous: Camera | None = None, inverse_depth: Vector | None = None
     ) -> Vector:
-        """Motion [2, n] in pixels that the cameras and the closeness give; NaN where the point was not in front."""
+        """Motion [2, n] in pixels that the cameras and the inverse depth give; NaN where the point was not in front."""
         camera, previous = camera or self.frame.camera, previous or self.previous.camera
         if is_still(camera, previous):
             return np.zeros((2, len(self.x)))
         moved = displacement(camera, previous, self.frame.width, self.frame.height)
         px = self.x + 0.5 + self.frame.jitter_px[0] - self.frame.width / 2
         py = self.y + 0.5 + self.frame.jitter_px[1] - self.frame.height / 2
-        return apply_displacement(moved, px, py, self.closeness if closeness is None else closeness)
+        return apply_displacement(moved, px, py, self.inverse_depth if inverse_depth is None else inverse_depth)
 
     def declared_motion(self) -> Vector:
         """Motion [2, n]: the channel where it holds a vector, else what cameras and depth give."""
         return np.where(np.isfinite(self.own), self.own, self.camera_motion())
 
 
-def apply_displacement(moved: Displacement, px: Vector, py: Vector, closeness: Vector) -> Vector:
+def apply_displacement(moved: Displacement, px: Vector, py: Vector, inverse_depth: Vector) -> Vector:
     """Motion [2, n] of points at (px, py) from the image's centre (docs/conventions.md, Matrices)."""
-    by = np.stack([px, py, closeness, np.ones_like(px)])
+    by = np.stack([px, py, inverse_depth, np.ones_like(px)])
     dx, dy, dw = moved.rows @ by
     w = 1.0 + dw
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -237,12 +237,12 @@ class Shot:
             self.pairs.append(_pair(frame, previous, signals[place], signals[place - 1]))
 
 
-def planar_closeness(depth: NDArray[np.float32] | Vector, camera: Camera) -> Vector:
-    """Planar depth as closeness in float64 (``cltaa.camera.closeness`` without its float32)."""
+def planar_inverse_depth(depth: NDArray[np.float32] | Vector, camera: Camera) -> Vector:
+    """Planar depth as inverse depth in float64 (``cltaa.camera.inverse_depth`` without its float32)."""
     wide = depth.astype(np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
         near = -wide if camera.orthographic else np.where(wide > 0, 1.0 / wide, 0.0)
-    return np.where(np.isfinite(near), near, sky_closeness(camera))
+    return np.where(np.isfinite(near), near, sky_inverse_depth(camera))
 
 
 def _pair(frame: Frame, previous: Frame, now: Picture, before: Picture) -> Pair:
@@ -262,7 +262,7 @@ def _pair(frame: Frame, previous: Frame, now: Picture, before: Picture) -> Pair:
         now=signal,
         before=before,
         scale=max(2.0 * float(np.std(signal)), 1e-6),
-        closeness=planar_closeness(frame.depth[y, x], frame.camera),
+        inverse_depth=planar_inverse_depth(frame.depth[y, x], frame.camera),
         own=own,
         usable=usable,
     )

@@ -85,7 +85,7 @@ def _camera(shot: Shot) -> Iterator[str]:
     if hidden:
         yield f"matrices: {', '.join(hidden)}: the pictures match about as well either way"
     if shot.has_depth:
-        nearer = [pair.camera_motion(closeness=UNIT * pair.closeness) for pair in pairs]
+        nearer = [pair.camera_motion(inverse_depth=UNIT * pair.inverse_depth) for pair in pairs]
         if shot.frames[0].camera.orthographic or not _shows(pairs, nearer):
             yield "the unit of depth: the pictures match about as well with others"
 

@@ -24,7 +24,7 @@ DEPTH_SLACK = 1e-4
 # With another jitter the sample is at most a pixel away. Share of pixels outside the range of depth around them, worst
 # seen: 0.05 in still scenes (leaves, at 96x54), 0.3 and more under a camera that turns or travels.
 MOVED_SHARE = 0.15
-# A change of light that no eight bits show: half a step of a value near 1.
+# An illumination change that no eight bits show: half a step of a value near 1.
 COLOUR_SLACK = 1.0 / 512.0
 BLOCK = 8  # pixels: of colour the mean of each block is remembered, for every jitter there is
 # With another jitter: share of pixels outside the range of colour around them, worst seen 0.18 in still scenes at
@@ -32,7 +32,7 @@ BLOCK = 8  # pixels: of colour the mean of each block is remembered, for every j
 CHANGED_SHARE = 0.25
 # Share of pixels that come into view, two pixels away from whatever could hide them, since two samples of a pixel and
 # a rounded position lie up to 1.5 apart. Worst seen where nothing does: 2e-4, in hair against the sky (160x90).
-UNCOVERED_SHARE = 5e-4
+DISOCCLUDED_SHARE = 5e-4
 # A camera's step may uncover less than a pixel: frames are looked at 1, 2, 4 ... after one, and from the last on anew.
 FARTHEST = 16
 
@@ -102,7 +102,7 @@ class Uncovering:
         distance = frame.index - before.index
         if self.frame is None and (frame.motion is not None or distance & (distance - 1) == 0):
             found = correspondence(frame, before)
-            if float((found.uncovered & ~_grown(found.edge)).mean()) > UNCOVERED_SHARE:
+            if float((found.disoccluded & ~_grown(found.edge)).mean()) > DISOCCLUDED_SHARE:
                 self.frame = header.index
         if frame.motion is not None or distance >= FARTHEST:
             self._before = frame

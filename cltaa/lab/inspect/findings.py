@@ -171,7 +171,7 @@ def size_of(path: Path) -> int:
 
 BRIGHT = 8.0  # "far above 1"
 # Any of these moves what a pixel shows.
-MOVING = frozenset({Effect.CAMERA, Effect.MOTION, Effect.UNCOVER, Effect.CUT})
+MOVING = frozenset({Effect.CAMERA, Effect.MOTION, Effect.DISOCCLUSION, Effect.CUT})
 
 
 class Witness:
@@ -180,7 +180,7 @@ class Witness:
     def __init__(self) -> None:
         self._seen: set[Effect] = set()
         self._brightest = 0.0
-        self._depth, self._colour, self._uncovering = DepthChange(), ColourChange(), Uncovering()
+        self._depth, self._colour, self._disoccluded = DepthChange(), ColourChange(), Uncovering()
 
     def look(self, header: FrameHeader, channels: Mapping[str, Pixels]) -> None:
         """Take in one frame."""
@@ -191,8 +191,8 @@ class Witness:
             return
         if not declared & MOVING:
             self._depth.look(header, np.asarray(channels["Z"], np.float32))
-        elif Effect.UNCOVER not in declared:
-            self._uncovering.look(header, channels)
+        elif Effect.DISOCCLUSION not in declared:
+            self._disoccluded.look(header, channels)
         if nothing_changes(declared):
             self._colour.look(header, np.stack([np.asarray(channels[name], np.float32) for name in "RGB"]))
 
@@ -207,9 +207,9 @@ class Witness:
             problems.append(_undeclared("depth changes", self._depth.frame, MOVING))
         elif self._colour.frame is not None:
             problems.append(_undeclared("colour changes", self._colour.frame, CHANGING))
-        if self._uncovering.frame is not None:
+        if self._disoccluded.frame is not None:
             problems.append(
-                f"something comes into view at frame {self._uncovering.frame}, but effect uncover is not declared"
+                f"something comes into view at frame {self._disoccluded.frame}, but effect disocclusion is not declared"
             )
         return problems
 

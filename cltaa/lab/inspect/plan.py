@@ -11,7 +11,7 @@ import numpy as np
 
 from cltaa.core.backend import Launcher
 from cltaa.core.build import Steps, Storage
-from cltaa.core.parameters import HistoryOf, LightChange
+from cltaa.core.parameters import HistoryKind, Illumination
 from cltaa.core.plan import Plan, plan_frame, toggled, with_effects
 from cltaa.core.presets import Preset
 from cltaa.core.record import Past
@@ -19,8 +19,8 @@ from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.timing import Job, Samples, measure
-from cltaa.pipeline.memory import NO_LAYERS, Memory, PlanesHeld, of_sequence, program_bytes
-from cltaa.pipeline.output import check_layers, chosen_layers, kept_kinds
+from cltaa.pipeline.memory import NO_LAYERS, DevicePlanes, Memory, of_sequence, program_bytes
+from cltaa.pipeline.output import carried_kinds, check_layers, chosen_layers
 from cltaa.pipeline.run import band_rows_for, has_bands, of_whole
 
 ROUNDS = 9  # of timing, each of which runs every variant once
@@ -101,7 +101,7 @@ def plan(
             elif key in timed:
                 _copy_times(timed[key], section)
     kernels = len({(planned.choices, planned.steps) for planned in plans})
-    needed = memory(sequence, resolver, plans, half=half, layers=kept_kinds(sequence, layers), rows=band_rows)
+    needed = memory(sequence, resolver, plans, half=half, layers=carried_kinds(sequence, layers), rows=band_rows)
     return SequencePlan(
         folder=str(sequence.folder),
         preset=resolver.preset.name,
@@ -127,20 +127,20 @@ def memory(
     """
     preset, shared = resolver.preset, resolver.launcher.shares_memory
     used = {name: any(getattr(each.steps, name) for each in plans) for name in Steps.__struct_fields__}
-    histories = {each.choices.history_of for each in plans}
+    histories = {each.choices.history for each in plans}
     if rows is None:
         whole = of_whole(sequence, resolver, half=half, layers=layers)
         rows = band_rows_for(whole) if has_bands(resolver) else 0
-    kept = HistoryOf.SAMPLES in histories
-    frames_kept = preset.settings.frames_kept if kept else 0
-    spans = kept and any(each.choices.light_change is LightChange.SPANS for each in plans)
-    changes = any(each.choices.light_change is not LightChange.IGNORE for each in plans)
-    held = PlanesHeld(
+    kept = HistoryKind.FRAMES in histories
+    history_frames = preset.settings.history_frames if kept else 0
+    windows = kept and any(each.choices.illumination is Illumination.WINDOW for each in plans)
+    changes = any(each.choices.illumination is not Illumination.STATIC for each in plans)
+    held = DevicePlanes(
         Steps(**used),
         resolver.storage,
         band_rows=rows,
-        frames_kept=frames_kept,
-        spans=spans,
+        history_frames=history_frames,
+        windows=windows,
         changes=changes,
         shared=shared,
         half=half,

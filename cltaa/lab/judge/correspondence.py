@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.camera import Displacement, closeness, displacement
+from cltaa.camera import Displacement, displacement, inverse_depth
 from cltaa.frame import Frame
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-DEPTH_SLACK = 0.05  # of the closeness: as far as two samples of one surface may differ, its slope apart
+DEPTH_SLACK = 0.05  # of the inverse depth: as far as two samples of one surface may differ, its slope apart
 SOLID = 4  # of 9 texels, as at the corner of a thing: a wire covers 3, and its samples come and go by chance
 SLOPE_SLACK = 1.5  # pixels: two jittered samples and a rounded position lie so far apart
 
@@ -28,7 +28,7 @@ class Correspondence:
     x: Array  # pixels, texel centres at +0.5
     y: Array
     same: Mask  # the frame before shows the same surface there
-    uncovered: Mask  # the frame before shows something nearer there, and not just a wire
+    disoccluded: Mask  # the frame before shows something nearer there, and not just a wire
     edge: Mask  # something nearer stands beside it now, and may cover a part of the pixel
     column: NDArray[np.int64]  # of the nearest texel, limited to the image
     row: NDArray[np.int64]
@@ -44,7 +44,7 @@ def correspondence(frame: Frame, previous: Frame) -> Correspondence:
     """Follow every pixel of ``frame`` into ``previous`` by its motion channel, else by depth and cameras."""
     height, width = frame.depth.shape
     moved = displacement(frame.camera, previous.camera, width, height)
-    now, before = _closeness(frame), _closeness(previous)
+    now, before = _inverse_depth(frame), _inverse_depth(previous)
     u, v, expected, visible = _reproject(frame, now, moved)
     y, x = np.mgrid[:height, :width] + 0.5
     x, y = x + u, y + v
@@ -57,20 +57,21 @@ def correspondence(frame: Frame, previous: Frame) -> Correspondence:
     same = inside & (np.abs(seen - expected) <= slack)
     beside = _beside(before)[row, column]  # [H, W, 3, 3] of the frame before
     nearer = beside - expected[..., None, None] > DEPTH_SLACK * np.abs(beside) + slope[..., None, None]
-    uncovered = inside & (seen - expected > slack) & (nearer.sum((2, 3)) >= SOLID)
+    disoccluded = inside & (seen - expected > slack) & (nearer.sum((2, 3)) >= SOLID)
     nearest = _beside(now).max((2, 3))
     edge = nearest - now > DEPTH_SLACK * np.abs(nearest) + slope
-    return Correspondence(x, y, same, uncovered, edge, column, row)
+    return Correspondence(x, y, same, disoccluded, edge, column, row)
 
 
-def _closeness(frame: Frame) -> Array:
+def _inverse_depth(frame: Frame) -> Array:
     result = np.empty(frame.depth.shape, np.float32)
-    closeness(frame.depth, frame.camera, result)
+    inverse_depth(frame.depth, frame.camera, result)
     return result.astype(np.float64)
 
 
 def _reproject(frame: Frame, now: Array, moved: Displacement) -> tuple[Array, Array, Array, Mask]:
-    """Motion u, v, the closeness to be expected one frame ago, and where the previous camera could see the point."""
+    """Motion u, v, the inverse depth to be expected one frame ago, and where the previous camera could see the
+    point."""
     height, width = now.shape
     y, x = np.mgrid[:height, :width].astype(np.float64)
     x += 0.5 + frame.jitter_px[0] - width / 2
@@ -80,7 +81,7 @@ def _reproject(frame: Frame, now: Array, moved: Displacement) -> tuple[Array, Ar
     visible = dw > -1
     w = np.where(visible, 1 + dw, 1)
     u, v = (dx - x * dw) / w, (dy - y * dw) / w
-    expected = now + point @ moved.closeness if frame.camera.orthographic else now / w
+    expected = now + point @ moved.inverse_depth if frame.camera.orthographic else now / w
     if frame.motion is not None:
         own = np.isfinite(frame.motion).all(-1)
         u, v = (np.where(own, frame.motion[..., axis], by_camera) for axis, by_camera in enumerate((u, v)))

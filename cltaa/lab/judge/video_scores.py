@@ -19,8 +19,8 @@ from cltaa.lab.judge.detail import REACH, Detail, blurred, import_ndimage, judge
 
 Array = NDArray[np.float64]
 
-TRAIL = 8  # frames for which an uncovered pixel is watched for what stood before it
-LEAST_CHANGE = 0.1  # of a display value, by which the truth changes where something was uncovered
+TRAIL = 8  # frames for which a disoccluded pixel is watched for what stood before it
+LEAST_CHANGE = 0.1  # of a display value, by which the truth changes where something was disoccluded
 LEAST_WATCHED = 512  # pixels, of all frames together, below which chance decides about a ghost
 STEADY_PX = 0.5  # most that the motion may differ within 3x3 where a pixel is followed from frame to frame
 
@@ -35,7 +35,7 @@ class Score:
 
 
 SCORES = (
-    Score("ghosting", "share of what stood there before that still shows at uncovered pixels", ".3f"),
+    Score("ghosting", "share of what stood there before that still shows at disoccluded pixels", ".3f"),
     Score("flicker", "change from frame to frame that is not in the truth, rms of display values"),
     Score("blur", "share of the truth's finest detail that is lost", ".3f"),
     Score("aliasing", "fine detail that no filter of the truth explains, rms of display values"),
@@ -63,7 +63,8 @@ class Sums:
         return self
 
     def scores(self) -> dict[str, float]:
-        """Value of each score; NaN where there was nothing to judge: nothing uncovered, no frame before, no detail."""
+        """Value of each score; NaN where there was nothing to judge: nothing disoccluded, no frame before, no
+        detail."""
         return {
             "ghosting": _ratio(self.stale_product, self.stale_square * (self.stale_pixels >= LEAST_WATCHED)),
             "flicker": math.sqrt(_ratio(self.flicker_square, self.flicker_count)),
@@ -99,7 +100,7 @@ class VideoScores:
         self.totals = [Sums() for _ in range(tests)]
         self._stops = stops
         self._past: _Past | None = None
-        self.fresh: Mask = np.zeros((0, 0), np.bool_)  # of the last frame: uncovered in it, no edge beside, [H, W]
+        self.fresh: Mask = np.zeros((0, 0), np.bool_)  # of the last frame: disoccluded in it, no edge beside, [H, W]
 
     def add(self, frame: Frame, truth: Image, tests: list[Image]) -> list[Sums]:
         """Judge one frame: ``frame`` as captured, the truth and each test, linear [H, W, 3]."""
@@ -152,11 +153,11 @@ def _sums(error: Array, before: Array | None, detail: Detail, trail: _Trail, pat
 
 
 def _follow_stale(truth: Array, past: _Past | None, found: Correspondence | None) -> tuple[Array, NDArray[np.int64]]:
-    """The colour that stood before each uncovered pixel [H, W, 3], and the frames since, from 1 (0: none) [H, W]."""
+    """The colour that stood before each disoccluded pixel [H, W, 3], and the frames since, from 1 (0: none) [H, W]."""
     if past is None or found is None:
         return truth, np.zeros(truth.shape[:2], np.int64)
     before = past.truth[found.row, found.column]
-    fresh = found.uncovered & (np.abs(before - truth).max(-1) >= LEAST_CHANGE)
+    fresh = found.disoccluded & (np.abs(before - truth).max(-1) >= LEAST_CHANGE)
     carried = past.age[found.row, found.column] + 1
     carried[~found.same | (carried == 1) | (carried > TRAIL)] = 0
     age = np.where(fresh, 1, carried)
@@ -165,7 +166,7 @@ def _follow_stale(truth: Array, past: _Past | None, found: Correspondence | None
 
 
 class _Trail:
-    """Uncovered pixels of one frame, and what still shows there if the past does.
+    """Disoccluded pixels of one frame, and what still shows there if the past does.
 
     Only pixels that show whole surfaces count: where an edge runs through a pixel, that its one captured sample fell
     behind the edge already says which way the error of this frame points.
@@ -203,7 +204,7 @@ class _Trail:
 
 
 def _steady(found: Correspondence, watched: Mask, watched_before: Mask) -> Mask:
-    """Pixels that can be followed from the frame before: one surface, one motion all around, nothing uncovered."""
+    """Pixels that can be followed from the frame before: one surface, one motion all around, nothing disoccluded."""
     ndimage = import_ndimage()
     motion = found.motion
     spread = ndimage.maximum_filter(motion, (3, 3, 1)) - ndimage.minimum_filter(motion, (3, 3, 1))

@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 
 from cltaa.core.kernel_source import code_sha256
-from cltaa.errors import StorageError, room_cure
+from cltaa.errors import StorageError, disk_space_cure
 from cltaa.io.atomic import atomic_path
 from cltaa.io.content import read_text
 from cltaa.io.sequence import FrameSequence
@@ -66,7 +66,7 @@ class Record:
                 stream.write(_line(trial))
         except OSError as error:
             what = f"a trial cannot be kept: {error.strerror}"
-            raise StorageError(what, path=self._path, cure=room_cure(error)) from error
+            raise StorageError(what, path=self._path, cure=disk_space_cure(error)) from error
 
     def clear(self) -> None:
         """Delete the record: the search has ended."""

@@ -86,11 +86,11 @@ NOT_WORTH = {"rectify": ("clip-unguarded",)}  # known to be discontinuous (NUMER
 RANGES: dict[str, tuple[float, float, bool]] = {
     "blend_weight": (0.02, 0.3, True),
     "sample_limit": (4.0, 128.0, True),
-    "resample_cost": (0.0, 4.0, False),
-    "pull_cost": (0.0, 4.0, False),
-    "gamma_still": (0.5, 3.0, False),
-    "gamma_moving": (0.5, 3.0, False),
-    "fresh_blur": (0.0, 1.0, False),
+    "resampling_penalty": (0.0, 4.0, False),
+    "clip_penalty": (0.0, 4.0, False),
+    "box_scale_static": (0.5, 3.0, False),
+    "box_scale_moving": (0.5, 3.0, False),
+    "disocclusion_blur": (0.0, 1.0, False),
 }
 ROUNDS = 7  # of timing a candidate beside the default
 OVERFIT = 0.5  # share of the gain (in log) that other sequences must keep

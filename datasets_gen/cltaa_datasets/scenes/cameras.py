@@ -40,7 +40,7 @@ def _eye(x: float, z: float = 0.0) -> Matrix:
 
 @register("pan", "A camera on a tripod turns from side to side", (Effect.CAMERA,))
 def pan(seed: int) -> Staging:
-    """Turn about the vertical: no parallax, nothing uncovered."""
+    """Turn about the vertical: no parallax, nothing disoccluded."""
     return _filmed(seed, lambda t: (animation.rotation(animation.UP, PAN * animation.swing(t, SLOW)) @ VIEW, LENS))
 
 
@@ -56,15 +56,15 @@ def zoom(seed: int) -> Staging:
     return _filmed(seed, lambda t: (VIEW, Perspective(LENS.field_of_view * (1.0 + ZOOM * animation.swing(t, SLOW)))))
 
 
-@register("dolly", "A camera slides to and fro past the things before a wall", (Effect.CAMERA, Effect.UNCOVER))
+@register("dolly", "A camera slides to and fro past the things before a wall", (Effect.CAMERA, Effect.DISOCCLUSION))
 def dolly(seed: int) -> Staging:
-    """Slide sideways and forward: parallax, and ground uncovered behind every exhibit."""
+    """Slide sideways and forward: parallax, and ground disoccluded behind every exhibit."""
     return _filmed(
         seed, lambda t: (_eye(DOLLY * animation.swing(t, SLOW), -0.5 * DOLLY * animation.swing(t, QUICK)), LENS)
     )
 
 
-@register("parallel", "A camera with a parallel lens slides to and fro", (Effect.CAMERA, Effect.UNCOVER))
+@register("parallel", "A camera with a parallel lens slides to and fro", (Effect.CAMERA, Effect.DISOCCLUSION))
 def parallel(seed: int) -> Staging:
     """Slide and turn a little under an orthographic projection, in which depth alone tells nothing of motion."""
 
@@ -75,7 +75,7 @@ def parallel(seed: int) -> Staging:
     return _filmed(seed, camera)
 
 
-@register("halt", "A camera that walks, stands, and walks on", (Effect.CAMERA, Effect.UNCOVER))
+@register("halt", "A camera that walks, stands, and walks on", (Effect.CAMERA, Effect.DISOCCLUSION))
 def halt(seed: int) -> Staging:
     """Walk for half a second, stand for as long: between its steps the camera is still to the bit."""
     parts = gallery(seed)

@@ -14,7 +14,7 @@ REACH, PERIOD = (0.9, 0.5), (3.1, 4.3)  # metres either way and seconds, across 
 VIEW = animation.look_at((0.0, 2.2, 2.0), (0.0, 0.0, 0.0))
 
 
-@register("conveyor", "A printed belt slides under a still camera; nothing is ever uncovered", (Effect.MOTION,))
+@register("conveyor", "A printed belt slides under a still camera; nothing is ever disoccluded", (Effect.MOTION,))
 def conveyor(seed: int) -> Staging:
     """Stage the scene; the seed changes the print and where the slide begins."""
     rng = np.random.default_rng(seed)

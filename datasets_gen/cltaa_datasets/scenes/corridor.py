@@ -45,7 +45,7 @@ def colonnade(rng: np.random.Generator) -> tuple[Part, Part]:
 @register(
     "corridor",
     "A dolly between columns over a fine checkered floor that runs to the horizon",
-    (Effect.CAMERA, Effect.UNCOVER, Effect.SKY),
+    (Effect.CAMERA, Effect.DISOCCLUSION, Effect.SKY),
 )
 def corridor(seed: int) -> Staging:
     """Stage the scene; the seed changes the stones, the bricks and where the walk begins."""

@@ -48,7 +48,7 @@ def banner(rng: np.random.Generator) -> tuple[Part, Callable[[float], Shape]]:
     return Part("cloth", waving(0.0), print_, deforms=True), lambda time: shape_of(waving(time))
 
 
-@register("cloth", "A printed cloth waves before a wall", (Effect.MOTION, Effect.UNCOVER))
+@register("cloth", "A printed cloth waves before a wall", (Effect.MOTION, Effect.DISOCCLUSION))
 def cloth(seed: int) -> Staging:
     """Wave a sheet: every vertex moves its own way."""
     rng = np.random.default_rng(seed)
@@ -60,7 +60,7 @@ def cloth(seed: int) -> Staging:
 @register(
     "morphing",
     "A ball that becomes a cube and a spindle by blends of shapes",
-    (Effect.MOTION, Effect.UNCOVER, Effect.SHADING),
+    (Effect.MOTION, Effect.DISOCCLUSION, Effect.ILLUMINATION),
 )
 def morphing(seed: int) -> Staging:
     """Blend two targets into a ball; its lit side changes with its shape."""
@@ -86,7 +86,9 @@ def morphing(seed: int) -> Staging:
     return parts, at
 
 
-@register("skinned", "An arm of five joints bends before a wall", (Effect.MOTION, Effect.UNCOVER, Effect.SHADING))
+@register(
+    "skinned", "An arm of five joints bends before a wall", (Effect.MOTION, Effect.DISOCCLUSION, Effect.ILLUMINATION)
+)
 def skinned(seed: int) -> Staging:
     """Bend a tube by linear blend skinning; joint by joint the swing is later."""
     rng = np.random.default_rng(seed)

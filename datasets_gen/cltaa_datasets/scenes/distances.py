@@ -21,7 +21,7 @@ NIGHT_LENS = Perspective(np.radians(50.0))
 MOON = Sun(animation.direction(-140.0, 50.0), (0.8, 0.9, 1.1))
 
 
-@register("far_off", "A dolly through a gallery a million metres from the origin", (Effect.CAMERA, Effect.UNCOVER))
+@register("far_off", "A dolly through a gallery a million metres from the origin", (Effect.CAMERA, Effect.DISOCCLUSION))
 def far_off(seed: int) -> Staging:
     """The scene ``dolly`` moved away from the origin: float32 world space would be hundreds of pixels off."""
     parts = gallery(seed)
@@ -40,7 +40,7 @@ def far_off(seed: int) -> Staging:
 @register(
     "depth_range",
     "A lattice ten centimetres from the lens, towers, and hills three hundred kilometres away",
-    (Effect.CAMERA, Effect.UNCOVER, Effect.THIN, Effect.SKY),
+    (Effect.CAMERA, Effect.DISOCCLUSION, Effect.THIN, Effect.SKY),
 )
 def depth_range(seed: int) -> Staging:
     """Sway behind a lattice: it runs across the picture while the hills only turn with the camera."""
@@ -86,7 +86,7 @@ def depth_range(seed: int) -> Staging:
 @register(
     "starry",
     "Posts under a sky full of stars, from a camera that turns, rolls and walks",
-    (Effect.CAMERA, Effect.UNCOVER, Effect.THIN, Effect.SKY),
+    (Effect.CAMERA, Effect.DISOCCLUSION, Effect.THIN, Effect.SKY),
 )
 def starry(seed: int) -> Staging:
     """Turn under the stars: a walk must not move them."""

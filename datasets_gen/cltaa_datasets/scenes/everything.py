@@ -57,7 +57,7 @@ def everything(seed: int) -> Staging:
 @register(
     "turntable",
     "Textured and shining things that turn on a transparent ground",
-    (Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.HDR, Effect.ALPHA),
+    (Effect.MOTION, Effect.DISOCCLUSION, Effect.ILLUMINATION, Effect.HDR, Effect.ALPHA),
 )
 def turntable(seed: int) -> Staging:
     """Turn the things of ``spinner`` without anything around them, as for a composite."""

@@ -20,7 +20,7 @@ SUN_SWING = 3.0  # seconds
 SHADOW = Shadow((0.0, 1.5, -0.5), 4.0)
 
 
-@register("glints", "Highlights of up to 10000 run over still gold and lacquer", (Effect.SHADING, Effect.HDR))
+@register("glints", "Highlights of up to 10000 run over still gold and lacquer", (Effect.ILLUMINATION, Effect.HDR))
 def glints(seed: int) -> Staging:
     """A lamp circles over polished things: the highlights move, no surface does."""
     rng = np.random.default_rng(seed)
@@ -48,7 +48,7 @@ def glints(seed: int) -> Staging:
     return parts, at
 
 
-@register("flash", "Two lamps flash over a wall on which nothing moves", (Effect.SHADING,))
+@register("flash", "Two lamps flash over a wall on which nothing moves", (Effect.ILLUMINATION,))
 def flash(seed: int) -> Staging:
     """Red and blue in turn, each lit for two frames of six."""
     parts = gallery(seed)
@@ -75,7 +75,7 @@ def exposure(seed: int) -> Staging:
     return parts, at
 
 
-@register("shadow", "The shadows of still things sweep over a wall as the sun runs", (Effect.SHADING,))
+@register("shadow", "The shadows of still things sweep over a wall as the sun runs", (Effect.ILLUMINATION,))
 def shadow(seed: int) -> Staging:
     """Let the sun cross the sky in seconds; nothing else moves."""
     parts = gallery(seed)

@@ -29,7 +29,7 @@ def movers() -> tuple[Part, ...]:
 @register(
     "occluder",
     "A board and a grille slide before a detailed wall and uncover it; the camera is still",
-    (Effect.MOTION, Effect.UNCOVER),
+    (Effect.MOTION, Effect.DISOCCLUSION),
 )
 def occluder(seed: int) -> Staging:
     """Stage the scene; the seed changes wall, posters and where each slide begins."""

@@ -47,9 +47,9 @@ def hedge(seed: int, rows: int = 3) -> tuple[Part, ...]:
     return (*grown, *poster_wall(rng))
 
 
-@register("foliage", "A camera slides past hedges of cut-out leaves", (Effect.CAMERA, Effect.THIN, Effect.UNCOVER))
+@register("foliage", "A camera slides past hedges of cut-out leaves", (Effect.CAMERA, Effect.THIN, Effect.DISOCCLUSION))
 def foliage(seed: int) -> Staging:
-    """Slide sideways: every leaf uncovers something."""
+    """Slide sideways: every leaf disoccludes something."""
     parts = hedge(seed)
     start = float(np.random.default_rng(seed).random()) * SWING
 
@@ -61,7 +61,7 @@ def foliage(seed: int) -> Staging:
     return parts, at
 
 
-@register("swaying", "Hedges of cut-out leaves sway before a wall", (Effect.MOTION, Effect.THIN, Effect.UNCOVER))
+@register("swaying", "Hedges of cut-out leaves sway before a wall", (Effect.MOTION, Effect.THIN, Effect.DISOCCLUSION))
 def swaying(seed: int) -> Staging:
     """Shear each row by the wind: previous poses that are not rigid."""
     parts = hedge(seed)

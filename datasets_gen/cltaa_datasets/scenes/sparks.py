@@ -30,7 +30,9 @@ def thrown(rng: np.random.Generator) -> swarms.Path:
 
 
 @register(
-    "sparks", "Sparks of radiance 10000 fly before a wall", (Effect.MOTION, Effect.HDR, Effect.THIN, Effect.UNCOVER)
+    "sparks",
+    "Sparks of radiance 10000 fly before a wall",
+    (Effect.MOTION, Effect.HDR, Effect.THIN, Effect.DISOCCLUSION),
 )
 def sparks(seed: int) -> Staging:
     """Throw sparks from a nozzle; the seed changes paths and moments."""

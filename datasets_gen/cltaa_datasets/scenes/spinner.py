@@ -61,7 +61,7 @@ def surroundings(rng: np.random.Generator) -> tuple[Part, ...]:
 @register(
     "spinner",
     "Textured and shining things that turn on their own before a still camera",
-    (Effect.MOTION, Effect.UNCOVER, Effect.SHADING, Effect.HDR, Effect.SKY),
+    (Effect.MOTION, Effect.DISOCCLUSION, Effect.ILLUMINATION, Effect.HDR, Effect.SKY),
 )
 def spinner(seed: int) -> Staging:
     """Stage the scene; the seed changes the textures and where each turn begins."""

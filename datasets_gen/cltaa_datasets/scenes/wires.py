@@ -71,7 +71,7 @@ def _sideways(_: meshes.Floats) -> meshes.Floats:
 @register(
     "wires",
     "A fence and a power line of sub-pixel wires against the sky, from a camera that walks by",
-    (Effect.CAMERA, Effect.THIN, Effect.UNCOVER, Effect.SKY),
+    (Effect.CAMERA, Effect.THIN, Effect.DISOCCLUSION, Effect.SKY),
 )
 def wires(seed: int) -> Staging:
     """Stage the scene; the seed changes posts, masts, textures and where the walk begins."""

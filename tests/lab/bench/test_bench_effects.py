@@ -39,14 +39,17 @@ def test_a_still_scene(tmp_path: Path) -> None:
 
 
 def test_a_scene_that_calls_for_what_it_gets(tmp_path: Path) -> None:
-    declared = {Effect.CAMERA, Effect.HDR, Effect.SHADING, Effect.UNCOVER}
+    declared = {Effect.CAMERA, Effect.HDR, Effect.ILLUMINATION, Effect.DISOCCLUSION}
     row = judged(captured(tmp_path, declared, moving=True), "fast")
     assert row.same_bits
     assert row.replaced == 0.0
     assert row.steps == ["reprojection", "rectification", "luminance weights"]
     text = markdown([row]).splitlines()
     assert len(text) == 3
-    assert "| synthetic | camera hdr shading uncover | reprojection, rectification, luminance weights |" in text[2]
+    assert (
+        "| synthetic | camera disocclusion hdr illumination | reprojection, rectification, luminance weights |"
+        in text[2]
+    )
     assert text[2].endswith("| yes | nothing |")
 
 

@@ -133,7 +133,7 @@ def test_a_shader_that_fetches_texels_has_no_such_excuse(monkeypatch: pytest.Mon
         contenders(monkeypatch, (16,)).add_ports()
 
 
-@pytest.mark.parametrize("changes", [{}, {"history_of": "samples", "frames_kept": 2}])
+@pytest.mark.parametrize("changes", [{}, {"history": "samples", "history_frames": 2}])
 def test_running_again_gives_the_same(changes: dict[str, object]) -> None:
     frames = make_frames(61, 33, Motion.TURN, count=4)
     resolver = Resolver(override(load_preset(), changes), "numpy")
@@ -150,7 +150,8 @@ def test_running_again_gives_the_same(changes: dict[str, object]) -> None:
 
 @pytest.mark.parametrize(("storage", "expected"), [(Storage.FLOAT, 52), (Storage.HALF, 40)])
 def test_least_bytes(storage: Storage, expected: int) -> None:
-    # Read: colour 12, closeness 4, last closeness 4, history 12 (half: 6), count 4. Written: history and count again.
+    # Read: colour 12, inverse depth 4, last inverse depth 4, history 12 (half: 6), count 4. Written: history and count
+    # again.
     resolver = Resolver("default", "numpy", storage=storage)
     for frame in make_frames(16, 9, Motion.TURN):
         resolver.resolve(frame)

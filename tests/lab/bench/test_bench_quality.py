@@ -142,7 +142,7 @@ def test_what_appears_is_told_by_single_samples_drawn_elsewhere(
     monkeypatch.setattr("cltaa.lab.bench.quality.judge.LEAST_FRESH", least)
     monkeypatch.setattr("cltaa.core.resolver.Resolver.resolve", lambda _self, frame: elsewhere[frame.index])
     judged = judge_sequence(open_sequence(folder), [load_preset()], NUMPY, settled=1)
-    found = judged["default"].scores["uncovered"]
+    found = judged["default"].scores["disoccluded"]
     assert found == (pytest.approx(1.0) if again and least == 1 else None)
 
 

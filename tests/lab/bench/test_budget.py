@@ -74,13 +74,13 @@ def test_resolve_takes_it_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixt
     captured = capsys.readouterr()
     assert json.loads(captured.out)["preset"] == "storage: half"
     assert "storage: half: 0.000851 of 4 ms a frame" in captured.err
-    (tmp_path / "x.toml").write_text("gamma_still = 2.0\n")
+    (tmp_path / "x.toml").write_text("box_scale_static = 2.0\n")
     for chosen in (["--config", str(tmp_path / "x.toml")], ["--preset", "basic"]):
         assert main(["resolve", str(sequence), "-o", str(tmp_path / "o"), "--budget-ms", "4", *chosen]) == 64
         assert "--budget-ms chooses the preset itself" in capsys.readouterr().err
-    command = ["resolve", str(sequence), "-o", str(tmp_path / "o"), "--budget-ms", "4", "--set", "gamma_still=2"]
+    command = ["resolve", str(sequence), "-o", str(tmp_path / "o"), "--budget-ms", "4", "--set", "box_scale_static=2"]
     assert main([*command, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["preset"] == "storage: half with gamma_still=2"
+    assert json.loads(capsys.readouterr().out)["preset"] == "storage: half with box_scale_static=2"
     path_for(own).unlink()
 
 

@@ -29,7 +29,7 @@ from cltaa.io.streams import AHEAD
 from cltaa.lab.bench.growth import rounds_of, square
 from cltaa.lab.inspect.plan import plan
 from cltaa.opencl.launcher import DeviceLauncher
-from cltaa.pipeline.memory import PlanesHeld, device_bytes, of_whole_images
+from cltaa.pipeline.memory import DevicePlanes, device_bytes, of_whole_images
 from cltaa.reference.launcher import NumpyLauncher
 from tests.sequence_factory import make_frame, write_sequence
 
@@ -65,7 +65,7 @@ def test_what_is_allocated_is_what_the_formula_says(storage: Storage, channels: 
         frame = make_frame(index, width=50, height=31, effects=None, **channels)  # type: ignore[arg-type]
         resolver.resolve(frame, half=half)
     assert resolver.plan is not None
-    assert launcher.allocated == device_bytes(50, 31, PlanesHeld(resolver.plan.steps, storage, half=half))
+    assert launcher.allocated == device_bytes(50, 31, DevicePlanes(resolver.plan.steps, storage, half=half))
 
 
 def test_bands_take_the_halves_of_one_on_the_device() -> None:
@@ -73,7 +73,7 @@ def test_bands_take_the_halves_of_one_on_the_device() -> None:
     resolver = BandedResolver(device=launcher, band_rows=16)
     resolver.resolve(make_frame(0, width=50, height=31, alpha=True), half=True)
     assert resolver.plan is not None
-    assert launcher.allocated == device_bytes(50, 31, PlanesHeld(resolver.plan.steps, band_rows=16, half=True))
+    assert launcher.allocated == device_bytes(50, 31, DevicePlanes(resolver.plan.steps, band_rows=16, half=True))
 
 
 @pytest.mark.parametrize("alpha", [False, True])
@@ -89,21 +89,23 @@ def test_what_is_reserved_is_what_a_frame_takes(alpha: bool) -> None:
 
 def test_the_ring_of_kept_frames_is_in_the_formula() -> None:
     launcher = Counting()
-    resolver = Resolver(override(load_preset(), {"history_of": "samples", "frames_kept": 3}), launcher)
+    resolver = Resolver(override(load_preset(), {"history": "samples", "history_frames": 3}), launcher)
     resolver.resolve(make_frame(0, width=50, height=31, effects=None))
     assert resolver.plan is not None
-    told = device_bytes(50, 31, PlanesHeld(resolver.plan.steps, frames_kept=3))
+    told = device_bytes(50, 31, DevicePlanes(resolver.plan.steps, history_frames=3))
     # Beside the planes the device holds three records of 136 bytes.
     assert 0 < launcher.allocated - told < 1024
 
 
 def test_the_spans_of_changing_light_are_in_the_formula() -> None:
     launcher = Counting()
-    resolver = Resolver(override(load_preset("gather-48"), {"frames_kept": 3}), launcher)
-    resolver.resolve(make_frame(0, width=50, height=31, alpha=True, effects=frozenset({Effect.ALPHA, Effect.SHADING})))
+    resolver = Resolver(override(load_preset("gather-48"), {"history_frames": 3}), launcher)
+    resolver.resolve(
+        make_frame(0, width=50, height=31, alpha=True, effects=frozenset({Effect.ALPHA, Effect.ILLUMINATION}))
+    )
     assert resolver.plan is not None
-    told = device_bytes(50, 31, PlanesHeld(resolver.plan.steps, frames_kept=3, spans=True, changes=True))
-    replaced = 2 * 4 * Layout(50, 31).plane  # counts without a plane for changes of light, which are let go of
+    told = device_bytes(50, 31, DevicePlanes(resolver.plan.steps, history_frames=3, windows=True, changes=True))
+    replaced = 2 * 4 * Layout(50, 31).plane  # counts without a plane for illumination changes, which are let go of
     assert 0 < launcher.allocated - replaced - told < 1024
 
 

@@ -179,7 +179,7 @@ def test_declared_effects_are_those_of_a_capture(
     made: list[Frame], shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """No other tool declares them, and with every step on a resolve is another one: luminance weights, for one."""
-    declared = "camera,uncover"
+    declared = "camera,disocclusion"
     (tmp_path / "capture").mkdir()
     for number, frame in enumerate(made):
         capture = replace(frame, motion=None, effects=parse_effects(declared))
@@ -198,7 +198,7 @@ def test_declared_effects_are_those_of_a_capture(
     arguments = ["bench", "quality", "--sequence", str(shot), "--preset", "fast", "--work", str(tmp_path / "work")]
     assert main([*arguments, "--effects", declared]) == 64
     expected = capsys.readouterr().err
-    assert "without matrices the vectors alone tell what moves (found effects camera,uncover)" in expected
+    assert "without matrices the vectors alone tell what moves (found effects camera,disocclusion)" in expected
     assert main(["resolve", str(shot), "-o", str(tmp_path / "out"), "--effects", declared]) == 64
     assert expected in capsys.readouterr().err
     assert main([*arguments[:2], "--scene", "occluder", "--effects", declared]) == 64

@@ -80,7 +80,7 @@ def test_a_program_of_many_sequences_is_built_once(
 
 @pytest.mark.parametrize("preset", ["gather-8", "gather-48"])
 def test_what_is_timed_gathers_from_as_many_frames_as_it_keeps(preset: str) -> None:
-    few = override(load_preset(preset), {"frames_kept": 3})
+    few = override(load_preset(preset), {"history_frames": 3})
     *_, frame, last = hard_frames(count=5)
     _, image = resolve_job("job", Resolver(few), [frame, last])
     resolver = Resolver(few)

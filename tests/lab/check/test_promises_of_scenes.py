@@ -24,8 +24,11 @@ def test_a_sound_declaration_raises_no_alarm(name: str, scene: Scene) -> None:
 @pytest.mark.parametrize(
     ("name", "effect", "told"),
     [
-        *((name, Effect.UNCOVER, "something comes into view at frame") for name in ("corridor", "occluder", "orbit")),
-        *((name, Effect.SHADING, "colour changes at frame") for name in ("flash", "glints", "shadow")),
+        *(
+            (name, Effect.DISOCCLUSION, "something comes into view at frame")
+            for name in ("corridor", "occluder", "orbit")
+        ),
+        *((name, Effect.ILLUMINATION, "colour changes at frame") for name in ("flash", "glints", "shadow")),
     ],
 )
 def test_what_is_left_out_is_told(name: str, effect: Effect, told: str, scene: Scene, tmp_path: Path) -> None:

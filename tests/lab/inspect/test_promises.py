@@ -13,7 +13,7 @@ from cltaa.io.exr_write import write_frame
 from cltaa.lab.inspect.findings import Inspection, inspect_folder
 from tests.sequence_factory import make_camera, make_frame
 
-CHANGING = "camera, exposure, motion, reactive, shading, uncover"
+CHANGING = "camera, disocclusion, exposure, illumination, motion, reactive"
 JITTERS = ((0.25, -0.25), (-0.25, 0.25))
 
 
@@ -40,12 +40,14 @@ def test_a_still_scene_keeps_its_promise(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("frame", [2, 3], ids=["same jitter as the first", "another jitter"])
 def test_depth_that_changes_under_a_still_camera(tmp_path: Path, frame: int) -> None:
-    frames = [still(index, {Effect.SHADING}) for index in range(5)]
+    frames = [still(index, {Effect.ILLUMINATION}) for index in range(5)]
     moved = frames[frame].depth.copy()
     moved[5:15, 5:20] = 1.5
     frames[frame] = replace(frames[frame], depth=moved)
     (problem,) = inspected(tmp_path, *frames).problems
-    assert problem == f"depth changes at frame {frame}, but no effect out of camera, cut, motion, uncover is declared"
+    assert (
+        problem == f"depth changes at frame {frame}, but no effect out of camera, cut, disocclusion, motion is declared"
+    )
 
 
 @pytest.mark.parametrize(("frames", "at"), [(5, 2), (2, 1)], ids=["a jitter that was there", "another jitter"])
@@ -57,7 +59,7 @@ def test_colour_that_changes_in_a_still_scene(tmp_path: Path, frames: int, at: i
         frame.colour[:, :19] *= 0.7
     (problem,) = inspected(tmp_path, *shown).problems
     assert problem == f"colour changes at frame {at}, but no effect out of {CHANGING} is declared"
-    lit = [replace(frame, effects=frozenset({Effect.SKY, Effect.SHADING})) for frame in shown]
+    lit = [replace(frame, effects=frozenset({Effect.SKY, Effect.ILLUMINATION})) for frame in shown]
     assert inspected(tmp_path, *lit).problems == []
 
 
@@ -87,12 +89,12 @@ def sliding(index: int, effects: set[Effect], speed: float, *, by_camera: bool) 
 @pytest.mark.parametrize("by_camera", [False, True], ids=["own motion", "camera"])
 def test_what_comes_into_view_undeclared(tmp_path: Path, by_camera: bool) -> None:
     moves = Effect.CAMERA if by_camera else Effect.MOTION
-    speed = 0.25 if by_camera else 2.0  # the camera uncovers half a pixel a frame: told by eight frames together
+    speed = 0.25 if by_camera else 2.0  # the camera disoccludes half a pixel a frame: told by eight frames together
     hidden = [sliding(index, {moves}, speed, by_camera=by_camera) for index in range(9)]
     (problem,) = inspected(tmp_path, *hidden).problems
     at = 8 if by_camera else 1
-    assert problem == f"something comes into view at frame {at}, but effect uncover is not declared"
-    told = [replace(frame, effects=frozenset({moves, Effect.UNCOVER})) for frame in hidden]
+    assert problem == f"something comes into view at frame {at}, but effect disocclusion is not declared"
+    told = [replace(frame, effects=frozenset({moves, Effect.DISOCCLUSION})) for frame in hidden]
     assert inspected(tmp_path, *told).problems == []
     apart = [replace(frame, cut=True) for frame in hidden]  # nothing was hidden before a cut
     assert inspected(tmp_path, *apart).problems == ["effect cut is there but not declared"]
@@ -114,7 +116,7 @@ def test_highlights_that_are_not_declared(tmp_path: Path) -> None:
 
 
 def test_what_is_declared_and_never_shows(tmp_path: Path) -> None:
-    declared = {Effect.REACTIVE, Effect.ALPHA, Effect.MOTION, Effect.HDR, Effect.SKY, Effect.SHADING}
+    declared = {Effect.REACTIVE, Effect.ALPHA, Effect.MOTION, Effect.HDR, Effect.SKY, Effect.ILLUMINATION}
     nothing = np.zeros((23, 37), np.float32)
     channels = {"reactive": nothing, "alpha": nothing + 1, "motion": np.full((23, 37, 2), np.nan, np.float32)}
     found = inspected(tmp_path, *(still(index, declared, **channels) for index in range(3)))

@@ -11,7 +11,7 @@ from msgspec.structs import asdict
 
 import cltaa
 from cltaa.cli import main
-from cltaa.core.parameters import LightChange, Rectify
+from cltaa.core.parameters import Illumination, Rectify
 from cltaa.core.plan import CHOICE_OF_STEP, LIGHT, RECTIFICATION, STEP_NAMES, plan_frame, toggled
 from cltaa.core.presets import load_preset
 from cltaa.frame import Effect
@@ -27,7 +27,7 @@ STEPS = [
     "exposure",
     "alpha",
     "reactive",
-    "change of light",
+    "illumination change",
     "rectification",
     "rejection",
     "luminance weights",
@@ -55,7 +55,7 @@ def running(plan: SequencePlan) -> list[tuple[int, int, bool, set[str]]]:
 
 def test_a_camera_that_stops_and_a_cut_make_spans(walk: Path) -> None:
     plan = cltaa.plan(cltaa.open_sequence(walk), device="numpy", rounds=0)
-    moving = {"reprojection", "reactive", "change of light", "rectification"}
+    moving = {"reprojection", "reactive", "illumination change", "rectification"}
     assert running(plan) == [(0, 2, True, moving), (3, 4, False, moving - {"reprojection"}), (5, 6, True, moving)]
     assert plan.kernels == 2
     assert all([step.name for step in section.steps] == STEPS for section in plan.sections)
@@ -66,9 +66,9 @@ def test_a_camera_that_stops_and_a_cut_make_spans(walk: Path) -> None:
 def test_a_step_is_turned_on_as_its_preset_has_it(name: str) -> None:
     preset, frame = load_preset(name), make_frame(effects=frozenset({Effect.CAMERA}))
     plan = plan_frame(preset, frame, None)
-    assert plan.choices.light_change is LightChange.IGNORE
-    on = toggled(plan, preset, LIGHT).choices.light_change
-    assert on is preset.choices.light_change is (LightChange.SPANS if name == "gather-48" else LightChange.TEST)
+    assert plan.choices.illumination is Illumination.STATIC
+    on = toggled(plan, preset, LIGHT).choices.illumination
+    assert on is preset.choices.illumination is (Illumination.WINDOW if name == "gather-48" else Illumination.TEST)
 
 
 @pytest.mark.parametrize("name", ["default", "gather-48"])
@@ -97,7 +97,7 @@ def test_no_other_step_is_turned_with_one(name: str, effects: frozenset[Effect] 
     [
         ("default", True, "something may make history wrong"),
         ("accumulate", False, "the preset says rectify = none"),
-        ("gather-48", False, "kept samples are chosen, not moved into a box"),
+        ("gather-48", False, "samples in the ring are chosen, not moved into a box"),
         ("karis", True, "as published"),
         ("babylon-accumulate", False, "the preset says rectify = none"),
     ],
@@ -111,10 +111,10 @@ def test_rectification_runs_where_the_kernel_has_it(walk: Path, preset: str, on:
 @pytest.mark.parametrize(
     ("preset", "without"),
     [
-        ("accumulate", {"reproject", "rectify", "reject", "weighting", "light_change"}),
-        ("fast", {"reject", "light_change"}),
+        ("accumulate", {"reproject", "rectify", "reject", "weighting", "illumination"}),
+        ("fast", {"reject", "illumination"}),
         ("default", set()),
-        ("vireo-source", {"reject", "weighting", "light_change", "exposure_change", "reactive_mask"}),
+        ("vireo-source", {"reject", "weighting", "illumination", "exposure_change", "reactive_mask"}),
     ],
 )
 def test_a_step_that_a_preset_does_without_is_laid_to_the_preset(walk: Path, preset: str, without: set[str]) -> None:
@@ -127,7 +127,7 @@ def test_a_step_that_a_preset_does_without_is_laid_to_the_preset(walk: Path, pre
 def test_all_and_named_effects(walk: Path) -> None:
     sequence = cltaa.open_sequence(walk)
     (first, second) = cltaa.plan(sequence, device="numpy", rounds=0, effects="all").sections
-    assert all(step.on != (step.name == "change of light") for section in (first, second) for step in section.steps)
+    assert all(step.on != (step.name == "illumination change") for section in (first, second) for step in section.steps)
     assert (first.first, first.last, second.first, second.last) == (0, 4, 5, 6)
     named = cltaa.plan(sequence, device="numpy", rounds=0, effects=frozenset({Effect.CAMERA}))
     assert running(named)[0] == (0, 2, True, {"reprojection", "rectification"})

@@ -54,7 +54,7 @@ def test_a_camera_that_moves_in_sees_the_same_and_what_a_card_hid(lens: str) -> 
     px, py = X + jitter[0] - WIDTH / 2, Y + jitter[1] - HEIGHT / 2
     near: Any = -frame.depth if frame.camera.orthographic else 1 / frame.depth
     u, v, _ = displacement_of(px, py, near, now, before, WIDTH, HEIGHT)
-    # Closeness is rounded to float32 on both sides, and nothing moves by more than the picture.
+    # Inverse depth is rounded to float32 on both sides, and nothing moves by more than the picture.
     np.testing.assert_allclose(found.motion, np.stack([u, v], -1).astype(float), rtol=0, atol=2.0**-23 * WIDTH)
     assert np.abs(u).max() > 5
 
@@ -65,7 +65,7 @@ def test_a_camera_that_moves_in_sees_the_same_and_what_a_card_hid(lens: str) -> 
     inside = (found.x >= 0) & (found.y >= 0) & (found.x < WIDTH) & (found.y < HEIGHT)
     hidden = around.any(0) & ~on_card
     np.testing.assert_array_equal(found.same[sure], (inside & ~hidden)[sure])
-    np.testing.assert_array_equal(found.uncovered[sure], (inside & hidden)[sure])
+    np.testing.assert_array_equal(found.disoccluded[sure], (inside & hidden)[sure])
     assert (inside & hidden & sure).sum() > 20
     assert (~inside).any()
 
@@ -77,4 +77,4 @@ def test_a_camera_that_moves_in_sees_the_same_and_what_a_card_hid(lens: str) -> 
 def test_what_was_behind_the_camera_came_from_nowhere() -> None:
     frame, before = (make_frame(index, camera=make_camera((0.0, 0.0, 5.0 - 3.0 * (1 - index)))) for index in (1, 0))
     found = correspondence(*(replace(each, depth=np.full_like(each.depth, 2.0)) for each in (frame, before)))
-    assert not (found.same | found.uncovered).any()
+    assert not (found.same | found.disoccluded).any()

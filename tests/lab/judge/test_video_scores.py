@@ -71,7 +71,7 @@ def judge(scene: Scene, fault: Fault) -> dict[str, float]:
 
 
 def ghost(strength: float) -> Fault:
-    """Whatever the card uncovered in this frame still shows a share of the card."""
+    """Whatever the card disoccluded in this frame still shows a share of the card."""
 
     def fault(index: int, truth: Display) -> Display:
         result = truth.copy()
@@ -153,7 +153,7 @@ def test_blur_alone(frequency: float, pan: float) -> None:
 
 
 def test_blur_is_no_ghost_behind_a_moving_thing() -> None:
-    """A blur mixes the card into what it uncovered; as it does so on the other side too, that is no memory."""
+    """A blur mixes the card into what it disoccluded; as it does so on the other side too, that is no memory."""
     assert abs(judge(moving_card, soften)["ghosting"]) < 1e-3
 
 

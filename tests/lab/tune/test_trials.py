@@ -24,7 +24,7 @@ def test_a_search_that_was_interrupted_goes_on(
         if len(tried) == stop_at:
             raise KeyboardInterrupt
         tried.append(preset)
-        return 1.0 + preset.settings.gamma_still
+        return 1.0 + preset.settings.box_scale_static
 
     monkeypatch.setattr("cltaa.lab.tune.search.Bench.error", error)
     monkeypatch.setattr("cltaa.lab.tune.search.Bench.milliseconds", lambda *_: 1.0)

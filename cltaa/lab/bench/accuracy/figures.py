@@ -275,5 +275,5 @@ def steps_figure(pyplot: Any, measured: MeasuredSequence, metric: str, groups: d
 
 
 def _over(value: float, base: float) -> float:
-    """``value`` as a multiple of ``base``; 1 where either is no number to divide by or without end."""
+    """``value`` as a multiple of ``base``; 1 where either is NaN to divide by or without end."""
     return value / base if base and math.isfinite(base) and math.isfinite(value) else 1.0

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from PIL import Image as Pillow
 
-from cltaa.camera import closeness
+from cltaa.camera import inverse_depth
 from cltaa.frame import Frame, Image
 from cltaa.io.display import to_picture
 from cltaa.io.png import heat
@@ -75,9 +75,9 @@ def _pictures(tasks: Sequence[Task], output: Path) -> dict[str, Any]:
 def _debug_views(frame: Frame) -> Mapping[str, bytes]:
     """What the resolve reads beside colour."""
     near = np.empty(frame.depth.shape, np.float32)
-    closeness(frame.depth, frame.camera, out=near)
+    inverse_depth(frame.depth, frame.camera, out=near)
     low, high = float(near.min()), float(near.max())
-    views = {"closeness (bright is near)": png(heat(near - np.float32(low), max(high - low, 1e-30)))}
+    views = {"inverse depth (bright is near)": png(heat(near - np.float32(low), max(high - low, 1e-30)))}
     if frame.motion is not None:
         length: Image = np.nan_to_num(np.hypot(frame.motion[..., 0], frame.motion[..., 1]), nan=0.0)
         longest = float(length.max())

@@ -34,9 +34,9 @@ DEFAULT, PRESETS, COMBINATIONS = "default", "preset", "combination"
 # Continuous steps worth a rung: what the count of samples is limited by, and the blur of pixels without a past.
 SETTINGS_RUNGS: dict[str, tuple[float, ...]] = {
     "sample_limit": (8.0, 16.0, 48.0, 96.0),
-    "resample_cost": (0.0,),
-    "pull_cost": (0.0,),
-    "fresh_blur": (0.0,),
+    "resampling_penalty": (0.0,),
+    "clip_penalty": (0.0,),
+    "disocclusion_blur": (0.0,),
 }
 # What a box of deviations shows and a box of extremes does not: these choices are also rungs beside that box.
 IN_VARIANCE_BOX = ("neighbourhood", "variance")

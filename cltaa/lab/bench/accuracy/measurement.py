@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from cltaa.errors import ResourceError
-from cltaa.inputs.open import AS_EVER, Reading, is_own, readings
+from cltaa.inputs.open import DEFAULT_READING, Reading, is_own, readings
 from cltaa.lab.bench.accuracy.ladder import Variant
 from cltaa.lab.bench.accuracy.results import Accuracy, MeasuredSequence
 from cltaa.lab.bench.accuracy.sequence import Timing, measure_sequence
@@ -40,7 +40,7 @@ def tasks_of(
     device: str | None,
     metrics: tuple[str, ...],
     rounding: int,
-    reading: Reading = AS_EVER,
+    reading: Reading = DEFAULT_READING,
 ) -> list[Task]:
     """Every variant over every sequence, in a fixed order: what ``--list`` prints and ``--task`` counts.
 

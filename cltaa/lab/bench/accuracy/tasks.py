@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
-from cltaa.core.backend import WISH
+from cltaa.core.backend import DEVICE_VARIABLE
 from cltaa.core.build import Build
 from cltaa.core.planes import Layout
 from cltaa.errors import DataError, ResourceError, UsageError, import_extra
@@ -245,5 +245,5 @@ def run_encoded(task: bytes) -> bytes:
 def build_encoded(device: str | None, program: bytes) -> bytes:
     """Build a program of ``build_all`` on a device of this process; answers nothing."""
     asked = msgspec.msgpack.decode(program, type=Program)
-    opened(device or os.environ.get(WISH)).prepare(asked.kernel, asked.build)
+    opened(device or os.environ.get(DEVICE_VARIABLE)).prepare(asked.kernel, asked.build)
     return b""

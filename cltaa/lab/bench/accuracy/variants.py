@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Pillow
 
-from cltaa.core.backend import WISH, Buffer, Launcher, launcher_for
+from cltaa.core.backend import DEVICE_VARIABLE, Buffer, Launcher, launcher_for
 from cltaa.core.build import Build, Real, Storage
 from cltaa.core.kernel_source import code_sha256
 from cltaa.core.planes import Layout
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Frame, Image
-from cltaa.inputs.open import AS_EVER, Reading
+from cltaa.inputs.open import DEFAULT_READING, Reading
 from cltaa.io.display import Picture, to_picture
 from cltaa.io.png import heat
 from cltaa.io.sequence import FrameSequence
@@ -51,7 +51,7 @@ class Task(msgspec.Struct, frozen=True, kw_only=True):
     device: str | None
     metrics: tuple[str, ...]
     rounding_frames: int  # of the first frames; 0 leaves that axis out
-    reading: Reading = AS_EVER
+    reading: Reading = DEFAULT_READING
     files: str = ""  # what vouches for the files of another tool, which record nothing, and for how they are read
 
     def open(self) -> FrameSequence:
@@ -62,7 +62,7 @@ class Task(msgspec.Struct, frozen=True, kw_only=True):
         """What the result depends on, as a name for its file: another sequence or other code has another key."""
         digest = hashlib.sha256(msgspec.json.encode(self) + code_sha256().encode())
         if self.device is None:  # whatever is chosen where nothing is named
-            digest.update(os.environ.get(WISH, "").encode())
+            digest.update(os.environ.get(DEVICE_VARIABLE, "").encode())
         for name in ("sequence.json", "resolve.json"):
             path = Path(self.sequence) / name
             digest.update(path.read_bytes() if path.is_file() else b"")
@@ -114,7 +114,7 @@ def run_task(task: Task) -> Errors:
     """Resolve the whole sequence and measure; raises InputMissing where the sequence has no truth."""
     sequence = task.open()
     truth = truth_of(sequence)
-    resolver = task.variant.resolver(opened(task.device or os.environ.get(WISH)))
+    resolver = task.variant.resolver(opened(task.device or os.environ.get(DEVICE_VARIABLE)))
     twin = Resolver(task.variant.preset, DoubleTwin()) if task.rounding_frames else None
     frames: dict[str, list[float]] = {name: [] for name in task.metrics}
     apart: list[tuple[float, float]] = []

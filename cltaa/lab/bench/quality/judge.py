@@ -39,7 +39,7 @@ from cltaa.lab.judge.video_scores import Sums, VideoScores
 from cltaa.progress import track
 
 ONE_SAMPLE = "one sample"  # what was captured, judged beside its resolves
-LEAST_FRESH = 100  # uncovered pixels for a score: with fewer, single samples at other places score 0.3 to 7
+LEAST_FRESH = 100  # disoccluded pixels for a score: with fewer, single samples at other places score 0.3 to 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +58,8 @@ COLUMNS = (
     Column("flip", "mean FLIP of the display images", ".4f"),
     Column("samples", "equal-quality samples a pixel, mean of the judged frames", ".1f", True),
     Column("last", "the same in the last frame", ".1f", True),
-    Column("uncovered", "the same over pixels in the frame in which they appear", ".2f", True),
-    Column("ghosting", "share of what stood there before that still shows at uncovered pixels", ".3f"),
+    Column("disoccluded", "the same over pixels in the frame in which they appear", ".2f", True),
+    Column("ghosting", "share of what stood there before that still shows at disoccluded pixels", ".3f"),
     Column("flicker", "change from frame to frame that is not in the truth", ".4f"),
     Column("blur", "share of the truth's finest detail that is lost", ".3f"),
     Column("aliasing", "fine detail that no filter of the truth explains", ".4f"),
@@ -95,7 +95,7 @@ class _Shown(NamedTuple):
         return [shown[id(image)] for image in kept]
 
 
-class _Marks(NamedTuple):
+class _FrameScores(NamedTuple):
     """What one frame scores by itself."""
 
     row: dict[str, float]
@@ -104,7 +104,7 @@ class _Marks(NamedTuple):
     fresh_count: int
 
     @classmethod
-    def of(cls, image: _Shown, truth: _Shown, fresh: Mask, *, flip: bool) -> _Marks:
+    def of(cls, image: _Shown, truth: _Shown, fresh: Mask, *, flip: bool) -> _FrameScores:
         row = {
             "mse": mse(image.light, truth.light),
             "psnr": psnr(mse(image.display, truth.display)),
@@ -115,7 +115,7 @@ class _Marks(NamedTuple):
 
 
 @dataclass(slots=True)
-class _Tally:
+class _ScoreSums:
     """What is gathered of one contender."""
 
     rows: list[dict[str, float]] = field(default_factory=list)
@@ -132,7 +132,7 @@ class _Tally:
         self.not_finite += bad
         return np.where(finite, image, np.float32(0)) if bad else image
 
-    def add(self, marks: _Marks, sums: Sums) -> None:
+    def add(self, marks: _FrameScores, sums: Sums) -> None:
         """Count one frame."""
         self.rows.append(marks.row)
         if marks.flip is not None:
@@ -141,7 +141,7 @@ class _Tally:
         self.fresh_square += marks.fresh_square
         self.fresh_count += marks.fresh_count
 
-    def scores(self, one: _Tally, redrawn_square: float, truth_samples: int | None) -> dict[str, float | None]:
+    def scores(self, one: _ScoreSums, redrawn_square: float, truth_samples: int | None) -> dict[str, float | None]:
         """All scores, with the single samples as the currency of two of them.
 
         Where pixels appear it is those of ``redrawn_of``, which err by ``redrawn_square`` there: that the captured
@@ -161,7 +161,7 @@ class _Tally:
             "flip": math.fsum(self.flip) / len(self.flip),
             "samples": samples(means["mse"], single),
             "last": samples(self.rows[-1]["mse"], single),
-            "uncovered": samples(self.fresh_square / self.fresh_count, fresh) if enough else math.nan,
+            "disoccluded": samples(self.fresh_square / self.fresh_count, fresh) if enough else math.nan,
             **self.video.scores(),
         }
         return {name: value if math.isfinite(value) else None for name, value in values.items()}
@@ -192,7 +192,7 @@ def judge_sequence(
 ) -> dict[str, Judged]:
     """Resolve ``sequence`` with every preset and judge each, and the single samples, from frame ``settled`` on.
 
-    Uncovered pixels are told in equal-quality samples where the sequence's folder holds ``again`` and enough of them
+    Disoccluded pixels are told in equal-quality samples where the sequence's folder holds ``again`` and enough of them
     are there. FLIP, which takes longer than all else, judges the last frame and every ``flip_every``-th before it. The
     history of every preset is in memory at once. Raises InputMissing for a sequence without its truth and DataError
     for one that is over before it settles.
@@ -200,7 +200,7 @@ def judge_sequence(
     reference = check_judged(sequence, settled)
     redrawn, redrawn_square = redrawn_of(sequence), 0.0
     resolvers = {preset.name: Resolver(preset, launcher) for preset in presets}
-    tallies = {name: _Tally() for name in (ONE_SAMPLE, *resolvers)}
+    tallies = {name: _ScoreSums() for name in (ONE_SAMPLE, *resolvers)}
     video = VideoScores(len(tallies))
     with read_ahead((place, frame, reference.image(frame.index)) for place, frame in enumerate(sequence)) as read:
         for place, frame, truth in track(read, len(sequence), f"judging {sequence.folder.name}"):
@@ -212,7 +212,7 @@ def judge_sequence(
             if judged:
                 flip = (len(sequence) - 1 - place) % flip_every == 0
                 different = {id(image): image for image in images}
-                marks = {key: _Marks.of(image, shown, video.fresh, flip=flip) for key, image in different.items()}
+                marks = {key: _FrameScores.of(image, shown, video.fresh, flip=flip) for key, image in different.items()}
                 for tally, image, score in zip(tallies.values(), images, sums, strict=True):
                     tally.add(marks[id(image)], score)
                 if redrawn is not None and video.fresh.any():
@@ -227,7 +227,7 @@ def _square(image: _Shown, truth: _Shown, where: Mask) -> float:
 
 
 def _judged(
-    tallies: Mapping[str, _Tally], redrawn_square: float, samples: int | None, frames: int, device: str
+    tallies: Mapping[str, _ScoreSums], redrawn_square: float, samples: int | None, frames: int, device: str
 ) -> dict[str, Judged]:
     one = tallies[ONE_SAMPLE]
     return {

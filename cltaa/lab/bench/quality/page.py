@@ -110,7 +110,7 @@ def _mean_scores(cells: list[Judged]) -> dict[str, float | None]:
         elif column.name == "psnr":
             found = mean_psnr(values)
             result[column.name] = found if math.isfinite(found) else None
-        elif column.name in ("samples", "last", "uncovered"):
+        elif column.name in ("samples", "last", "disoccluded"):
             result[column.name] = geometric_mean(values)
         else:
             result[column.name] = math.fsum(values) / len(values)

@@ -4,7 +4,7 @@
 #include "taa/sampling.h"
 
 #if !defined(EXPOSURE)
-#error "light.h needs EXPOSURE from the prelude"
+#error "illumination.h needs EXPOSURE from the prelude"
 #endif
 
 STAGE colour load_history_colour(history_in p, size_t plane)
@@ -79,7 +79,7 @@ STAGE texel_row nearest_row(history_in p, nearest_t n, int j, size_t plane, int 
     if (n.close & !n.alike) {
         const mask right = n.dx != n.x, down = n.dy != n.y;
         real line[9];
-        ROLLED
+        NO_UNROLL
         for (int i = 0; i < 3; ++i) {
             history_in q = p + n.at + (size_t)i * plane + j * (ptrdiff_t)stride - 1;
             const real a0 = load_history(q), b0 = load_history(q + 1), c0 = load_history(q + 2),
@@ -97,7 +97,7 @@ STAGE texel_row nearest_row(history_in p, nearest_t n, int j, size_t plane, int 
         const whole steps = steps_apart(n.dx, n.dy, stride);
         history_in q = p + n.own + j * (ptrdiff_t)stride;
         real line[9];
-        ROLLED
+        NO_UNROLL
         for (int i = 0; i < 9; ++i)
             line[i] = history_apart(q + (size_t)(i % 3) * plane + (i / 3 - 1), steps);
         return texels_of(line);
@@ -109,9 +109,9 @@ STAGE texel_row nearest_row(history_in p, nearest_t n, int j, size_t plane, int 
 }
 
 // Whether the frame is tested for it. The count's buffer then has a second plane, which holds how light changed.
-#define TESTS_LIGHT (LIGHT_CHANGE != LIGHT_CHANGE_IGNORE)
+#define TESTS_LIGHT (ILLUMINATION != ILLUMINATION_STATIC)
 
-// The change of light that the frame before left at the nearest texel.
+// The illumination change that the frame before left at the nearest texel.
 STAGE real nearest_change(plane_in change, nearest_t n, int stride)
 {
 #if LANES > 1
@@ -122,10 +122,10 @@ STAGE real nearest_change(plane_in change, nearest_t n, int stride)
 }
 
 // What is kept of a change: MOST_CHANGE at most, so that it is over some frames later, and no denormal.
-STAGE real kept_change(real change)
+STAGE real stored_change(real change)
 {
-    const real kept = limit(change, SPLAT(-MOST_CHANGE), SPLAT(MOST_CHANGE));
-    return absolute(kept) < SPLAT(TINY) ? SPLAT(0.0) : kept;
+    const real cache = limit(change, SPLAT(-MOST_CHANGE), SPLAT(MOST_CHANGE));
+    return absolute(cache) < SPLAT(TINY) ? SPLAT(0.0) : cache;
 }
 
 // Mean of three differences, and 3/2 of their spread. The mean is a sum here, where that of colours keeps its shift:
@@ -159,19 +159,19 @@ typedef struct
     paired a, b, c;
     boxed step;
     real level, levels; // its own, and with that of the row above
-} light_row;
+} illumination_row;
 
 // What a work-item keeps while it slides down: the row at the next segment, and the texel of the history that is
 // nearest to where it comes from if it moves as the one above; 0, which lies in the halo, where its lanes have none in
 // common.
 typedef struct
 {
-    light_row row;
+    illumination_row row;
     uint nearest;
-} kept_light;
+} illumination_cache;
 
 // Of YCoCg the formula of to_box_space, each part taken away from now's by itself: fewer operations.
-STAGE boxed light_difference(boxed now, colour past, frame_t frame)
+STAGE boxed illumination_difference(boxed now, colour past, frame_t frame)
 {
     const colour was = history_in_range(past, frame);
     if (BOX_SPACE != BOX_SPACE_YCOCG)
@@ -181,13 +181,14 @@ STAGE boxed light_difference(boxed now, colour past, frame_t frame)
 }
 
 // The row of `now`, j below that of the nearest texels.
-STAGE light_row light_of_row(boxed_row now, history_in history, nearest_t n, int j, frame_t frame)
+STAGE illumination_row illumination_of_row(boxed_row now, history_in history, nearest_t n, int j, frame_t frame)
 {
     const size_t plane = history_plane_size(frame);
-    light_row row;
+    illumination_row row;
     const texel_row past = nearest_row(history, n, j, plane, row_stride(frame));
-    const boxed left = light_difference(now.left, past.left, frame), own = light_difference(now.own, past.own, frame),
-                right = light_difference(now.right, past.right, frame);
+    const boxed left = illumination_difference(now.left, past.left, frame),
+                own = illumination_difference(now.own, past.own, frame),
+                right = illumination_difference(now.right, past.right, frame);
     row.a = pair_row(left.a, own.a, right.a);
     row.b = pair_row(left.b, own.b, right.b);
     row.c = pair_row(left.c, own.c, right.c);
@@ -198,7 +199,7 @@ STAGE light_row light_of_row(boxed_row now, history_in history, nearest_t n, int
 }
 
 // A row below another.
-STAGE light_row light_below(light_row above, light_row row)
+STAGE illumination_row illumination_below(illumination_row above, illumination_row row)
 {
     row.step = (boxed) { row.a.mean - above.a.mean, row.b.mean - above.b.mean, row.c.mean - above.c.mean };
     row.a.spreads = above.a.spread + row.a.spread;
@@ -209,16 +210,17 @@ STAGE light_row light_below(light_row above, light_row row)
 }
 
 // The row of the pixel's, below the one above it.
-STAGE light_row light_above(plane_in current, history_in history, nearest_t n, int x, int y, frame_t frame)
+STAGE illumination_row illumination_above(
+    plane_in current, history_in history, nearest_t n, int x, int y, frame_t frame)
 {
 #if LANES == 1
-    const light_row above = light_of_row(read_boxed(current, x, y - 1, frame), history, n, -1, frame);
-    return light_below(above, light_of_row(read_boxed(current, x, y, frame), history, n, 0, frame));
+    const illumination_row above = illumination_of_row(read_boxed(current, x, y - 1, frame), history, n, -1, frame);
+    return illumination_below(above, illumination_of_row(read_boxed(current, x, y, frame), history, n, 0, frame));
 #else
-    light_row row = { 0 };
-    ROLLED
+    illumination_row row = { 0 };
+    NO_UNROLL
     for (int j = -1; j <= 0; ++j)
-        row = light_below(row, light_of_row(read_boxed(current, x, y + j, frame), history, n, j, frame));
+        row = illumination_below(row, illumination_of_row(read_boxed(current, x, y + j, frame), history, n, j, frame));
     return row;
 #endif
 }
@@ -230,30 +232,30 @@ typedef struct
 } lit_t;
 
 // `held` samples of a history, divided by how much light changes. The change: Student's t of the channel that changed
-// most, with the sign of the first one, luminance, and change_kept of what the frame before left. Its size over
-// change_t divides, where that is more than 1. The jitter moves all nine differences one way in one frame and another
-// way in the next, light that changes goes on: so what the jitter does stays small in the sum. `next` is the row below
-// the pixel's.
-STAGE lit_t history_in_light(real held, plane_in current, boxed_row next, history_in history, plane_in count,
-    footprint f, int x, int y, frame_t frame, settings_t settings, kept_light* kept)
+// most, with the sign of the first one, luminance, and illumination_decay of what the frame before left. Its size over
+// illumination_t divides, where that is more than 1. The jitter moves all nine differences one way in one frame and
+// another way in the next, light that changes goes on: so what the jitter does stays small in the sum. `next` is the
+// row below the pixel's.
+STAGE lit_t illumination_test(real held, plane_in current, boxed_row next, history_in history, plane_in count,
+    footprint f, int x, int y, frame_t frame, settings_t settings, illumination_cache* cache)
 {
     const nearest_t n = nearest_texels(f, row_stride(frame));
-    if (!n.alike | (n.at != kept->nearest))
-        kept->row = light_above(current, history, n, x, y, frame);
-    const light_row centre = kept->row;
-    const light_row below = light_below(centre, light_of_row(next, history, n, 1, frame));
-    kept->row = below;
-    kept->nearest = n.alike ? n.at + (uint)row_stride(frame) : 0;
+    if (!n.alike | (n.at != cache->nearest))
+        cache->row = illumination_above(current, history, n, x, y, frame);
+    const illumination_row centre = cache->row;
+    const illumination_row below = illumination_below(centre, illumination_of_row(next, history, n, 1, frame));
+    cache->row = below;
+    cache->nearest = n.alike ? n.at + (uint)row_stride(frame) : 0;
     const real level = centre.levels + below.level;
-    const real least = K(settings.change_floor) * (level * K(ONE_THIRD)) + K(BOX_A * TINY);
+    const real least = K(settings.illumination_floor) * (level * K(ONE_THIRD)) + K(BOX_A * TINY);
     const boxed up = centre.step, down = below.step; // the step to the row above is -up, to the bit
     const real ta = paired_t(centre.a, below.a, -up.a, down.a, least),
                tb = paired_t(centre.b, below.b, -up.b, down.b, K(BOX_B / BOX_A) * least),
                tc = paired_t(centre.c, below.c, -up.c, down.c, least);
     const real largest = K(3.0) * greater(absolute(ta), greater(absolute(tb), absolute(tc)));
-    const real t = lesser(largest, SPLAT(DOMAIN_LIMIT)); // or that, where it is no number
+    const real t = lesser(largest, SPLAT(DOMAIN_LIMIT)); // or that, where it is NaN
     const real before = nearest_change(count + history_plane_size(frame), n, row_stride(frame));
-    const real change = (ta < SPLAT(0.0) ? -t : t) + K(settings.change_kept) * before;
-    const real by = greater(quotient(absolute(change), SPLAT(settings.change_t)), SPLAT(1.0));
-    return (lit_t) { quotient(held, by), kept_change(change) };
+    const real change = (ta < SPLAT(0.0) ? -t : t) + K(settings.illumination_decay) * before;
+    const real by = greater(quotient(absolute(change), SPLAT(settings.illumination_t)), SPLAT(1.0));
+    return (lit_t) { quotient(held, by), stored_change(change) };
 }

@@ -2,9 +2,9 @@
 #include "taa/sampling.h"
 
 // The previous frame saw this surface if one of the four texels around the history position lies within the range of
-// closeness that the current 3x3 has, seen from the previous camera and widened by depth_tolerance. One matching texel
-// is enough: along silhouettes, and where a feature narrower than a pixel comes and goes with the jitter, some texel
-// matches.
+// inverse depth that the current 3x3 has, seen from the previous camera and widened by depth_tolerance. One matching
+// texel is enough: along silhouettes, and where a feature narrower than a pixel comes and goes with the jitter, some
+// texel matches.
 STAGE mask same_surface(quad previous, surface s, motion_t m, settings_t settings)
 {
     const real near = s.nearest * m.scale + m.shift, far = s.farthest * m.scale + m.shift;

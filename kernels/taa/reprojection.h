@@ -2,19 +2,19 @@
 #include "taa/neighbourhood.h"
 
 #if !defined(CAMERA_MOTION) || !defined(OWN_MOTION) || !defined(ORTHOGRAPHIC) || !defined(OFF_SCREEN)
-#error "projection.h needs CAMERA_MOTION, OWN_MOTION, ORTHOGRAPHIC and OFF_SCREEN from the prelude"
+#error "reprojection.h needs CAMERA_MOTION, OWN_MOTION, ORTHOGRAPHIC and OFF_SCREEN from the prelude"
 #endif
 
 // Displacement to the previous frame in pixels, x right, y down; visible = 0 where the previous frame did not see the
-// point; closeness then = closeness now * scale + shift (shift is 0 for a perspective camera).
+// point; inverse depth then = inverse depth now * scale + shift (shift is 0 for a perspective camera).
 typedef struct
 {
     real u, v, scale, shift;
     mask visible;
 } motion_t;
 
-// Camera motion. With p = (px, py, 1, closeness), px and py in pixels from the image centre, the previous position is
-// (p + D_xy p) / (1 + D_w p), so the displacement is (D_xy p - p_xy (D_w p)) / (1 + D_w p). The host builds D in
+// Camera motion. With p = (px, py, 1, inverse depth), px and py in pixels from the image centre, the previous position
+// is (p + D_xy p) / (1 + D_w p), so the displacement is (D_xy p - p_xy (D_w p)) / (1 + D_w p). The host builds D in
 // float64 and rounds it once; it is exactly 0 for a still camera, and so is the displacement. docs/conventions.md,
 // Matrices.
 STAGE motion_t motion_from_depth(surface s, real x, real y, frame_t frame)
@@ -22,7 +22,7 @@ STAGE motion_t motion_from_depth(surface s, real x, real y, frame_t frame)
     motion_t m = { SPLAT(0.0), SPLAT(0.0), SPLAT(1.0), SPLAT(0.0), s.centre == s.centre };
     if (!CAMERA_MOTION)
         return m;
-    const real px = (x + s.x) + K(frame.origin_x), py = (y + s.y) + K(frame.origin_y), q = s.closeness;
+    const real px = (x + s.x) + K(frame.origin_x), py = (y + s.y) + K(frame.origin_y), q = s.inverse_depth;
     const real dx = ((K(frame.xx) * px + K(frame.xy) * py) + K(frame.xq) * q) + K(frame.x1);
     const real dy = ((K(frame.yx) * px + K(frame.yy) * py) + K(frame.yq) * q) + K(frame.y1);
     const real dw = ((K(frame.wx) * px + K(frame.wy) * py) + K(frame.wq) * q) + K(frame.w1);
@@ -61,8 +61,8 @@ STAGE motion_t surface_motion(surface s, real x, real y, frame_t frame)
 // bits.
 STAGE real to_edge(real position, real by, real last)
 {
-    const real there = position + by, kept = there > last ? last - position : by;
-    return there < SPLAT(0.0) ? -position : kept;
+    const real there = position + by, shortened = there > last ? last - position : by;
+    return there < SPLAT(0.0) ? -position : shortened;
 }
 
 // Where the previous image is said to go on beyond its edge as the edge does, history is read there.
