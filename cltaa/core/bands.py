@@ -164,11 +164,11 @@ class BandedResolver(Resolver):
         """Allocate memory for frames of a size, with or without alpha; the edges of bands are the host's."""
         self._fitting(Layout(width, height), alpha or self.every_step)
         if half:
-            self.launcher.prepare("to_halves", edge_build(self.launcher.build(self._shape)))
+            self.launcher.prepare("to_halves", edge_build(self.launcher.build(self._asked)))
 
     def _new_buffers(self, layout: Layout, alpha: bool) -> Buffers:
         band = Band.of(layout, 0, self._rows)
-        return Buffers(self.launcher, band, alpha, storage_dtype(self._shape), layout)
+        return Buffers(self.launcher, band, alpha, storage_dtype(self._asked), layout)
 
 
 def _whole(frame: Frame, alpha: bool, counts: int) -> _Whole:

@@ -123,12 +123,15 @@ class Build(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
         return (*always, "-cl-fast-relaxed-math") if self.relaxed else always
 
 
-def shared(build: Build) -> Build:
-    """``build`` without what its kernels make nothing of: what does not gather is the default's program."""
-    if build.choices.history is HistoryKind.FRAMES:
-        return build
-    choices = msgspec.structs.replace(build.choices, gather_fit=GatherFit.MEAN)
-    return msgspec.structs.replace(build, choices=choices)
+def build_of(asked: Build, choices: Choices, settings: Settings, steps: Steps) -> Build:
+    """What the kernels of a frame are built from: what was ``asked`` for, and what its plan decides.
+
+    ``Launcher.build`` then gives it the shape of a device. What the kernels make nothing of has its default, so that
+    plans that differ in it alone share a program.
+    """
+    if choices.history is not HistoryKind.FRAMES:
+        choices = msgspec.structs.replace(choices, gather_fit=GatherFit.MEAN)
+    return msgspec.structs.replace(asked, choices=choices, steps=steps, terms=Terms.of(settings))
 
 
 def edge_build(build: Build) -> Build:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import wraps
 from threading import get_ident
 from time import perf_counter
-from typing import Any, Literal, NamedTuple, NoReturn, SupportsIndex, TypeVar, cast, overload
+from typing import Any, Literal, NamedTuple, NoReturn, Self, SupportsIndex, TypeVar, cast, overload
 
 import msgspec
 import numpy as np
@@ -21,9 +21,8 @@ from cltaa.core.build import (
     Build,
     Steps,
     Storage,
-    Terms,
+    build_of,
     edge_build,
-    shared,
     storage_of,
 )
 from cltaa.core.frame_checks import check_frame
@@ -62,80 +61,6 @@ def one_thread(method: Method) -> Method:
     return cast(Method, alone)
 
 
-class Recurrent:
-    """Facts about the last frame, memory for images of its size, and the frame ring where there is one."""
-
-    launcher: Launcher
-    preset: Preset
-    every_step: bool
-    _shape: Build
-
-    def __init__(self) -> None:
-        """Nothing is kept yet; the rest is the resolver's own to say."""
-        self._buffers: Buffers | None = None
-        self._frame_ring: FrameRing | None = None
-        self._previous: Past | None = None
-
-    @one_thread
-    def reset(self) -> None:
-        """Forget the history: the next frame starts a new one."""
-        self._previous = None
-
-    @one_thread
-    def recurrent(self) -> tuple[Past, dict[str, Buffer]]:
-        """What the next frame depends on: facts about the last one, and the memory that holds its result.
-
-        Raises ValueError before the first frame and after ``reset``.
-        """
-        if self._previous is None or self._buffers is None:
-            raise ValueError("there is no history")
-        memory, past = self._buffers.recurrent(), replace(self._previous, holds_changes=self._buffers.holds_changes)
-        if self._frame_ring is None:
-            return past, memory
-        return replace(past, earlier=self._frame_ring.past), {**memory, "ring": self._frame_ring.planes}
-
-    @one_thread
-    def restore(self, past: Past) -> dict[str, Buffer]:
-        """Go on after ``past``; returns the memory to fill with what ``recurrent`` gave then, by the same names."""
-        layout = Layout(past.shape[1], past.shape[0])
-        buffers = self._allocate(layout, past.alpha or self.every_step)
-        self._previous, self._frame_ring = past, None
-        buffers.holds_changes = past.holds_changes
-        if past.holds_changes:
-            buffers.hold_changes()
-        if not past.earlier:
-            return buffers.recurrent()
-        steps = channel_steps(
-            self.preset, motion=past.own_motion, alpha=past.alpha, reactive=past.reactive, every=self.every_step
-        )
-        frame_ring = self._ring(past, layout, steps)
-        frame_ring.past = past.earlier
-        return {**buffers.recurrent(), "ring": frame_ring.planes}
-
-    def _fitting(self, layout: Layout, alpha: bool) -> Buffers:
-        """Memory for images of a size: what there is, where that fits."""
-        if self._buffers is None or not self._buffers.fit(layout, alpha):
-            return self._allocate(layout, alpha)
-        return self._buffers
-
-    def _allocate(self, layout: Layout, alpha: bool) -> Buffers:
-        self._buffers = None  # released before the new ones are allocated
-        self._buffers = self._new_buffers(layout, alpha)
-        return self._buffers
-
-    def _new_buffers(self, layout: Layout, alpha: bool) -> Buffers:
-        return Buffers(self.launcher, layout, alpha, storage_dtype(self._shape))
-
-    def _ring(self, previous: Past | None, layout: Layout, steps: Steps) -> FrameRing:
-        """The frame ring for this frame; it holds none where there is no predecessor."""
-        count = self.preset.settings.history_frames
-        if self._frame_ring is None or not self._frame_ring.fit(layout, count, steps):
-            self._frame_ring = None  # released before the new one is allocated
-            self._frame_ring = FrameRing(self.launcher, layout, count, steps)
-        self._frame_ring.go_back(previous)
-        return self._frame_ring
-
-
 # What a channel that a frame does not have would hold: no vector, all covered, nothing to distrust.
 NOTHING = {"motion": np.nan, "alpha": 1.0, "reactive": 0.0}
 
@@ -171,7 +96,7 @@ class Times(NamedTuple):
     read_back: float
 
 
-class Resolver(Recurrent):
+class Resolver:
     """Accumulates a sequence frame by frame.
 
     ``preset`` is a name or a Preset; ``device`` is None (first OpenCL device), a part of a device's name, its index,
@@ -191,18 +116,29 @@ class Resolver(Recurrent):
         every_step: bool = False,
         build: Build | None = None,
     ) -> None:
-        super().__init__()
         self.every_step = every_step
         if not isinstance(preset, str | Preset):
             raise UsageError("no preset", expected="a name or a cltaa.Preset", found=repr(preset))
         self.preset = load_preset(preset) if isinstance(preset, str) else preset
         self._device = device
         self.launcher = launcher_for(device)
-        self._shape = build or Build(strict=strict, storage=storage_of(storage))
+        self._asked = build or Build(strict=strict, storage=storage_of(storage))
         self._builds: dict[tuple[Choices, Settings, Steps], Build] = {}
+        # What the next frame depends on: facts about the last one, memory of its size, and a frame ring.
+        self._buffers: Buffers | None = None
+        self._frame_ring: FrameRing | None = None
+        self._previous: Past | None = None
         self.plan: Plan | None = None
         self.last: LastRun | None = None
         self.times = Times(0.0, 0.0, 0.0)
+
+    def __enter__(self) -> Self:
+        """Return the resolver itself; the block's end closes it."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close it."""
+        self.close()
 
     def __copy__(self) -> NoReturn:
         """Refuse: the copy's results would go where the history of this one is."""
@@ -220,7 +156,7 @@ class Resolver(Recurrent):
     @property
     def storage(self) -> Storage:
         """The numbers that the history is kept in."""
-        return self._shape.storage
+        return self._asked.storage
 
     @property
     def keeps_halves(self) -> bool:
@@ -233,8 +169,18 @@ class Resolver(Recurrent):
             "code_sha256": code_sha256(),
             "device": self.launcher.description,
             "preset": self.preset.deciding(),
-            "build": msgspec.to_builtins(self._shape),
+            "build": msgspec.to_builtins(self._asked),
         }
+
+    @one_thread
+    def reset(self) -> None:
+        """Forget the history: the next frame starts a new one."""
+        self._previous = None
+
+    @one_thread
+    def close(self) -> None:
+        """Free the device memory. The resolver stays usable: the next frame starts a new history."""
+        self._buffers, self._frame_ring, self._previous, self.last = None, None, None, None
 
     @one_thread
     def reopen(self) -> None:
@@ -246,7 +192,7 @@ class Resolver(Recurrent):
     def reserve(self, width: int, height: int, *, alpha: bool, half: bool = False) -> None:
         """Do what every frame of a size needs, with or without alpha, while the first of them is still being read."""
         self._fitting(Layout(width, height), alpha or self.every_step)
-        build = edge_build(self.launcher.build(self._shape))
+        build = edge_build(self.launcher.build(self._asked))
         for kernel in (*([] if build.extends else ["extend_edges"]), *(["to_halves"] if half else [])):
             self.launcher.prepare(kernel, build)
 
@@ -317,6 +263,37 @@ class Resolver(Recurrent):
             self._frame_ring.keep(replace(frame, index=frame.index - ago), self._buffers, self.plan.steps)
         self._buffers.swap()
 
+    @one_thread
+    def recurrent(self) -> tuple[Past, dict[str, Buffer]]:
+        """What the next frame depends on: facts about the last one, and the memory that holds its result.
+
+        Raises ValueError before the first frame and after ``reset``.
+        """
+        if self._previous is None or self._buffers is None:
+            raise ValueError("there is no history")
+        memory, past = self._buffers.recurrent(), replace(self._previous, holds_changes=self._buffers.holds_changes)
+        if self._frame_ring is None:
+            return past, memory
+        return replace(past, earlier=self._frame_ring.past), {**memory, "ring": self._frame_ring.planes}
+
+    @one_thread
+    def restore(self, past: Past) -> dict[str, Buffer]:
+        """Go on after ``past``; returns the memory to fill with what ``recurrent`` gave then, by the same names."""
+        layout = Layout(past.shape[1], past.shape[0])
+        buffers = self._allocate(layout, past.alpha or self.every_step)
+        self._previous, self._frame_ring = past, None
+        buffers.holds_changes = past.holds_changes
+        if past.holds_changes:
+            buffers.hold_changes()
+        if not past.earlier:
+            return buffers.recurrent()
+        steps = channel_steps(
+            self.preset, motion=past.own_motion, alpha=past.alpha, reactive=past.reactive, every=self.every_step
+        )
+        frame_ring = self._ring(past, layout, steps)
+        frame_ring.past = past.earlier
+        return {**buffers.recurrent(), "ring": frame_ring.planes}
+
     def _begin(self, frame: Frame) -> tuple[Past | None, Build]:
         """Make the plan of ``frame``; returns the past that it continues, and what its kernels are built from."""
         previous = self._previous
@@ -328,8 +305,7 @@ class Resolver(Recurrent):
     def _build(self, plan: Plan) -> Build:
         decided_by = plan.choices, plan.settings, plan.steps
         if decided_by not in self._builds:
-            decided = {"choices": plan.choices, "steps": plan.steps, "terms": Terms.of(plan.settings)}
-            self._builds[decided_by] = self.launcher.build(shared(msgspec.structs.replace(self._shape, **decided)))
+            self._builds[decided_by] = self.launcher.build(build_of(self._asked, *decided_by))
         return self._builds[decided_by]
 
     def _run(self, frame: Frame, previous: Past | None, build: Build, buffers: Buffers) -> Passes:
@@ -348,3 +324,26 @@ class Resolver(Recurrent):
             self.last = passes.resolve()
         passes.extend_edges()
         return passes
+
+    def _fitting(self, layout: Layout, alpha: bool) -> Buffers:
+        """Memory for images of a size: what there is, where that fits."""
+        if self._buffers is None or not self._buffers.fit(layout, alpha):
+            return self._allocate(layout, alpha)
+        return self._buffers
+
+    def _allocate(self, layout: Layout, alpha: bool) -> Buffers:
+        self._buffers = None  # released before the new ones are allocated
+        self._buffers = self._new_buffers(layout, alpha)
+        return self._buffers
+
+    def _new_buffers(self, layout: Layout, alpha: bool) -> Buffers:
+        return Buffers(self.launcher, layout, alpha, storage_dtype(self._asked))
+
+    def _ring(self, previous: Past | None, layout: Layout, steps: Steps) -> FrameRing:
+        """The frame ring for this frame; it holds none where there is no predecessor."""
+        count = self.preset.settings.history_frames
+        if self._frame_ring is None or not self._frame_ring.fit(layout, count, steps):
+            self._frame_ring = None  # released before the new one is allocated
+            self._frame_ring = FrameRing(self.launcher, layout, count, steps)
+        self._frame_ring.go_back(previous)
+        return self._frame_ring

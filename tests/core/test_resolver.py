@@ -164,3 +164,13 @@ def test_a_frame_that_was_interrupted_is_resolved_to_the_same_bits(
             with pytest.raises(KeyboardInterrupt):
                 resolver.resolve(frame)
         assert np.array_equal(bits(resolver.resolve(frame)), bits(whole.resolve(frame)))
+
+
+def test_a_resolver_closes_at_the_end_of_its_block_and_starts_anew_after_it() -> None:
+    frames = [make_frame(number) for number in range(2)]
+    with Resolver(device="numpy") as resolver:
+        first = [resolver.resolve(frame) for frame in frames]
+        assert resolver.recurrent()[1].keys() > {"history"}
+    with pytest.raises(ValueError, match="no history"):
+        resolver.recurrent()
+    assert all(np.array_equal(resolver.resolve(frame), image) for frame, image in zip(frames, first, strict=True))
