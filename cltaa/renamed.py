@@ -69,12 +69,15 @@ def current(name: str, table: Mapping[str, str], names: Mapping[str, object] | f
 @contextmanager
 def one_line_each() -> Iterator[None]:
     """On a command line a renamed name is one line on standard error, not a place in our code."""
+    told: set[str] = set()
     with warnings.catch_warnings():
         shown = warnings.showwarning
 
         def show(message: Any, category: type[Warning], *place: Any, **more: Any) -> None:
             if issubclass(category, Renamed):
-                print(f"cltaa: warning: {printable(str(message))}", file=sys.stderr)
+                if str(message) not in told:  # Python counts by place, and a command may ask at several
+                    print(f"cltaa: warning: {printable(str(message))}", file=sys.stderr)
+                told.add(str(message))
             else:
                 shown(message, category, *place, **more)
 

@@ -36,8 +36,9 @@ def presets(name: str | None, against: str | None, parameters: bool, as_json: bo
             raise UsageError("--against and --parameters are two lists", cure="leave one of them out")
         if name is None:
             raise UsageError("--against compares with a preset", expected="cltaa presets NAME --against OTHER")
-        rows = difference(load_preset(name), load_preset(against))
-        click.echo(json_of(rows) if as_json else _toml_over(load_preset(against), rows), nl=as_json)
+        base = load_preset(against)
+        rows = difference(load_preset(name), base)
+        click.echo(json_of(rows) if as_json else _toml_over(base, rows), nl=as_json)
     elif parameters:
         chosen = None if name is None else load_preset(name)
         rows = parameter_rows(chosen)

@@ -155,8 +155,8 @@ CASES: list[tuple[str, int, str]] = [
     ("capture file:/dev/zero -o out", WRONG, "no reader"),
     ("resolve seq -o out --set box_scale_static", WRONG, "--set box_scale_static: no value"),
     ("resolve seq -o out --device numpy --compression dwaa", WRONG, "unknown or lossy compression"),
-    ("resolve seq -o out --budget-ms 5 --preset t1", WRONG, "--budget-ms chooses the preset itself"),
-    ("presets --against t1", WRONG, "--against compares with a preset"),
+    ("resolve seq -o out --budget-ms 5 --preset basic", WRONG, "--budget-ms chooses the preset itself"),
+    ("presets --against basic", WRONG, "--against compares with a preset"),
     ("compare done twin/seq seq --heatmap maps", WRONG, "--heatmap: maps of several would have one name"),
     ("bench files seq --threads 9999", WRONG, "--threads: too many (expected at most 1024, found 9999)"),
     (

@@ -56,7 +56,7 @@ COMMANDS = {
             "cltaa.commands.resolve.chosen_layers": lambda *_: ("carried",),
             "cltaa.commands.resolve.carried_kinds": lambda *_: {},
             "cltaa.commands.resolve.carried_compression": lambda *_: "piz",
-            "cltaa.commands.resolve.within_budget": lambda *_: (load_preset("t2"), Storage.HALF),
+            "cltaa.commands.resolve.within_budget": lambda *_: (load_preset("fast"), Storage.HALF),
             "cltaa.commands.resolve.resolver_for": sequence,
             "cltaa.commands.resolve.resolve_sequence": begins,
         },
@@ -175,7 +175,7 @@ COMMANDS = {
     ),
     "kernels": Command("kernels --show resolve", {"cltaa.opencl.program.source": begins}),
     "presets": Command(
-        "presets t2",
+        "presets fast",
         {"cltaa.commands.presets.difference": begins, "cltaa.commands.presets.parameter_rows": begins},
     ),
 }
@@ -209,7 +209,7 @@ def frames_that_are_opened(call: str, more: str = "") -> list[tuple[str, str, ob
 ROWS: dict[str, list[tuple[str, str, object]]] = {
     "resolve": [
         ("-o elsewhere", "resolve_sequence.output", Path("elsewhere")),
-        ("--preset t1", "resolver_for.preset.name", "t1"),
+        ("--preset basic", "resolver_for.preset.name", "basic"),
         ("--config config.toml", f"resolver_for.{CHANGED}", 0.375),
         ("--set box_scale_static=0.625", f"resolver_for.{CHANGED}", 0.625),
         ("--device 3", "resolver_for.device", "3"),
@@ -225,7 +225,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--budget-ms 5", "within_budget.budget_ms", 5.0),
         ("--budget-ms 5 --device 3", "within_budget.device", "3"),
         ("--budget-ms 5 --set box_scale_static=1", "within_budget.assignments", ("box_scale_static=1",)),
-        ("--budget-ms 5", "resolver_for.preset.name", "t2"),
+        ("--budget-ms 5", "resolver_for.preset.name", "fast"),
         ("--budget-ms 5", "resolver_for.storage", Storage.HALF),
         ("--strict", "resolver_for.strict", True),
         *frames_that_are_opened("open_input"),
@@ -244,7 +244,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         *frames_that_are_opened("describe_input"),
         *frames_that_are_opened("open_input", "--plan"),
         ("--plan", "plan.device", None),
-        ("--plan --preset t1", "plan.preset.name", "t1"),
+        ("--plan --preset basic", "plan.preset.name", "basic"),
         ("--plan --device 3", "plan.device", "3"),
         ("--plan --effects motion", "plan.effects", {"motion"}),
         ("--plan --config config.toml", f"plan.{CHANGED}", 0.375),
@@ -274,7 +274,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--metric flip", "parse_goal.metric", "flip"),
         ("--check c", "tune.checked", ["c"]),
         ("--check c", "tune.searched", ["a", "b"]),
-        ("--preset t1", "tune.base.name", "t1"),
+        ("--preset basic", "tune.base.name", "basic"),
         ("--config config.toml", "tune.base.settings.box_scale_static", 0.375),
         ("--trials 7", "tune.trials", 7),
         ("--seed 7", "tune.seed", 7),
@@ -293,8 +293,8 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("-o elsewhere", "bench_accuracy.output", Path("elsewhere")),
         ("-o elsewhere", "write_report.output", Path("elsewhere")),
         ("--device 3", "tasks_of.device", "3"),
-        ("--device 3 --build-only", "DeviceLauncher.wish", "3"),
-        ("--preset t1", "chosen_variants.preset.name", "t1"),
+        ("--device 3 --build-only", "DeviceLauncher.requested", "3"),
+        ("--preset basic", "chosen_variants.preset.name", "basic"),
         ("--config config.toml", f"chosen_variants.{CHANGED}", 0.375),
         ("--only build", "chosen_variants.groups", ("build",)),
         ("--variant one", "chosen_variants.named", ("one",)),
@@ -319,7 +319,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
     "bench quality": [
         ("--scene wires", "planned.scenes.wires", REAL),
         ("--sequence there", "open_each.folders", (Path("there"),)),
-        ("--preset t1", "chosen_presets.names", ("t1",)),
+        ("--preset basic", "chosen_presets.names", ("basic",)),
         ("--config config.toml", "chosen_presets.configs", (Path("config.toml"),)),
         ("--device 3", "judge_sequence.launcher", "launcher 3"),
         ("--size 40x30", "capture.shape.height", 30),
@@ -344,7 +344,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ),
     ],
     "bench kernels": [
-        ("--preset t1", "bench_kernels.presets.0.name", "t1"),
+        ("--preset basic", "bench_kernels.presets.0.name", "basic"),
         ("--size 40x30", "bench_kernels.height", 30),
         ("--device 3", "bench_kernels.device", "3"),
         ("--motion turn", "bench_kernels.motions", ["turn"]),
@@ -353,7 +353,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--no-oracle", "bench_kernels.oracle", False),
     ],
     "bench files": [
-        ("--preset t1", "bench_files.preset.name", "t1"),
+        ("--preset basic", "bench_files.preset.name", "basic"),
         ("--device 3", "bench_files.device", "3"),
         ("--compressions rle", "bench_files.codecs", ("rle",)),
         ("--threads 3", "bench_files.threads", (3,)),
@@ -365,12 +365,12 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--work elsewhere", "run_cltaa.arguments.3", "elsewhere/spinner-320x180x16"),
         ("--size 40x30", "run_cltaa.arguments.7", "40x30"),
         ("--frames 12", "run_cltaa.arguments.5", "12"),
-        ("--preset t1", "judge_effects.preset", "t1"),
+        ("--preset basic", "judge_effects.preset", "basic"),
         ("--device 3", "judge_effects.launcher", "launcher 3"),
         ("--rounds 7", "judge_effects.rounds", 7),
     ],
     "bench growth": [
-        ("--preset t1", "bench_growth.preset.name", "t1"),
+        ("--preset basic", "bench_growth.preset.name", "basic"),
         ("--sizes 7,8", "bench_growth.sizes", (7, 8)),
         ("--banded-from 7", "bench_growth.banded_from", 7),
         ("--device 3", "bench_growth.device", "3"),
@@ -399,19 +399,20 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
     ],
     "kernels": [
         ("--show gather", "source.kernel", "gather"),
-        ("--preset t1", "source.build.choices", load_preset("t1").choices),
+        ("--preset basic", "source.build.choices", load_preset("basic").choices),
         ("--lanes 4", "source.build.lanes", 4),
         ("--strict", "source.build.strict", True),
     ],
     "presets": [
-        ("--against t1", "difference.other.name", "t1"),
-        ("--parameters", "parameter_rows.preset.name", "t2"),
+        ("--against basic", "difference.other.name", "basic"),
+        ("--parameters", "parameter_rows.preset.name", "fast"),
     ],
 }
 # command -> what it gives a function though no option says so, and though the function has a default
 OTHERWISE = {
-    "resolve": {"resolve_sequence.compression", "resolve_sequence.layers"},  # those of the input
-    "demo": {"resolve_sequence.restart"},  # the folder is the demo's own
+    # those of the input; a program's signals are its own
+    "resolve": {"resolve_sequence.compression", "resolve_sequence.layers", "resolve_sequence.stopping"},
+    "demo": {"resolve_sequence.restart", "resolve_sequence.stopping"},  # the folder is the demo's own
     "bench accuracy": {"page.pictured", "write_report.pictured", "write_report.pages"},
     "bench quality": {"check_scenes.also"},
     "bench overview": {"write_report.of_one", "write_report.pictured"},

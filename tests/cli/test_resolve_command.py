@@ -187,7 +187,7 @@ def test_what_differs_between_presets_is_a_configuration_over_one_of_them(
     assert path.read_text() == 'preset = "default"\n'
     assert main(["presets", "gather-48", "--against", "default", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
-    assert {"parameter": "illumination", "value": "spans", "against": "test"} in rows
+    assert {"parameter": "illumination", "value": "window", "against": "test"} in rows
     assert main(["presets", "--against", "fast"]) == 64
     assert "cltaa presets NAME --against OTHER" in capsys.readouterr().err
 

@@ -97,6 +97,7 @@ def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setattr("cltaa.commands.resolve.resolve_sequence", run)
     monkeypatch.setattr("cltaa.commands.resolve.resolver_for", built)
+    monkeypatch.setattr("cltaa.commands.resolve.stop_signals", lambda: "signals")
     options = [
         "--set",
         " box_scale_static = 2 ",
@@ -136,4 +137,5 @@ def test_what_is_asked_for_reaches_the_run(tmp_path: Path, monkeypatch: pytest.M
         "checkpoint_every": 3,
         "debug": (View.COUNT,),
         "layers": (),
+        "stopping": "signals",
     }

@@ -121,7 +121,7 @@ def errors(illumination: str, step: int, count: int) -> list[float]:
 
 
 def test_a_lamp_that_goes_on_is_followed_and_what_stands_is_not_forgotten() -> None:
-    tested, ignored = errors("test", 12, 16), errors("ignore", 12, 16)
+    tested, ignored = errors("test", 12, 16), errors("static", 12, 16)
     assert tested[11] < ignored[11]  # 0.0246 and 0.0259
     assert tested[14] < 0.75 * ignored[14]  # 0.082 and 0.122
 
@@ -178,7 +178,7 @@ def test_where_light_may_change_it_is_tested_for(
 
 def test_without_the_test_the_box_alone_tells_and_is_narrow() -> None:
     frame = make_frame(1, camera=make_camera(), effects=LIT)
-    planned = plan_frame(override(load_preset(), {"illumination": "ignore"}), frame, frame.camera).settings
+    planned = plan_frame(override(load_preset(), {"illumination": "static"}), frame, frame.camera).settings
     assert (planned.box_scale_static, planned.box_scale_moving) == (1.0, 1.0)
 
 

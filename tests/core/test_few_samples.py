@@ -55,7 +55,7 @@ def test_the_filter_has_the_share_of_one_sample(history: str) -> None:
 
 def test_jitter_weighs_the_corners_that_it_leads_to() -> None:
     """Left and up: what is drawn to the right of a sample and below it lies nearer to its pixel's centre."""
-    frame, preset = dotted(1, jitter_px=(-0.25, -0.1)), few("result", filter_use="always")
+    frame, preset = dotted(1, jitter_px=(-0.25, -0.1)), few("accumulated", filter_use="always")
     record = frame_record(frame, Past.of(dotted(0)), Layout(WIDTH, HEIGHT), plan_frame(preset, frame, frame.camera))
     across, down = record["right_weight"] / record["left_weight"], record["below_weight"] / record["above_weight"]
     assert across > 1.1 * down > 1.1
@@ -77,7 +77,7 @@ def test_what_the_filter_leaves_in_a_history_fades_sooner(history: str, beyond: 
 
 
 def test_at_a_depth_edge_the_filter_keeps_the_share_of_one_sample() -> None:
-    resolver = Resolver(few("samples"), "numpy")
+    resolver = Resolver(few("frames"), "numpy")
     side = np.exp(-np.float32(resolver.preset.settings.filter_falloff))
     middle = 1 / (1 + 2 * side) ** 2
     for number in range(1, 6):
@@ -97,7 +97,7 @@ def test_after_a_cut_a_frame_is_the_filter_alone(history: str) -> None:
 
 
 def test_a_pixel_that_comes_into_view_is_the_filter_alone() -> None:
-    resolver = Resolver(few("result", reject="depth"), "numpy")
+    resolver = Resolver(few("accumulated", reject="depth"), "numpy")
     uncovering = CAMERA | {Effect.DISOCCLUSION}
     resolver.resolve(dotted(0, effects=uncovering))
     nearer = dotted(1, effects=uncovering)
@@ -108,7 +108,7 @@ def test_a_pixel_that_comes_into_view_is_the_filter_alone() -> None:
 
 
 def test_a_highlight_does_not_leak_through_the_filter() -> None:
-    resolver = Resolver(few("result", weighting="luminance"), "numpy")
+    resolver = Resolver(few("accumulated", weighting="luminance"), "numpy")
     frames = [dotted(index, effects=CAMERA | {Effect.HDR}) for index in range(3)]
     for frame in frames:
         resolved = resolver.resolve(replace(frame, colour=frame.colour * np.float32(1e4)))

@@ -20,7 +20,7 @@ PLACES = [(0.0, 0.0), (0.4, 0.1), (-0.3, 0.45), (0.25, 0.35), (0.45, -0.1)]  # n
 
 
 def gathering(fit: str, **changes: object) -> Preset:
-    values = {"history": "samples", "history_frames": 7, "gather_fit": fit, "current_filter": "none", **changes}
+    values = {"history": "frames", "history_frames": 7, "gather_fit": fit, "current_filter": "none", **changes}
     return override(load_preset(), {"weighting": "none", **values})
 
 
@@ -28,7 +28,7 @@ def gathering(fit: str, **changes: object) -> Preset:
 @pytest.mark.parametrize("lanes", [1, 8])
 @pytest.mark.parametrize("changes", [{}, {"rectify": "none", "reject": "none", "weighting": "none"}])
 def test_strict_kernel_is_its_twin(fit: str, lanes: int, changes: dict[str, object]) -> None:
-    assert differing({"history": "samples", "gather_fit": fit, **changes}, list(hard_frames(count=4)), lanes, 7) == 0
+    assert differing({"history": "frames", "gather_fit": fit, **changes}, list(hard_frames(count=4)), lanes, 7) == 0
 
 
 def ramp(index: int) -> Frame:

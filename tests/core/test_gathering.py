@@ -20,7 +20,7 @@ KEPT = 5
 
 
 def gathering(**changes: object) -> Preset:
-    values: dict[str, object] = {"history": "samples", "history_frames": KEPT, "current_filter": "none", **changes}
+    values: dict[str, object] = {"history": "frames", "history_frames": KEPT, "current_filter": "none", **changes}
     return override(load_preset(), values)
 
 
@@ -38,7 +38,7 @@ def still(index: int, effects: frozenset[Effect] | None = frozenset({Effect.CAME
 )
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_strict_kernel_is_its_twin(changes: dict[str, object], lanes: int) -> None:
-    assert differing({"history": "samples", **changes}, list(hard_frames(count=4)), lanes, 7) == 0
+    assert differing({"history": "frames", **changes}, list(hard_frames(count=4)), lanes, 7) == 0
 
 
 def test_a_still_pixel_is_the_mean_of_its_kept_samples() -> None:

@@ -76,7 +76,7 @@ def test_an_effect() -> None:
         assert Effect("reflecting") is Effect.REACTIVE
     with pytest.raises(ValueError, match="glowing"):
         Effect("glowing")
-    with pytest.raises(AttributeError, match="GLOWING"):
+    with pytest.raises(AttributeError, match="type object 'Effect' has no attribute 'GLOWING'"):
         Effect.GLOWING  # type: ignore[attr-defined]  # noqa: B018
 
 
@@ -102,6 +102,14 @@ def test_a_command_says_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err == (
         "cltaa: warning: preset usual is called default now; the next version takes that alone\n"
     )
+
+
+@pytest.mark.usefixtures("earlier")
+def test_a_command_says_one_line_for_two_places(capsys: pytest.CaptureFixture[str]) -> None:
+    with renamed.one_line_each():
+        load_preset("usual")
+        load_preset("usual")
+    assert capsys.readouterr().err.count("cltaa: warning: ") == 1
 
 
 def test_a_program_gets_a_warning_that_python_shows() -> None:

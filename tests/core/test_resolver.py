@@ -120,7 +120,7 @@ def test_history_is_brought_to_the_exposure_of_now() -> None:
         "rectify": "none",
         "weighting": "none",
         "reject": "none",
-        "illumination": "ignore",
+        "illumination": "static",
         "current_filter": "none",
     }
     one, other = (Resolver(override(load_preset(), plain), "numpy") for _ in range(2))

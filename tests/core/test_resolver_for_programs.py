@@ -141,7 +141,7 @@ def test_a_device_may_be_named_by_its_number_and_a_launcher_shared() -> None:
 def test_frames_and_sequences_are_told_in_a_line(tmp_path: Path) -> None:
     assert repr(make_frame(3, motion=True, cut=True)) == "Frame(3: 37 x 23, colour depth motion, cut)"
     sequence = open_sequence(write_sequence(tmp_path / "a", 2))
-    assert repr(sequence) == f"Sequence({str(tmp_path / 'a')!r}: 2 frames, 0-1, 37 x 23)"
+    assert repr(sequence) == f"FrameSequence({str(tmp_path / 'a')!r}: 2 frames, 0-1, 37 x 23)"
 
 
 def test_an_image_whose_texels_32_bits_do_not_count_is_refused() -> None:

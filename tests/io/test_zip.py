@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cltaa.errors import StorageError
 from cltaa.io import exr_write as exr_zip
 from cltaa.io.exr_frame import Pixels
 from cltaa.io.exr_header import read_headers
@@ -74,6 +75,15 @@ def test_only_how_chunks_are_deflated_differs(
         assert found[name].dtype == plane.dtype
         assert found[name].tobytes() == plane.tobytes()
     assert repr(told) == repr(read_image(tmp_path / "b.exr")[1])
+
+
+@pytest.mark.parametrize("packs_here", [False, True])
+def test_what_openexr_refuses_is_told_in_a_line(packs_here: bool, deflate: Deflate, tmp_path: Path) -> None:
+    with pytest.raises(StorageError, match="OpenEXR could not write it: "):
+        written(
+            tmp_path / "a.exr", planes(4, 5), deflate if packs_here else None, attributes={"pixelAspectRatio": -1.0}
+        )
+    assert not [*tmp_path.iterdir()]
 
 
 def test_a_picture_without_a_window(deflate: Deflate, tmp_path: Path) -> None:

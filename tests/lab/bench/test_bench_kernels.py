@@ -133,7 +133,7 @@ def test_a_shader_that_fetches_texels_has_no_such_excuse(monkeypatch: pytest.Mon
         contenders(monkeypatch, (16,)).add_ports()
 
 
-@pytest.mark.parametrize("changes", [{}, {"history": "samples", "history_frames": 2}])
+@pytest.mark.parametrize("changes", [{}, {"history": "frames", "history_frames": 2}])
 def test_running_again_gives_the_same(changes: dict[str, object]) -> None:
     frames = make_frames(61, 33, Motion.TURN, count=4)
     resolver = Resolver(override(load_preset(), changes), "numpy")

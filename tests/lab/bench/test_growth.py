@@ -89,7 +89,7 @@ def test_what_is_reserved_is_what_a_frame_takes(alpha: bool) -> None:
 
 def test_the_ring_of_kept_frames_is_in_the_formula() -> None:
     launcher = Counting()
-    resolver = Resolver(override(load_preset(), {"history": "samples", "history_frames": 3}), launcher)
+    resolver = Resolver(override(load_preset(), {"history": "frames", "history_frames": 3}), launcher)
     resolver.resolve(make_frame(0, width=50, height=31, effects=None))
     assert resolver.plan is not None
     told = device_bytes(50, 31, DevicePlanes(resolver.plan.steps, history_frames=3))

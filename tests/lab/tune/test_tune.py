@@ -82,7 +82,7 @@ def test_preset_text_is_toml_that_resolve_reads(name: str, tmp_path: Path) -> No
     )
     # Some are the values that a preset begins from, and not those of the default.
     wanted = override(
-        base, {"rectify": "clip", "sample_limit": 31.7, "illumination": "ignore", "resampling_penalty": 1.5}
+        base, {"rectify": "clip", "sample_limit": 31.7, "illumination": "static", "resampling_penalty": 1.5}
     )
     path = tmp_path / "tuned.toml"
     path.write_text(preset_text(tuned, wanted))
