@@ -1,6 +1,7 @@
 // The temporal resolve without a recurrent image: each pixel gathers the samples that the last frames drew inside it.
 // One work-item slides a segment of LANES pixels down ROWS rows, as in resolve.cl.
-#include "gather.h"
+#include "gather/samples.h"
+#include "gather/subpixel.h"
 #include "schedule/ahead.h"
 #include "schedule/edges.h"
 

@@ -1,6 +1,7 @@
 // As gather.cl, but where light may change: each pixel from several windows of its past, and how far each is off. Which
 // of them to believe is weigh_windows.cl's to say.
-#include "temporal_window.h"
+#include "gather/subpixel.h"
+#include "gather/window.h"
 #include "schedule/ahead.h"
 #include "schedule/edges.h"
 

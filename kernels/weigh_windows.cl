@@ -1,5 +1,5 @@
 // The pixel from the windows of its past that gather_windows.cl found, each as far as the texels around it bear it out.
-#include "temporal_window.h"
+#include "gather/window.h"
 
 __kernel void weigh_windows_kernel(
     plane_in windows, history_out output, plane_out output_count, const frame_t frame, const settings_t settings)

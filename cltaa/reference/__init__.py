@@ -12,7 +12,7 @@ from cltaa.reference import (
     gather,
     resolve,
     stages,
-    window,
+    gather_window,
 )
 from cltaa.reference import (
     store as to_halves,
@@ -23,7 +23,7 @@ KERNELS: dict[str, Callable[..., Any]] = {
     "blend": stages.blend_kernel,
     "extend_edges": resolve.extend_edges,
     "gather": gather.gather,
-    "gather_windows": window.gather_windows,
+    "gather_windows": gather_window.gather_windows,
     "neighbourhood_statistics": stages.neighbourhood_statistics_kernel,
     "rectify_history": stages.rectify_history_kernel,
     "repair_colour": stages.repair_colour_kernel,
@@ -31,5 +31,5 @@ KERNELS: dict[str, Callable[..., Any]] = {
     "sample_history": stages.sample_history_kernel,
     "surface_motion": stages.surface_motion_kernel,
     "to_halves": to_halves.to_halves,
-    "weigh_windows": window.weigh_windows,
+    "weigh_windows": gather_window.weigh_windows,
 }

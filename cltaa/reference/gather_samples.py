@@ -1,9 +1,8 @@
-"""Twin of ``gather_sample.h`` and ``gather_fit.h``: the samples that lie in a pixel, and its colour from them."""
+"""Twin of ``gather/samples.h``: the samples that earlier frames drew inside a pixel."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,111 +11,13 @@ from cltaa.core.parameters import GatherFit, Illumination
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel, as_reactive, sample_share, share_difference, share_in_domain
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
-from cltaa.reference.gather_surfaces import (
-    RING_INVERSE_DEPTH,
-    Layers,
-    matches_surface,
-    ring_alpha,
-    ring_reactive,
-    texel_at,
-)
+from cltaa.reference.gather_fit import Gathered, first_sample
+from cltaa.reference.gather_sides import NEIGHBOURS, Layers, Side, range_of_side
+from cltaa.reference.gather_track import RING_INVERSE_DEPTH, Track, matches_surface, ring_alpha, ring_reactive, texel_at
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
-from cltaa.reference.real import (
-    Array,
-    Mask,
-    constant,
-    lesser,
-    limit,
-    number,
-)
-from cltaa.reference.reprojection import Motion, pixel_grid
-from cltaa.reference.sampling import Footprint
-
-
-@dataclass(slots=True)
-class Gathered:
-    """Sums over the samples of a pixel: of differences from the current one, of weights, and of both times offsets."""
-
-    zero: Array
-    sum: list[Array] = field(init=False)
-    along: list[Array] = field(init=False)
-    down: list[Array] = field(init=False)
-    alpha: Array = field(init=False)
-    weight: Array = field(init=False)
-    count: Array = field(init=False)
-    x: Array = field(init=False)
-    y: Array = field(init=False)
-    xx: Array = field(init=False)
-    xy: Array = field(init=False)
-    yy: Array = field(init=False)
-    near: Array = field(init=False)
-    near_x: Array = field(init=False)
-    near_y: Array = field(init=False)
-    recent: list[Array] = field(init=False)
-    recent_squares: Array = field(init=False)
-    recent_count: Array = field(init=False)
-    unlike: Array = field(init=False)  # of the recent samples, what was drawn with another reactivity
-
-    def __post_init__(self) -> None:
-        """No samples."""
-        self.sum, self.along, self.down, self.recent = ([self.zero] * 3 for _ in range(4))
-        names = "alpha weight count x y xx xy yy near near_x near_y"
-        for name in f"{names} recent_squares recent_count unlike".split():
-            setattr(self, name, self.zero)
-
-    def add(self, d: list[Array], w: Array, dx: Array, dy: Array, near: Mask, fit: GatherFit) -> None:
-        """One sample that differs by ``d`` and lies at (dx, dy) from the centre; of a farther one only the place."""
-        n = np.where(near, w, self.zero) if fit is GatherFit.LAYERS else w
-        self.sum = [total + n * k for total, k in zip(self.sum, d, strict=True)]
-        self.weight = self.weight + w
-        if fit is GatherFit.MEAN:
-            return
-        wx, wy, nx, ny = w * dx, w * dy, n * dx, n * dy
-        self.x, self.y = self.x + wx, self.y + wy
-        self.xx, self.xy, self.yy = self.xx + wx * dx, self.xy + wx * dy, self.yy + wy * dy
-        self.along = [total + nx * k for total, k in zip(self.along, d, strict=True)]
-        self.down = [total + ny * k for total, k in zip(self.down, d, strict=True)]
-        self.near, self.near_x, self.near_y = self.near + n, self.near_x + nx, self.near_y + ny
-
-    def add_recent(self, d: list[Array], counted: Array) -> None:
-        """A recent sample that differs by ``d`` from the current one, of which ``counted`` counts."""
-        self.recent = [total + counted * k for total, k in zip(self.recent, d, strict=True)]
-        self.recent_squares = self.recent_squares + counted * ((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2])
-        self.recent_count = self.recent_count + counted
-
-
-def first_sample(w: Array, counted: Mask, near: Mask, build: Build, frame: Record) -> Gathered:
-    """The sums with the current sample alone, where it is ``counted``; none for a mean of the others."""
-    zero = np.zeros_like(w)
-    g = Gathered(zero)
-    if build.choices.gather_fit is not GatherFit.MEAN:
-        x, y = (np.full_like(w, number(frame[name], w)) for name in ("jitter_x", "jitter_y"))
-        g.add([zero, zero, zero], np.where(counted, w, zero), x, y, near, build.choices.gather_fit)
-    return g
-
-
-class Fit(NamedTuple):
-    """What the value at the pixel's centre takes of the sums: one * sum - (x * along + y * down)."""
-
-    one: Array
-    x: Array
-    y: Array
-
-    def value(self, total: Array, along: Array, down: Array) -> Array:
-        """The value at the centre."""
-        result: Array = self.one * total - (self.x * along + self.y * down)
-        return result
-
-
-def fit_at_centre(g: Gathered, samples: Array, settings: Record) -> Fit:
-    """Weighted least squares of a plane, its slope held back by a ridge."""
-    mean = number(1.0, samples) / g.weight
-    mx, my = g.x * mean, g.y * mean
-    ridge = number(settings["fit_ridge"], samples) * (g.weight / samples)
-    xx, xy, yy = (g.xx - g.x * mx) + ridge, g.xy - g.x * my, (g.yy - g.y * my) + ridge
-    det = xx * yy - xy * xy
-    x, y = (yy * mx - xy * my) / det, (xx * my - xy * mx) / det
-    return Fit(mean + (x * mx + y * my), x, y)
+from cltaa.reference.real import Array, Mask, constant, lesser, limit, number
+from cltaa.reference.reprojection import Motion, motion_from_depth, on_screen, pixel_grid
+from cltaa.reference.sampling import Footprint, footprint_of
 
 
 class Stretch(NamedTuple):
@@ -274,3 +175,90 @@ def gather_sample(
 def _sample(planes: Array, f: Footprint, like: Array, then: Record) -> tuple[Colour, Array]:
     r, g, b = (texel_at(planes[channel], f, like.dtype) for channel in range(3))
     return (r, g, b), inverse_depth_or_sky(texel_at(planes[RING_INVERSE_DEPTH], f, like.dtype), then)
+
+
+def _way_back(
+    track: Track, s: Surface, layers: Layers, build: Build, layout: Layout, frame: Record, then: Record
+) -> tuple[Motion, Stretch]:
+    """The motion of the pixel's centre to a frame of the ring, and how pixels are stretched on the way."""
+    zero = np.zeros_like(s.centre)
+    m = motion_from_depth(s, build, layout, then)
+    stretch = Stretch(zero, zero, zero, zero)
+    if build.choices.gather_fit is not GatherFit.MEAN:
+        stretch = stretch_of(s, layers.slope, m, build, layout, then)
+        ox, oy = s.x + number(frame["jitter_x"], zero), s.y + number(frame["jitter_y"], zero)
+        m = m._replace(u=m.u - (stretch.xx * ox + stretch.xy * oy), v=m.v - (stretch.yx * ox + stretch.yy * oy))
+    if build.steps.own_motion:
+        m = track.motion(m)
+        stretch = Stretch(*(np.where(track.own, zero, part) for part in stretch))
+    return m, stretch
+
+
+def _view(
+    planes: Array, m: Motion, seen: Mask, stretch: Stretch, reach: Array, layout: Layout, then: Record
+) -> tuple[Motion, View]:
+    """The way to the texels whose samples lie nearest, and the frame seen from there."""
+    half = number(0.5, m.u)
+    u, v = m.u + (half - number(then["jitter_x"], m.u)), m.v + (half - number(then["jitter_y"], m.u))
+    nearest = m._replace(u=u, v=v)
+    f = footprint_of(nearest, seen, layout)
+    x, y = pixel_grid(layout, m.u)
+    places = places_now(half - f.fx, half - f.fy, stretch)
+    return nearest, View(planes, then, m, seen, f, (x + u) - f.fx, (y + v) - f.fy, places, reach)
+
+
+def begin_layer(s: Surface, layers: Layers, w: Array, build: Build, frame: Record, *, far: bool) -> Gathered:
+    """The sums of a layer before its way back: of the nearer one with the current sample whatever it shows, of the
+    farther one if it shows that."""
+    front = ~layers.edge | (s.centre > layers.cut)
+    return first_sample(w, ~front if far else front | ~front, ~front if far else front, build, frame)
+
+
+def add_side(g: Gathered, side: Side, current: Colour, build: Build, settings: Record) -> None:
+    """What the current frame shows of a side around the pixel, as one sample."""
+    zero = np.zeros_like(side.count)
+    some = side.count > zero
+    d = [a - b for a, b in zip(side.mean, current, strict=True)]
+    w = np.where(some, sample_share(side.mean, build, settings), zero)
+    g.add(d, w, zero, zero, some, build.choices.gather_fit)
+
+
+def gather_samples(
+    ring: Array,
+    past: Any,
+    g: Gathered,
+    now: Pixel,
+    s: Surface,
+    layers: Layers,
+    build: Build,
+    layout: Layout,
+    frame: Record,
+    settings: Record,
+    *,
+    far_only: bool = False,
+    track: Track | None = None,
+    before: int = 0,
+    recent: int = 0,
+) -> Gathered:
+    """``g`` and the samples of ``now`` on ``s`` in the frames in the ring [slots, planes, rows, stride] of ``past``,
+    latest first.
+
+    ``track`` is where own motion had led in the ``before`` frames before them, and is led on; samples of the first
+    ``recent`` frames are summed on their own too.
+    """
+    zero = np.zeros_like(now.own[0])
+    fit, own_motion = build.choices.gather_fit, build.steps.own_motion
+    followed = range_of_side(s, layers, far=far_only) if fit is GatherFit.LAYERS else s
+    track = track or Track.of(s, build)
+    steps = [(0, 0)] if fit is GatherFit.MEAN else NEIGHBOURS
+    reach = reach_of(before + len(past) + 1, settings, zero)
+    for k, then in enumerate(past):
+        m, stretch = _way_back(track, s, layers, build, layout, frame, then)
+        nearest, v = _view(ring[int(then["slot"])], m, on_screen(m, layout) & ~track.lost, stretch, reach, layout, then)
+        v = v._replace(recent=k < recent)
+        for right, down in steps:
+            gather_sample(g, v, right, down, now, s, layers, build, layout, settings, far_only=far_only)
+        if own_motion:
+            there = footprint_of(nearest._replace(u=nearest.u + s.x, v=nearest.v + s.y), v.seen, layout)
+            track.follow(followed, m, v.planes, there, v.seen, build, then, settings)
+    return g

@@ -11,7 +11,7 @@ from cltaa.core.parameters import GatherFit
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Camera, Effect, Frame
-from cltaa.reference.gather_samples import Gathered, fit_at_centre
+from cltaa.reference.gather_fit import Gathered, fit_at_centre
 from cltaa.reference.real import quiet
 from tests.kernels.test_resolve import differing, hard_frames
 from tests.sequence_factory import make_camera, make_frame

@@ -13,7 +13,7 @@ from cltaa.core.planes import Layout
 from cltaa.core.record import frame_record
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect, Frame
-from cltaa.reference.gather_surfaces import layers_of, side_of
+from cltaa.reference.gather_sides import layers_of, side_of
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.planes import read_rows
 from tests.core.test_gather_fit import gathering

@@ -9,14 +9,7 @@ from cltaa.core.build import FRAME_DTYPE, Build, Steps, settings_record
 from cltaa.core.constants import WINDOW_REACH, WINDOWS
 from cltaa.core.parameters import Settings
 from cltaa.core.planes import Layout
-from cltaa.reference.window import (
-    around,
-    drift_of,
-    drifts_of,
-    t_of,
-    trust,
-    weigh_windows,
-)
+from cltaa.reference.gather_window import around, drift_of, drifts_of, t_of, trust, weigh_windows
 from tests.kernels.hard_planes import padded
 
 WIDTH, HEIGHT = 40, 30

@@ -21,4 +21,4 @@ def calls_of(text: str, *names: str) -> list[str]:
 def kernel_files() -> dict[str, str]:
     """Name and text of every file of the resolve's kernels; not of what is only raced against them."""
     files = (path for path in sorted(KERNELS.rglob("*.*")) if path.parent.name != "bench")
-    return {path.name: path.read_text(encoding="utf-8") for path in files}
+    return {path.relative_to(KERNELS).as_posix(): path.read_text(encoding="utf-8") for path in files}

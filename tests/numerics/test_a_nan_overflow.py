@@ -137,7 +137,7 @@ def test_a2_no_builtin_stands_guard_against_nan() -> None:
     # max, min and clamp are undefined for NaN in OpenCL C, and isnan may be folded to 0. fmax and fmin are not, and are
     # what greater and lesser of a GPU's fast build come to.
     found = {name: calls_of(text, *NOT_FOR_REALS) for name, text in kernel_files().items()}
-    assert {name: calls for name, calls in found.items() if calls} == {"real.h": ["fmax(", "fmin("]}
+    assert {name: calls for name, calls in found.items() if calls} == {"platform/real.h": ["fmax(", "fmin("]}
 
 
 def test_a2_the_search_finds_what_it_looks_for() -> None:

@@ -39,7 +39,7 @@ few = settings() if big else settings(max_examples=8, deadline=None, derandomize
 
 
 def test_g1_a_strict_build_contracts_nothing(launcher: DeviceLauncher) -> None:
-    text = without_comments(kernel_files()["real.h"])
+    text = without_comments(kernel_files()["platform/real.h"])
     assert "#if STRICT\n#pragma OPENCL FP_CONTRACT OFF" in text
     assert "#define STRICT 1" in prelude(Build(strict=True))
     assert "-cl-fp32-correctly-rounded-divide-sqrt" in Build(strict=True).flags()

@@ -38,7 +38,7 @@ def test_g5_a_large_odd_size_gives_the_oracles_bits(launcher: DeviceLauncher) ->
 
 
 def test_g5_a_plane_is_counted_in_32_bits_and_planes_in_64() -> None:
-    text = without_comments(kernel_files()["image.h"])
+    text = without_comments(kernel_files()["platform/image.h"])
     assert text.count("(size_t)row_stride(frame) * (size_t)") == 2  # both kinds of plane_size
     assert "uint texel_offset" in text
     assert Layout(16384, 16384).plane < 2**31  # larger images are refused: cltaa.core.resolver

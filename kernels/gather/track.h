@@ -2,7 +2,7 @@
 #include "taa/disocclusion.h"
 
 #if !defined(OWN_MOTION) || !defined(ALPHA) || !defined(GATHER_FIT) || !defined(REJECT)
-#error "gather_track.h needs OWN_MOTION, ALPHA, GATHER_FIT and REJECT from the prelude"
+#error "track.h needs OWN_MOTION, ALPHA, GATHER_FIT and REJECT from the prelude"
 #endif
 
 // Planes of a frame of the ring, as it was drawn: r, g, b, inverse depth, then own motion and alpha where there are
@@ -12,6 +12,8 @@
 #define RING_ALPHA (4 + 2 * OWN_MOTION)
 #define RING_REACTIVE (RING_ALPHA + ALPHA)
 #define RING_PLANES (RING_REACTIVE + REACTIVE)
+
+typedef __global const frame_t* restrict frame_records; // of the frames of the ring, the latest first
 
 // The texel at the whole part of a footprint.
 STAGE real texel_at(plane_in p, footprint f, int stride)

@@ -3,10 +3,10 @@
 // that is too short errs by their noise, one that is too long by what has changed since. Errors summed up over the
 // texels around tell how far each window is believed, and the texels' mean difference from the shortest moves the
 // longer ones.
-#include "gather.h"
+#include "gather/samples.h"
 
 #if !defined(WINDOWS) || !defined(WINDOW_REACH) || !defined(SHORT_WINDOW) || !defined(MIDDLE_WINDOW)
-#error "temporal_window.h needs WINDOWS, WINDOW_REACH, SHORT_WINDOW and MIDDLE_WINDOW from the prelude"
+#error "window.h needs WINDOWS, WINDOW_REACH, SHORT_WINDOW and MIDDLE_WINDOW from the prelude"
 #endif
 
 // Planes of a window: r, g, b, error, count, alpha. The windows stand one behind the other: the latest frames, a few

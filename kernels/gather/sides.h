@@ -2,7 +2,7 @@
 #include "taa/neighbourhood.h"
 
 #if !defined(OWN_MOTION) || !defined(GATHER_FIT)
-#error "gather_sides.h needs OWN_MOTION and GATHER_FIT from the prelude"
+#error "sides.h needs OWN_MOTION and GATHER_FIT from the prelude"
 #endif
 
 // Where an edge runs, and how inverse depth changes on the surface that is followed.

@@ -1,12 +1,10 @@
 // Sub-pixel features, which the samples of one frame hit here and miss there.
-#include "gather_sides.h"
-#include "gather_track.h"
+#include "gather/sides.h"
+#include "gather/track.h"
 
 #if !defined(OWN_MOTION) || !defined(SUBPIXEL_REACH) || !defined(SUBPIXEL_HITS)
-#error "gather_subpixel.h needs OWN_MOTION, SUBPIXEL_REACH and SUBPIXEL_HITS from the prelude"
+#error "subpixel.h needs OWN_MOTION, SUBPIXEL_REACH and SUBPIXEL_HITS from the prelude"
 #endif
-
-typedef __global const frame_t* restrict frame_records;
 
 // What has been found of a thing that the 3x3 of now misses: how far off the pixel's centre it lies, and how close it
 // is.

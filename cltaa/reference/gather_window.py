@@ -1,4 +1,4 @@
-"""Twin of ``temporal_window.h``, ``gather_windows.cl`` and ``weigh_windows.cl``: the adaptive temporal window.
+"""Twin of ``gather/window.h``, ``gather_windows.cl`` and ``weigh_windows.cl``: the adaptive temporal window.
 
 Each pixel is resolved from several windows of its past, each as far as the texels around it bear that out.
 """
@@ -11,14 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cltaa.core.build import Build, Record, window_planes
-from cltaa.core.constants import (
-    MIDDLE_WINDOW,
-    PAD_X,
-    PAD_Y,
-    SHORT_WINDOW,
-    WINDOW_REACH,
-    WINDOWS,
-)
+from cltaa.core.constants import MIDDLE_WINDOW, PAD_X, PAD_Y, SHORT_WINDOW, WINDOW_REACH, WINDOWS
 from cltaa.core.parameters import AlphaFrom
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import (
@@ -32,17 +25,10 @@ from cltaa.reference.accumulate import (
 )
 from cltaa.reference.colour import Colour, colour_outside_domain, from_range, to_range
 from cltaa.reference.gather import Gathering
-from cltaa.reference.gather_samples import Gathered
-from cltaa.reference.gather_surfaces import ring_alpha, ring_reactive
+from cltaa.reference.gather_fit import Gathered
+from cltaa.reference.gather_track import ring_alpha, ring_reactive
 from cltaa.reference.planes import extend_stored, real_type, store_resolved
-from cltaa.reference.real import (
-    Array,
-    constant,
-    greater,
-    lesser,
-    number,
-    quiet,
-)
+from cltaa.reference.real import Array, constant, greater, lesser, number, quiet
 
 TEXELS = (2 * WINDOW_REACH + 1) ** 2
 

@@ -1,0 +1,182 @@
+"""Twin of ``gather/fit.h``: from the samples that lie in a pixel to its colour."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from cltaa.core.build import Build, Record
+from cltaa.core.parameters import AlphaFrom, CurrentFilter, FilterUse, GatherFit, Illumination
+from cltaa.core.planes import Layout
+from cltaa.reference.accumulate import (
+    Pixel,
+    Resolved,
+    box_scale_of,
+    disoccluded_colour,
+    drawn_towards,
+    fading_share,
+    filtered_share,
+    sample_share,
+    storable_colour,
+)
+from cltaa.reference.colour import from_range
+from cltaa.reference.gather_sides import Layers
+from cltaa.reference.real import Array, Mask, greater, limit, number
+from cltaa.reference.rectify import rectify
+from cltaa.reference.reprojection import Motion
+
+
+@dataclass(slots=True)
+class Gathered:
+    """Sums over the samples of a pixel: of differences from the current one, of weights, and of both times offsets."""
+
+    zero: Array
+    sum: list[Array] = field(init=False)
+    along: list[Array] = field(init=False)
+    down: list[Array] = field(init=False)
+    alpha: Array = field(init=False)
+    weight: Array = field(init=False)
+    count: Array = field(init=False)
+    x: Array = field(init=False)
+    y: Array = field(init=False)
+    xx: Array = field(init=False)
+    xy: Array = field(init=False)
+    yy: Array = field(init=False)
+    near: Array = field(init=False)
+    near_x: Array = field(init=False)
+    near_y: Array = field(init=False)
+    recent: list[Array] = field(init=False)
+    recent_squares: Array = field(init=False)
+    recent_count: Array = field(init=False)
+    unlike: Array = field(init=False)  # of the recent samples, what was drawn with another reactivity
+
+    def __post_init__(self) -> None:
+        """No samples."""
+        self.sum, self.along, self.down, self.recent = ([self.zero] * 3 for _ in range(4))
+        names = "alpha weight count x y xx xy yy near near_x near_y"
+        for name in f"{names} recent_squares recent_count unlike".split():
+            setattr(self, name, self.zero)
+
+    def add(self, d: list[Array], w: Array, dx: Array, dy: Array, near: Mask, fit: GatherFit) -> None:
+        """One sample that differs by ``d`` and lies at (dx, dy) from the centre; of a farther one only the place."""
+        n = np.where(near, w, self.zero) if fit is GatherFit.LAYERS else w
+        self.sum = [total + n * k for total, k in zip(self.sum, d, strict=True)]
+        self.weight = self.weight + w
+        if fit is GatherFit.MEAN:
+            return
+        wx, wy, nx, ny = w * dx, w * dy, n * dx, n * dy
+        self.x, self.y = self.x + wx, self.y + wy
+        self.xx, self.xy, self.yy = self.xx + wx * dx, self.xy + wx * dy, self.yy + wy * dy
+        self.along = [total + nx * k for total, k in zip(self.along, d, strict=True)]
+        self.down = [total + ny * k for total, k in zip(self.down, d, strict=True)]
+        self.near, self.near_x, self.near_y = self.near + n, self.near_x + nx, self.near_y + ny
+
+    def add_recent(self, d: list[Array], counted: Array) -> None:
+        """A recent sample that differs by ``d`` from the current one, of which ``counted`` counts."""
+        self.recent = [total + counted * k for total, k in zip(self.recent, d, strict=True)]
+        self.recent_squares = self.recent_squares + counted * ((d[0] * d[0] + d[1] * d[1]) + d[2] * d[2])
+        self.recent_count = self.recent_count + counted
+
+
+def first_sample(w: Array, counted: Mask, near: Mask, build: Build, frame: Record) -> Gathered:
+    """The sums with the current sample alone, where it is ``counted``; none for a mean of the others."""
+    zero = np.zeros_like(w)
+    g = Gathered(zero)
+    if build.choices.gather_fit is not GatherFit.MEAN:
+        x, y = (np.full_like(w, number(frame[name], w)) for name in ("jitter_x", "jitter_y"))
+        g.add([zero, zero, zero], np.where(counted, w, zero), x, y, near, build.choices.gather_fit)
+    return g
+
+
+class Fit(NamedTuple):
+    """What the value at the pixel's centre takes of the sums: one * sum - (x * along + y * down)."""
+
+    one: Array
+    x: Array
+    y: Array
+
+    def value(self, total: Array, along: Array, down: Array) -> Array:
+        """The value at the centre."""
+        result: Array = self.one * total - (self.x * along + self.y * down)
+        return result
+
+
+def fit_at_centre(g: Gathered, samples: Array, settings: Record) -> Fit:
+    """Weighted least squares of a plane, its slope held back by a ridge."""
+    mean = number(1.0, samples) / g.weight
+    mx, my = g.x * mean, g.y * mean
+    ridge = number(settings["fit_ridge"], samples) * (g.weight / samples)
+    xx, xy, yy = (g.xx - g.x * mx) + ridge, g.xy - g.x * my, (g.yy - g.y * my) + ridge
+    det = xx * yy - xy * xy
+    x, y = (yy * mx - xy * my) / det, (xx * my - xy * mx) / det
+    return Fit(mean + (x * mx + y * my), x, y)
+
+
+def gathered_change(g: Gathered, far: Gathered, layers: Layers, build: Build, settings: Record) -> list[Array]:
+    """What the samples of a pixel come to, less the current one."""
+    zero, one = np.zeros_like(g.count), np.ones_like(g.count)
+    f = fit_at_centre(g, g.count + one, settings)
+    v = [f.value(*sums) for sums in zip(g.sum, g.along, g.down, strict=True)]
+    if build.choices.gather_fit is GatherFit.LAYERS:
+        seen = one - limit(f.value(g.near, g.near_x, g.near_y), zero, one)
+        any_of = far.weight > zero
+        instead = np.where(any_of, far.weight, np.where(g.near > zero, g.near, one))
+        mean = np.where(layers.edge, seen, zero) / instead
+        v = [k + mean * np.where(any_of, a, b) for k, a, b in zip(v, far.sum, g.sum, strict=True)]
+    return v
+
+
+def gathered_filter_share(of_mean: Array, g: Gathered, layers: Layers, build: Build, settings: Record) -> Array:
+    """Share of the filtered sample beside the n of a pixel, from their share 1 / n, ``of_mean``."""
+    if build.choices.illumination is Illumination.WINDOW:
+        return np.where(layers.edge, of_mean, fading_share(of_mean, settings))
+    one = np.ones_like(of_mean)
+    n = g.count + one
+    return np.where(layers.edge, of_mean, one / greater(n * n - one, one))
+
+
+def distrust(reactivity: Array, build: Build) -> Array:
+    """How much of its samples a reactive pixel [H, W] gives up for the current one."""
+    square: Array = reactivity * reactivity
+    return square * square if build.choices.illumination is Illumination.WINDOW else reactivity
+
+
+def resolve_gathered(
+    g: Gathered,
+    far: Gathered,
+    layers: Layers,
+    p: Pixel,
+    m: Motion,
+    build: Build,
+    layout: Layout,
+    settings: Record,
+) -> Resolved:
+    """The pixel from its samples, the current one among them."""
+    current, alpha = p.own, p.alpha
+    zero, one = np.zeros_like(alpha), np.ones_like(alpha)
+    any_of = g.count > zero
+    weight = np.where(any_of, g.weight, one)
+    plain = build.choices.gather_fit is GatherFit.MEAN
+    change = [total / weight for total in g.sum] if plain else gathered_change(g, far, layers, build, settings)
+    past = (current[0] + change[0], current[1] + change[1], current[2] + change[2])
+    moved = rectify(past, current, p.near, m, box_scale_of(m, settings), build, layout, settings).change
+    share = g.weight / (sample_share(current, build, settings) + g.weight) if plain else one
+    alpha_share = one
+    if build.steps.reactive:
+        alpha_share = one - distrust(p.reactivity, build)
+        share = share * alpha_share
+    mixed = [x + share * ((y - x) + c) for x, y, c in zip(current, past, moved, strict=True)]
+    fresh = disoccluded_colour(current, p.near.mean, build, settings)
+    r, gr, b = (np.where(any_of, k, f) for k, f in zip(mixed, fresh, strict=True))
+    chosen = (r, gr, b)
+    filters = build.choices.current_filter is not CurrentFilter.NONE
+    if filters and build.choices.filter_use is FilterUse.FEW:
+        filter_share = gathered_filter_share(one / (g.count + one), g, layers, build, settings)
+        share = filtered_share(filter_share, p.filtered, build, settings)
+        chosen = drawn_towards(chosen, p.filtered, share)
+    stored = storable_colour(from_range(chosen, build), current, build)
+    if build.choices.alpha_from is AlphaFrom.BLEND:
+        alpha = alpha + alpha_share * (g.alpha / (g.count + one))
+    return Resolved(stored, alpha, g.count + one)

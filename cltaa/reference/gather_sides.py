@@ -1,0 +1,135 @@
+"""Twin of ``gather/sides.h``: the two sides of a depth edge through the 3x3."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from cltaa.core.build import Build, Record
+from cltaa.core.constants import PAD_X, PAD_Y
+from cltaa.core.planes import Layout
+from cltaa.reference.colour import Colour, colour_outside_domain, to_range
+from cltaa.reference.neighbourhood import Row, Surface, inverse_depth_or_sky
+from cltaa.reference.real import Array, Mask, constant, number
+
+NEIGHBOURS = [(dx, dy) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
+
+
+@dataclass(frozen=True, slots=True)
+class Layers:
+    """Where an edge runs, the inverse depth that parts its sides, and how inverse depth changes on the surface
+    followed."""
+
+    edge: Mask
+    cut: Array
+    slope: tuple[Array, Array]
+
+    def on_side(self, inverse_depth: Array, *, far: bool) -> Mask:
+        """Samples of one side of the edge."""
+        side: Mask = self.edge & ((inverse_depth <= self.cut) if far else (inverse_depth > self.cut))
+        return side
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """The surface of one side at its sample nearest to the pixel, and its samples' mean colour and number."""
+
+    surface: Surface
+    layers: Layers
+    mean: Colour
+    count: Array
+
+
+def layers_of(above: Row, centre: Row, below: Row, s: Surface, settings: Record) -> Layers:
+    """Where a depth edge runs through the 3x3, the inverse depth that parts its sides, and the slope where none
+    does."""
+    zero, half = np.zeros_like(s.centre), number(0.5, s.centre)
+    skew = (s.nearest - s.centre) - (s.centre - s.farthest)
+    edge = np.abs(skew) > number(settings["edge_tolerance"], zero) * np.abs(s.nearest)
+    slopes = (half * centre.rise, half * (below.inverse_depth - above.inverse_depth))
+    x, y = (np.where(edge, zero, slope) for slope in slopes)
+    return Layers(edge, half * (s.nearest + s.farthest), (x, y))
+
+
+def texels_beside(plane: Array, dx: int, dy: int, layout: Layout, real: Any) -> Array:
+    """Of every pixel the texel ``dx`` columns and ``dy`` rows beside it, [H, W]."""
+    top, left = PAD_Y + dy, PAD_X + dx
+    texels: Array = plane[top : top + layout.height, left : left + layout.width].astype(real)
+    return texels
+
+
+def side_surface(
+    s: Surface,
+    layers: Layers,
+    inverse_depth: Array,
+    motion: Array | None,
+    build: Build,
+    layout: Layout,
+    frame: Record,
+    *,
+    far: bool,
+) -> Surface:
+    """The surface of one side at its sample nearest to the pixel; of those as far away, that of the pixel's own row."""
+    real: Any = s.centre.dtype
+    least = np.full_like(s.centre, constant("DOMAIN_LIMIT", s.centre))
+    x, y, q, u, v = s.x, s.y, s.inverse_depth, s.u, s.v
+    for dx, dy in NEIGHBOURS:
+        z = inverse_depth_or_sky(texels_beside(inverse_depth[0], dx, dy, layout, real), frame)
+        away = number(2 * dx * dx + 3 * dy * dy, least)
+        here = layers.on_side(z, far=far) & (away < least)
+        least = np.where(here, away, least)
+        x, y, q = np.where(here, number(dx, x), x), np.where(here, number(dy, y), y), np.where(here, z, q)
+        if build.steps.own_motion and motion is not None:
+            u = np.where(here, texels_beside(motion[0], dx, dy, layout, real), u)
+            v = np.where(here, texels_beside(motion[1], dx, dy, layout, real), v)
+    return s._replace(x=x, y=y, inverse_depth=q, u=u, v=v)
+
+
+def side_of(
+    s: Surface,
+    layers: Layers,
+    own: Colour,
+    current: Array,
+    inverse_depth: Array,
+    motion: Array | None,
+    build: Build,
+    layout: Layout,
+    frame: Record,
+    settings: Record,
+    *,
+    far: bool,
+) -> Side:
+    """One side of each pixel that an edge runs through, elsewhere what was there; its slope by least squares."""
+    at = side_surface(s, layers, inverse_depth, motion, build, layout, frame, far=far)
+    real: Any = s.centre.dtype
+    zero, one = np.zeros_like(s.centre), np.ones_like(s.centre)
+    xx = yy = np.full_like(zero, number(settings["fit_ridge"], zero))
+    xy = qx = qy = count = zero
+    mean = [zero, zero, zero]
+    for dx, dy in NEIGHBOURS:
+        z = inverse_depth_or_sky(texels_beside(inverse_depth[0], dx, dy, layout, real), frame)
+        here = layers.on_side(z, far=far)
+        rise = np.where(here, z - at.inverse_depth, zero)
+        ox = np.where(here, number(dx, zero) - at.x, zero)
+        oy = np.where(here, number(dy, zero) - at.y, zero)
+        xx, xy, yy = xx + ox * ox, xy + ox * oy, yy + oy * oy
+        qx, qy = qx + ox * rise, qy + oy * rise
+        r, g, b = (texels_beside(plane, dx, dy, layout, real) for plane in current[:3])
+        in_domain = here & ~colour_outside_domain((r, g, b))
+        seen = to_range((r, g, b), build)
+        mean = [t + np.where(in_domain, c - o, zero) for t, c, o in zip(mean, seen, own, strict=True)]
+        count = count + np.where(in_domain, one, zero)
+    det, among = xx * yy - xy * xy, np.where(count > zero, count, one)
+    slope_x = np.where(layers.edge, (yy * qx - xy * qy) / det, layers.slope[0])
+    slope_y = np.where(layers.edge, (xx * qy - xy * qx) / det, layers.slope[1])
+    r, g, b = (o + total / among for o, total in zip(own, mean, strict=True))
+    return Side(at, replace(layers, slope=(slope_x, slope_y)), (r, g, b), count)
+
+
+def range_of_side(s: Surface, layers: Layers, *, far: bool) -> Surface:
+    """The surface with the range of inverse depth of its own side alone."""
+    if far:
+        return s._replace(nearest=np.where(layers.edge, layers.cut, s.nearest))
+    return s._replace(farthest=np.where(layers.edge, layers.cut, s.farthest))

@@ -1,0 +1,178 @@
+// From the samples that lie in a pixel to its colour. What a supersampler gets by placing its samples evenly has to be
+// made good here, since they lie wherever jitter and motion have put them.
+#include "gather/sides.h"
+#include "taa/pixel.h"
+
+#if !defined(GATHER_FIT) || !defined(FILTER_USE) || !defined(ILLUMINATION)
+#error "fit.h needs GATHER_FIT, FILTER_USE and ILLUMINATION from the prelude"
+#endif
+
+// Sums over the samples of a pixel, of differences from the current one, so that equal samples leave it as it is, to
+// the bit: along and down are weighted by the offset from the pixel's centre too. x to yy are sums of the weights times
+// offsets and their products; near, near_x and near_y are those of the samples of the nearer of two surfaces.
+typedef struct
+{
+    colour sum, along, down;
+    real alpha, weight, count, x, y, xx, xy, yy, near, near_x, near_y;
+    // Of the latest frames alone, whichever side their samples show; only where light may change. What does not count
+    // of them, since it was drawn with another reactivity, is unlike.
+    colour recent;
+    real recent_squares, recent_count, unlike;
+} gathered;
+
+STAGE gathered no_samples(void)
+{
+    const real o = SPLAT(0.0);
+    gathered g = { { o, o, o }, { o, o, o }, { o, o, o }, o, o, o, o, o, o, o, o, o, o, o, { o, o, o }, o, o, o };
+    return g;
+}
+
+// A recent sample that differs by d from the current one, of which `counted` counts.
+STAGE void add_recent(gathered* g, colour d, real counted)
+{
+    g->recent.r += counted * d.r;
+    g->recent.g += counted * d.g;
+    g->recent.b += counted * d.b;
+    g->recent_squares += counted * ((d.r * d.r + d.g * d.g) + d.b * d.b);
+    g->recent_count += counted;
+}
+
+// One sample that differs by d from the current one and lies at (dx, dy), in pixels from the centre. Of a sample of the
+// farther surface only the place counts here.
+STAGE void add_sample(gathered* g, colour d, real w, real dx, real dy, mask near)
+{
+    const real n = GATHER_FIT == GATHER_FIT_LAYERS ? (near ? w : SPLAT(0.0)) : w;
+    g->sum.r += n * d.r;
+    g->sum.g += n * d.g;
+    g->sum.b += n * d.b;
+    g->weight += w;
+    if (GATHER_FIT != GATHER_FIT_MEAN) {
+        const real wx = w * dx, wy = w * dy, nx = n * dx, ny = n * dy;
+        g->x += wx;
+        g->y += wy;
+        g->xx += wx * dx;
+        g->xy += wx * dy;
+        g->yy += wy * dy;
+        g->along.r += nx * d.r;
+        g->along.g += nx * d.g;
+        g->along.b += nx * d.b;
+        g->down.r += ny * d.r;
+        g->down.g += ny * d.g;
+        g->down.b += ny * d.b;
+        g->near += n;
+        g->near_x += nx;
+        g->near_y += ny;
+    }
+}
+
+// The sums with the current sample alone, where it is `counted`. A mean of the others has its own place for it.
+STAGE gathered first_sample(real w, mask counted, mask near, frame_t frame)
+{
+    gathered g = no_samples();
+    const real o = SPLAT(0.0);
+    const colour same = { o, o, o };
+    if (GATHER_FIT != GATHER_FIT_MEAN)
+        add_sample(&g, same, counted ? w : o, SPLAT(frame.jitter_x), SPLAT(frame.jitter_y), near);
+    return g;
+}
+
+// Weighted least squares of the plane value = a + b dx + c dy, as what a takes of the sums: a = one * sum - x * along
+// - y * down. The mean of unevenly placed samples errs by slope times mean offset; this does not. The slope is held
+// back by fit_ridge samples' worth of evenly placed ones, so that few samples give nearly their mean.
+typedef struct
+{
+    real one, x, y;
+} fit_t;
+
+STAGE fit_t fit_at_centre(gathered g, real samples, settings_t settings)
+{
+    const real mean = SPLAT(1.0) / g.weight, mx = g.x * mean, my = g.y * mean;
+    const real ridge = K(settings.fit_ridge) * (g.weight / samples);
+    const real xx = (g.xx - g.x * mx) + ridge, xy = g.xy - g.x * my, yy = (g.yy - g.y * my) + ridge;
+    const real det = xx * yy - xy * xy;
+    fit_t f;
+    f.x = (yy * mx - xy * my) / det;
+    f.y = (xx * my - xy * mx) / det;
+    f.one = mean + (f.x * mx + f.y * my);
+    return f;
+}
+
+STAGE real fitted(fit_t f, real sum, real along, real down) { return f.one * sum - (f.x * along + f.y * down); }
+
+// What the samples of a pixel come to, less the current one. Across a depth edge the nearer surface's share and colour
+// are fitted to the samples along its way, and behind it is the mean of the samples along the farther one's own way.
+STAGE colour gathered_change(gathered g, gathered far, layers_t l, settings_t settings)
+{
+    const fit_t f = fit_at_centre(g, g.count + K(1.0), settings);
+    colour v = { fitted(f, g.sum.r, g.along.r, g.down.r), fitted(f, g.sum.g, g.along.g, g.down.g),
+        fitted(f, g.sum.b, g.along.b, g.down.b) };
+    if (GATHER_FIT == GATHER_FIT_LAYERS) {
+        const real zero = SPLAT(0.0), one = SPLAT(1.0);
+        const real seen = one - limit(fitted(f, g.near, g.near_x, g.near_y), zero, one);
+        const mask any = far.weight > zero;
+        // Where no sample of the farther surface is left, the nearer one has to stand for it.
+        const real mean = (l.edge ? seen : zero) / (any ? far.weight : (g.near > zero ? g.near : one));
+        v.r += mean * (any ? far.sum.r : g.sum.r);
+        v.g += mean * (any ? far.sum.g : g.sum.g);
+        v.b += mean * (any ? far.sum.b : g.sum.b);
+    }
+    return v;
+}
+
+// Share of the filtered sample beside the n of a pixel, from their share 1 / n: as 1 / (n^2 - 1), at most 1, since a
+// fit leaves little for it to do but between two samples or three; where light may change as 1 / n, beyond
+// filter_samples as 1 / n^2. At a depth edge, where samples miss their surface and are worth fewer than they are,
+// 1 / n.
+STAGE real gathered_filter_share(real of_mean, gathered g, layers_t l, settings_t settings)
+{
+    if (ILLUMINATION == ILLUMINATION_WINDOW)
+        return l.edge ? of_mean : fading_share(of_mean, settings);
+    const real one = SPLAT(1.0), n = g.count + one;
+    return l.edge ? of_mean : quotient(one, greater(n * n - one, one));
+}
+
+// How much of its samples a reactive pixel gives up for the current one. Temporal windows are each judged by the
+// latest samples, so that there little of what is half to be trusted is.
+STAGE real distrust(real reactivity)
+{
+    const real square = reactivity * reactivity;
+    return ILLUMINATION == ILLUMINATION_WINDOW ? square * square : reactivity;
+}
+
+// The pixel from its samples, the current one among them.
+STAGE resolved resolve_gathered(
+    gathered g, gathered far, layers_t l, pixel_t p, motion_t m, frame_t frame, settings_t settings)
+{
+    const colour current = p.own;
+    const real zero = SPLAT(0.0), one = SPLAT(1.0);
+    const mask any = g.count > zero;
+    const real weight = any ? g.weight : one;
+    colour past = { current.r + g.sum.r / weight, current.g + g.sum.g / weight, current.b + g.sum.b / weight };
+    if (GATHER_FIT != GATHER_FIT_MEAN) {
+        const colour change = gathered_change(g, far, l, settings);
+        past.r = current.r + change.r, past.g = current.g + change.g, past.b = current.b + change.b;
+    }
+    const rectification r = rectify(past, current, p.near, m, box_scale_of(m, settings), frame, settings);
+    // The mean of the others has its share beside the current sample, which a fit holds already.
+    real share = GATHER_FIT == GATHER_FIT_MEAN ? g.weight / (sample_share(current, settings) + g.weight) : one;
+    real alpha_share = one;
+    if (REACTIVE) {
+        alpha_share = one - distrust(p.reactivity);
+        share *= alpha_share;
+    }
+    const colour mixed = { current.r + share * ((past.r - current.r) + r.change.r),
+        current.g + share * ((past.g - current.g) + r.change.g),
+        current.b + share * ((past.b - current.b) + r.change.b) };
+    colour chosen = choose_colour(any, mixed, disoccluded_colour(current, p.near.mean, settings));
+    if ((FILTER_USE == FILTER_USE_FEW_SAMPLES) & (CURRENT_FILTER != CURRENT_FILTER_NONE)) {
+        const real of_mean = one / (g.count + one), filter_share = gathered_filter_share(of_mean, g, l, settings);
+        chosen = drawn_towards(chosen, p.filtered, filtered_share(filter_share, p.filtered, settings));
+    }
+    resolved out;
+    out.rgb = storable_colour(from_range(chosen), current);
+    out.alpha = p.alpha;
+    if (ALPHA_FROM == ALPHA_FROM_BLEND)
+        out.alpha = p.alpha + alpha_share * (g.alpha / (g.count + one));
+    out.count = g.count + one;
+    return out;
+}

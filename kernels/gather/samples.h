@@ -1,0 +1,273 @@
+// The samples that earlier frames drew inside a pixel, each read where it was drawn. Nothing is ever read between
+// texels, so nothing blurs, however far and however long things move.
+#include "gather/fit.h"
+#include "gather/track.h"
+
+#if !defined(ALPHA) || !defined(EXPOSURE) || !defined(CAMERA_MOTION) || !defined(OWN_MOTION)
+#error "samples.h needs ALPHA, EXPOSURE, CAMERA_MOTION and OWN_MOTION from the prelude"
+#endif
+
+// How one pixel step here is seen in an earlier frame, less the step itself: the derivative of motion_from_depth on a
+// plane whose inverse depth changes by (slope_x, slope_y) a pixel. Samples drawn from farther off cover several pixels
+// of now, and lie that much farther apart.
+typedef struct
+{
+    real xx, xy, yx, yy;
+} stretch_t;
+
+STAGE stretch_t stretch_of(surface s, real slope_x, real slope_y, motion_t m, real x, real y, frame_t then)
+{
+    const real zero = SPLAT(0.0);
+    stretch_t t = { zero, zero, zero, zero };
+    if (!CAMERA_MOTION)
+        return t;
+    const real px = (x + s.x) + K(then.origin_x), py = (y + s.y) + K(then.origin_y), q = s.inverse_depth;
+    const real dw = ((K(then.wx) * px + K(then.wy) * py) + K(then.wq) * q) + K(then.w1);
+    const real w = m.visible ? SPLAT(1.0) + dw : SPLAT(1.0);
+    const real wx = K(then.wx) + K(then.wq) * slope_x, wy = K(then.wy) + K(then.wq) * slope_y;
+    t.xx = ((K(then.xx) + K(then.xq) * slope_x) - dw - (px + m.u) * wx) / w;
+    t.xy = ((K(then.xy) + K(then.xq) * slope_y) - (px + m.u) * wy) / w;
+    t.yx = ((K(then.yx) + K(then.yq) * slope_x) - (py + m.v) * wx) / w;
+    t.yy = ((K(then.yy) + K(then.yq) * slope_y) - dw - (py + m.v) * wy) / w;
+    return t;
+}
+
+// Where the samples of an earlier frame lie, seen from now: the one nearest to the pixel's centre, and the steps from
+// it to the next to the right (xx, yx) and below (xy, yy). `visible` false where the surface was seen edge on, or from
+// behind.
+typedef struct
+{
+    real x, y, xx, xy, yx, yy;
+    mask visible;
+} places_t;
+
+STAGE places_t places_now(real dx, real dy, stretch_t t)
+{
+    const real one = SPLAT(1.0), xx = one + t.xx, yy = one + t.yy, det = xx * yy - t.xy * t.yx;
+    places_t p;
+    p.visible = det > SPLAT(LEAST_W);
+    const real share = reciprocal(p.visible ? det : one);
+    p.xx = yy * share, p.xy = -t.xy * share, p.yx = -t.yx * share, p.yy = xx * share;
+    p.x = p.xx * dx + p.xy * dy;
+    p.y = p.yx * dx + p.yy * dy;
+    return p;
+}
+
+// Where the samples of n frames no longer count, from the pixel's centre along an axis. One of n samples stands for a
+// square of 1 / n of the pixel, of whose side this is the border's distance; few reach as far as fit_reach.
+STAGE real reach_of(int n, settings_t settings)
+{
+    const real side = reciprocal(square_root(SPLAT(n)));
+    return lesser(SPLAT(settings.fit_reach), SPLAT(0.5) + side);
+}
+
+// What counts of a sample that lies `off` the centre along an axis: all in the middle, nothing from `reach` on, and
+// half on the pixel's border. Of what a sample stands for there a part is another pixel's; of samples a pixel apart as
+// much counts as of one, wherever they lie.
+STAGE real window(real off, real reach)
+{
+    const real zero = SPLAT(0.0), one = SPLAT(1.0);
+    return limit((reach - absolute(off)) * reciprocal((reach + reach) - one), zero, one);
+}
+
+STAGE colour colour_at(plane_in p, footprint f, size_t plane, int stride)
+{
+    const colour v = { texel_at(p, f, stride), texel_at(p + plane, f, stride), texel_at(p + 2 * plane, f, stride) };
+    return v;
+}
+
+// A frame of the ring as a pixel sees it: its planes, the way there, the texel whose sample lies nearest to the pixel's
+// centre, and where its samples lie.
+typedef struct
+{
+    plane_in planes;
+    motion_t m;
+    mask seen;
+    footprint f;
+    real column, row; // of that texel
+    places_t places;
+    real reach; // where they no longer count
+    int recent; // 1: its samples are summed on their own too
+} view_t;
+
+// How much counts of the sample `right` and `down` texels beside the nearest one, and where it lies; nothing for most
+// of the eight, which is told before all else. The halo of an image holds none. A mean takes the nearest one alone.
+STAGE real weight_beside(view_t v, int right, int down, real* dx, real* dy, frame_t frame)
+{
+    const real zero = SPLAT(0.0), reach = v.reach;
+    *dx = v.places.x + (v.places.xx * K(right) + v.places.xy * K(down));
+    *dy = v.places.y + (v.places.yx * K(right) + v.places.yy * K(down));
+    if (GATHER_FIT == GATHER_FIT_MEAN)
+        return v.seen ? SPLAT(1.0) : zero;
+    const mask near = v.seen & v.places.visible & (absolute(*dx) < reach) & (absolute(*dy) < reach);
+    if (!any_of(near))
+        return zero;
+    const real column = v.column + K(right), row = v.row + K(down), low = SPLAT(-0.5);
+    const mask inside
+        = (column > low) & (row > low) & (column < SPLAT(frame.width) - K(0.5)) & (row < SPLAT(frame.height) - K(0.5));
+    const real share = window(*dx, reach) * window(*dy, reach);
+    return near & inside ? share : zero;
+}
+
+// One sample of a frame of the ring. It counts if it shows one of the pixel's surfaces; with `far_only` true, if it
+// shows the farther one.
+STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now, surface s, layers_t l, int far_only,
+    frame_t then, frame_t frame, settings_t settings)
+{
+    const size_t plane = plane_size(frame);
+    const int stride = row_stride(frame);
+    const real zero = SPLAT(0.0);
+    real dx, dy;
+    const real share = weight_beside(v, right, down, &dx, &dy, frame);
+    mask good = share > zero;
+    if (!any_of(good))
+        return;
+    plane_in p = v.planes + down * (ptrdiff_t)stride + right;
+    colour c = colour_at(p, v.f, plane, stride);
+    good = good & !colour_outside_domain(c);
+    const real q = inverse_depth_or_sky(texel_at(p + RING_INVERSE_DEPTH * plane, v.f, stride), then);
+    good = good & matches_surface(q, s, v.m, settings);
+    mask near = (s.x == s.x);
+    if (GATHER_FIT != GATHER_FIT_MEAN) {
+        near = !l.edge | (q > l.cut * v.m.scale + v.m.shift);
+        good = far_only ? good & !near : good;
+    }
+    if (EXPOSURE)
+        c = scaled(c, SPLAT(then.exposure_ratio));
+    c = choose_colour(good, to_range(c), now.own);
+    const colour d = { c.r - now.own.r, c.g - now.own.g, c.b - now.own.b };
+    real counted = good ? share : zero;
+    if (REACTIVE & (ILLUMINATION == ILLUMINATION_WINDOW)) {
+        const real alike = as_reactive(share_in_domain(texel_at(p + RING_REACTIVE * plane, v.f, stride), zero), now);
+        g->unlike += v.recent ? counted * (SPLAT(1.0) - alike) : zero;
+        counted *= alike;
+    }
+    add_sample(g, d, counted * sample_share(c, settings), good ? dx : zero, good ? dy : zero, far_only ? !near : near);
+    g->count += counted;
+    if (v.recent)
+        add_recent(g, share_difference(c, now.own, settings), counted);
+    if (ALPHA) {
+        const real a = share_in_domain(texel_at(p + RING_ALPHA * plane, v.f, stride), SPLAT(1.0));
+        g->alpha += counted * (a - now.alpha);
+    }
+}
+
+// The way of the pixel's centre to a frame of the ring, by the sample that told the depth or by the track, and the
+// stretch.
+STAGE motion_t motion_to_frame(
+    stretch_t* stretch, track_t t, surface s, layers_t l, real px, real py, frame_t frame, frame_t then)
+{
+    const real zero = SPLAT(0.0);
+    motion_t m = motion_from_depth(s, px, py, then);
+    *stretch = (stretch_t) { zero, zero, zero, zero };
+    if (GATHER_FIT != GATHER_FIT_MEAN) {
+        *stretch = stretch_of(s, l.slope_x, l.slope_y, m, px, py, then);
+        const real ox = s.x + K(frame.jitter_x), oy = s.y + K(frame.jitter_y);
+        m.u -= stretch->xx * ox + stretch->xy * oy;
+        m.v -= stretch->yx * ox + stretch->yy * oy;
+    }
+    if (OWN_MOTION) {
+        m.u = t.own ? t.u : m.u;
+        m.v = t.own ? t.v : m.v;
+        m.scale = t.own ? SPLAT(1.0) : m.scale;
+        m.shift = t.own ? t.shift : m.shift;
+        m.visible = m.visible | t.own;
+        stretch->xx = t.own ? zero : stretch->xx, stretch->xy = t.own ? zero : stretch->xy;
+        stretch->yx = t.own ? zero : stretch->yx, stretch->yy = t.own ? zero : stretch->yy;
+    }
+    return m;
+}
+
+// The sums of a layer before its way back. Those of the nearer one hold the current sample whatever it shows, those of
+// the farther one if it shows that.
+STAGE gathered begin_layer(surface s, layers_t l, int far, real w, frame_t frame)
+{
+    const mask front = !l.edge | (s.centre > l.cut);
+    if (far)
+        return first_sample(w, !front, !front, frame);
+    return first_sample(w, front | !front, front, frame);
+}
+
+// What the current frame shows of a side around the pixel, as one sample: of what is disoccluded there is
+// hardly another.
+STAGE void add_side(gathered* g, side_t side, colour current, settings_t settings)
+{
+    const real zero = SPLAT(0.0);
+    const mask any = side.count > zero;
+    const colour d = { side.mean.r - current.r, side.mean.g - current.g, side.mean.b - current.b };
+    add_sample(g, d, any ? sample_share(side.mean, settings) : zero, zero, zero, any);
+}
+
+// Whether a pixel of the segment has a farther side to follow on its own.
+STAGE int has_edges(layers_t l) { return GATHER_FIT == GATHER_FIT_LAYERS && any_of(l.edge); }
+
+#define NEARER 0
+#define FARTHER 1
+
+// The nearer or the farther surface of a pixel on its way back through the frames in the ring: where it is now, where
+// its own motion has led so far, and the sums of the samples on it.
+typedef struct
+{
+    side_t side;
+    track_t track;
+    gathered sums;
+    int far; // NEARER or FARTHER
+} way_t;
+
+STAGE way_t begin_way(surface s, layers_t l, int far, pixel_t p, plane_in current, plane_in inverse_depth,
+    plane_in motion, int x, int y, frame_t frame, settings_t settings)
+{
+    way_t way = { { s, l }, first_step(s), begin_layer(s, l, far, sample_share(p.own, settings), frame), far };
+    if (!has_edges(l))
+        return way;
+    way.side = side_of(s, l, far, p.own, current, inverse_depth, motion, x, y, frame, settings);
+    way.track = first_step(way.side.s);
+    if (far)
+        add_side(&way.sums, way.side, p.own, settings);
+    return way;
+}
+
+// Follows a surface of the pixel `now` through the frames in the ring `from` to `to` - 1, the latest being 0, and adds
+// their samples; those of the first `recent` frames are summed on their own too. past[k] says how to come from this
+// frame to the k-th, where its samples lie in their pixels (jitter) and in which slot of `ring` it is. The place of the
+// pixel's centre in frame k falls into the area of exactly one sample there: the one whose position rounds to it. It
+// and the eight around it count by where they lie, seen from now.
+STAGE void gather_samples(way_t* way, plane_in ring, frame_records past, int from, int to, int recent, pixel_t now,
+    int x, int y, frame_t frame, settings_t settings)
+{
+    const surface s = way->side.s;
+    const layers_t l = way->side.l;
+    track_t* t = &way->track;
+    const size_t plane = plane_size(frame);
+    const uint at = texel_offset(frame, x, y);
+    const real px = LANE_INDEX + K(x), py = SPLAT(y), reach = reach_of(to + 1, settings);
+    const surface followed = GATHER_FIT == GATHER_FIT_LAYERS ? range_of_side(s, l, way->far) : s;
+    for (int k = from; k < to; ++k) {
+        const frame_t then = past[k];
+        stretch_t stretch;
+        view_t v;
+        v.m = motion_to_frame(&stretch, *t, s, l, px, py, frame, then);
+        v.seen = on_screen(v.m, px, py, frame) & !t->lost;
+        motion_t nearest = v.m;
+        nearest.u = v.m.u + (K(0.5) - K(then.jitter_x));
+        nearest.v = v.m.v + (K(0.5) - K(then.jitter_y));
+        v.f = footprint_of(nearest, v.seen, at, frame);
+        v.column = (px + nearest.u) - v.f.fx;
+        v.row = (py + nearest.v) - v.f.fy;
+        v.places = places_now(SPLAT(0.5) - v.f.fx, SPLAT(0.5) - v.f.fy, stretch);
+        v.reach = reach;
+        v.recent = k < recent;
+        v.planes = ring + (size_t)then.slot * RING_PLANES * plane;
+        if (GATHER_FIT == GATHER_FIT_MEAN)
+            gather_sample(&way->sums, v, 0, 0, now, s, l, way->far, then, frame, settings);
+        else
+            for (int i = 0; i < 9; ++i)
+                gather_sample(&way->sums, v, i % 3 - 1, i / 3 - 1, now, s, l, way->far, then, frame, settings);
+        if (OWN_MOTION) {
+            motion_t place = nearest;
+            place.u += s.x;
+            place.v += s.y;
+            follow(t, followed, v.m, v.planes, footprint_of(place, v.seen, at, frame), v.seen, plane, then, settings);
+        }
+    }
+}
