@@ -1,5 +1,5 @@
 // The temporal resolve. A work-item takes a column of the image, pixel by pixel from above: LANES of them at once.
-#include "taa/pixel.h"
+#include "taa/accumulate.h"
 #include "schedule/window.h"
 #include "schedule/edges.h"
 

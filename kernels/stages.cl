@@ -1,6 +1,6 @@
 // The stages of resolve.cl one by one, for tests and debug views: each entry point reads the planes that the ones
 // before it wrote.
-#include "taa/pixel.h"
+#include "taa/accumulate.h"
 
 STAGE boxed load_boxed(plane_in p, size_t plane)
 {

@@ -10,18 +10,16 @@ from typing import Any
 
 from cltaa.reference import (
     gather,
+    gather_window,
     resolve,
     stages,
-    gather_window,
-)
-from cltaa.reference import (
-    store as to_halves,
+    store,
 )
 
 # Kernel name -> twin; called with (build, layout, **arguments by the kernel's own names).
 KERNELS: dict[str, Callable[..., Any]] = {
     "blend": stages.blend_kernel,
-    "extend_edges": resolve.extend_edges,
+    "extend_edges": store.extend_edges,
     "gather": gather.gather,
     "gather_windows": gather_window.gather_windows,
     "neighbourhood_statistics": stages.neighbourhood_statistics_kernel,
@@ -30,6 +28,6 @@ KERNELS: dict[str, Callable[..., Any]] = {
     "resolve": resolve.resolve,
     "sample_history": stages.sample_history_kernel,
     "surface_motion": stages.surface_motion_kernel,
-    "to_halves": to_halves.to_halves,
+    "to_halves": store.to_halves,
     "weigh_windows": gather_window.weigh_windows,
 }

@@ -1,4 +1,4 @@
-"""Twin of ``blend.h`` and ``pixel.h``: one output pixel from its sample, its neighbourhood and its history."""
+"""Twin of ``taa/accumulate.h``: one output pixel from its sample, its neighbourhood and its history."""
 
 from __future__ import annotations
 
@@ -13,19 +13,10 @@ from cltaa.core.parameters import Accumulate, AlphaFrom, AntiFlicker, Box, Filte
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, from_box_space, from_range, luminance, to_box_space
 from cltaa.reference.history import History
-from cltaa.reference.neighbourhood import Row, Statistics, current_sample, neighbourhood_statistics
-from cltaa.reference.real import (
-    Array,
-    constant,
-    greater,
-    lesser,
-    limit,
-    number,
-    outside_domain,
-)
+from cltaa.reference.neighbourhood import Statistics, current_sample, neighbourhood_statistics
+from cltaa.reference.real import Array, constant, greater, lesser, limit, number, outside_domain
 from cltaa.reference.rectify import Rectification
-from cltaa.reference.reprojection import Motion
-from cltaa.reference.sampling import between_texels
+from cltaa.reference.sampling import Row, count_limit_of
 
 
 def sample_weight(count: Array, blend_boost: Array, build: Build, settings: Record) -> Array:
@@ -48,16 +39,6 @@ def samples_in_mean(count: Array, build: Build, settings: Record) -> Array:
         return count
     one = number(1.0, count)
     return lesser(count, one / number(settings["blend_weight"], count) - one)
-
-
-def count_limit_of(fx: Array, fy: Array, build: Build, settings: Record) -> Array:
-    """The most samples that a history resampled at fraction ``fx``, ``fy`` may stand for."""
-    one = number(1.0, fx)
-    least = one / number(settings["sample_limit"], fx)
-    if build.terms.resampling_penalty:
-        least = least + number(settings["resampling_penalty"], fx) * between_texels(fx, fy)
-    count_limit: Array = one / least
-    return count_limit
 
 
 def effective_count(count: Array, count_limit: Array, clip_distance: Array, build: Build, settings: Record) -> Array:
@@ -235,17 +216,6 @@ def as_reactive(r: Array, now: Pixel) -> Array:
     off = greater(greater(now.least_reactive - r, r - now.most_reactive), np.zeros_like(r))
     far = off * constant("REACTIVE_FALL", r)
     result: Array = greater(number(1.0, r) - far * far, np.zeros_like(r))
-    return result
-
-
-def box_scale_of(m: Motion, settings: Record) -> Array:
-    """Half width of the box in standard deviations: wide where nothing moves."""
-    k = m.u.dtype.type
-    speed = greater(np.abs(m.u), np.abs(m.v)) / k(settings["motion_px"])
-    still = greater(k(1.0) - speed, k(0.0))
-    result: Array = k(settings["box_scale_moving"]) + still * (
-        k(settings["box_scale_static"]) - k(settings["box_scale_moving"])
-    )
     return result
 
 

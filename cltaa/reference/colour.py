@@ -1,4 +1,4 @@
-"""Twin of ``colour.h`` and ``repair.h``: RGB, the box space, and texels outside the domain."""
+"""Twin of ``taa/colour.h``: RGB, the box space, and the repair of texels outside the domain."""
 
 from __future__ import annotations
 

@@ -13,7 +13,6 @@ from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import (
     Pixel,
     Resolved,
-    box_scale_of,
     disoccluded_colour,
     drawn_towards,
     fading_share,
@@ -24,7 +23,7 @@ from cltaa.reference.accumulate import (
 from cltaa.reference.colour import from_range
 from cltaa.reference.gather_sides import Layers
 from cltaa.reference.real import Array, Mask, greater, limit, number
-from cltaa.reference.rectify import rectify
+from cltaa.reference.rectify import box_scale_of, rectify
 from cltaa.reference.reprojection import Motion
 
 

@@ -11,12 +11,13 @@ from cltaa.core.parameters import GatherFit, Illumination
 from cltaa.core.planes import Layout
 from cltaa.reference.accumulate import Pixel, as_reactive, sample_share, share_difference, share_in_domain
 from cltaa.reference.colour import Colour, colour_outside_domain, to_range
+from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.gather_fit import Gathered, first_sample
 from cltaa.reference.gather_sides import NEIGHBOURS, Layers, Side, range_of_side
 from cltaa.reference.gather_track import RING_INVERSE_DEPTH, Track, matches_surface, ring_alpha, ring_reactive, texel_at
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
 from cltaa.reference.real import Array, Mask, constant, lesser, limit, number
-from cltaa.reference.reprojection import Motion, motion_from_depth, on_screen, pixel_grid
+from cltaa.reference.reprojection import Motion, motion_from_depth, pixel_grid
 from cltaa.reference.sampling import Footprint, footprint_of
 
 

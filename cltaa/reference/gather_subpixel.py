@@ -8,11 +8,12 @@ import numpy as np
 
 from cltaa.core.build import Build, Record
 from cltaa.core.planes import Layout
+from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.gather_sides import NEIGHBOURS, Layers
 from cltaa.reference.gather_track import RING_INVERSE_DEPTH, RING_MOTION, no_motion_vector, texel_at
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
 from cltaa.reference.real import Array, Mask, constant, greater, number
-from cltaa.reference.reprojection import motion_from_depth, on_screen
+from cltaa.reference.reprojection import motion_from_depth
 from cltaa.reference.sampling import footprint_of
 
 

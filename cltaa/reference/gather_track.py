@@ -9,7 +9,7 @@ import numpy as np
 
 from cltaa.core.build import Build, Record, Steps
 from cltaa.core.parameters import GatherFit, Reject
-from cltaa.reference.history import same_surface
+from cltaa.reference.disocclusion import same_surface
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
 from cltaa.reference.real import Array, Mask, constant, outside_domain
 from cltaa.reference.reprojection import Motion

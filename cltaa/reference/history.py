@@ -1,4 +1,4 @@
-"""Twin of ``disocclusion.h`` and ``history.h``: the history of each pixel and whether it can be used."""
+"""Twin of ``taa/history.h``: the history of each pixel, and whether it can be used."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from cltaa.core.build import Build, Record
 from cltaa.core.parameters import Reject
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, colour_outside_domain
+from cltaa.reference.disocclusion import on_screen, same_surface
 from cltaa.reference.illumination import history_in_range, illumination_test, tests_light
 from cltaa.reference.neighbourhood import Surface
-from cltaa.reference.real import Array, Mask, greater, limit, number
-from cltaa.reference.reprojection import Motion, motion_to_edge, on_screen
-from cltaa.reference.sampling import Quad, bilinear, footprint_of, history_weights, sample_plane, sample_quad
+from cltaa.reference.real import Array, Mask, limit, number
+from cltaa.reference.reprojection import Motion, motion_to_edge
+from cltaa.reference.sampling import bilinear, footprint_of, history_weights, sample_plane, sample_quad
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,16 +31,6 @@ class History:
     fy: Array
     valid: Mask
     change: Array
-
-
-def same_surface(previous: Quad, s: Surface, m: Motion, tolerance: Any) -> Mask:
-    """True where one of four texels of the previous inverse depth lies in the range of the current 3x3."""
-    near, far = s.nearest * m.scale + m.shift, s.farthest * m.scale + m.shift
-    slack = number(tolerance, near) * greater(np.abs(near), np.abs(far))
-    high, low = near + slack, far - slack
-    matches = [(p <= high) & (p >= low) for p in previous]
-    result: Mask = matches[0] | matches[1] | matches[2] | matches[3]
-    return result
 
 
 def sample_history(

@@ -1,4 +1,4 @@
-"""Twin of ``illumination.h``: nine samples of now paired with what the history holds at their places."""
+"""Twin of ``taa/illumination.h``: nine samples of now paired with what the history holds at their places."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Twin of ``moments.h`` and ``neighbourhood.h``: the 3x3, row by row; a row is all rows of the image at one offset."""
+"""Twin of ``taa/neighbourhood.h``: the 3x3, row by row; a row is all rows of the image at one offset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Twin of ``rectify.h``: moving implausible history into the neighbourhood's box."""
+"""Twin of ``taa/rectify.h``: history that the current neighbourhood makes implausible, moved into its box."""
 
 from __future__ import annotations
 
@@ -11,14 +11,7 @@ from cltaa.core.parameters import Accumulate, AntiFlicker, Box, Rectify
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, from_box_space, to_box_space
 from cltaa.reference.neighbourhood import Statistics
-from cltaa.reference.real import (
-    Array,
-    constant,
-    greater,
-    lesser,
-    limit,
-    number,
-)
+from cltaa.reference.real import Array, constant, greater, lesser, limit, number
 from cltaa.reference.reprojection import Motion
 
 
@@ -181,3 +174,14 @@ def rectify(
         blend_boost_of(m, moved, build, layout, settings),
         anti_flicker_factor_of(h[0], box.centre[0], box.extent[0], build),
     )
+
+
+def box_scale_of(m: Motion, settings: Record) -> Array:
+    """Half width of the box in standard deviations: wide where nothing moves."""
+    k = m.u.dtype.type
+    speed = greater(np.abs(m.u), np.abs(m.v)) / k(settings["motion_px"])
+    still = greater(k(1.0) - speed, k(0.0))
+    result: Array = k(settings["box_scale_moving"]) + still * (
+        k(settings["box_scale_static"]) - k(settings["box_scale_moving"])
+    )
+    return result

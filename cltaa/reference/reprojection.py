@@ -1,4 +1,4 @@
-"""Twin of ``reprojection.h``: where a surface was in the previous frame."""
+"""Twin of ``taa/reprojection.h``: where a surface was in the previous frame."""
 
 from __future__ import annotations
 
@@ -82,14 +82,3 @@ def motion_to_edge(m: Motion, build: Build, layout: Layout) -> Motion:
     u = np.where(near, _to_edge(x, m.u, number(layout.width, m.u) - one), m.u)
     v = np.where(near, _to_edge(y, m.v, number(layout.height, m.v) - one), m.v)
     return Motion(u, v, m.scale, m.shift, m.visible)
-
-
-def on_screen(m: Motion, layout: Layout) -> Mask:
-    """True where the previous position lies inside the image and is closer than MOTION_LIMIT."""
-    x, y = pixel_grid(layout, m.u)
-    half, far = number(0.5, m.u), constant("MOTION_LIMIT", m.u)
-    hx, hy = x + m.u, y + m.v
-    right, bottom = number(layout.width, m.u) - half, number(layout.height, m.u) - half
-    inside = (hx >= -half) & (hy >= -half) & (hx <= right) & (hy <= bottom)
-    near: Mask = m.visible & inside & (np.abs(m.u) < far) & (np.abs(m.v) < far)
-    return near

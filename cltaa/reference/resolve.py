@@ -1,4 +1,4 @@
-"""Twin of ``resolve.cl`` and ``extend_edges.cl``: the whole resolve of one frame."""
+"""Twin of ``resolve.cl``: the whole resolve of one frame."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from dataclasses import replace
 
 from cltaa.core.build import Build, Record
 from cltaa.core.planes import Layout
-from cltaa.reference.accumulate import box_scale_of, current_pixel, past_alpha, resolve_pixel
+from cltaa.reference.accumulate import current_pixel, past_alpha, resolve_pixel
 from cltaa.reference.history import sample_history
 from cltaa.reference.illumination import tests_light
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.planes import extend_stored, read_rows, store_recurrent
 from cltaa.reference.real import Array, quiet
-from cltaa.reference.rectify import rectify
+from cltaa.reference.rectify import box_scale_of, rectify
 from cltaa.reference.reprojection import surface_motion
 
 
@@ -45,19 +45,3 @@ def resolve(
         h = replace(h, alpha=past_alpha(alpha, h.alpha, build, layout))
     store_recurrent(resolve_pixel(p, h, r, build, settings), build, layout, frame, output, output_count)
     extend_stored(build, layout, output[: 3 + build.steps.alpha], output_count[: 1 + tests_light(build)])
-
-
-def extend_edges(
-    build: Build,  # noqa: ARG001
-    layout: Layout,
-    *,
-    image: Array,
-    floats: Array | None,
-    frame: Record,  # noqa: ARG001
-    planes: int,
-    more: int,
-) -> None:
-    """Repeat the edge of the first ``planes`` planes of ``image``, and of ``more`` of ``floats``, into the halo."""
-    layout.extend_edges(image[:planes])
-    if floats is not None:
-        layout.extend_edges(floats[:more])

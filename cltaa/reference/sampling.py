@@ -1,4 +1,4 @@
-"""Twin of ``sampling.h`` and ``history_filter.h``: reading the previous frame between its texels."""
+"""Twin of ``taa/sampling.h``: reading the previous frame between its texels."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cltaa.core.build import Build
+from cltaa.core.build import Build, Record
 from cltaa.core.constants import PAD_X, PAD_Y
 from cltaa.core.parameters import HistoryFilter
 from cltaa.core.planes import Layout
@@ -16,7 +16,9 @@ from cltaa.reference.real import Array, Mask, number
 from cltaa.reference.reprojection import Motion
 
 SIX_TAPS: Final = (HistoryFilter.LANCZOS_3,)
+
 IN_PAIRS: Final = (HistoryFilter.CATMULL_ROM_9, HistoryFilter.CATMULL_ROM_5)
+
 LANCZOS_3_REST: Final = (
     1.08880002e-9,
     -5.33705067e-8,
@@ -181,3 +183,13 @@ def between_texels(fx: Array, fy: Array) -> Array:
     one = number(1.0, fx)
     result: Array = fx * (one - fx) + fy * (one - fy)
     return result
+
+
+def count_limit_of(fx: Array, fy: Array, build: Build, settings: Record) -> Array:
+    """The most samples that a history resampled at fraction ``fx``, ``fy`` may stand for."""
+    one = number(1.0, fx)
+    least = one / number(settings["sample_limit"], fx)
+    if build.terms.resampling_penalty:
+        least = least + number(settings["resampling_penalty"], fx) * between_texels(fx, fy)
+    count_limit: Array = one / least
+    return count_limit

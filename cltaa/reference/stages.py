@@ -9,13 +9,13 @@ import numpy as np
 from cltaa.core.build import Build, Record
 from cltaa.core.parameters import FilterUse
 from cltaa.core.planes import Layout
-from cltaa.reference.accumulate import Pixel, box_scale_of, load_shares, past_alpha, resolve_pixel
+from cltaa.reference.accumulate import Pixel, load_shares, past_alpha, resolve_pixel
 from cltaa.reference.colour import Colour, colour_in_domain, repaired_planes
 from cltaa.reference.history import History, sample_history
 from cltaa.reference.neighbourhood import Statistics, Surface, current_sample, nearest_surface, neighbourhood_statistics
 from cltaa.reference.planes import read_rows, real_type, store_recurrent
 from cltaa.reference.real import Array, number, quiet
-from cltaa.reference.rectify import Rectification, rectify
+from cltaa.reference.rectify import Rectification, box_scale_of, rectify
 from cltaa.reference.reprojection import Motion, surface_motion
 
 

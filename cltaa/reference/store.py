@@ -1,4 +1,4 @@
-"""Twin of ``storage.h`` and ``to_halves.cl``: the formats that history and results are stored in."""
+"""Twin of ``platform/storage.h`` and ``store.cl``: the formats that history and results are stored in."""
 
 from __future__ import annotations
 
@@ -71,3 +71,19 @@ def to_halves(
     """Round the first ``planes`` planes of ``image`` into ``halves``, infinite from the largest half on."""
     v = layout.inside(image)[:planes].astype(np.float32)
     layout.inside(halves)[:planes] = np.where(np.abs(v) >= constant("HALF_LIMIT", v), v + v, v).astype(np.float16)
+
+
+def extend_edges(
+    build: Build,  # noqa: ARG001
+    layout: Layout,
+    *,
+    image: Array,
+    floats: Array | None,
+    frame: Record,  # noqa: ARG001
+    planes: int,
+    more: int,
+) -> None:
+    """Repeat the edge of the first ``planes`` planes of ``image``, and of ``more`` of ``floats``, into the halo."""
+    layout.extend_edges(image[:planes])
+    if floats is not None:
+        layout.extend_edges(floats[:more])

@@ -1,7 +1,7 @@
 // From the samples that lie in a pixel to its colour. What a supersampler gets by placing its samples evenly has to be
 // made good here, since they lie wherever jitter and motion have put them.
 #include "gather/sides.h"
-#include "taa/pixel.h"
+#include "taa/accumulate.h"
 
 #if !defined(GATHER_FIT) || !defined(FILTER_USE) || !defined(ILLUMINATION)
 #error "fit.h needs GATHER_FIT, FILTER_USE and ILLUMINATION from the prelude"

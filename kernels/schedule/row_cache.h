@@ -2,7 +2,6 @@
 // the same fraction of a texel and as many whole ones, three of the four rows of taps around it have been weighed along
 // x already. Its place, fractions and weights are known too, before the motion that says the same has been worked out,
 // so that a CPU need not wait for it.
-#include "taa/blend.h"
 #include "taa/illumination.h"
 
 #if !defined(CAMERA_MOTION) || !defined(OWN_MOTION)

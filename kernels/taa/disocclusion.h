@@ -1,5 +1,18 @@
-// Rejection: history that belongs to another surface is dropped.
+// Disocclusion: where the previous frame did not show the surface, there is no history of it.
 #include "taa/sampling.h"
+
+// True where the previous frame saw the point: inside its image (half a texel of margin) and by less than MOTION_LIMIT.
+// Every comparison is false for NaN.
+STAGE mask on_screen(motion_t m, real x, real y, frame_t frame)
+{
+    const real hx = x + m.u, hy = y + m.v;
+    const mask inside = m.visible & (hx >= SPLAT(-0.5)) & (hy >= SPLAT(-0.5)) & (hx <= SPLAT(frame.width) - K(0.5))
+        & (hy <= SPLAT(frame.height) - K(0.5));
+    // What ends inside an image that is smaller than MOTION_LIMIT has not moved by as much.
+    if ((PLANE > 0) & (STRIDE < MOTION_LIMIT) & (PLANE < STRIDE * MOTION_LIMIT))
+        return inside;
+    return inside & (absolute(m.u) < SPLAT(MOTION_LIMIT)) & (absolute(m.v) < SPLAT(MOTION_LIMIT));
+}
 
 // The previous frame saw this surface if one of the four texels around the history position lies within the range of
 // inverse depth that the current 3x3 has, seen from the previous camera and widened by depth_tolerance. One matching

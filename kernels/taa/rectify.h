@@ -5,6 +5,16 @@
 #error "rectify.h needs RECTIFY, BOX, ACCUMULATE and ANTI_FLICKER from the prelude"
 #endif
 
+// Half width of the box in standard deviations: wide where nothing moves, narrow from motion_px pixels a frame on.
+STAGE real box_scale_of(motion_t m, settings_t settings)
+{
+    if (!BOX_SCALE_BY_MOTION)
+        return SPLAT(settings.box_scale_moving);
+    const real speed = over(greater(absolute(m.u), absolute(m.v)), divisor(SPLAT(settings.motion_px)));
+    const real still = greater(SPLAT(1.0) - speed, SPLAT(0.0));
+    return SPLAT(settings.box_scale_moving) + still * (K(settings.box_scale_static) - K(settings.box_scale_moving));
+}
+
 // The box: centre and half extents a channel, extents floored at box_floor of the box's largest coordinate, because a
 // box that is flat in one channel makes the line clip throw the whole history away for a rounding error in that
 // channel. Its ends are those that the neighbourhood has, to the bit, so that history that equals its own sample is

@@ -75,16 +75,3 @@ STAGE motion_t motion_to_edge(motion_t m, real x, real y, frame_t frame)
     m.v = near ? to_edge(y, m.v, SPLAT(frame.height) - K(1.0)) : m.v;
     return m;
 }
-
-// True where the previous frame saw the point: inside its image (half a texel of margin) and by less than MOTION_LIMIT.
-// Every comparison is false for NaN.
-STAGE mask on_screen(motion_t m, real x, real y, frame_t frame)
-{
-    const real hx = x + m.u, hy = y + m.v;
-    const mask inside = m.visible & (hx >= SPLAT(-0.5)) & (hy >= SPLAT(-0.5)) & (hx <= SPLAT(frame.width) - K(0.5))
-        & (hy <= SPLAT(frame.height) - K(0.5));
-    // What ends inside an image that is smaller than MOTION_LIMIT has not moved by as much.
-    if ((PLANE > 0) & (STRIDE < MOTION_LIMIT) & (PLANE < STRIDE * MOTION_LIMIT))
-        return inside;
-    return inside & (absolute(m.u) < SPLAT(MOTION_LIMIT)) & (absolute(m.v) < SPLAT(MOTION_LIMIT));
-}

@@ -105,7 +105,7 @@ def strew(planes: NDArray[Any], random: np.random.Generator, share: float) -> ND
 
 
 def storable(planes: NDArray[np.float32]) -> NDArray[np.float32]:
-    """``planes`` as a resolve can have stored them (blend.h): inside the domain, no denormal, no -0."""
+    """``planes`` as a resolve can have stored them (accumulate.h): inside the domain, no denormal, no -0."""
     size = np.abs(planes)
     return np.where((size <= DOMAIN_LIMIT) & (size >= TINY), planes, np.float32(0.0))
 

@@ -74,7 +74,7 @@ PLANTED = [
         "data race",
     ),
     (
-        Mutation("a sum that begins with nothing", "kernels/taa/repair.h", "float sum = 0.0f;", "float sum;"),
+        Mutation("a sum that begins with nothing", "kernels/taa/colour.h", "float sum = 0.0f;", "float sum;"),
         "Uninitialized",
     ),
 ]

@@ -27,8 +27,9 @@ from cltaa.errors import InternalError
 from cltaa.frame import Effect, Frame, Image
 from cltaa.opencl.launcher import DeviceLauncher
 from cltaa.opencl.program import Kernel, source_hash
+from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.launcher import NumpyLauncher
-from cltaa.reference.reprojection import Motion, on_screen
+from cltaa.reference.reprojection import Motion
 from cltaa.reference.sampling import footprint_of
 from tests.kernels.hard_planes import padded
 from tests.kernels.stage_chain import chain_work, differing, hard_work, run_stage
@@ -94,7 +95,7 @@ def test_a1_nan_dies_in_its_own_frame(
 
 
 @pytest.mark.parametrize(
-    "history", [{"history": "result"}, *({"gather_fit": fit} for fit in GatherFit)], ids=lambda h: str(*h.values())
+    "history", [{"history": "accumulated"}, *({"gather_fit": fit} for fit in GatherFit)], ids=lambda h: str(*h.values())
 )
 @pytest.mark.parametrize("lanes", [0, 1])
 @pytest.mark.parametrize("seed", range(4))
@@ -103,7 +104,7 @@ def test_a1_any_bits_of_input_give_finite_output(
 ) -> None:
     random = np.random.default_rng(seed)
     # The fast build, as it is used: a CPU's and a GPU's.
-    resolver = Resolver(override(load_preset(), {"history": "samples", **history}), launcher, build=Build(lanes=lanes))
+    resolver = Resolver(override(load_preset(), {"history": "frames", **history}), launcher, build=Build(lanes=lanes))
 
     def any_bits(like: Image) -> Image:
         wild = random.integers(0, 2**32, like.shape, np.uint32).view(np.float32)

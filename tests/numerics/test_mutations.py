@@ -35,11 +35,11 @@ def test_the_page_lists_every_fault() -> None:
 @pytest.mark.parametrize(
     ("part", "file"),
     [
-        ("variance as the mean of squares", "kernels/taa/moments.h"),
-        ("moments.h", "kernels/taa/moments.h"),
-        ("kernels/taa/moments.h", "kernels/taa/moments.h"),
-        ("./kernels/taa/moments.h", "kernels/taa/moments.h"),
-        (str(TOP / "kernels" / "taa" / "moments.h"), "kernels/taa/moments.h"),
+        ("variance as the mean of squares", "kernels/taa/neighbourhood.h"),
+        ("neighbourhood.h", "kernels/taa/neighbourhood.h"),
+        ("kernels/taa/neighbourhood.h", "kernels/taa/neighbourhood.h"),
+        ("./kernels/taa/neighbourhood.h", "kernels/taa/neighbourhood.h"),
+        (str(TOP / "kernels" / "taa" / "neighbourhood.h"), "kernels/taa/neighbourhood.h"),
     ],
 )
 def test_faults_are_chosen_by_description_or_file(part: str, file: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -53,4 +53,4 @@ def test_faults_are_chosen_by_description_or_file(part: str, file: str, capsys: 
 
 def test_parts_that_choose_no_fault_are_named() -> None:
     with pytest.raises(SystemExit, match=r"^no fault and no file of one holds nowhere.h; see --list$"):
-        chosen_by(["moments.h", "nowhere.h"])
+        chosen_by(["neighbourhood.h", "nowhere.h"])

@@ -12,6 +12,7 @@ from cltaa.core.build import Build, Real
 from cltaa.core.constants import PAD_X, PAD_Y, WINDOWS
 from cltaa.core.constants import value as value_of
 from cltaa.reference.accumulate import current_pixel
+from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.gather_fit import Gathered
 from cltaa.reference.gather_samples import gather_samples
 from cltaa.reference.gather_sides import layers_of
@@ -19,7 +20,7 @@ from cltaa.reference.gather_window import around
 from cltaa.reference.neighbourhood import nearest_surface
 from cltaa.reference.planes import read_rows
 from cltaa.reference.real import outside_domain, quiet
-from cltaa.reference.reprojection import Motion, on_screen
+from cltaa.reference.reprojection import Motion
 from cltaa.reference.sampling import footprint_of
 from tests.kernels.stage_chain import ALL_STEPS, Work
 

@@ -1,8 +1,6 @@
-// Repeats the edge of planes into their halo, so that filters may read past the image: of `planes` planes of the
-// history's numbers and of `more` planes of floats, at once, since to start a kernel costs a GPU more than this work.
-// For each plane first a work-item a column of the rows above, and one of those below; then ROW_ITEMS a row, between
-// which its texels left and right of the image are dealt out. A CPU's kernels do it themselves (edges.h).
+// What is done to a stored result: its edges repeated into the halo, and its numbers rounded to the halves of a file.
 #include "platform/image.h"
+#include "platform/storage.h"
 
 // Texels are copied as they are; halves as bits, since a device may lack arithmetic on them.
 #if STORAGE_HALF
@@ -29,6 +27,10 @@ STAGE void copy_texel(history_out image, plane_out floats, int plane, int planes
     }
 }
 
+// Repeats the edge of planes into their halo, so that filters may read past the image: of `planes` planes of the
+// history's numbers and of `more` planes of floats, at once, since to start a kernel costs a GPU more than this work.
+// For each plane first a work-item a column of the rows above, and one of those below; then ROW_ITEMS a row, between
+// which its texels left and right of the image are dealt out. A CPU's kernels do it themselves (edges.h).
 __kernel void extend_edges_kernel(
     history_out image, plane_out floats, const frame_t frame, const int planes, const int more)
 {
@@ -47,5 +49,28 @@ __kernel void extend_edges_kernel(
             const int x = k < PAD_X ? k - PAD_X : frame.width + (k - PAD_X);
             copy_texel(image, floats, plane, planes, texel_offset(frame, limit_index(x, right), y),
                 texel_offset(frame, x, y), frame);
+        }
+}
+
+// Twice as much from the largest half on, which is beyond all of them.
+STAGE floats beyond_halves(floats v)
+{
+    const floats most = (floats)((float)HALF_LIMIT);
+    return ((v >= most) | (v <= -most)) ? v + v : v;
+}
+
+// The result in halves, as a file holds them: each channel rounded to the nearest. From the largest half on it becomes
+// infinite, by which the host finds what is cut and limits it (halves.py). A work-item takes every so many segments of
+// its row as there are work-items to the row: on a CPU all of them.
+#include "platform/image.h"
+__kernel void to_halves_kernel(history_in image, __global half* restrict halves, const frame_t frame, const int planes)
+{
+    const int row = (int)get_global_id(1), first = (int)get_global_id(0) * LANES;
+    if (row >= band_rows(frame))
+        return;
+    for (int plane = 0; plane < planes; ++plane)
+        for (int x = first; x < frame.width; x += (int)get_global_size(0) * LANES) {
+            const size_t at = (size_t)plane * plane_size(frame) + texel_offset(frame, x, frame.first_row + row);
+            store_halves(halves + at, beyond_halves(TO_FLOATS(load_history(image + at))));
         }
 }
