@@ -133,7 +133,7 @@ def run_everything() -> int:
         expected = run_stage("resolve", shaped, work, NumpyLauncher())
         assert differing(work, run_stage("resolve", shaped, work, launcher), expected) == 0, lanes
         launches += 1
-    gathering = override(load_preset(), {"history": "samples", "history_frames": 2})
+    gathering = override(load_preset(), {"history": "frames", "history_frames": 2})
     sequences = [(load_preset(), storage, SIZES[0]) for storage in Storage]
     sequences += [(load_preset(), Storage.FLOAT, size) for size in SIZES[1:]] + [(gathering, Storage.FLOAT, SIZES[0])]
     for preset, storage, size in sequences:
