@@ -19,15 +19,13 @@ typedef __global const frame_t* restrict frame_records; // of the frames of the 
 STAGE real texel_at(plane_in p, footprint f, int stride)
 {
     plane_in q = p + f.at;
-#if LANES > 1
-    if (f.lanes == LANES_CLOSE) {
+    if (LANES > 1 && f.lanes == LANES_CLOSE) {
         const mask right = f.step_x != 0, down = f.step_y != 0;
         const real a = right ? load(q + 1) : load(q), b = right ? load(q + stride + 1) : load(q + stride);
         return down ? b : a;
     }
-    if (f.lanes == LANES_APART)
+    if (LANES > 1 && f.lanes == LANES_APART)
         return texels_apart(p + f.own, steps_apart(f.dx, f.dy, stride));
-#endif
     return load(q);
 }
 

@@ -29,6 +29,13 @@
 #define NO_UNROLL
 #endif
 
+// Before a loop over single texels that is rare and long: one texel after the other.
+#ifdef __clang__
+#define ONE_BY_ONE _Pragma("clang loop unroll(disable) vectorize(disable)")
+#else
+#define ONE_BY_ONE
+#endif
+
 #define PASTE_(a, b) a##b
 #define PASTE(a, b) PASTE_(a, b)
 #if LANES == 1
@@ -81,39 +88,6 @@ typedef __global double* restrict history_out;
 #else
 typedef __global const float* restrict history_in;
 typedef __global float* restrict history_out;
-#endif
-
-// Starts to bring the texels right of the LANES from p on into the cache. On a CPU, where a work-item walks down, those
-// are what the work-items after this one will find there; nothing foresees a step of a whole row. OpenCL's own prefetch
-// does nothing on some CPU drivers, and the compiler's takes no pointer into a GPU's memory.
-#if LANES > 1 && defined(__has_builtin) && (defined(__x86_64__) || defined(__aarch64__))
-#if __has_builtin(__builtin_prefetch)
-#define FETCH_NEXT(p) __builtin_prefetch((const void*)(size_t)((p) + LANES))
-// The LANES from `far` on into the second cache, or with FAR_FIRST into the first, which leaves them to the second;
-// those from `near` on, and the ones after them, into the first.
-#define FETCH_FAR(far) __builtin_prefetch((const void*)(size_t)(far), 0, FAR_FIRST ? 3 : 2)
-#define FETCH_TWICE(far, near) (FETCH_FAR(far), __builtin_prefetch((const void*)(size_t)(near), 0, 3), FETCH_NEXT(near))
-// The line that p lies in, which will be written; none where lines go past the cache.
-#if LANES < 16
-#define FETCH_TO_STORE(p) __builtin_prefetch((const void*)(size_t)(p), 1, 3)
-#endif
-#endif
-#endif
-// On a GPU the work-items beside this one read those at the same time, so p itself is fetched.
-#if NVIDIA
-#define FETCH_NEXT(p) __asm volatile("prefetch.global.L1 [%0];" ::"l"(p))
-#endif
-#ifndef FETCH_NEXT
-#define FETCH_NEXT(p) (void)(p)
-#endif
-#ifndef FETCH_TO_STORE
-#define FETCH_TO_STORE(p) (void)(p)
-#endif
-#ifndef FETCH_FAR
-#define FETCH_FAR(far) (void)(far)
-#endif
-#ifndef FETCH_TWICE
-#define FETCH_TWICE(far, near) (void)(far)
 #endif
 
 // Results that fill a line of the cache go past it: the line need not be fetched to be overwritten, and the stores
@@ -179,7 +153,9 @@ STAGE real load(plane_in p) { return *p; }
 STAGE void store(plane_out p, real v) { *p = (float)v; }
 STAGE int any_of(mask m) { return m != 0; }
 STAGE scalar_whole first_lane(whole v) { return v; }
+#define LANE_NUMBERS 0
 #define LANE_INDEX ((real)(0))
+STAGE real first_lanes(real v) { return v; }
 #else
 #if REAL_DOUBLE
 STAGE real load(plane_in p) { return PASTE(convert_, LANED(double))(PASTE(vload, LANES)(0, p)); }
@@ -214,4 +190,22 @@ STAGE int any_of(mask m) { return __builtin_reduce_or(m != 0) != 0; }
 STAGE int any_of(mask m) { return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0; }
 #endif
 STAGE scalar_whole first_lane(whole v) { return v.s0; }
+// The first lane's number in all lanes.
+STAGE real first_lanes(real v) { return (real)(v.s0); }
 #endif
+
+// Texels from the segment's own to each lane's; a plane has less than 2^31.
+STAGE whole steps_apart(whole dx, whole dy, int stride) { return dy * stride + dx + (whole)(LANE_NUMBERS); }
+
+// The texels of a plane of floats that lie `steps` from p.
+STAGE real texels_apart(plane_in p, whole steps)
+{
+#if GATHERS
+    return __builtin_ia32_gathersiv16sf(SPLAT(0.0), (const void*)(size_t)p, steps, (ushort)0xffff, sizeof(float));
+#else
+    real v;
+    for (int lane = 0; lane < LANES; ++lane)
+        ((scalar*)&v)[lane] = p[((const scalar_whole*)&steps)[lane]];
+    return v;
+#endif
+}

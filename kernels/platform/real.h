@@ -17,7 +17,7 @@
 #include "platform/lanes.h"
 
 // One float a work-item, and no need of the strict build's roundings: the device's own maximum and minimum.
-#define NATIVE (LANES == 1 && !REAL_DOUBLE && !STRICT)
+#define NATIVE ((LANES == 1) & !REAL_DOUBLE & !STRICT)
 
 #if LANES == 1
 // A GPU's instructions take the magnitude of an operand for nothing.
@@ -126,6 +126,12 @@ STAGE real floor_and_whole(real v, whole* cut)
     *cut = TO_WHOLE(low);
     return low;
 }
+#endif
+
+#if REAL_DOUBLE
+#define DOMAIN_BITS as_long(DOMAIN_LIMIT)
+#else
+#define DOMAIN_BITS as_int(DOMAIN_LIMIT)
 #endif
 
 // Usable input: finite and |v| <= DOMAIN_LIMIT. Tested on the bits where that costs nothing, so that no compiler flag

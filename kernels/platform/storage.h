@@ -94,7 +94,8 @@ STAGE floats stored_half(real v, int x, int y, frame_t frame)
 
 #if STORAGE_DOUBLE && LANES == 1
 STAGE real load_history(history_in p) { return (real)*p; }
-STAGE void store_history(history_out p, real v, int x, int y, frame_t frame) { *p = (double)v; }
+STAGE void store_again(history_out p, real v) { *p = (double)v; }
+STAGE void store_history(history_out p, real v, int x, int y, frame_t frame) { store_again(p, v); }
 #elif STORAGE_DOUBLE
 STAGE real load_history(history_in p) { return TO_REAL(PASTE(vload, LANES)(0, p)); }
 STAGE void store_again(history_out p, real v) { PASTE(vstore, LANES)(PASTE(convert_, LANED(double))(v), 0, p); }
@@ -119,5 +120,43 @@ STAGE void store_again(history_out p, real v) { store_halves(p, TO_FLOATS(v)); }
 STAGE void store_history(history_out p, real v, int x, int y, frame_t frame)
 {
     store_halves(p, stored_half(v, x, y, frame));
+}
+#endif
+
+// The texels of the history that lie `steps` from p.
+#if STORAGE_HALF && CONVERTS_HALVES && LANES == 8
+// Halves read as bits, all converted by one instruction. What is rare is called: written out it took registers from the
+// rest, as long as the calls of eight conversions had not.
+static __attribute__((noinline)) real history_apart(history_in p, whole steps)
+{
+    LANED(short) halves;
+    for (int lane = 0; lane < LANES; ++lane)
+        ((short*)&halves)[lane] = ((__global const short*)p)[((const scalar_whole*)&steps)[lane]];
+    return from_halves(halves);
+}
+#elif STORAGE_HALF && CONVERTS_HALVES && GATHERS
+// A gather takes words: of each the lower half is the lane's, the upper one the texel right of it.
+STAGE real history_apart(history_in p, whole steps)
+{
+    const whole words = __builtin_ia32_gathersiv16si((whole)(0), (const void*)(size_t)p, steps, (ushort)0xffff, 2);
+    return from_halves(__builtin_convertvector(words, short16));
+}
+#else
+STAGE real history_apart(history_in p, whole steps)
+{
+#if STORAGE_HALF || STORAGE_DOUBLE
+    real v;
+    for (int lane = 0; lane < LANES; ++lane) {
+        history_in q = p + ((const scalar_whole*)&steps)[lane];
+#if STORAGE_HALF
+        ((scalar*)&v)[lane] = vload_half(0, q);
+#else
+        ((scalar*)&v)[lane] = (scalar)*q;
+#endif
+    }
+    return v;
+#else
+    return texels_apart(p, steps);
+#endif
 }
 #endif

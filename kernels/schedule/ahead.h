@@ -9,26 +9,9 @@
 // so many work-items right of it into the second cache alone, and its own next texels and those right of them from
 // there into the first. FAR_FIRST: the far ones into the first as well. On a Zen 5 those that were asked for into the
 // second alone were not there in time once a walk had fallen behind, and it did not catch up.
-#include "platform/image.h"
-
-#if !defined(COLUMNS_AHEAD) || !defined(FAR_FIRST)
-#error "ahead.h needs COLUMNS_AHEAD and FAR_FIRST from the prelude"
-#endif
+#include "platform/prefetch.h"
 
 #define ROWS_AHEAD (LANES > 1 ? (FAR_FIRST ? 3 : 4) : 2)
-#define ROWS_NEAR (FAR_FIRST ? 1 : 2) // of ROWS_AHEAD left out for what comes from the second cache
-
-// The texel of plane p that lies `rows` rows below the one at `at`. Where a row's length is a constant the step is part
-// of NVIDIA's instruction, so that it takes the address that the loads around it have.
-#if NVIDIA && STRIDE > 0
-#define FETCH_BELOW(p, at, rows, stride)                                                                               \
-    __asm volatile("prefetch.global.L1 [%0+%1];" ::"l"((p) + (at)), "n"((rows) * STRIDE * (int)sizeof(*(p))))
-#elif COLUMNS_AHEAD
-#define FETCH_BELOW(p, at, rows, stride)                                                                               \
-    FETCH_TWICE(ROW_BELOW(p, at, rows, stride) + COLUMNS_AHEAD * LANES, ROW_BELOW(p, at, rows - ROWS_NEAR, stride))
-#else
-#define FETCH_BELOW(p, at, rows, stride) FETCH_NEXT(ROW_BELOW(p, at, rows, stride))
-#endif
 
 STAGE void fetch_frame(plane_in current, plane_in inverse_depth, plane_in motion, int x, int y, frame_t frame)
 {

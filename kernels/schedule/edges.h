@@ -1,7 +1,7 @@
 // Edges: what is stored of an image is repeated into its halo, so that filters may read past the image. On a CPU each
 // work-item repeats, at its end, the edge that it has stored itself: to start a kernel for that takes longer than the
 // work does. On a GPU the groups at the edges would end last; there extend_edges of store.cl does it.
-#include "platform/image.h"
+#include "platform/prefetch.h"
 #include "platform/storage.h"
 
 // What a work-item has stored: the columns from x and the rows from y on, up to `end` and `below`, these left out.
@@ -9,8 +9,6 @@ typedef struct
 {
     int x, end, y, below;
 } block_t;
-
-#if LANES > 1
 
 #define EDGE_ROWS_AHEAD 8 // of the one that is extended, whose lines are asked for
 
@@ -49,7 +47,7 @@ STAGE void extend_plane(history_out halves, plane_out floats, int is_float, bloc
         for (int y = b.y; y < b.below; ++y) {
             const uint row = texel_offset(frame, 0, y);
             fetch_stored(halves, floats, is_float, row + (uint)(ahead - PAD_X));
-            const real first = (real)(load_stored(halves, floats, is_float, row).s0);
+            const real first = first_lanes(load_stored(halves, floats, is_float, row));
             for (int i = LANES; i <= PAD_X; i += LANES)
                 store_stored(halves, floats, is_float, row - (uint)i, first);
         }
@@ -81,14 +79,12 @@ STAGE void extend_plane(history_out halves, plane_out floats, int is_float, bloc
         }
     }
 }
-#endif
 
 // Repeats what a work-item of a CPU has stored of the image's edges, in `planes` planes of the history's numbers and in
 // `more` planes of floats.
 STAGE void extend_stored(history_out halves, int planes, plane_out floats, int more, block_t b, frame_t frame)
 {
-#if LANES > 1
-    if ((b.x > 0) & (b.end < frame.width) & (b.y > 0) & (b.below < frame.height))
+    if (LANES == 1 || ((b.x > 0) & (b.end < frame.width) & (b.y > 0) & (b.below < frame.height)))
         return;
     NO_UNROLL
     for (int i = 0; i < planes; ++i)
@@ -96,5 +92,4 @@ STAGE void extend_stored(history_out halves, int planes, plane_out floats, int m
     NO_UNROLL
     for (int i = 0; i < more; ++i)
         extend_plane(0, floats + i * plane_size(frame), 1, b, frame);
-#endif
 }

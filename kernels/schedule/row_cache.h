@@ -10,36 +10,32 @@
 
 // Where nothing moves there is no filter to keep rows for.
 #define ROW_CACHE                                                                                                      \
-    ((CAMERA_MOTION || OWN_MOTION)                                                                                     \
-        && (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM                                                               \
-            || (LANES > 1 && HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9)))
+    ((CAMERA_MOTION | OWN_MOTION)                                                                                      \
+        & ((HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM)                                                              \
+            | ((LANES > 1) & (HISTORY_FILTER == HISTORY_FILTER_CATMULL_ROM_9))))
 
-#if ROW_CACHE && LANES == 1
 // A plane's rows, weighed along y as far as they are known, in the order of `weigh`: what the next pixel and the one
 // below it have of theirs, and the last row. Kept as rows they would move from register to register.
 typedef struct
 {
     real next, second, last;
 } column_sums;
-#endif
 
 typedef struct
 {
     real fx, fy; // of the segment above
     uint at;
     illumination_cache illumination;
-#if ROW_CACHE && LANES == 1
     weights wx, wy;
+    // On a GPU.
     column_sums plane[3];
     real count; // between two texels of the upper row of the next pixel
-#elif ROW_CACHE
+    // On a CPU.
     real u, v; // what these come from, where it is the same whole texels for all lanes
     scalar_whole dx, dy; // whose
     int filled; // whether there is what follows: only from the second segment on that moves alike
-    weights wx, wy;
     real count_limit; // samples that history at this fraction may stand for
     real row[3][4]; // of each plane that of row y at y & 3
-#endif
 } row_cache;
 
 STAGE row_cache empty_row_cache(void)
@@ -47,14 +43,11 @@ STAGE row_cache empty_row_cache(void)
     row_cache cache;
     cache.fx = cache.fy = SPLAT(-1.0); // no fraction
     cache.at = cache.illumination.nearest = 0;
-#if ROW_CACHE && LANES > 1
     cache.u = cache.v = SPLAT(DOMAIN_LIMIT); // nothing moves as far
     cache.filled = 0;
-#endif
     return cache;
 }
 
-#if ROW_CACHE && LANES > 1
 // Whether a segment moves as the one above it to the last bit, so that its footprint need not be worked out.
 STAGE int same_motion_as_above(const row_cache* cache, real u, real v)
 {
@@ -117,9 +110,7 @@ STAGE colour sample_cached_colour(row_cache* cache, history_in p, size_t plane, 
         sample_cached(cache->row[2], p + 2 * plane, wx, wy, y, stride) };
     return v;
 }
-#endif
 
-#if ROW_CACHE && LANES == 1
 // A GPU asks for the row that every pixel needs before the branch, past which its compiler moves no load.
 typedef struct
 {
@@ -162,7 +153,7 @@ STAGE colour slide_history(
     const real lower_left = load(lower), lower_right = load(lower + 1);
     const taps r = load_taps(ROW_BELOW(p, f.at, 2, stride)), g = load_taps(ROW_BELOW(p + plane, f.at, 2, stride)),
                b = load_taps(ROW_BELOW(p + 2 * plane, f.at, 2, stride));
-    if ((f.at != cache->at) | (f.fx != cache->fx) | (f.fy != cache->fy)) {
+    if ((f.at != cache->at) | any_of((f.fx != cache->fx) | (f.fy != cache->fy))) {
         cache->fx = f.fx, cache->fy = f.fy;
         cache->wx = history_weights(f.fx), cache->wy = history_weights(f.fy);
         cache->plane[0] = fill_plane(p, f.at, cache->wx, cache->wy, stride);
@@ -179,4 +170,3 @@ STAGE colour slide_history(
         slide_plane(&cache->plane[2], b, cache->wx, cache->wy) };
     return v;
 }
-#endif

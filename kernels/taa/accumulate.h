@@ -133,11 +133,9 @@ STAGE real storable(real v, real current)
 {
     const real floor_value = lesser(current, SPLAT(0.0));
     const real raised = NEGATIVES == NEGATIVES_RAISE ? greater(v, floor_value) : v;
-#if NATIVE && STORAGE_HALF
-    const mask nothing = absolute(raised) <= SPLAT(HALF_TINY);
-#else
-    const mask nothing = absolute(raised) < SPLAT(TINY);
-#endif
+    mask nothing = absolute(raised) < SPLAT(TINY);
+    if (NATIVE & STORAGE_HALF)
+        nothing = absolute(raised) <= SPLAT(HALF_TINY);
     return outside_domain(raised) | nothing ? SPLAT(0.0) : raised;
 }
 

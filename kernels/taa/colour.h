@@ -81,7 +81,6 @@ STAGE colour from_range(colour v)
 
 STAGE mask colour_outside_domain(colour v) { return outside_domain(v.r) | outside_domain(v.g) | outside_domain(v.b); }
 
-#if LANES > 1 && !REAL_DOUBLE
 // The bits of the largest magnitude of the three, which are in the order of the magnitudes; what is NaN is larger
 // than any.
 STAGE whole larger_bits(whole a, whole b) { return a > b ? a : b; }
@@ -90,24 +89,21 @@ STAGE whole largest_bits(colour v)
 {
     return larger_bits(larger_bits(magnitude_bits(v.r), magnitude_bits(v.g)), magnitude_bits(v.b));
 }
-#endif
 
-#if NATIVE && !RELAXED
 STAGE real sum_of_magnitudes(colour v) { return (absolute(v.r) + absolute(v.g)) + absolute(v.b); }
-#endif
 
 // Whether a row of texels holds one outside the domain: the left neighbours of a segment's, its own, and the right
 // ones. Where there are several lanes, each of its own is a neighbour of another. On a GPU, which adds twice as fast as
 // it compares, also where their sum is: a repair leaves alone what is inside.
 STAGE int any_outside_domain(colour left, colour own, colour right)
 {
-#if NATIVE && !RELAXED
-    return !((sum_of_magnitudes(left) + sum_of_magnitudes(own)) + sum_of_magnitudes(right) <= K(DOMAIN_LIMIT));
-#elif LANES == 1 || REAL_DOUBLE
-    return any_of(colour_outside_domain(left) | colour_outside_domain(own) | colour_outside_domain(right));
-#else
-    return any_of(larger_bits(largest_bits(left), largest_bits(right)) > as_int(DOMAIN_LIMIT));
-#endif
+    if (NATIVE & !RELAXED) {
+        const real sum = (sum_of_magnitudes(left) + sum_of_magnitudes(own)) + sum_of_magnitudes(right);
+        return any_of(!(sum <= K(DOMAIN_LIMIT)));
+    }
+    if ((LANES == 1) | REAL_DOUBLE)
+        return any_of(colour_outside_domain(left) | colour_outside_domain(own) | colour_outside_domain(right));
+    return any_of(larger_bits(largest_bits(left), largest_bits(right)) > DOMAIN_BITS);
 }
 
 STAGE colour load_colour(plane_in p, size_t plane)
@@ -170,23 +166,21 @@ STAGE float repaired_texel(plane_in image, size_t plane, int channel, int x, int
 // stays one: what is rare shall be small, for the compiler took a third of its time over this.
 STAGE void repair_colours(colour* out, int count, plane_in image, size_t plane, int x, int y, frame_t frame)
 {
-#if LANES == 1
+    if (LANES == 1) {
 #pragma unroll
-    for (int i = 0; i < count; ++i) {
-        out[i].r = repaired_texel(image, plane, 0, x + i, y, frame);
-        out[i].g = repaired_texel(image, plane, 1, x + i, y, frame);
-        out[i].b = repaired_texel(image, plane, 2, x + i, y, frame);
+        for (int i = 0; i < count; ++i) {
+            out[i].r = repaired_texel(image, plane, 0, x + i, y, frame);
+            out[i].g = repaired_texel(image, plane, 1, x + i, y, frame);
+            out[i].b = repaired_texel(image, plane, 2, x + i, y, frame);
+        }
+        return;
     }
-#else
     scalar* values = (scalar*)out;
-#ifdef __clang__
-#pragma clang loop unroll(disable) vectorize(disable)
-#endif
+    ONE_BY_ONE
     for (int i = 0; i < count * 3 * LANES; ++i) {
         const int texel = i / (3 * LANES), channel = i / LANES % 3, lane = i % LANES;
         values[i] = repaired_texel(image, plane, channel, x + texel + lane, y, frame);
     }
-#endif
 }
 
 // The colour at (x, y), repaired where need be, in the range that everything is compared in.

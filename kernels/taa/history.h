@@ -63,7 +63,8 @@ STAGE footprint find_footprint(motion_t m, mask valid, uint at, frame_t frame, r
     *alike = 0;
     if (!(CAMERA_MOTION || OWN_MOTION))
         return own_texel(at);
-#if ROW_CACHE && LANES > 1
+    if (!ROW_CACHE | (LANES == 1))
+        return footprint_of(m, valid, at, frame);
     const real u = valid ? m.u : SPLAT(0.0), v = valid ? m.v : SPLAT(0.0);
     if (same_motion_as_above(cache, u, v)) {
         const footprint f = footprint_below(cache, at, row_stride(frame));
@@ -74,9 +75,6 @@ STAGE footprint find_footprint(motion_t m, mask valid, uint at, frame_t frame, r
     const footprint f = footprint_of(m, valid, at, frame);
     *alike = continues_row_cache(cache, f, u, v, row_stride(frame));
     return f;
-#else
-    return footprint_of(m, valid, at, frame);
-#endif
 }
 
 STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_inverse_depth, footprint f, int alike,
@@ -85,13 +83,14 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_in
     const size_t plane = history_plane_size(frame);
     if (LANES == 1)
         fetch_history(history, count, previous_inverse_depth, f.at, frame);
-#if ROW_CACHE && LANES == 1
-    real counted;
-    const colour rgb = slide_history(cache, history, count, f, plane, row_stride(frame), &counted);
-    const real count_limit = count_limit_of(f.fx, f.fy, settings);
-    return sample_planes(history, previous_inverse_depth, f, cache->wx, cache->wy, rgb, counted, count_limit, frame);
-#elif ROW_CACHE
-    if (alike) {
+    if (ROW_CACHE & (LANES == 1)) {
+        real counted;
+        const colour rgb = slide_history(cache, history, count, f, plane, row_stride(frame), &counted);
+        const real count_limit = count_limit_of(f.fx, f.fy, settings);
+        return sample_planes(
+            history, previous_inverse_depth, f, cache->wx, cache->wy, rgb, counted, count_limit, frame);
+    }
+    if (ROW_CACHE && alike) {
         f.fx = cache->fx;
         f.fy = cache->fy;
         f.lanes = LANES_ALIKE;
@@ -100,13 +99,10 @@ STAGE sampled sample_at(history_in history, plane_in count, plane_in previous_in
         return sample_planes(
             history, previous_inverse_depth, f, cache->wx, cache->wy, rgb, counted, cache->count_limit, frame);
     }
-#endif
-#if !ROW_CACHE || LANES > 1
     const weights wx = history_weights(f.fx), wy = history_weights(f.fy);
     const colour rgb = sample_colour(history, f, wx, wy, plane, row_stride(frame));
     const real counted = sample_count(count, f, row_stride(frame)), count_limit = count_limit_of(f.fx, f.fy, settings);
     return sample_planes(history, previous_inverse_depth, f, wx, wy, rgb, counted, count_limit, frame);
-#endif
 }
 
 // `next` holds the texels of the row below the pixel's.

@@ -41,10 +41,11 @@ STAGE nearest_t nearest_texels(footprint f, int stride)
     n.own = f.own;
     n.dx = f.dx + (right ? (whole)(1) : (whole)(0));
     n.dy = f.dy + (down ? (whole)(1) : (whole)(0));
-#if LANES == 1
-    n.at = f.at + (right ? 1u : 0u) + (down ? (uint)stride : 0u);
-    n.alike = 1;
-#else
+    if (LANES == 1) {
+        n.at = f.at + (any_of(right) ? 1u : 0u) + (any_of(down) ? (uint)stride : 0u);
+        n.alike = 1;
+        return n;
+    }
     n.x = first_lane(n.dx), n.y = first_lane(n.dy);
     n.alike = !any_of((n.dx ^ n.x) | (n.dy ^ n.y));
     n.close = 1;
@@ -54,7 +55,6 @@ STAGE nearest_t nearest_texels(footprint f, int stride)
         n.close = !any_of(((n.dx - n.x) | (n.dy - n.y)) & ~(whole)(1));
     }
     n.at = f.own + (uint)((int)n.y * stride + (int)n.x);
-#endif
     return n;
 }
 
@@ -64,19 +64,16 @@ typedef struct
     colour left, own, right;
 } texel_row;
 
-#if LANES > 1
 // Texel by texel, the three channels of each.
 STAGE texel_row texels_of(const real v[9])
 {
     return (texel_row) { { v[0], v[1], v[2] }, { v[3], v[4], v[5] }, { v[6], v[7], v[8] } };
 }
-#endif
 
 // They, j rows below, with their neighbours.
 STAGE texel_row nearest_row(history_in p, nearest_t n, int j, size_t plane, int stride)
 {
-#if LANES > 1
-    if (n.close & !n.alike) {
+    if (LANES > 1 && (n.close & !n.alike)) {
         const mask right = n.dx != n.x, down = n.dy != n.y;
         real line[9];
         NO_UNROLL
@@ -93,7 +90,7 @@ STAGE texel_row nearest_row(history_in p, nearest_t n, int j, size_t plane, int 
         }
         return texels_of(line);
     }
-    if (!n.alike) {
+    if (LANES > 1 && !n.alike) {
         const whole steps = steps_apart(n.dx, n.dy, stride);
         history_in q = p + n.own + j * (ptrdiff_t)stride;
         real line[9];
@@ -102,7 +99,6 @@ STAGE texel_row nearest_row(history_in p, nearest_t n, int j, size_t plane, int 
             line[i] = history_apart(q + (size_t)(i % 3) * plane + (i / 3 - 1), steps);
         return texels_of(line);
     }
-#endif
     history_in q = ROW_BELOW(p, n.at, j, stride);
     return (texel_row) { load_history_colour(q - 1, plane), load_history_colour(q, plane),
         load_history_colour(q + 1, plane) };
@@ -114,10 +110,8 @@ STAGE texel_row nearest_row(history_in p, nearest_t n, int j, size_t plane, int 
 // The illumination change that the frame before left at the nearest texel.
 STAGE real nearest_change(plane_in change, nearest_t n, int stride)
 {
-#if LANES > 1
-    if (!n.alike)
+    if (LANES > 1 && !n.alike)
         return texels_apart(change + n.own, steps_apart(n.dx, n.dy, stride));
-#endif
     return load(change + n.at);
 }
 
@@ -213,16 +207,15 @@ STAGE illumination_row illumination_below(illumination_row above, illumination_r
 STAGE illumination_row illumination_above(
     plane_in current, history_in history, nearest_t n, int x, int y, frame_t frame)
 {
-#if LANES == 1
-    const illumination_row above = illumination_of_row(read_boxed(current, x, y - 1, frame), history, n, -1, frame);
-    return illumination_below(above, illumination_of_row(read_boxed(current, x, y, frame), history, n, 0, frame));
-#else
+    if (LANES == 1) {
+        const illumination_row above = illumination_of_row(read_boxed(current, x, y - 1, frame), history, n, -1, frame);
+        return illumination_below(above, illumination_of_row(read_boxed(current, x, y, frame), history, n, 0, frame));
+    }
     illumination_row row = { 0 };
     NO_UNROLL
     for (int j = -1; j <= 0; ++j)
         row = illumination_below(row, illumination_of_row(read_boxed(current, x, y + j, frame), history, n, j, frame));
     return row;
-#endif
 }
 
 // What the nine texels say of a history: the samples that it counts for, and how light changes.

@@ -150,18 +150,16 @@ STAGE footprint footprint_of(motion_t m, mask valid, uint at, frame_t frame)
     scalar_whole x = first_lane(f.dx), y = first_lane(f.dy);
     f.lanes = LANES_ALIKE;
     f.step_x = f.step_y = (whole)(0);
-#if LANES > 1
     // Not on a GPU, which waits for each load behind a branch, but reads what lies before the first all at once.
-    if (!any_of(f.fy != SPLAT(0.0)))
+    if (LANES > 1 && !any_of(f.fy != SPLAT(0.0)))
         f.lanes = any_of(f.fx != SPLAT(0.0)) ? LANES_ON_ROWS : LANES_ON_TEXELS;
-    if (any_of((f.dx ^ x) | (f.dy ^ y))) {
+    if (LANES > 1 && any_of((f.dx ^ x) | (f.dy ^ y))) {
         x -= any_of(f.dx < x) ? 1 : 0;
         y -= any_of(f.dy < y) ? 1 : 0;
         f.step_x = f.dx - x;
         f.step_y = f.dy - y;
         f.lanes = any_of((f.step_x | f.step_y) & ~(whole)(1)) ? LANES_APART : LANES_CLOSE;
     }
-#endif
     f.own = at;
     f.at = at + (uint)((int)y * row_stride(frame) + (int)x);
     return f;
@@ -186,7 +184,6 @@ STAGE row_taps row_alike(history_in p, weights w)
     return weigh(first, load_history(p - 1), load_history(p), load_history(p + 1), load_history(p + 2), last, w);
 }
 
-#if LANES > 1
 STAGE row_taps row_close(history_in p, weights w, whole step)
 {
     const mask right = step != 0;
@@ -199,59 +196,6 @@ STAGE row_taps row_close(history_in p, weights w, whole step)
     }
     return weigh(first, right ? b : a, right ? c : b, right ? d : c, right ? e : d, last, w);
 }
-
-// Texels from the segment's own to each lane's; a plane has less than 2^31.
-STAGE whole steps_apart(whole dx, whole dy, int stride) { return dy * stride + dx + (whole)(LANE_NUMBERS); }
-
-// The texels of a plane of floats that lie `steps` from p.
-STAGE real texels_apart(plane_in p, whole steps)
-{
-#if GATHERS
-    return __builtin_ia32_gathersiv16sf(SPLAT(0.0), (const void*)(size_t)p, steps, (ushort)0xffff, sizeof(float));
-#else
-    real v;
-    for (int lane = 0; lane < LANES; ++lane)
-        ((scalar*)&v)[lane] = p[((const scalar_whole*)&steps)[lane]];
-    return v;
-#endif
-}
-
-#if STORAGE_HALF && CONVERTS_HALVES && LANES == 8
-// Halves read as bits, all converted by one instruction. What is rare is called: written out it took registers from the
-// rest, as long as the calls of eight conversions had not.
-static __attribute__((noinline)) real history_apart(history_in p, whole steps)
-{
-    LANED(short) halves;
-    for (int lane = 0; lane < LANES; ++lane)
-        ((short*)&halves)[lane] = ((__global const short*)p)[((const scalar_whole*)&steps)[lane]];
-    return from_halves(halves);
-}
-#elif STORAGE_HALF && CONVERTS_HALVES && GATHERS
-// A gather takes words: of each the lower half is the lane's, the upper one the texel right of it.
-STAGE real history_apart(history_in p, whole steps)
-{
-    const whole words = __builtin_ia32_gathersiv16si((whole)(0), (const void*)(size_t)p, steps, (ushort)0xffff, 2);
-    return from_halves(__builtin_convertvector(words, short16));
-}
-#else
-STAGE real history_apart(history_in p, whole steps)
-{
-#if STORAGE_HALF || STORAGE_DOUBLE
-    real v;
-    for (int lane = 0; lane < LANES; ++lane) {
-        history_in q = p + ((const scalar_whole*)&steps)[lane];
-#if STORAGE_HALF
-        ((scalar*)&v)[lane] = vload_half(0, q);
-#else
-        ((scalar*)&v)[lane] = (scalar)*q;
-#endif
-    }
-    return v;
-#else
-    return texels_apart(p, steps);
-#endif
-}
-#endif
 
 // A row of taps; p points at the segment's own. Reading them takes so long that the loops around it cost nothing, and
 // written out they were half of what a compiler had to work through.
@@ -270,7 +214,6 @@ STAGE row_taps choose_row(mask m, row_taps a, row_taps b)
     const row_taps v = { m ? a.middle : b.middle, m ? a.sides : b.sides };
     return v;
 }
-#endif
 
 // The history plane at the footprint. What was stored is finite and never -0: taps
 // without weight add nothing to it, and are not read where the whole segment does without them.
@@ -285,8 +228,7 @@ STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int s
         const row_taps row = row_alike(q, wx);
         return row.middle + row.sides;
     }
-#if LANES > 1
-    if (f.lanes == LANES_CLOSE) {
+    if (LANES > 1 && f.lanes == LANES_CLOSE) {
         const mask down = f.step_y != 0;
         const row_taps a = row_close(q - line, wx, f.step_x), b = row_close(q, wx, f.step_x),
                        c = row_close(q + line, wx, f.step_x), d = row_close(q + 2 * line, wx, f.step_x),
@@ -298,7 +240,7 @@ STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int s
         return weigh_rows(first, choose_row(down, b, a), choose_row(down, c, b), choose_row(down, d, c),
             choose_row(down, e, d), last, wx, wy);
     }
-    if (f.lanes == LANES_APART) {
+    if (LANES > 1 && f.lanes == LANES_APART) {
         const whole steps = steps_apart(f.dx, f.dy, stride);
         row_taps row[6];
         row[0] = row[5] = first;
@@ -307,7 +249,6 @@ STAGE real sample_plane(history_in p, footprint f, weights wx, weights wy, int s
             row[i] = row_apart(p + f.own + (i - 2) * (ptrdiff_t)stride, wx, steps);
         return weigh_rows(row[0], row[1], row[2], row[3], row[4], row[5], wx, wy);
     }
-#endif
     if (SIX_TAPS) {
         first = row_alike(ROW_BELOW(p, f.at, -2, stride), wx);
         last = row_alike(ROW_BELOW(p, f.at, 3, stride), wx);
@@ -326,8 +267,7 @@ STAGE quad sample_quad(plane_in p, footprint f, int stride)
 {
     plane_in q = p + f.at;
     quad t;
-#if LANES > 1
-    if (f.lanes == LANES_CLOSE) {
+    if (LANES > 1 && f.lanes == LANES_CLOSE) {
         const mask right = f.step_x != 0, down = f.step_y != 0;
         real a = load(q), b = load(q + 1), c = load(q + 2);
         const real a0 = right ? b : a, b0 = right ? c : b;
@@ -340,7 +280,7 @@ STAGE quad sample_quad(plane_in p, footprint f, int stride)
         t.p01 = down ? a2 : a1, t.p11 = down ? b2 : b1;
         return t;
     }
-    if (f.lanes == LANES_APART) {
+    if (LANES > 1 && f.lanes == LANES_APART) {
         const whole steps = steps_apart(f.dx, f.dy, stride);
         real texel[4];
         NO_UNROLL
@@ -349,7 +289,6 @@ STAGE quad sample_quad(plane_in p, footprint f, int stride)
         const quad apart = { texel[0], texel[1], texel[2], texel[3] };
         return apart;
     }
-#endif
     t.p00 = load(q), t.p10 = load(q + 1);
     t.p01 = load(q + stride), t.p11 = load(q + stride + 1);
     return t;

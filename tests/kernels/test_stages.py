@@ -85,7 +85,7 @@ OTHERWISE = {
     "rectify": "clip",
     "dilation": "closest",
     "filter_use": "always",
-    "illumination": "ignore",
+    "illumination": "static",
 }
 
 

@@ -278,3 +278,13 @@ def test_g6_a_run_gives_the_same_bits_again(launcher: DeviceLauncher) -> None:
         resolver = Resolver(device=launcher, strict=True)
         runs.append(np.array([resolver.resolve(frame) for frame in frames]))
     assert np.array_equal(bits(runs[0]), bits(runs[1]))
+
+
+def test_g2_only_the_platform_asks_for_hardware_or_compiler() -> None:
+    asks = re.compile(
+        r"^\s*#\s*(?:el)?if.*\b(?:LANES|NATIVE|NVIDIA|GATHERS|CONVERTS_HALVES|STORES_LINES|__\w+|cl_\w+)\b",
+        re.MULTILINE,
+    )
+    found = {name: asks.findall(text) for name, text in kernel_files().items() if not name.startswith("platform/")}
+    assert {name: lines for name, lines in found.items() if lines} == {}
+    assert len(asks.findall("#if LANES > 1\n#elif defined(__x86_64__)\n#if STORAGE_HALF\n  #ifdef cl_khr_fp64")) == 3
