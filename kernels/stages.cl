@@ -147,7 +147,7 @@ __kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, 
     h.valid = load(q + 7 * plane) > SPLAT(0.5);
     h.change = load(q + 8 * plane);
     const rectification r = { load_colour(c, plane), load(c + 3 * plane), load(c + 4 * plane), load(c + 5 * plane) };
-    h.alpha = past_alpha(alpha, h.alpha, x, y, frame);
+    h.alpha = rectified_alpha(alpha, h.alpha, x, y, frame);
     const colour mean = load_colour(statistics_in + at, plane);
     pixel_t p; // of it only what is looked at after rectification
     p.near.mean = from_units((boxed) { mean.r, mean.g, mean.b });

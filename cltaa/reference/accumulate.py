@@ -16,7 +16,7 @@ from cltaa.reference.history import History
 from cltaa.reference.neighbourhood import Statistics, current_sample, neighbourhood_statistics
 from cltaa.reference.real import Array, constant, greater, lesser, limit, number, outside_domain
 from cltaa.reference.rectify import Rectification
-from cltaa.reference.sampling import Row, count_limit_of
+from cltaa.reference.sampling import count_limit_of
 
 
 def sample_weight(count: Array, blend_boost: Array, build: Build, settings: Record) -> Array:
@@ -219,7 +219,7 @@ def as_reactive(r: Array, now: Pixel) -> Array:
     return result
 
 
-def past_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> Array:
+def rectified_alpha(plane: Array, past: Array, build: Build, layout: Layout) -> Array:
     """The history's alpha; where the box is ``unit``, held in the extremes of the current 3x3 of ``plane``."""
     if build.choices.box is not Box.UNIT:
         return past

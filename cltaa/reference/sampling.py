@@ -40,7 +40,7 @@ class Weights(NamedTuple):
     last: Array
 
 
-class Row(NamedTuple):
+class RowTaps(NamedTuple):
     """What the taps of a row come to: their mean, or a pair in the middle and what the sides add to it."""
 
     middle: Array
@@ -92,7 +92,7 @@ def history_weights(t: Array, build: Build) -> Weights:
     return lanczos(t) if kind in SIX_TAPS else catmull_rom(t, build)
 
 
-def weigh(p: Sequence[Array], w: Weights, build: Build) -> Row:
+def weigh(p: Sequence[Array], w: Weights, build: Build) -> RowTaps:
     """The taps of a line as one of them, or their pair in the middle, plus weighted differences from it."""
     kind = build.choices.history_filter
     first, (p0, p1, p2, p3), last = (p[0], p[1:5], p[5]) if kind in SIX_TAPS else (None, p, None)
@@ -107,10 +107,10 @@ def weigh(p: Sequence[Array], w: Weights, build: Build) -> Row:
     if first is not None and last is not None:
         inner = (w.w0 * (p0 - p1) + w.w2 * (p2 - p1)) + w.w3 * (p3 - p1)
         middle = p1 + (inner + (w.first * (first - p1) + w.last * (last - p1)))
-    return Row(middle, sides)
+    return RowTaps(middle, sides)
 
 
-def without_corners(rows: Sequence[Row], wx: Weights, wy: Weights) -> Array:
+def without_corners(rows: Sequence[RowTaps], wx: Weights, wy: Weights) -> Array:
     """Five of the nine pairs of Catmull-Rom, made to sum to 1 (Jimenez 2016)."""
     r0, r1, r2, r3 = rows
     one = number(1.0, wx.w0)
@@ -122,7 +122,7 @@ def without_corners(rows: Sequence[Row], wx: Weights, wy: Weights) -> Array:
     return value
 
 
-def weigh_rows(rows: Sequence[Row], wx: Weights, wy: Weights, build: Build) -> Array:
+def weigh_rows(rows: Sequence[RowTaps], wx: Weights, wy: Weights, build: Build) -> Array:
     """Rows weighed along y."""
     if build.choices.history_filter is HistoryFilter.CATMULL_ROM_5:
         return without_corners(rows, wx, wy)
@@ -159,7 +159,7 @@ def footprint_of(m: Motion, valid: Mask, layout: Layout) -> Footprint:
 def sample_plane(plane: Array, f: Footprint, wx: Weights, wy: Weights, build: Build, real: Any) -> Array:
     """The padded plane [rows, stride] filtered at the footprint, along x first."""
     reach = range(-2, 4) if build.choices.history_filter in SIX_TAPS else range(-1, 3)
-    rows: list[Row] = []
+    rows: list[RowTaps] = []
     for j in reach:
         taps = [plane[f.row + j, f.column + i].astype(real) for i in reach]
         rows.append(weigh(taps, wx, build))

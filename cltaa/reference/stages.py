@@ -9,7 +9,7 @@ import numpy as np
 from cltaa.core.build import Build, Record
 from cltaa.core.parameters import FilterUse
 from cltaa.core.planes import Layout
-from cltaa.reference.accumulate import Pixel, load_shares, past_alpha, resolve_pixel
+from cltaa.reference.accumulate import Pixel, load_shares, rectified_alpha, resolve_pixel
 from cltaa.reference.colour import Colour, colour_in_domain, repaired_planes
 from cltaa.reference.history import History, sample_history
 from cltaa.reference.neighbourhood import Statistics, Surface, current_sample, nearest_surface, neighbourhood_statistics
@@ -126,7 +126,7 @@ def blend_kernel(
     """``output`` [3 or 4, rows, stride] and ``output_count``: what the frame leaves."""
     r, g, b, opacity, count, fx, fy, valid, light = _load(history_at, build, layout)
     if build.steps.alpha and alpha is not None:
-        opacity = past_alpha(alpha, opacity, build, layout)
+        opacity = rectified_alpha(alpha, opacity, build, layout)
     h = History((r, g, b), opacity, count, fx, fy, valid > number(0.5, valid), light)
     change_r, change_g, change_b, clip_distance, blend_boost, anti_flicker_factor = _load(change_in, build, layout)
     near, sample = _load_statistics(statistics_in, build, layout)

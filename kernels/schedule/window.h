@@ -1,6 +1,7 @@
 // How a work-item walks: it slides a segment of LANES pixels down ROWS rows and carries the 3x3 around it along, so
 // that each row of the frame is read and converted once.
 #include "schedule/ahead.h"
+#include "schedule/edges.h"
 #include "taa/neighbourhood.h"
 
 #if !defined(ROWS)
@@ -24,6 +25,9 @@ STAGE column_t own_column(frame_t frame)
 }
 
 STAGE int is_empty(column_t c, frame_t frame) { return (c.x >= frame.width) | (c.first >= c.end); }
+
+// What a work-item has stored at the end of its column.
+STAGE block_t stored_block(column_t c) { return (block_t) { c.x, c.x + LANES, c.first, c.end }; }
 
 // Three rows of the frame: `centre` is the pixel's own.
 typedef struct

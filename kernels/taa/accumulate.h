@@ -298,7 +298,7 @@ STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t
 }
 
 // The alpha of the history; where the box is `unit`, held in the extremes of the current 3x3 as colour is.
-STAGE real past_alpha(plane_in alpha, real past, int x, int y, frame_t frame)
+STAGE real rectified_alpha(plane_in alpha, real past, int x, int y, frame_t frame)
 {
     if (!ALPHA | (BOX != BOX_UNIT))
         return past;

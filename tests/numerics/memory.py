@@ -47,7 +47,7 @@ EDITS = [
         "return (HALVES(m).x | HALVES(m).y | HALVES(m).z | HALVES(m).w) != 0;",
         "return any(m != 0);",
     ),
-    Mutation("no reading ahead", "kernels/platform/lanes.h", "#if __has_builtin(__builtin_prefetch)", "#if 0"),
+    Mutation("no reading ahead", "kernels/platform/prefetch.h", "#if __has_builtin(__builtin_prefetch)", "#if 0"),
     Mutation("no reductions", "kernels/platform/lanes.h", "#if __has_builtin(__builtin_reduce_or)", "#if 0"),
     Mutation(
         "no floor",
