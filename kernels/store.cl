@@ -1,4 +1,4 @@
-// What is done to a stored result: its edges repeated into the halo, and its numbers rounded to the halves of a file.
+// After the resolve: repeat a result's edges into its halo, and round its numbers to the halves of a file.
 #include "platform/image.h"
 #include "platform/storage.h"
 

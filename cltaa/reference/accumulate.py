@@ -13,7 +13,7 @@ from cltaa.core.parameters import Accumulate, AlphaFrom, AntiFlicker, Box, Filte
 from cltaa.core.planes import Layout
 from cltaa.reference.colour import Colour, from_box_space, from_range, luminance, to_box_space
 from cltaa.reference.history import History
-from cltaa.reference.neighbourhood import Statistics, current_sample, neighbourhood_statistics
+from cltaa.reference.neighbourhood import Row, Statistics, current_sample, neighbourhood_statistics
 from cltaa.reference.real import Array, constant, greater, lesser, limit, number, outside_domain
 from cltaa.reference.rectify import Rectification
 from cltaa.reference.sampling import count_limit_of

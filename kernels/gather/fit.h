@@ -99,8 +99,9 @@ STAGE fit_t fit_at_centre(gathered g, real samples, settings_t settings)
 
 STAGE real fitted(fit_t f, real sum, real along, real down) { return f.one * sum - (f.x * along + f.y * down); }
 
-// What the samples of a pixel come to, less the current one. Across a depth edge the nearer surface's share and colour
-// are fitted to the samples along its way, and behind it is the mean of the samples along the farther one's own way.
+// The colour that a pixel's samples give, less the current one. Across a depth edge the nearer surface's share and
+// colour are fitted to the samples along its way, and behind it is the mean of the samples along the farther one's own
+// way.
 STAGE colour gathered_change(gathered g, gathered far, layers_t l, settings_t settings)
 {
     const fit_t f = fit_at_centre(g, g.count + K(1.0), settings);
@@ -110,7 +111,7 @@ STAGE colour gathered_change(gathered g, gathered far, layers_t l, settings_t se
         const real zero = SPLAT(0.0), one = SPLAT(1.0);
         const real seen = one - limit(fitted(f, g.near, g.near_x, g.near_y), zero, one);
         const mask any = far.weight > zero;
-        // Where no sample of the farther surface is left, the nearer one has to stand for it.
+        // Without a sample of the farther surface the nearer one replaces it.
         const real mean = (l.edge ? seen : zero) / (any ? far.weight : (g.near > zero ? g.near : one));
         v.r += mean * (any ? far.sum.r : g.sum.r);
         v.g += mean * (any ? far.sum.g : g.sum.g);
@@ -153,7 +154,7 @@ STAGE resolved resolve_gathered(
         past.r = current.r + change.r, past.g = current.g + change.g, past.b = current.b + change.b;
     }
     const rectification r = rectify(past, current, p.near, m, box_scale_of(m, settings), frame, settings);
-    // The mean of the others has its share beside the current sample, which a fit holds already.
+    // A mean leaves out the current sample and gets a share relative to it; a fit includes it.
     real share = GATHER_FIT == GATHER_FIT_MEAN ? g.weight / (sample_share(current, settings) + g.weight) : one;
     real alpha_share = one;
     if (REACTIVE) {

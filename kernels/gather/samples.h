@@ -61,9 +61,9 @@ STAGE real reach_of(int n, settings_t settings)
     return lesser(SPLAT(settings.fit_reach), SPLAT(0.5) + side);
 }
 
-// What counts of a sample that lies `off` the centre along an axis: all in the middle, nothing from `reach` on, and
-// half on the pixel's border. Of what a sample stands for there a part is another pixel's; of samples a pixel apart as
-// much counts as of one, wherever they lie.
+// The weight of a sample `off` the centre along an axis: 1 in the middle, 0 from `reach` on, and 1/2 on the pixel's
+// border, where half of the sample's area belongs to another pixel. Samples a pixel apart add up to the weight of one,
+// wherever they lie.
 STAGE real window(real off, real reach)
 {
     const real zero = SPLAT(0.0), one = SPLAT(1.0);
@@ -90,8 +90,8 @@ typedef struct
     int recent; // 1: its samples are summed on their own too
 } view_t;
 
-// How much counts of the sample `right` and `down` texels beside the nearest one, and where it lies; nothing for most
-// of the eight, which is told before all else. The halo of an image holds none. A mean takes the nearest one alone.
+// The weight of the sample `right` and `down` texels from the nearest one, and its place. Most of the eight weigh
+// nothing, which is tested first. The halo of an image has no samples. A mean takes the nearest one alone.
 STAGE real weight_beside(view_t v, int right, int down, real* dx, real* dy, frame_t frame)
 {
     const real zero = SPLAT(0.0), reach = v.reach;
@@ -152,7 +152,7 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
     }
 }
 
-// The way of the pixel's centre to a frame of the ring, by the sample that told the depth or by the track, and the
+// The motion of the pixel's centre to a frame of the ring, by the sample that gives the depth or by the track, and the
 // stretch.
 STAGE motion_t motion_to_frame(
     stretch_t* stretch, track_t t, surface s, layers_t l, real px, real py, frame_t frame, frame_t then)
@@ -188,8 +188,7 @@ STAGE gathered begin_layer(surface s, layers_t l, int far, real w, frame_t frame
     return first_sample(w, front | !front, front, frame);
 }
 
-// What the current frame shows of a side around the pixel, as one sample: of what is disoccluded there is
-// hardly another.
+// The mean of a side's texels in the current 3x3, as one sample: a disoccluded side has hardly another.
 STAGE void add_side(gathered* g, side_t side, colour current, settings_t settings)
 {
     const real zero = SPLAT(0.0);

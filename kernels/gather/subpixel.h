@@ -6,8 +6,7 @@
 #error "subpixel.h needs OWN_MOTION, SUBPIXEL_REACH and SUBPIXEL_HITS from the prelude"
 #endif
 
-// What has been found of a thing that the 3x3 of now misses: how far off the pixel's centre it lies, and how close it
-// is.
+// A feature that the current 3x3 misses: its distance from the pixel's centre, and its inverse depth.
 typedef struct
 {
     mask found;
@@ -69,9 +68,9 @@ STAGE subpixel_feature search_subpixel_feature(mask open, surface s, plane_in ri
 }
 
 // A surface that frames in the ring show and the current 3x3 misses, if it lies within SUBPIXEL_REACH of the pixel's
-// centre. It is taken for the nearer side of a depth edge, and the samples along its way tell what share of the pixel
-// it has, none included. Only what the camera alone moves is looked for: where a thing that moves on its own is now, an
-// earlier frame does not tell.
+// centre. It is taken for the nearer side of a depth edge, and the samples along its way give its share of the pixel,
+// which may be none. Only features that the camera alone moves are searched for: an earlier frame does not show where
+// an object with its own motion is now.
 STAGE void find_subpixel_feature(surface* s, layers_t* l, plane_in ring, frame_records past, int frames, int x, int y,
     frame_t frame, settings_t settings)
 {

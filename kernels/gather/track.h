@@ -55,11 +55,10 @@ STAGE mask matches_surface(real inverse_depth, surface s, motion_t m, settings_t
 }
 
 // One step back, by the motion of the sample at the surface's own place (which is not the pixel's where the motion is a
-// neighbour's). Where that sample tells none, the nearest of its neighbours that tells one is taken, since the edge of
-// a thing lies in front of a sample in one frame and beside it in the next. Where none does the surface is lost, and so
-// is all before it; and where a sample tells the motion of another thing, by its inverse depth, since that stands
-// before it. From frame to frame a surface may come closer by as much as the range of `s` and the slack of the depth
-// test allow.
+// neighbour's). Where that sample has no motion vector, the nearest of its neighbours with one replaces it, since the
+// edge of an object covers a sample in one frame and misses it in the next. Without any the surface is lost in this
+// frame and all before it. So is a surface that another one covers there, by its inverse depth. From frame to frame a
+// surface may come closer by as much as the range of `s` and the slack of the depth test allow.
 STAGE void follow(track_t* t, surface s, motion_t m, plane_in p, footprint there, mask seen, size_t plane, frame_t then,
     settings_t settings)
 {

@@ -1,8 +1,7 @@
 // The adaptive temporal window. Where light may change, how far back should a pixel look? It is resolved from several
 // windows of its past, and each leaves an error: how far its latest samples lie from what the window says. A window
-// that is too short errs by their noise, one that is too long by what has changed since. Errors summed up over the
-// texels around tell how far each window is believed, and the texels' mean difference from the shortest moves the
-// longer ones.
+// that is too short errs by their noise, one that is too long by what has changed since. The errors summed over the
+// texels around weigh the windows, and the texels' mean difference from the shortest moves the longer ones.
 #include "gather/samples.h"
 
 #if !defined(WINDOWS) || !defined(WINDOW_REACH) || !defined(SHORT_WINDOW) || !defined(MIDDLE_WINDOW)
@@ -96,7 +95,7 @@ STAGE void store_window(plane_out windows, int window, resolved r, real error, i
 }
 
 // All windows but that without motion say what that of all frames does where most of the latest samples are unlike: of
-// what a veil has just come over or left they tell next to nothing.
+// a surface that a veil has just covered or uncovered they say next to nothing.
 STAGE void stand_in(plane_out windows, gathered latest, resolved all, real error, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame);
@@ -134,8 +133,8 @@ STAGE real sum_around(plane_in p, frame_t frame)
     return sum;
 }
 
-// How much a window is believed beside that of the least error: a ratio of errors to the 16th, for as many recent
-// samples as tell it (a likelihood goes with half their number).
+// The weight of a window relative to that of the least error: the ratio of errors to the 16th power, since a likelihood
+// goes with half the number of recent samples.
 STAGE real trust(real error, real least)
 {
     const real ratio = greater(quotient(least + K(TINY), error + K(TINY)), SPLAT(LEAST_TRUST));

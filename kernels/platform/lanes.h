@@ -11,7 +11,7 @@
 #endif
 #endif
 
-// What the instruction set of NVIDIA's GPUs has and OpenCL C has not: docs/performance.md, A GPU.
+// Instructions of NVIDIA's GPUs that OpenCL C has no name for: docs/performance.md, A GPU.
 #if LANES == 1 && defined(cl_nv_pragma_unroll)
 #define NVIDIA 1
 #else
@@ -101,7 +101,7 @@ typedef __global float* restrict history_out;
 #endif
 #endif
 
-// What a CPU has an instruction for, and not every compiler a name.
+// Instructions of a CPU that not every compiler has a name for.
 #define REDUCES 0
 #define ELEMENTWISE 0
 #if defined(__has_builtin) && LANES > 1

@@ -1,4 +1,4 @@
-// Prefetch: how texels are asked for before they are read, by what the device has for it.
+// Software prefetch, by the instructions that the device has for it.
 #include "platform/image.h"
 
 #if !defined(COLUMNS_AHEAD) || !defined(FAR_FIRST)

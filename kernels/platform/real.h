@@ -147,8 +147,8 @@ STAGE mask outside_domain(real v)
 #endif
 }
 
-// v, or what stands for it outside the domain. Compared as a number where no flag removes that: among numbers that were
-// chosen by their bits a CPU's compiler sees no maximum, and a comparison and a choice take longer.
+// v, or `otherwise` where v is outside the domain. Compared as a number where no flag removes that: among numbers that
+// were chosen by their bits a CPU's compiler sees no maximum, and a comparison and a choice take longer.
 STAGE real in_domain_or(real v, real otherwise)
 {
 #if ELEMENTWISE && !RELAXED

@@ -45,8 +45,8 @@ STAGE void fetch_history(history_in history, plane_in count, plane_in previous_i
         FETCH_BELOW(previous_inverse_depth, at, ROWS_BELOW, stride);
 }
 
-// What a GPU's work-item needs for its first pixel, asked for all at once: row after row it would wait for memory five
-// times, and all that are under way begin together. Of the history the rows around the pixel, as if nothing moved.
+// Prefetches all that a GPU's work-item needs for its first pixel: row after row it would wait for memory five times,
+// and all work-items under way begin together. Of the history the rows around the pixel, as if nothing moved.
 STAGE void fetch_first(plane_in current, plane_in inverse_depth, plane_in motion, history_in history, plane_in count,
     plane_in previous_inverse_depth, int x, int y, frame_t frame)
 {

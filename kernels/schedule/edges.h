@@ -4,7 +4,7 @@
 #include "platform/prefetch.h"
 #include "platform/storage.h"
 
-// What a work-item has stored: the columns from x and the rows from y on, up to `end` and `below`, these left out.
+// The block that a work-item has stored: columns x to `end` - 1, rows y to `below` - 1.
 typedef struct
 {
     int x, end, y, below;

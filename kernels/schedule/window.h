@@ -26,7 +26,7 @@ STAGE column_t own_column(frame_t frame)
 
 STAGE int is_empty(column_t c, frame_t frame) { return (c.x >= frame.width) | (c.first >= c.end); }
 
-// What a work-item has stored at the end of its column.
+// The block that a work-item has stored at the end of its column.
 STAGE block_t stored_block(column_t c) { return (block_t) { c.x, c.x + LANES, c.first, c.end }; }
 
 // Three rows of the frame: `centre` is the pixel's own.

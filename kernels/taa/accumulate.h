@@ -24,7 +24,7 @@ STAGE real sample_weight(real count, real blend_boost, settings_t settings)
     return greater(mean, SPLAT(settings.blend_weight));
 }
 
-// What `count` samples count as in the mean that `accumulate` takes: with the new one 1 / blend_weight at most.
+// The samples that the mean of `accumulate` takes a history of `count` for: with the new one 1 / blend_weight at most.
 STAGE real samples_in_mean(real count, settings_t settings)
 {
     if (ACCUMULATE == ACCUMULATE_COUNT)
@@ -34,8 +34,8 @@ STAGE real samples_in_mean(real count, settings_t settings)
     return lesser(count, SPLAT(1.0) / SPLAT(settings.blend_weight) - K(1.0));
 }
 
-// How many samples the history still stands for, `count_limit` at most: history that had to be pulled into its box is
-// less to be believed (clip_penalty).
+// The effective sample count of a history, `count_limit` at most: the further rectification moved it, the fewer samples
+// it counts for (clip_penalty).
 STAGE real effective_count(real count, real count_limit, real clip_distance, settings_t settings)
 {
     real effective = count;
@@ -145,8 +145,8 @@ STAGE colour storable_colour(colour v, colour current)
     return stored;
 }
 
-// What the current frame says of a pixel. `own` is its sample, `filtered` what the current filter makes of it, which
-// takes the place of `own` but where filter_use is few-samples.
+// A pixel of the current frame: its `own` sample, and the `filtered` one of the current filter, which replaces `own`
+// unless filter_use is few-samples.
 typedef struct
 {
     colour own, filtered;
@@ -238,21 +238,21 @@ STAGE real fading_share(real of_mean, settings_t settings)
     return lesser(of_mean, K(settings.filter_samples) * (of_mean * of_mean));
 }
 
-// How many samples a pixel's rectified history is believed to stand for.
+// The effective sample count of a pixel's rectified history.
 STAGE real effective_samples(pixel_t p, history_t h, rectification r, settings_t settings)
 {
     const real count = effective_count(h.count, h.count_limit, r.clip_distance, settings);
     return REACTIVE ? count * (SPLAT(1.0) - p.reactivity) : count;
 }
 
-// The history of a pixel, moved into its box.
+// The history of a pixel after rectification.
 STAGE colour rectified(history_t h, rectification r)
 {
     const colour past = { h.rgb.r + r.change.r, h.rgb.g + r.change.g, h.rgb.b + r.change.b };
     return past;
 }
 
-// What is blended with a history of `count` samples: the pixel's own sample, or the filtered one.
+// The sample to blend with a history of `count` samples: the pixel's own, or the filtered one.
 STAGE colour sample_beside(pixel_t p, mask valid, real count, settings_t settings)
 {
     if (FILTER_USE != FILTER_USE_FEW_SAMPLES)
@@ -297,7 +297,7 @@ STAGE resolved resolve_pixel(pixel_t p, history_t h, rectification r, settings_t
     return blend_pixel(p, h, r, rectified(h, r), sample_beside(p, h.valid, count, settings), count, settings);
 }
 
-// The alpha of the history; where the box is `unit`, held in the extremes of the current 3x3 as colour is.
+// The alpha of the history; where the box is `unit`, clamped to the extremes of the current 3x3 as colour is.
 STAGE real rectified_alpha(plane_in alpha, real past, int x, int y, frame_t frame)
 {
     if (!ALPHA | (BOX != BOX_UNIT))

@@ -20,8 +20,8 @@ typedef struct
 #define BOX_A (BOX_SPACE == BOX_SPACE_YCOCG ? 4.0 : 1.0)
 #define BOX_B (BOX_SPACE == BOX_SPACE_YCOCG ? 2.0 : 1.0)
 
-// Malvar and Sullivan 2003: all coefficients are powers of two, so that greys have exactly no chroma, and so that what
-// is held without its divisors has the same digits.
+// Malvar and Sullivan 2003: all coefficients are powers of two, so that greys have exactly no chroma, and so that
+// the coordinates without their divisors have the same digits.
 STAGE boxed to_box_space(colour v)
 {
     boxed out = { v.r, v.g, v.b };

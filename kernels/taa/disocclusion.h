@@ -8,7 +8,7 @@ STAGE mask on_screen(motion_t m, real x, real y, frame_t frame)
     const real hx = x + m.u, hy = y + m.v;
     const mask inside = m.visible & (hx >= SPLAT(-0.5)) & (hy >= SPLAT(-0.5)) & (hx <= SPLAT(frame.width) - K(0.5))
         & (hy <= SPLAT(frame.height) - K(0.5));
-    // What ends inside an image that is smaller than MOTION_LIMIT has not moved by as much.
+    // A motion that ends inside an image smaller than MOTION_LIMIT is shorter than that.
     if ((PLANE > 0) & (STRIDE < MOTION_LIMIT) & (PLANE < STRIDE * MOTION_LIMIT))
         return inside;
     return inside & (absolute(m.u) < SPLAT(MOTION_LIMIT)) & (absolute(m.v) < SPLAT(MOTION_LIMIT));

@@ -29,7 +29,7 @@ STAGE colour sample_colour(history_in p, footprint f, weights wx, weights wy, si
     return v;
 }
 
-// What lies at a footprint in the planes of the previous frame.
+// The planes of the previous frame at a footprint.
 typedef struct
 {
     colour rgb;

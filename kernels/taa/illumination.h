@@ -115,7 +115,7 @@ STAGE real nearest_change(plane_in change, nearest_t n, int stride)
     return load(change + n.at);
 }
 
-// What is kept of a change: MOST_CHANGE at most, so that it is over some frames later, and no denormal.
+// An illumination change as it is stored: MOST_CHANGE at most, so that it ends some frames later, and no denormal.
 STAGE real stored_change(real change)
 {
     const real cache = limit(change, SPLAT(-MOST_CHANGE), SPLAT(MOST_CHANGE));
@@ -146,8 +146,7 @@ STAGE real paired_t(paired centre, paired below, real da, real db, real least)
     return quotient(mean, square_root(spread * K(TWO_27THS)) + least);
 }
 
-// What a row of three says: its differences, the steps of their means from the row above, and how bright its samples
-// are in all.
+// A row of three: its differences, the steps of their means from the row above, and the sum of its samples' levels.
 typedef struct
 {
     paired a, b, c;
@@ -155,7 +154,7 @@ typedef struct
     real level, levels; // its own, and with that of the row above
 } illumination_row;
 
-// What a work-item keeps while it slides down: the row at the next segment, and the texel of the history that is
+// The state that a work-item carries down its column: the row at the next segment, and the texel of the history that is
 // nearest to where it comes from if it moves as the one above; 0, which lies in the halo, where its lanes have none in
 // common.
 typedef struct
@@ -218,17 +217,17 @@ STAGE illumination_row illumination_above(
     return row;
 }
 
-// What the nine texels say of a history: the samples that it counts for, and how light changes.
+// The result of the test: the samples that the history counts for, and how light changes.
 typedef struct
 {
     real count, change;
 } lit_t;
 
-// `held` samples of a history, divided by how much light changes. The change: Student's t of the channel that changed
-// most, with the sign of the first one, luminance, and illumination_decay of what the frame before left. Its size over
-// illumination_t divides, where that is more than 1. The jitter moves all nine differences one way in one frame and
-// another way in the next, light that changes goes on: so what the jitter does stays small in the sum. `next` is the
-// row below the pixel's.
+// The `held` samples of a history, divided by how much light changes. The change: Student's t of the channel that
+// changed most, with the sign of the first one, luminance, and illumination_decay of what the frame before left. Its
+// size over illumination_t divides, where that is more than 1. The jitter moves all nine differences one way in one
+// frame and another way in the next, light that changes goes on: so what the jitter does stays small in the sum. `next`
+// is the row below the pixel's.
 STAGE lit_t illumination_test(real held, plane_in current, boxed_row next, history_in history, plane_in count,
     footprint f, int x, int y, frame_t frame, settings_t settings, illumination_cache* cache)
 {

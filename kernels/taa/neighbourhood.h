@@ -157,7 +157,7 @@ typedef struct
     boxed left, own, right;
 } boxed_row;
 
-// What one row contributes: moments a channel, and the nearest surface of the three texels. Inverse depth is 1/Z (-Z
+// One row of the 3x3: moments of each channel, and the nearest surface of the three texels. Inverse depth is 1/Z (-Z
 // for an orthographic camera): the greater, the nearer.
 typedef struct
 {
@@ -315,7 +315,7 @@ STAGE surface nearest_surface(row_t above, row_t centre, row_t below, settings_t
 }
 
 // The current sample: the pixel's own, or the one that the current filter rebuilds at the pixel's centre from the 3x3.
-// A filter with negative lobes is held inside the extremes.
+// A filter with negative lobes is clamped to the extremes.
 STAGE colour current_sample(row_t above, row_t centre, row_t below, statistics near, frame_t frame)
 {
     if (CURRENT_FILTER == CURRENT_FILTER_NONE)

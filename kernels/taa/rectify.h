@@ -186,7 +186,7 @@ STAGE rectification rectify(
 {
     if ((RECTIFY == RECTIFY_NONE) & (ACCUMULATE != ACCUMULATE_ADAPTIVE)
         & (ANTI_FLICKER != ANTI_FLICKER_CLAMP_DISTANCE)) {
-        // What follows would come to this; no compiler may see that h - h is 0.
+        // The code below gives the same; no compiler may assume that h - h is 0.
         const rectification nothing = { { SPLAT(0.0), SPLAT(0.0), SPLAT(0.0) }, SPLAT(0.0), SPLAT(0.0), SPLAT(1.0) };
         return nothing;
     }

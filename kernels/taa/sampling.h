@@ -20,7 +20,7 @@ typedef struct
     real first, w0, w2, w3, last;
 } weights;
 
-// What the taps of a row come to: their weighted mean, or the pair of taps 1 and 2 and apart from it what 0 and 3 add.
+// The sum of a row's taps: their weighted mean, or the pair of taps 1 and 2 and, apart from it, the share of 0 and 3.
 typedef struct
 {
     real middle, sides;
@@ -125,7 +125,7 @@ STAGE real weigh_rows(
 // How the lanes of a segment lie in the previous frame: all on texels and moved by one whole number of them
 // (ON_TEXELS), between texels of one row (ON_ROWS), between texels with one whole part (ALIKE), with whole parts that
 // differ by at most 1 an axis (CLOSE), or freely (APART). The values read are the same in each case, only the loads
-// differ. What stands still lies on texels.
+// differ. A pixel without motion lies on texels.
 #define LANES_ON_TEXELS 0
 #define LANES_ON_ROWS 1
 #define LANES_ALIKE 2
