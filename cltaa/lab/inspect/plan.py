@@ -134,7 +134,10 @@ def memory(
     kept = HistoryKind.FRAMES in histories
     history_frames = preset.settings.history_frames if kept else 0
     windows = kept and any(each.choices.illumination is Illumination.WINDOW for each in plans)
-    changes = any(each.choices.illumination is not Illumination.STATIC for each in plans)
+    changes = any(
+        each.choices.history is HistoryKind.ACCUMULATED and each.choices.illumination is not Illumination.STATIC
+        for each in plans
+    )
     held = DevicePlanes(
         Steps(**used),
         resolver.storage,
