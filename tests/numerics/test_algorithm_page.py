@@ -1,4 +1,4 @@
-"""The equations of docs/algorithm.md, written from the page alone in float64, against the default preset; and its names.
+"""The equations of docs/algorithm.md, in float64 from the page alone, against the default preset; and its names.
 
 Where the two part, one of them is wrong. Nothing here comes from the kernels or their twins: the motion of the camera
 is that of whole matrices, and statistics are NumPy's.
