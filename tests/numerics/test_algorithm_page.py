@@ -234,5 +234,5 @@ def test_every_step_names_functions_and_parameters_that_there_are() -> None:
 
 
 def test_names_that_there_are_not_are_told() -> None:
-    line = "*Kernel* [`taa/repair.h`](../kernels/taa/repair.h) `repaired_texel`, `mended` · *parameters* `box`, `boxes`"
-    assert missing(line) == ["boxes", "../kernels/taa/repair.h: mended"]
+    line = "*Kernel* [`taa/rectify.h`](../kernels/taa/rectify.h) `rectify`, `mended` · *parameters* `box`, `boxes`"
+    assert missing(line) == ["boxes", "../kernels/taa/rectify.h: mended"]
