@@ -1,4 +1,4 @@
-"""Links of the documentation lead somewhere: the file is there, and so is the heading."""
+"""Links of the documentation, and what code cites of it, lead somewhere: the file is there, and so is the heading."""
 
 from __future__ import annotations
 
@@ -12,6 +12,15 @@ TOP = Path(__file__).parents[1]
 DECISIONS = TOP / "docs" / "decisions"
 PAGES = [*sorted(TOP.glob("*.md")), *sorted((TOP / "docs").rglob("*.md"))]
 
+SOURCES = [
+    path
+    for folder in ("cltaa", "kernels", "capture", "datasets_gen", "scripts", "tests")
+    for path in sorted((TOP / folder).rglob("*"))
+    if path.suffix in (".py", ".cl", ".h", ".toml") or (path.is_file() and folder == "scripts")
+]
+
+# A page that a comment or a message cites; of a decision the number is enough.
+CITED = re.compile(r"\b(?:docs/)?decisions/\d[\w-]*|\bdocs/[\w-]+(?:/[\w-]+)*(?:\.md)?")
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 FENCE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 
@@ -40,6 +49,22 @@ def broken(page: Path) -> list[str]:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(TOP)))
 def test_links_lead_somewhere(page: Path) -> None:
     assert broken(page) == []
+
+
+def not_there(text: str) -> list[str]:
+    """What ``text`` cites of the pages and is not there."""
+    cited = {place if place.startswith("docs/") else f"docs/{place}" for place in CITED.findall(text)}
+    return [place for place in sorted(cited) if not any(TOP.glob(f"{place}*"))]
+
+
+def test_code_cites_pages_that_there_are() -> None:
+    found = {path: not_there(path.read_text(encoding="utf-8")) for path in SOURCES if path != Path(__file__)}
+    assert {str(path.relative_to(TOP)): wrong for path, wrong in found.items() if wrong} == {}
+
+
+def test_a_cited_page_that_is_not_there_is_found() -> None:
+    text = "as docs/design.md and decisions/09 say, not docs/decisions/0041 nor docs/nowhere.md"
+    assert not_there(text) == ["docs/decisions/0041", "docs/nowhere.md"]
 
 
 def test_a_link_that_leads_nowhere_is_found(tmp_path: Path) -> None:

@@ -17,9 +17,9 @@ Offsets = NDArray[np.float64]  # [N, 2]
 # The plastic number, root of x^3 = x + 1: Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences" (2018).
 PLASTIC = 1.3247179572447460
 
-USUAL = "lattice:64"  # measured: docs/decisions/0025
+USUAL = "lattice:64"  # measured: docs/decisions/09
 LONGEST_PERIOD = 1 << 16  # samples; half a second to make, and far beyond what a float32 sum resolves
-FADING = 0.95  # what a frame counts in the order of a lattice after each later one; measured: docs/decisions/0025
+FADING = 0.95  # what a frame counts in the order of a lattice after each later one; measured: docs/decisions/09
 LONGEST_LATTICE = 1 << 10  # samples; its order takes memory with their square, 25 MB here
 
 

@@ -24,7 +24,7 @@ from cltaa.printable import counted
 class LastRun(NamedTuple):
     """What the fused kernel was given for the last frame; its memory holds that until the next one.
 
-    The arguments of a resolve that gathers samples have ``kept``, its ring of frames, among them.
+    The arguments of a resolve that gathers samples have ``ring``, its frames, among them.
     """
 
     build: Build

@@ -106,7 +106,7 @@ class Build(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True):
     )
     far_first: bool = False  # whether these come into the first cache, not into the second alone
     strict: bool = False
-    relaxed: bool = False  # what the compiler may do with -cl-fast-relaxed-math: only to be timed (decision 16)
+    relaxed: bool = False  # what the compiler may do with -cl-fast-relaxed-math: only to be timed (decisions/04)
 
     @property
     def extends(self) -> bool:

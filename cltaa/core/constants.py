@@ -31,7 +31,7 @@ CONSTANTS: Final[dict[str, Constant]] = {
     "DRIFT_FLOOR": Constant(0.01, "share of the light below which nobody sees that"),
     "REACTIVE_FALL": Constant(
         10.0,
-        "1 over how far beside the reactivities of the 3x3 of now that of a sample may lie: measured (decision 43)",
+        "1 over how far beside the reactivities of the 3x3 of now that of a sample may lie: measured (decisions/08)",
     ),
     "MOST_CHANGE": Constant(8.0, "most of Student's t that is kept of an illumination change"),
     "LEAST_HEADROOM": Constant(2.0**-16, "least 1 - peak when a tonemap is undone: half's largest number, 65504"),

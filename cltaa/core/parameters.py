@@ -147,7 +147,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
     ] = 1.0
     box_floor: Annotated[
         float,
-        _number("least half extent of the box over its size (clip, ellipsoid)", 0.0, 1.0, "1", "2^-10: NUMERICS D2"),
+        _number("least half extent of the box over its size (clip, ellipsoid)", 0.0, 1.0, "1", "2^-10: no jumps"),
     ] = 2.0**-10
     depth_tolerance: Annotated[
         float, _number("relative slack of the depth test", 0.0, 1.0, "1", "0.02, two engines' value")

@@ -1,8 +1,5 @@
 """The plan: which steps of the resolve a frame calls for, each with its reason.
 
-Unlike the steps that ``frame_plan`` leaves out, these change the picture. Each rests on the promise that nothing
-happens but what a sequence declares, and docs/effects.md bounds what it may change.
-
 A sequence that declares its effects promises that nothing else happens in it; one that declares none gets every step
 that its channels and cameras call for. A step that is left out would have changed no bit; what a declared stillness or
 an absence of highlights *replaces* (plain mean, plain weights) is another estimate, and docs/effects.md bounds it.

@@ -209,7 +209,7 @@ class Resolver:
     def resolve(self, frame: Frame, *, half: bool = False) -> NDArray[Any]:
         """The resolved colour of ``frame``, [H, W, 3] float32, or [H, W, 4] where the frame has alpha.
 
-        With ``half`` float16, infinite where it is 65504 or beyond; ``halves.limit_halves`` limits that.
+        With ``half`` float16, infinite where it is 65504 or beyond; ``cltaa.pipeline.output.limit_halves`` limits that.
         Raises DataError where ``core.frame_checks`` finds a frame wrong, and UsageError where another thread is in it.
         """
         check_frame(frame)

@@ -393,7 +393,7 @@ def intake_lines(intake: Intake) -> Iterator[str]:
 # What tools call vectors and depth, in the name of a channel or of its file.
 MOTION_NAME = re.compile(r"mot(ion|vec)|veloc|vector|flow|(^|[._])mvs?($|[._])", re.IGNORECASE)
 DEPTH_NAME = re.compile(r"depth|(^|[._])dist(ance)?($|[._])|(linear|view|eye|scene)_?z($|[._])", re.IGNORECASE)
-# What a resolve of frames that nothing shines through takes for nothing (docs/decisions/0053-alpha-that-is-1.md).
+# What a resolve of frames that nothing shines through takes for nothing (docs/decisions/11-conventions-from-pixels.md).
 OPAQUE = "alpha is 1 everywhere: --input colour.alpha=none gives the same colours, a tenth to a fifth faster"
 
 

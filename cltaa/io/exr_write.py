@@ -40,7 +40,7 @@ Deflate = Callable[[Bytes], bytes]  # packs contiguous bytes as a stream of zlib
 LEVEL = 2  # of ISA-L's 0 to 3; docs/performance.md, Files
 
 # Threads take acquisitions of the GIL between the steps of their work: so a few of them with much each
-# (docs/decisions/0041-few-turns-with-the-interpreter.md).
+# (docs/decisions/13-io-pipeline.md).
 THREADS = 4
 BEGUN = THREADS + 1  # of one file at a time: packed, being packed, or to be packed
 ROWS = 64  # that a thread packs at a time: 4 chunks of ZIP, 64 of ZIPS

@@ -27,7 +27,7 @@ from cltaa.process import CORES, MANY_CORES
 # Frames that are decoded ahead, and results that wait to be written, each in a thread of its own: several, because a
 # thread is half of the time busy with what those that unpack and pack do not share: the file's bytes, SHA-256, planes,
 # flushes. Where there are cores for it one more of each
-# (docs/decisions/0020-two-frames-at-a-time-in-kept-memory.md).
+# (docs/decisions/13-io-pipeline.md).
 AHEAD = BEHIND = 3 if CORES >= MANY_CORES else 2
 
 Item = TypeVar("Item")

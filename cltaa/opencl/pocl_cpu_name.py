@@ -1,4 +1,4 @@
-"""A name for a CPU that the compiler inside PoCL does not know, or takes for another (docs/decisions/0008).
+"""A name for a CPU that the compiler inside PoCL does not know, or takes for another (docs/decisions/14).
 
 PoCL asks its LLVM for the host's name and hands it on as the target. For a CPU younger than itself LLVM answers
 "generic", which PoCL's compiler then refuses: "unknown target CPU 'generic'", whatever is built (PoCL's issue 1049). Or

@@ -65,7 +65,7 @@ def in_place(build: Build) -> bool:
 
 # 45 rows share the usual heights (720, 1080, 1440, 2160) out evenly, and leave many cores work-items enough.
 CPU_8 = Shape(lanes=8, rows=45, group=(1, 1), columns_ahead=3)
-CPU_4 = CPU_8._replace(lanes=4, rows=32)  # without AVX, where LLVM gives up over eight (docs/decisions/0008)
+CPU_4 = CPU_8._replace(lanes=4, rows=32)  # without AVX, where LLVM gives up over eight (docs/decisions/14)
 CPU_16 = Shape(lanes=16, rows=64, group=(1, 1), columns_ahead=3, far_first=True)
 INTEL_16 = CPU_16._replace(rows=45, far_first=False)
 GPU = Shape(lanes=1, rows=8, group=(64, 2))

@@ -166,4 +166,4 @@ def test_the_scene_of_the_page_is_drawn_and_keeps_its_promises(
         SCENES.pop("pendulum", None)
     found = json.loads(capsys.readouterr().out)
     assert (found["problems"], found["idle"]) == ([], [])
-    assert found["effects"] == ["motion", "sky", "disocclusion"]
+    assert found["effects"] == ["disocclusion", "motion", "sky"]

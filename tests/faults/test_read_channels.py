@@ -1,4 +1,4 @@
-"""Channels that are missing, of a wrong type, or named otherwise. NUMERICS 3.2, row 4."""
+"""Channels that are missing, of a wrong type, or named otherwise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Damaged files: cut off at every byte, and thousands with random bytes. NUMERICS 3.2, rows 1 and 2."""
+"""Damaged files: cut off at every byte, and thousands with random bytes."""
 
 from __future__ import annotations
 

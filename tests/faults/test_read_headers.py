@@ -1,4 +1,4 @@
-"""Header bombs: each refused by name, at once, with little memory, by a process that survives. NUMERICS 3.2, row 3."""
+"""Header bombs: each refused by name, at once, with little memory, by a process that survives."""
 
 from __future__ import annotations
 

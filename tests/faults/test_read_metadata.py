@@ -1,4 +1,4 @@
-"""Headers that say what cannot be: the attribute and the test that it failed are named. NUMERICS 3.2, row 7, and F7."""
+"""Headers that say what cannot be: the attribute and the test that it failed are named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Any bit pattern as a pixel: the result is finite, and pixels far away do not change by a bit. NUMERICS 3.2, row 8."""
+"""Any bit pattern as a pixel: the result is finite, and pixels far away do not change by a bit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names, places and settings of the machine that a program should not care about. NUMERICS 3.2, row 19."""
+"""Names, places and settings of the machine that a program should not care about."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signals that end a run, of a resolve and of a capture, at each step and at any time. NUMERICS 3.2, rows 11 and 12."""
+"""Signals that end a run, of a resolve and of a capture, at each step and at any time."""
 
 from __future__ import annotations
 

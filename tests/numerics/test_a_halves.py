@@ -1,4 +1,4 @@
-"""Numbers that halves cannot hold, NUMERICS A4: they saturate, and that is counted. See docs/numerics.md."""
+"""Numbers that halves cannot hold: they saturate, and that is counted. docs/numerics.md, A4."""
 
 from __future__ import annotations
 

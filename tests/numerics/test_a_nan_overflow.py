@@ -1,4 +1,4 @@
-"""Failure modes of NaN, infinity and overflow, NUMERICS A: see docs/numerics.md."""
+"""Failure modes of NaN, infinity and overflow: docs/numerics.md, A."""
 
 from __future__ import annotations
 

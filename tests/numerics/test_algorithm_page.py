@@ -1,4 +1,4 @@
-"""The equations of docs/algorithm.md, written from the page alone in float64, against the default preset.
+"""The equations of docs/algorithm.md, in float64 from the page alone, against the default preset; and its names.
 
 Where the two part, one of them is wrong. Nothing here comes from the kernels or their twins: the motion of the camera
 is that of whole matrices, and statistics are NumPy's.
@@ -6,6 +6,8 @@ is that of whole matrices, and statistics are NumPy's.
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +15,10 @@ import pytest
 from numpy.typing import NDArray
 
 import cltaa
+from cltaa.core.parameters import Choices, Settings
 
+PAGE = Path(__file__).parents[2] / "docs" / "algorithm.md"
+LINKED = re.compile(r"\[`[^`]+`\]\(([^)#]+)\)")
 Array = NDArray[np.float64]
 
 HEIGHT, WIDTH, FRAMES = 24, 40, 6
@@ -198,3 +203,36 @@ def test_the_equations_of_the_page_are_those_of_the_default(case: Case) -> None:
     for frame in others:
         left = resolve(frame, left, case)
         assert np.abs(resolver.resolve(frame) - left.colour).max() < TOLERANCE
+
+
+def text_of(place: Path) -> str:
+    """A source file, or all of a folder."""
+    files = [place] if place.is_file() else sorted(path for path in place.rglob("*") if path.suffix in (".h", ".py"))
+    return "\n".join(path.read_text(encoding="utf-8") for path in files)
+
+
+def missing(line: str) -> list[str]:
+    """What a line of kernel, twin and parameters names and the tree does not have."""
+    functions, _, rest = line.partition("*parameters*")
+    parameters = {*Choices.__struct_fields__, *Settings.__struct_fields__}
+    wrong = [name for name in re.findall(r"`(\w+)`", rest) if name not in parameters]
+    parts = LINKED.split(functions)
+    for place, names in zip(parts[1::2], parts[2::2], strict=True):
+        text = text_of(PAGE.parent / place)
+        wrong += [
+            f"{place}: {name}"
+            for name in re.findall(r"`(\w+)`", names)
+            if not re.search(rf"^ *(?:STAGE|def) (?:\w+ )?{name}\(", text, re.MULTILINE)
+        ]
+    return wrong
+
+
+def test_every_step_names_functions_and_parameters_that_there_are() -> None:
+    lines = re.findall(r"^\*Kernel\*.*$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert len(lines) == 11
+    assert [name for line in lines for name in missing(line)] == []
+
+
+def test_names_that_there_are_not_are_told() -> None:
+    line = "*Kernel* [`taa/rectify.h`](../kernels/taa/rectify.h) `rectify`, `mended` · *parameters* `box`, `boxes`"
+    assert missing(line) == ["boxes", "../kernels/taa/rectify.h: mended"]

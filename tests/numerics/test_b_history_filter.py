@@ -1,4 +1,4 @@
-"""Failure modes of reading the history between its texels, NUMERICS B: see docs/numerics.md."""
+"""Failure modes of reading the history between its texels: docs/numerics.md, B."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def test_b1_every_tap_weighs_what_the_filter_says(launcher: DeviceLauncher, kind
         tap = texels(j, i)
         expected += weight * tap
         size = np.maximum(size, np.abs(tap))
-    # 32 u M for 4 x 4 taps (NUMERICS 4); the polynomial in place of Lanczos' sines is 1e-5 of each of 12 weights off.
+    # 32 u M for 4 x 4 taps; the polynomial in place of Lanczos' sines is 1e-5 of each of 12 weights off.
     most = 12 * 1e-5 if kind is HistoryFilter.LANCZOS_3 else 32 * UNIT_ROUNDOFF
     assert (np.abs(read - expected) <= most * size)[inside].all()
 
@@ -231,7 +231,7 @@ def drifting(count: int) -> float:
 
 
 def test_b4_unrectified_history_stays_bounded() -> None:
-    # The gain of all frames together is at most 1.41 an axis (NUMERICS B4), 2 in the plane; asserted: twice that.
+    # The gain of all frames together is at most 1.41 an axis (numerics.md, B4), 2 in the plane; asserted: twice that.
     assert 1.0 < drifting(600) <= 4.0
 
 

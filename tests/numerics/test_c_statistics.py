@@ -1,4 +1,4 @@
-"""Failure modes of the neighbourhood's statistics, NUMERICS C: see docs/numerics.md."""
+"""Failure modes of the neighbourhood's statistics: docs/numerics.md, C."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_c1_deviation_is_right_at_any_mean(
     exact = image.astype(np.float64)
     taps = windows(exact if space is BoxSpace.RGB else box_space(exact), neighbourhood)
     largest = np.abs(windows(exact, neighbourhood)).max(axis=(0, 1))
-    # NUMERICS C1: 60 u of the deviation whatever the mean, and 2 u of the largest value for YCoCg's own rounding.
+    # numerics.md, C1: 60 u of the deviation whatever the mean, and 2 u of the largest value for YCoCg's own rounding.
     rounding = 0.0 if space is BoxSpace.RGB else 2 * UNIT_ROUNDOFF * largest
     error = np.abs(deviation - taps.std(axis=0))
     bound = 60 * UNIT_ROUNDOFF * taps.std(axis=0) + rounding
@@ -118,7 +118,7 @@ def test_c1_the_naive_variance_fails_as_it_is_known_to(launcher: DeviceLauncher,
     taps = windows(image.astype(np.float64), neighbourhood)
     true, size = taps.std(axis=0), (taps**2).mean(axis=0)
     assert (np.abs(mean - taps.mean(axis=0)) <= 12 * UNIT_ROUNDOFF * np.abs(taps).max(axis=0)).all()
-    # NUMERICS C1: (n + 2) u of the mean square, in the variance.
+    # numerics.md, C1: (n + 2) u of the mean square, in the variance.
     assert (np.abs(deviation**2 - true**2) <= (len(taps) + 2) * 2 * UNIT_ROUNDOFF * size).all()
     assert np.isfinite(deviation).all()
     assert (np.abs(deviation - true) > 60 * UNIT_ROUNDOFF * true).mean() > 0.3

@@ -1,4 +1,4 @@
-"""Convergence to the truth for any jitter: a Z-test a pixel, as rendering systems test (NUMERICS section 2)."""
+"""Convergence to the truth for any jitter: a Z-test a pixel, as rendering systems test."""
 
 from __future__ import annotations
 

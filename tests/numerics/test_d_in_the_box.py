@@ -1,4 +1,4 @@
-"""How far outside of its box rounding may leave the history, NUMERICS D2: derived here, held by the kernel.
+"""How far outside of its box rounding may leave the history: derived here, held by the kernel (docs/numerics.md, D2).
 
 Written c for the box's centre, e for its half extent, h for the history, r for what it is moved to, all of one
 coordinate, and u for the unit roundoff. Without rounding |r - c| <= e. With it:

@@ -1,4 +1,4 @@
-"""Failure modes of moving the history into the neighbourhood's box, NUMERICS D: see docs/numerics.md."""
+"""Failure modes of moving the history into the neighbourhood's box: docs/numerics.md, D."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_d1_a_flat_neighbourhood_divides_nothing_by_nothing(kind: Rectify) -> No
 
 @pytest.mark.parametrize(("space", "most"), [(BoxSpace.RGB, 2), (BoxSpace.YCOCG, 12)])
 def test_d2_clamp_moves_no_further_than_the_history(launcher: DeviceLauncher, space: BoxSpace, most: int) -> None:
-    # Each channel's clamp is 1-Lipschitz and so is the sum of the three; what is left is rounding: 2 u (NUMERICS D2),
+    # Each channel's clamp is 1-Lipschitz and so is the sum of the three; what is left is rounding: 2 u,
     # worst seen 1.2, and of the box space at most 2 u in and 2 u out, 1 u for the difference and the sum, twice: worst
     # seen 4.6.
     assert moved_by_one_ulp(launcher, Rectify.CLAMP, space).max() <= most

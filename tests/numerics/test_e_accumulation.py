@@ -1,4 +1,4 @@
-"""Failure modes of blending and accumulation, NUMERICS E: see docs/numerics.md."""
+"""Failure modes of blending and accumulation: docs/numerics.md, E."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def test_e4_rounding_of_a_long_mean(launcher: DeviceLauncher) -> None:
 @pytest.mark.big
 def test_e4_a_million_frames(launcher: DeviceLauncher) -> None:
     # Late updates are a few ulps and their roundings are alike, so that they add up to more: worst seen 1.7e-4, what a
-    # running mean in float32 was measured to lose (NUMERICS E4) 5.4e-4. The million samples' own noise is 1.9e-4.
+    # running mean in float32 was measured to lose 5.4e-4. The million samples' own noise is 1.9e-4.
     assert rounding(launcher, 1_000_000, 250) <= 5.4e-4
 
 

@@ -1,4 +1,4 @@
-"""Failure modes of a history in halves, NUMERICS E3: see docs/numerics.md."""
+"""Failure modes of a history in halves: docs/numerics.md, E3."""
 
 from __future__ import annotations
 

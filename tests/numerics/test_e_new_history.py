@@ -1,4 +1,4 @@
-"""Failure modes of beginning anew, NUMERICS E5: what is dropped is never looked at. See docs/numerics.md."""
+"""Failure modes of beginning anew: what is dropped is never looked at. docs/numerics.md, E5."""
 
 from __future__ import annotations
 

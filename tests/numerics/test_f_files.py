@@ -1,4 +1,4 @@
-"""Failure modes of depth, matrices and motion as files hold them, NUMERICS F5, F7 and F8: see docs/numerics.md."""
+"""Failure modes of depth, matrices and motion as files hold them: docs/numerics.md, F5, F7 and F8."""
 
 from __future__ import annotations
 

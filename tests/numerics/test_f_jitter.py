@@ -1,4 +1,4 @@
-"""Failure modes of jitter, NUMERICS F9: see docs/numerics.md."""
+"""Failure modes of jitter: docs/numerics.md, F9."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Failure modes of reprojection and depth, NUMERICS F1 to F6: see docs/numerics.md."""
+"""Failure modes of reprojection and depth: docs/numerics.md, F1 to F6."""
 
 from __future__ import annotations
 

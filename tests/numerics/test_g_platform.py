@@ -1,4 +1,4 @@
-"""Failure modes of platforms and sizes, and metamorphic checks, NUMERICS G: see docs/numerics.md."""
+"""Failure modes of platforms and sizes, and metamorphic checks: docs/numerics.md, G."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def test_g4_no_library_function_but_the_root() -> None:
 
 def test_g4_no_function_of_unknown_precision_hides_behind_a_name() -> None:
     # OpenCL leaves the error of native_ functions to the device: a bound that is printed can stand on none of them, be
-    # it called or only named in a macro. NVIDIA's two instructions say their error (decision 18).
+    # it called or only named in a macro. NVIDIA's two instructions say their error (decisions/14).
     unknown = re.compile(r"\b(?:native|fast)_\w+|\bhalf_(?!width|storable)\w+|\b(?!sqrt\.|rcp\.)\w+\.approx")
     found = {name: unknown.findall(without_comments(text)) for name, text in kernel_files().items()}
     assert {name: words for name, words in found.items() if words} == {}

@@ -1,4 +1,4 @@
-"""Sizes from one pixel to 16384 x 16384, NUMERICS G5: see docs/numerics.md."""
+"""Sizes from one pixel to 16384 x 16384: docs/numerics.md, G5."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ CHOICES = (
     "accumulate",
     "weighting",
 )
-NOT_WORTH = {"rectify": ("clip-unguarded",)}  # known to be discontinuous (NUMERICS D2)
+NOT_WORTH = {"rectify": ("clip-unguarded",)}  # known to be discontinuous (docs/numerics.md, D2)
 # name: (least, greatest, whether ratios count rather than differences)
 RANGES: dict[str, tuple[float, float, bool]] = {
     "blend_weight": (0.02, 0.3, True),

@@ -1,6 +1,6 @@
 """Sequences and presets of ``cltaa bench quality``: given ones, and those that ``cltaa capture`` draws as asked.
 
-The two packages know each other by their command lines alone (docs/decisions/0001).
+The two packages know each other by their command lines alone (docs/decisions/01).
 """
 
 from __future__ import annotations
