@@ -98,9 +98,9 @@ def test_after_a_cut_a_frame_is_the_filter_alone(history: str) -> None:
 
 def test_a_pixel_that_comes_into_view_is_the_filter_alone() -> None:
     resolver = Resolver(few("accumulated", reject="depth"), "numpy")
-    uncovering = CAMERA | {Effect.DISOCCLUSION}
-    resolver.resolve(dotted(0, effects=uncovering))
-    nearer = dotted(1, effects=uncovering)
+    disoccluding = CAMERA | {Effect.DISOCCLUSION}
+    resolver.resolve(dotted(0, effects=disoccluding))
+    nearer = dotted(1, effects=disoccluding)
     resolved = resolver.resolve(replace(nearer, depth=np.full_like(nearer.depth, 2.0)))
     side = np.exp(-resolver.preset.settings.filter_falloff)
     weights = np.array([side, 1, side]) / (1 + 2 * side)

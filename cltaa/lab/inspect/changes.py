@@ -33,7 +33,7 @@ CHANGED_SHARE = 0.25
 # Share of pixels that come into view, two pixels away from whatever could hide them, since two samples of a pixel and
 # a rounded position lie up to 1.5 apart. Worst seen where nothing does: 2e-4, in hair against the sky (160x90).
 DISOCCLUDED_SHARE = 5e-4
-# A camera's step may uncover less than a pixel: frames are looked at 1, 2, 4 ... after one, and from the last on anew.
+# A camera's step may disocclude less than a pixel: frames are looked at 1, 2, 4 ... after one, then from the last anew.
 FARTHEST = 16
 
 

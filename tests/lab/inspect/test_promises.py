@@ -101,7 +101,7 @@ def test_what_comes_into_view_undeclared(tmp_path: Path, by_camera: bool) -> Non
 
 
 @pytest.mark.parametrize("by_camera", [False, True], ids=["own motion", "camera"])
-def test_jitter_alone_uncovers_nothing(tmp_path: Path, by_camera: bool) -> None:
+def test_jitter_alone_disoccludes_nothing(tmp_path: Path, by_camera: bool) -> None:
     """The card's edges come and go with the sample."""
     still_card = [
         sliding(index, {Effect.CAMERA if by_camera else Effect.MOTION}, 0.0, by_camera=by_camera) for index in range(9)

@@ -169,7 +169,7 @@ def test_fresh_is_what_came_into_view_in_this_frame_but_for_the_column_beside_th
         np.testing.assert_array_equal(scores.fresh, expected)
 
 
-def test_a_wire_uncovers_nothing() -> None:
+def test_a_wire_disoccludes_nothing() -> None:
     def scene(index: int) -> tuple[Frame, Display]:
         frame, truth = backdrop(index)
         column = 8 + STEP * index
