@@ -45,6 +45,7 @@ PRESETS = {
     "t5": "gather-48",
 }
 EFFECTS = {"uncover": "disocclusion", "shading": "illumination"}
+PUBLIC = {"Sequence": "FrameSequence"}  # names of the package
 MEMBERS = {"Effect": {"UNCOVER": "DISOCCLUSION", "SHADING": "ILLUMINATION"}}
 
 

@@ -8,6 +8,7 @@ once on the way out and once on the way in.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -182,26 +183,36 @@ class FrameHeader:
         self.effects = self._effects()
 
     def _integer(self, name: str, *, default: int) -> int:
-        value = self._attributes.get(name, default)
-        if not isinstance(value, int):
-            raise self._wrong(name, "an int", value)
-        return value
+        number = self._number(name, "a whole number", default)
+        if not number.is_integer():
+            raise self._wrong(name, "a whole number", number)
+        return int(number)
 
     def _exposure(self) -> float:
-        value = self._attributes.get("cltaa:exposure", 1.0)
-        if not isinstance(value, float):
-            raise self._wrong("cltaa:exposure", "a double", value)
-        return value
+        return self._number("cltaa:exposure", "a number", 1.0)
+
+    def _number(self, name: str, expected: str, default: float) -> float:
+        """A number of whatever type a writer gave it: int, float, double, or a rational as Python has it."""
+        value = self._attributes.get(name, default)
+        if isinstance(value, np.ndarray) and value.size == 1 and value.dtype.kind in "iuf":
+            return float(value.reshape(()))
+        if isinstance(value, bool | str) or not isinstance(value, Real | np.generic):
+            n, d = getattr(value, "n", None), getattr(value, "d", None)  # a rational, as OpenEXR has it
+            if not isinstance(n, int) or not isinstance(d, int) or d == 0:
+                raise self._wrong(name, expected, value)
+            return n / d
+        return float(value)
 
     def _numbers(self, name: str, shape: tuple[int, ...]) -> Matrix:
+        """A vector or matrix of whatever precision a writer gave it."""
         value = self._attributes.get(name)
         kind = "V2d" if shape == (2,) else "M44d"
         if value is None:
             cure = "capture it with cltaa, or add the attribute"
             raise DataError("attribute is missing", path=self._path, expected=f"{name} ({kind})", cure=cure)
-        if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype != np.float64:
+        if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype.kind not in "iuf":
             raise self._wrong(name, kind, value)
-        return value
+        return value.astype(np.float64)
 
     def _text(self, name: str) -> str | None:
         value = self._attributes.get(name)

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 
+import cltaa
 from cltaa.cli import main
 from cltaa.commands.options import chosen_effects
 from cltaa.core.presets import FIELDS, load_preset, override, preset_names, words_of
 from cltaa.frame import Effect, parse_effects
 from cltaa.io.preset_file import load_config
 from cltaa.io.sequence import open_sequence
-from cltaa.renamed import EFFECTS, KEYS, MEMBERS, PRESETS, WORDS, Renamed
+from cltaa.renamed import EFFECTS, KEYS, MEMBERS, PRESETS, PUBLIC, WORDS, Renamed
 from tests.sequence_factory import write_sequence
 
 
@@ -74,3 +75,9 @@ def test_one_line_of_a_command(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "preset fast with box_scale_static=2" in said.out
     assert said.err.count("cltaa: warning: ") == 2
     assert "key gamma_still is called box_scale_static now" in said.err
+
+
+@pytest.mark.parametrize(("old", "new"), PUBLIC.items())
+def test_a_public_name(old: str, new: str) -> None:
+    with pytest.warns(Renamed, match=f"{old} is called {new} now"):
+        assert getattr(cltaa, old) is getattr(cltaa, new)
