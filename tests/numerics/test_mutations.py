@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from cltaa.core.build import Build
+from tests.kernels.stage_chain import variants
 from tests.numerics.memory import EDITS, PLANTED
 from tests.numerics.mutations import MUTATIONS, TOP, Mutation, chosen_by, main, occurrences
 
@@ -17,6 +19,17 @@ from tests.numerics.mutations import MUTATIONS, TOP, Mutation, chosen_by, main, 
 def test_a_fault_still_has_its_place(mutation: Mutation) -> None:
     assert occurrences(mutation) == 1, mutation.file
     assert mutation.right != mutation.wrong
+
+
+@pytest.mark.parametrize("mutation", MUTATIONS, ids=lambda mutation: mutation.fault)
+def test_a_fault_names_tests_that_there_are(mutation: Mutation) -> None:
+    for name in (*mutation.values, *mutation.bits):
+        chosen = re.fullmatch(r"(?:gpu )?(?:bound|twin) of (\w+)-(.+)", name)
+        if chosen:
+            assert chosen[2] in variants(chosen[1], Build(strict=True, lanes=1)), name
+        else:
+            path, _, function = name.split("[")[0].partition("::")
+            assert f"def {function}" in (TOP / path).read_text(encoding="utf-8"), name
 
 
 def test_faults_are_told_apart() -> None:
