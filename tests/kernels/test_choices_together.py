@@ -71,7 +71,7 @@ def differing_with(row: Row) -> int:
     """Values that differ between kernel and twin, over three frames."""
     with pytest.MonkeyPatch.context() as patch:
         # The first frame has nothing to blur, which changes no bit (test_terms.py): it needs no kernel of its own.
-        patch.setattr("cltaa.core.resolver.Terms.of", lambda _: Terms())
+        patch.setattr("cltaa.core.build.Terms.of", lambda _: Terms())
         effects = frozenset(Effect) if "illumination" in row else None
         frames = [replace(frame, effects=effects) for frame in hard_frames()]
         return differing({**row, "disocclusion_blur": 0.5}, frames, LANES, ROWS)
