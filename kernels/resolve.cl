@@ -1,4 +1,16 @@
 // The temporal resolve. A work-item walks down a column of the image, a segment of LANES pixels at a time.
+//
+// `real` is one float on a GPU, and a vector of LANES neighbouring pixels on a CPU. K(v) is a number of its lanes'
+// type, SPLAT(v) that number in each lane, LANE_INDEX the lanes counted from 0 (platform/lanes.h). plane_in and
+// plane_out are planes of floats with a halo, history_in and history_out such planes in the format that the history is
+// stored in.
+//
+// The prelude defines what is in capitals, frame_t (the numbers of this frame) and settings_t (those of the preset).
+// cltaa/core/build.py writes it in front of this text; `cltaa kernels --show resolve` prints it.
+//
+// sample_history runs the illumination-change test and the disocclusion test too, hence its arguments `current` and
+// `rows.below.texels`. rectified_alpha acts for BOX_UNIT alone. extend_stored does nothing on a GPU, where
+// extend_edges_kernel of store.cl repeats the edges.
 #include "taa/accumulate.h"
 #include "schedule/window.h"
 
@@ -28,7 +40,7 @@ __kernel void resolve_kernel(plane_in current, plane_in inverse_depth, plane_in 
 
         // Rectify: move the history into the range of the 3x3.
         h.alpha = rectified_alpha(alpha, h.alpha, x, y, frame);
-        const rectification r = rectify(h.rgb, p.filtered, p.near, m, box_scale_of(m, settings), frame, settings);
+        const rectification r = rectify(h.rgb, p.filtered, p.stats, m, box_scale_of(m, settings), frame, settings);
 
         // Accumulate: blend the sample with the history, by the history's effective sample count.
         const resolved out = resolve_pixel(p, h, r, settings);

@@ -101,8 +101,8 @@ __kernel void sample_history_kernel(plane_in current, plane_in motion_in, histor
     store(p + 8 * plane, h.change);
 }
 
-// Rectification: the change that moves that history into the box of the statistics. 6 planes: r, g, b, pull, unrest,
-// calm.
+// Rectification: the change that moves that history into the box of the statistics. 6 planes: r, g, b, clip
+// distance, blend boost, anti-flicker factor.
 __kernel void rectify_history_kernel(plane_in statistics_in, plane_in motion_in, plane_in history_at,
     plane_out change_out, const frame_t frame, const settings_t settings)
 {
@@ -150,7 +150,7 @@ __kernel void blend_kernel(plane_in current, plane_in alpha, plane_in reactive, 
     h.alpha = rectified_alpha(alpha, h.alpha, x, y, frame);
     const colour mean = load_colour(statistics_in + at, plane);
     pixel_t p; // of it only what is looked at after rectification
-    p.near.mean = from_units((boxed) { mean.r, mean.g, mean.b });
+    p.stats.mean = from_units((boxed) { mean.r, mean.g, mean.b });
     p.alpha = ALPHA ? load_share(alpha + at, SPLAT(1.0)) : SPLAT(1.0);
     p.reactivity = REACTIVE ? load_share(reactive + at, SPLAT(0.0)) : SPLAT(0.0);
     p.filtered = load_colour(statistics_in + at + 12 * plane, plane);

@@ -60,9 +60,8 @@ STAGE floats beyond_halves(floats v)
 }
 
 // The result in halves, as a file holds them: each channel rounded to the nearest. From the largest half on it becomes
-// infinite, by which the host finds what is cut and limits it (halves.py). A work-item takes every so many segments of
-// its row as there are work-items to the row: on a CPU all of them.
-#include "platform/image.h"
+// infinite, by which the host finds what is cut and limits it (cltaa/pipeline/output.py). A work-item takes every so
+// many segments of its row as there are work-items to the row: on a CPU all of them.
 __kernel void to_halves_kernel(history_in image, __global half* restrict halves, const frame_t frame, const int planes)
 {
     const int row = (int)get_global_id(1), first = (int)get_global_id(0) * LANES;

@@ -154,7 +154,7 @@ class Pixel(NamedTuple):
     filtered: Colour
     alpha: Array
     reactivity: Array
-    near: Statistics
+    stats: Statistics  # of the 3x3
     least_reactive: Array  # of the 3x3, where temporal windows are weighed
     most_reactive: Array
 
@@ -170,7 +170,7 @@ class Resolved:
 
 
 def share_in_domain(v: Array, otherwise: float) -> Array:
-    """Alpha or reactivity limited to [0, 1]; no number means ``otherwise``."""
+    """Alpha or reactivity limited to [0, 1]; NaN or what else is outside the domain means ``otherwise``."""
     return np.where(outside_domain(v), number(otherwise, v), limit(v, number(0, v), number(1, v)))
 
 
@@ -197,8 +197,8 @@ def current_pixel(
     frame: Record,
 ) -> Pixel:
     """Each pixel from the rows above, at and below it, and from padded planes [1, rows, stride] of shares."""
-    near = neighbourhood_statistics(*rows, build)
-    filtered = current_sample(*rows, near, build, frame)
+    stats = neighbourhood_statistics(*rows, build)
+    filtered = current_sample(*rows, stats, build, frame)
     own = rows[1].centre if build.choices.filter_use is FilterUse.FEW else filtered
     shares = load_shares(alpha, reactive, own[0], build, layout)
     least = count_limit = shares[1]
@@ -208,7 +208,7 @@ def current_pixel(
                 there = reactive[0, top : top + layout.height, left : left + layout.width].astype(least.dtype)
                 r = share_in_domain(there, 0.0)
                 least, count_limit = lesser(least, r), greater(count_limit, r)
-    return Pixel(own, filtered, *shares, near, least, count_limit)
+    return Pixel(own, filtered, *shares, stats, least, count_limit)
 
 
 def as_reactive(r: Array, now: Pixel) -> Array:
@@ -248,7 +248,7 @@ def drawn_towards(own: Colour, filtered: Colour, share: Array) -> Colour:
 
 
 def effective_samples(p: Pixel, h: History, r: Rectification, build: Build, settings: Record) -> Array:
-    """How many samples a pixel's rectified history is believed to stand for."""
+    """The effective sample count of a pixel's rectified history."""
     count_limit = count_limit_of(h.fx, h.fy, build, settings)
     count = effective_count(h.count, count_limit, r.clip_distance, build, settings)
     return count * (number(1.0, count) - p.reactivity) if build.steps.reactive else count
@@ -272,7 +272,7 @@ def resolve_pixel(p: Pixel, h: History, r: Rectification, build: Build, settings
         weight = weight * difference_share(current, past, settings)
     if build.choices.anti_flicker is AntiFlicker.CLAMP_DISTANCE:
         weight = weight * r.anti_flicker_factor
-    fresh = disoccluded_colour(current, p.near.mean, build, settings)
+    fresh = disoccluded_colour(current, p.stats.mean, build, settings)
     mixed = [blend(y, c, weight) for y, c in zip(past, current, strict=True)]
     chosen = [np.where(h.valid, m, f) for m, f in zip(mixed, fresh, strict=True)]
     stored = storable_colour(from_range((chosen[0], chosen[1], chosen[2]), build), current, build)

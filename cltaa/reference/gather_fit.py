@@ -160,14 +160,14 @@ def resolve_gathered(
     plain = build.choices.gather_fit is GatherFit.MEAN
     change = [total / weight for total in g.sum] if plain else gathered_change(g, far, layers, build, settings)
     past = (current[0] + change[0], current[1] + change[1], current[2] + change[2])
-    moved = rectify(past, current, p.near, m, box_scale_of(m, settings), build, layout, settings).change
+    moved = rectify(past, current, p.stats, m, box_scale_of(m, settings), build, layout, settings).change
     share = g.weight / (sample_share(current, build, settings) + g.weight) if plain else one
     alpha_share = one
     if build.steps.reactive:
         alpha_share = one - distrust(p.reactivity, build)
         share = share * alpha_share
     mixed = [x + share * ((y - x) + c) for x, y, c in zip(current, past, moved, strict=True)]
-    fresh = disoccluded_colour(current, p.near.mean, build, settings)
+    fresh = disoccluded_colour(current, p.stats.mean, build, settings)
     r, gr, b = (np.where(any_of, k, f) for k, f in zip(mixed, fresh, strict=True))
     chosen = (r, gr, b)
     filters = build.choices.current_filter is not CurrentFilter.NONE

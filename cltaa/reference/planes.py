@@ -1,4 +1,7 @@
-"""What every twin reads of padded planes, and writes into them."""
+"""What every twin reads of padded planes, and writes into them: twin of ``store_recurrent`` and ``extend_stored``.
+
+The first is of ``taa/accumulate.h``, the second of ``schedule/edges.h``.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Twin of ``real.h``: the guards and comparisons that every stage uses, on arrays of float32 or float64."""
+"""Twin of ``platform/real.h``: the guards and comparisons that every stage uses, on arrays of float32 or float64."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from cltaa.reference.reprojection import Motion
 
 
 class BoxOf(NamedTuple):
-    """Centre, half extents and ends of the box, a channel; the ends are the neighbourhood's own, to the bit."""
+    """Centre, half extents and ends of the box, a channel; unscaled ends are the neighbourhood's extremes, to the bit."""
 
     centre: Colour
     extent: Colour
@@ -25,7 +25,8 @@ class BoxOf(NamedTuple):
 
 
 class Rectification(NamedTuple):
-    """The change to the history in RGB; how far its first coordinate was moved in half extents; unrest and calm."""
+    """The change to the history in RGB; how far its first coordinate was moved, in half extents; boost and factor of the
+    current sample's weight."""
 
     change: Colour
     clip_distance: Array
@@ -177,7 +178,7 @@ def rectify(
 
 
 def box_scale_of(m: Motion, settings: Record) -> Array:
-    """Half width of the box in standard deviations: wide where nothing moves."""
+    """Scale of the box, of its deviations or of its extremes: wide where nothing moves."""
     k = m.u.dtype.type
     speed = greater(np.abs(m.u), np.abs(m.v)) / k(settings["motion_px"])
     still = greater(k(1.0) - speed, k(0.0))

@@ -98,7 +98,7 @@ def rectify_history_kernel(
     frame: Record,  # noqa: ARG001
     settings: Record,
 ) -> None:
-    """``change_out`` [6, rows, stride]: change of r, g, b, pull, unrest, calm."""
+    """``change_out`` [6, rows, stride]: change of r, g, b, clip distance, blend boost, anti-flicker factor."""
     near, sample = _load_statistics(statistics_in, build, layout)
     m = _load(motion_in, build, layout)
     moved = Motion(m[0], m[1], m[2], m[3], m[4] > number(0.5, m[4]))

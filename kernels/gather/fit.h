@@ -153,7 +153,7 @@ STAGE resolved resolve_gathered(
         const colour change = gathered_change(g, far, l, settings);
         past.r = current.r + change.r, past.g = current.g + change.g, past.b = current.b + change.b;
     }
-    const rectification r = rectify(past, current, p.near, m, box_scale_of(m, settings), frame, settings);
+    const rectification r = rectify(past, current, p.stats, m, box_scale_of(m, settings), frame, settings);
     // A mean leaves out the current sample and gets a share relative to it; a fit includes it.
     real share = GATHER_FIT == GATHER_FIT_MEAN ? g.weight / (sample_share(current, settings) + g.weight) : one;
     real alpha_share = one;
@@ -164,7 +164,7 @@ STAGE resolved resolve_gathered(
     const colour mixed = { current.r + share * ((past.r - current.r) + r.change.r),
         current.g + share * ((past.g - current.g) + r.change.g),
         current.b + share * ((past.b - current.b) + r.change.b) };
-    colour chosen = choose_colour(any, mixed, disoccluded_colour(current, p.near.mean, settings));
+    colour chosen = choose_colour(any, mixed, disoccluded_colour(current, p.stats.mean, settings));
     if ((FILTER_USE == FILTER_USE_FEW_SAMPLES) & (CURRENT_FILTER != CURRENT_FILTER_NONE)) {
         const real of_mean = one / (g.count + one), filter_share = gathered_filter_share(of_mean, g, l, settings);
         chosen = drawn_towards(chosen, p.filtered, filtered_share(filter_share, p.filtered, settings));

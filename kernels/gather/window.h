@@ -95,7 +95,7 @@ STAGE void store_window(plane_out windows, int window, resolved r, real error, i
 }
 
 // All windows but that without motion say what that of all frames does where most of the latest samples are unlike: of
-// a surface that a veil has just covered or uncovered they say next to nothing.
+// a surface that a veil has just covered or disoccluded they say next to nothing.
 STAGE void stand_in(plane_out windows, gathered latest, resolved all, real error, int x, int y, frame_t frame)
 {
     const size_t plane = plane_size(frame);

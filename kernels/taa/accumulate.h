@@ -153,7 +153,7 @@ typedef struct
     real luminance; // four times that of `filtered`
     real alpha, reactivity;
     real least_reactive, most_reactive; // of the 3x3, where temporal windows are weighed
-    statistics near;
+    statistics stats; // of the 3x3
 } pixel_t;
 
 typedef struct
@@ -195,8 +195,8 @@ STAGE pixel_t current_pixel(
 {
     const uint at = texel_offset(frame, x, y);
     pixel_t p;
-    p.near = neighbourhood_statistics(above, centre, below);
-    p.filtered = current_sample(above, centre, below, p.near, frame);
+    p.stats = neighbourhood_statistics(above, centre, below);
+    p.filtered = current_sample(above, centre, below, p.stats, frame);
     p.own = FILTER_USE == FILTER_USE_FEW_SAMPLES ? centre.centre : p.filtered;
     // In YCoCg that of the pixel's own sample is worked out already, to the bit.
     const int known = (CURRENT_FILTER == CURRENT_FILTER_NONE) & (BOX_SPACE == BOX_SPACE_YCOCG);
@@ -280,7 +280,7 @@ STAGE resolved blend_pixel(
         = { blend(past.r, current.r, weight), blend(past.g, current.g, weight), blend(past.b, current.b, weight) };
     colour v = mixed;
     if (DISOCCLUSION_BLUR && any_of(!h.valid))
-        v = choose_colour(h.valid, mixed, disoccluded_colour(current, p.near.mean, settings));
+        v = choose_colour(h.valid, mixed, disoccluded_colour(current, p.stats.mean, settings));
     resolved out;
     out.rgb = storable_colour(from_range(v), current);
     out.alpha = p.alpha;

@@ -4,8 +4,13 @@
 #if !defined(RECTIFY) || !defined(BOX) || !defined(ACCUMULATE) || !defined(ANTI_FLICKER)
 #error "rectify.h needs RECTIFY, BOX, ACCUMULATE and ANTI_FLICKER from the prelude"
 #endif
+#if RECTIFY != RECTIFY_NONE && RECTIFY != RECTIFY_CLAMP && RECTIFY != RECTIFY_CLIP                                     \
+    && RECTIFY != RECTIFY_CLIP_UNGUARDED && RECTIFY != RECTIFY_CLIP_CURRENT && RECTIFY != RECTIFY_ELLIPSOID
+#error "rectify_history knows no such RECTIFY"
+#endif
 
-// Half width of the box in standard deviations: wide where nothing moves, narrow from motion_px pixels a frame on.
+// Scale of the box, gamma: of its deviations (BOX_VARIANCE, BOX_BOTH) or of its extremes (BOX_EXTREMES). Wide where
+// nothing moves, narrow from motion_px pixels a frame on.
 STAGE real box_scale_of(motion_t m, settings_t settings)
 {
     if (!BOX_SCALE_BY_MOTION)
@@ -15,10 +20,10 @@ STAGE real box_scale_of(motion_t m, settings_t settings)
     return SPLAT(settings.box_scale_moving) + still * (K(settings.box_scale_static) - K(settings.box_scale_moving));
 }
 
-// The box: centre and half extents a channel, extents floored at box_floor of the box's largest coordinate, because a
-// box that is flat in one channel makes the line clip throw the whole history away for a rounding error in that
-// channel. Its ends are those that the neighbourhood has, to the bit, so that history that equals its own sample is
-// never moved by a rounding of centre and extent.
+// The box: centre, half extents and ends a channel. For clip and ellipsoid the extents, which divide, are floored
+// at box_floor of the box's largest coordinate: a box that is flat in one channel would make the line clip throw the
+// whole history away for a rounding error in that channel. The ends are not worked out of centre and extent. Where no
+// scale moves them they are the neighbourhood's extremes to the bit, so that no rounding moves history that equals one.
 typedef struct
 {
     boxed centre, extent, low, high;
@@ -97,7 +102,8 @@ STAGE real outsideness(boxed d, boxed extent)
     return greater_or_nan(a, greater_or_nan(b, c));
 }
 
-// The ends of the variance box are centre and extent, so that there outsideness has said it.
+// Whether history lies beyond an end of the box. Yes for all of a variance box: its ends are centre -+ extent, which
+// outsideness has compared with already.
 STAGE mask outside_ends(boxed v, box_t box)
 {
     if (BOX == BOX_VARIANCE)

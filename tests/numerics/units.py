@@ -149,7 +149,7 @@ def gathered(work: Work) -> Values:
     )
     weight = np.where(g.count > 0, g.weight, 1.0)
     past = [now + total / weight for now, total in zip(p.own, g.sum, strict=True)]
-    return np.abs([*p.own, *p.near.mean, *p.near.low, *p.near.high, *past]).max(0)
+    return np.abs([*p.own, *p.stats.mean, *p.stats.low, *p.stats.high, *past]).max(0)
 
 
 def halves(scale: Callable[[Work], Any]) -> Callable[[Work], Any]:
