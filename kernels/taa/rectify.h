@@ -102,8 +102,8 @@ STAGE real outsideness(boxed d, boxed extent)
     return greater_or_nan(a, greater_or_nan(b, c));
 }
 
-// Whether history lies beyond an end of the box. Yes for all of a variance box: its ends are centre -+ extent, which
-// outsideness has compared with already.
+// Whether history lies beyond an end of the box. Yes everywhere for a variance box: its ends are centre -+ extent,
+// which outsideness has compared with already.
 STAGE mask outside_ends(boxed v, box_t box)
 {
     if (BOX == BOX_VARIANCE)

@@ -13,8 +13,8 @@ typedef struct
     mask visible;
 } motion_t;
 
-// Camera motion. With p = (px, py, 1, inverse depth), px and py in pixels from the image centre, the previous position
-// is (p + D_xy p) / (1 + D_w p), so the displacement is (D_xy p - p_xy (D_w p)) / (1 + D_w p). The host builds D in
+// Camera motion. With p = (px, py, inverse depth, 1), px and py in pixels from the image centre, the previous position
+// is (p_xy + D_xy p) / (1 + D_w p), so the displacement is (D_xy p - p_xy (D_w p)) / (1 + D_w p). The host builds D in
 // float64 and rounds it once; it is exactly 0 for a still camera, and so is the displacement. docs/conventions.md,
 // Matrices.
 STAGE motion_t motion_from_depth(surface s, real x, real y, frame_t frame)
