@@ -16,7 +16,7 @@ from cltaa.reference.reprojection import Motion
 
 
 class BoxOf(NamedTuple):
-    """Centre, half extents and ends of the box, a channel; unscaled ends are the neighbourhood's extremes, to the bit."""
+    """Centre, half extents and ends of the box, a channel; unscaled ends are the 3x3's extremes, to the bit."""
 
     centre: Colour
     extent: Colour
@@ -25,8 +25,8 @@ class BoxOf(NamedTuple):
 
 
 class Rectification(NamedTuple):
-    """The change to the history in RGB; how far its first coordinate was moved, in half extents; boost and factor of the
-    current sample's weight."""
+    """The change to the history in RGB; how far its first coordinate was moved, in half extents; boost and factor of
+    the current sample's weight."""
 
     change: Colour
     clip_distance: Array
