@@ -162,8 +162,8 @@ def one(work: Work) -> float:  # noqa: ARG001
 
 
 @quiet
-def pulled(work: Work) -> Values:
-    """M / extent + pull: how an error of the history shows in half extents of the box."""
+def clipped(work: Work) -> Values:
+    """M / extent + clip distance: how an error of the history shows in half extents of the box."""
     inside = work.layout.inside
     low, high = inside(work.planes["statistics_out"])[[6, 9]]
     centre = low + 0.5 * (high - low)
@@ -239,8 +239,8 @@ OUTPUTS = [
     Output(HISTORY, "history: usable", "history_at", slice(7, 8), "u", one),
     Output(HISTORY, "history: illumination change", "history_at", slice(8, 9), "u", one),
     Output("rectify_history", "rectify: change", "change_out", RGB, "u·M", box),
-    Output("rectify_history", "rectify: pull p", "change_out", FOURTH, "u·(M / extent + p)", pulled),
-    Output("rectify_history", "rectify: unrest, calm", "change_out", slice(4, 6), "u", one),
+    Output("rectify_history", "rectify: clip distance c", "change_out", FOURTH, "u·(M / extent + c)", clipped),
+    Output("rectify_history", "rectify: blend boost, anti-flicker factor", "change_out", slice(4, 6), "u", one),
     Output("blend", "blend: colour", "output", RGB, "u·M·k", blended),
     Output("blend", "blend: alpha", "output", FOURTH, "u·k", conditioned),
     Output("blend", "blend: count n", "output_count", FIRST, "u·(1 + n)", counts),
