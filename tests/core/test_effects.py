@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
 from cltaa.core.backend import Launcher
-from cltaa.core.parameters import Rectify, Reject
+from cltaa.core.build import Build, Steps, Terms
+from cltaa.core.parameters import Choices, Rectify, Reject, Settings
 from cltaa.core.plan import plan_frame, with_effects
 from cltaa.core.presets import load_preset, override, preset_names
 from cltaa.core.resolver import Resolver
@@ -170,7 +172,11 @@ def test_what_does_not_gather_runs_the_program_of_the_default(name: str, monkeyp
 
     program, image = run("default")
     assert run("gather-8") == (program, image)
-    monkeypatch.setattr("cltaa.core.resolver.shared", lambda build: build)
+
+    def whole(asked: Build, choices: Choices, settings: Settings, steps: Steps) -> Build:
+        return msgspec.structs.replace(asked, choices=choices, steps=steps, terms=Terms.of(settings))
+
+    monkeypatch.setattr("cltaa.core.resolver.build_of", whole)
     other, alone = run("gather-8")
     assert other != program
     assert alone == image
