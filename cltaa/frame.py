@@ -6,9 +6,10 @@ The meaning of every word here is fixed in ``docs/conventions.md``.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,3 +128,14 @@ class Frame:
         names = ("colour", "depth", "motion", "alpha", "reactive", "object_id", "normal")
         there = " ".join(name for name in names if getattr(self, name) is not None)
         return f"Frame({self.index}: {self.width} x {self.height}, {there}{', cut' if self.cut else ''})"
+
+
+def outline(frame: Frame) -> Frame:
+    """``frame`` without its pixels: its channels are there, and take no memory."""
+    channels = ("colour", "depth", "motion", "alpha", "reactive", "object_id", "normal")
+    empty: dict[str, Any] = {
+        name: np.broadcast_to(np.float32(0), there.shape)
+        for name in channels
+        if (there := getattr(frame, name)) is not None
+    }
+    return replace(frame, **empty)

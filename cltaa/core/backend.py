@@ -46,8 +46,9 @@ class Launcher(Protocol):
     def run(self, kernel: str, build: Build, layout: Layout, arguments: Mapping[str, Any]) -> None:
         """Run a kernel over an image of ``layout``; arguments are buffers, struct records, whole numbers or None."""
 
-    def copy(self, source: Buffer, target: Buffer, offset: int) -> None:
-        """Copy all of ``source`` into ``target``, from its element ``offset`` on; both hold the same numbers."""
+    def copy(self, source: Buffer, target: Buffer, offset: int, start: int = 0) -> None:
+        """Copy ``source`` from its element ``start`` on into ``target`` from ``offset`` on, to the end of the shorter;
+        both hold the same numbers."""
 
     def finish(self) -> None:
         """Wait for everything that was started."""

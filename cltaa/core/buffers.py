@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -77,6 +78,15 @@ class Buffers:
             self._copies[name] = self._planes(len(planes))
         fill(self._copies[name], self.layout, planes)
         self.channels[name] = self._copies[name]
+
+    def copied(self, name: str, planes: int) -> Buffer:
+        """What the frame's channel of that name is to be copied into, inside the device's memory."""
+        if name == "inverse_depth":
+            return self.inverse_depth
+        if name not in self._copies:
+            self._copies[name] = self._planes(planes)
+        self.channels[name] = self._copies[name]
+        return self._copies[name]
 
     def halves(self) -> Buffer:
         """What holds the result in halves, allocated when first asked for."""
@@ -156,25 +166,29 @@ def fill(buffer: Buffer, layout: Layout, planes: NDArray[np.float32]) -> None:
 
 
 class FrameRing:
-    """A ring of ``count`` frames of one size and the one in work; ``past``: the facts about each, the latest first."""
+    """A ring of ``count`` frames of one size, the one in work and ``ahead`` later ones; ``past``: the facts about each,
+    the latest first."""
 
-    def __init__(self, launcher: Launcher, layout: Layout, count: int, steps: Steps) -> None:
-        self.layout, self._launcher, self._count = layout, launcher, count
-        self._planes, self._channels = ring_planes(steps), _channels(steps)
-        self._slots = count + 1
+    def __init__(self, launcher: Launcher, layout: Layout, count: int, steps: Steps, ahead: int = 0) -> None:
+        self.layout, self._launcher, self._count, self._ahead = layout, launcher, count, ahead
+        self._planes, self._steps = ring_planes(steps), steps
+        self._slots = count + 1 + ahead
         self.planes = _ring(launcher, (self._slots * self._planes, layout.rows, layout.stride), self._slots)
-        self.records = launcher.allocate((count,), FRAME_DTYPE)
+        self.records = launcher.allocate((count + ahead,), FRAME_DTYPE)
         self.past: tuple[Past, ...] = ()
         self._windows: Buffer | None = None
 
-    def fit(self, layout: Layout, count: int, steps: Steps) -> bool:
-        """True when this ring holds ``count`` frames of that size and with those channels."""
-        return (layout, count, _channels(steps)) == (self.layout, self._count, self._channels)
+    def fit(self, layout: Layout, count: int, steps: Steps, ahead: int = 0) -> bool:
+        """True when this ring holds ``count`` frames and ``ahead`` later ones of that size and with those channels."""
+        wanted = layout, count, ahead, _channels(steps)
+        return wanted == (self.layout, self._count, self._ahead, _channels(self._steps))
 
     def build(self, build: Build, frame: Frame) -> Build:
         """``build`` with camera motion where the camera differs from that of any frame of the ring."""
-        moved = any(not is_still(frame.camera, past.camera) for past in self.past)
-        return replace(build, steps=replace(build.steps, camera_motion=build.steps.camera_motion or moved))
+        told = self._told(frame) if self._ahead else self.past
+        moved = any(not is_still(frame.camera, past.camera) for past in told)
+        steps = replace(build.steps, camera_motion=build.steps.camera_motion or moved, look_ahead=self._ahead > 0)
+        return replace(build, steps=steps)
 
     def window_memory(self, steps: Steps) -> Buffer:
         """Memory for what is gathered of the temporal windows, allocated when first asked for."""
@@ -185,33 +199,47 @@ class FrameRing:
 
     def standing(self, frame: Frame) -> int:
         """How many of the latest frames in the ring were seen by the camera of ``frame``."""
-        told = self.past[: self._count]
+        told = [past for past in self._told(frame) if past.index < frame.index]
         return next((place for place, past in enumerate(told) if not is_still(frame.camera, past.camera)), len(told))
 
     def describe(self, frame: Frame, plan: Plan) -> int:
         """Tell the device how ``frame`` looks from each frame of the ring; returns how many there are."""
+        told = self._told(frame)
         with self.records.mapped(write=True) as records:
-            for place, past in enumerate(self.past[: self._count]):
+            for place, past in enumerate(told):
                 record = frame_record(frame, past, self.layout, plan)
                 record["jitter_x"], record["jitter_y"] = past.jitter_px
                 record["slot"] = past.index // frame.step % self._slots
+                record["ahead"] = max(0, past.index - frame.index) // frame.step
                 records[place] = record
-        return min(len(self.past), self._count)
+        return len(told)
+
+    def _told(self, frame: Frame) -> list[Past]:
+        """The frames of the ring that ``frame`` is gathered from: the latest before it first, and then those ahead."""
+        before = [past for past in self.past if past.index < frame.index]
+        later = [past for past in reversed(self.past) if past.index > frame.index]
+        return before[: self._count] + later[: self._ahead]
 
     def keep(self, frame: Frame, buffers: Buffers, steps: Steps) -> None:
         """Copy what was uploaded of ``frame`` into the ring, in the place of the oldest."""
-        sources = [(buffers.channels["current"], 3), (buffers.inverse_depth, 1)]
-        if steps.own_motion:
-            sources.append((buffers.channels["motion"], 2))
-        if steps.alpha:
-            sources.append((buffers.channels["alpha"], 1))
-        if steps.reactive:
-            sources.append((buffers.channels["reactive"], 1))
-        at = (frame.index // frame.step % self._slots) * self._planes * self.layout.plane
-        for source, planes in sources:
+        for name, _, at in self._channels_of(frame, steps):
+            source = buffers.inverse_depth if name == "inverse_depth" else buffers.channels[name]
             self._launcher.copy(source, self.planes, at)
-            at += planes * self.layout.plane
         self.past = (Past.of(frame), *self.past)[: self._slots]
+
+    def bring(self, frame: Frame, buffers: Buffers, steps: Steps) -> None:
+        """Copy a frame of the ring to where ``buffers`` hold the one in work."""
+        for name, planes, at in self._channels_of(frame, steps):
+            self._launcher.copy(self.planes, buffers.copied(name, planes), 0, at)
+
+    def _channels_of(self, frame: Frame, steps: Steps) -> Iterator[tuple[str, int, int]]:
+        """Name, planes and first element of each channel of ``frame`` in the ring."""
+        at = (frame.index // frame.step % self._slots) * self._planes * self.layout.plane
+        kept = (steps.own_motion, "motion", 2), (steps.alpha, "alpha", 1), (steps.reactive, "reactive", 1)
+        for held, name, planes in ((True, "current", 3), (True, "inverse_depth", 1), *kept):
+            if held:
+                yield name, planes, at
+                at += planes * self.layout.plane
 
     def go_back(self, last: Past | None) -> None:
         """Forget what was kept after ``last``, as of a frame that was interrupted; all where there is none."""

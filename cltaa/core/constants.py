@@ -21,6 +21,9 @@ CONSTANTS: Final[dict[str, Constant]] = {
         0.75, "pixels from the centre to which a thing that the 3x3 misses is looked for: measured"
     ),
     "SUBPIXEL_HITS": Constant(3.0, "samples of a 3x3 that a line through it hits: what hits more is not thin"),
+    "AHEAD_CLOSE": Constant(
+        0.5, "pixels by which the last round of a step ahead may move it: half a sample's distance"
+    ),
     "HALF_LIMIT": Constant(65504.0, "largest half; larger magnitudes are stored as it"),
     "HALF_NORMAL": Constant(2.0**-14, "least normal half; below it halves have one distance"),
     "HALF_STEP": Constant(2.0**-10, "distance of halves over the power of two below them"),
@@ -53,6 +56,7 @@ WINDOWS: Final = 4
 SHORT_WINDOW: Final = 3  # frames in the ring of the first
 MIDDLE_WINDOW: Final = 7  # and of the second
 WINDOW_REACH: Final = 2  # texels up, down, left and right that are asked
+AHEAD_STEPS: Final = 3  # rounds of the search for the place ahead to which a surface moves
 # Those of them that kernels know, by these names.
 WHOLE_NUMBERS: Final = {
     "PAD_X": PAD_X,
@@ -61,6 +65,7 @@ WHOLE_NUMBERS: Final = {
     "SHORT_WINDOW": SHORT_WINDOW,
     "MIDDLE_WINDOW": MIDDLE_WINDOW,
     "WINDOW_REACH": WINDOW_REACH,
+    "AHEAD_STEPS": AHEAD_STEPS,
 }
 # Rows begin on a multiple of this many floats, the widest vector of any device.
 ROW_ALIGNMENT: Final = 16

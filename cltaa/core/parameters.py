@@ -94,6 +94,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
     history_frames: Annotated[
         int, _number("earlier frames whose samples are kept (history frames)", 1, 64, "frames", "measured")
     ] = 15
+    look_ahead: Annotated[
+        int, _number("later frames whose samples are gathered too (history frames)", 0, 64, "frames", "measured")
+    ] = 0
     fit_ridge: Annotated[
         float,
         _number("even samples' worth that holds the fitted slope back", 2.0**-6, 2.0**20, "1", "measured"),
@@ -177,6 +180,7 @@ HOST_SETTINGS = frozenset(
         "illumination_box_scale",
         "filter_falloff",
         "history_frames",
+        "look_ahead",
         "sky_at",
         "sky_below",
     }

@@ -111,6 +111,7 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan
         across,
         down,
         0,
+        0,
         *weights,
     )
     return np.array(values, FRAME_DTYPE)

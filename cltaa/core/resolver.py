@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import wraps
 from threading import get_ident
@@ -31,10 +32,10 @@ from cltaa.core.parameters import Choices, HistoryKind, Illumination, Settings
 from cltaa.core.passes import Passes
 from cltaa.core.plan import Plan, channel_steps, plan_frame
 from cltaa.core.planes import Layout
-from cltaa.core.presets import Preset, load_preset
+from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.record import Past, frame_record
 from cltaa.errors import UsageError
-from cltaa.frame import Frame
+from cltaa.frame import Frame, outline
 from cltaa.process import OneProcess, no_copy
 
 INSIDE = "_inside"  # the attribute that names the thread
@@ -104,6 +105,9 @@ class Resolver:
     the numbers that the history is kept in; ``every_step`` runs steps too that no frame calls for. A measurement gives
     a whole ``build`` in place of ``strict`` and ``storage``; of it the plan decides choices, steps and terms.
     A cut, a gap in the frame numbers or a change of size starts a new history.
+
+    ``look_ahead`` stands over the preset's: with N of it ``feed`` takes the place of ``resolve``, and the image of a
+    frame is ready when N more have come. UsageError where the preset keeps no frames.
     """
 
     def __init__(
@@ -115,11 +119,19 @@ class Resolver:
         storage: Storage = Storage.FLOAT,
         every_step: bool = False,
         build: Build | None = None,
+        look_ahead: int | None = None,
     ) -> None:
         self.every_step = every_step
         if not isinstance(preset, str | Preset):
             raise UsageError("no preset", expected="a name or a cltaa.Preset", found=repr(preset))
         self.preset = load_preset(preset) if isinstance(preset, str) else preset
+        if look_ahead is not None:
+            self.preset = override(self.preset, {"look_ahead": look_ahead}, "Resolver")
+        if self.look_ahead and self.preset.choices.history is not HistoryKind.FRAMES:
+            raise UsageError(
+                f"preset {self.preset.name} keeps no frames, so it cannot look ahead",
+                cure="take one that gathers, as gather-8+8",
+            )
         self._device = device
         self.launcher = launcher_for(device)
         self._asked = build or Build(strict=strict, storage=storage_of(storage))
@@ -128,6 +140,9 @@ class Resolver:
         self._buffers: Buffers | None = None
         self._frame_ring: FrameRing | None = None
         self._previous: Past | None = None
+        # Ahead of it: the frame that came last, and outlines of those that wait for later ones.
+        self._latest: Past | None = None
+        self._waiting: deque[Frame] = deque()
         self.plan: Plan | None = None
         self.last: LastRun | None = None
         self.times = Times(0.0, 0.0, 0.0)
@@ -163,6 +178,11 @@ class Resolver:
         """True where the history is kept in halves."""
         return self.storage in HALVES
 
+    @property
+    def look_ahead(self) -> int:
+        """How many frames an image waits for."""
+        return self.preset.settings.look_ahead
+
     def settings(self) -> dict[str, Any]:
         """Everything that decides the bits of a result, beside the frames."""
         return {
@@ -174,18 +194,20 @@ class Resolver:
 
     @one_thread
     def reset(self) -> None:
-        """Forget the history: the next frame starts a new one."""
-        self._previous = None
+        """Forget the history, and the frames that wait: the next frame starts a new one."""
+        self._forget()
 
     @one_thread
     def close(self) -> None:
         """Free the device memory. The resolver stays usable: the next frame starts a new history."""
-        self._buffers, self._frame_ring, self._previous, self.last = None, None, None, None
+        self._buffers, self._frame_ring, self.last = None, None, None
+        self._forget()
 
     @one_thread
     def reopen(self) -> None:
         """Open the device again after it was lost, without a history; raises what opening it raises."""
-        self._buffers, self._frame_ring, self._previous = None, None, None
+        self._buffers, self._frame_ring = None, None
+        self._forget()
         self.launcher, self._builds = launcher_for(self._device), {}
 
     @one_thread
@@ -212,11 +234,92 @@ class Resolver:
         With ``half`` float16, infinite where it is 65504 or beyond; ``cltaa.pipeline.output.limit_halves`` limits that.
         Raises DataError where ``core.frame_checks`` finds a frame wrong, and UsageError where another thread is in it.
         """
+        if self.look_ahead:
+            raise UsageError("an image of a resolver that looks ahead comes later", cure="call feed() and flush()")
         check_frame(frame)
         started = perf_counter()
         previous, build = self._begin(frame)
         buffers = self._fitting(Layout(frame.width, frame.height), build.steps.alpha)
         upload(frame, buffers, build.steps, self.preset.settings)
+        return self._resolved(frame, previous, build, buffers, started, half=half)
+
+    def images(self, frames: Iterable[Frame], *, half: bool = False) -> Iterator[NDArray[Any]]:
+        """The image of each of ``frames``, in their order, as ``resolve`` gives it; they may come later."""
+        for frame in frames:
+            if not self.look_ahead:
+                yield self.resolve(frame, half=half)
+            else:
+                yield from self._fed(frame, half=half)
+            del frame  # while the next is waited for
+        yield from self._flushed(half=half)
+
+    def feed(self, frame: Frame, *, half: bool = False) -> list[NDArray[Any]]:
+        """Take the next frame; returns the images that are ready now, in the order of their frames.
+
+        That of a frame is ready when ``look_ahead`` more have come, or one that starts a new history; without
+        ``look_ahead`` at once. Raises what ``resolve`` raises; after an error what waited is forgotten.
+        """
+        return list(self._fed(frame, half=half)) if self.look_ahead else [self.resolve(frame, half=half)]
+
+    def flush(self, *, half: bool = False) -> list[NDArray[Any]]:
+        """The images of the frames that wait for later ones, from those that there are."""
+        return list(self._flushed(half=half))
+
+    def _fed(self, frame: Frame, *, half: bool) -> Iterator[NDArray[Any]]:
+        check_frame(frame)
+        if not self._goes_on(frame):
+            yield from self._flushed(half=half)
+        self._take(frame)
+        if len(self._waiting) > self.look_ahead:
+            yield self._next(half=half)
+
+    def _flushed(self, *, half: bool) -> Iterator[NDArray[Any]]:
+        while self._waiting:
+            yield self._next(half=half)
+
+    def _goes_on(self, frame: Frame) -> bool:
+        """Whether ``frame`` is ahead of those that wait, and lies in the same ring."""
+        if self._latest is None or self._frame_ring is None:
+            return False
+        settings, layout = self.preset.settings, Layout(frame.width, frame.height)
+        fits = self._frame_ring.fit(layout, settings.history_frames, self._channel_steps(frame), self.look_ahead)
+        return fits and self._latest.continues_in(frame, self.preset.choices)
+
+    @one_thread
+    def _take(self, frame: Frame) -> None:
+        """Bring a frame into the ring, ahead of those that wait."""
+        started, goes_on, steps = perf_counter(), self._goes_on(frame), self._channel_steps(frame)
+        latest, waiting = self._latest, self._waiting
+        self._forget_ahead()  # an interrupt from here on leaves nothing that waits, rather than a half of it
+        buffers = self._fitting(Layout(frame.width, frame.height), steps.alpha)
+        upload(frame, buffers, steps, self.preset.settings)
+        ring = self._ring(latest if goes_on else None, buffers.layout, steps)
+        ring.keep(frame, buffers, steps)
+        self.launcher.finish()
+        buffers.channels.clear()
+        self._latest, self._waiting = Past.of(frame), waiting
+        waiting.append(outline(frame))
+        self.times = Times(perf_counter() - started, 0.0, 0.0)
+
+    @one_thread
+    def _next(self, *, half: bool) -> NDArray[Any]:
+        """Resolve the first of the frames that wait."""
+        assert self._buffers is not None
+        assert self._frame_ring is not None
+        started = perf_counter() - self.times.upload
+        latest, waiting = self._latest, self._waiting
+        self._forget_ahead()
+        frame = waiting.popleft()
+        previous, build = self._begin(frame)
+        self._frame_ring.bring(frame, self._buffers, build.steps)
+        image = self._resolved(frame, previous, build, self._buffers, started, half=half)
+        self._latest, self._waiting = latest, waiting
+        return image
+
+    def _resolved(
+        self, frame: Frame, previous: Past | None, build: Build, buffers: Buffers, started: float, *, half: bool
+    ) -> NDArray[Any]:
+        """The image of a frame that ``buffers`` hold, which was begun to be uploaded at ``started``."""
         uploaded = perf_counter()
         passes = self._run(frame, previous, build, buffers)
         assert self.last is not None
@@ -314,12 +417,15 @@ class Resolver:
         choices, record = self.plan.choices, frame_record(frame, previous, buffers.layout, self.plan)
         passes = Passes(self.launcher, self.plan, build, buffers, record)
         if choices.history is HistoryKind.FRAMES:
-            frame_ring = self._ring(previous, buffers.layout, build.steps)
+            # The frame in work of a ring that looks ahead lies there already.
+            ahead = self._frame_ring if self.look_ahead else None
+            frame_ring = ahead or self._ring(previous, buffers.layout, build.steps)
             if choices.illumination is Illumination.WINDOW:
                 self.last = passes.gather_windows(frame, frame_ring)
             else:
                 self.last = passes.gather(frame, frame_ring)
-            frame_ring.keep(frame, buffers, build.steps)
+            if not ahead:
+                frame_ring.keep(frame, buffers, build.steps)
         else:
             self.last = passes.resolve()
         passes.extend_edges()
@@ -341,9 +447,20 @@ class Resolver:
 
     def _ring(self, previous: Past | None, layout: Layout, steps: Steps) -> FrameRing:
         """The frame ring for this frame; it holds none where there is no predecessor."""
-        count = self.preset.settings.history_frames
-        if self._frame_ring is None or not self._frame_ring.fit(layout, count, steps):
+        count, ahead = self.preset.settings.history_frames, self.look_ahead
+        if self._frame_ring is None or not self._frame_ring.fit(layout, count, steps, ahead):
             self._frame_ring = None  # released before the new one is allocated
-            self._frame_ring = FrameRing(self.launcher, layout, count, steps)
+            self._frame_ring = FrameRing(self.launcher, layout, count, steps, ahead)
         self._frame_ring.go_back(previous)
         return self._frame_ring
+
+    def _channel_steps(self, frame: Frame) -> Steps:
+        has = {name: getattr(frame, name) is not None for name in ("motion", "alpha", "reactive")}
+        return channel_steps(self.preset, **has, every=self.every_step)
+
+    def _forget(self) -> None:
+        self._previous = None
+        self._forget_ahead()
+
+    def _forget_ahead(self) -> None:
+        self._latest, self._waiting = None, deque()

@@ -188,15 +188,18 @@ class Device(OneProcess):
         """Memory that lies where ``planes`` do, for a device that shares the host's; raises ResourceError."""
         return Memory(self, planes.shape, planes.dtype, planes)
 
-    def copy(self, source: Any, target: Any, offset: int) -> None:
-        """Enqueue a copy of all of ``source`` into ``target``, from its element ``offset`` on; raises DeviceLost."""
+    def copy(self, source: Any, target: Any, offset: int, start: int = 0) -> None:
+        """Enqueue a copy of ``source`` from its element ``start`` on into ``target`` from ``offset`` on, to the end of
+        the shorter; raises DeviceLost."""
+        read, written = start * source.dtype.itemsize, offset * target.dtype.itemsize
         with device_errors(self):
             cl.enqueue_copy(
                 self.queue,
                 target.buffer,
                 source.buffer,
-                byte_count=source.size,
-                dst_offset=offset * target.dtype.itemsize,
+                byte_count=min(source.size - read, target.size - written),
+                src_offset=read,
+                dst_offset=written,
             )
 
     def finish(self) -> None:

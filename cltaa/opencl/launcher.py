@@ -131,9 +131,9 @@ class DeviceLauncher(OneProcess):
         group = self.device.shape.group
         return (-(-columns // group[0]) * group[0], -(-steps // group[1]) * group[1]), group
 
-    def copy(self, source: Buffer, target: Buffer, offset: int) -> None:
+    def copy(self, source: Buffer, target: Buffer, offset: int, start: int = 0) -> None:
         """Enqueue a copy inside the device's memory. Raises DeviceLost."""
-        self.device.copy(source, target, offset)
+        self.device.copy(source, target, offset, start)
 
     def finish(self) -> None:
         """Wait until the device has done everything."""

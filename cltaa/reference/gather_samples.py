@@ -14,7 +14,16 @@ from cltaa.reference.colour import Colour, colour_outside_domain, to_range
 from cltaa.reference.disocclusion import on_screen
 from cltaa.reference.gather_fit import Gathered, first_sample
 from cltaa.reference.gather_sides import NEIGHBOURS, Layers, Side, range_of_side
-from cltaa.reference.gather_track import RING_INVERSE_DEPTH, Track, matches_surface, ring_alpha, ring_reactive, texel_at
+from cltaa.reference.gather_track import (
+    RING_INVERSE_DEPTH,
+    RING_MOTION,
+    Track,
+    matches_surface,
+    no_motion_vector,
+    ring_alpha,
+    ring_reactive,
+    texel_at,
+)
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
 from cltaa.reference.real import Array, Mask, constant, lesser, limit, number
 from cltaa.reference.reprojection import Motion, motion_from_depth, pixel_grid
@@ -107,6 +116,7 @@ class View(NamedTuple):
     places: Places
     reach: Array
     recent: bool = False  # its samples are summed on their own too
+    stands: Mask | None = None  # the surfaces that do not move on their own, in a frame ahead
 
     def weight_beside(self, right: int, down: int, fit: GatherFit, layout: Layout) -> tuple[Array, Array, Array]:
         """How much counts of the sample beside the nearest one, and its offset from the centre."""
@@ -146,6 +156,9 @@ def gather_sample(
     c, q = _sample(v.planes, f, zero, v.then)
     good = good & ~colour_outside_domain(c)
     good = good & matches_surface(q, s, v.m, build, settings)
+    if v.stands is not None:
+        moves = ~no_motion_vector(*(texel_at(v.planes[RING_MOTION + axis], f, zero.dtype) for axis in (0, 1)))
+        good = good & ~(v.stands & moves)
     near = np.ones(zero.shape, bool)
     if fit is not GatherFit.MEAN:
         near = ~layers.edge | (q > layers.cut * v.m.scale + v.m.shift)
@@ -242,7 +255,7 @@ def gather_samples(
     recent: int = 0,
 ) -> Gathered:
     """``g`` and the samples of ``now`` on ``s`` in the frames in the ring [slots, planes, rows, stride] of ``past``,
-    latest first.
+    latest first, those ahead behind them.
 
     ``track`` is where own motion had led in the ``before`` frames before them, and is led on; samples of the first
     ``recent`` frames are summed on their own too.
@@ -254,12 +267,18 @@ def gather_samples(
     steps = [(0, 0)] if fit is GatherFit.MEAN else NEIGHBOURS
     reach = reach_of(before + len(past) + 1, settings, zero)
     for k, then in enumerate(past):
+        planes = ring[int(then["slot"])]
+        ahead = int(then["ahead"]) if build.steps.look_ahead else 0
+        if own_motion and ahead:
+            if ahead == 1:
+                track.turn_ahead(s)
+            track.lead(followed, planes, build, layout, then, settings)
         m, stretch = _way_back(track, s, layers, build, layout, frame, then)
-        nearest, v = _view(ring[int(then["slot"])], m, on_screen(m, layout) & ~track.lost, stretch, reach, layout, then)
-        v = v._replace(recent=k < recent)
+        nearest, v = _view(planes, m, on_screen(m, layout) & ~track.lost, stretch, reach, layout, then)
+        v = v._replace(recent=k < recent, stands=~track.own if own_motion and ahead else None)
         for right, down in steps:
             gather_sample(g, v, right, down, now, s, layers, build, layout, settings, far_only=far_only)
-        if own_motion:
+        if own_motion and not ahead:
             there = footprint_of(nearest._replace(u=nearest.u + s.x, v=nearest.v + s.y), v.seen, layout)
             track.follow(followed, m, v.planes, there, v.seen, build, then, settings)
     return g

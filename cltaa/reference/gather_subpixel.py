@@ -38,7 +38,10 @@ def find_subpixel_feature(
     now, where it now lies near the pixel's centre and the camera alone moves it."""
     zero, half = np.zeros_like(s.centre), number(0.5, s.centre)
     open_here = ~layers.edge & no_motion_vector(s.u, s.v) if build.steps.own_motion else ~layers.edge
-    latest = past[: int(settings["subpixel_frames"])]
+    wanted = int(settings["subpixel_frames"])
+    latest = past[:wanted]
+    if build.steps.look_ahead:
+        latest = [then for k, then in enumerate(past) if (int(then["ahead"]) or k + 1) <= wanted]
     feature = search_subpixel_feature(open_here, s, ring, latest, build, layout, settings)
     slope_x, slope_y = (np.where(feature.found, zero, slope) for slope in layers.slope)
     cut = np.where(feature.found, half * (feature.inverse_depth + s.nearest), layers.cut)

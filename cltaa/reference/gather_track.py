@@ -1,4 +1,4 @@
-"""Twin of ``gather/track.h``: surfaces that move on their own, on their ways back through the frame ring."""
+"""Twin of ``gather/track.h``: surfaces that move on their own, on their ways through the frame ring."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 
 from cltaa.core.build import Build, Record, Steps
+from cltaa.core.constants import AHEAD_STEPS
 from cltaa.core.parameters import GatherFit, Reject
-from cltaa.reference.disocclusion import same_surface
+from cltaa.core.planes import Layout
+from cltaa.reference.disocclusion import on_screen, same_surface
 from cltaa.reference.neighbourhood import Surface, inverse_depth_or_sky
-from cltaa.reference.real import Array, Mask, constant, outside_domain
+from cltaa.reference.real import Array, Mask, constant, greater, number, outside_domain
 from cltaa.reference.reprojection import Motion
-from cltaa.reference.sampling import Footprint, Quad
+from cltaa.reference.sampling import Footprint, Quad, footprint_of
 
 RING_INVERSE_DEPTH, RING_MOTION = 3, 4
 
@@ -58,13 +60,21 @@ class Track:
     v: Array
     shift: Array
     lost: Mask
+    step: tuple[Array, Array]  # the latest one ahead
 
     @classmethod
     def of(cls, s: Surface, build: Build) -> Track:
         """The way of surface ``s`` before its first step."""
         zero = np.zeros_like(s.centre)
         none = np.zeros(zero.shape, bool)
-        return cls(~no_motion_vector(s.u, s.v) if build.steps.own_motion else none, s.u, s.v, zero, none)
+        own = ~no_motion_vector(s.u, s.v) if build.steps.own_motion else none
+        return cls(own, s.u, s.v, zero, none, (zero, zero))
+
+    def turn_ahead(self, s: Surface) -> None:
+        """Begin the way ahead, whose first step will be as long as that on which the surface came."""
+        zero = np.zeros_like(s.centre)
+        self.u = self.v = self.shift = zero
+        self.step, self.lost = (-s.u, -s.v), np.zeros(zero.shape, bool)
 
     def motion(self, m: Motion) -> Motion:
         """``m`` where the camera alone moves a surface, the track elsewhere."""
@@ -96,15 +106,50 @@ class Track:
         followed, told = self.own & seen, ~no_motion_vector(u, v)
         same = told & matches_surface(z, s, m, build, settings)
         self.shift = np.where(followed & same, z - s.inverse_depth, self.shift)
-        missing = followed & ~told
         if build.choices.gather_fit is GatherFit.LAYERS:
-            best = np.full_like(self.u, -constant("DOMAIN_LIMIT", self.u))
-            for dy in (-1, 0, 1):
-                for dx in (-1, 0, 1):
-                    beside = there._replace(row=there.row + dy, column=there.column + dx)
-                    q = texel_at(planes[RING_INVERSE_DEPTH], beside, real)
-                    a, b = (texel_at(planes[RING_MOTION + axis], beside, real) for axis in (0, 1))
-                    nearer = missing & (q > best) & ~no_motion_vector(a, b)
-                    best, u, v = np.where(nearer, q, best), np.where(nearer, a, u), np.where(nearer, b, v)
+            u, v = _nearest_motion(u, v, followed & ~told, planes, there)
         self.lost = self.lost | (self.own & (~seen | no_motion_vector(u, v) | (told & ~same)))
         self.u, self.v = self.u + u, self.v + v
+
+    def lead(self, s: Surface, planes: Array, build: Build, layout: Layout, then: Record, settings: Record) -> None:
+        """Take one step ahead, to the place from which the motion drawn there leads back to where the surface was; it
+        is lost where no such place is found, and as on a step back."""
+        real: Any = self.u.dtype
+        half = number(0.5, self.u)
+        u, v = self.u + self.step[0], self.v + self.step[1]
+        seen = self.own & ~self.lost
+        off, z, told = u, u, seen
+        one, jitter = np.ones_like(u), [number(then[name], u) for name in ("jitter_x", "jitter_y")]
+        for _ in range(AHEAD_STEPS):
+            place = Motion(u, v, one, self.shift, seen)
+            seen = on_screen(place, layout)
+            nearest = place._replace(u=(u + (half - jitter[0])) + s.x, v=(v + (half - jitter[1])) + s.y)
+            there = footprint_of(nearest, seen, layout)
+            back_x, back_y = (texel_at(planes[RING_MOTION + axis], there, real) for axis in (0, 1))
+            z = inverse_depth_or_sky(texel_at(planes[RING_INVERSE_DEPTH], there, real), then)
+            told = ~no_motion_vector(back_x, back_y)
+            if build.choices.gather_fit is GatherFit.LAYERS:
+                back_x, back_y = _nearest_motion(back_x, back_y, seen & ~told, planes, there)
+            next_u, next_v = self.u - back_x, self.v - back_y
+            off = greater(np.abs(next_u - u), np.abs(next_v - v))
+            u, v = next_u, next_v
+        same = told & matches_surface(z, s, Motion(u, v, one, self.shift, seen), build, settings)
+        closed = seen & (off <= constant("AHEAD_CLOSE", off))
+        self.shift = np.where(closed & same, z - s.inverse_depth, self.shift)
+        self.lost = self.lost | (self.own & (~closed | (told & ~same)))
+        self.step = u - self.u, v - self.v
+        self.u, self.v = u, v
+
+
+def _nearest_motion(u: Array, v: Array, missing: Mask, planes: Array, there: Footprint) -> tuple[Array, Array]:
+    """``u`` and ``v``, and where they are ``missing`` those of the nearest of their neighbours that has a vector."""
+    real: Any = u.dtype
+    best = np.full_like(u, -constant("DOMAIN_LIMIT", u))
+    for dy in (-1, 0, 1):
+        for dx in (-1, 0, 1):
+            beside = there._replace(row=there.row + dy, column=there.column + dx)
+            q = texel_at(planes[RING_INVERSE_DEPTH], beside, real)
+            a, b = (texel_at(planes[RING_MOTION + axis], beside, real) for axis in (0, 1))
+            nearer = missing & (q > best) & ~no_motion_vector(a, b)
+            best, u, v = np.where(nearer, q, best), np.where(nearer, a, u), np.where(nearer, b, v)
+    return u, v

@@ -56,11 +56,13 @@ class NumpyLauncher:
         given = {name: value.array if isinstance(value, _Array) else value for name, value in arguments.items()}
         KERNELS[kernel](build, layout, **given)
 
-    def copy(self, source: Buffer, target: Buffer, offset: int) -> None:
+    def copy(self, source: Buffer, target: Buffer, offset: int, start: int = 0) -> None:
         """Copy at once."""
         assert isinstance(source, _Array)
         assert isinstance(target, _Array)
-        target.array.reshape(-1)[offset : offset + source.array.size] = source.array.reshape(-1)
+        read, written = source.array.reshape(-1)[start:], target.array.reshape(-1)[offset:]
+        count = min(read.size, written.size)
+        written[:count] = read[:count]
 
     def finish(self) -> None:
         """Nothing is ever pending."""

@@ -3,8 +3,8 @@
 #include "gather/fit.h"
 #include "gather/track.h"
 
-#if !defined(ALPHA) || !defined(EXPOSURE) || !defined(CAMERA_MOTION) || !defined(OWN_MOTION)
-#error "samples.h needs ALPHA, EXPOSURE, CAMERA_MOTION and OWN_MOTION from the prelude"
+#if !defined(ALPHA) || !defined(EXPOSURE) || !defined(CAMERA_MOTION) || !defined(OWN_MOTION) || !defined(LOOK_AHEAD)
+#error "samples.h needs ALPHA, EXPOSURE, CAMERA_MOTION, OWN_MOTION and LOOK_AHEAD from the prelude"
 #endif
 
 // How one pixel step here is seen in an earlier frame, less the step itself: the derivative of motion_from_depth on a
@@ -88,6 +88,7 @@ typedef struct
     places_t places;
     real reach; // where they no longer count
     int recent; // 1: its samples are summed on their own too
+    mask stands; // the surface does not move on its own, and the frame is one ahead
 } view_t;
 
 // The weight of the sample `right` and `down` texels from the nearest one, and its place. Most of the eight weigh
@@ -127,6 +128,12 @@ STAGE void gather_sample(gathered* g, view_t v, int right, int down, pixel_t now
     good = good & !colour_outside_domain(c);
     const real q = inverse_depth_or_sky(texel_at(p + RING_INVERSE_DEPTH * plane, v.f, stride), then);
     good = good & matches_surface(q, s, v.m, settings);
+    if (OWN_MOTION & LOOK_AHEAD) {
+        // What has set out since, or has come before the surface.
+        plane_in moved = p + RING_MOTION * plane;
+        const mask moves = !no_motion_vector(texel_at(moved, v.f, stride), texel_at(moved + plane, v.f, stride));
+        good = good & !(v.stands & moves);
+    }
     mask near = (s.x == s.x);
     if (GATHER_FIT != GATHER_FIT_MEAN) {
         near = !l.edge | (q > l.cut * v.m.scale + v.m.shift);
@@ -203,8 +210,8 @@ STAGE int has_edges(layers_t l) { return GATHER_FIT == GATHER_FIT_LAYERS && any_
 #define NEARER 0
 #define FARTHER 1
 
-// The nearer or the farther surface of a pixel on its way back through the frames in the ring: where it is now, where
-// its own motion has led so far, and the sums of the samples on it.
+// The nearer or the farther surface of a pixel on its way through the frames in the ring: where it is now, where its own
+// motion has led so far, and the sums of the samples on it.
 typedef struct
 {
     side_t side;
@@ -243,8 +250,15 @@ STAGE void gather_samples(way_t* way, plane_in ring, frame_records past, int fro
     const surface followed = GATHER_FIT == GATHER_FIT_LAYERS ? range_of_side(s, l, way->far) : s;
     for (int k = from; k < to; ++k) {
         const frame_t then = past[k];
+        const int ahead = LOOK_AHEAD ? then.ahead : 0;
         stretch_t stretch;
         view_t v;
+        v.planes = ring + (size_t)then.slot * RING_PLANES * plane;
+        if (OWN_MOTION & (ahead > 0)) {
+            if (ahead == 1)
+                *t = first_step_ahead(s);
+            lead(t, followed, v.planes, px, py, at, plane, then, frame, settings);
+        }
         v.m = motion_to_frame(&stretch, *t, s, l, px, py, frame, then);
         v.seen = on_screen(v.m, px, py, frame) & !t->lost;
         motion_t nearest = v.m;
@@ -256,13 +270,13 @@ STAGE void gather_samples(way_t* way, plane_in ring, frame_records past, int fro
         v.places = places_now(SPLAT(0.5) - v.f.fx, SPLAT(0.5) - v.f.fy, stretch);
         v.reach = reach;
         v.recent = k < recent;
-        v.planes = ring + (size_t)then.slot * RING_PLANES * plane;
+        v.stands = ahead ? !t->own : t->own & !t->own;
         if (GATHER_FIT == GATHER_FIT_MEAN)
             gather_sample(&way->sums, v, 0, 0, now, s, l, way->far, then, frame, settings);
         else
             for (int i = 0; i < 9; ++i)
                 gather_sample(&way->sums, v, i % 3 - 1, i / 3 - 1, now, s, l, way->far, then, frame, settings);
-        if (OWN_MOTION) {
+        if (OWN_MOTION & (ahead == 0)) {
             motion_t place = nearest;
             place.u += s.x;
             place.v += s.y;

@@ -2,8 +2,8 @@
 #include "gather/sides.h"
 #include "gather/track.h"
 
-#if !defined(OWN_MOTION) || !defined(SUBPIXEL_REACH) || !defined(SUBPIXEL_HITS)
-#error "subpixel.h needs OWN_MOTION, SUBPIXEL_REACH and SUBPIXEL_HITS from the prelude"
+#if !defined(OWN_MOTION) || !defined(LOOK_AHEAD) || !defined(SUBPIXEL_REACH) || !defined(SUBPIXEL_HITS)
+#error "subpixel.h needs OWN_MOTION, LOOK_AHEAD, SUBPIXEL_REACH and SUBPIXEL_HITS from the prelude"
 #endif
 
 // A feature that the current 3x3 misses: its distance from the pixel's centre, and its inverse depth.
@@ -13,7 +13,7 @@ typedef struct
     real off, inverse_depth;
 } subpixel_feature;
 
-// Of the surfaces that the 3x3 of the latest frames in the ring show in front of all that the 3x3 of now shows of `s`,
+// Of the surfaces that the 3x3 of the latest frames in the ring, and of the next ones, show in front of all that the 3x3 of now shows of `s`,
 // the one that now lies nearest to the pixel's centre, if that is within SUBPIXEL_REACH. What filled more of that 3x3
 // than a line does is not missed now but gone.
 STAGE subpixel_feature search_subpixel_feature(mask open, surface s, plane_in ring, frame_records past, int frames,
@@ -22,11 +22,13 @@ STAGE subpixel_feature search_subpixel_feature(mask open, surface s, plane_in ri
     const size_t plane = plane_size(frame);
     const uint at = texel_offset(frame, x, y);
     const int stride = row_stride(frame), wanted = (int)settings.subpixel_frames,
-              count = wanted < frames ? wanted : frames;
+              count = LOOK_AHEAD || frames < wanted ? frames : wanted;
     const real px = LANE_INDEX + K(x), py = SPLAT(y);
     subpixel_feature feature = { open & !open, SPLAT(SUBPIXEL_REACH), s.inverse_depth };
     for (int k = 0; k < count; ++k) {
         const frame_t then = past[k];
+        if (LOOK_AHEAD && (then.ahead ? then.ahead > wanted : k >= wanted))
+            continue;
         const motion_t m = motion_from_depth(s, px, py, then);
         const mask seen = open & on_screen(m, px, py, frame);
         motion_t nearest = m;

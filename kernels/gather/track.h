@@ -1,8 +1,8 @@
-// Surfaces on their ways back through the frames in the ring.
+// Surfaces on their ways through the frames in the ring: back to those before, and ahead to those after.
 #include "taa/disocclusion.h"
 
-#if !defined(OWN_MOTION) || !defined(ALPHA) || !defined(GATHER_FIT) || !defined(REJECT)
-#error "track.h needs OWN_MOTION, ALPHA, GATHER_FIT and REJECT from the prelude"
+#if !defined(OWN_MOTION) || !defined(ALPHA) || !defined(GATHER_FIT) || !defined(REJECT) || !defined(AHEAD_STEPS)
+#error "track.h needs OWN_MOTION, ALPHA, GATHER_FIT, REJECT and AHEAD_STEPS from the prelude"
 #endif
 
 // Planes of a frame of the ring, as it was drawn: r, g, b, inverse depth, then own motion and alpha where there are
@@ -13,7 +13,8 @@
 #define RING_REACTIVE (RING_ALPHA + ALPHA)
 #define RING_PLANES (RING_REACTIVE + REACTIVE)
 
-typedef __global const frame_t* restrict frame_records; // of the frames of the ring, the latest first
+// Of the frames of the ring: the latest first, and behind them those ahead, the next one first.
+typedef __global const frame_t* restrict frame_records;
 
 // The texel at the whole part of a footprint.
 STAGE real texel_at(plane_in p, footprint f, int stride)
@@ -29,11 +30,12 @@ STAGE real texel_at(plane_in p, footprint f, int stride)
     return load(q);
 }
 
-// A surface that moves on its own, on its way back from frame to frame: where it was, and how much closer.
+// A surface that moves on its own, on its way from frame to frame: where it was, how much closer, and its latest step
+// ahead.
 typedef struct
 {
     mask own, lost;
-    real u, v, shift;
+    real u, v, shift, step_x, step_y;
 } track_t;
 
 STAGE mask no_motion_vector(real u, real v) { return outside_domain(u) | outside_domain(v); }
@@ -41,9 +43,19 @@ STAGE mask no_motion_vector(real u, real v) { return outside_domain(u) | outside
 // The way of surface s before its first step.
 STAGE track_t first_step(surface s)
 {
-    track_t t = { s.x != s.x, s.x != s.x, s.u, s.v, SPLAT(0.0) };
+    const real zero = SPLAT(0.0);
+    track_t t = { s.x != s.x, s.x != s.x, s.u, s.v, zero, zero, zero };
     if (OWN_MOTION)
         t.own = !no_motion_vector(s.u, s.v);
+    return t;
+}
+
+// The way ahead before its first step, which will be as long as that on which the surface came.
+STAGE track_t first_step_ahead(surface s)
+{
+    track_t t = first_step(s);
+    t.u = t.v = SPLAT(0.0);
+    t.step_x = -s.u, t.step_y = -s.v;
     return t;
 }
 
@@ -52,6 +64,25 @@ STAGE mask matches_surface(real inverse_depth, surface s, motion_t m, settings_t
 {
     const quad alone = { inverse_depth, inverse_depth, inverse_depth, inverse_depth };
     return REJECT == REJECT_NONE ? (inverse_depth == inverse_depth) : same_surface(alone, s, m, settings);
+}
+
+// Where the sample at a footprint has no motion vector, that of the nearest of its neighbours with one.
+STAGE void nearest_motion(real* u, real* v, mask missing, plane_in p, footprint there, size_t plane, int stride)
+{
+    if (GATHER_FIT != GATHER_FIT_LAYERS || !any_of(missing))
+        return;
+    plane_in moved = p + RING_MOTION * plane;
+    real best = SPLAT(-DOMAIN_LIMIT);
+    for (int dy = -1; dy <= 1; ++dy)
+        for (int dx = -1; dx <= 1; ++dx) {
+            const ptrdiff_t step = dy * (ptrdiff_t)stride + dx;
+            const real near = texel_at(p + RING_INVERSE_DEPTH * plane + step, there, stride);
+            const real a = texel_at(moved + step, there, stride), b = texel_at(moved + plane + step, there, stride);
+            const mask nearer = missing & (near > best) & !no_motion_vector(a, b);
+            best = nearer ? near : best;
+            *u = nearer ? a : *u;
+            *v = nearer ? b : *v;
+        }
 }
 
 // One step back, by the motion of the sample at the surface's own place (which is not the pixel's where the motion is a
@@ -69,21 +100,44 @@ STAGE void follow(track_t* t, surface s, motion_t m, plane_in p, footprint there
     const mask followed = t->own & seen, has_motion = !no_motion_vector(u, v),
                same = has_motion & matches_surface(q, s, m, settings);
     t->shift = followed & same ? q - s.inverse_depth : t->shift;
-    const mask missing = followed & !has_motion;
-    if (GATHER_FIT == GATHER_FIT_LAYERS && any_of(missing)) {
-        real best = SPLAT(-DOMAIN_LIMIT);
-        for (int dy = -1; dy <= 1; ++dy)
-            for (int dx = -1; dx <= 1; ++dx) {
-                const ptrdiff_t step = dy * (ptrdiff_t)stride + dx;
-                const real near = texel_at(p + RING_INVERSE_DEPTH * plane + step, there, stride);
-                const real a = texel_at(moved + step, there, stride), b = texel_at(moved + plane + step, there, stride);
-                const mask nearer = missing & (near > best) & !no_motion_vector(a, b);
-                best = nearer ? near : best;
-                u = nearer ? a : u;
-                v = nearer ? b : v;
-            }
-    }
+    nearest_motion(&u, &v, followed & !has_motion, p, there, plane, stride);
     t->lost = t->lost | (t->own & (!seen | no_motion_vector(u, v) | (has_motion & !same)));
     t->u += u;
     t->v += v;
+}
+
+// One step ahead, to the place in frame `then` from which the motion drawn there leads back to where the surface was.
+// That is a fixed point: no vector of a frame says where its samples go. The search begins where the surface would be if
+// it went on as before; with a step's change of d pixels a pixel it errs by d times as much after each round. A surface
+// is lost in this frame and all behind it where that place does not close, and as on a step back.
+STAGE void lead(track_t* t, surface s, plane_in p, real x, real y, uint at, size_t plane, frame_t then, frame_t frame,
+    settings_t settings)
+{
+    plane_in moved = p + RING_MOTION * plane;
+    const int stride = row_stride(frame);
+    real u = t->u + t->step_x, v = t->v + t->step_y, off = u, q = u;
+    mask seen = t->own & !t->lost, has_motion = seen;
+    for (int round = 0; round < AHEAD_STEPS; ++round) {
+        motion_t place = { u, v, SPLAT(1.0), t->shift, seen };
+        seen = on_screen(place, x, y, frame);
+        place.u = (u + (K(0.5) - K(then.jitter_x))) + s.x;
+        place.v = (v + (K(0.5) - K(then.jitter_y))) + s.y;
+        const footprint there = footprint_of(place, seen, at, frame);
+        real back_x = texel_at(moved, there, stride), back_y = texel_at(moved + plane, there, stride);
+        q = inverse_depth_or_sky(texel_at(p + RING_INVERSE_DEPTH * plane, there, stride), then);
+        has_motion = !no_motion_vector(back_x, back_y);
+        nearest_motion(&back_x, &back_y, seen & !has_motion, p, there, plane, stride);
+        const real next_u = t->u - back_x, next_v = t->v - back_y;
+        off = greater(absolute(next_u - u), absolute(next_v - v));
+        u = next_u;
+        v = next_v;
+    }
+    const motion_t m = { u, v, SPLAT(1.0), t->shift, seen };
+    const mask same = has_motion & matches_surface(q, s, m, settings), closed = seen & (off <= SPLAT(AHEAD_CLOSE));
+    t->shift = closed & same ? q - s.inverse_depth : t->shift;
+    t->lost = t->lost | (t->own & (!closed | (has_motion & !same)));
+    t->step_x = u - t->u;
+    t->step_y = v - t->v;
+    t->u = u;
+    t->v = v;
 }

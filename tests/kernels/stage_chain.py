@@ -95,6 +95,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "camera_motion",
         "exposure",
         "gather_fit",
+        "look_ahead",
         "orthographic",
         "own_motion",
         "reactive",
@@ -109,6 +110,7 @@ LOOKS_AT: dict[str, tuple[str, ...]] = {
         "camera_motion",
         "exposure",
         "gather_fit",
+        "look_ahead",
         "own_motion",
         "reactive",
         "tonemap",
@@ -148,6 +150,7 @@ def hard_work(width: int = 70, height: int = 41, seed: int = 0, settings: Settin
     # None that puts a texel's sample on the border of a neighbour's window, 0.8 off its centre, but for rounding.
     past["jitter_x"], past["jitter_y"] = np.linspace(-0.37, 0.31, KEPT), np.linspace(0.23, -0.46, KEPT)
     past["slot"] = (np.arange(KEPT) + 1) % KEPT
+    past["ahead"] = np.arange(KEPT)  # looked at by builds that look ahead alone
     settings = Settings() if settings is None else settings
     return Work(layout, hard_planes(layout, seed), record, settings_record(settings), past)
 

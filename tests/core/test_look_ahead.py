@@ -1,0 +1,194 @@
+"""Looking ahead: the samples of later frames are gathered as those of earlier ones are, to the same bits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cltaa.core.presets import Preset, load_preset, override
+from cltaa.core.resolver import Resolver
+from cltaa.errors import DataError, UsageError
+from cltaa.frame import Effect, Frame, Image
+from tests.kernels.test_resolve import hard_frames
+from tests.sequence_factory import bits, make_camera, make_frame
+
+KEPT, AHEAD = 3, 4
+MOVING = frozenset({Effect.MOTION, Effect.DISOCCLUSION})
+HALF = np.float32(0.5)
+
+
+def looking(ahead: int = AHEAD, **changes: object) -> Preset:
+    values: dict[str, object] = {"history_frames": KEPT, "look_ahead": ahead, "current_filter": "none", **changes}
+    return override(load_preset("gather-8+8"), values)
+
+
+def images(frames: Sequence[Frame], preset: Preset, device: str | None = None, **options: Any) -> list[Image]:
+    return list(Resolver(preset, device, **options).images(frames))
+
+
+def same(ones: Sequence[Image], others: Sequence[Image]) -> bool:
+    return all(np.array_equal(bits(one), bits(other)) for one, other in zip(ones, others, strict=True))
+
+
+def sliding(index: int, by: tuple[float, float]) -> Frame:
+    """A wall before a still camera that moves on its own by as much a frame, drawn from a texture of its own."""
+    height, width = 23, 37
+    y, x = np.mgrid[:height, :width].astype(np.float32)
+    u, v = x - np.float32(by[0] * index), y - np.float32(by[1] * index)
+    colour = np.stack([1 + HALF * np.sin(u), 1 + HALF * np.cos(v), 1 + HALF * np.sin(u + v)], axis=-1)
+    return replace(
+        make_frame(index, camera=make_camera(), effects=MOVING, jitter_px=(0.25 - 0.125 * (index % 4), 0.0)),
+        colour=colour.astype(np.float32),
+        depth=np.full((height, width), 4, np.float32),
+        motion=np.broadcast_to(np.float32((-by[0], -by[1])), (height, width, 2)).copy(),
+    )
+
+
+@pytest.mark.parametrize("lanes_of", [None, "numpy"])
+def test_every_image_comes_once_and_in_order(lanes_of: str | None) -> None:
+    resolver, frames = Resolver(looking(), lanes_of), [make_frame(index) for index in range(7)]
+    ready = [resolver.feed(frame) for frame in frames]
+    assert [len(some) for some in ready] == [0] * AHEAD + [1] * 3
+    last = resolver.flush()
+    assert (len(last), resolver.flush()) == (AHEAD, [])
+    assert same([image for some in ready for image in some] + last, images(frames, looking(), lanes_of))
+
+
+@pytest.mark.parametrize("changes", [{}, {"gather_fit": "mean"}, {"gather_fit": "plane", "reject": "none"}])
+@pytest.mark.parametrize("moving", [False, True])
+def test_the_strict_kernel_is_its_twin(changes: dict[str, object], moving: bool) -> None:
+    frames = [sliding(index, (1.25, -0.5)) for index in range(7)] if moving else list(hard_frames(count=7))
+    preset = looking(**changes)
+    assert same(images(frames, preset, strict=True), images(frames, preset, "numpy"))
+
+
+def test_the_first_frame_with_those_ahead_is_the_last_one_of_the_sequence_backwards() -> None:
+    # The same samples by the same displacements, in the same order: nothing but the way they are numbered differs.
+    cameras = [make_camera((0.07 * index, 0.02 * index, 5.0 - 0.1 * index)) for index in range(AHEAD + 1)]
+    effects = frozenset({Effect.CAMERA, Effect.DISOCCLUSION, Effect.SKY})
+    frames = [make_frame(index, camera=camera, effects=effects) for index, camera in enumerate(cameras)]
+    backwards = [replace(frame, index=index) for index, frame in enumerate(reversed(frames))]
+    first, *_ = images(frames, looking(), strict=True)
+    *_, last = images(backwards, looking(0, history_frames=AHEAD), strict=True)
+    assert same([first], [last])
+    assert not same([first], [frames[0].colour])
+
+
+@pytest.mark.parametrize("by", [(1.0, 0.0), (1.25, -0.5), (-2.5, 1.75)])
+def test_own_motion_is_followed_ahead_as_it_is_back(by: tuple[float, float]) -> None:
+    frames = [sliding(index, by) for index in range(AHEAD + 1)]
+    assert all(frame.motion is not None for frame in frames)
+    backwards = [
+        replace(frame, index=index, motion=-frame.motion)  # type: ignore[operator]
+        for index, frame in enumerate(reversed(frames))
+    ]
+    first, *_ = images(frames, looking(), strict=True)
+    *_, last = images(backwards, looking(0, history_frames=AHEAD), strict=True)
+    assert same([first], [last])
+
+
+def test_own_motion_that_turns_and_grows_closes_on_its_way_ahead() -> None:
+    """A disc turns by 0.1 and grows by 2 % a frame: the samples ahead that are taken lie where the fixed point says."""
+    height, width, turn = 41, 41, 1.02 * np.exp(-0.1j)
+    y, x = np.mgrid[:height, :width] - 20.0
+    here = x + 1j * y
+
+    def disc(index: int) -> Frame:
+        own = here / turn**index  # where on the disc each sample lies
+        back = here / turn - here
+        motion = np.stack([back.real, back.imag], axis=-1).astype(np.float32)
+        colour = np.stack([1 + 0.02 * own.real, 1 + 0.02 * own.imag, np.full_like(x, 1)], axis=-1)
+        frame = make_frame(index, width=width, height=height, camera=make_camera(), effects=MOVING, jitter_px=(0, 0))
+        depth = np.full((height, width), 4, np.float32)
+        return replace(frame, colour=colour.astype(np.float32), depth=depth, motion=motion)
+
+    frames = [disc(index) for index in range(AHEAD + 1)]
+    first, *_ = images(frames, looking(weighting="none"))
+    # The motion of a texel half a pixel off is wrong by 0.1 x 0.5 pixels in a step, so that the four steps' samples
+    # stand at most 0.2 pixels from where they are taken to be, of a slope of 0.02 a pixel.
+    middle = np.hypot(x, y) < 12
+    assert np.abs(first - frames[0].colour)[middle].max() < 0.2 * 0.02 * 1.5
+    assert (bits(first) != bits(frames[0].colour)).any(axis=-1)[middle].mean() > 0.9
+
+
+def test_what_sets_out_later_is_not_taken_for_what_stands() -> None:
+    still = replace(sliding(0, (0.0, 0.0)), motion=np.full((23, 37, 2), np.nan, np.float32))
+    gone = [replace(sliding(index, (1.0, 0.0)), colour=still.colour + 5) for index in range(1, AHEAD + 1)]
+    first, *_ = images([still, *gone], looking(weighting="none"), strict=True)
+    assert same([first], [still.colour])
+
+
+def test_a_thing_that_comes_to_rest_is_lost_ahead() -> None:
+    moving = sliding(0, (1.0, 0.0))
+    rests = replace(sliding(1, (0.0, 0.0)), motion=np.full((23, 37, 2), np.nan, np.float32), colour=moving.colour + 5)
+    first, *_ = images([moving, rests], looking(weighting="none"), strict=True)
+    assert same([first], [moving.colour])
+
+
+@pytest.mark.parametrize(
+    "change", [{"cut": True}, {"index": 9}, {"alpha": True}, {"motion": True}, {"width": 45, "height": 31}]
+)
+def test_nothing_crosses_a_break(change: dict[str, Any]) -> None:
+    before = [make_frame(index) for index in range(5)]
+    start = change.pop("index", 5)
+    after = [make_frame(index + start, **(change if index == 0 or "cut" not in change else {})) for index in range(4)]
+    whole = images([*before, *after], looking(), strict=True)
+    assert same(whole[:5], images(before, looking(), strict=True))
+    alone = [replace(after[0], cut=True), *after[1:]]  # as the first of a film, not of all
+    assert same(whole[5:], images(alone, looking(), strict=True))
+
+
+def test_exposure_and_alpha_ahead_are_brought_to_now() -> None:
+    effects = frozenset({Effect.EXPOSURE, Effect.ALPHA})
+    frames = [
+        replace(
+            make_frame(0, camera=make_camera(), alpha=True, effects=effects),
+            index=index,
+            exposure=2.0**index,
+            colour=np.full((23, 37, 3), 2.0**index, np.float32),
+            alpha=np.full((23, 37), 0.25, np.float32),
+        )
+        for index in range(6)
+    ]
+    for index, image in enumerate(images(frames, looking(), strict=True)):
+        assert (image[..., :3] == 2.0**index).all()
+        assert (image[..., 3] == np.float32(0.25)).all()
+
+
+def test_what_is_declared_to_need_the_whole_past_is_resolved_so_and_comes_later() -> None:
+    frames = [make_frame(index, camera=make_camera(), effects=frozenset({Effect.SKY})) for index in range(6)]
+    assert same(images(frames, looking(), strict=True), images(frames, looking(0), strict=True))
+
+
+def test_a_frame_that_is_wrong_leaves_those_that_wait() -> None:
+    frames, resolver = [make_frame(index) for index in range(4)], Resolver(looking())
+    assert [resolver.feed(frame) for frame in frames] == [[]] * 4
+    with pytest.raises(DataError):
+        resolver.feed(replace(frames[0], index=4, jitter_px=(40.0, 0.0)))
+    assert same(resolver.flush(), images(frames, looking()))
+
+
+def test_reset_forgets_those_that_wait() -> None:
+    resolver = Resolver(looking())
+    resolver.feed(make_frame(0))
+    resolver.reset()
+    assert resolver.flush() == []
+
+
+def test_what_cannot_look_ahead_says_so() -> None:
+    with pytest.raises(UsageError, match="preset default keeps no frames, so it cannot look ahead; take one that"):
+        Resolver("default", look_ahead=2)
+    with pytest.raises(UsageError, match="look_ahead has no such value .expected 0 to 64"):
+        Resolver("gather-8", look_ahead=-1)
+    with pytest.raises(UsageError, match=r"comes later; call feed\(\) and flush\(\)"):
+        Resolver("gather-8", look_ahead=2).resolve(make_frame(0))
+
+
+def test_without_it_feed_is_resolve() -> None:
+    fed, resolved, frames = Resolver("gather-8"), Resolver("gather-8"), [make_frame(index) for index in range(3)]
+    assert same([fed.feed(frame)[0] for frame in frames], [resolved.resolve(frame) for frame in frames])
+    assert fed.flush() == []
