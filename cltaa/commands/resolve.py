@@ -51,6 +51,12 @@ from cltaa.printable import counted, json_of, printable, shown
 @click.option(
     "--set", "changes", type=ASSIGNMENT, multiple=True, metavar="KEY=VALUE", help="One parameter; may be repeated."
 )
+@click.option(
+    "--look-ahead",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Gather from the N frames behind each one too; for presets that keep frames.  [default: the preset's]",
+)
 @click.option("--device", help="Part of an OpenCL device's name, its index, or numpy.  [default: first, GPUs first]")
 @effects_option
 @click.option("--frames", type=FRAME_RANGE, help="Only these frames, both included.")
@@ -130,6 +136,7 @@ def resolve(
     preset: str,
     config: Path | None,
     changes: tuple[str, ...],
+    look_ahead: int | None,
     device: str | None,
     effects: str,
     frames: tuple[int, int] | None,
@@ -161,6 +168,8 @@ def resolve(
     )
     if source.notes:
         click.echo("\n".join(map(printable, source.notes)), err=True)
+    if look_ahead is not None:
+        changes = (*changes, f"look_ahead={look_ahead}")
     declared = chosen_effects(effects)
     check_declared(source, declared)
     settings, kept = assigned(preset_of(preset, config), changes), Storage(storage)

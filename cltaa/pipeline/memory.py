@@ -44,6 +44,7 @@ class DevicePlanes(msgspec.Struct, frozen=True):
     storage: Storage = Storage.FLOAT
     band_rows: int = 0  # of a band, the only part of the frame and its result that is held at a time; 0: all rows
     history_frames: int = 0  # a ring holds these and one more
+    look_ahead: int = 0  # and these, whose results wait
     windows: bool = False  # of the frames in the ring are weighed, and hold planes
     changes: bool = False  # of light, beside the count of what recurs and of the result
     shared: bool = False  # the device has the host's memory: of a whole frame only inverse depth lies anywhere else
@@ -62,9 +63,10 @@ def device_bytes(width: int, height: int, held: DevicePlanes) -> int:
     band = Layout(width, held.band_rows) if held.band_rows else whole
     stored = int(np.dtype(storage_dtype(Build(storage=held.storage))).itemsize)
     colour = (3 + steps.alpha) * stored
-    in_place = held.shared and not held.band_rows
+    in_place = held.shared and not held.band_rows and not held.look_ahead
     frame = REAL * (1 if in_place else 4 + 2 * steps.own_motion + steps.alpha + steps.reactive)
-    ring = REAL * ring_planes(steps) * (held.history_frames + 1) if held.history_frames else 0
+    kept = held.history_frames + 1 + held.look_ahead if held.history_frames else 0
+    ring = REAL * ring_planes(steps) * kept
     ring += REAL * WINDOWS * window_planes(steps) if held.windows else 0
     halves = HALF * (3 + steps.alpha) if held.half else 0
     count = REAL * (1 + held.changes)
@@ -148,7 +150,7 @@ def of_resolve(
     return Memory(
         device=device_bytes(width, height, held),
         frames=frames * frame,
-        layers=(1 if banded else RESULTS) * carried,
+        layers=(held.look_ahead + (1 if banded else RESULTS)) * carried,
         results=results,
         reading=readers * file + beside * plane,
         packing=unpacking + packing + (writers + (0 if recorded else readers)) * PIECE,
@@ -186,12 +188,14 @@ def of_whole_images(
     changes: bool = False,
     half: bool = False,
     shared: bool = False,
+    look_ahead: int = 0,
     layers: Mapping[str, str] = NO_LAYERS,
 ) -> Memory:
     """Memory of a resolve of ``sequence`` over whole images, with each step that its channels allow; no frames kept.
 
-    ``storage``, ``changes``, ``half`` and ``shared`` are those of ``DevicePlanes``, ``layers`` those of ``of_resolve``.
+    ``layers`` are those of ``of_resolve``, all else that of ``DevicePlanes``.
     """
     holds = sequence.holds
     steps = Steps(own_motion="motion" in holds, alpha="alpha" in holds, reactive="reactive" in holds)
-    return of_sequence(sequence, DevicePlanes(steps, storage, changes=changes, half=half, shared=shared), layers)
+    held = DevicePlanes(steps, storage, look_ahead=look_ahead, changes=changes, half=half, shared=shared)
+    return of_sequence(sequence, held, layers)

@@ -212,8 +212,9 @@ class OutputFolder:
         except (CltaaError, ValueError):  # nothing is finished, or it is not there or damaged now
             return ""
 
-    def missing(self, sequence: FrameSequence) -> list[int]:
-        """Return the frames that are not finished, after a look at every file of those that are.
+    def missing(self, sequence: FrameSequence, look_ahead: int = 0) -> list[int]:
+        """Return the frames that are not finished, after a look at every file of those that are; with them the
+        ``look_ahead`` frames before each, since their results hold it and nothing vouches yet for what it was.
 
         Raises DataError where the input of a finished frame is another than it was made from.
         """
@@ -222,7 +223,8 @@ class OutputFolder:
         numbers = sequence.numbers
         pairs = zip((None, *numbers), numbers, strict=False)
         looked_at = track(pairs, len(numbers), "checking")
-        return [number for before, number in looked_at if not self._finished(sequence, number, before)]
+        done = [self._finished(sequence, number, before) for before, number in looked_at]
+        return [number for at, number in enumerate(numbers) if not all(done[at : at + 1 + look_ahead])]
 
     def _finished(self, sequence: FrameSequence, number: int, before: int | None) -> bool:
         source = sequence.path(number)

@@ -6,6 +6,7 @@ import json
 import shutil
 import sys
 import time
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
@@ -18,12 +19,12 @@ from cltaa.core.backend import Launcher
 from cltaa.core.bands import BAND_ROWS, BandedResolver
 from cltaa.core.build import Storage
 from cltaa.core.parameters import HistoryKind, Illumination
-from cltaa.core.plan import with_effects
+from cltaa.core.plan import estimate, with_effects
 from cltaa.core.planes import pooled_memory
 from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver, Times
 from cltaa.errors import DeviceLost, ResourceError, UsageError
-from cltaa.frame import Effect
+from cltaa.frame import Effect, Frame, outline
 from cltaa.interrupt import Stop
 from cltaa.io.atomic import atomic_path, check_creatable, owned
 from cltaa.io.content import memory_limit
@@ -38,7 +39,7 @@ from cltaa.pipeline.checkpoint import CHECKPOINT_EVERY, Checkpoints
 from cltaa.pipeline.debug import DebugViews
 from cltaa.pipeline.debug_views import View
 from cltaa.pipeline.memory import NO_LAYERS, Memory, of_whole_images
-from cltaa.pipeline.output import OutputFolder, ResolvedFiles, check_layers, reads, sequence_settings
+from cltaa.pipeline.output import OutputFolder, Read, ResolvedFiles, check_layers, reads, sequence_settings
 from cltaa.printable import bytes_of, counted, printable
 from cltaa.progress import track
 
@@ -134,6 +135,7 @@ def of_whole(
         half=half,
         shared=resolver.launcher.shares_memory,
         layers=layers,
+        look_ahead=resolver.look_ahead,
     )
 
 
@@ -223,6 +225,8 @@ def resolve_sequence(
         options["debug"] = sorted(debug)
     if layers:
         options["layers"] = list(layers)
+    if resolver.look_ahead:
+        options["last_frame"] = sequence.last  # the frames before it would have more ahead in a longer sequence
     settings = {**resolver.settings(), **options, "compression": compression, **sequence_settings(sequence)}
     if preview is not None:
         check_film(preview, sequence, output)
@@ -294,13 +298,13 @@ class _Run:
 
     def resolve(self, compression: str, checkpoint_every: int) -> None:
         """Resolve the frames that are missing, after those that their history needs."""
-        missing = self._files.folder.missing(self._sequence)
+        missing = self._files.folder.missing(self._sequence, self._resolver.look_ahead)
         if not missing:
             return
-        after = self._checkpoints.restore(self._resolver, before=missing[0])
-        numbers = [n for n in self._sequence.numbers if (after is None or n > after) and n <= missing[-1]]
+        after, given = self._given(missing)
+        numbers = [n for n in given if n <= missing[-1]]
         wanted = frozenset(missing)
-        part = self._sequence.select(numbers[0], numbers[-1])
+        part = self._sequence.select(given[0], given[-1])
         disk_space = DiskSpace(self._files.folder.folder, len(self._files.sizes) + len(missing))
         started = time.perf_counter()
         in_turn = isinstance(self._resolver, BandedResolver)  # so large that no second image waits beside it
@@ -310,15 +314,16 @@ class _Run:
             if after is None:
                 self._reserve(part)
             shown = track(numbers, len(numbers), "resolving") if self._progress else numbers
-            for done, number in enumerate(shown, start=1):
-                read = next(frames)
-                image = self._resolver.resolve(with_effects(read.frame, self._effects), half=self._half)
+            waiting = deque[Read]()
+            images = self._resolver.images(self._read(frames, len(given), waiting), half=self._half)
+            for done, (number, image) in enumerate(zip(shown, images, strict=False), start=1):
+                read = waiting.popleft()
                 if number in wanted:
                     self._files.write(writer, read, image)
                     disk_space.look(self._files.sizes)
                 self._resolver.release()
                 self._note(self._resolver.times)
-                if self._stop.requested or done % checkpoint_every == 0:
+                if not self._resolver.look_ahead and (self._stop.requested or done % checkpoint_every == 0):
                     self._checkpoints.save(self._resolver)
                 if self._stop.requested:
                     raise KeyboardInterrupt
@@ -329,6 +334,34 @@ class _Run:
             self._seconds["read"] += frames.seconds
             self._seconds["write"] += writer.seconds
         self._seconds["whole"].append((time.perf_counter() - started) / len(numbers))
+
+    def _given(self, missing: list[int]) -> tuple[int | None, list[int]]:
+        """The frame that the resolver goes on after, and those that it has to be given for the ``missing`` ones.
+
+        A resolver that looks ahead needs no checkpoint: what it gathers are so many frames before and behind each.
+        """
+        numbers, ahead = list(self._sequence.numbers), self._resolver.look_ahead
+        first, last = numbers.index(missing[0]), numbers.index(missing[-1])
+        if not ahead:
+            after = self._checkpoints.restore(self._resolver, before=missing[0])
+            return after, [n for n in numbers[: last + 1] if after is None or n > after]
+        self._resolver.reset()
+        declared = self._sequence.effects if self._effects == "auto" else None
+        declared = self._effects if isinstance(self._effects, frozenset) else declared
+        preset = self._resolver.preset
+        choices, *_ = estimate(preset, preset.settings, declared)
+        gathers = choices.history is HistoryKind.FRAMES  # else what is declared asks for all frames before
+        begin = max(0, first - preset.settings.history_frames) if gathers else 0
+        return numbers[begin - 1] if begin else None, numbers[begin : last + 1 + ahead]
+
+    def _read(self, frames: Iterator[Read], count: int, waiting: deque[Read]) -> Iterator[Frame]:
+        """The next ``count`` of ``frames``, whose results wait in ``waiting``, without pixels where that takes long."""
+        for _ in range(count):
+            read = next(frames)
+            frame = with_effects(read.frame, self._effects)
+            waiting.append(read._replace(frame=outline(read.frame)) if self._resolver.look_ahead else read)
+            yield frame
+            del read, frame
 
     def _reserve(self, part: FrameSequence) -> None:
         """Let the resolver allocate what the first frame will need, while that is decoded."""

@@ -143,6 +143,7 @@ def memory(
         resolver.storage,
         band_rows=rows,
         history_frames=history_frames,
+        look_ahead=preset.settings.look_ahead,
         windows=windows,
         changes=changes,
         shared=shared,

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
@@ -17,7 +18,7 @@ from cltaa.core.kernel_source import code_sha256
 from cltaa.core.presets import Preset
 from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError
-from cltaa.frame import Image
+from cltaa.frame import Frame, Image
 from cltaa.io.atomic import atomic_path, make_folder
 from cltaa.io.display import shown_light, to_display
 from cltaa.io.sequence import FrameSequence, ImageSequence
@@ -37,6 +38,8 @@ from cltaa.lab.judge.metrics import (
 )
 from cltaa.lab.judge.video_scores import Sums, VideoScores
 from cltaa.progress import track
+
+Item = TypeVar("Item")
 
 ONE_SAMPLE = "one sample"  # what was captured, judged beside its resolves
 LEAST_FRESH = 100  # disoccluded pixels for a score: with fewer, single samples at other places score 0.3 to 7
@@ -203,8 +206,9 @@ def judge_sequence(
     tallies = {name: _ScoreSums() for name in (ONE_SAMPLE, *resolvers)}
     video = VideoScores(len(tallies))
     with read_ahead((place, frame, reference.image(frame.index)) for place, frame in enumerate(sequence)) as read:
-        for place, frame, truth in track(read, len(sequence), f"judging {sequence.folder.name}"):
-            outputs = [frame.colour, *(resolver.resolve(frame)[..., :3] for resolver in resolvers.values())]
+        tracked = track(read, len(sequence), f"judging {sequence.folder.name}")
+        for (place, frame, truth), resolved in in_step(resolvers.values(), tracked, lambda given: given[1]):
+            outputs = [frame.colour, *(image[..., :3] for image in resolved)]
             repaired = [tally.repaired(image) for tally, image in zip(tallies.values(), outputs, strict=True)]
             shown, images = _Shown.of(truth), _Shown.of_each(repaired)
             judged = place >= settled
@@ -219,6 +223,27 @@ def judge_sequence(
                     other = _Shown.of(redrawn.image(frame.index))
                     redrawn_square += _square(other, shown, video.fresh)
     return _judged(tallies, redrawn_square, truth_samples(reference), len(sequence), launcher.description)
+
+
+def in_step(
+    resolvers: Collection[Resolver], items: Iterable[Item], frame_of: Callable[[Item], Frame]
+) -> Iterator[tuple[Item, list[Image]]]:
+    """Each of ``items``, of which ``frame_of`` is resolved, with the images of all resolvers, once the last one that
+    looks ahead has its own."""
+    waiting, ready = deque[Item](), [deque[Image]() for _ in resolvers]
+
+    def done() -> Iterator[tuple[Item, list[Image]]]:
+        while waiting and all(ready):
+            yield waiting.popleft(), [images.popleft() for images in ready]
+
+    for item in items:
+        waiting.append(item)
+        for images, resolver in zip(ready, resolvers, strict=True):
+            images.extend(resolver.feed(frame_of(item)))
+        yield from done()
+    for images, resolver in zip(ready, resolvers, strict=True):
+        images.extend(resolver.flush())
+    yield from done()
 
 
 def _square(image: _Shown, truth: _Shown, where: Mask) -> float:
