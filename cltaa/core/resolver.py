@@ -350,7 +350,7 @@ class Resolver:
         assert self.plan is not None
         assert self._buffers is not None
         self._buffers.swap()
-        if self._frame_ring is not None:
+        if self._frame_ring is not None and not self.look_ahead:
             self._frame_ring.take_back()
         self._run(frame, Past.of(previous), self._build(self.plan), self._buffers)
         self._buffers.swap()

@@ -242,7 +242,9 @@ def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int 
     """
     if resolver.preset.choices.history is HistoryKind.FRAMES:
         _keep_before(resolver, frames[0])
-    image = [resolver.resolve(frame) for frame in frames][-1]
+    last = frames[-1]
+    ahead = [replace(last, index=last.index + last.step * n) for n in range(1, resolver.look_ahead + 1)]
+    image = [image for frame in (*frames, *ahead) for image in resolver.feed(frame)][-1]
     launcher = resolver.launcher
 
     def run() -> float | None:
@@ -257,9 +259,14 @@ def resolve_job(name: str, resolver: Resolver, frames: list[Frame], rounds: int 
 
 def _keep_before(resolver: Resolver, frame: Frame) -> None:
     """Keep ``frame`` as often as the preset keeps frames, as if each had been resolved, if its plan gathers at all."""
+    count = resolver.preset.settings.history_frames
+    if resolver.look_ahead:
+        for ago in range(count, 0, -1):
+            resolver.feed(replace(frame, index=frame.index - frame.step * ago))
+        return
     before = replace(frame, index=frame.index - frame.step)
     resolver.resolve(before)
-    resolver.keep_again(before, resolver.preset.settings.history_frames)
+    resolver.keep_again(before, count)
 
 
 def device_seconds(events: list[tuple[str, Any]]) -> float:

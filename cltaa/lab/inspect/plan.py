@@ -74,7 +74,7 @@ def plan(
 ) -> SequencePlan:
     """Say which steps of ``preset`` run on which frames of ``sequence`` and why, from its headers alone.
 
-    With ``rounds`` each step is also timed on ``device``, on and off in turn, on two frames of the sequence; 0 reads no
+    With ``rounds`` each step of a preset that does not look ahead is also timed on ``device``, on and off in turn, on two frames of the sequence; 0 reads no
     pixels. ``storage``, ``half``, ``layers`` and ``band_rows`` are those of ``cltaa resolve``: they decide what memory
     it takes. Raises what opening the device and reading raise, and UsageError for no such layer.
     """
@@ -91,7 +91,7 @@ def plan(
         steps = [Step(name=reason.step, on=reason.on, why=reason.why) for reason in planned.reasons]
         sections.append(Section(first=number, last=number, starts=starts, steps=steps))
         plans.append(planned)
-    if rounds:
+    if rounds and not resolver.look_ahead:  # steps are timed one frame after another
         timed: dict[tuple[object, ...], Section] = {}
         for section, planned in zip(sections, plans, strict=True):
             key = tuple((step.name, step.on) for step in section.steps)

@@ -126,8 +126,8 @@ class Bench:
         for frames, truths in zip(self._frames, self._truths, strict=True):
             resolver = Resolver(preset, self._launcher)
             found = [
-                self._metric.function(resolver.resolve(frame)[..., :3], truth, 0.0)
-                for frame, truth in zip(frames, truths, strict=True)
+                self._metric.function(image[..., :3], truth, 0.0)
+                for image, truth in zip(resolver.images(frames), truths, strict=True)
             ]
             means.append(float(np.mean(found)))
         return float(np.mean(means))

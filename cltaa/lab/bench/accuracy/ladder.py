@@ -132,9 +132,13 @@ def combinations(base: Variant) -> Iterator[Variant]:
 
 
 def ladder(base: Preset, presets: Iterable[Preset] = (), *, full: bool = False) -> list[Variant]:
-    """The default, its steps, the other presets and, if ``full``, the combinations."""
+    """The default, its steps, the other presets and, if ``full``, the combinations.
+
+    Presets that look ahead are left out: what a budget of time chooses from has its image in the same frame.
+    """
     first = _as_it_is(base, DEFAULT)
-    others = [_as_it_is(preset, PRESETS) for preset in presets if preset.name != base.name]
+    causal = (preset for preset in presets if not preset.settings.look_ahead)
+    others = [_as_it_is(preset, PRESETS) for preset in causal if preset.name != base.name]
     return [first, *steps(first), *others, *(combinations(first) if full else ())]
 
 

@@ -18,7 +18,7 @@ from cltaa.io.atomic import make_folder
 from cltaa.io.display import Picture, to_picture
 from cltaa.io.png import GAP, error_map, label, write_png
 from cltaa.io.sequence import FrameSequence
-from cltaa.lab.bench.quality.judge import COLUMNS, ONE_SAMPLE
+from cltaa.lab.bench.quality.judge import COLUMNS, ONE_SAMPLE, in_step
 from cltaa.lab.bench.quality.page import DEFAULT, Row, Table
 from cltaa.lab.judge.detail import import_ndimage
 from cltaa.progress import track
@@ -101,8 +101,8 @@ def _candidates(sequence: FrameSequence, resolvers: Mapping[str, Resolver], pres
     reference = sequence.reference
     assert reference is not None
     ndimage, half = import_ndimage(), side // 2
-    for place, frame in enumerate(sequence):
-        outputs = {name: resolver.resolve(frame)[..., :3] for name, resolver in resolvers.items()}
+    for (place, frame), images in in_step(resolvers.values(), enumerate(sequence), lambda given: given[1]):
+        outputs = {name: image[..., :3] for name, image in zip(resolvers, images, strict=True)}
         if place < len(sequence) // 2:
             continue
         truth = reference.image(frame.index)
@@ -112,8 +112,8 @@ def _candidates(sequence: FrameSequence, resolvers: Mapping[str, Resolver], pres
         window = ndimage.uniform_filter(excess, side)[half:-half, half:-half]
         row, column = (int(place) for place in np.unravel_index(window.argmax(), window.shape))
         area = np.s_[row : row + side, column : column + side]
-        images = {ONE_SAMPLE: frame.colour, **outputs, "truth": truth}
-        yield Crop(float(window.max()), frame.index, {name: image[area].copy() for name, image in images.items()})
+        shown = {ONE_SAMPLE: frame.colour, **outputs, "truth": truth}
+        yield Crop(float(window.max()), frame.index, {name: image[area].copy() for name, image in shown.items()})
 
 
 def _magnified(crop: Crop) -> Picture:
