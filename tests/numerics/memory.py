@@ -89,12 +89,14 @@ class Written(DeviceLauncher):
             array[...] = 0
         return buffer
 
-    def copy(self, source: Buffer, target: Buffer, offset: int) -> None:
+    def copy(self, source: Buffer, target: Buffer, offset: int, start: int = 0) -> None:
         with source.mapped(write=False) as planes:
-            values = planes.reshape(-1).copy()
+            values = planes.reshape(-1)[start:].copy()
         with target.mapped(write=False) as planes:
             whole = planes.copy()
-        whole.reshape(-1)[offset : offset + values.size] = values
+        written = whole.reshape(-1)[offset:]
+        count = min(len(values), len(written))
+        written[:count] = values[:count]
         with target.mapped(write=True) as planes:
             planes[...] = whole
 
@@ -135,7 +137,9 @@ def run_everything() -> int:
         launches += 1
     gathering = override(load_preset(), {"history": "frames", "history_frames": 2})
     sequences = [(load_preset(), storage, SIZES[0]) for storage in Storage]
-    sequences += [(load_preset(), Storage.FLOAT, size) for size in SIZES[1:]] + [(gathering, Storage.FLOAT, SIZES[0])]
+    looking = override(load_preset("gather-8+8"), {"history_frames": 1, "look_ahead": 2})
+    sequences += [(load_preset(), Storage.FLOAT, size) for size in SIZES[1:]]
+    sequences += [(preset, Storage.FLOAT, SIZES[0]) for preset in (gathering, looking)]
     for preset, storage, size in sequences:
         for lanes in LANES:
             shaped = Build(strict=True, storage=storage, lanes=lanes, rows=3)
@@ -143,9 +147,9 @@ def run_everything() -> int:
             theirs = Resolver(preset, "numpy", storage=storage)
             for frame in hard_frames(*size, 4):
                 half = bool(frame.index % 2)
-                one, other = ours.resolve(frame, half=half), theirs.resolve(frame, half=half)
-                assert (bits(one) == bits(other)).all(), (preset, storage, lanes)
-                launches += 3 + half  # the fused kernel, the edges of colour and count, and halves
+                for one, other in zip(ours.feed(frame, half=half), theirs.feed(frame, half=half), strict=True):
+                    assert (bits(one) == bits(other)).all(), (preset, storage, lanes)
+                    launches += 3 + half  # the fused kernel, the edges of colour and count, and halves
     return launches
 
 

@@ -29,7 +29,7 @@ def resolver() -> Resolver:
 
 
 def written(folder: Path) -> list[Image]:
-    return [image for image in open_images(folder)]
+    return list(open_images(folder))
 
 
 def same(ones: list[Image], others: list[Image]) -> bool:
@@ -46,7 +46,7 @@ def test_each_image_is_written_under_the_name_of_its_frame(folder: Path, tmp_pat
     report = resolve_sequence(sequence, output, resolver())
     assert (report.frames, report.resolved) == (FRAMES, FRAMES)
     assert sorted(path.name for path in output.glob("*.exr")) == [path.name for path in sequence.files]
-    assert same(written(output), [image for image in resolver().images(sequence)])
+    assert same(written(output), list(resolver().images(sequence)))
 
 
 @pytest.mark.parametrize("lost", [[0], [4], [8], [2, 6]])
@@ -100,7 +100,7 @@ def test_where_the_whole_past_is_asked_for_a_run_goes_on_from_the_first_frame(tm
 def test_a_sequence_that_has_grown_is_refused(folder: Path, tmp_path: Path) -> None:
     resolve_sequence(open_sequence(folder), tmp_path / "out", resolver())
     write_sequence(folder, 1, first=FRAMES, width=9, height=7)
-    with pytest.raises(UsageError, match="was begun with another last_frame .expected 8, found 9.*--restart"):
+    with pytest.raises(UsageError, match=r"was begun with another last_frame \(expected 8, found 9.*--restart"):
         resolve_sequence(open_sequence(folder), tmp_path / "out", resolver())
 
 

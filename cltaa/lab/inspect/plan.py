@@ -74,9 +74,10 @@ def plan(
 ) -> SequencePlan:
     """Say which steps of ``preset`` run on which frames of ``sequence`` and why, from its headers alone.
 
-    With ``rounds`` each step of a preset that does not look ahead is also timed on ``device``, on and off in turn, on two frames of the sequence; 0 reads no
-    pixels. ``storage``, ``half``, ``layers`` and ``band_rows`` are those of ``cltaa resolve``: they decide what memory
-    it takes. Raises what opening the device and reading raise, and UsageError for no such layer.
+    With ``rounds`` each step, but of a preset that looks ahead, is also timed on ``device``, on and off in turn, on two
+    frames of the sequence; 0 reads no pixels. ``storage``, ``half``, ``layers`` and ``band_rows`` are those of ``cltaa
+    resolve``: they decide what memory it takes. Raises what opening the device and reading raise, and UsageError for no
+    such layer.
     """
     layers = chosen_layers(layers, sequence)
     check_layers(sequence, layers)

@@ -15,18 +15,19 @@ from PIL import Image as Pillow
 
 from cltaa.cli import main
 from cltaa.core.presets import Published, load_preset, override
+from cltaa.core.resolver import Resolver
 from cltaa.errors import DataError, InputMissing
 from cltaa.frame import Frame
 from cltaa.io.exr_read import read_frame
 from cltaa.io.sequence import open_sequence
 from cltaa.lab.bench.quality.cases import HELD_OUT, REDRAWN, TRAIN, Shape, planned
-from cltaa.lab.bench.quality.judge import ONE_SAMPLE, Cells, judge_sequence
+from cltaa.lab.bench.quality.judge import ONE_SAMPLE, Cells, in_step, judge_sequence
 from cltaa.lab.bench.quality.page import BEGIN, END
 from cltaa.lab.judge.metrics import flip_map
 from cltaa.lab.judge.video_scores import Sums, VideoScores
 from cltaa.reference.launcher import NumpyLauncher
 from tests.lab.bench.quality_cells import scores
-from tests.sequence_factory import write_images, write_sequence
+from tests.sequence_factory import make_frame, write_images, write_sequence
 
 NUMPY = NumpyLauncher()
 SMALL = [
@@ -49,6 +50,18 @@ SMALL = [
     "--jitter",
     "r2:5",
 ]
+
+
+def test_presets_that_look_ahead_are_judged_on_the_frame_that_they_resolved() -> None:
+    ahead = override(load_preset("gather-8+8"), {"history_frames": 2, "look_ahead": 2})
+    frames = [make_frame(number) for number in range(5)]
+    resolvers = [Resolver(preset, NUMPY) for preset in (load_preset(), ahead)]
+    items, images = zip(*in_step(resolvers, frames, lambda frame: frame), strict=True)
+    assert list(items) == frames
+    for resolver, own in zip(resolvers, zip(*images, strict=True), strict=True):
+        resolver.reset()
+        for image, expected in zip(own, resolver.images(frames), strict=True):
+            assert np.array_equal(image, expected)
 
 
 def test_a_run_captures_judges_and_goes_on(

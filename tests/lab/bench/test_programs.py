@@ -92,6 +92,22 @@ def test_what_is_timed_gathers_from_as_many_frames_as_it_keeps(preset: str) -> N
     assert (bits(image) != bits(fresh.resolve(last))).any()
 
 
+def test_what_is_timed_looks_as_far_ahead_as_it_does() -> None:
+    few = override(load_preset("gather-8+8"), {"history_frames": 2, "look_ahead": 2})
+    *_, frame, last = hard_frames(count=5)
+    resolver = Resolver(few)
+    job, image = resolve_job("job", resolver, [frame, last])
+    before = [dataclasses.replace(frame, index=frame.index - ago) for ago in (2, 1)]
+    ahead = [dataclasses.replace(last, index=last.index + later) for later in (1, 2)]
+    expected = [*Resolver(few).images([*before, frame, last, *ahead])][3]
+    assert (bits(image) == bits(expected)).all()
+    job.run()
+    assert resolver.last is not None
+    with resolver.last.arguments["output"].mapped(write=False) as planes:
+        again = np.moveaxis(resolver.last.layout.inside(planes), 0, -1)
+    assert (bits(again) == bits(expected)).all()
+
+
 def test_an_enlarged_frame_moves_as_far_in_pictures() -> None:
     frame = make_frame(1, motion=True, alpha=True)
     large = enlarged(frame, 3)
