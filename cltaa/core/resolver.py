@@ -235,7 +235,10 @@ class Resolver:
         Raises DataError where ``core.frame_checks`` finds a frame wrong, and UsageError where another thread is in it.
         """
         if self.look_ahead:
-            raise UsageError("an image of a resolver that looks ahead comes later", cure="call feed() and flush()")
+            raise UsageError(
+                f"preset {self.preset.name} looks ahead, and its image of a frame comes later",
+                cure="take one that does not; in Python call feed() and flush()",
+            )
         check_frame(frame)
         started = perf_counter()
         previous, build = self._begin(frame)

@@ -212,6 +212,7 @@ ROWS: dict[str, list[tuple[str, str, object]]] = {
         ("--preset basic", "resolver_for.preset.name", "basic"),
         ("--config config.toml", f"resolver_for.{CHANGED}", 0.375),
         ("--set box_scale_static=0.625", f"resolver_for.{CHANGED}", 0.625),
+        ("--look-ahead 7", "resolver_for.preset.settings.look_ahead", 7),
         ("--device 3", "resolver_for.device", "3"),
         ("--effects motion", "check_declared.effects", {"motion"}),
         ("--effects motion", "resolve_sequence.effects", {"motion"}),
