@@ -19,7 +19,7 @@ from cltaa.cli import main
 from cltaa.core.backend import Buffer
 from cltaa.core.bands import BandedResolver
 from cltaa.core.build import Storage
-from cltaa.core.planes import Layout
+from cltaa.core.planes import Layout, haloed
 from cltaa.core.presets import load_preset, override
 from cltaa.core.resolver import Resolver
 from cltaa.frame import Effect
@@ -93,8 +93,22 @@ def test_the_ring_of_kept_frames_is_in_the_formula() -> None:
     resolver.resolve(make_frame(0, width=50, height=31, effects=None))
     assert resolver.plan is not None
     told = device_bytes(50, 31, DevicePlanes(resolver.plan.steps, history_frames=3))
-    # Beside the planes the device holds three records of 136 bytes.
+    # Beside the planes the device holds three records of 140 bytes.
     assert 0 < launcher.allocated - told < 1024
+
+
+@pytest.mark.parametrize("counting", [Counting, CountingDevice])
+def test_frames_ahead_are_in_the_formula(counting: type[Counting | CountingDevice]) -> None:
+    launcher = counting()
+    ahead = override(load_preset("gather-8+8"), {"history_frames": 3, "look_ahead": 2})
+    resolver = Resolver(ahead, launcher)
+    frames = [make_frame(index, width=50, height=31) for index in range(4)]
+    taken = [replace(frame, colour=np.moveaxis(haloed([*frame.colour.transpose(2, 0, 1)]), 0, -1)) for frame in frames]
+    assert len([*resolver.images(taken)]) == 4  # of a device that shares memory with the host the frames' own
+    assert resolver.plan is not None
+    held = DevicePlanes(resolver.plan.steps, history_frames=3, look_ahead=2, shared=launcher.shares_memory)
+    # Beside the planes the device holds five records of 140 bytes.
+    assert 0 < launcher.allocated - device_bytes(50, 31, held) < 1024
 
 
 def test_the_windows_of_changing_light_are_in_the_formula_and_in_the_plan(tmp_path: Path) -> None:
@@ -105,7 +119,7 @@ def test_the_windows_of_changing_light_are_in_the_formula_and_in_the_plan(tmp_pa
     )
     assert resolver.plan is not None
     told = device_bytes(50, 31, DevicePlanes(resolver.plan.steps, history_frames=3, windows=True))
-    # Beside the planes the device holds three records of 136 bytes.
+    # Beside the planes the device holds three records of 140 bytes.
     assert 0 < launcher.allocated - told < 1024
     sequence = open_sequence(write_sequence(tmp_path / "in", 1, width=50, height=31))
     assert memory(sequence, resolver, [resolver.plan], rows=0).device == told
