@@ -184,9 +184,7 @@ def test_what_cannot_look_ahead_says_so() -> None:
         Resolver("default", look_ahead=2)
     with pytest.raises(UsageError, match=r"look_ahead has no such value \(expected 0 to 64"):
         Resolver("gather-8", look_ahead=-1)
-    with pytest.raises(
-        UsageError, match=r"preset gather-8 looks ahead, and its image .* comes later; .*feed\(\)"
-    ):
+    with pytest.raises(UsageError, match=r"preset gather-8 looks ahead, and its image .* comes later; .*feed\(\)"):
         Resolver("gather-8", look_ahead=2).resolve(make_frame(0))
 
 

@@ -124,7 +124,8 @@ def test_a_cell_is_kept_until_what_decides_it_changes(tmp_path: Path, monkeypatc
 def test_what_is_not_finite_counts_and_is_judged_as_black(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sequence = open_sequence(write_sequence(tmp_path / "capture", 3, reference=True))
     monkeypatch.setattr(
-        "cltaa.core.resolver.Resolver.resolve", lambda _self, frame: np.where(frame.colour > 2, np.nan, frame.colour)
+        "cltaa.core.resolver.Resolver.resolve",
+        lambda _self, frame, **_: np.where(frame.colour > 2, np.nan, frame.colour),
     )
     judged = judge_sequence(sequence, [load_preset()], NUMPY, settled=1)
     bad = sum(int((frame.colour > 2).sum()) for frame in sequence)
@@ -153,7 +154,7 @@ def test_what_appears_is_told_by_single_samples_drawn_elsewhere(
 
     monkeypatch.setattr("cltaa.lab.bench.quality.judge.VideoScores", AllAppears)
     monkeypatch.setattr("cltaa.lab.bench.quality.judge.LEAST_FRESH", least)
-    monkeypatch.setattr("cltaa.core.resolver.Resolver.resolve", lambda _self, frame: elsewhere[frame.index])
+    monkeypatch.setattr("cltaa.core.resolver.Resolver.resolve", lambda _self, frame, **_: elsewhere[frame.index])
     judged = judge_sequence(open_sequence(folder), [load_preset()], NUMPY, settled=1)
     found = judged["default"].scores["disoccluded"]
     assert found == (pytest.approx(1.0) if again and least == 1 else None)
