@@ -23,6 +23,7 @@ from cltaa.commands.printing import print_line, print_table
 from cltaa.errors import LONGEST_VALUE, UsageError
 from cltaa.inputs.foreign import is_png
 from cltaa.io.atomic import make_folder
+from cltaa.io.names import name_of, number_of, selection_of
 from cltaa.io.numbered import even_step, named_frames, ranges
 from cltaa.io.sequence import FrameSequence, ImageSequence
 from cltaa.lab.judge.comparison import Comparison, doubts, pair_up, truth_samples
@@ -171,11 +172,11 @@ def compare(
 ) -> None:
     """Judge A against B, frame by frame and in the mean; several A, each against B, in the mean.
 
-    A and B are folders of numbered EXR frames, of cltaa or of another tool, or of PNGs, which are taken for sRGB; or
-    single files. Where B is a captured sequence, A is judged against the truth in its folder reference/, beside the
-    single samples that were captured, and the equal-quality samples are stated: how many samples a pixel a
-    supersampler needs for the same error. Where B is left out, A is a captured sequence and its single samples are
-    judged against its own truth.
+    A and B are folders of numbered EXR frames, of cltaa or of another tool, or of PNGs, which are taken for sRGB;
+    patterns of such (x.####.exr), or single files. Where B is a captured sequence, A is judged against the truth in
+    its folder reference/, beside the single samples that were captured, and the equal-quality samples are stated: how
+    many samples a pixel a supersampler needs for the same error. Where B is left out, A is a captured sequence and its
+    single samples are judged against its own truth.
 
     --video needs the capture, for the motion in it, and tells apart what an error of single images cannot: ghosting
     (the past shows at disoccluded pixels), flicker (changes that are not in the truth), blur (fine detail lost) and
@@ -189,10 +190,11 @@ def compare(
     """
     asked = parse_metrics(metric_names)
     metrics = tuple(dict.fromkeys((*asked, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
-    tests, reference = (paths[:-1], paths[-1]) if len(paths) > 1 else (paths, None)
-    tests = tuple(dict.fromkeys(tests))
+    places = tuple(map(selection_of, _sequences(paths)))
+    by_word = {str(place): place for place in (places[:-1] if len(places) > 1 else places)}
+    tests, reference = (*by_word.values(),), places[-1] if len(places) > 1 else None
     comparisons = pair_up(tests, reference, frames, verify=verify, **reading)
-    named = dict(zip(map(str, tests) if len(tests) > 1 else ["A"], comparisons, strict=True))
+    named = dict(zip(by_word if len(tests) > 1 else ["A"], comparisons, strict=True))
     _check_alike(named, heatmap)
     if in_time:
         for comparison in comparisons:
@@ -200,8 +202,7 @@ def compare(
     _tell_reading(named, in_time)
     # Who names a single file asks for it alone.
     lacking = [
-        comparison.not_judged(frames) if test.is_dir() else []
-        for test, comparison in zip(tests, comparisons, strict=True)
+        [] if test.alone else comparison.not_judged(frames) for test, comparison in zip(tests, comparisons, strict=True)
     ]
     warnings = [_warn(*one, without, in_time, heatmap) for one, without in zip(named.items(), lacking, strict=True)]
     found = judge(comparisons, metrics, stops, in_time=in_time, heatmap=heatmap)
@@ -222,6 +223,19 @@ def compare(
         print_one(results[0], asked)
     else:
         print_several(results, asked)
+
+
+def _sequences(paths: tuple[Path, ...]) -> list[Path | tuple[Path, ...]]:
+    """The words of the command, files of one sequence that follow each other as one: so a shell lists a pattern."""
+    found: list[tuple[Path, ...]] = []
+    for path in paths:
+        last = found[-1][-1] if found and len(paths) > 2 else None
+        alike = last is not None and number_of(path) is not None and path.parent == last.parent
+        if alike and last is not None and number_of(last) is not None and name_of(path) == name_of(last):
+            found[-1] = (*found[-1], path)
+        else:
+            found.append((path,))
+    return [paths[0] if len(paths) == 1 else paths for paths in found]
 
 
 def _check_alike(comparisons: Mapping[str, Comparison], heatmap: Path | None) -> None:

@@ -21,12 +21,14 @@ from cltaa.commands.options import (
     chosen_effects,
     input_options,
     json_option,
+    one_sequence,
 )
 from cltaa.commands.printing import Console, print_line
 from cltaa.core.build import STORAGES, Storage
 from cltaa.core.presets import Preset
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.open import is_own, open_input
+from cltaa.io.names import selection_of
 from cltaa.io.pixel_statistics import ChannelStatistics
 from cltaa.io.preset_file import preset_of
 from cltaa.io.sequence import FrameSequence
@@ -86,8 +88,8 @@ def _table(section: Section, title: str) -> Table:
 OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_rows", "config", "changes")
 
 
-@click.command()
-@click.argument("folder", metavar="DIR", type=FILE_PATH)
+@click.command(context_settings={"allow_extra_args": True})  # of files that a shell lists
+@click.argument("folder", metavar="SEQUENCE", type=FILE_PATH)
 @click.option(
     "--pixels",
     is_flag=True,
@@ -151,24 +153,27 @@ def inspect(
 ) -> None:
     """Say what is in a captured sequence: size, channels, effects, jitter, camera, cuts, truth, and every problem.
 
+    SEQUENCE is a folder of frames, or a pattern of them (x.####.exr, x.%04d.exr, 'x.*.exr'), or one or more files.
+
     Only headers are read, which takes well under a millisecond a frame; a truncated file is found all the same. The
     exit code is 0 when nothing is wrong, else 65. --plan prints the plan of a resolve instead. Of the files of another
     tool it says how they would be read, and with --pixels what a resolve then takes.
     """
     _check_options(ctx, planned=planned, pixels=pixels)
+    place = selection_of(one_sequence(ctx, folder))
     if planned:
         wanted = assigned(preset_of(preset, config), changes)
         memory = {"storage": Storage(storage), "half": half, "layers": layers, "band_rows": band_rows}
-        _plan(open_input(folder, **reading), wanted, device, effects, as_json, **memory)
+        _plan(open_input(place, **reading), wanted, device, effects, as_json, **memory)
         return
     profile, asked = reading["profile"], reading["assignments"] or reading["side_file"] is not None
     named = asked or profile not in ("auto", "cltaa")
     found: Inspection | Description
     with shown_progress("inspecting") if sys.stderr.isatty() else nullcontext() as advance:
-        if named or (profile == "auto" and not is_own(folder)):
-            found = describe_input(folder, pixels=pixels, advance=advance, **reading)
+        if named or (profile == "auto" and not is_own(place)):
+            found = describe_input(place, pixels=pixels, advance=advance, **reading)
         else:
-            found = inspect_folder(folder, pixels=pixels, step=reading["step"], advance=advance)
+            found = inspect_folder(place, pixels=pixels, step=reading["step"], advance=advance)
     if as_json:
         click.echo(json_of(found))
     elif isinstance(found, Description):

@@ -28,8 +28,8 @@ from cltaa.io.exr_frame import COLOUR, GROUPS, MATRICES, Pixels
 from cltaa.io.exr_layout import Layout, of_region
 from cltaa.io.exr_read import FrameFile, ImageHeader
 from cltaa.io.manifest import file_sha256, recorded_hashes
-from cltaa.io.names import name_of, number_of
-from cltaa.io.numbered import FrameRange, OnBreak, even_step, numbered_files
+from cltaa.io.names import Named, Selection, name_of, number_of, selection_of
+from cltaa.io.numbered import FrameRange, OnBreak, even_step, files_in, numbered_files
 from cltaa.io.sequence import CHANNEL_OF, NO_PIXELS, ChangedImages, FrameSequence, ImageSequence, open_images
 
 SUFFIX = ".png"
@@ -38,9 +38,12 @@ SIGNATURE, FIRST = b"\x89PNG\r\n\x1a\n", b"IHDR"
 DEEPEST = 8  # bits a channel: of 16 Pillow reads the upper 8
 
 
-def is_png(path: Path) -> bool:
-    """True for a PNG, and for a folder that holds some and no EXR."""
-    return path.suffix == SUFFIX or (path.is_dir() and not any(path.glob("*.exr")) and any(path.glob(f"*{SUFFIX}")))
+def is_png(named: Named) -> bool:
+    """True for PNGs, and for a folder that holds some and no EXR."""
+    place = selection_of(named)
+    if place.files is not None:
+        return all(path.suffix == SUFFIX for path in place.files)
+    return not any(place.folder.glob("*.exr")) and any(place.folder.glob(f"*{SUFFIX}"))
 
 
 class PngImages(ImageSequence):
@@ -78,12 +81,10 @@ class PngImages(ImageSequence):
         return linear_colour(texels[..., :3], Encoding.SRGB) * texels[..., 3:]
 
 
-def open_png(path: Path, *, gaps: OnBreak = OnBreak.ERROR, frames: FrameRange | None = None) -> PngImages:
-    """Open a PNG, or a folder of numbered ones, with the options and errors of ``open_images``."""
-    if path.is_dir():
-        files = numbered_files(path, SUFFIX)
-        return PngImages(*files, verify=False, gaps=gaps, frames=frames, step=even_step(sorted(files[2])))
-    return PngImages(path.parent, name_of(path), {number_of(path) or 0: path}, verify=False, frames=frames)
+def open_png(named: Named, *, gaps: OnBreak = OnBreak.ERROR, frames: FrameRange | None = None) -> PngImages:
+    """Open PNGs, named and read with the options and errors of ``open_images``."""
+    files = numbered_files(named, SUFFIX)
+    return PngImages(*files, verify=False, gaps=gaps, frames=frames, step=even_step(sorted(files[2])))
 
 
 EFFECT_OF = {"motion": Effect.MOTION, "alpha": Effect.ALPHA, "reactive": Effect.REACTIVE}  # what a channel is there for
@@ -354,7 +355,7 @@ class ForeignImages(ImageSequence):
 
 
 def open_pictures(
-    path: Path,
+    named: Named,
     *,
     verify: bool = True,
     gaps: OnBreak = OnBreak.ERROR,
@@ -367,17 +368,18 @@ def open_pictures(
     Of the latter a missing frame is no error before it is asked for. Of channels R, G and B that are not cltaa's own a
     profile only says how they are encoded. Raises what ``open_images`` and ``open_intake`` raise.
     """
-    if is_png(path):
-        return open_png(path, gaps=gaps, frames=frames)
+    place = selection_of(named)
+    if is_png(place):
+        return open_png(place, gaps=gaps, frames=frames)
     asked = override(Profile() if profile == "auto" else load_profile(profile), assignments)
-    if not _of_another(path) and not asked.colour.view:
-        images = open_images(path, verify=verify, gaps=gaps, frames=frames)
+    if not _of_another(place) and not asked.colour.view:
+        images = open_images(place, verify=verify, gaps=gaps, frames=frames)
         encoded = asked.colour.encoding is Encoding.SRGB
         if not encoded or _own(images):
             return images
         return ChangedImages(images, partial(linear_colour, encoding=Encoding.SRGB), ["colour.encoding srgb, as asked"])
-    intake = open_intake(path, profile=profile, assignments=assignments, gaps=OnBreak.RESET, frames=frames)
-    return ForeignImages(ForeignSequence(path, intake, sorted(intake.declared), strict=False, verify=verify))
+    intake = open_intake(place, profile=profile, assignments=assignments, gaps=OnBreak.RESET, frames=frames)
+    return ForeignImages(ForeignSequence(place.folder, intake, sorted(intake.declared), strict=False, verify=verify))
 
 
 def stated(path: Path) -> dict[str, object]:
@@ -390,10 +392,12 @@ def _own(images: ImageSequence) -> bool:
     return any(name.startswith("cltaa:") for name in read_any_header(images.path(images.first)).attributes)
 
 
-def _of_another(path: Path) -> bool:
-    """True for a folder of files of several names, or whose first has its colour under other names, or in a part."""
-    files = sorted(path.glob("*.exr")) if path.is_dir() else []
-    if not files:
+def _of_another(place: Selection) -> bool:
+    """True for files of several names, or whose first has its colour under other names, or in a part."""
+    if place.files is None and not place.folder.is_dir():
+        return False
+    files = files_in(place)
+    if not files or not files[0].exists():  # which who opens it tells
         return False
     if len({name_of(file) for file in files if number_of(file) is not None}) > 1:
         return True

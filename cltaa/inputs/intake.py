@@ -40,7 +40,7 @@ from cltaa.inputs.roles import (
 from cltaa.inputs.side_file import Side, read_side_file
 from cltaa.io.exr_layout import Layout, of_region
 from cltaa.io.exr_read import ImageHeader
-from cltaa.io.names import renumbered
+from cltaa.io.names import Named, Selection, renumbered, selection_of
 from cltaa.io.numbered import (
     FrameRange,
     OnBreak,
@@ -221,7 +221,7 @@ class Intake:
 
 
 def open_intake(
-    folder: Path,
+    named: Named,
     *,
     profile: str = "auto",
     assignments: Many[str] = (),
@@ -232,13 +232,15 @@ def open_intake(
     step: int = 1,
     damaged: Mapping[Path, int] = MappingProxyType({}),
 ) -> Intake:
-    """Decide how ``folder`` is read, from its headers; raises InputMissing, DataError or UsageError.
+    """Decide how a sequence is read, from its headers; raises InputMissing, DataError or UsageError.
 
     ``gaps`` and ``on_resize`` say whether a frame may be missing (in any of the files that are read) and whether sizes
     may differ; ``frames`` are the numbers of the first and the last one to take, both included, and no other counts.
     ``step`` is how far numbers lie apart. Files that are ``damaged``, and of which frame, are left out.
     """
-    gaps, on_resize, sets = on_break(gaps), on_break(on_resize), file_sets(folder, damaged)
+    place = selection_of(named)
+    folder = place.folder
+    gaps, on_resize, sets = on_break(gaps), on_break(on_resize), file_sets(place, damaged)
     first = {label: read_any_header(files[min(files)]) for label, files in sets.items()}
     channels = {label: tuple(header.layout.channels) for label, header in first.items()}
     attributes: dict[str, object] = {}
@@ -287,13 +289,13 @@ def open_intake(
         frozenset(damaged.values()),
         views,
     )
-    intake.notes += notes_of(intake, folder)
+    intake.notes += notes_of(intake, place)
     return intake
 
 
-def open_with_gaps(folder: Path, **reading: Any) -> Intake:
+def open_with_gaps(named: Named, **reading: Any) -> Intake:
     """As ``open_intake``, to look at a sequence in which frames may be missing, unless it is for want of a step."""
-    intake = open_intake(folder, **reading, gaps=OnBreak.RESET)
+    intake = open_intake(named, **reading, gaps=OnBreak.RESET)
     missing = intake.missing
     first, last = min(intake.declared), max(intake.declared)
     apart = even_step(sorted({*intake.declared, *(number for number in intake.damaged if first < number < last)}))
@@ -397,7 +399,7 @@ DEPTH_NAME = re.compile(r"depth|(^|[._])dist(ance)?($|[._])|(linear|view|eye|sce
 OPAQUE = "alpha is 1 everywhere: --input colour.alpha=none gives the same colours, a tenth to a fifth faster"
 
 
-def notes_of(intake: Intake, folder: Path) -> list[str]:
+def notes_of(intake: Intake, place: Selection) -> list[str]:
     """One line for each thing that is not there: what is done without it, and how to give it."""
     notes = []
     if not intake.has_camera:
@@ -421,10 +423,10 @@ def notes_of(intake: Intake, folder: Path) -> list[str]:
         )
     if not intake.has_jitter:
         notes.append("no jitter: taken as none; if the pixels are jittered, cltaa check shows by how much")
-    return notes + _left_out(intake, folder)
+    return notes + _left_out(intake, place)
 
 
-def _left_out(intake: Intake, folder: Path) -> list[str]:
+def _left_out(intake: Intake, place: Selection) -> list[str]:
     """One line for each thing that is there and is not read."""
     views, notes = intake.views, list[str]()
     if len(views.names) > 1:
@@ -442,7 +444,7 @@ def _left_out(intake: Intake, folder: Path) -> list[str]:
         notes.append(
             f"not in the first frame: {', '.join(late)}; left out of all, for a channel is read of every frame"
         )
-    if left := unnumbered(folder):
+    if left := unnumbered(place):
         notes.append(f"no number: {', '.join(left)}; left out, for the name of a frame ends with its number")
     return notes
 

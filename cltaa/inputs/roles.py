@@ -17,8 +17,8 @@ from typing import NamedTuple
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.profile import Profile, load_profile, override, profile_names
 from cltaa.io.manifest import NAME as MANIFEST
-from cltaa.io.names import NUMBERED, number_of
-from cltaa.io.numbered import captures_below, folder_missing, no_frames, only_below
+from cltaa.io.names import Named, number_of, selection_of
+from cltaa.io.numbered import captures_below, files_in, no_frames, only_below
 from cltaa.printable import counted
 
 REFERENCE = "reference"  # folders of this name, or that begin with it, hold truth and no input
@@ -43,37 +43,37 @@ class Place(NamedTuple):
 Roles = Mapping[str, tuple[Place, ...]]  # colour, alpha, reactive, depth, motion -> places; absent roles are left out
 
 
-def unnumbered(folder: Path) -> list[str]:
-    """Names of EXR files in a folder that are no frames, for they have no number."""
-    return [path.name for path in sorted(folder.glob("*.exr")) if path.name[0] != "." and number_of(path) is None]
+def unnumbered(named: Named) -> list[str]:
+    """Names of EXR files of a place that are no frames, for they have no number."""
+    place = selection_of(named)
+    return [] if place.alone else [path.name for path in files_in(place) if number_of(path) is None]
 
 
-def file_sets(folder: Path, without: Container[Path] = ()) -> dict[str, dict[int, Path]]:
+def file_sets(named: Named, without: Container[Path] = ()) -> dict[str, dict[int, Path]]:
     """The numbered files of a folder and its subfolders by name: ``beauty.0001.exr`` or ``beauty/x.0001.exr``.
 
     Hidden subfolders are left out, those with truth, and those that a resolve wrote: what came of a sequence is no part
-    of it. So are the files ``without``.
+    of it. So are the files ``without``. Of a place that names files itself these are all.
     Raises InputMissing where there is none, or none but captures in folders of their own.
     """
-    if not folder.is_dir():
-        raise folder_missing(folder)
-    captures = captures_below(folder)
-    if captures and not any(folder.glob("*.exr")):
-        raise only_below(folder, captures)
-    sets: dict[str, dict[int, Path]] = {}
-    files = sorted([*folder.glob("*.exr"), *(path for path in folder.glob("*/*.exr") if _is_input(path.parent))])
+    place = selection_of(named)
+    files = files_in(place, below=True)
+    if place.files is None:
+        captures = captures_below(place.folder)
+        if captures and not any(path.parent == place.folder for path in files):
+            raise only_below(place.folder, captures)
+        files = [path for path in files if path.parent == place.folder or _is_input(path.parent)]
+    folders: dict[Path, list[Path]] = {}
     for path in files:
-        match = NUMBERED.fullmatch(path.name)
-        if match is None or path.name[0] == "." or path in without:
-            continue
-        label = f"{path.parent.name}/{match['name']}" if path.parent != folder else match["name"]
-        numbers = sets.setdefault(label, {})
-        if int(match["number"]) in numbers:
-            number = int(match["number"])
-            raise DataError("two files have one frame number", path=path, frame=number, found=numbers[number].name)
-        numbers[int(match["number"])] = path
+        folders.setdefault(path.parent, []).append(path)
+    sets: dict[str, dict[int, Path]] = {}
+    for folder, its in folders.items():
+        for name, numbers in place.by_name(its).items():
+            label = name if folder == place.folder else f"{folder.name}/{name}"
+            if left := {number: path for number, path in numbers.items() if path not in without}:
+                sets[label] = left
     if not sets:
-        raise no_frames(folder, files)
+        raise no_frames(place, files)
     return sets
 
 

@@ -20,6 +20,7 @@ from cltaa.io.exr_frame import COLOUR, FrameHeader, Pixels, check_float_channels
 from cltaa.io.exr_layout import LOSSLESS, Layout
 from cltaa.io.exr_read import ImageHeader, read_header, read_image
 from cltaa.io.manifest import recorded_hashes
+from cltaa.io.names import Named, selection_of
 from cltaa.io.numbered import Problems, even_step, named_frames, numbered_files, one_range
 from cltaa.io.pixel_statistics import ChannelStatistics, needless_channels, pixel_problems
 from cltaa.io.sequence import RESOLVED, open_images
@@ -255,7 +256,7 @@ def _highest(plane: Pixels) -> float:
 
 
 def inspect_folder(
-    folder: Path, *, pixels: bool = False, step: int = 1, advance: Callable[[int, int], None] | None = None
+    named: Named, *, pixels: bool = False, step: int = 1, advance: Callable[[int, int], None] | None = None
 ) -> Inspection:
     """Look at every file of a sequence. What is wrong is listed, not raised.
 
@@ -264,8 +265,9 @@ def inspect_folder(
     ``advance(done, total)`` is called after every file. Raises InputMissing or DataError only where there is no one
     sequence to look at.
     """
-    _, name, paths = numbered_files(folder)
-    result = Inspection(folder=str(folder), name=name, first=min(paths), last=max(paths), frames=len(paths))
+    place = selection_of(named)
+    folder, name, paths = numbered_files(place)
+    result = Inspection(folder=str(place), name=name, first=min(paths), last=max(paths), frames=len(paths))
     result.problems += _missing(sorted(paths), step)
     recorded = _recorded(folder, result.problems) if pixels else {}
     layouts: dict[int, Layout] = {}

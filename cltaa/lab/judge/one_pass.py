@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from cltaa.frame import Frame, Image
 from cltaa.io.exr_layout import Part
-from cltaa.io.names import NUMBERED
+from cltaa.io.names import name_of, number_of
 from cltaa.io.numbered import ranges
 from cltaa.io.sequence import FrameSequence, ImageSequence
 from cltaa.io.streams import ReadAhead, Task
@@ -52,8 +52,8 @@ def stale_maps(folder: Path, images: ImageSequence) -> list[str]:
 
     They stay: pictures of anybody's may lie in the folder under such names.
     """
-    matches = (NUMBERED.fullmatch(path.name) for path in folder.glob("*.png"))
-    numbers = {int(match["number"]) for match in matches if match and match["name"] == images.name}
+    maps = [path for path in folder.glob("*.png") if name_of(path) == images.name]
+    numbers = {number for path in maps if (number := number_of(path)) is not None}
     stale = sorted(numbers.difference(images.numbers))
     return [f"{printable(folder)}: maps of frames that are not judged now stay there: {ranges(stale)}"] if stale else []
 
