@@ -15,7 +15,7 @@ from cltaa.commands.options import (
     ASSIGNMENT,
     EFFECT_LIST,
     FILE_PATH,
-    NAMES,
+    LAYERS,
     PRESET,
     assigned,
     chosen_effects,
@@ -35,7 +35,7 @@ from cltaa.io.sequence import FrameSequence
 from cltaa.lab.inspect.description import Description, describe_input
 from cltaa.lab.inspect.findings import Inspection, inspect_folder
 from cltaa.lab.inspect.plan import Section, SequencePlan
-from cltaa.printable import bytes_of, counted, json_of, printable, shown
+from cltaa.printable import bytes_of, counted, json_of, printable, shown, written
 from cltaa.progress import shown_progress
 
 
@@ -129,7 +129,9 @@ OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_row
     help="With --plan: of a resolve in bands of N rows (0: whole images).",
 )
 @click.option("--half", is_flag=True, help="With --plan: of results in half precision, which take less memory.")
-@click.option("--layers", type=NAMES, help="With --plan: channels of the input that are kept, as cltaa resolve has it.")
+@click.option(
+    "--layers", type=LAYERS, help="With --plan: channels of the input that are kept, as cltaa resolve has it."
+)
 @input_options
 @json_option
 @click.pass_context
@@ -221,12 +223,8 @@ def _print(found: Inspection) -> None:
 
 
 def _print_facts(facts: list[tuple[str, str]], statistics: dict[str, ChannelStatistics]) -> None:
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    table.add_column(style="dim")
-    table.add_column()
-    for name, text in facts:
-        table.add_row(name, shown(text))
-    Console().print(table)
+    for name, text in facts:  # each a line, so that the options in it can be pasted back
+        print_line(f"[dim]{name:<11}[/] {shown(text)}")
     if statistics:
         Console().print(_statistics(statistics))
 
@@ -244,10 +242,10 @@ def _facts_of_reading(found: Description) -> list[tuple[str, str]]:
     return [
         ("profile", f"{found.profile}: {found.reason}"),
         ("frames", f"{found.frames}: {found.first} to {found.last}, {found.size}"),
-        *((role, " ".join(channels)) for role, channels in found.channels.items()),
+        *((role, written(channels)) for role, channels in found.channels.items()),
         *([("exposure", _range(found.exposures))] if found.exposures != (1.0, 1.0) else []),
         *([("cuts", ", ".join(map(str, found.cuts)))] if found.cuts else []),
-        ("also there", " ".join(found.unused) or "nothing"),
+        ("also there", written(found.unused) or "nothing"),
         *(("without", note) for note in found.notes),
     ]
 
@@ -258,7 +256,7 @@ def _range(found: tuple[float, float]) -> str:
 
 def _facts(found: Inspection) -> list[tuple[str, str]]:
     kinds = sorted(set(found.channels.values()))
-    by_kind = (f"{' '.join(n for n, k in found.channels.items() if k == kind)} ({kind})" for kind in kinds)
+    by_kind = (f"{written(n for n, k in found.channels.items() if k == kind)} ({kind})" for kind in kinds)
     return [
         ("sequence", f"{found.name} in {found.folder}"),
         ("scene", found.scene or "not named"),

@@ -17,7 +17,7 @@ from cltaa.core.frame_checks import EXPOSURE_STOPS
 from cltaa.errors import UsageError, known
 from cltaa.frame import Effect, parse_effects
 from cltaa.io.names import SUFFIXES, Named
-from cltaa.printable import printable
+from cltaa.printable import names_in, printable
 from cltaa.renamed import EFFECTS, current
 
 if TYPE_CHECKING:
@@ -240,6 +240,15 @@ class _Names(_Tuple):
         return tuple(name for part in value.split(",") if (name := part.strip()))
 
 
+class _Layers(_Tuple):
+    """A comma-separated list of channels, in which one whose name holds a comma stands in quotes."""
+
+    name = "LIST"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
+        return tuple(name for (name,) in names_in(value) if name)
+
+
 class _WholeNumbers(_Tuple):
     """A comma-separated list of whole numbers from ``least`` on."""
 
@@ -256,7 +265,7 @@ class _WholeNumbers(_Tuple):
 
 
 FILE_PATH, FOLDER = _FilePath(path_type=Path), _Folder(path_type=Path)
-SIZE, FRAME_RANGE, SOME_FRAMES, NAMES = _Size(), _FrameRange(), _SomeFrames(), _Names()
+SIZE, FRAME_RANGE, SOME_FRAMES, NAMES, LAYERS = _Size(), _FrameRange(), _SomeFrames(), _Names(), _Layers()
 FROM_0, FROM_1, FROM_2 = (_WholeNumbers(least) for least in range(3))  # lists of whole numbers
 MILLISECONDS = _Milliseconds(min=0.0, min_open=True)
 STOPS = _Stops(-EXPOSURE_STOPS, EXPOSURE_STOPS)

@@ -11,8 +11,8 @@ from cltaa.commands.options import (
     ASSIGNMENT,
     FILE_PATH,
     FRAME_RANGE,
+    LAYERS,
     MILLISECONDS,
-    NAMES,
     PRESET,
     VIEW_LIST,
     assigned,
@@ -64,7 +64,7 @@ from cltaa.printable import counted, json_of, printable, shown
 @click.option("--compression", help="EXR compression that loses nothing.  [default: the input's, else zip]")
 @click.option(
     "--layers",
-    type=NAMES,
+    type=LAYERS,
     help="Channels of the input to keep beside the resolved ones: all, none, or names separated by commas, "
     "* for anything.  [default: all of other tools' files]",
 )

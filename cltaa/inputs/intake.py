@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-import shlex
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from collections.abc import Sequence as Many
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
+from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.frame import Camera, Matrix
 from cltaa.inputs.convert import Offset, jitter_px, mended_camera, standard_camera
 from cltaa.inputs.parts import read_any_header
-from cltaa.inputs.profile import Cameras, Profile, load_profile, override
+from cltaa.inputs.profile import Cameras, Profile, channels_option, load_profile, option_text, override
 from cltaa.inputs.roles import (
     KEYS,
     ONE_VIEW,
@@ -54,6 +54,7 @@ from cltaa.io.numbered import (
     on_break,
     ranges,
 )
+from cltaa.printable import written
 
 
 class Damaged(NamedTuple):
@@ -316,17 +317,18 @@ def _assigned(
     roles = assign_view(profile, channels, views)
     if "colour" not in roles:
         raise no_colour(folder, profile, channels, views)
-    asked = dict(assignment.split("=", 1) for assignment in assignments)
+    asked = {assignment.partition("=")[0].strip() for assignment in assignments}
     for role, key in KEYS.items():
-        names = asked.get(key, "none").strip("[]' ")
-        if role not in roles and names and "none" not in names.split():
+        wanted = attrgetter(key)(profile) if key in asked and role not in roles else ()
+        lists = [[one] if isinstance(one, str) else one for one in wanted]
+        if lists and not any("none" in names for names in lists):
             there = [
                 shown_name(Place(label, name), len(channels) > 1) for label in channels for name in channels[label]
             ]
             raise UsageError(
-                f"--input {key}={names}: no such channels",
+                f"--input {key}={', '.join(map(written, lists))}: no such channels",
                 path=folder,
-                found=" ".join(there),
+                found=written(there),
                 cure=f"do without by --input {key}='{' '.join(['none'] * (1 + (role == 'motion')))}'",
             )
     return roles
@@ -432,14 +434,12 @@ def _left_out(intake: Intake, place: Selection) -> list[str]:
     if len(views.names) > 1:
         taken = views.of(place.channel for place in intake.roles["colour"])
         other = next(view for view in views.names if view != taken)
-        notes.append(
-            f"several views: {taken} of {', '.join(views.names)} is taken; to take {other}: --input colour.view={other}"
-        )
+        option = option_text({"colour": {"view": other}})
+        notes.append(f"several views: {taken} of {', '.join(views.names)} is taken; to take {other}: {option}")
     if others := _like_the_colour(intake, views):
-        taken = shlex.quote(" ".join(f"{others[0]}.{name.channel.split('.')[-1]}" for name in intake.roles["colour"]))
-        notes.append(
-            f"another layer: {', '.join(others)} not resolved; to take {others[0]}: --input colour.channels={taken}"
-        )
+        names = [f"{others[0]}.{place.channel.rpartition('.')[2]}" for place in intake.roles["colour"]]
+        option = channels_option("colour.channels", names)
+        notes.append(f"another layer: {', '.join(others)} not resolved; to take {others[0]}: {option}")
     if late := _late(intake):
         notes.append(
             f"not in the first frame: {', '.join(late)}; left out of all, for a channel is read of every frame"
@@ -480,6 +480,6 @@ def _may_be(role: str, pattern: re.Pattern[str], names: Sequence[str]) -> str:
         return ""
     letters = "ruxgvy"  # red or u or x is across; a third and a fourth are something else
     across_first = sorted(like, key=lambda name: (len(name), f"{letters}{name[-1]}".lower().index(name[-1].lower())))
-    taken = " ".join(across_first[:count])
-    option = f"--input {role}.channels={shlex.quote(taken)}"
-    return f"; to take {'those' if count > 1 else 'that'} in {taken}: {option}, which cltaa check judges"
+    taken = across_first[:count]
+    option = channels_option(f"{role}.channels", taken)
+    return f"; to take {'those' if count > 1 else 'that'} in {written(taken)}: {option}, which cltaa check judges"

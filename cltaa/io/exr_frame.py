@@ -27,6 +27,7 @@ from cltaa.frame import (
 )
 from cltaa.io.exr_layout import Layout, of_region
 from cltaa.io.names import number_of
+from cltaa.printable import written
 
 Pixels = NDArray[np.float16] | NDArray[np.float32] | NDArray[np.uint32]
 
@@ -69,7 +70,7 @@ def check_float_channels(layout: Layout, names: Iterable[str]) -> None:
     for name in names:
         kind = layout.channels.get(name)
         if kind is None:
-            found = " ".join(sorted(layout.channels)) or "none"
+            found = written(sorted(layout.channels)) or "none"
             cure = "capture or convert the file with this channel"
             raise DataError("channel is missing", path=layout.path, channel=name, found=found, cure=cure)
         if kind == "uint":

@@ -37,7 +37,7 @@ from cltaa.lab.check.jitter import check_jitter
 from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
 from cltaa.lab.check.registration import Shot, measure_shifts
 from cltaa.lab.check.unverifiable import untold
-from cltaa.printable import counted
+from cltaa.printable import counted, written
 from cltaa.progress import track
 
 
@@ -64,12 +64,12 @@ def check_files(intake: Intake) -> list[Finding]:
             codecs = {read_any_header(path, chunks=False).layout.compression for path in files}
             if lossy := sorted(codecs - LOSSLESS):
                 what = f"compression {', '.join(lossy)} loses precision that {role} needs"
-                evidence = f"{role} {' '.join(place.channel for place in places)} in {counted(len(files), 'file')}"
+                evidence = f"{role} {written(place.channel for place in places)} in {counted(len(files), 'file')}"
                 found.append(Finding(name="file-lossy", mistake=True, confidence=0.99, what=what, evidence=evidence))
         types = {intake.first[place.files].channels[place.channel] for place in places}
         if "half" in types:
             what = f"{role} is half precision: 11 bits, wrong by up to 1/2048 of its size"
-            evidence = " ".join(shown_name(place, len(intake.sets) > 1) for place in places)
+            evidence = written(shown_name(place, len(intake.sets) > 1) for place in places)
             found.append(
                 Finding(name=f"{role}-half", mistake=role == "depth", confidence=0.99, what=what, evidence=evidence)
             )
