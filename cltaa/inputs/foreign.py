@@ -299,18 +299,31 @@ class ForeignSequence(FrameSequence):
                 if plane is not None and plane.dtype == np.uint32:
                     raise whole_numbers(place, path)
                 if plane is None:
-                    raise channel_missing(place, role, len(its), path, read_any_header(path).layout.channels)
+                    header = read_any_header(path)
+                    for fault in header.faults.values():
+                        raise fault
+                    raise channel_missing(place, role, len(its), path, header.layout.channels)
             stacked[role] = np.moveaxis(haloed([files[place.files][place.channel] for place in its]), 0, -1)
         return stacked, files[main]
 
     def _read(self, label: str, number: int, names: Collection[str]) -> dict[str, Pixels]:
         """Channels of a file of that set, of which that of the colour says what the picture is."""
-        path = self.intake.sets[label][number]
-        planes = read_planes(path, names, sha256=self._hash_of(path))
-        if path == self.path(number):
-            return planes
-        part = read_any_header(path).layout.part_of(self.layouts[number].data_window)
-        return {name: plane[part] for name, plane in planes.items()}
+        path, picture = self.intake.sets[label][number], self.layouts[number]
+        if path != self.path(number):
+            other = read_any_header(path).layout
+            if other.display_window != picture.display_window and not other.covers(picture.region):
+                raise DataError(
+                    "shows another picture than the colour",
+                    path=path,
+                    frame=number,
+                    expected=picture.size,
+                    found=other.size,
+                    cure="write all channels with one display window",
+                )
+        # Where depth and vectors are not, there is nothing: the sky, which moves as the camera has it.
+        nowhere = {place.channel for role in ("depth", "motion") for place in self._roles.get(role, ())}
+        outside = dict.fromkeys(nowhere, np.nan)
+        return read_planes(path, names, sha256=self._hash_of(path), picture=picture.data_window, outside=outside)
 
 
 def _numbers(camera: Camera | None) -> list[float]:

@@ -7,7 +7,6 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from collections.abc import Sequence as Many
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import pairwise
 from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
@@ -36,6 +35,7 @@ from cltaa.inputs.roles import (
     unnumbered,
     views_of,
     whole_numbers,
+    with_common_names,
 )
 from cltaa.inputs.side_file import Side, read_side_file
 from cltaa.io.exr_layout import Layout, of_region
@@ -44,7 +44,7 @@ from cltaa.io.names import Named, Selection, renumbered, selection_of
 from cltaa.io.numbered import (
     FrameRange,
     OnBreak,
-    check_size,
+    as_pictures,
     check_steps,
     chosen_numbers,
     even_step,
@@ -248,9 +248,13 @@ def open_intake(
     for header in first.values():
         attributes = header.attributes | attributes
     chosen, reason = (load_profile(profile), "as asked") if profile != "auto" else guessed_profile(attributes, channels)
-    chosen = override(chosen, assignments)
     views = views_of(attributes, channels, [header.views for header in first.values()])
-    roles = _assigned(folder, chosen, assignments, channels, views)
+    if profile == "auto" and "colour" not in assign_view(chosen, channels, views):
+        found = assign_view(with_common_names(chosen, ("colour", "depth", "motion")), channels, views)
+        chosen = with_common_names(chosen, [name for name in ("colour", "depth", "motion") if name in found])
+    chosen = override(chosen, assignments)
+    faults = [fault for header in first.values() for fault in header.faults.values()]
+    roles = _assigned(folder, chosen, assignments, channels, views, faults)
     main = sets[roles["colour"][0].files]
     read = [sets[label] for label in {place.files for all_of in roles.values() for place in all_of}]
     there = sorted(number for number in main if all(number in files for files in read))
@@ -263,14 +267,14 @@ def open_intake(
     late = step * max(abs(chosen.jitter.delay), abs(chosen.camera.delay))
     around = [number for number in there if numbers[0] - late <= number <= numbers[-1] + late]
     headers = {number: read_any_header(main[number]) for number in around}
-    pictures = {number: header.layout for number, header in headers.items()}
-    layouts = {number: pictures[number] for number in numbers}
+    # What the colour shows is the picture, whatever windows other parts have.
+    colour = [place.channel for place in roles["colour"]]
+    pictures = {number: header.layout.shown_by(colour) for number, header in headers.items()}
+    layouts = as_pictures({number: pictures[number] for number in numbers}, on_resize)
     _refuse_whole_numbers(first, roles)
-    for before, number in pairwise(numbers):
-        check_size(layouts[number], layouts[before], number, on_resize)
     given = {number: header.attributes for number, header in headers.items()}
     side = {} if side_file is None else _side_of(side_file, numbers)
-    known = declared_frames(chosen, given, side, pictures, step)
+    known = declared_frames(chosen, given, side, pictures | layouts, step)
     declared = {number: known[number] for number in numbers}
     delays = {"matrices": step * chosen.camera.delay, "jitter": step * chosen.jitter.delay, "exposure": 0}
     _check_complete(folder, known, numbers, delays, side_file, side)
@@ -291,6 +295,12 @@ def open_intake(
         views,
     )
     intake.notes += notes_of(intake, place)
+    if any(layouts[number].data_window != pictures[number].data_window for number in numbers):
+        intake.notes.append(
+            "data windows differ: frames are read as their display window, with nothing outside of each"
+        )
+    for name, fault in (pair for header in first.values() for pair in header.faults.items()):
+        intake.notes.append(f"part {name}: left out, for {fault.what}")
     return intake
 
 
@@ -307,7 +317,12 @@ def open_with_gaps(named: Named, **reading: Any) -> Intake:
 
 
 def _assigned(
-    folder: Path, profile: Profile, assignments: Many[str], channels: Mapping[str, Many[str]], views: Views
+    folder: Path,
+    profile: Profile,
+    assignments: Many[str],
+    channels: Mapping[str, Many[str]],
+    views: Views,
+    faults: Many[DataError],
 ) -> Roles:
     """The channels of each role.
 
@@ -316,7 +331,7 @@ def _assigned(
     """
     roles = assign_view(profile, channels, views)
     if "colour" not in roles:
-        raise no_colour(folder, profile, channels, views)
+        raise faults[0] if faults else no_colour(folder, profile, channels, views)
     asked = {assignment.partition("=")[0].strip() for assignment in assignments}
     for role, key in KEYS.items():
         wanted = attrgetter(key)(profile) if key in asked and role not in roles else ()
@@ -397,6 +412,10 @@ def intake_lines(intake: Intake) -> Iterator[str]:
 # What tools call vectors and depth, in the name of a channel or of its file.
 MOTION_NAME = re.compile(r"mot(ion|vec)|veloc|vector|flow|(^|[._])mvs?($|[._])", re.IGNORECASE)
 DEPTH_NAME = re.compile(r"depth|(^|[._])dist(ance)?($|[._])|(linear|view|eye|scene)_?z($|[._])", re.IGNORECASE)
+# What is drawn beside a picture, and is none.
+NO_LIGHT = re.compile(
+    r"albedo|base_?colou?r|diff(use)?_?col|matte|mask|crypto|normal|position|(^|[._])(uv|id|n|p)[._]", re.I
+)
 # What a resolve of frames that nothing shines through takes for nothing (docs/decisions/11-conventions-from-pixels.md).
 OPAQUE = "alpha is 1 everywhere: --input colour.alpha=none gives the same colours, a tenth to a fifth faster"
 
@@ -429,8 +448,11 @@ def notes_of(intake: Intake, place: Selection) -> list[str]:
 
 
 def _left_out(intake: Intake, place: Selection) -> list[str]:
-    """One line for each thing that is there and is not read."""
+    """One line for each thing that is there and is not read, or is read for want of a better."""
     views, notes = intake.views, list[str]()
+    colour = [shown_name(place, len(intake.sets) > 1) for place in intake.roles["colour"]]
+    if NO_LIGHT.search(colour[0]):
+        notes.append(f"colour: {written(colour)} is by its name no picture; name another by --input colour.channels")
     if len(views.names) > 1:
         taken = views.of(place.channel for place in intake.roles["colour"])
         other = next(view for view in views.names if view != taken)

@@ -12,7 +12,9 @@ from collections.abc import Container, Iterable, Mapping, Sequence
 from collections.abc import Sequence as Many
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import msgspec
 
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.profile import (
@@ -302,6 +304,15 @@ def _of_view(names: Iterable[str], view: str, views: Views, asked: set[str]) -> 
         if (not told and (view == views.names[0] or "." in name)) or by_part or (told and name in asked):
             others[name] = name
     return others | named
+
+
+def with_common_names(profile: Profile, sections: Iterable[str]) -> Profile:
+    """A tool's profile, that last looks for what files of any tool call colour, depth or motion."""
+    common, made = load_profile("parts"), dict[str, Any]()
+    for section in sections:
+        own, other = getattr(profile, section), getattr(common, section)
+        made[section] = msgspec.structs.replace(own, channels=tuple(dict.fromkeys((*own.channels, *other.channels))))
+    return msgspec.structs.replace(profile, **made)
 
 
 OF_NO_TOOL = {"parts": 1, "cltaa": 2}  # and which goes before which

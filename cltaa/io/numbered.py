@@ -202,7 +202,7 @@ def _with_others(problem: str, others: list[int]) -> str:
 
 # What a folder without frames may hold in their place.
 PICTURES = frozenset({".bmp", ".dpx", ".exr", ".hdr", ".jpeg", ".jpg", ".png", ".tga", ".tif", ".tiff"})
-ONE_REGION = "render one region in all frames, or the whole picture: no autocrop"
+ONE_REGION = "render both with one display window"
 
 
 class NumberedFiles:
@@ -242,12 +242,8 @@ class NumberedFiles:
         numbers = chosen_numbers(sorted(paths), frames, folder)
         check_steps(paths, (numbers[0], numbers[-1]), step, self.gaps)
         self._paths = {number: paths[number] for number in numbers}
-        self.layouts = {}
-        before: Layout | None = None
-        for number, path in self._paths.items():
-            self.layouts[number] = layout = self.layout_of(path)
-            check_size(layout, before or layout, number, self.on_resize)
-            before = layout
+        found = {number: self.layout_of(path) for number, path in self._paths.items()}
+        self.layouts = as_pictures(found, self.on_resize)
 
     @staticmethod
     def layout_of(path: Path) -> Layout:
@@ -318,17 +314,42 @@ class NumberedFiles:
         return recorded_hashes(self.folder)
 
     def select(self, first: int, last: int) -> Self:
-        """Return the frames ``first`` to ``last``, both included; raises UsageError unless these two are there."""
+        """Return the frames ``first`` to ``last``, both included; raises UsageError unless these two are there.
+
+        They show what they show among all.
+        """
         return type(self)(
             self.folder,
             self.name,
-            self._paths,
+            {number: self._paths[number] for number in chosen_numbers(self.numbers, (first, last), self.folder)},
             verify=self.verify,
             gaps=self.gaps,
             on_resize=self.on_resize,
-            frames=(first, last),
             step=self.step,
+            layouts=self.layouts,
         )
+
+
+def as_pictures(layouts: Mapping[int, Layout], on_resize: OnBreak) -> dict[int, Layout]:
+    """The layouts of frames, by number, as one history needs them: of frames with several data windows the display's.
+
+    A picture is the data window where all have one: a border render, or overscan. Raises DataError for display windows
+    that differ, unless they may, and for pictures that lie outside of them.
+    """
+    runs: list[dict[int, Layout]] = []
+    for number, layout in layouts.items():
+        if not runs or next(iter(runs[-1].values())).display_size != layout.display_size:
+            runs.append({})
+        runs[-1][number] = layout
+    found: dict[int, Layout] = {}
+    for run in runs:
+        several = len({layout.region for layout in run.values()}) > 1
+        found |= {number: layout.whole() if several else layout for number, layout in run.items()}
+    for before, number in pairwise(found):
+        check_size(found[number], found[before], number, on_resize)
+    for number, layout in found.items():
+        layout.refuse_outside(number)
+    return found
 
 
 def check_size(layout: Layout, before: Layout, number: int, on_resize: OnBreak) -> None:
@@ -337,8 +358,6 @@ def check_size(layout: Layout, before: Layout, number: int, on_resize: OnBreak) 
         if on_resize is OnBreak.RESET:
             return
         cure = "all frames of a sequence have one size; cltaa resolve --on-resize reset begins anew at each change"
-        if layout.display_size == before.display_size:
-            cure = ONE_REGION
         raise DataError(
             "size differs", path=layout.path, frame=number, expected=before.size, found=layout.size, cure=cure
         )

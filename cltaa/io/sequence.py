@@ -43,7 +43,8 @@ class ImageSequence(NumberedFiles):
 
     def image(self, number: int) -> Image:
         """Read the colour of one frame number, [H, W, 3] linear float32."""
-        return read_colour(self.path(number), sha256=self.sha256(number))
+        window = self.layouts[number].data_window
+        return read_colour(self.path(number), sha256=self.sha256(number), picture=window)
 
     def __iter__(self) -> Iterator[Image]:
         """Read the frames one after another."""
@@ -231,7 +232,7 @@ class FrameSequence(NumberedFiles):
         """Camera, jitter, cut and exposure of one frame number, checked, read without its pixels."""
         path = self.path(number)
         header = read_header(path)
-        return FrameHeader(path, header.attributes, header.layout)
+        return FrameHeader(path, header.attributes, self.layouts[number])
 
     def outline(self, number: int) -> Frame:
         """A frame of which only the header was read: its channels are there, and empty."""
@@ -257,7 +258,8 @@ class FrameSequence(NumberedFiles):
 
     def frame_and_file(self, number: int, kept: Collection[str] = ()) -> tuple[Frame, FrameFile]:
         """The same, and what was read of its file: ``kept`` channels too, where they are decoded with the frame."""
-        frame, header = read_frame_and_header(self.path(number), sha256=self.sha256(number))
+        window = self.layouts[number].data_window
+        frame, header = read_frame_and_header(self.path(number), sha256=self.sha256(number), picture=window)
         if "cltaa:frame" not in header.attributes:  # by its name alone shot-003 need not be what its folder makes of it
             frame = replace(frame, index=number)
         if frame.index != number:

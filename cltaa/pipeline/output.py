@@ -114,7 +114,8 @@ def carried_over(path: Path, kept: frozenset[str], file: FrameFile | None = None
     attributes = {name: value for name, value in header.attributes.items() if name not in _OF_THE_FILE}
     channels: dict[str, Pixels] = {}
     if kept:
-        planes = file.planes if file and file.planes is not None else read_planes(path, kept)
+        window = header.layout.data_window
+        planes = file.planes if file and file.planes is not None else read_planes(path, kept, picture=window)
         channels = {name: plane for name, plane in planes.items() if name in kept}
     return CarriedOver(channels, attributes, (header.layout.data_window, header.layout.display_window))
 
