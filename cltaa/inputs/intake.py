@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Sequence as Many
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -30,12 +30,13 @@ from cltaa.inputs.roles import (
     describe,
     file_sets,
     guessed_profile,
+    may_be_colour,
     no_colour,
     shown_name,
     unnumbered,
     views_of,
     whole_numbers,
-    with_common_names,
+    with_usual_names,
 )
 from cltaa.inputs.side_file import Side, read_side_file
 from cltaa.io.exr_layout import Layout, of_region
@@ -249,9 +250,8 @@ def open_intake(
         attributes = header.attributes | attributes
     chosen, reason = (load_profile(profile), "as asked") if profile != "auto" else guessed_profile(attributes, channels)
     views = views_of(attributes, channels, [header.views for header in first.values()])
-    if profile == "auto" and "colour" not in assign_view(chosen, channels, views):
-        found = assign_view(with_common_names(chosen, ("colour", "depth", "motion")), channels, views)
-        chosen = with_common_names(chosen, [name for name in ("colour", "depth", "motion") if name in found])
+    if profile == "auto" and not may_be_colour(chosen, channels, views):
+        chosen = with_usual_names(chosen, channels, views)
     chosen = override(chosen, assignments)
     faults = [fault for header in first.values() for fault in header.faults.values()]
     roles = _assigned(folder, chosen, assignments, channels, views, faults)
@@ -294,14 +294,19 @@ def open_intake(
         frozenset(damaged.values()),
         views,
     )
-    intake.notes += notes_of(intake, place)
-    if any(layouts[number].data_window != pictures[number].data_window for number in numbers):
-        intake.notes.append(
-            "data windows differ: frames are read as their display window, with nothing outside of each"
-        )
-    for name, fault in (pair for header in first.values() for pair in header.faults.items()):
-        intake.notes.append(f"part {name}: left out, for {fault.what}")
+    intake.notes += notes_of(intake, place) + _of_layouts(first.values(), pictures, layouts)
     return intake
+
+
+def _of_layouts(
+    headers: Iterable[ImageHeader], pictures: Mapping[int, Layout], layouts: Mapping[int, Layout]
+) -> list[str]:
+    """One line for windows that differ, and for each part that is not read."""
+    notes = [f"part {name}: left out, for {fault.what}" for header in headers for name, fault in header.faults.items()]
+    if any(layout.data_window != pictures[number].data_window for number, layout in layouts.items()):
+        rest = "frames are read as their display window, with nothing outside of each"
+        notes.append(f"data windows differ: {rest}")
+    return notes
 
 
 def open_with_gaps(named: Named, **reading: Any) -> Intake:

@@ -306,13 +306,26 @@ def _of_view(names: Iterable[str], view: str, views: Views, asked: set[str]) -> 
     return others | named
 
 
-def with_common_names(profile: Profile, sections: Iterable[str]) -> Profile:
-    """A tool's profile, that last looks for what files of any tool call colour, depth or motion."""
-    common, made = load_profile("parts"), dict[str, Any]()
-    for section in sections:
-        own, other = getattr(profile, section), getattr(common, section)
-        made[section] = msgspec.structs.replace(own, channels=tuple(dict.fromkeys((*own.channels, *other.channels))))
-    return msgspec.structs.replace(profile, **made)
+def may_be_colour(profile: Profile, channels: Channels, views: Views) -> bool:
+    """True where channels of some view, or of several sets of files, have the names that a profile gives the colour."""
+    of_views = [override(profile, [f"colour.view={view}"]) for view in views.names]
+    found = any("colour" in assign_view(its, channels, views) for its in (profile, *of_views))
+    return found or bool(equal_matches(profile.colour.channels, channels))
+
+
+def with_usual_names(profile: Profile, channels: Channels, views: Views) -> Profile:
+    """A tool's profile, that last looks for what files of any tool call colour, depth and motion, if that is there."""
+
+    def extended(sections: Iterable[str]) -> Profile:
+        made = dict[str, Any]()
+        for section in sections:
+            own, other = getattr(profile, section), getattr(common, section)
+            made[section] = msgspec.structs.replace(own, channels=(*own.channels, *other.channels))
+        return msgspec.structs.replace(profile, **made)
+
+    common, sections = load_profile("parts"), ("colour", "depth", "motion")
+    found = assign_view(extended(sections), channels, views)
+    return extended(section for section in sections if section in found)
 
 
 OF_NO_TOOL = {"parts": 1, "cltaa": 2}  # and which goes before which
