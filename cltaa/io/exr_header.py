@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from cltaa.errors import DataError
 from cltaa.io.content import ReadAt, file_size, open_regular
-from cltaa.io.exr_layout import COMPRESSIONS, Layout
+from cltaa.io.exr_layout import COMPRESSIONS, OTHER_TOOLS, Layout
 
 MAGIC = 20000630
 TILED, DEEP, MULTI_PART = 1 << 9, 1 << 11, 1 << 12  # version flags
@@ -254,7 +254,7 @@ class Outline(NamedTuple):
     def layout(self) -> Layout:
         """That of the only part; raises DataError for a file of many."""
         if self.parts[0].part is not None:
-            raise DataError("multi-part images are not read", path=self.path, cure="write a flat single-part EXR")
+            raise DataError("multi-part images are not read", path=self.path, cure=OTHER_TOOLS)
         return self.parts[0]
 
     def check_chunks(self, read_at: ReadAt, length: int) -> None:
@@ -340,11 +340,8 @@ def _part(path: Path, header: Header, version: int, first: Layout | None) -> tup
 
 
 def _count(header: Header) -> int:
-    """The chunks of a part that cannot be read."""
-    (count,) = struct.unpack("<i", header["chunkCount"])
-    if count < 0:
-        raise ValueError("fewer chunks than none")
-    return int(count)
+    """The chunks of a part that cannot be read; of a count below 0 more than any file has."""
+    return int(struct.unpack("<I", header["chunkCount"])[0])
 
 
 def _layout(path: Path, header: Header, tiled: bool, *, many: bool) -> Layout:

@@ -20,7 +20,7 @@ from typing import Self
 
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.io.exr_header import read_layout
-from cltaa.io.exr_layout import Layout, Part, Window
+from cltaa.io.exr_layout import OTHER_TOOLS, Layout, Part, Window
 from cltaa.io.manifest import CAPTURE, REFERENCE, recorded_hashes
 from cltaa.io.names import Named, Selection, number_of, pattern_of, renumbered, selection_of
 from cltaa.printable import counted, printable
@@ -437,10 +437,7 @@ def numbered_files(named: Named, suffix: str = ".exr") -> tuple[Path, str, dict[
     names = sorted({*sets, *(path.name for path in files if not place.alone and number_of(path) is None)})
     if len(names) > 1:
         one = next(path for path in files if number_of(path) is not None)
-        cure = (
-            f"name the files of one, such as {shlex.quote(str(pattern_of(one)))}; "
-            "another tool's: use --profile, in Python cltaa.inputs.open.open_input"
-        )
+        cure = f"name the files of one, such as {shlex.quote(str(pattern_of(one)))}; {OTHER_TOOLS}"
         raise DataError("several sequences in one folder", path=place.folder, found=", ".join(names), cure=cure)
     return place.folder, names[0], sets[names[0]]
 

@@ -206,8 +206,8 @@ class OutputFolder:
             raise UsageError(
                 f"was begun with {what} {key}",
                 path=path,
-                expected=before.get(key, "none"),
-                found=now.get(key, "none"),
+                expected=now.get(key, "none"),
+                found=before.get(key, "none"),
                 cure=RESTART_CURE,
             )
 

@@ -109,6 +109,12 @@ def huge(parts: list[Anatomy]) -> None:
         part.set(b"chunkCount", struct.pack("<i", 512))
 
 
+def deep_of_no_count(parts: list[Anatomy]) -> None:
+    """Where the chunks of the other part are nobody can tell."""
+    parts[1].set(b"type", b"deepscanline")
+    parts[1].set(b"chunkCount", struct.pack("<i", -1))
+
+
 @pytest.mark.parametrize(
     ("spoil", "error", "words"),
     [
@@ -133,6 +139,8 @@ def huge(parts: list[Anatomy]) -> None:
         (lambda parts: parts[1].drop(b"chunkCount"), DataError, ""),
         (lambda parts: parts.extend([parts[1]] * 300), DataError, "too many parts"),
         (lambda parts: parts.clear(), DataError, "damaged"),
+        (lambda parts: parts[0].add(b"owner", b"string", b"\xff"), DataError, "OpenEXR cannot read it: "),
+        (deep_of_no_count, DataError, "the file is truncated inside its table of chunks"),
         (huge, ResourceError, "does not fit into memory"),
     ],
 )

@@ -20,7 +20,7 @@ from cltaa.io.exr_layout import Window
 from cltaa.io.exr_read import read_frame, read_image
 from cltaa.io.exr_write import write_image
 from cltaa.io.openexr import OpenEXR
-from cltaa.io.sequence import open_images
+from cltaa.io.sequence import open_images, open_sequence
 from tests.faults.exr_surgery import Anatomy, as_part, assembled_parts, channel, window
 from tests.sequence_factory import write_sequence
 
@@ -360,3 +360,17 @@ def test_a_lone_layer_that_is_no_light_is_told(tmp_path: Path) -> None:
         assert bool(told) is (name != "beauty")
     with pytest.raises(InputMissing):
         open_intake(tmp_path / "nothing")
+
+
+@pytest.mark.parametrize("kind", ["parts", "one", "plain"])
+def test_own_readers_name_the_way_in_for_other_tools(kind: str, tmp_path: Path) -> None:
+    path, tool = tmp_path / "a.0001.exr", TOOLS["plain"]
+    if kind == "parts":
+        write_parts(path, tool, drawn(0), dict.fromkeys(ALL, DISPLAY))
+    elif kind == "one":
+        write_one(path, tool, drawn(0), DISPLAY)
+    else:
+        write_image(path, dict.fromkeys("RGBZ", of(drawn(0)["depth.Z"], DISPLAY)))
+    with pytest.raises(DataError, match=r"another tool's files: .* in Python cltaa\.inputs\.open\.open_input"):
+        open_sequence(tmp_path).frame(1)
+    assert open_input(tmp_path).frame(1).colour.shape == (HEIGHT, WIDTH, 3)
