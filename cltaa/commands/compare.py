@@ -19,7 +19,7 @@ from cltaa.commands.options import (
     json_option,
     verify_option,
 )
-from cltaa.commands.printing import print_line, print_table
+from cltaa.commands.printing import print_line, print_table, three_digits
 from cltaa.errors import LONGEST_VALUE, UsageError
 from cltaa.inputs.foreign import is_png
 from cltaa.io.atomic import make_folder
@@ -36,7 +36,7 @@ from cltaa.lab.judge.metrics import (
     parse_metrics,
     versions_of,
 )
-from cltaa.lab.judge.one_pass import Found, Judged, judge, stale_maps
+from cltaa.lab.judge.one_pass import Found, Judged, alpha_of, judge, stale_maps
 from cltaa.lab.judge.video_scores import SCORES
 from cltaa.printable import counted, json_of, printable, shown
 
@@ -60,10 +60,22 @@ def print_one(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
     print_table(table)
     for metric in metrics:
         print_line(f"  {metric.name}: {metric.title}", "dim")
+    for label, name in (("alpha", "alpha"), ("alpha of one sample", "alpha_one_sample")):
+        if name in result:
+            print_line(f"{label}: {_alpha_text(result[name])}")
     if "video" in result:
         _print_video(result)
     if "equal_quality_samples" in result:
         _print_equal_quality(result["equal_quality_samples"])
+
+
+def _alpha_text(values: Values) -> str:
+    """The errors of alpha, and of the picture over white and grey, for a reader."""
+    said = [f"mse {three_digits(values['mse'])}, worst {three_digits(values['worst'])}"]
+    for name in ("white", "grey"):
+        value = values[f"psnr-{name}"]
+        said.append(f"PSNR over {name} {'identical' if math.isinf(value) else f'{value:.2f} dB'}")
+    return "; ".join(said)
 
 
 def _print_equal_quality(equal: dict[str, Any]) -> None:
@@ -339,6 +351,11 @@ def _summary(comparison: Comparison, judged: Judged, found: Found, metrics: tupl
         if one_sample_mse > 0:  # a picture that one sample gets right has no such number
             equal = equal_quality(mse, one_sample_mse, found.yardsticks, truth_samples(comparison.reference))
             result["equal_quality_samples"] = equal._asdict()
+    if judged.alpha:
+        _add(rows, "alpha", judged.alpha)
+        result["alpha"] = alpha_of(judged)
+        if single is not None and single.alpha:
+            result["alpha_one_sample"] = alpha_of(single)
     if judged.total is not None:
         _add(rows, "video", judged.video)
         result["definitions"] |= {score.name: score.title for score in SCORES}

@@ -7,7 +7,6 @@ import struct
 from collections.abc import Collection, Iterable, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -68,8 +67,9 @@ class PngImages(ImageSequence):
         window = (0, 0, width - 1, height - 1)
         return Layout(path, dict.fromkeys("RGB", "uint"), window, window, "zip")
 
-    def image(self, number: int) -> Image:
-        """Read one frame number, [H, W, 3] linear float32; raises DataError where it is damaged."""
+    def image(self, number: int, *, alpha: bool = False) -> Image:
+        """Read one frame number, [H, W, 3] linear float32 over black; raises DataError where it is damaged."""
+        del alpha
         from PIL import Image as Pillow  # here: most comparisons read none
 
         path = self.path(number)
@@ -192,9 +192,12 @@ class ForeignSequence(FrameSequence):
         profile, assignments = self.intake.asked
         return open_pictures(folder, verify=self.verify, gaps=OnBreak.RESET, profile=profile, assignments=assignments)
 
-    def colour(self, number: int) -> Image:
-        """Read and convert the colour of one frame, [H, W, 3] linear float32."""
-        return linear_colour(self._planes(number, ["colour"])[0]["colour"], self.intake.profile.colour.encoding)
+    def colour(self, number: int, *, alpha: bool = False) -> Image:
+        """Read and convert the colour of one frame, [H, W, 3] linear float32, with ``alpha`` behind it if there."""
+        roles = ["colour", "alpha"] if alpha and "alpha" in self._roles else ["colour"]
+        planes, _ = self._planes(number, roles)
+        planes["colour"] = linear_colour(planes["colour"], self.intake.profile.colour.encoding)
+        return np.concatenate([planes[role] for role in roles], -1) if len(roles) > 1 else planes["colour"]
 
     def frame_and_file(self, number: int, kept: Collection[str] = ()) -> tuple[Frame, FrameFile]:
         """Read and convert one frame; the file is that of its colour, and its ``kept`` channels are read with it."""
@@ -358,9 +361,9 @@ class ForeignImages(ImageSequence):
         channels = describe({"colour": intake.roles["colour"]}, len(intake.sets) > 1)
         return [f"profile {intake.profile.name}: {intake.reason}", channels]
 
-    def image(self, number: int) -> Image:
-        """Read the colour of one frame number, [H, W, 3] linear float32."""
-        return self.sequence.colour(number)
+    def image(self, number: int, *, alpha: bool = False) -> Image:
+        """Read one frame number, [H, W, 3] linear float32, with ``alpha`` behind the colour where it is there."""
+        return self.sequence.colour(number, alpha=alpha)
 
     def select(self, first: int, last: int) -> Self:
         """Return the frames ``first`` to ``last``, both included."""
@@ -390,9 +393,14 @@ def open_pictures(
         encoded = asked.colour.encoding is Encoding.SRGB
         if not encoded or _own(images):
             return images
-        return ChangedImages(images, partial(linear_colour, encoding=Encoding.SRGB), ["colour.encoding srgb, as asked"])
+        return ChangedImages(images, _linear, ["colour.encoding srgb, as asked"])
     intake = open_intake(place, profile=profile, assignments=assignments, gaps=OnBreak.RESET, frames=frames)
     return ForeignImages(ForeignSequence(place.folder, intake, sorted(intake.declared), strict=False, verify=verify))
+
+
+def _linear(image: Image) -> Image:
+    """An image [H, W, 3 or 4] in linear light; alpha is no light."""
+    return np.concatenate([linear_colour(image[..., :3], Encoding.SRGB), image[..., 3:]], -1)
 
 
 def stated(path: Path) -> dict[str, object]:

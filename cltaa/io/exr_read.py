@@ -125,13 +125,17 @@ def read_header(path: Path, *, chunks: bool = True) -> ImageHeader:
         return ImageHeader(layout, _open(layout, file, header_only=True)[1])
 
 
-def read_colour(path: Path, *, sha256: str | None = None, picture: Window | None = None) -> Image:
-    """Read R G B only, as a [H, W, 3] float32 view of a planar block; errors and options as ``read_frame``."""
+def read_colour(path: Path, *, sha256: str | None = None, picture: Window | None = None, alpha: bool = False) -> Image:
+    """Read R G B, and A where ``alpha`` is asked for and there, as a [H, W, 3 or 4] float32 view of a planar block.
+
+    Errors and other options as ``read_frame``.
+    """
     with _loaded(path, sha256, picture) as (layout, content):
         check_float_channels(layout, COLOUR)
         pixels, _ = decode_all(layout, content)
         layout, pixels = _in_picture(layout, pixels, picture)
-    return np.moveaxis(np.stack([pixels[name] for name in COLOUR]).astype(np.float32, copy=False), 0, -1)
+    names = (*COLOUR, "A") if alpha and layout.channels.get("A", "uint") != "uint" else COLOUR
+    return np.moveaxis(np.stack([pixels[name] for name in names]).astype(np.float32, copy=False), 0, -1)
 
 
 @contextmanager

@@ -41,10 +41,10 @@ class ImageSequence(NumberedFiles):
         """What was decided about the files of another tool, line by line; own ones: nothing."""
         return []
 
-    def image(self, number: int) -> Image:
-        """Read the colour of one frame number, [H, W, 3] linear float32."""
+    def image(self, number: int, *, alpha: bool = False) -> Image:
+        """Read one frame number, [H, W, 3] linear float32; with ``alpha`` behind the colour where it is there."""
         window = self.layouts[number].data_window
-        return read_colour(self.path(number), sha256=self.sha256(number), picture=window)
+        return read_colour(self.path(number), sha256=self.sha256(number), picture=window, alpha=alpha)
 
     def __iter__(self) -> Iterator[Image]:
         """Read the frames one after another."""
@@ -79,9 +79,9 @@ class ChangedImages(ImageSequence):
         """How they are read."""
         return self._notes
 
-    def image(self, number: int) -> Image:
-        """Read the colour of one frame number, [H, W, 3] linear float32."""
-        return self._change(self._images.image(number))
+    def image(self, number: int, *, alpha: bool = False) -> Image:
+        """Read one frame number, [H, W, 3] linear float32, with ``alpha`` behind the colour where it is there."""
+        return self._change(self._images.image(number, alpha=alpha))
 
     def select(self, first: int, last: int) -> Self:
         """Return the frames ``first`` to ``last``, both included."""

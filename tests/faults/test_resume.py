@@ -120,7 +120,7 @@ def test_other_settings_device_and_inputs_are_refused_by_name(
         (
             ["--set", f"box_scale_static={other}"],
             f"preset default, not default with box_scale_static={other}: "
-            f"preset.settings.box_scale_static (expected {gamma}, found {other})",
+            f"preset.settings.box_scale_static (expected {other}, found {gamma})",
         ),
         (["--preset", "fast"], "preset default, not fast: preset.choices."),
         (["--device", "0"], "another device (expected "),
