@@ -1,4 +1,4 @@
-"""Text that came from outside (file names, attributes, messages of drivers), made safe to print.
+"""Text that came from outside (names of files and channels, attributes, messages of drivers), made safe to print.
 
 A name may hold an escape sequence that clears the screen or sets a title, a line feed that begins a second message, a
 sign that turns the direction of reading, or bytes that are no UTF-8. Each such character is written as its escape.
@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import json
 import math
+import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -58,3 +60,59 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+_WORDS = re.compile(
+    r'"(?P<double>(?:[^"\\]|\\.)*)"(?=[\s,]|$)'
+    r"|'(?P<single>[^']*)'(?=[\s,]|$)|(?P<comma>,)|(?P<space>\s+)|(?P<bare>[^\s,]+)"
+)
+
+
+def names_in(text: str, count: int = 1) -> list[list[str]]:
+    """Read lists of ``count`` names, separated by commas; the names of a list are separated by spaces.
+
+    A name that holds one of these, or begins with a quotation mark, stands in quotes, as JSON has them; one alone may
+    hold spaces without. Where all names of a list have as many spaces they need no quotes either. A list of another
+    length is given as it is: whoever reads it says so.
+    """
+    lists: list[list[str]] = []
+    quoted, begin = False, 0
+    words: list[str] = []
+    for word in [*_WORDS.finditer(text), None]:
+        if word is not None and not word["comma"]:
+            if word["space"]:
+                continue
+            quoted = quoted or word["bare"] is None
+            words.append(word["bare"] if word["bare"] is not None else _unquoted(word))
+            continue
+        if count == 1 and (not quoted or len(words) > 1):
+            words = [text[begin : word.start() if word else None].strip()]
+        elif count > 1 == len(words) and quoted and len(words[0].split()) == count:  # a shell's quotes about them all
+            words = words[0].split()
+        elif not quoted and words and len(words) % count == 0:
+            size = len(words) // count
+            words = [" ".join(words[place : place + size]) for place in range(0, len(words), size)]
+        lists.append(words)
+        words, quoted, begin = [], False, word.end() if word else 0
+    return lists
+
+
+def _unquoted(word: re.Match[str]) -> str:
+    if word["double"] is None:
+        return word["single"]
+    try:
+        return str(json.loads(f'"{word["double"]}"', strict=False))
+    except ValueError:  # a backslash that begins no escape
+        return word["double"]
+
+
+def written(names: Iterable[str], between: str = " ") -> str:
+    """Names as ``names_in`` reads them: in quotes where they would be taken for several."""
+    return between.join(_quoted(name) for name in names)
+
+
+def _quoted(name: str) -> str:
+    if name and not re.search(r"[\s,]", name) and name[0] not in "\"'[":
+        return name
+    # A line of a message has single spaces.
+    return re.sub(r"(?<=\s)\s", lambda sign: f"\\u{ord(sign[0]):04x}", json.dumps(name, ensure_ascii=False))

@@ -143,7 +143,7 @@ class Manifest:
                     what = "was begun by another version of capture or scenes, which may draw other pixels"
                     raise UsageError(what, path=path, cure=RESTART_CURE)
                 raise UsageError(
-                    f"was begun with another {key}", path=path, expected=begun, found=asked, cure=RESTART_CURE
+                    f"was begun with another {key}", path=path, expected=asked, found=begun, cure=RESTART_CURE
                 )
         self._files = files_
         self._seconds = dict(content.get("seconds_a_frame", {}))

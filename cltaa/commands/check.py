@@ -9,16 +9,17 @@ from typing import Any
 import click
 import msgspec
 
-from cltaa.commands.options import FILE_PATH, SOME_FRAMES, input_options, json_option
+from cltaa.commands.options import FILE_PATH, SOME_FRAMES, input_options, json_option, one_sequence
 from cltaa.commands.printing import print_line
 from cltaa.errors import DataError
 from cltaa.inputs.profile import toml_text
 from cltaa.io.atomic import atomic_path, check_creatable
+from cltaa.io.names import selection_of
 from cltaa.lab.check.report import FRAMES, Report, check_folder, profile_options
 from cltaa.printable import counted, json_of, printable, shown
 
 
-@click.command()
+@click.command(context_settings={"allow_extra_args": True})  # of files that a shell lists
 @click.argument("sequence", type=FILE_PATH)
 @input_options
 @click.option(
@@ -47,7 +48,8 @@ def check(
     """
     if fix is not None:
         check_creatable(fix)  # told before the work, not after it
-    report, mended = check_folder(sequence, frames=frames, **reading)
+    named = one_sequence(ctx, sequence)
+    report, mended = check_folder(named, frames=frames, **reading)
     if fix is not None:
         told = msgspec.structs.replace(mended, description=printable(f"What cltaa check found in {report.folder}"))
         with atomic_path(fix) as temporary:
@@ -56,13 +58,13 @@ def check(
         click.echo(json_of(report))
     else:
         options = report.options if fix is None else profile_options(str(fix), reading["side_file"], reading["step"])
-        _print(report, options)
+        _print(report, selection_of(named).words, options)
     if report.mistakes:
         ctx.exit(DataError.exit_code)
 
 
-def _print(report: Report, options: str) -> None:
-    """Print the findings, and the command that reads the folder right with ``options``."""
+def _print(report: Report, words: tuple[str, ...], options: str) -> None:
+    """Print the findings, and the command that reads what ``words`` name right with ``options``."""
     for line in report.reading[:2]:
         print_line(shown(line), "dim")
     for finding in report.findings:
@@ -77,5 +79,5 @@ def _print(report: Report, options: str) -> None:
     if not report.mistakes:
         print_line(f"[green]✓[/] no mistake found in {counted(report.frames, 'frame')}")
     elif any(finding.fix for finding in report.mistakes):
-        text = f"cltaa resolve {shlex.quote(report.folder)} {options}"
+        text = f"cltaa resolve {shlex.join(words)} {options}"
         print_line(f"to read it right: {shown(text)}")

@@ -19,10 +19,11 @@ from cltaa.commands.options import (
     json_option,
     verify_option,
 )
-from cltaa.commands.printing import print_line, print_table
+from cltaa.commands.printing import print_line, print_table, three_digits
 from cltaa.errors import LONGEST_VALUE, UsageError
 from cltaa.inputs.foreign import is_png
 from cltaa.io.atomic import make_folder
+from cltaa.io.names import name_of, number_of, selection_of
 from cltaa.io.numbered import even_step, named_frames, ranges
 from cltaa.io.sequence import FrameSequence, ImageSequence
 from cltaa.lab.judge.comparison import Comparison, doubts, pair_up, truth_samples
@@ -35,7 +36,7 @@ from cltaa.lab.judge.metrics import (
     parse_metrics,
     versions_of,
 )
-from cltaa.lab.judge.one_pass import Found, Judged, judge, stale_maps
+from cltaa.lab.judge.one_pass import Found, Judged, alpha_of, judge, stale_maps
 from cltaa.lab.judge.video_scores import SCORES
 from cltaa.printable import counted, json_of, printable, shown
 
@@ -59,10 +60,22 @@ def print_one(result: dict[str, Any], metrics: tuple[Metric, ...]) -> None:
     print_table(table)
     for metric in metrics:
         print_line(f"  {metric.name}: {metric.title}", "dim")
+    for label, name in (("alpha", "alpha"), ("alpha of one sample", "alpha_one_sample")):
+        if name in result:
+            print_line(f"{label}: {_alpha_text(result[name])}")
     if "video" in result:
         _print_video(result)
     if "equal_quality_samples" in result:
         _print_equal_quality(result["equal_quality_samples"])
+
+
+def _alpha_text(values: Values) -> str:
+    """The errors of alpha, and of the picture over white and grey, for a reader."""
+    said = [f"mse {three_digits(values['mse'])}, worst {three_digits(values['worst'])}"]
+    for name in ("white", "grey"):
+        value = values[f"psnr-{name}"]
+        said.append(f"PSNR over {name} {'identical' if math.isinf(value) else f'{value:.2f} dB'}")
+    return "; ".join(said)
 
 
 def _print_equal_quality(equal: dict[str, Any]) -> None:
@@ -171,11 +184,11 @@ def compare(
 ) -> None:
     """Judge A against B, frame by frame and in the mean; several A, each against B, in the mean.
 
-    A and B are folders of numbered EXR frames, of cltaa or of another tool, or of PNGs, which are taken for sRGB; or
-    single files. Where B is a captured sequence, A is judged against the truth in its folder reference/, beside the
-    single samples that were captured, and the equal-quality samples are stated: how many samples a pixel a
-    supersampler needs for the same error. Where B is left out, A is a captured sequence and its single samples are
-    judged against its own truth.
+    A and B are folders of numbered EXR frames, of cltaa or of another tool, or of PNGs, which are taken for sRGB;
+    patterns of such (x.####.exr), or single files. Where B is a captured sequence, A is judged against the truth in
+    its folder reference/, beside the single samples that were captured, and the equal-quality samples are stated: how
+    many samples a pixel a supersampler needs for the same error. Where B is left out, A is a captured sequence and its
+    single samples are judged against its own truth.
 
     --video needs the capture, for the motion in it, and tells apart what an error of single images cannot: ghosting
     (the past shows at disoccluded pixels), flicker (changes that are not in the truth), blur (fine detail lost) and
@@ -189,10 +202,11 @@ def compare(
     """
     asked = parse_metrics(metric_names)
     metrics = tuple(dict.fromkeys((*asked, METRICS["mse"])))  # equal-quality samples rest on it, shown or not
-    tests, reference = (paths[:-1], paths[-1]) if len(paths) > 1 else (paths, None)
-    tests = tuple(dict.fromkeys(tests))
+    places = tuple(map(selection_of, _sequences(paths)))
+    by_word = {str(place): place for place in (places[:-1] if len(places) > 1 else places)}
+    tests, reference = (*by_word.values(),), places[-1] if len(places) > 1 else None
     comparisons = pair_up(tests, reference, frames, verify=verify, **reading)
-    named = dict(zip(map(str, tests) if len(tests) > 1 else ["A"], comparisons, strict=True))
+    named = dict(zip(by_word if len(tests) > 1 else ["A"], comparisons, strict=True))
     _check_alike(named, heatmap)
     if in_time:
         for comparison in comparisons:
@@ -200,8 +214,7 @@ def compare(
     _tell_reading(named, in_time)
     # Who names a single file asks for it alone.
     lacking = [
-        comparison.not_judged(frames) if test.is_dir() else []
-        for test, comparison in zip(tests, comparisons, strict=True)
+        [] if test.alone else comparison.not_judged(frames) for test, comparison in zip(tests, comparisons, strict=True)
     ]
     warnings = [_warn(*one, without, in_time, heatmap) for one, without in zip(named.items(), lacking, strict=True)]
     found = judge(comparisons, metrics, stops, in_time=in_time, heatmap=heatmap)
@@ -222,6 +235,19 @@ def compare(
         print_one(results[0], asked)
     else:
         print_several(results, asked)
+
+
+def _sequences(paths: tuple[Path, ...]) -> list[Path | tuple[Path, ...]]:
+    """The words of the command, files of one sequence that follow each other as one: so a shell lists a pattern."""
+    found: list[tuple[Path, ...]] = []
+    for path in paths:
+        last = found[-1][-1] if found and len(paths) > 2 else None
+        alike = last is not None and number_of(path) is not None and path.parent == last.parent
+        if alike and last is not None and number_of(last) is not None and name_of(path) == name_of(last):
+            found[-1] = (*found[-1], path)
+        else:
+            found.append((path,))
+    return [paths[0] if len(paths) == 1 else paths for paths in found]
 
 
 def _check_alike(comparisons: Mapping[str, Comparison], heatmap: Path | None) -> None:
@@ -325,6 +351,11 @@ def _summary(comparison: Comparison, judged: Judged, found: Found, metrics: tupl
         if one_sample_mse > 0:  # a picture that one sample gets right has no such number
             equal = equal_quality(mse, one_sample_mse, found.yardsticks, truth_samples(comparison.reference))
             result["equal_quality_samples"] = equal._asdict()
+    if judged.alpha:
+        _add(rows, "alpha", judged.alpha)
+        result["alpha"] = alpha_of(judged)
+        if single is not None and single.alpha:
+            result["alpha_one_sample"] = alpha_of(single)
     if judged.total is not None:
         _add(rows, "video", judged.video)
         result["definitions"] |= {score.name: score.title for score in SCORES}

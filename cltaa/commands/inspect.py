@@ -15,25 +15,27 @@ from cltaa.commands.options import (
     ASSIGNMENT,
     EFFECT_LIST,
     FILE_PATH,
-    NAMES,
+    LAYERS,
     PRESET,
     assigned,
     chosen_effects,
     input_options,
     json_option,
+    one_sequence,
 )
 from cltaa.commands.printing import Console, print_line
 from cltaa.core.build import STORAGES, Storage
 from cltaa.core.presets import Preset
 from cltaa.errors import DataError, UsageError
 from cltaa.inputs.open import is_own, open_input
+from cltaa.io.names import selection_of
 from cltaa.io.pixel_statistics import ChannelStatistics
 from cltaa.io.preset_file import preset_of
 from cltaa.io.sequence import FrameSequence
 from cltaa.lab.inspect.description import Description, describe_input
 from cltaa.lab.inspect.findings import Inspection, inspect_folder
 from cltaa.lab.inspect.plan import Section, SequencePlan
-from cltaa.printable import bytes_of, counted, json_of, printable, shown
+from cltaa.printable import bytes_of, counted, json_of, printable, shown, written
 from cltaa.progress import shown_progress
 
 
@@ -86,8 +88,8 @@ def _table(section: Section, title: str) -> Table:
 OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_rows", "config", "changes")
 
 
-@click.command()
-@click.argument("folder", metavar="DIR", type=FILE_PATH)
+@click.command(context_settings={"allow_extra_args": True})  # of files that a shell lists
+@click.argument("folder", metavar="SEQUENCE", type=FILE_PATH)
 @click.option(
     "--pixels",
     is_flag=True,
@@ -127,7 +129,9 @@ OF_PLAN = ("preset", "device", "effects", "storage", "half", "layers", "band_row
     help="With --plan: of a resolve in bands of N rows (0: whole images).",
 )
 @click.option("--half", is_flag=True, help="With --plan: of results in half precision, which take less memory.")
-@click.option("--layers", type=NAMES, help="With --plan: channels of the input that are kept, as cltaa resolve has it.")
+@click.option(
+    "--layers", type=LAYERS, help="With --plan: channels of the input that are kept, as cltaa resolve has it."
+)
 @input_options
 @json_option
 @click.pass_context
@@ -151,24 +155,27 @@ def inspect(
 ) -> None:
     """Say what is in a captured sequence: size, channels, effects, jitter, camera, cuts, truth, and every problem.
 
+    SEQUENCE is a folder of frames, or a pattern of them (x.####.exr, x.%04d.exr, 'x.*.exr'), or one or more files.
+
     Only headers are read, which takes well under a millisecond a frame; a truncated file is found all the same. The
     exit code is 0 when nothing is wrong, else 65. --plan prints the plan of a resolve instead. Of the files of another
     tool it says how they would be read, and with --pixels what a resolve then takes.
     """
     _check_options(ctx, planned=planned, pixels=pixels)
+    place = selection_of(one_sequence(ctx, folder))
     if planned:
         wanted = assigned(preset_of(preset, config), changes)
         memory = {"storage": Storage(storage), "half": half, "layers": layers, "band_rows": band_rows}
-        _plan(open_input(folder, **reading), wanted, device, effects, as_json, **memory)
+        _plan(open_input(place, **reading), wanted, device, effects, as_json, **memory)
         return
     profile, asked = reading["profile"], reading["assignments"] or reading["side_file"] is not None
     named = asked or profile not in ("auto", "cltaa")
     found: Inspection | Description
     with shown_progress("inspecting") if sys.stderr.isatty() else nullcontext() as advance:
-        if named or (profile == "auto" and not is_own(folder)):
-            found = describe_input(folder, pixels=pixels, advance=advance, **reading)
+        if named or (profile == "auto" and not is_own(place)):
+            found = describe_input(place, pixels=pixels, advance=advance, **reading)
         else:
-            found = inspect_folder(folder, pixels=pixels, step=reading["step"], advance=advance)
+            found = inspect_folder(place, pixels=pixels, step=reading["step"], advance=advance)
     if as_json:
         click.echo(json_of(found))
     elif isinstance(found, Description):
@@ -216,12 +223,8 @@ def _print(found: Inspection) -> None:
 
 
 def _print_facts(facts: list[tuple[str, str]], statistics: dict[str, ChannelStatistics]) -> None:
-    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
-    table.add_column(style="dim")
-    table.add_column()
-    for name, text in facts:
-        table.add_row(name, shown(text))
-    Console().print(table)
+    for name, text in facts:  # each a line, so that the options in it can be pasted back
+        print_line(f"[dim]{name:<11}[/] {shown(text)}")
     if statistics:
         Console().print(_statistics(statistics))
 
@@ -239,10 +242,10 @@ def _facts_of_reading(found: Description) -> list[tuple[str, str]]:
     return [
         ("profile", f"{found.profile}: {found.reason}"),
         ("frames", f"{found.frames}: {found.first} to {found.last}, {found.size}"),
-        *((role, " ".join(channels)) for role, channels in found.channels.items()),
+        *((role, written(channels)) for role, channels in found.channels.items()),
         *([("exposure", _range(found.exposures))] if found.exposures != (1.0, 1.0) else []),
         *([("cuts", ", ".join(map(str, found.cuts)))] if found.cuts else []),
-        ("also there", " ".join(found.unused) or "nothing"),
+        ("also there", written(found.unused) or "nothing"),
         *(("without", note) for note in found.notes),
     ]
 
@@ -253,7 +256,7 @@ def _range(found: tuple[float, float]) -> str:
 
 def _facts(found: Inspection) -> list[tuple[str, str]]:
     kinds = sorted(set(found.channels.values()))
-    by_kind = (f"{' '.join(n for n, k in found.channels.items() if k == kind)} ({kind})" for kind in kinds)
+    by_kind = (f"{written(n for n, k in found.channels.items() if k == kind)} ({kind})" for kind in kinds)
     return [
         ("sequence", f"{found.name} in {found.folder}"),
         ("scene", found.scene or "not named"),

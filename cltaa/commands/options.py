@@ -16,7 +16,8 @@ from click.shell_completion import CompletionItem
 from cltaa.core.frame_checks import EXPOSURE_STOPS
 from cltaa.errors import UsageError, known
 from cltaa.frame import Effect, parse_effects
-from cltaa.printable import printable
+from cltaa.io.names import SUFFIXES, Named
+from cltaa.printable import names_in, printable
 from cltaa.renamed import EFFECTS, current
 
 if TYPE_CHECKING:
@@ -160,6 +161,17 @@ class _Folder(_FilePath):
         return folder.absolute().resolve() if folder.name in ("", "..") else folder
 
 
+def one_sequence(ctx: click.Context, first: Path, hint: str = "") -> Named:
+    """The sequence that the words of a command name: ``first``, or with ``ctx.args`` its files, as a shell lists them.
+
+    Other words than files are refused, with a ``hint``.
+    """
+    words = [first, *map(Path, ctx.args)]
+    if ctx.args and not all(path.suffix in SUFFIXES for path in words):
+        ctx.fail(f"Got unexpected extra argument{'s' * (len(ctx.args) > 1)} ({' '.join(ctx.args)}){hint}")
+    return words if ctx.args else first
+
+
 class _Milliseconds(click.FloatRange):
     """A time above 0, with its unit, as ``cltaa tune --budget`` has it, or without."""
 
@@ -203,7 +215,7 @@ class _FrameRange(_Tuple):
     name = "FIRST-LAST"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        match = re.fullmatch(rf"({DIGITS})(?:-({DIGITS}))?", value)
+        match = re.fullmatch(rf"(-?{DIGITS})(?:-(-?{DIGITS}))?", value)
         if match is None:
             self.fail(f"{value!r} is no range of frames, such as 8-47 or 12", param, ctx)
         return int(match[1]), int(match[2] or match[1])
@@ -228,6 +240,15 @@ class _Names(_Tuple):
         return tuple(name for part in value.split(",") if (name := part.strip()))
 
 
+class _Layers(_Tuple):
+    """A comma-separated list of channels, in which one whose name holds a comma stands in quotes."""
+
+    name = "LIST"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
+        return tuple(name for (name,) in names_in(value) if name)
+
+
 class _WholeNumbers(_Tuple):
     """A comma-separated list of whole numbers from ``least`` on."""
 
@@ -244,7 +265,7 @@ class _WholeNumbers(_Tuple):
 
 
 FILE_PATH, FOLDER = _FilePath(path_type=Path), _Folder(path_type=Path)
-SIZE, FRAME_RANGE, SOME_FRAMES, NAMES = _Size(), _FrameRange(), _SomeFrames(), _Names()
+SIZE, FRAME_RANGE, SOME_FRAMES, NAMES, LAYERS = _Size(), _FrameRange(), _SomeFrames(), _Names(), _Layers()
 FROM_0, FROM_1, FROM_2 = (_WholeNumbers(least) for least in range(3))  # lists of whole numbers
 MILLISECONDS = _Milliseconds(min=0.0, min_open=True)
 STOPS = _Stops(-EXPOSURE_STOPS, EXPOSURE_STOPS)

@@ -11,8 +11,8 @@ from cltaa.commands.options import (
     ASSIGNMENT,
     FILE_PATH,
     FRAME_RANGE,
+    LAYERS,
     MILLISECONDS,
-    NAMES,
     PRESET,
     VIEW_LIST,
     assigned,
@@ -20,6 +20,7 @@ from cltaa.commands.options import (
     effects_option,
     input_options,
     json_option,
+    one_sequence,
     verify_option,
 )
 from cltaa.core.backend import launcher_for
@@ -40,7 +41,7 @@ from cltaa.printable import counted, json_of, printable, shown
 @click.command(
     "resolve",
     epilog="Parameters for --set and --config, with their ranges: cltaa presets --parameters",
-    context_settings={"allow_extra_args": True},  # _refuse_more says more of them than click does
+    context_settings={"allow_extra_args": True},  # of files that a shell lists
 )
 @click.argument("sequence", type=FILE_PATH)
 @click.option("-o", "--output", type=FILE_PATH, required=True, help="Folder for the resolved EXRs.")
@@ -69,7 +70,7 @@ from cltaa.printable import counted, json_of, printable, shown
 @click.option("--compression", help="EXR compression that loses nothing.  [default: the input's, else zip]")
 @click.option(
     "--layers",
-    type=NAMES,
+    type=LAYERS,
     help="Channels of the input to keep beside the resolved ones: all, none, or names separated by commas, "
     "* for anything.  [default: all of other tools' files]",
 )
@@ -157,14 +158,20 @@ def resolve(
     as_json: bool,
     **reading: Any,
 ) -> None:
-    """Anti-alias SEQUENCE, a folder of captured EXR frames, over time.
+    """Anti-alias SEQUENCE, a folder of captured EXR frames or a pattern of them (x.####.exr), over time.
 
     Reading, the kernels and writing overlap, and only a few frames are in memory at a time. A run that was
     interrupted goes on where it stopped when the same command is given again, to the same bits.
     """
-    _refuse_more(ctx)
+    # Behind --debug, which shows tracebacks alone, one may be meant for a view.
+    hint = f"; --debug takes views: {', '.join(View)}" if ctx.find_root().params.get("debug") else ""
     source = open_input(
-        sequence, verify=verify, gaps=OnBreak(gaps), on_resize=OnBreak(on_resize), frames=frames, **reading
+        one_sequence(ctx, sequence, hint),
+        verify=verify,
+        gaps=OnBreak(gaps),
+        on_resize=OnBreak(on_resize),
+        frames=frames,
+        **reading,
     )
     if source.notes:
         click.echo("\n".join(map(printable, source.notes)), err=True)
@@ -206,13 +213,6 @@ def resolve(
         click.echo(json_of(report))
     else:
         _print_report(report, preview, views, foreign=bool(source.notes))
-
-
-def _refuse_more(ctx: click.Context) -> None:
-    """Refuse words beside SEQUENCE; behind --debug, which shows tracebacks alone, one may be meant for a view."""
-    if ctx.args:
-        views = f"; --debug takes views: {', '.join(View)}" if ctx.find_root().params.get("debug") else ""
-        ctx.fail(f"Got unexpected extra argument{'s' * (len(ctx.args) > 1)} ({' '.join(ctx.args)}){views}")
 
 
 def within_budget(

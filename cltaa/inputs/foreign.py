@@ -7,7 +7,6 @@ import struct
 from collections.abc import Collection, Iterable, Mapping
 from collections.abc import Sequence as Many
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -28,8 +27,8 @@ from cltaa.io.exr_frame import COLOUR, GROUPS, MATRICES, Pixels
 from cltaa.io.exr_layout import Layout, of_region
 from cltaa.io.exr_read import FrameFile, ImageHeader
 from cltaa.io.manifest import file_sha256, recorded_hashes
-from cltaa.io.names import name_of, number_of
-from cltaa.io.numbered import FrameRange, OnBreak, even_step, numbered_files
+from cltaa.io.names import Named, Selection, name_of, number_of, selection_of
+from cltaa.io.numbered import FrameRange, OnBreak, even_step, files_in, numbered_files
 from cltaa.io.sequence import CHANNEL_OF, NO_PIXELS, ChangedImages, FrameSequence, ImageSequence, open_images
 
 SUFFIX = ".png"
@@ -38,9 +37,12 @@ SIGNATURE, FIRST = b"\x89PNG\r\n\x1a\n", b"IHDR"
 DEEPEST = 8  # bits a channel: of 16 Pillow reads the upper 8
 
 
-def is_png(path: Path) -> bool:
-    """True for a PNG, and for a folder that holds some and no EXR."""
-    return path.suffix == SUFFIX or (path.is_dir() and not any(path.glob("*.exr")) and any(path.glob(f"*{SUFFIX}")))
+def is_png(named: Named) -> bool:
+    """True for PNGs, and for a folder that holds some and no EXR."""
+    place = selection_of(named)
+    if place.files is not None:
+        return all(path.suffix == SUFFIX for path in place.files)
+    return not any(place.folder.glob("*.exr")) and any(place.folder.glob(f"*{SUFFIX}"))
 
 
 class PngImages(ImageSequence):
@@ -65,8 +67,9 @@ class PngImages(ImageSequence):
         window = (0, 0, width - 1, height - 1)
         return Layout(path, dict.fromkeys("RGB", "uint"), window, window, "zip")
 
-    def image(self, number: int) -> Image:
-        """Read one frame number, [H, W, 3] linear float32; raises DataError where it is damaged."""
+    def image(self, number: int, *, alpha: bool = False) -> Image:
+        """Read one frame number, [H, W, 3] linear float32 over black; raises DataError where it is damaged."""
+        del alpha
         from PIL import Image as Pillow  # here: most comparisons read none
 
         path = self.path(number)
@@ -78,12 +81,10 @@ class PngImages(ImageSequence):
         return linear_colour(texels[..., :3], Encoding.SRGB) * texels[..., 3:]
 
 
-def open_png(path: Path, *, gaps: OnBreak = OnBreak.ERROR, frames: FrameRange | None = None) -> PngImages:
-    """Open a PNG, or a folder of numbered ones, with the options and errors of ``open_images``."""
-    if path.is_dir():
-        files = numbered_files(path, SUFFIX)
-        return PngImages(*files, verify=False, gaps=gaps, frames=frames, step=even_step(sorted(files[2])))
-    return PngImages(path.parent, name_of(path), {number_of(path) or 0: path}, verify=False, frames=frames)
+def open_png(named: Named, *, gaps: OnBreak = OnBreak.ERROR, frames: FrameRange | None = None) -> PngImages:
+    """Open PNGs, named and read with the options and errors of ``open_images``."""
+    files = numbered_files(named, SUFFIX)
+    return PngImages(*files, verify=False, gaps=gaps, frames=frames, step=even_step(sorted(files[2])))
 
 
 EFFECT_OF = {"motion": Effect.MOTION, "alpha": Effect.ALPHA, "reactive": Effect.REACTIVE}  # what a channel is there for
@@ -191,9 +192,12 @@ class ForeignSequence(FrameSequence):
         profile, assignments = self.intake.asked
         return open_pictures(folder, verify=self.verify, gaps=OnBreak.RESET, profile=profile, assignments=assignments)
 
-    def colour(self, number: int) -> Image:
-        """Read and convert the colour of one frame, [H, W, 3] linear float32."""
-        return linear_colour(self._planes(number, ["colour"])[0]["colour"], self.intake.profile.colour.encoding)
+    def colour(self, number: int, *, alpha: bool = False) -> Image:
+        """Read and convert the colour of one frame, [H, W, 3] linear float32, with ``alpha`` behind it if there."""
+        roles = ["colour", "alpha"] if alpha and "alpha" in self._roles else ["colour"]
+        planes, _ = self._planes(number, roles)
+        planes["colour"] = linear_colour(planes["colour"], self.intake.profile.colour.encoding)
+        return np.concatenate([planes[role] for role in roles], -1) if len(roles) > 1 else planes["colour"]
 
     def frame_and_file(self, number: int, kept: Collection[str] = ()) -> tuple[Frame, FrameFile]:
         """Read and convert one frame; the file is that of its colour, and its ``kept`` channels are read with it."""
@@ -298,18 +302,31 @@ class ForeignSequence(FrameSequence):
                 if plane is not None and plane.dtype == np.uint32:
                     raise whole_numbers(place, path)
                 if plane is None:
-                    raise channel_missing(place, role, len(its), path, read_any_header(path).layout.channels)
+                    header = read_any_header(path)
+                    for fault in header.faults.values():
+                        raise fault
+                    raise channel_missing(place, role, len(its), path, header.layout.channels)
             stacked[role] = np.moveaxis(haloed([files[place.files][place.channel] for place in its]), 0, -1)
         return stacked, files[main]
 
     def _read(self, label: str, number: int, names: Collection[str]) -> dict[str, Pixels]:
         """Channels of a file of that set, of which that of the colour says what the picture is."""
-        path = self.intake.sets[label][number]
-        planes = read_planes(path, names, sha256=self._hash_of(path))
-        if path == self.path(number):
-            return planes
-        part = read_any_header(path).layout.part_of(self.layouts[number].data_window)
-        return {name: plane[part] for name, plane in planes.items()}
+        path, picture = self.intake.sets[label][number], self.layouts[number]
+        if path != self.path(number):
+            other = read_any_header(path).layout
+            if other.display_window != picture.display_window and not other.covers(picture.region):
+                raise DataError(
+                    "shows another picture than the colour",
+                    path=path,
+                    frame=number,
+                    expected=picture.size,
+                    found=other.size,
+                    cure="write all channels with one display window",
+                )
+        # Where depth and vectors are not, there is nothing: the sky, which moves as the camera has it.
+        nowhere = {place.channel for role in ("depth", "motion") for place in self._roles.get(role, ())}
+        outside = dict.fromkeys(nowhere, np.nan)
+        return read_planes(path, names, sha256=self._hash_of(path), picture=picture.data_window, outside=outside)
 
 
 def _numbers(camera: Camera | None) -> list[float]:
@@ -344,9 +361,9 @@ class ForeignImages(ImageSequence):
         channels = describe({"colour": intake.roles["colour"]}, len(intake.sets) > 1)
         return [f"profile {intake.profile.name}: {intake.reason}", channels]
 
-    def image(self, number: int) -> Image:
-        """Read the colour of one frame number, [H, W, 3] linear float32."""
-        return self.sequence.colour(number)
+    def image(self, number: int, *, alpha: bool = False) -> Image:
+        """Read one frame number, [H, W, 3] linear float32, with ``alpha`` behind the colour where it is there."""
+        return self.sequence.colour(number, alpha=alpha)
 
     def select(self, first: int, last: int) -> Self:
         """Return the frames ``first`` to ``last``, both included."""
@@ -354,7 +371,7 @@ class ForeignImages(ImageSequence):
 
 
 def open_pictures(
-    path: Path,
+    named: Named,
     *,
     verify: bool = True,
     gaps: OnBreak = OnBreak.ERROR,
@@ -367,17 +384,23 @@ def open_pictures(
     Of the latter a missing frame is no error before it is asked for. Of channels R, G and B that are not cltaa's own a
     profile only says how they are encoded. Raises what ``open_images`` and ``open_intake`` raise.
     """
-    if is_png(path):
-        return open_png(path, gaps=gaps, frames=frames)
+    place = selection_of(named)
+    if is_png(place):
+        return open_png(place, gaps=gaps, frames=frames)
     asked = override(Profile() if profile == "auto" else load_profile(profile), assignments)
-    if not _of_another(path) and not asked.colour.view:
-        images = open_images(path, verify=verify, gaps=gaps, frames=frames)
+    if not _of_another(place) and not asked.colour.view:
+        images = open_images(place, verify=verify, gaps=gaps, frames=frames)
         encoded = asked.colour.encoding is Encoding.SRGB
         if not encoded or _own(images):
             return images
-        return ChangedImages(images, partial(linear_colour, encoding=Encoding.SRGB), ["colour.encoding srgb, as asked"])
-    intake = open_intake(path, profile=profile, assignments=assignments, gaps=OnBreak.RESET, frames=frames)
-    return ForeignImages(ForeignSequence(path, intake, sorted(intake.declared), strict=False, verify=verify))
+        return ChangedImages(images, _linear, ["colour.encoding srgb, as asked"])
+    intake = open_intake(place, profile=profile, assignments=assignments, gaps=OnBreak.RESET, frames=frames)
+    return ForeignImages(ForeignSequence(place.folder, intake, sorted(intake.declared), strict=False, verify=verify))
+
+
+def _linear(image: Image) -> Image:
+    """An image [H, W, 3 or 4] in linear light; alpha is no light."""
+    return np.concatenate([linear_colour(image[..., :3], Encoding.SRGB), image[..., 3:]], -1)
 
 
 def stated(path: Path) -> dict[str, object]:
@@ -390,10 +413,12 @@ def _own(images: ImageSequence) -> bool:
     return any(name.startswith("cltaa:") for name in read_any_header(images.path(images.first)).attributes)
 
 
-def _of_another(path: Path) -> bool:
-    """True for a folder of files of several names, or whose first has its colour under other names, or in a part."""
-    files = sorted(path.glob("*.exr")) if path.is_dir() else []
-    if not files:
+def _of_another(place: Selection) -> bool:
+    """True for files of several names, or whose first has its colour under other names, or in a part."""
+    if place.files is None and not place.folder.is_dir():
+        return False
+    files = files_in(place)
+    if not files or not files[0].exists():  # which who opens it tells
         return False
     if len({name_of(file) for file in files if number_of(file) is not None}) > 1:
         return True

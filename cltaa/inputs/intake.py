@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-import shlex
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Sequence as Many
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import pairwise
+from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -19,7 +18,7 @@ from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.frame import Camera, Matrix
 from cltaa.inputs.convert import Offset, jitter_px, mended_camera, standard_camera
 from cltaa.inputs.parts import read_any_header
-from cltaa.inputs.profile import Cameras, Profile, load_profile, override
+from cltaa.inputs.profile import Cameras, Profile, channels_option, load_profile, option_text, override
 from cltaa.inputs.roles import (
     KEYS,
     ONE_VIEW,
@@ -31,20 +30,22 @@ from cltaa.inputs.roles import (
     describe,
     file_sets,
     guessed_profile,
+    may_be_colour,
     no_colour,
     shown_name,
     unnumbered,
     views_of,
     whole_numbers,
+    with_usual_names,
 )
 from cltaa.inputs.side_file import Side, read_side_file
 from cltaa.io.exr_layout import Layout, of_region
 from cltaa.io.exr_read import ImageHeader
-from cltaa.io.names import renumbered
+from cltaa.io.names import Named, Selection, renumbered, selection_of
 from cltaa.io.numbered import (
     FrameRange,
     OnBreak,
-    check_size,
+    as_pictures,
     check_steps,
     chosen_numbers,
     even_step,
@@ -54,6 +55,7 @@ from cltaa.io.numbered import (
     on_break,
     ranges,
 )
+from cltaa.printable import written
 
 
 class Damaged(NamedTuple):
@@ -221,7 +223,7 @@ class Intake:
 
 
 def open_intake(
-    folder: Path,
+    named: Named,
     *,
     profile: str = "auto",
     assignments: Many[str] = (),
@@ -232,22 +234,27 @@ def open_intake(
     step: int = 1,
     damaged: Mapping[Path, int] = MappingProxyType({}),
 ) -> Intake:
-    """Decide how ``folder`` is read, from its headers; raises InputMissing, DataError or UsageError.
+    """Decide how a sequence is read, from its headers; raises InputMissing, DataError or UsageError.
 
     ``gaps`` and ``on_resize`` say whether a frame may be missing (in any of the files that are read) and whether sizes
     may differ; ``frames`` are the numbers of the first and the last one to take, both included, and no other counts.
     ``step`` is how far numbers lie apart. Files that are ``damaged``, and of which frame, are left out.
     """
-    gaps, on_resize, sets = on_break(gaps), on_break(on_resize), file_sets(folder, damaged)
+    place = selection_of(named)
+    folder = place.folder
+    gaps, on_resize, sets = on_break(gaps), on_break(on_resize), file_sets(place, damaged)
     first = {label: read_any_header(files[min(files)]) for label, files in sets.items()}
     channels = {label: tuple(header.layout.channels) for label, header in first.items()}
     attributes: dict[str, object] = {}
     for header in first.values():
         attributes = header.attributes | attributes
     chosen, reason = (load_profile(profile), "as asked") if profile != "auto" else guessed_profile(attributes, channels)
-    chosen = override(chosen, assignments)
     views = views_of(attributes, channels, [header.views for header in first.values()])
-    roles = _assigned(folder, chosen, assignments, channels, views)
+    if profile == "auto" and not may_be_colour(chosen, channels, views):
+        chosen = with_usual_names(chosen, channels, views)
+    chosen = override(chosen, assignments)
+    faults = [fault for header in first.values() for fault in header.faults.values()]
+    roles = _assigned(folder, chosen, assignments, channels, views, faults)
     main = sets[roles["colour"][0].files]
     read = [sets[label] for label in {place.files for all_of in roles.values() for place in all_of}]
     there = sorted(number for number in main if all(number in files for files in read))
@@ -260,14 +267,14 @@ def open_intake(
     late = step * max(abs(chosen.jitter.delay), abs(chosen.camera.delay))
     around = [number for number in there if numbers[0] - late <= number <= numbers[-1] + late]
     headers = {number: read_any_header(main[number]) for number in around}
-    pictures = {number: header.layout for number, header in headers.items()}
-    layouts = {number: pictures[number] for number in numbers}
+    # What the colour shows is the picture, whatever windows other parts have.
+    colour = [place.channel for place in roles["colour"]]
+    pictures = {number: header.layout.shown_by(colour) for number, header in headers.items()}
+    layouts = as_pictures({number: pictures[number] for number in numbers}, on_resize)
     _refuse_whole_numbers(first, roles)
-    for before, number in pairwise(numbers):
-        check_size(layouts[number], layouts[before], number, on_resize)
     given = {number: header.attributes for number, header in headers.items()}
     side = {} if side_file is None else _side_of(side_file, numbers)
-    known = declared_frames(chosen, given, side, pictures, step)
+    known = declared_frames(chosen, given, side, pictures | layouts, step)
     declared = {number: known[number] for number in numbers}
     delays = {"matrices": step * chosen.camera.delay, "jitter": step * chosen.jitter.delay, "exposure": 0}
     _check_complete(folder, known, numbers, delays, side_file, side)
@@ -287,13 +294,24 @@ def open_intake(
         frozenset(damaged.values()),
         views,
     )
-    intake.notes += notes_of(intake, folder)
+    intake.notes += notes_of(intake, place) + _of_layouts(first.values(), pictures, layouts)
     return intake
 
 
-def open_with_gaps(folder: Path, **reading: Any) -> Intake:
+def _of_layouts(
+    headers: Iterable[ImageHeader], pictures: Mapping[int, Layout], layouts: Mapping[int, Layout]
+) -> list[str]:
+    """One line for windows that differ, and for each part that is not read."""
+    notes = [f"part {name}: left out, for {fault.what}" for header in headers for name, fault in header.faults.items()]
+    if any(layout.data_window != pictures[number].data_window for number, layout in layouts.items()):
+        rest = "frames are read as their display window, with nothing outside of each"
+        notes.append(f"data windows differ: {rest}")
+    return notes
+
+
+def open_with_gaps(named: Named, **reading: Any) -> Intake:
     """As ``open_intake``, to look at a sequence in which frames may be missing, unless it is for want of a step."""
-    intake = open_intake(folder, **reading, gaps=OnBreak.RESET)
+    intake = open_intake(named, **reading, gaps=OnBreak.RESET)
     missing = intake.missing
     first, last = min(intake.declared), max(intake.declared)
     apart = even_step(sorted({*intake.declared, *(number for number in intake.damaged if first < number < last)}))
@@ -304,7 +322,12 @@ def open_with_gaps(folder: Path, **reading: Any) -> Intake:
 
 
 def _assigned(
-    folder: Path, profile: Profile, assignments: Many[str], channels: Mapping[str, Many[str]], views: Views
+    folder: Path,
+    profile: Profile,
+    assignments: Many[str],
+    channels: Mapping[str, Many[str]],
+    views: Views,
+    faults: Many[DataError],
 ) -> Roles:
     """The channels of each role.
 
@@ -313,18 +336,19 @@ def _assigned(
     """
     roles = assign_view(profile, channels, views)
     if "colour" not in roles:
-        raise no_colour(folder, profile, channels, views)
-    asked = dict(assignment.split("=", 1) for assignment in assignments)
+        raise faults[0] if faults else no_colour(folder, profile, channels, views)
+    asked = {assignment.partition("=")[0].strip() for assignment in assignments}
     for role, key in KEYS.items():
-        names = asked.get(key, "none").strip("[]' ")
-        if role not in roles and names and "none" not in names.split():
+        wanted = attrgetter(key)(profile) if key in asked and role not in roles else ()
+        lists = [[one] if isinstance(one, str) else one for one in wanted]
+        if lists and not any("none" in names for names in lists):
             there = [
                 shown_name(Place(label, name), len(channels) > 1) for label in channels for name in channels[label]
             ]
             raise UsageError(
-                f"--input {key}={names}: no such channels",
+                f"--input {key}={', '.join(map(written, lists))}: no such channels",
                 path=folder,
-                found=" ".join(there),
+                found=written(there),
                 cure=f"do without by --input {key}='{' '.join(['none'] * (1 + (role == 'motion')))}'",
             )
     return roles
@@ -393,11 +417,15 @@ def intake_lines(intake: Intake) -> Iterator[str]:
 # What tools call vectors and depth, in the name of a channel or of its file.
 MOTION_NAME = re.compile(r"mot(ion|vec)|veloc|vector|flow|(^|[._])mvs?($|[._])", re.IGNORECASE)
 DEPTH_NAME = re.compile(r"depth|(^|[._])dist(ance)?($|[._])|(linear|view|eye|scene)_?z($|[._])", re.IGNORECASE)
+# What is drawn beside a picture, and is none.
+NO_LIGHT = re.compile(
+    r"albedo|base_?colou?r|diff(use)?_?col|matte|mask|crypto|normal|position|(^|[._])(uv|id|n|p)[._]", re.I
+)
 # What a resolve of frames that nothing shines through takes for nothing (docs/decisions/11-conventions-from-pixels.md).
 OPAQUE = "alpha is 1 everywhere: --input colour.alpha=none gives the same colours, a tenth to a fifth faster"
 
 
-def notes_of(intake: Intake, folder: Path) -> list[str]:
+def notes_of(intake: Intake, place: Selection) -> list[str]:
     """One line for each thing that is not there: what is done without it, and how to give it."""
     notes = []
     if not intake.has_camera:
@@ -421,28 +449,29 @@ def notes_of(intake: Intake, folder: Path) -> list[str]:
         )
     if not intake.has_jitter:
         notes.append("no jitter: taken as none; if the pixels are jittered, cltaa check shows by how much")
-    return notes + _left_out(intake, folder)
+    return notes + _left_out(intake, place)
 
 
-def _left_out(intake: Intake, folder: Path) -> list[str]:
-    """One line for each thing that is there and is not read."""
+def _left_out(intake: Intake, place: Selection) -> list[str]:
+    """One line for each thing that is there and is not read, or is read for want of a better."""
     views, notes = intake.views, list[str]()
+    colour = [shown_name(place, len(intake.sets) > 1) for place in intake.roles["colour"]]
+    if NO_LIGHT.search(colour[0]):
+        notes.append(f"colour: {written(colour)} is by its name no picture; name another by --input colour.channels")
     if len(views.names) > 1:
         taken = views.of(place.channel for place in intake.roles["colour"])
         other = next(view for view in views.names if view != taken)
-        notes.append(
-            f"several views: {taken} of {', '.join(views.names)} is taken; to take {other}: --input colour.view={other}"
-        )
+        option = option_text({"colour": {"view": other}})
+        notes.append(f"several views: {taken} of {', '.join(views.names)} is taken; to take {other}: {option}")
     if others := _like_the_colour(intake, views):
-        taken = shlex.quote(" ".join(f"{others[0]}.{name.channel.split('.')[-1]}" for name in intake.roles["colour"]))
-        notes.append(
-            f"another layer: {', '.join(others)} not resolved; to take {others[0]}: --input colour.channels={taken}"
-        )
+        names = [f"{others[0]}.{place.channel.rpartition('.')[2]}" for place in intake.roles["colour"]]
+        option = channels_option("colour.channels", names)
+        notes.append(f"another layer: {', '.join(others)} not resolved; to take {others[0]}: {option}")
     if late := _late(intake):
         notes.append(
             f"not in the first frame: {', '.join(late)}; left out of all, for a channel is read of every frame"
         )
-    if left := unnumbered(folder):
+    if left := unnumbered(place):
         notes.append(f"no number: {', '.join(left)}; left out, for the name of a frame ends with its number")
     return notes
 
@@ -478,6 +507,6 @@ def _may_be(role: str, pattern: re.Pattern[str], names: Sequence[str]) -> str:
         return ""
     letters = "ruxgvy"  # red or u or x is across; a third and a fourth are something else
     across_first = sorted(like, key=lambda name: (len(name), f"{letters}{name[-1]}".lower().index(name[-1].lower())))
-    taken = " ".join(across_first[:count])
-    option = f"--input {role}.channels={shlex.quote(taken)}"
-    return f"; to take {'those' if count > 1 else 'that'} in {taken}: {option}, which cltaa check judges"
+    taken = across_first[:count]
+    option = channels_option(f"{role}.channels", taken)
+    return f"; to take {'those' if count > 1 else 'that'} in {written(taken)}: {option}, which cltaa check judges"

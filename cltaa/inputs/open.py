@@ -13,7 +13,8 @@ from cltaa.errors import CltaaError, UsageError
 from cltaa.frame import Effect, format_effects, parse_effects
 from cltaa.inputs.parts import read_any_header
 from cltaa.io.exr_frame import MATRICES
-from cltaa.io.numbered import OnBreak
+from cltaa.io.names import Named, selection_of
+from cltaa.io.numbered import OnBreak, files_in
 from cltaa.io.sequence import RESOLVED, FrameSequence, open_capture
 from cltaa.printable import counted
 
@@ -22,7 +23,7 @@ PLACE = "{}"  # in the name of a file that each of several sequences has: its fo
 
 
 def open_input(
-    folder: str | Path,
+    named: Named,
     *,
     profile: str = "auto",
     assignments: Many[str] = (),
@@ -30,27 +31,29 @@ def open_input(
     effects: Declared = "auto",
     **options: Any,
 ) -> FrameSequence:
-    """Open ``folder`` as its profile says; ``options`` are those of ``open_sequence``, whoever wrote the files.
+    """Open a sequence as its profile says; ``options`` are those of ``open_sequence``, whoever wrote the files.
+
+    ``named`` is a folder, a file, a pattern of files such as ``x.####.exr``, or several of these.
 
     ``effects`` are declared in place of what the files declare; ``all`` declares nothing, so that every step is on.
 
     Raises what ``open_sequence`` and ``open_intake`` raise, and UsageError for what a resolve wrote.
     """
-    folder, side_file = Path(folder), None if side_file is None else Path(side_file)
+    place, side_file = selection_of(named), None if side_file is None else Path(side_file)
     plain = not assignments and side_file is None and effects == "auto"
-    if plain and profile in ("auto", "cltaa") and is_own(folder):
-        return open_capture(folder, **options)
+    if plain and profile in ("auto", "cltaa") and is_own(place):
+        return open_capture(place, **options)
     from cltaa.inputs.foreign import ForeignSequence
     from cltaa.inputs.intake import open_intake
 
     verify = options.pop("verify", True)
-    intake = open_intake(folder, profile=profile, assignments=assignments, side_file=side_file, **options)
-    sequence = ForeignSequence(folder, intake, sorted(intake.declared), verify=verify)
+    intake = open_intake(place, profile=profile, assignments=assignments, side_file=side_file, **options)
+    sequence = ForeignSequence(place.folder, intake, sorted(intake.declared), verify=verify)
     sequence.refuse_result()
     check_declared(sequence, effects)
     if isinstance(effects, str):
         return sequence
-    return ForeignSequence(folder, intake, sorted(intake.declared), verify=verify, effects=effects)
+    return ForeignSequence(place.folder, intake, sorted(intake.declared), verify=verify, effects=effects)
 
 
 def check_declared(sequence: FrameSequence, effects: Declared) -> None:
@@ -120,14 +123,15 @@ def readings(folders: Iterable[Path], asked: Reading) -> dict[Path, Reading]:
     return {folder: asked.within(folder) if folder in spoken_of else own for folder in folders}
 
 
-def is_own(folder: Path) -> bool:
+def is_own(named: Named) -> bool:
     """True unless the first file that can be read plainly is somebody else's, or where there is none but in subfolders.
 
     Errors of cltaa's own files are told by its own reader; what a resolve wrote is its own, whatever layers it kept.
     """
-    files = sorted(folder.glob("*.exr")) if folder.is_dir() else []
+    place = selection_of(named)
+    files = files_in(place) if place.files is not None or place.folder.is_dir() else []
     if not files:
-        return not folder.is_dir() or not any(folder.glob("*/*.exr"))
+        return not place.folder.is_dir() or not any(place.folder.glob("*/*.exr"))
     for file in files:
         try:
             return not {"cltaa:worldToView", RESOLVED}.isdisjoint(read_any_header(file).attributes)

@@ -18,12 +18,13 @@ import tomli_w
 
 from cltaa.errors import DataError, UsageError, known
 from cltaa.io.content import read_text
-from cltaa.printable import counted
+from cltaa.printable import counted, names_in, written
 
 LARGEST = 1 << 16  # bytes; every key with a comment takes a few thousand
 _FOLDER = resources.files("cltaa") / "inputs" / "profiles"
 
 Pair = tuple[float, float]
+Names = tuple[str, ...]
 Source = Literal["declared", "none"]
 MatrixLayout = Literal["row", "column"]
 
@@ -75,12 +76,12 @@ class Encoding(StrEnum):
 
 
 class Colour(msgspec.Struct, frozen=True, kw_only=True):
-    """Colour and what lies beside it; each entry of ``channels`` is three names separated by spaces, tried in order.
+    """Colour and what lies beside it; each entry of ``channels`` is three names, and entries are tried in order.
 
     ``view`` is that of a picture of several, such as left and right, and of depth and vectors too.
     """
 
-    channels: tuple[str, ...] = ("R G B",)
+    channels: tuple[Names, ...] = (("R", "G", "B"),)
     alpha: tuple[str, ...] = ("A", "a", "alpha")
     reactive: tuple[str, ...] = ("reactive",)
     encoding: Encoding = Encoding.LINEAR
@@ -107,7 +108,7 @@ class Motion(msgspec.Struct, frozen=True, kw_only=True):
     ``jittered`` 1: the vectors contain this frame's jitter minus the previous one's; -1: the opposite of it.
     """
 
-    channels: tuple[str, ...] = ("backward.u backward.v",)
+    channels: tuple[Names, ...] = (("backward.u", "backward.v"),)
     units: Units = Units.PIXELS
     scale: Pair = (1.0, 1.0)
     offset: Pair = (0.0, 0.0)
@@ -217,29 +218,53 @@ def _parse(name: str, text: str, origin: str) -> Profile:
 def convert_profile(values: dict[str, Any], origin: str) -> Profile:
     """Builtins to a profile; raises DataError that names the key."""
     try:
-        profile = msgspec.convert(values, Profile)
+        profile = msgspec.convert(_with_names(values), Profile)
     except msgspec.ValidationError as error:
         raise _no_such_value(str(error).rpartition("$.")[2].strip("`"), values, origin) from None
     for path in FINITE:
         if not np.isfinite(attrgetter(path)(profile)).all():
             raise _no_such_value(path, values, origin)
-    for key, candidates, count in (
-        ("colour.channels", profile.colour.channels, 3),
-        ("colour.alpha", profile.colour.alpha, 1),
-        ("colour.reactive", profile.colour.reactive, 1),
-        ("depth.channels", profile.depth.channels, 1),
-        ("motion.channels", profile.motion.channels, 2),
-    ):
-        for names in candidates:
-            if len(names.split()) != count:
-                cure = f"one channel may be named more than once: {' '.join([names.strip() or 'Y'] * count)}"
+    for key, count in COUNTS.items():
+        found: tuple[str | Names, ...] = attrgetter(key)(profile)
+        for names in ((one,) if isinstance(one, str) else one for one in found):
+            if len(names) != count or not all(names):
+                cure = f"one channel may be named more than once: {written([next(iter(names), '') or 'Y'] * count)}"
                 raise DataError(
                     f"profile: {key} is not {counted(count, 'name')}",
                     path=origin,
-                    found=names,
-                    cure=cure if len(names.split()) <= 1 < count else None,
+                    found=written(names),
+                    cure=None if count == 1 else cure if len(names) < 2 else "a name with spaces stands in quotes",
                 )
     return profile
+
+
+# How many channels each key names at a time.
+COUNTS = {"colour.channels": 3, "motion.channels": 2, "colour.alpha": 1, "colour.reactive": 1, "depth.channels": 1}
+
+
+def _with_names(values: dict[str, Any]) -> dict[str, Any]:
+    """``values`` with each key of channels as lists of names, whether text or arrays say them."""
+    made = dict(values)
+    for key, count in COUNTS.items():
+        section, _, name = key.partition(".")
+        its = made.get(section)
+        if isinstance(its, dict) and isinstance(its.get(name), str | list | tuple):
+            lists = _lists_of(its[name], count)
+            made[section] = its | {name: [names[0] for names in lists] if count == 1 else lists}
+    return made
+
+
+def _lists_of(value: Any, count: int) -> list[list[Any]]:
+    """Lists of ``count`` names out of text, or of an array of texts, of names, or of such lists."""
+    if isinstance(value, str):
+        return names_in(value, count)
+    if count == 1:
+        return [[one] for one in value]
+    lists = [names for one in value for names in (names_in(one, count) if isinstance(one, str) else [one])]
+    if len(value) != count or not all(isinstance(one, str) for one in value):
+        return lists
+    # ["a b", "c d"] are two lists of two names, or one of two with spaces: what is there tells.
+    return [*(names for names in lists if len(names) == count), [*value]]
 
 
 def _no_such_value(path: str, values: dict[str, Any], origin: str) -> DataError:
@@ -265,7 +290,8 @@ def override(profile: Profile, assignments: Sequence[str]) -> Profile:
         if name not in values.get(section, {}):
             keys = [f"{s}.{k}" for s, keys in values.items() if isinstance(keys, dict) for k in keys]
             raise UsageError(f"--input {assignment}: no such key", cure=known(key.strip(), keys, "keys"))
-        values[section][name] = _value(text.strip(), values[section][name])
+        text, before = text.strip(), values[section][name]
+        values[section][name] = _array(text) if f"{section}.{name}" in COUNTS else _value(text, before)
     return convert_profile(values, "--input")
 
 
@@ -285,6 +311,12 @@ def assignments_of(values: Mapping[str, Mapping[str, Any]]) -> list[str]:
     return [f"{section}.{key}={_text(value)}" for section, keys in values.items() for key, value in keys.items()]
 
 
+def channels_option(key: str, names: Sequence[str]) -> str:
+    """The option of the command line that takes ``names`` for the channels of ``key``, for a shell."""
+    section, _, name = key.partition(".")
+    return option_text({section: {name: [names]}})
+
+
 def option_text(values: Mapping[str, Mapping[str, Any]]) -> str:
     """``values`` as options of the command line, for a shell."""
     pairs = (assignment.partition("=") for assignment in assignments_of(values))
@@ -302,14 +334,23 @@ def toml_text(profile: Profile) -> str:
     return tomli_w.dumps({"description": profile.description, **sections})
 
 
+def _array(text: str) -> object:
+    """Names in text as they are, or an array of them as TOML has it."""
+    if not text.startswith("["):
+        return text
+    try:
+        return tomllib.loads(f"names = {text}")["names"]
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return text.strip("[]")
+
+
 def _value(text: str, before: object) -> object:
     """Read the text of an assignment the way TOML would, with lists and words written plainly."""
     if isinstance(before, list | tuple):
-        entries = [entry.strip() for entry in text.strip("[]").split(",")]
-        return entries if before and isinstance(before[0], str) else [_number(entry) for entry in entries]
-    if text in ("true", "false"):
-        return text == "true"
-    return text if isinstance(before, str) else _number(text)
+        return [_number(entry.strip()) for entry in text.strip("[]").split(",")]
+    if isinstance(before, str):
+        return text
+    return text == "true" if text in ("true", "false") else _number(text)
 
 
 def _number(text: str) -> float | int | str:
@@ -323,7 +364,9 @@ def _number(text: str) -> float | int | str:
 
 def _text(value: object) -> str:
     if isinstance(value, list | tuple):
-        return ",".join(_text(entry) for entry in value)
+        names = [[entry] if isinstance(entry, str) else entry for entry in value]
+        texts = (written(entry) if isinstance(entry, list | tuple) else _text(entry) for entry in names)
+        return ",".join(texts)
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:g}" if isinstance(value, float) else str(value)

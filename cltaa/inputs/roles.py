@@ -12,14 +12,24 @@ from collections.abc import Container, Iterable, Mapping, Sequence
 from collections.abc import Sequence as Many
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import msgspec
 
 from cltaa.errors import DataError, UsageError
-from cltaa.inputs.profile import Profile, load_profile, override, profile_names
+from cltaa.inputs.profile import (
+    Names,
+    Profile,
+    channels_option,
+    load_profile,
+    option_text,
+    override,
+    profile_names,
+)
 from cltaa.io.manifest import NAME as MANIFEST
-from cltaa.io.names import NUMBERED, number_of
-from cltaa.io.numbered import captures_below, folder_missing, no_frames, only_below
-from cltaa.printable import counted
+from cltaa.io.names import Named, number_of, selection_of
+from cltaa.io.numbered import captures_below, files_in, no_frames, only_below
+from cltaa.printable import counted, written
 
 REFERENCE = "reference"  # folders of this name, or that begin with it, hold truth and no input
 
@@ -43,37 +53,37 @@ class Place(NamedTuple):
 Roles = Mapping[str, tuple[Place, ...]]  # colour, alpha, reactive, depth, motion -> places; absent roles are left out
 
 
-def unnumbered(folder: Path) -> list[str]:
-    """Names of EXR files in a folder that are no frames, for they have no number."""
-    return [path.name for path in sorted(folder.glob("*.exr")) if path.name[0] != "." and number_of(path) is None]
+def unnumbered(named: Named) -> list[str]:
+    """Names of EXR files of a place that are no frames, for they have no number."""
+    place = selection_of(named)
+    return [] if place.alone else [path.name for path in files_in(place) if number_of(path) is None]
 
 
-def file_sets(folder: Path, without: Container[Path] = ()) -> dict[str, dict[int, Path]]:
+def file_sets(named: Named, without: Container[Path] = ()) -> dict[str, dict[int, Path]]:
     """The numbered files of a folder and its subfolders by name: ``beauty.0001.exr`` or ``beauty/x.0001.exr``.
 
     Hidden subfolders are left out, those with truth, and those that a resolve wrote: what came of a sequence is no part
-    of it. So are the files ``without``.
+    of it. So are the files ``without``. Of a place that names files itself these are all.
     Raises InputMissing where there is none, or none but captures in folders of their own.
     """
-    if not folder.is_dir():
-        raise folder_missing(folder)
-    captures = captures_below(folder)
-    if captures and not any(folder.glob("*.exr")):
-        raise only_below(folder, captures)
-    sets: dict[str, dict[int, Path]] = {}
-    files = sorted([*folder.glob("*.exr"), *(path for path in folder.glob("*/*.exr") if _is_input(path.parent))])
+    place = selection_of(named)
+    files = files_in(place, below=True)
+    if place.files is None:
+        captures = captures_below(place.folder)
+        if captures and not any(path.parent == place.folder for path in files):
+            raise only_below(place.folder, captures)
+        files = [path for path in files if path.parent == place.folder or _is_input(path.parent)]
+    folders: dict[Path, list[Path]] = {}
     for path in files:
-        match = NUMBERED.fullmatch(path.name)
-        if match is None or path.name[0] == "." or path in without:
-            continue
-        label = f"{path.parent.name}/{match['name']}" if path.parent != folder else match["name"]
-        numbers = sets.setdefault(label, {})
-        if int(match["number"]) in numbers:
-            number = int(match["number"])
-            raise DataError("two files have one frame number", path=path, frame=number, found=numbers[number].name)
-        numbers[int(match["number"])] = path
+        folders.setdefault(path.parent, []).append(path)
+    sets: dict[str, dict[int, Path]] = {}
+    for folder, its in folders.items():
+        for name, numbers in place.by_name(its).items():
+            label = name if folder == place.folder else f"{folder.name}/{name}"
+            if left := {number: path for number, path in numbers.items() if path not in without}:
+                sets[label] = left
     if not sets:
-        raise no_frames(folder, files)
+        raise no_frames(place, files)
     return sets
 
 
@@ -89,19 +99,20 @@ def assign(profile: Profile, channels: Mapping[str, Iterable[str]]) -> dict[str,
     colours = equal_matches(profile.colour.channels, channels)
     colour = colours[0] if len(colours) == 1 else ()
     own = {label: names for label, names in channels.items() if colour and label == colour[0].files}
-    named = [name for name in profile.colour.alpha if "." in name]  # in a layer, or in a set of files
+    alpha = [(name,) for name in profile.colour.alpha]
+    named = [names for names in alpha if "." in names[0]]  # in a layer, or in a set of files
     found = {
         "colour": colour,
-        "alpha": _nearest(colour, profile.colour.alpha, own) or _nearest(colour, named, channels),
-        "reactive": _nearest(colour, profile.colour.reactive, channels),
-        "depth": _nearest(colour, profile.depth.channels, channels),
+        "alpha": _nearest(colour, alpha, own) or _nearest(colour, named, channels),
+        "reactive": _nearest(colour, [(name,) for name in profile.colour.reactive], channels),
+        "depth": _nearest(colour, [(name,) for name in profile.depth.channels], channels),
         "motion": _nearest(colour, profile.motion.channels, channels),
     }
     return {role: places for role, places in found.items() if places}
 
 
 def _nearest(
-    colour: tuple[Place, ...], candidates: Sequence[str], channels: Mapping[str, Iterable[str]]
+    colour: tuple[Place, ...], candidates: Sequence[Names], channels: Mapping[str, Iterable[str]]
 ) -> tuple[Place, ...]:
     """The channels of a candidate in the layer of the colour, else in what that layer is part of, else anywhere.
 
@@ -110,7 +121,7 @@ def _nearest(
     layers = colour[0].channel.split(".")[:-1] if colour else []
     for end in range(len(layers), -1, -1):
         inside = "".join(f"{layer}." for layer in layers[:end])
-        within = [" ".join(inside + name for name in candidate.split()) for candidate in candidates]
+        within = [tuple(inside + name for name in candidate) for candidate in candidates]
         if found := equal_matches(within, channels):
             return next((places for places in found if colour and places[0].files == colour[0].files), found[0])
     return ()
@@ -118,7 +129,7 @@ def _nearest(
 
 def channel_missing(place: Place, role: str, count: int, path: Path, there: Iterable[str]) -> DataError:
     """The error where a frame's file has none of that name, which is one of ``count`` channels of a role."""
-    found, none = " ".join(sorted(there)), " ".join(["none"] * count)
+    found, none = written(sorted(there)), " ".join(["none"] * count)
     without = f", or do without: --input {KEYS[role]}='{none}'" if role in KEYS else ""
     cure = f"render it again{without}"
     return DataError("channel is missing", path=path, channel=place.channel, found=found, cure=cure)
@@ -139,7 +150,7 @@ def whole_numbers(place: Place, path: Path) -> DataError:
 def describe(roles: Roles, several: bool = False) -> str:
     """One line: every role and its channels, with the names of their files where there are ``several`` sets."""
     return "; ".join(
-        f"{role} {' '.join(shown_name(place, several) for place in places)}" for role, places in roles.items()
+        f"{role} {written(shown_name(place, several) for place in places)}" for role, places in roles.items()
     )
 
 
@@ -148,7 +159,7 @@ def shown_name(place: Place, several: bool) -> str:
     return f"{_short(place.files)}.{place.channel}" if several else place.channel
 
 
-def equal_matches(candidates: Sequence[str], channels: Mapping[str, Iterable[str]]) -> list[tuple[Place, ...]]:
+def equal_matches(candidates: Sequence[Names], channels: Mapping[str, Iterable[str]]) -> list[tuple[Place, ...]]:
     """The channels that the first candidate with any names; several where sets of files have them alike.
 
     Files in the folder itself come before those of its subfolders.
@@ -157,7 +168,7 @@ def equal_matches(candidates: Sequence[str], channels: Mapping[str, Iterable[str
         # With several sets of files, ``depth.Z`` also means channel Z of the set named depth; that is tried first.
         for by_set in (True, False):
             # All channels of a role are in one set: R of a depth and G of a picture make no colour.
-            found = [_in_set(candidate.split(), label, names, by_set) for label, names in channels.items()]
+            found = [_in_set(candidate, label, names, by_set) for label, names in channels.items()]
             whole = [places for places in found if places]
             if whole:  # the shortest names are the least qualified: no view, no light group
                 shortest = min(map(_length, whole))
@@ -176,6 +187,8 @@ def _in_set(patterns: Sequence[str], label: str, names: Iterable[str], by_set: b
     Where the patterns have ``*`` alike it stands for the same in each: R of one layer and G of another make no colour.
     """
     names, before = sorted(names, key=len), f"{_short(label)}." if by_set else ""
+    if not by_set and set(patterns) <= set(names):  # with a star that is one
+        return tuple(Place(label, pattern) for pattern in patterns)
     alike = len({pattern.count("*") for pattern in patterns}) == 1
     by_layer: list[dict[tuple[str, ...], str]] = []
     for pattern in patterns:
@@ -204,7 +217,7 @@ class Views(NamedTuple):
 
     def within(self, name: str) -> set[str]:
         """The views that a channel is of: those in its name, else what is stated; empty where nothing tells."""
-        words = set(name.split(".")[:-1]) & set(self.names)
+        words = {view for view in self.names if _has_word(name, view)}
         return words or ({self.stated[name]} if name in self.stated else set())
 
     def of(self, channels: Iterable[str]) -> str:
@@ -214,11 +227,18 @@ class Views(NamedTuple):
 
     def without(self, name: str) -> str:
         """A channel's name without what says of which view it is."""
-        *words, last = name.split(".")
-        kept = [word for word in words if word not in self.names]
-        if len(kept) == len(words) and name in self.stated:
-            kept = [word.removesuffix(f"_{self.stated[name]}") for word in words]
-        return ".".join([*kept, last])
+        layer, dot, last = name.rpartition(".")
+        kept = f".{layer}."
+        for view in self.names:
+            kept = kept.replace(f".{view}.", ".")
+        if kept == f".{layer}." and name in self.stated:
+            kept = kept.replace(f"_{self.stated[name]}.", ".")
+        return f"{kept[1:]}{last}" if dot else name
+
+
+def _has_word(name: str, view: str) -> bool:
+    """True where a view is a word of a channel's layer; as names of layers it may have dots."""
+    return f".{view}." in f".{name.rpartition('.')[0]}."
 
 
 ONE_VIEW = Views()
@@ -227,12 +247,12 @@ ONE_VIEW = Views()
 def views_of(attributes: Mapping[str, object], channels: Channels, stated: Iterable[Mapping[str, str]] = ()) -> Views:
     """The views of a picture; ``stated`` are those of channels by attribute ``view``, of each set of files."""
     named = attributes.get("multiView", USUAL)
-    words = {word for names in channels.values() for name in names for word in name.split(".")[:-1]}
+    every = [name for names in channels.values() for name in names]
     if not isinstance(named, list | tuple):
         return ONE_VIEW
     views = [view for view in named if isinstance(view, str)]
     # Those of the first view may go without its name.
-    there = [view for view in views if view in words]
+    there = [view for view in views if any(_has_word(name, view) for name in every)]
     if "multiView" in attributes:
         return Views(tuple(views)) if there else ONE_VIEW
     pairs = list(dict.fromkeys(pair for its in stated for pair in its.items()))
@@ -268,9 +288,9 @@ def assign_view(profile: Profile, channels: Channels, views: Views) -> Roles:
 
 def _asked_for(profile: Profile) -> set[str]:
     """Every name of a channel that the profile has."""
-    colour = profile.colour
-    every = (colour.channels, colour.alpha, colour.reactive, profile.depth.channels, profile.motion.channels)
-    return {name for candidates in every for names in candidates for name in names.split()}
+    colour, alone = profile.colour, profile.depth.channels
+    lists = (*colour.channels, *profile.motion.channels, colour.alpha, colour.reactive, alone)
+    return {name for names in lists for name in names}
 
 
 def _of_view(names: Iterable[str], view: str, views: Views, asked: set[str]) -> dict[str, str]:
@@ -286,6 +306,28 @@ def _of_view(names: Iterable[str], view: str, views: Views, asked: set[str]) -> 
     return others | named
 
 
+def may_be_colour(profile: Profile, channels: Channels, views: Views) -> bool:
+    """True where channels of some view, or of several sets of files, have the names that a profile gives the colour."""
+    of_views = [override(profile, [f"colour.view={view}"]) for view in views.names]
+    found = any("colour" in assign_view(its, channels, views) for its in (profile, *of_views))
+    return found or bool(equal_matches(profile.colour.channels, channels))
+
+
+def with_usual_names(profile: Profile, channels: Channels, views: Views) -> Profile:
+    """A tool's profile, that last looks for what files of any tool call colour, depth and motion, if that is there."""
+
+    def extended(sections: Iterable[str]) -> Profile:
+        made = dict[str, Any]()
+        for section in sections:
+            own, other = getattr(profile, section), getattr(common, section)
+            made[section] = msgspec.structs.replace(own, channels=(*own.channels, *other.channels))
+        return msgspec.structs.replace(profile, **made)
+
+    common, sections = load_profile("parts"), ("colour", "depth", "motion")
+    found = assign_view(extended(sections), channels, views)
+    return extended(section for section in sections if section in found)
+
+
 OF_NO_TOOL = {"parts": 1, "cltaa": 2}  # and which goes before which
 LUMINANCE = "Y"  # of a picture in greys, as OpenEXR calls it
 
@@ -297,28 +339,28 @@ def no_colour(folder: Path, profile: Profile, channels: Mapping[str, Many[str]],
         and not profile.colour.view
         and "colour" in assign_view(override(profile, [f"colour.view={views.names[0]}"]), channels, views)
     ):
-        cure = f"choose one: --input colour.view={views.names[0]}"
+        cure = f"choose one: {option_text({'colour': {'view': views.names[0]}})}"
         return DataError("the picture has several views", path=folder, found=", ".join(views.names), cure=cure)
     several = equal_matches(profile.colour.channels, channels)
     if several:
-        names = " ".join(shown_name(place, several=True) for place in several[0])
+        option = channels_option("colour.channels", [shown_name(place, several=True) for place in several[0]])
         return DataError(
             "several sets of files may be the colour",
             path=folder,
             found=", ".join(places[0].files for places in several),
-            cure=f"name the folder of one sequence, or the channels, as --input colour.channels='{names}'",
+            cure=f"name the folder of one sequence, or the channels, as {option}",
         )
     there = [name for names in channels.values() for name in names]
-    found = " ".join(there)
+    found = written(there)
     grey = LUMINANCE if LUMINANCE in there else there[0] if len(there) == 1 else None
     # Of a picture in greys one channel is all three.
-    example = " ".join([grey] * 3) if grey else _like_colour(there) or "RED GREEN BLUE"
-    cure = f"name them: --input colour.channels='{example}'"
-    expected = " or ".join(profile.colour.channels)
+    example = [grey] * 3 if grey else _like_colour(there) or ["RED", "GREEN", "BLUE"]
+    cure = f"name them: {channels_option('colour.channels', example)}"
+    expected = " or ".join(map(written, profile.colour.channels))
     return DataError("no colour channels", path=folder, expected=expected, found=found, cure=cure)
 
 
-def _like_colour(there: Many[str]) -> str | None:
+def _like_colour(there: Many[str]) -> list[str] | None:
     """Three of the channels ``there`` that are called red, green and blue in some way, the shortest of such names."""
     named = {name.lower(): name for name in there}
     for words in (("r", "g", "b"), ("red", "green", "blue")):
@@ -326,7 +368,7 @@ def _like_colour(there: Many[str]) -> str | None:
             stem, dot, last = name.rpartition(".")
             three = [f"{stem}{dot}{word}" for word in words]
             if last == words[0] and named.keys() >= set(three):
-                return " ".join(named[each] for each in three)
+                return [named[each] for each in three]
     return None
 
 

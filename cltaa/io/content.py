@@ -10,7 +10,7 @@ import errno
 import hashlib
 import os
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from mmap import mmap
 from pathlib import Path
@@ -90,6 +90,15 @@ class FileCopy:
                 if not length:
                     raise DataError("the file changed while it was read", path=path, cure="run again")
                 place += length
+
+    def hold(self, pieces: Sequence[bytes]) -> None:
+        """Take these bytes, one behind another, in place of a file's."""
+        self.size = sum(map(len, pieces))
+        os.ftruncate(self._descriptor, self.size)
+        self._memory, place = mmap(self._descriptor, self.size), 0
+        for piece in pieces:
+            self._memory[place : place + len(piece)] = piece
+            place += len(piece)
 
     def bytes(self) -> memoryview:
         """What was copied last; release it before the next file."""

@@ -25,8 +25,9 @@ from cltaa.frame import (
     format_effects,
     parse_effects,
 )
-from cltaa.io.exr_layout import Layout, of_region
+from cltaa.io.exr_layout import OTHER_TOOLS, Layout, of_region
 from cltaa.io.names import number_of
+from cltaa.printable import written
 
 Pixels = NDArray[np.float16] | NDArray[np.float32] | NDArray[np.uint32]
 
@@ -69,8 +70,8 @@ def check_float_channels(layout: Layout, names: Iterable[str]) -> None:
     for name in names:
         kind = layout.channels.get(name)
         if kind is None:
-            found = " ".join(sorted(layout.channels)) or "none"
-            cure = "capture or convert the file with this channel"
+            found = written(sorted(layout.channels)) or "none"
+            cure = f"capture the file with this channel; {OTHER_TOOLS}"
             raise DataError("channel is missing", path=layout.path, channel=name, found=found, cure=cure)
         if kind == "uint":
             raise DataError("wrong channel type", path=layout.path, channel=name, expected="float", found=kind)
@@ -208,7 +209,7 @@ class FrameHeader:
         value = self._attributes.get(name)
         kind = "V2d" if shape == (2,) else "M44d"
         if value is None:
-            cure = "capture it with cltaa, or add the attribute"
+            cure = f"capture it with cltaa, or add the attribute; {OTHER_TOOLS}"
             raise DataError("attribute is missing", path=self._path, expected=f"{name} ({kind})", cure=cure)
         if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype.kind not in "iuf":
             raise self._wrong(name, kind, value)

@@ -1,8 +1,5 @@
 """EXR headers as bytes, and whether all that they promise is in the file, before a pixel is decoded.
 
-Read as the OpenEXR file layout defines them (https://openexr.com/en/latest/OpenEXRFileLayout.html). What passes,
-OpenEXR understands in the same way: nothing stands twice, and no number is beyond its limit.
-
 The OpenEXR module gives no channel types without decoding, opens a truncated file without an error and allocates
 whatever a header asks for. This reads the few bytes that tell, as the OpenEXR file layout defines them
 (https://openexr.com/en/latest/OpenEXRFileLayout.html): magic number, version flags, attributes, table of chunks.
@@ -12,10 +9,9 @@ What it lets pass, OpenEXR understands in the same way: nothing stands twice, an
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from itertools import zip_longest
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -24,7 +20,7 @@ from numpy.typing import NDArray
 
 from cltaa.errors import DataError
 from cltaa.io.content import ReadAt, file_size, open_regular
-from cltaa.io.exr_layout import COMPRESSIONS, Layout, shared_window
+from cltaa.io.exr_layout import COMPRESSIONS, OTHER_TOOLS, Layout
 
 MAGIC = 20000630
 TILED, DEEP, MULTI_PART = 1 << 9, 1 << 11, 1 << 12  # version flags
@@ -49,12 +45,12 @@ def read_headers(path: Path, file: BinaryIO) -> tuple[int, list[Header], int]:
     if len(start) < 8 or struct.unpack_from("<I", start)[0] != MAGIC:
         raise DataError("this is not an EXR file", path=path, cure="convert it to OpenEXR first")
     (version,) = struct.unpack_from("<I", start, 4)
-    if version & DEEP:
-        raise DataError("deep images are not read", path=path, cure="write a flat EXR")
+    if version & DEEP and not version & MULTI_PART:  # of many parts some may be flat
+        raise _deep(path)
     try:
-        return version, *_headers(start, many=bool(version & MULTI_PART))
+        return version, *_headers(path, start, many=bool(version & MULTI_PART))
     except IndexError:  # it may only be longer than what was read
-        return version, *_headers(read_at(file, 0, LARGEST_HEADER), many=bool(version & MULTI_PART))
+        return version, *_headers(path, read_at(file, 0, LARGEST_HEADER), many=bool(version & MULTI_PART))
 
 
 def read_channels(path: Path, value: bytes) -> dict[str, str]:
@@ -73,11 +69,20 @@ def read_channels(path: Path, value: bytes) -> dict[str, str]:
                 found=f"one in {x_sampling} x {y_sampling}",
                 cure="write R G B, and every channel at full size",
             )
-        if name in channels or kind < 0 or len(channels) == MOST_CHANNELS:
-            raise ValueError("channel twice, of no type, or one too many")
+        if name in channels or kind < 0:
+            raise ValueError("channel twice, or of no type")
         channels[name] = PIXEL_TYPES[kind]
         place += 16
+    if len(channels) > MOST_CHANNELS:
+        cure = "write fewer, or in several parts"
+        raise DataError(
+            "too many channels", path=path, expected=f"at most {MOST_CHANNELS}", found=len(channels), cure=cure
+        )
     return channels
+
+
+def _deep(path: Path) -> DataError:
+    return DataError("deep images are not read", path=path, cure="write a flat EXR")
 
 
 def places_of(content: bytes) -> dict[str, slice]:
@@ -108,19 +113,19 @@ def read_at(file: BinaryIO, place: int, size: int) -> bytes:
     return file.read(size)
 
 
-def _headers(content: bytes, *, many: bool) -> tuple[list[Header], int]:
+def _headers(path: Path, content: bytes, *, many: bool) -> tuple[list[Header], int]:
     """One header, or all up to an empty one, and the place behind them."""
-    header, place = _attributes(content, 8)
+    header, place = _attributes(path, content, 8)
     headers = [header]
     while many and content[place] != 0:
         if len(headers) == MOST_PARTS:
-            raise ValueError("one part too many")
-        header, place = _attributes(content, place)
+            raise DataError("too many parts", path=path, expected=f"at most {MOST_PARTS}")
+        header, place = _attributes(path, content, place)
         headers.append(header)
     return headers, place + many
 
 
-def _attributes(header: bytes, place: int) -> tuple[Header, int]:
+def _attributes(path: Path, header: bytes, place: int) -> tuple[Header, int]:
     """Raw attribute values by name from ``place`` on, and the place behind them; IndexError where it is cut off."""
     attributes: Header = {}
     while header[place] != 0:
@@ -130,8 +135,10 @@ def _attributes(header: bytes, place: int) -> tuple[Header, int]:
             raise IndexError("attribute without a size")
         (size,) = struct.unpack_from("<i", header, place)
         start, place = place + 4, place + 4 + size
-        if size < 0 or name in attributes or len(attributes) == MOST_ATTRIBUTES:
-            raise ValueError("attribute of a negative size, twice, or one too many")
+        if size < 0 or name in attributes:
+            raise ValueError("attribute of a negative size, or twice")
+        if len(attributes) == MOST_ATTRIBUTES:
+            raise DataError("too many attributes", path=path, expected=f"at most {MOST_ATTRIBUTES}")
         if place >= len(header):
             raise IndexError("attribute reaches beyond the file")
         attributes[name] = header[start:place]
@@ -154,37 +161,21 @@ ONE_LEVEL, MIP_MAP, RIP_MAP = range(3)  # modes, as the file layout numbers them
 Counts = NDArray[np.int64]
 
 
-def tile_sizes(columns: int, rows: int, value: bytes) -> Counts:
-    """Pixels of each tile of all levels; the table of chunks may hold them in any order: the smallest stands for all.
+def tile_sizes(path: Path, columns: int, rows: int, value: bytes) -> Counts:
+    """Pixels of each tile; the table of chunks may hold them in any order: the smallest stands for all.
 
-    ``value`` is the attribute ``tiles``. Smaller levels of a mip-mapped image are not read, but their tiles stand in
-    the table too. Raises ValueError for tiles or levels that there are not.
+    ``value`` is the attribute ``tiles``. Raises DataError for images of many levels, which are textures and no frames,
+    and ValueError for tiles that there are not.
     """
     width, height, mode = struct.unpack("<IIB", value)
     if not (0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE):
         raise ValueError("tiles of no size, or larger than any image")
-    levels, up = mode & 0xF, bool(mode >> 4)
-    sides = (_level_sides(columns, up), width), (_level_sides(rows, up), height)
-    across, down = ([-(-side // tile) for side in of_levels] for of_levels, tile in sides)
-    if levels == ONE_LEVEL:
-        count = across[0] * down[0]
-    elif levels == MIP_MAP:
-        # The shorter side stays at 1 pixel, one tile, while the other gets there.
-        count = sum(one * other for one, other in zip_longest(across, down, fillvalue=1))
-    elif levels == RIP_MAP:
-        count = sum(across) * sum(down)
-    else:
+    if mode & 0xF in (MIP_MAP, RIP_MAP):
+        raise DataError("mip-mapped images are not read", path=path, cure="write one level, in tiles or scan lines")
+    if mode & 0xF != ONE_LEVEL:
         raise ValueError("no such mode of levels")
-    smallest = ((columns - 1) % width + 1) * ((rows - 1) % height + 1) if levels == ONE_LEVEL else 1
-    return np.broadcast_to(np.int64(smallest), count)
-
-
-def _level_sides(side: int, up: bool) -> list[int]:
-    """Pixels of a side in each level: halved and rounded down, or ``up``, until 1 is left."""
-    sides = [side]
-    while sides[-1] > 1:
-        sides.append((sides[-1] + up) // 2)
-    return sides
+    smallest = ((columns - 1) % width + 1) * ((rows - 1) % height + 1)
+    return np.broadcast_to(np.int64(smallest), -(-columns // width) * -(-rows // height))
 
 
 # How many times larger than its chunk in the file a block of pixels can be, where the method has such a limit:
@@ -245,25 +236,25 @@ def parse_layout(path: Path, file: BinaryIO) -> Layout:
     return layout
 
 
-def parse_parts(path: Path, file: BinaryIO) -> tuple[Layout, ...]:
-    """Layouts of all parts of an open file, checked as ``read_layout`` does, and against each other."""
-    outline = read_outline(path, file)
-    outline.check_chunks(partial(read_at, file), file_size(file))
-    return outline.parts
-
-
 class Outline(NamedTuple):
-    """What the headers of a file say of its parts, and where the tables of their chunks must be."""
+    """What the headers of a file say of its parts, and where the tables of their chunks must be.
+
+    ``parts`` are those that can be read, with their places in the file; ``faults`` say by name what is wrong with the
+    others. ``end`` is where the headers do.
+    """
 
     path: Path
     parts: tuple[Layout, ...]
     tables: list[Table]
+    places: tuple[int, ...]
+    faults: dict[str, DataError]
+    end: int
 
     @property
     def layout(self) -> Layout:
         """That of the only part; raises DataError for a file of many."""
         if self.parts[0].part is not None:
-            raise DataError("multi-part images are not read", path=self.path, cure="write a flat single-part EXR")
+            raise DataError("multi-part images are not read", path=self.path, cure=OTHER_TOOLS)
         return self.parts[0]
 
     def check_chunks(self, read_at: ReadAt, length: int) -> None:
@@ -275,39 +266,92 @@ class Outline(NamedTuple):
             for table in self.tables:
                 check_chunks(table, read_at, length)
 
+    def refuse_faults(self) -> None:
+        """Raise what is wrong with the first part that cannot be read, if there is one."""
+        for error in self.faults.values():
+            raise error
+
+    def extract(self, read_at: ReadAt, parts: Iterable[int], *, pixels: bool = True) -> list[bytes]:
+        """The bytes of a file of these of the readable parts alone, its chunks only where ``pixels`` are wanted.
+
+        So a part that nobody asks for is neither decoded nor in the way. The chunks have to be checked before.
+        """
+        head, ends = read_at(0, self.end), [8]
+        for _ in range(len(self.parts) + len(self.faults)):
+            ends.append(_attributes(self.path, head, ends[-1])[1])
+        kept = [self.places[part] for part in parts]
+        version = struct.unpack_from("<I", head, 4)[0] & ~DEEP
+        made = [struct.pack("<II", MAGIC, version), *(head[ends[at] : ends[at + 1]] for at in kept), b"\0"]
+        counts = [len(self.tables[part].pixels) for part in parts]
+        place, offsets, chunks = sum(map(len, made)) + 8 * sum(counts), list[int](), list[bytes]()
+        for number, part in enumerate(parts):
+            table = self.tables[part]
+            for offset in struct.unpack(f"<{counts[number]}Q", read_at(table.place, 8 * counts[number])):
+                leader = read_at(offset, table.leader) if pixels else b""
+                offsets.append(place if pixels else 0)
+                if pixels:
+                    size = struct.unpack_from("<i", leader, table.leader - 4)[0]
+                    chunks += [struct.pack("<i", number), leader[4:], read_at(offset + table.leader, size)]
+                    place += table.leader + size
+        return [*made, struct.pack(f"<{len(offsets)}Q", *offsets), *chunks]
+
 
 def read_outline(path: Path, file: BinaryIO) -> Outline:
-    """Parse the headers of an open file without a look at its chunks; raises DataError."""
+    """Parse the headers of an open file without a look at its chunks.
+
+    Raises DataError, also where no part can be read.
+    """
     with damaged(path):
-        version, headers, place = read_headers(path, file)
+        version, headers, end = read_headers(path, file)
         many = bool(version & MULTI_PART)
-        tiled = [header["type"] == b"tiledimage" if many else bool(version & TILED) for header in headers]
-        parts = tuple(_layout(path, *its, many=many) for its in zip(headers, tiled, strict=True))
-        if len({part.part for part in parts}) < len(parts) or not all(
-            (part.part or "").isprintable() for part in parts
-        ):
+        names = [header["name"].decode() for header in headers] if many else [""]
+        if len({*names}) < len(names) or not all(name.isprintable() for name in names):
             raise ValueError("parts of one name, or of a name that could harm a terminal")
-        if len({part.display_window for part in parts}) > 1:
-            raise DataError("the parts do not make one picture", path=path, cure="write them with one display window")
-        picture = shared_window(parts)
-        for part in parts:
-            part.part_of(picture)
-        chunks = [_chunk_sizes(*its) for its in zip(parts, headers, tiled, strict=True)]
-        behind, tables = place + 8 * sum(len(sizes) for sizes in chunks), list[Table]()
-        for part, in_tiles, sizes in zip(parts, tiled, chunks, strict=True):
-            # A chunk begins with its part (if there are many), its place (y, or four numbers) and its size.
-            leader = 4 * many + (20 if in_tiles else 8)
-            tables.append(Table(path, place, sizes, part.bytes_a_pixel, part.compression, leader, behind))
-            place += 8 * len(sizes)
-    return Outline(path, parts, tables)
+        found, faults = dict[int, tuple[Layout, Counts, int]](), dict[str, DataError]()
+        for at, (name, header) in enumerate(zip(names, headers, strict=True)):
+            try:
+                found[at] = _part(path, header, version, next(iter(found.values()), (None,))[0])
+            except DataError as error:
+                faults[name] = error
+        for fault in faults.values() if not found else ():
+            raise fault
+        counts = [len(found[at][1]) if at in found else _count(header) for at, header in enumerate(headers)]
+        behind, place, tables = end + 8 * sum(counts), end, list[Table]()
+        for at, count in enumerate(counts):
+            if at in found:
+                part, sizes, leader = found[at]
+                tables.append(Table(path, place, sizes, part.bytes_a_pixel, part.compression, leader, behind))
+            place += 8 * count
+    return Outline(path, tuple(part for part, *_ in found.values()), tables, tuple(found), faults, end)
+
+
+def _part(path: Path, header: Header, version: int, first: Layout | None) -> tuple[Layout, Counts, int]:
+    """A part's layout, the pixels of its chunks, and the bytes that each begins with.
+
+    Raises DataError for a kind that is not read, and as ``damaged`` has it for what is damaged.
+    """
+    many = bool(version & MULTI_PART)
+    tiled = header["type"] == b"tiledimage" if many else bool(version & TILED)
+    part = _layout(path, header, tiled, many=many)
+    if first is not None and part.display_window != first.display_window:
+        raise DataError("the parts do not make one picture", path=path, cure="write them with one display window")
+    # A chunk begins with its part (if there are many), its place (y, or four numbers) and its size.
+    return part, _chunk_sizes(part, header, tiled), 4 * many + (20 if tiled else 8)
+
+
+def _count(header: Header) -> int:
+    """The chunks of a part that cannot be read; of a count below 0 more than any file has."""
+    return int(struct.unpack("<I", header["chunkCount"])[0])
 
 
 def _layout(path: Path, header: Header, tiled: bool, *, many: bool) -> Layout:
+    if header.get("type", b"").startswith(b"deep"):
+        raise _deep(path)
+    if many and header["type"] not in (b"scanlineimage", b"tiledimage"):
+        raise DataError("unknown type of part", path=path, expected="scanlineimage or tiledimage")
     (codec,) = header["compression"]
     if codec >= len(COMPRESSIONS):
         raise DataError("unknown compression", path=path, found=codec, cure="write it with ZIP compression")
-    if header.get("type", b"").startswith(b"deep"):
-        raise DataError("deep images are not read", path=path, cure="write a flat EXR")
     layout = Layout(
         path=path,
         channels=read_channels(path, header["channels"]),
@@ -324,7 +368,7 @@ def _layout(path: Path, header: Header, tiled: bool, *, many: bool) -> Layout:
 def _chunk_sizes(layout: Layout, header: Header, tiled: bool) -> Counts:
     """Pixels of each chunk of a part."""
     rows = COMPRESSIONS[header["compression"][0]][1]
-    sizes = tile_sizes(layout.width, layout.height, header["tiles"]) if tiled else _row_sizes(layout, rows)
+    sizes = tile_sizes(layout.path, layout.width, layout.height, header["tiles"]) if tiled else _row_sizes(layout, rows)
     if layout.part is not None and struct.unpack("<i", header["chunkCount"]) != (len(sizes),):
         raise ValueError("not as many chunks as the windows ask for")
     return sizes
@@ -336,15 +380,6 @@ def _check_windows(layout: Layout) -> None:
         if not (0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE):
             expected = f"1 to {LARGEST_SIDE} pixels a side"
             raise DataError(f"impossible {name}", path=layout.path, expected=expected, found=f"{width} x {height}")
-    data, display = layout.data_window, layout.display_window
-    if data[0] > display[2] or data[1] > display[3] or data[2] < display[0] or data[3] < display[1]:
-        raise DataError(
-            "the data window lies outside of the display window",
-            path=layout.path,
-            expected=f"some of {display}",
-            found=data,
-            cure="render a region of the picture, or the whole",
-        )
 
 
 def _row_sizes(layout: Layout, rows_per_chunk: int) -> Counts:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cltaa.errors import DataError, UsageError
 from cltaa.frame import Camera
@@ -34,6 +36,8 @@ LOSSLESS = frozenset({"none", "rle", "zips", "zip", "piz", "htj2k256", "htj2k32"
 
 Window = tuple[int, int, int, int]  # x and y of the first pixel, x and y of the last
 Part = tuple[slice, slice]  # rows and columns
+# The way in for files that cltaa did not write.
+OTHER_TOOLS = "another tool's files: cltaa resolve --profile auto, in Python cltaa.inputs.open.open_input"
 Windows = tuple[Window, Window]  # of the data, and of the display
 
 
@@ -50,6 +54,7 @@ class Layout:
     display_window: Window
     compression: str
     part: str | None = None  # name of the part, None in a file of one image
+    windows: Mapping[str, Window] = field(default_factory=dict)  # data windows of channels, of a file of many parts
     tile: tuple[int, int] | None = None  # columns and rows of a tile, None where chunks are of scan lines
 
     @property
@@ -78,9 +83,31 @@ class Layout:
             self.data_window[3] - top,
         )
 
+    def refuse_outside(self, frame: int | None = None) -> None:
+        """Raise DataError where nothing of the picture lies in the display window."""
+        left, top, right, bottom = self.region
+        if left >= self.display_size[0] or top >= self.display_size[1] or right < 0 or bottom < 0:
+            raise DataError(
+                "the data window lies outside of the display window",
+                path=self.path,
+                frame=frame,
+                expected=f"some of {self.display_window}",
+                found=self.data_window,
+                cure="render a region of the picture, or the whole",
+            )
+
     def covers(self, region: Window) -> bool:
         """True where the picture shows all of a region, which begins at the first pixel of the display window."""
         return _covers(self.region, region)
+
+    def shown_by(self, channels: Iterable[str]) -> Layout:
+        """The layout of the picture that some channels make: their data window if it is one, else the display's."""
+        windows = {self.windows.get(name, self.data_window) for name in channels}
+        return replace(self, data_window=windows.pop() if len(windows) == 1 else self.display_window)
+
+    def whole(self) -> Layout:
+        """The layout of all of the display window."""
+        return replace(self, data_window=self.display_window)
 
     def cropped(self, region: Window) -> Layout:
         """The layout of a region of the picture alone."""
@@ -117,18 +144,29 @@ class Layout:
         """Bytes of a chunk, as decoded."""
         return self.chunk[0] * self.chunk[1] * self.bytes_a_pixel
 
-    def part_of(self, window: Window) -> Part:
-        """Rows and columns of the picture that lie in ``window``; raises DataError unless it covers all of that."""
-        left, top, *_ = self.data_window
-        if not _covers(self.data_window, window):
-            raise DataError(
-                "the data window does not cover the picture",
-                path=self.path,
-                expected=f"at least {window}",
-                found=self.data_window,
-                cure="write all channels with one data window",
-            )
-        return slice(window[1] - top, window[3] - top + 1), slice(window[0] - left, window[2] - left + 1)
+
+def placed(plane: NDArray[Any], window: Window, picture: Window, outside: float = 0.0) -> NDArray[Any]:
+    """What of a plane [H, W], which has a data ``window``, lies in the ``picture``; ``outside`` of its window a number.
+
+    That is 0 in EXR. Whole numbers are 0 there whatever is asked for.
+    """
+    if window == picture:
+        return plane
+    left, top, *_ = window
+    if _covers(window, picture):
+        return plane[picture[1] - top : picture[3] - top + 1, picture[0] - left : picture[2] - left + 1]
+    columns, rows = picture[2] - picture[0] + 1, picture[3] - picture[1] + 1
+    made = np.full((rows, columns), outside if plane.dtype.kind == "f" else 0, plane.dtype)
+    first, last = np.maximum(window[:2], picture[:2]), np.minimum(window[2:], picture[2:]) + 1
+    if (first < last).all():
+        there = plane[first[1] - top : last[1] - top, first[0] - left : last[0] - left]
+        (x, y), (right, bottom) = first - picture[:2], last - picture[:2]
+        made[y:bottom, x:right] = there
+    return made
+
+
+# What lies outside of a frame's data window: no light, and no surface but the sky, which moves as the camera has it.
+OUTSIDE = {"Z": np.inf, "backward.u": np.nan, "backward.v": np.nan}
 
 
 def _covers(window: Window, other: Window) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, cast
 
@@ -30,7 +30,7 @@ from cltaa.io.exr_frame import (
     frame_channels,
 )
 from cltaa.io.exr_header import Outline, parse_layout, read_outline
-from cltaa.io.exr_layout import Layout
+from cltaa.io.exr_layout import OUTSIDE, Layout, Window, placed
 from cltaa.io.openexr import OpenEXR
 from cltaa.io.quiet import muted_output
 
@@ -39,12 +39,14 @@ from cltaa.io.quiet import muted_output
 class ImageHeader:
     """A file's layout and its attributes by name, as ``attributes_of`` gives them, read without its pixels.
 
-    ``views`` are those of channels by what attribute ``view`` of their part says.
+    ``views`` are those of channels by what attribute ``view`` of their part says, ``faults`` what is wrong with parts
+    that cannot be read, by their names.
     """
 
     layout: Layout
     attributes: dict[str, object]
     views: Mapping[str, str] = field(default_factory=dict)
+    faults: Mapping[str, DataError] = field(default_factory=dict)
 
 
 class FrameFile(NamedTuple):
@@ -64,12 +66,15 @@ def read_frame(path: Path, *, sha256: str | None = None) -> Frame:
     return read_frame_and_header(path, sha256=sha256)[0]
 
 
-def read_frame_and_header(path: Path, *, sha256: str | None = None) -> tuple[Frame, ImageHeader]:
-    """The same, and the header of its file, which was parsed for it."""
-    with _loaded(path, sha256) as (layout, content):
+def read_frame_and_header(
+    path: Path, *, sha256: str | None = None, picture: Window | None = None
+) -> tuple[Frame, ImageHeader]:
+    """The same, and the header of its file, which was parsed for it; ``picture`` is another window than the data's."""
+    with _loaded(path, sha256, picture) as (layout, content):
         names = frame_channels(layout)
-        size = (layout.height, layout.width)
         pixels, attributes = decode_all(layout, content)
+        layout, pixels = _in_picture(layout, pixels, picture)
+        size = (layout.height, layout.width)
         # Each group in a block of its own: what is freed fits what is needed next.
         groups = {group: empty_haloed(len(group), *size) for group in GROUPS if group[0] in names}
         for group, stack in groups.items():
@@ -100,10 +105,13 @@ def _frame(header: FrameHeader, parts: Mapping[str, Image], others: Mapping[str,
     )
 
 
-def read_image(path: Path, *, sha256: str | None = None) -> tuple[dict[str, Pixels], dict[str, object]]:
+def read_image(
+    path: Path, *, sha256: str | None = None, picture: Window | None = None
+) -> tuple[dict[str, Pixels], dict[str, object]]:
     """Read every channel ``[H, W]`` in its own type, and the attributes that describe the picture; errors as above."""
-    with _loaded(path, sha256) as loaded:
-        pixels, attributes = decode_all(*loaded)
+    with _loaded(path, sha256, picture) as (layout, content):
+        pixels, attributes = decode_all(layout, content)
+        _, pixels = _in_picture(layout, pixels, picture)
     return pixels, {name: value for name, value in attributes.items() if name not in STRUCTURAL}
 
 
@@ -117,12 +125,17 @@ def read_header(path: Path, *, chunks: bool = True) -> ImageHeader:
         return ImageHeader(layout, _open(layout, file, header_only=True)[1])
 
 
-def read_colour(path: Path, *, sha256: str | None = None) -> Image:
-    """Read R G B only, as a [H, W, 3] float32 view of a planar block; errors and ``sha256`` as ``read_frame``."""
-    with _loaded(path, sha256) as (layout, content):
+def read_colour(path: Path, *, sha256: str | None = None, picture: Window | None = None, alpha: bool = False) -> Image:
+    """Read R G B, and A where ``alpha`` is asked for and there, as a [H, W, 3 or 4] float32 view of a planar block.
+
+    Errors and other options as ``read_frame``.
+    """
+    with _loaded(path, sha256, picture) as (layout, content):
         check_float_channels(layout, COLOUR)
         pixels, _ = decode_all(layout, content)
-    return np.moveaxis(np.stack([pixels[name] for name in COLOUR]).astype(np.float32, copy=False), 0, -1)
+        layout, pixels = _in_picture(layout, pixels, picture)
+    names = (*COLOUR, "A") if alpha and layout.channels.get("A", "uint") != "uint" else COLOUR
+    return np.moveaxis(np.stack([pixels[name] for name in names]).astype(np.float32, copy=False), 0, -1)
 
 
 @contextmanager
@@ -142,13 +155,25 @@ def loaded_parts(path: Path, sha256: str | None, *, one: bool = False) -> Iterat
         yield outline, content
 
 
+def _in_picture(layout: Layout, pixels: dict[str, Pixels], picture: Window | None) -> tuple[Layout, dict[str, Pixels]]:
+    """Layout and channels of a picture that may have another window than the file's data."""
+    if picture is None or picture == layout.data_window:
+        return layout, pixels
+    window = layout.data_window
+    made = {name: placed(plane, window, picture, OUTSIDE.get(name, 0.0)) for name, plane in pixels.items()}
+    return replace(layout, data_window=picture), made
+
+
 @contextmanager
-def _loaded(path: Path, sha256: str | None) -> Iterator[tuple[Layout, FileCopy]]:
-    """The same of a file of one part, whose pixels fit into memory."""
+def _loaded(path: Path, sha256: str | None, picture: Window | None = None) -> Iterator[tuple[Layout, FileCopy]]:
+    """The same of a file of one part, whose pixels fit into memory, as those of another window do."""
     with loaded_parts(path, sha256, one=True) as (outline, content):
         layout = outline.layout
+        if picture is None:
+            layout.refuse_outside()
         # Beside the pixels stands the packed file first, and then the one channel that is being moved into the frame.
-        check_memory(path, layout.decoded_bytes + max(content.size, 4 * layout.width * layout.height))
+        shown = 0 if picture is None else replace(layout, data_window=picture).decoded_bytes
+        check_memory(path, layout.decoded_bytes + max(content.size, 4 * layout.width * layout.height, shown))
         yield layout, content
 
 

@@ -1,12 +1,27 @@
-"""Names of numbered files, ``<name>.<frame>.exr`` or ``.png``: the sequence of a file, and its place there."""
+"""How sequences are named: the number in a file's name, and the files that a folder, a pattern or a list stands for.
+
+A frame is ``<name>.<number>.exr`` or ``.png``, with ``.``, ``_``, ``-``, a space or nothing between. Behind such a sign
+``-`` is a minus: ``shot.-003``, ``shot -003``. In ``shot-003`` it is none, unless ``shot0001`` lies beside it.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from glob import has_magic
+from os.path import commonpath
 from pathlib import Path
 
-# Nine digits fit cltaa:frame, an int. A number below 0, ``x.-001.exr``, is none: its frames would come in wrong order.
-NUMBERED = re.compile(r"(?P<name>.*?)[._-]?(?<![0-9])(?<![._]-)(?<!^-)(?P<number>[0-9]{1,9})\.(exr|png)", re.DOTALL)
+from cltaa.errors import DataError, InputMissing, UsageError
+from cltaa.printable import counted
+
+SUFFIXES = (".exr", ".png")
+# Nine digits fit cltaa:frame, an int. At the beginning of a name a ``-`` is a minus, too: ``-0001.exr``.
+NUMBERED = re.compile(
+    r"(?P<name>.*?)(?P<between>[._ ]|(?<=.)-|)(?P<number>(?:(?<![^._ -])-)?(?<![0-9])[0-9]{1,9})\.(?:exr|png)",
+    re.DOTALL,
+)
 
 
 def number_of(path: Path) -> int | None:
@@ -28,3 +43,146 @@ def renumbered(path: Path, number: int) -> Path:
         return path
     start, end = match.span("number")
     return path.with_name(f"{path.name[:start]}{number:0{end - start}d}{path.name[end:]}")
+
+
+def pattern_of(path: Path) -> Path:
+    """The pattern of all frames of the sequence that ``path`` is one of, as it is typed."""
+    match = NUMBERED.fullmatch(path.name)
+    if match is None:
+        return path
+    start, end = match.span("number")
+    return path.with_name(f"{path.name[:start]}{'#' * (end - start)}{path.name[end:]}")
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """What somebody named as a sequence: a folder, or some of the files in it."""
+
+    folder: Path
+    files: tuple[Path, ...] | None = None  # None: all that are in the folder
+    words: tuple[str, ...] = ()  # as it was named
+    numbers: Mapping[Path, int] = field(default_factory=dict)  # that a pattern tells
+
+    def __str__(self) -> str:
+        """As it was named, for a message."""
+        return self.words[0] if len(self.words) == 1 else f"{self.folder}: {counted(len(self.words), 'file')}"
+
+    @property
+    def alone(self) -> bool:
+        """True for one file that was named itself: it is asked for alone, and needs no number."""
+        return self.files is not None and len(self.files) == 1 and self.words == (str(self.files[0]),)
+
+    def by_name(self, files: Iterable[Path]) -> dict[str, dict[int, Path]]:
+        """Those of ``files``, of one folder, that have a number, by the names of their sequences.
+
+        Raises DataError for two of one number.
+        """
+        if self.alone and self.files is not None and number_of(self.files[0]) is None:
+            return {name_of(self.files[0]): {0: self.files[0]}}
+        there = [(path, match) for path in files if (match := NUMBERED.fullmatch(path.name))]
+        joined = {match["name"] for _, match in there if not match["between"]}  # shot0001, beside which shot-001 is -1
+        found: dict[str, dict[int, Path]] = {}
+        for path, match in there:
+            number = int(match["number"])
+            if match["between"] == "-" and match["name"] in joined:
+                number = -number
+            number = self.numbers.get(path, number)
+            numbers = found.setdefault(match["name"], {})
+            if number in numbers:
+                raise DataError("two files have one frame number", path=path, frame=number, found=numbers[number].name)
+            numbers[number] = path
+        return found
+
+
+Named = str | Path | Sequence[str | Path] | Selection  # a folder, a file, a pattern of files, or several of these
+
+
+def selection_of(named: Named) -> Selection:
+    """Find what ``named`` stands for: a folder, a file, a pattern (``####``, ``%04d``, ``*``) or a list of files.
+
+    What is there under that very name goes before a pattern. A name of nothing is a folder that is missing. Raises
+    InputMissing for a file that is missing and a pattern that none matches, and UsageError for a list of nothing or of
+    folders.
+    """
+    if isinstance(named, Selection):
+        return named
+    if isinstance(named, str | Path):
+        return _place(Path(named))
+    places = [_place(Path(one)) for one in named]
+    if not places:
+        raise UsageError("no file is named")
+    if len(places) == 1:
+        return places[0]
+    for place in places:
+        if place.files is None:
+            what = "a list of files names something else" if place.folder.is_dir() else "the file is missing"
+            raise UsageError(what, path=place.folder, expected="EXR files of one sequence, or one folder")
+    files = dict.fromkeys(path for place in places for path in place.files or ())
+    numbers = {path: number for place in places for path, number in place.numbers.items()}
+    return Selection(_above(files), tuple(files), tuple(word for place in places for word in place.words), numbers)
+
+
+def _place(path: Path) -> Selection:
+    words = (str(path),)
+    if path.is_dir():
+        return Selection(path, None, words)
+    if path.exists() or path.is_symlink():
+        return Selection(path.parent, (path,), words)
+    if not has_magic(str(path)) and not COUNTED.search(path.name):
+        if path.suffix in SUFFIXES:
+            raise InputMissing("the file is missing", path=path, cure="check the name")
+        return Selection(path, None, words)
+    folder, root = path.parent, Path(path.anchor)
+    folders = sorted(root.glob(str(folder.relative_to(root)))) if has_magic(str(folder)) else [folder]
+    pattern = _pattern(path)
+    found: dict[Path, int | None] = {}
+    for folder in folders:
+        there = sorted(folder.iterdir()) if folder.is_dir() else []
+        for file in (file for file in there if file.suffix in SUFFIXES and file.name[0] != "."):
+            if match := pattern.fullmatch(file.name):
+                found[file] = int(match["number"]) if pattern.groups else None
+    if not found:
+        cure = f"name the folder that its frames are in: {path.parent}" if path.parent.is_dir() else "check the name"
+        raise InputMissing("no file has such a name", path=path, cure=cure)
+    # Pictures to look at may lie beside the frames.
+    kept = [file for file in found if file.suffix == ".exr"] or [*found]
+    numbers = {file: number for file in kept if (number := found[file]) is not None}
+    return Selection(_above(kept), tuple(kept), words, numbers)
+
+
+def _above(files: Iterable[Path]) -> Path:
+    """The folder that all files lie in, or in folders of which they do."""
+    folders = {path.parent for path in files}
+    return folders.pop() if len(folders) == 1 else Path(commonpath(folder.absolute() for folder in folders))
+
+
+# The number of a frame as compositors write it: ``####`` or ``%04d``, and before the suffix ``@@@@``.
+COUNTED = re.compile(r"#+|%(?:0?[1-9])?d|@+(?=\.[a-z]+$)")
+_PARTS = re.compile(rf"(?P<number>{COUNTED.pattern})|(?P<any>\*+)|(?P<one>\?)|(?P<set>\[!?[^]]+\])")
+
+
+def _pattern(path: Path) -> re.Pattern[str]:
+    """What a pattern of names matches, with group ``number`` where it says where that stands.
+
+    Raises UsageError where that is not at the end, or at two places.
+    """
+    text, made, place = path.name, "", 0
+    for part in _PARTS.finditer(text):
+        made += re.escape(text[place : part.start()])
+        place = part.end()
+        if part["number"]:
+            if not re.fullmatch(r"\.[a-z]+", text[place:]):
+                what = "the number of a frame is the last thing in its name"
+                raise UsageError(what, path=path, expected="<name>.####.exr", cure="rename the files")
+            made += rf"(?P<number>(?=.{{{_width(part['number'])},}}\.)-?[0-9]{{1,9}})"
+        else:
+            made += ".*" if part["any"] else "." if part["one"] else part["set"].replace("[!", "[^")
+    try:
+        return re.compile(made + re.escape(text[place:]), re.DOTALL)
+    except re.error as error:
+        raise UsageError(f"no such pattern of names: {error}", path=path) from None
+
+
+def _width(part: str) -> int:
+    """The characters that a number has at least, its sign among them."""
+    return len(part) if part[0] in "#@" else int(part[1:-1] or 1)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 from collections.abc import Collection, Iterable, Mapping
 from collections.abc import Sequence as Many
 from enum import StrEnum
@@ -19,9 +20,9 @@ from typing import Self
 
 from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
 from cltaa.io.exr_header import read_layout
-from cltaa.io.exr_layout import Layout, Part, Window
+from cltaa.io.exr_layout import OTHER_TOOLS, Layout, Part, Window
 from cltaa.io.manifest import CAPTURE, REFERENCE, recorded_hashes
-from cltaa.io.names import NUMBERED, renumbered
+from cltaa.io.names import Named, Selection, number_of, pattern_of, renumbered, selection_of
 from cltaa.printable import counted, printable
 
 DEEPEST = 3  # folders below the one that was named; a project's folder can hold millions of files
@@ -201,7 +202,7 @@ def _with_others(problem: str, others: list[int]) -> str:
 
 # What a folder without frames may hold in their place.
 PICTURES = frozenset({".bmp", ".dpx", ".exr", ".hdr", ".jpeg", ".jpg", ".png", ".tga", ".tif", ".tiff"})
-ONE_REGION = "render one region in all frames, or the whole picture: no autocrop"
+ONE_REGION = "render both with one display window"
 
 
 class NumberedFiles:
@@ -241,12 +242,8 @@ class NumberedFiles:
         numbers = chosen_numbers(sorted(paths), frames, folder)
         check_steps(paths, (numbers[0], numbers[-1]), step, self.gaps)
         self._paths = {number: paths[number] for number in numbers}
-        self.layouts = {}
-        before: Layout | None = None
-        for number, path in self._paths.items():
-            self.layouts[number] = layout = self.layout_of(path)
-            check_size(layout, before or layout, number, self.on_resize)
-            before = layout
+        found = {number: self.layout_of(path) for number, path in self._paths.items()}
+        self.layouts = as_pictures(found, self.on_resize)
 
     @staticmethod
     def layout_of(path: Path) -> Layout:
@@ -317,17 +314,42 @@ class NumberedFiles:
         return recorded_hashes(self.folder)
 
     def select(self, first: int, last: int) -> Self:
-        """Return the frames ``first`` to ``last``, both included; raises UsageError unless these two are there."""
+        """Return the frames ``first`` to ``last``, both included; raises UsageError unless these two are there.
+
+        They show what they show among all.
+        """
         return type(self)(
             self.folder,
             self.name,
-            self._paths,
+            {number: self._paths[number] for number in chosen_numbers(self.numbers, (first, last), self.folder)},
             verify=self.verify,
             gaps=self.gaps,
             on_resize=self.on_resize,
-            frames=(first, last),
             step=self.step,
+            layouts=self.layouts,
         )
+
+
+def as_pictures(layouts: Mapping[int, Layout], on_resize: OnBreak) -> dict[int, Layout]:
+    """The layouts of frames, by number, as one history needs them: of frames with several data windows the display's.
+
+    A picture is the data window where all have one: a border render, or overscan. Raises DataError for display windows
+    that differ, unless they may, and for pictures that lie outside of them.
+    """
+    runs: list[dict[int, Layout]] = []
+    for number, layout in layouts.items():
+        if not runs or next(iter(runs[-1].values())).display_size != layout.display_size:
+            runs.append({})
+        runs[-1][number] = layout
+    found: dict[int, Layout] = {}
+    for run in runs:
+        several = len({layout.region for layout in run.values()}) > 1
+        found |= {number: layout.whole() if several else layout for number, layout in run.items()}
+    for before, number in pairwise(found):
+        check_size(found[number], found[before], number, on_resize)
+    for number, layout in found.items():
+        layout.refuse_outside(number)
+    return found
 
 
 def check_size(layout: Layout, before: Layout, number: int, on_resize: OnBreak) -> None:
@@ -336,8 +358,6 @@ def check_size(layout: Layout, before: Layout, number: int, on_resize: OnBreak) 
         if on_resize is OnBreak.RESET:
             return
         cure = "all frames of a sequence have one size; cltaa resolve --on-resize reset begins anew at each change"
-        if layout.display_size == before.display_size:
-            cure = ONE_REGION
         raise DataError(
             "size differs", path=layout.path, frame=number, expected=before.size, found=layout.size, cure=cure
         )
@@ -385,46 +405,49 @@ def check_same_size(one: NumberedFiles, other: NumberedFiles) -> None:
         check_region(second, first, named)
 
 
-def numbered_files(folder: Path, suffix: str = ".exr") -> tuple[Path, str, dict[int, Path]]:
-    """Find the frames of a folder: the folder, their name and the file of each number; errors as ``open_sequence``."""
+def files_in(place: Selection, suffix: str = ".exr", *, below: bool = False) -> list[Path]:
+    """The files of a place with that suffix, those of folders ``below`` too, in order; hidden ones are none.
+
+    Raises InputMissing where there is no such folder, or none that can be read.
+    """
+    if place.files is not None:
+        return [path for path in place.files if path.suffix == suffix or place.alone]
     try:
-        files = sorted(entry for entry in folder.iterdir() if entry.suffix == suffix and entry.name[0] != ".")
+        there = sorted(place.folder.iterdir())
     except FileNotFoundError as error:
-        raise folder_missing(folder) from error
+        what, cure = "the folder is missing", "check the name"
+        raise InputMissing(what, path=place.folder, cure=cure) from error
     except OSError as error:
-        cure = "name the folder that its frames are in" if folder.suffix == ".exr" else None
-        raise InputMissing(f"the folder cannot be read: {error.strerror}", path=folder, cure=cure) from error
-    matches = {path: NUMBERED.fullmatch(path.name) for path in files}
-    names = sorted({match["name"] if match else path.name for path, match in matches.items()})
-    if not any(matches.values()):
-        raise no_frames(folder, files)
+        raise InputMissing(f"the folder cannot be read: {error.strerror}", path=place.folder) from error
+    files = [entry for entry in there if entry.suffix == suffix and entry.name[0] != "."]
+    return files + sorted(path for path in place.folder.glob(f"*/*{suffix}") if path.name[0] != ".") if below else files
+
+
+def numbered_files(named: Named, suffix: str = ".exr") -> tuple[Path, str, dict[int, Path]]:
+    """Find the frames of one sequence: the folder, their name and the file of each number; errors as ``open_sequence``.
+
+    ``named`` is what ``selection_of`` takes.
+    """
+    place = selection_of(named)
+    files = files_in(place, suffix)
+    sets = place.by_name(files)
+    if not sets:
+        raise no_frames(place, files)
+    # Beside frames a file without a number is another sequence.
+    names = sorted({*sets, *(path.name for path in files if not place.alone and number_of(path) is None)})
     if len(names) > 1:
-        cure = "keep one sequence in a folder; another tool's: use --profile, in Python cltaa.inputs.open.open_input"
-        raise DataError("several sequences in one folder", path=folder, found=", ".join(names), cure=cure)
-    paths: dict[int, Path] = {}
-    for path, match in matches.items():
-        number = int(match["number"]) if match else 0
-        if number in paths:
-            raise DataError("two files have one frame number", path=path, frame=number, found=paths[number].name)
-        paths[number] = path
-    return folder, names[0], paths
+        one = next(path for path in files if number_of(path) is not None)
+        cure = f"name the files of one, such as {shlex.quote(str(pattern_of(one)))}; {OTHER_TOOLS}"
+        raise DataError("several sequences in one folder", path=place.folder, found=", ".join(names), cure=cure)
+    return place.folder, names[0], sets[names[0]]
 
 
-def folder_missing(folder: Path) -> InputMissing:
-    """The error for a folder that is not there, or for a pattern of files where a folder is meant."""
-    pattern = folder.suffix == ".exr" and folder.parent.is_dir()
-    cure = f"name the folder that its frames are in: {folder.parent}" if pattern else "check the name"
-    return InputMissing("the folder is missing", path=folder, cure=cure)
-
-
-def no_frames(folder: Path, files: Iterable[Path]) -> InputMissing:
-    """The error for a folder none of whose EXR ``files`` has a number."""
-    names = [path.name for path in files]
+def no_frames(place: Selection, files: Iterable[Path]) -> InputMissing:
+    """The error for a place none of whose EXR ``files`` has a number."""
+    folder, names = place.folder, [path.name for path in files]
     suffix = Path(names[0]).suffix if names else ".exr"
     cure = f"number the frames, as in {Path(names[0]).stem}.0001{suffix}" if names else None
-    if any(re.search(r"(^|[._-])-[0-9]+\.exr$", name) for name in names):
-        cure = "numbers below 0 are not read: number the frames from 0 or 1 on"
-    elif any(re.search(r"[0-9]{10,}\.exr$", name) for name in names):
+    if any(re.search(r"[0-9]{10,}\.exr$", name) for name in names):
         cure = "numbers have nine digits at most: number the frames from 0 or 1 on"
     found = ", ".join(names)
     if not names:

@@ -20,7 +20,7 @@ from cltaa.io.exr_frame import OF_FRAMES, FrameHeader, check_float_channels
 from cltaa.io.exr_layout import Layout
 from cltaa.io.exr_read import FrameFile, ImageHeader, read_colour, read_frame_and_header, read_header
 from cltaa.io.manifest import read_capture_record, recorded_hashes
-from cltaa.io.names import NUMBERED, name_of, number_of
+from cltaa.io.names import Named, name_of, number_of, selection_of
 from cltaa.io.numbered import (
     FrameRange,
     NumberedFiles,
@@ -41,9 +41,10 @@ class ImageSequence(NumberedFiles):
         """What was decided about the files of another tool, line by line; own ones: nothing."""
         return []
 
-    def image(self, number: int) -> Image:
-        """Read the colour of one frame number, [H, W, 3] linear float32."""
-        return read_colour(self.path(number), sha256=self.sha256(number))
+    def image(self, number: int, *, alpha: bool = False) -> Image:
+        """Read one frame number, [H, W, 3] linear float32; with ``alpha`` behind the colour where it is there."""
+        window = self.layouts[number].data_window
+        return read_colour(self.path(number), sha256=self.sha256(number), picture=window, alpha=alpha)
 
     def __iter__(self) -> Iterator[Image]:
         """Read the frames one after another."""
@@ -78,9 +79,9 @@ class ChangedImages(ImageSequence):
         """How they are read."""
         return self._notes
 
-    def image(self, number: int) -> Image:
-        """Read the colour of one frame number, [H, W, 3] linear float32."""
-        return self._change(self._images.image(number))
+    def image(self, number: int, *, alpha: bool = False) -> Image:
+        """Read one frame number, [H, W, 3] linear float32, with ``alpha`` behind the colour where it is there."""
+        return self._change(self._images.image(number, alpha=alpha))
 
     def select(self, first: int, last: int) -> Self:
         """Return the frames ``first`` to ``last``, both included."""
@@ -231,7 +232,7 @@ class FrameSequence(NumberedFiles):
         """Camera, jitter, cut and exposure of one frame number, checked, read without its pixels."""
         path = self.path(number)
         header = read_header(path)
-        return FrameHeader(path, header.attributes, header.layout)
+        return FrameHeader(path, header.attributes, self.layouts[number])
 
     def outline(self, number: int) -> Frame:
         """A frame of which only the header was read: its channels are there, and empty."""
@@ -257,7 +258,10 @@ class FrameSequence(NumberedFiles):
 
     def frame_and_file(self, number: int, kept: Collection[str] = ()) -> tuple[Frame, FrameFile]:
         """The same, and what was read of its file: ``kept`` channels too, where they are decoded with the frame."""
-        frame, header = read_frame_and_header(self.path(number), sha256=self.sha256(number))
+        window = self.layouts[number].data_window
+        frame, header = read_frame_and_header(self.path(number), sha256=self.sha256(number), picture=window)
+        if "cltaa:frame" not in header.attributes:  # by its name alone shot-003 need not be what its folder makes of it
+            frame = replace(frame, index=number)
         if frame.index != number:
             raise DataError(
                 "the file name and attribute cltaa:frame disagree",
@@ -278,7 +282,7 @@ class FrameSequence(NumberedFiles):
 
 
 def open_sequence(
-    folder: str | Path,
+    named: Named,
     *,
     verify: bool = True,
     gaps: OnBreak = OnBreak.ERROR,
@@ -288,6 +292,7 @@ def open_sequence(
 ) -> FrameSequence:
     """Open a folder of ``<name>.<frame:04d>.exr`` files, reading layouts but no pixels.
 
+    ``named`` may also be one such file, a pattern of them as ``x.####.exr``, or several (``selection_of``).
     With ``verify`` every file that is read later must have the SHA-256 that ``sequence.json`` records for it.
     Raises InputMissing where the folder, its frames, a frame in the middle or one that ``sequence.json`` lists is
     missing (unless ``gaps`` allows it), DataError where files are damaged, differ in size (unless ``on_resize`` allows
@@ -295,40 +300,38 @@ def open_sequence(
     included, and no other counts; raises UsageError unless both are there. ``step`` is how far numbers lie apart; each
     frame then counts as the one after the last.
     """
+    place = selection_of(named)
     sequence = FrameSequence(
-        *numbered_files(Path(folder)), verify=verify, gaps=gaps, on_resize=on_resize, frames=frames, step=step
+        *numbered_files(place), verify=verify, gaps=gaps, on_resize=on_resize, frames=frames, step=step
     )
-    if verify and sequence.gaps is OnBreak.ERROR and frames is None:
+    if verify and sequence.gaps is OnBreak.ERROR and frames is None and place.files is None:
         # A frame that is missing before the first or behind the last is no gap, but the capture says that it was there.
         for name in recorded_hashes(sequence.folder):
-            match = NUMBERED.fullmatch(name)
-            if match and match["name"] == sequence.name and int(match["number"]) not in sequence.layouts:
-                raise frame_missing(sequence.folder / name, int(match["number"]))
+            path = sequence.folder / name
+            number = number_of(path)
+            if number is not None and name_of(path) == sequence.name and number not in sequence.layouts:
+                raise frame_missing(path, number)
     return sequence
 
 
-def open_capture(folder: str | Path, **options: Any) -> FrameSequence:
+def open_capture(named: Named, **options: Any) -> FrameSequence:
     """Open a folder as ``open_sequence`` does, for a resolve: raises UsageError for the results of one."""
-    sequence = open_sequence(folder, **options)
+    sequence = open_sequence(named, **options)
     sequence.refuse_result()
     return sequence
 
 
 def open_images(
-    path: str | Path, *, verify: bool = True, gaps: OnBreak = OnBreak.ERROR, frames: FrameRange | None = None
+    named: Named, *, verify: bool = True, gaps: OnBreak = OnBreak.ERROR, frames: FrameRange | None = None
 ) -> ImageSequence:
-    """Open resolved or reference images: a folder as ``open_sequence`` takes it, or one EXR file.
+    """Open resolved or reference images, named as ``open_sequence`` takes them.
 
     A single file without a number is frame 0, and numbers may lie evenly apart. ``verify``, ``gaps``, ``frames`` and
     errors are those of ``open_sequence``, and DataError is raised where R, G or B is missing.
     """
-    path = Path(path)
-    if path.is_dir():
-        files = numbered_files(path)
-        step = even_step(sorted(files[2]))  # no image needs the one before it
-        images = ImageSequence(*files, verify=verify, gaps=gaps, frames=frames, step=step)
-    else:
-        images = ImageSequence(path.parent, name_of(path), {number_of(path) or 0: path}, verify=verify, frames=frames)
+    files = numbered_files(named)
+    step = even_step(sorted(files[2]))  # no image needs the one before it
+    images = ImageSequence(*files, verify=verify, gaps=gaps, frames=frames, step=step)
     for layout in images.layouts.values():
         check_float_channels(layout, ("R", "G", "B"))
     return images

@@ -28,6 +28,7 @@ from cltaa.io.sequence import RESOLVED, FrameSequence
 from cltaa.io.streams import Writer
 from cltaa.pipeline.debug import DebugViews
 from cltaa.pipeline.debug_views import View
+from cltaa.printable import written
 from cltaa.progress import track
 
 INFINITE, BELOW_ZERO = 0x7C00, 0x8000  # bits of an infinite half, and of the sign
@@ -80,8 +81,12 @@ def carried_channels(layout: Layout, layers: tuple[str, ...], replaced: frozense
     colour that it was made of for it.
     """
     left_out = replaced if layers == ALL else frozenset[str]()
-    kept = (name for name in layout.channels if any(fnmatchcase(name, pattern) for pattern in layers))
-    return frozenset(kept) - left_out
+    return frozenset(name for name in layout.channels if any(_is(name, layer) for layer in layers)) - left_out
+
+
+def _is(name: str, layer: str) -> bool:
+    """True for the channel itself and one that the pattern matches: brackets and stars may be in a name, too."""
+    return name == layer or fnmatchcase(name, layer)
 
 
 def chosen_layers(names: tuple[str, ...] | None, sequence: FrameSequence) -> tuple[str, ...]:
@@ -109,7 +114,8 @@ def carried_over(path: Path, kept: frozenset[str], file: FrameFile | None = None
     attributes = {name: value for name, value in header.attributes.items() if name not in _OF_THE_FILE}
     channels: dict[str, Pixels] = {}
     if kept:
-        planes = file.planes if file and file.planes is not None else read_planes(path, kept)
+        window = header.layout.data_window
+        planes = file.planes if file and file.planes is not None else read_planes(path, kept, picture=window)
         channels = {name: plane for name, plane in planes.items() if name in kept}
     return CarriedOver(channels, attributes, (header.layout.data_window, header.layout.display_window))
 
@@ -128,8 +134,8 @@ def check_layers(sequence: FrameSequence, layers: tuple[str, ...]) -> None:
     """Raise UsageError for a name among ``layers`` that no channel of the first frame matches: it is a slip."""
     channels = sequence.layouts[sequence.first].channels
     for layer in layers:
-        if not any(fnmatchcase(name, layer) for name in channels):
-            raise UsageError("--layers: no such channel", expected=" ".join(sorted(channels)), found=layer)
+        if not any(_is(name, layer) for name in channels):
+            raise UsageError("--layers: no such channel", expected=written(sorted(channels)), found=layer)
 
 
 def carried_compression(sequence: FrameSequence) -> str:
@@ -200,8 +206,8 @@ class OutputFolder:
             raise UsageError(
                 f"was begun with {what} {key}",
                 path=path,
-                expected=before.get(key, "none"),
-                found=now.get(key, "none"),
+                expected=now.get(key, "none"),
+                found=before.get(key, "none"),
                 cure=RESTART_CURE,
             )
 

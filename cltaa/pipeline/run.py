@@ -30,6 +30,7 @@ from cltaa.io.atomic import atomic_path, check_creatable, owned
 from cltaa.io.content import memory_limit
 from cltaa.io.exr_layout import check_lossless
 from cltaa.io.manifest import REFERENCE
+from cltaa.io.names import Selection
 from cltaa.io.numbered import OnBreak
 from cltaa.io.sequence import FrameSequence, open_images
 from cltaa.io.streams import InTurn, ReadAhead, Writer
@@ -252,8 +253,14 @@ def resolve_sequence(
         write_record(output, report, resolver.preset)
         checkpoints.clear()
     if preview is not None:
-        write_video(preview, open_images(output, gaps=OnBreak.RESET).select(sequence.first, sequence.last), rate=rate)
+        write_video(preview, open_images(_results(output, sequence), gaps=OnBreak.RESET), rate=rate)
     return report
+
+
+def _results(output: Path, sequence: FrameSequence) -> Selection:
+    """The results of a sequence among all that may be in its output folder."""
+    numbers = {output / sequence.path(number).name: number for number in sequence.numbers}
+    return Selection(output, tuple(numbers), tuple(map(str, numbers)), numbers)
 
 
 @contextmanager

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from cltaa.cli import main
-from cltaa.errors import InputMissing
 from cltaa.inputs.intake import open_intake
 from cltaa.io.exr_read import read_image
 from cltaa.io.exr_write import write_image
@@ -186,9 +185,3 @@ def test_files_without_a_number_are_told(tmp_path: Path) -> None:
     shutil.copy(tmp_path / "picture.0001.exr", tmp_path / "picture.0001 (copy).exr")
     (note,) = [note for note in open_intake(tmp_path).notes if note.startswith("no number")]
     assert "picture.0001 (copy).exr; left out" in note
-
-
-def test_numbers_below_0_are_told(tmp_path: Path) -> None:
-    write_image(tmp_path / "a.-001.exr", {name: np.ones((2, 2), np.float32) for name in "RGB"})
-    with pytest.raises(InputMissing, match="numbers below 0 are not read"):
-        open_intake(tmp_path)

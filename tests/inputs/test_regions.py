@@ -158,26 +158,27 @@ def change_last(folder: Path, data: Window, display: Window) -> None:
 
 
 @pytest.mark.parametrize("on_resize", list(OnBreak))
-def test_region_that_wanders_is_refused(on_resize: OnBreak, tmp_path: Path) -> None:
+def test_regions_that_wander_are_parts_of_one_picture(on_resize: OnBreak, tmp_path: Path) -> None:
+    """As autocrop makes them: the display window is the picture, and outside of each there is nothing."""
     folder = write_region(tmp_path / "in", REGION)
     change_last(folder, (REGION[0] + 1, REGION[1], REGION[2] + 1, REGION[3]), WHOLE)
-    with pytest.raises(DataError, match=r"a.0003.exr frame 3: shows another region.*at \(9, 5\).*at \(10, 5\)"):
-        open_input(folder, on_resize=on_resize)
+    sequence = open_input(folder, on_resize=on_resize)
+    assert {layout.data_window for layout in sequence.layouts.values()} == {WHOLE}
+    first, last = sequence.frame(0), sequence.frame(3)
+    for frame, left in ((first, LEFT), (last, LEFT + 1)):
+        shown = np.zeros((HEIGHT, WIDTH), bool)
+        shown[TOP : TOP + ROWS, left : left + COLUMNS] = True
+        np.testing.assert_array_equal(np.isfinite(frame.depth), shown)
+        assert not frame.colour[~shown].any()
+    np.testing.assert_array_equal(first.colour[TOP : TOP + ROWS, LEFT : LEFT + COLUMNS], moving(0).colour[PART])
+    np.testing.assert_array_equal(last.colour[TOP : TOP + ROWS, LEFT + 1 : LEFT + 1 + COLUMNS], moving(3).colour[PART])
+    np.testing.assert_array_equal(last.camera.view_to_clip, moving(3).camera.view_to_clip)
     change_last(folder, REGION, (0, 0, WIDTH, HEIGHT - 1))
     with pytest.raises(DataError, match=r"a.0003.exr frame 3: shows another region.*of 48 x 36.*of 49 x 36"):
         open_input(folder, on_resize=on_resize)
 
 
-def test_autocrop_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = write_region(tmp_path / "in", REGION)
-    planes, attributes = read_image(folder / "a.0002.exr")
-    smaller = {name: plane[1:] for name, plane in planes.items()}
-    data = REGION[0], REGION[1] + 1, REGION[2], REGION[3]
-    write_image(folder / "a.0002.exr", smaller, attributes, windows=(data, WHOLE))
-    assert main(["resolve", str(folder), "-o", str(tmp_path / "out")]) == 65
-    message = capsys.readouterr().err
-    assert "size differs (expected 30 x 24 at (9, 5) of 48 x 36, found 30 x 23 at (9, 6) of 48 x 36)" in message
-    assert "no autocrop" in message
+PART = slice(TOP, TOP + ROWS), slice(LEFT, LEFT + COLUMNS)
 
 
 @pytest.mark.parametrize("own", [True, False])
@@ -265,7 +266,7 @@ def test_rays_of_a_region_are_those_of_the_whole(tmp_path: Path) -> None:
     np.testing.assert_allclose(found, whole[TOP : TOP + ROWS, LEFT : LEFT + COLUMNS], rtol=1e-12)
 
 
-def test_a_set_of_files_may_hold_more_than_the_picture_and_not_less(tmp_path: Path) -> None:
+def test_a_set_of_files_may_hold_more_than_the_picture_or_less(tmp_path: Path) -> None:
     frame, depth = moving(0), tmp_path / "in" / "depth" / "a.0000.exr"
     part = slice(TOP, TOP + ROWS), slice(LEFT, LEFT + COLUMNS)
     colour = {name: frame.colour[..., place][part] for place, name in enumerate("RGB")}
@@ -275,5 +276,10 @@ def test_a_set_of_files_may_hold_more_than_the_picture_and_not_less(tmp_path: Pa
     write_image(depth, {"Z": frame.depth}, windows=(WHOLE, WHOLE))
     np.testing.assert_array_equal(open_input(tmp_path / "in").frame(0).depth, frame.depth[part])
     write_image(depth, {"Z": frame.depth[:, 20:]}, windows=((20, 0, *WHOLE[2:]), WHOLE))
-    with pytest.raises(DataError, match=r"does not cover the picture .*9, 5, 38, 28.*one data window"):
+    found = open_input(tmp_path / "in").frame(0).depth
+    np.testing.assert_array_equal(found[:, 20 - LEFT :], frame.depth[part][:, 20 - LEFT :])
+    assert np.isinf(found[:, : 20 - LEFT]).all()
+    half = (0, 0, WIDTH // 2 - 1, HEIGHT // 2 - 1)
+    write_image(depth, {"Z": frame.depth[::2, ::2]}, windows=(half, half))
+    with pytest.raises(DataError, match=r"another picture than the colour .*of 48 x 36.*24 x 18.*one display window"):
         open_input(tmp_path / "in").frame(0)

@@ -157,4 +157,4 @@ def test_the_shortest_names_of_several_sets_are_meant() -> None:
         "plain": ("R", "G", "B"),
         "right": ("right.R", "right.G", "right.B"),
     }
-    assert equal_matches(["*R *G *B"], there) == [tuple(Place("plain", name) for name in "RGB")]
+    assert equal_matches([("*R", "*G", "*B")], there) == [tuple(Place("plain", name) for name in "RGB")]

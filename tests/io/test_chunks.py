@@ -29,4 +29,4 @@ def test_a_chunk_is_as_large_as_its_compression_allows(compression: str, ratio: 
 
 @pytest.mark.parametrize(("columns", "rows", "smallest"), [(64, 32, 32 * 16), (65, 33, 1), (63, 31, 31 * 15)])
 def test_the_smallest_tile_is_the_last(columns: int, rows: int, smallest: int) -> None:
-    assert tile_sizes(columns, rows, struct.pack("<IIB", 32, 16, ONE_LEVEL)).min() == smallest
+    assert tile_sizes(Path(), columns, rows, struct.pack("<IIB", 32, 16, ONE_LEVEL)).min() == smallest

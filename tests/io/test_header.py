@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from cltaa.errors import DataError
 from cltaa.io.exr_header import MOST_ATTRIBUTES, MOST_PARTS, read_channels, read_headers
 
 START = struct.pack("<II", 20000630, 2)
@@ -28,15 +29,15 @@ def channel(name: str, kind: int = 1) -> bytes:
         (START + b"name", "name reaches beyond the file"),
         (START + b"name\0int\0\1\2", "attribute without a size"),
         (START + attribute("a", size=-1) + b"\0", "attribute of a negative size"),
-        (START + 2 * attribute("a") + b"\0", "attribute of a negative size, twice"),
-        (START + b"".join(attribute(f"a{n}") for n in range(MOST_ATTRIBUTES + 1)) + b"\0", "twice, or one too many"),
+        (START + 2 * attribute("a") + b"\0", "attribute of a negative size, or twice"),
+        (START + b"".join(attribute(f"a{n}") for n in range(MOST_ATTRIBUTES + 1)) + b"\0", "too many attributes"),
         (START + attribute("a", b"value", size=99), "attribute reaches beyond the file"),
         (START + attribute("\x1b[2J") + b"\0", "no name of an attribute or a channel"),
-        (MANY_PARTS + (MOST_PARTS + 1) * (attribute("a") + b"\0") + b"\0", "one part too many"),
+        (MANY_PARTS + (MOST_PARTS + 1) * (attribute("a") + b"\0") + b"\0", "too many parts"),
     ],
 )
 def test_what_is_wrong_is_said(content: bytes, says: str) -> None:
-    with pytest.raises((ValueError, IndexError), match=says):
+    with pytest.raises((ValueError, IndexError, DataError), match=says):
         read_headers(Path("a.exr"), io.BytesIO(content))
 
 
@@ -50,5 +51,5 @@ def test_as_many_as_are_allowed_are_read() -> None:
 
 @pytest.mark.parametrize("value", [2 * channel("R"), channel("R", kind=-1)])
 def test_channels_that_cannot_be(value: bytes) -> None:
-    with pytest.raises(ValueError, match="channel twice, of no type, or one too many"):
+    with pytest.raises(ValueError, match="channel twice, or of no type"):
         read_channels(Path("a.exr"), value + b"\0")

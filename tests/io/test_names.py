@@ -1,12 +1,22 @@
-"""Numbers in the names of files, and what is left of the names."""
+"""Numbers in the names of files, and the files that a name, a pattern or a list stands for."""
 
 from __future__ import annotations
 
+import json
+import shlex
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from cltaa.io.names import name_of, number_of, renumbered
+from cltaa.cli import main
+from cltaa.errors import CltaaError, DataError, InputMissing, UsageError
+from cltaa.inputs.open import open_input
+from cltaa.io.exr_write import write_image
+from cltaa.io.names import Named, name_of, number_of, pattern_of, renumbered, selection_of
+from cltaa.io.sequence import open_images
+from tests.sequence_factory import write_images, write_sequence
 
 
 @pytest.mark.parametrize(
@@ -14,12 +24,17 @@ from cltaa.io.names import name_of, number_of, renumbered
     [
         ("shot.0012.exr", 12, "shot", "shot.0007.exr"),
         ("shot_12.png", 12, "shot", "shot_07.png"),
+        ("shot 0012.exr", 12, "shot", "shot 0007.exr"),
         ("shot3-1.exr", 1, "shot3", "shot3-7.exr"),
         ("0999.exr", 999, "", "0007.exr"),
         ("a\nb.123456789.exr", 123456789, "a\nb", "a\nb.000000007.exr"),
+        ("shot.-001.exr", -1, "shot", "shot.0007.exr"),
+        ("shot_-12.exr", -12, "shot", "shot_007.exr"),
+        ("shot -003.exr", -3, "shot", "shot 0007.exr"),
+        ("shot--003.exr", -3, "shot", "shot-0007.exr"),
+        ("-0001.exr", -1, "", "00007.exr"),
         ("shot.1234567890.exr", None, "shot.1234567890", None),  # more digits than an int holds
-        ("shot.-001.exr", None, "shot.-001", None),  # below 0
-        ("-1.exr", None, "-1", None),
+        ("shot.-1234567890.exr", None, "shot.-1234567890", None),
         ("shot.exr", None, "shot", None),
         ("shot.0001.txt", None, "shot.0001", None),
     ],
@@ -28,3 +43,189 @@ def test_a_name_and_its_number(name: str, number: int | None, sequence: str, sev
     path = Path("in") / name
     assert (number_of(path), name_of(path)) == (number, sequence)
     assert renumbered(path, 7) == Path("in") / (seventh or name)
+
+
+def write_numbers(folder: Path, form: str, numbers: range) -> Path:
+    """Pictures whose every value is 10 + the number."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for number in numbers:
+        write_image(folder / form.format(number), {c: np.full((4, 6), 10 + number, np.float32) for c in "RGB"})
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("form", "numbers"),
+    [
+        ("shot.{:04d}.exr", range(-3, 3)),
+        ("shot_{:d}.exr", range(-11, 2)),
+        ("shot {:04d}.exr", range(-3, 0)),
+        ("{:05d}.exr", range(-2, 2)),
+        ("shot{:04d}.exr", range(-3, 2)),  # shot-003, which beside shot0000 is below it
+        ("v2-{:04d}.exr", range(-2, 2)),
+    ],
+)
+def test_numbers_below_0_are_read_in_order_of_time(form: str, numbers: range, tmp_path: Path) -> None:
+    folder = write_numbers(tmp_path / "in", form, numbers)
+    images = open_images(folder)
+    assert images.numbers == tuple(numbers)
+    assert [image[0, 0, 0] for image in images] == [10 + number for number in numbers]
+    read = open_input(folder, frames=(numbers[0], numbers[1]))
+    assert [frame.colour[0, 0, 0] for frame in read] == [10 + numbers[0], 10 + numbers[1]]
+
+
+def test_a_command_takes_numbers_below_0(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_numbers(tmp_path / "in", "shot.{:04d}.exr", range(-3, 3))
+    out = ["-o", str(tmp_path / "out"), "--device", "numpy", "--preview", str(tmp_path / "film.mp4")]
+    assert main(["resolve", str(folder), *out, "--frames", "-2-1"]) == 0
+    assert open_images(tmp_path / "out").numbers == (-2, -1, 0, 1)
+    capsys.readouterr()
+    compared = ["compare", str(tmp_path / "out"), str(folder), "--metrics", "mse"]
+    assert main([*compared, "--frames", "-2--1", "--json"]) == 0
+    assert [row["frame"] for row in json.loads(capsys.readouterr().out)["frames"]] == [-2, -1]
+
+
+def test_a_gap_below_0_is_named(tmp_path: Path) -> None:
+    folder = write_numbers(tmp_path / "in", "shot.{:04d}.exr", range(-3, 1))
+    (folder / "shot.-002.exr").unlink()
+    with pytest.raises(InputMissing, match=r"shot\.-002\.exr frame -2: the frame is missing"):
+        open_images(folder)
+
+
+def names_of(named: Named) -> list[str]:
+    return [path.name for path in selection_of(named).files or ()]
+
+
+NAMINGS: dict[str, Callable[[Path], Named]] = {
+    "folder": lambda folder: folder,
+    "text": str,
+    "hashes": lambda folder: folder / "synthetic.####.exr",
+    "one hash": lambda folder: folder / "synthetic.#.exr",
+    "printf": lambda folder: folder / "synthetic.%04d.exr",
+    "printf without a width": lambda folder: folder / "synthetic.%d.exr",
+    "at signs": lambda folder: folder / "synthetic.@@@@.exr",
+    "glob": lambda folder: folder / "synth*.*.exr",
+    "glob of digits": lambda folder: folder / "synthetic.000[0-9].exr",
+    "glob of a folder": lambda folder: folder.parent / "i?" / "*.exr",
+    "list": lambda folder: sorted(folder.glob("*.exr")),
+    "list out of order": lambda folder: sorted(map(str, folder.glob("*.exr")), reverse=True),
+    "list of patterns": lambda folder: [folder / "synthetic.000[01].exr", folder / "synthetic.0002.exr"],
+}
+
+
+@pytest.mark.parametrize("naming", NAMINGS)
+def test_a_sequence_is_named_as_compositors_do(naming: str, tmp_path: Path) -> None:
+    folder = write_sequence(tmp_path / "in", 3, reference=True)
+    named = NAMINGS[naming](folder)
+    sequence = open_input(named)
+    assert (sequence.folder, sequence.name, sequence.numbers) == (folder, "synthetic", (0, 1, 2))
+    assert sequence.reference is not None
+    assert open_images(named).numbers == (0, 1, 2)
+    other = open_input(named, assignments=["colour.channels=R G B"])
+    assert (other.folder, other.numbers) == (folder, (0, 1, 2))
+
+
+@pytest.mark.parametrize("naming", NAMINGS)
+def test_every_command_takes_every_naming(naming: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_sequence(tmp_path / "in", 3, reference=True)
+    write_images(folder, [np.zeros((23, 37, 3), np.float32)] * 2, name="beside")
+    if naming in ("folder", "text"):
+        for path in folder.glob("beside.*"):
+            path.unlink()
+    named = NAMINGS[naming](folder)
+    words = [str(named)] if isinstance(named, str | Path) else [str(path) for path in selection_of(named).files or ()]
+    words = [word for word in words if "beside" not in word]
+    if naming == "glob of a folder":
+        words = [str(folder.parent / "i?" / "syn*.exr")]
+    assert main(["inspect", *words, "--json"]) == 65  # whose jitter is not centred
+    assert json.loads(capsys.readouterr().out)["frames"] == 3
+    out = tmp_path / "out"
+    assert main(["resolve", *words, "-o", str(out), "--device", "numpy"]) == 0
+    assert [path.name for path in sorted(out.glob("*.exr"))] == [f"synthetic.000{n}.exr" for n in range(3)]
+    capsys.readouterr()
+    assert main(["check", *words, "--json"]) in (0, 65)
+    assert json.loads(capsys.readouterr().out)["frames"] == 3
+    assert main(["compare", str(out), *words, "--json", "--metrics", "mse"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (len(told["frames"]), told["reference"]) == (3, str(folder / "reference"))
+
+
+def test_a_file_is_a_sequence_of_one_frame(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_sequence(tmp_path / "in", 3)
+    assert open_input(folder / "synthetic.0001.exr").numbers == (1,)
+    (folder / "synthetic.0002.exr").rename(tmp_path / "alone.exr")
+    write_images(tmp_path / "still", [np.ones((4, 6, 3), np.float32)])
+    still = next((tmp_path / "still").glob("*.exr")).rename(tmp_path / "still" / "still.exr")
+    assert open_input(still).numbers == open_images(still).numbers == (0,)
+    assert main(["resolve", str(still), "-o", str(tmp_path / "out"), "--device", "numpy"]) == 0
+    assert [path.name for path in (tmp_path / "out").glob("*.exr")] == ["still.exr"]
+    assert main(["inspect", str(tmp_path / "out" / "still.exr")]) == 0
+    capsys.readouterr()
+
+
+def test_a_pattern_chooses_one_of_several_sequences(tmp_path: Path) -> None:
+    write_sequence(tmp_path, 2)
+    write_sequence(tmp_path, 3, name="other")
+    with pytest.raises(DataError, match="several sequences") as caught:
+        open_images(tmp_path)
+    (told,) = shlex.split(str(caught.value).split("such as ")[1].split(";")[0])
+    assert told == str(tmp_path / "other.####.exr") == str(pattern_of(tmp_path / "other.0001.exr"))
+    assert open_images(told).numbers == (0, 1, 2)
+    assert open_input(tmp_path / "synthetic.%04d.exr").numbers == (0, 1)
+
+
+def test_files_of_several_folders_are_sets_of_one_sequence(tmp_path: Path) -> None:
+    write_numbers(tmp_path / "beauty", "x.{:04d}.exr", range(2))
+    for number in range(2):
+        (tmp_path / "depth").mkdir(exist_ok=True)
+        write_image(tmp_path / "depth" / f"x.{number:04d}.exr", {"Z": np.full((4, 6), 3, np.float32)})
+    write_numbers(tmp_path / "albedo", "x.{:04d}.exr", range(2))
+    read = open_input([tmp_path / "beauty" / "x.####.exr", tmp_path / "depth" / "x.####.exr"])
+    assert [frame.depth[0, 0] for frame in read] == [3, 3]
+
+
+def test_what_stands_under_a_name_goes_before_a_pattern(tmp_path: Path) -> None:
+    assert open_images(write_numbers(tmp_path / "take [1]", "x#1.{:04d}.exr", range(2))).numbers == (0, 1)
+    assert names_of(tmp_path / "take [1]" / "x#1.0001.exr") == ["x#1.0001.exr"]
+
+
+def test_the_sign_and_the_width_of_a_pattern_count(tmp_path: Path) -> None:
+    write_numbers(tmp_path, "shot{:04d}.exr", range(-3, 0))
+    assert open_images(tmp_path / "shot####.exr").numbers == (-3, -2, -1)
+    assert open_images(tmp_path / "shot-###.exr").numbers == (1, 2, 3)
+    assert names_of(tmp_path / "shot%02d.exr") == ["shot-001.exr", "shot-002.exr", "shot-003.exr"]
+    with pytest.raises(InputMissing, match=f"no file has such a name; name the folder .*: {tmp_path}"):
+        selection_of(tmp_path / "shot#####.exr")
+
+
+@pytest.mark.parametrize(
+    ("named", "error", "words"),
+    [
+        ("nowhere", InputMissing, "the folder is missing"),
+        ("nowhere.0001.exr", InputMissing, "the file is missing"),
+        ("nowhere/x.####.exr", InputMissing, "no file has such a name; check the name"),
+        ("x.####.left.exr", UsageError, "the last thing in its name"),
+        ("x.[z-a].exr", UsageError, "no such pattern"),
+        ([], UsageError, "no file is named"),
+        (["in", "in"], UsageError, "a list of files names something else"),
+        (["in/x.0001.exr", "nowhere"], UsageError, "the file is missing"),
+    ],
+)
+def test_what_names_nothing(
+    named: Named, error: type[CltaaError], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_numbers(tmp_path / "in", "x.{:04d}.exr", range(2))
+    monkeypatch.chdir(tmp_path)
+    for opened in (open_images, open_input):
+        with pytest.raises(error, match=words):
+            opened(named)
+
+
+def test_the_files_that_a_shell_lists_are_compared_as_sequences(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one, two = (write_numbers(tmp_path / name, "x.{:04d}.exr", range(3)) for name in ("a", "b"))
+    listed = [str(path) for folder in (one, two) for path in sorted(folder.iterdir())]
+    assert main(["compare", *listed, "--metrics", "mse", "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["frames"]) == 3
+    assert main(["compare", listed[0], listed[1], "--metrics", "mse-linear", "--json"]) == 0  # two pictures
+    assert json.loads(capsys.readouterr().out)["mean"]["mse-linear"] == 1.0

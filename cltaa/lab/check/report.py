@@ -20,6 +20,7 @@ from cltaa.inputs.parts import read_any_header
 from cltaa.inputs.profile import Profile, assignments_of, differences, load_profile, option_text
 from cltaa.inputs.roles import file_sets, shown_name
 from cltaa.io.exr_layout import LOSSLESS
+from cltaa.io.names import Named, selection_of
 from cltaa.io.numbered import FrameRange, Problems, ranges
 from cltaa.io.pixel_statistics import is_opaque
 from cltaa.lab.check.camera import (
@@ -36,7 +37,7 @@ from cltaa.lab.check.jitter import check_jitter
 from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
 from cltaa.lab.check.registration import Shot, measure_shifts
 from cltaa.lab.check.unverifiable import untold
-from cltaa.printable import counted
+from cltaa.printable import counted, written
 from cltaa.progress import track
 
 
@@ -63,12 +64,12 @@ def check_files(intake: Intake) -> list[Finding]:
             codecs = {read_any_header(path, chunks=False).layout.compression for path in files}
             if lossy := sorted(codecs - LOSSLESS):
                 what = f"compression {', '.join(lossy)} loses precision that {role} needs"
-                evidence = f"{role} {' '.join(place.channel for place in places)} in {counted(len(files), 'file')}"
+                evidence = f"{role} {written(place.channel for place in places)} in {counted(len(files), 'file')}"
                 found.append(Finding(name="file-lossy", mistake=True, confidence=0.99, what=what, evidence=evidence))
         types = {intake.first[place.files].channels[place.channel] for place in places}
         if "half" in types:
             what = f"{role} is half precision: 11 bits, wrong by up to 1/2048 of its size"
-            evidence = " ".join(shown_name(place, len(intake.sets) > 1) for place in places)
+            evidence = written(shown_name(place, len(intake.sets) > 1) for place in places)
             found.append(
                 Finding(name=f"{role}-half", mistake=role == "depth", confidence=0.99, what=what, evidence=evidence)
             )
@@ -167,7 +168,7 @@ class Report(msgspec.Struct, kw_only=True):
 
 
 def check_folder(
-    folder: Path,
+    named: Named,
     *,
     profile: str = "auto",
     assignments: Sequence[str] = (),
@@ -175,18 +176,19 @@ def check_folder(
     frames: int | FrameRange = FRAMES,
     step: int = 1,
 ) -> tuple[Report, Profile]:
-    """Check some frames of ``folder``, read as ``profile`` says; also return the profile that mends it.
+    """Check some frames of a sequence, read as ``profile`` says; also return the profile that mends it.
 
     ``frames`` is how many from the first on, or the numbers of the first and the last, both included: then no other
     counts. What is wrong is read again as it is right, since a wrong depth hides a wrong jitter. Files that cannot be
     read are findings, and left out. Raises what opening raises, and reading where no frame can be read.
     """
     count, only = (frames, None) if isinstance(frames, int) else (None, frames)
-    damaged = damaged_files(file_sets(folder))
+    place = selection_of(named)
+    damaged = damaged_files(file_sets(place))
     without = {path: file.number for path, file in damaged.items()}
     reading: dict[str, Any] = {"side_file": side_file, "step": step, "frames": only, "damaged": without}
     try:
-        first = intake = open_with_gaps(folder, profile=profile, assignments=assignments, **reading)
+        first = intake = open_with_gaps(place, profile=profile, assignments=assignments, **reading)
     except CltaaError as error:
         raise _weightier(error, damaged.values()) from None
     wrong = _wrong_with(first, damaged.values(), only)
@@ -194,7 +196,7 @@ def check_folder(
     base, findings = load_profile(name), list[Finding]()
     for _ in range(ROUNDS):
         known = {finding.name for finding in findings}
-        seen, shot = _look(intake, folder, count, wrong)
+        seen, shot = _look(intake, place.folder, count, wrong)
         found = [finding for finding in seen if finding.name not in known]
         findings += [_with_option(finding, intake.profile) for finding in found]
         mended = intake.profile
@@ -204,10 +206,10 @@ def check_folder(
         if mended == intake.profile:
             break
         again = assignments_of(changes)
-        intake = open_with_gaps(folder, profile=name, assignments=again, **reading)
+        intake = open_with_gaps(place, profile=name, assignments=again, **reading)
     options = f"{profile_options(name, side_file, step)} {option_text(changes)}".strip()
     report = Report(
-        folder=str(folder),
+        folder=str(place),
         frames=len(shot.frames),
         reading=[*intake_lines(first)],
         findings=unreadable(wrong) + findings,

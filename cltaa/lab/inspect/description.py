@@ -12,6 +12,7 @@ from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import OPAQUE, Intake, damaged_files, open_with_gaps
 from cltaa.inputs.roles import file_sets, shown_name
 from cltaa.io.exr_frame import frame_planes
+from cltaa.io.names import Named, Selection, selection_of
 from cltaa.io.numbered import OnBreak, Problems, check_size, ranges
 from cltaa.io.pixel_statistics import ChannelStatistics, pixel_problems
 
@@ -41,7 +42,7 @@ class Description(msgspec.Struct, kw_only=True):
 
 
 def describe_input(
-    folder: Path,
+    named: Named,
     *,
     profile: str,
     assignments: Sequence[str] = (),
@@ -50,20 +51,21 @@ def describe_input(
     pixels: bool = False,
     advance: Callable[[int, int], None] | None = None,
 ) -> Description:
-    """Decide how ``folder`` is read, and say so; damaged files are left out of that, and listed.
+    """Decide how a sequence is read, and say so; damaged files are left out of that, and listed.
 
     With ``pixels`` every frame is read and converted as for a resolve, and what is wrong with it is listed, not raised.
     ``advance(done, total)`` is called after each frame. Raises as ``open_with_gaps``, where no file is damaged.
     """
-    wrong, sets = Problems(), file_sets(folder)
+    place = selection_of(named)
+    wrong, sets = Problems(), file_sets(place)
     damaged = damaged_files(sets)
     for file in damaged.values():
         wrong.add(file.number, file.error)
     if len(damaged) == sum(map(len, sets.values())):
-        return Description(folder=str(folder), problems=wrong.lines)
+        return Description(folder=str(place), problems=wrong.lines)
     try:
         intake = open_with_gaps(
-            folder,
+            place,
             profile=profile,
             assignments=assignments,
             side_file=side_file,
@@ -74,11 +76,11 @@ def describe_input(
     except CltaaError as error:
         if not damaged:
             raise
-        return Description(folder=str(folder), problems=[*wrong.lines, str(error)])
-    found = _described(folder, intake)
+        return Description(folder=str(place), problems=[*wrong.lines, str(error)])
+    found = _described(place, intake)
     _check_sizes(intake, wrong)
     if pixels:
-        _look(found, ForeignSequence(folder, intake, sorted(intake.declared)), wrong, advance)
+        _look(found, ForeignSequence(place.folder, intake, sorted(intake.declared)), wrong, advance)
         alpha = found.statistics.get("A", ChannelStatistics())
         if alpha.lowest == alpha.highest == 1.0 and not alpha.nan + alpha.infinite:
             found.notes = [*found.notes, OPAQUE]
@@ -87,13 +89,13 @@ def describe_input(
     return found
 
 
-def _described(folder: Path, intake: Intake) -> Description:
+def _described(place: Selection, intake: Intake) -> Description:
     numbers = sorted(intake.declared)
     size = intake.layouts[numbers[0]]
     exposures = [1.0 if known.exposure is None else known.exposure for known in intake.declared.values()]
     several = len(intake.sets) > 1
     return Description(
-        folder=str(folder),
+        folder=str(place),
         profile=intake.profile.name,
         reason=intake.reason,
         first=numbers[0],

@@ -7,6 +7,7 @@ idle one (declared, and never there) only costs time.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,10 +18,12 @@ from cltaa.core.plan import CHANGING, nothing_changes
 from cltaa.errors import CltaaError
 from cltaa.frame import Effect, Matrix
 from cltaa.io.exr_frame import COLOUR, FrameHeader, Pixels, check_float_channels, frame_channels
+from cltaa.io.exr_header import read_layout
 from cltaa.io.exr_layout import LOSSLESS, Layout
 from cltaa.io.exr_read import ImageHeader, read_header, read_image
 from cltaa.io.manifest import recorded_hashes
-from cltaa.io.numbered import Problems, even_step, named_frames, numbered_files, one_range
+from cltaa.io.names import Named, selection_of
+from cltaa.io.numbered import OnBreak, Problems, as_pictures, even_step, named_frames, numbered_files, one_range
 from cltaa.io.pixel_statistics import ChannelStatistics, needless_channels, pixel_problems
 from cltaa.io.sequence import RESOLVED, open_images
 from cltaa.lab.inspect.changes import ColourChange, DepthChange, Uncovering
@@ -255,7 +258,7 @@ def _highest(plane: Pixels) -> float:
 
 
 def inspect_folder(
-    folder: Path, *, pixels: bool = False, step: int = 1, advance: Callable[[int, int], None] | None = None
+    named: Named, *, pixels: bool = False, step: int = 1, advance: Callable[[int, int], None] | None = None
 ) -> Inspection:
     """Look at every file of a sequence. What is wrong is listed, not raised.
 
@@ -264,23 +267,24 @@ def inspect_folder(
     ``advance(done, total)`` is called after every file. Raises InputMissing or DataError only where there is no one
     sequence to look at.
     """
-    _, name, paths = numbered_files(folder)
-    result = Inspection(folder=str(folder), name=name, first=min(paths), last=max(paths), frames=len(paths))
+    place = selection_of(named)
+    folder, name, paths = numbered_files(place)
+    result = Inspection(folder=str(place), name=name, first=min(paths), last=max(paths), frames=len(paths))
     result.problems += _missing(sorted(paths), step)
     recorded = _recorded(folder, result.problems) if pixels else {}
     layouts: dict[int, Layout] = {}
     headers: dict[int, FrameHeader] = {}
-    witness, wrong = Witness(), Problems()
+    witness, wrong, pictures = Witness(), Problems(), _pictures(paths)
     for done, (number, path) in enumerate(sorted(paths.items()), start=1):
         try:
             header = read_header(path)
-            layouts[number] = header.layout
+            layouts[number] = layout = pictures.get(number, header.layout)
             result.resolved_by = str(header.attributes.get(RESOLVED, ""))
             _check_channels(header)
             if not result.resolved_by or "cltaa:jitterPx" in header.attributes:  # other tools' files may have none
-                headers[number] = FrameHeader(path, header.attributes, header.layout)
+                headers[number] = FrameHeader(path, header.attributes, layout)
             if pixels:
-                channels = read_image(path, sha256=recorded.get(path.name))[0]
+                channels = read_image(path, sha256=recorded.get(path.name), picture=layout.data_window)[0]
                 for channel, plane in channels.items():
                     result.statistics.setdefault(channel, ChannelStatistics()).add(plane)
                 if not result.resolved_by:
@@ -301,6 +305,17 @@ def inspect_folder(
         result.problems += witness.broken(declared)
         result.idle = witness.idle(declared)
     return result
+
+
+def _pictures(paths: Mapping[int, Path]) -> dict[int, Layout]:
+    """What a sequence shows of those files that can be read."""
+    layouts: dict[int, Layout] = {}
+    for number, path in sorted(paths.items()):
+        with suppress(CltaaError):
+            layouts[number] = read_layout(path)
+    with suppress(CltaaError):  # which is told of the files
+        return as_pictures(layouts, OnBreak.RESET)
+    return layouts
 
 
 def _missing(numbers: list[int], step: int) -> list[str]:

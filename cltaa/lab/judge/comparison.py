@@ -22,6 +22,7 @@ from cltaa.inputs.foreign import open_pictures, stated
 from cltaa.inputs.open import is_own, open_input
 from cltaa.io.exr_layout import Part, Window
 from cltaa.io.manifest import CAPTURE, Manifest, file_sha256, recorded_hashes
+from cltaa.io.names import Named, Selection, selection_of
 from cltaa.io.numbered import FrameRange, NumberedFiles, OnBreak, ranges, shared_region
 from cltaa.io.sequence import RESOLVED, FrameSequence, ImageSequence
 from cltaa.printable import counted, printable
@@ -39,7 +40,9 @@ class Comparison:
     @property
     def of_itself(self) -> bool:
         """True where the test is the capture's own single samples."""
-        return self.capture is not None and self.test.folder.samefile(self.capture.folder)
+        if self.capture is None or not self.test.folder.samefile(self.capture.folder):
+            return False
+        return self.test.path(self.test.first).name in {path.name for path in self.capture.paths}
 
     @property
     def region(self) -> Window | None:
@@ -100,8 +103,8 @@ def check_yardsticks(wanted: NumberedFiles, found: Mapping[int, ImageSequence]) 
 
 
 def pair_up(
-    tests: Many[Path],
-    reference: Path | None,
+    tests: Many[Named],
+    reference: Named | None,
     frames: FrameRange | None = None,
     *,
     side_file: Path | None = None,
@@ -109,7 +112,7 @@ def pair_up(
     verify: bool = True,
     **reading: Any,
 ) -> list[Comparison]:
-    """Open tests (folders or files) and their one reference (folder or file, or a capture that holds one).
+    """Open tests (folders, files or patterns) and their one reference (the same, or a capture that holds one).
 
     Without a reference there is one test, a capture, and its single samples are judged against its own truth.
     ``frames`` are the first and the last frame number to take, both included; all unless given.
@@ -117,15 +120,15 @@ def pair_up(
     another tool wrote; ``side_file`` and ``step`` are those of the capture.
     Raises UsageError, InputMissing and DataError where they do not belong together.
     """
-    against = tests[0] if reference is None else reference
+    against = selection_of(tests[0] if reference is None else reference)
     capture = _capture(against, verify, step, reading | {"side_file": side_file})
     images = [open_pictures(test, verify=verify, frames=frames, **reading) for test in tests]
     truth = None if capture is None else capture.known_reference()
     if truth is None:
         if reference is None:
             cure = "name the reference: cltaa compare TEST REFERENCE"
-            raise UsageError("nothing to compare with: no folder reference/ in it", path=against, cure=cure)
-        truth = open_pictures(reference, verify=verify, gaps=OnBreak.RESET, **reading)
+            raise UsageError("nothing to compare with: no folder reference/ in it", path=str(against), cure=cure)
+        truth = open_pictures(against, verify=verify, gaps=OnBreak.RESET, **reading)
     yardsticks = {} if capture is None else open_yardsticks(capture)
     comparisons = [Comparison(test, truth, capture, yardsticks) for test in images]
     for comparison in comparisons:
@@ -133,11 +136,11 @@ def pair_up(
     return comparisons
 
 
-def _capture(path: Path, verify: bool, step: int, reading: Mapping[str, Any]) -> FrameSequence | None:
-    if not (path / "reference").is_dir():
+def _capture(place: Selection, verify: bool, step: int, reading: Mapping[str, Any]) -> FrameSequence | None:
+    if place.alone or not (place.folder / "reference").is_dir():  # a picture that is named itself is what is meant
         return None
     # A frame that is not there is an error where it is asked for.
-    return open_input(path, verify=verify, gaps=OnBreak.RESET, step=step, **({} if is_own(path) else reading))
+    return open_input(place, verify=verify, gaps=OnBreak.RESET, step=step, **({} if is_own(place) else reading))
 
 
 def truth_of(sequence: FrameSequence) -> ImageSequence:

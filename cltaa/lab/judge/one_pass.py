@@ -6,16 +6,18 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from cltaa.frame import Frame, Image
 from cltaa.io.exr_layout import Part
-from cltaa.io.names import NUMBERED
+from cltaa.io.names import name_of, number_of
 from cltaa.io.numbered import ranges
 from cltaa.io.sequence import FrameSequence, ImageSequence
 from cltaa.io.streams import ReadAhead, Task
 from cltaa.lab.judge.comparison import Comparison
-from cltaa.lab.judge.metrics import METRICS, Metric, finite, flip_map, measure
+from cltaa.lab.judge.metrics import METRICS, Metric, finite, flip_map, mean, measure
 from cltaa.lab.judge.video_scores import Sums, VideoScores
 from cltaa.printable import printable
 from cltaa.progress import track
@@ -52,8 +54,8 @@ def stale_maps(folder: Path, images: ImageSequence) -> list[str]:
 
     They stay: pictures of anybody's may lie in the folder under such names.
     """
-    matches = (NUMBERED.fullmatch(path.name) for path in folder.glob("*.png"))
-    numbers = {int(match["number"]) for match in matches if match and match["name"] == images.name}
+    maps = [path for path in folder.glob("*.png") if name_of(path) == images.name]
+    numbers = {number for path in maps if (number := number_of(path)) is not None}
     stale = sorted(numbers.difference(images.numbers))
     return [f"{printable(folder)}: maps of frames that are not judged now stay there: {ranges(stale)}"] if stale else []
 
@@ -68,6 +70,7 @@ class Judged:
     metrics: list[dict[str, float]] = field(default_factory=list)  # of each frame, by name
     video: list[dict[str, float]] = field(default_factory=list)  # the same as moving pictures, where asked for
     total: Sums | None = None  # of all frames as moving pictures
+    alpha: list[dict[str, float]] = field(default_factory=list)  # of each frame, where the truth has alpha too
 
 
 @dataclass(slots=True)
@@ -85,6 +88,7 @@ class _Picture(NamedTuple):
     image: Image
     path: Path
     frame: Frame | None = None
+    alpha: Image | None = None
 
 
 def judge(
@@ -143,10 +147,12 @@ def _judge_frame(
     for judged in found.tests:
         test = next(pictures)
         judged.metrics.append(against(test, metrics, heatmap))
+        judged.alpha += _alpha(truth, test, number, stops)
         if video is not None:  # else it is let go before the next one is looked at
             images.append(test.image)
     if sample is not None and found.one_sample is not None:
         found.one_sample.metrics.append(against(sample, metrics))
+        found.one_sample.alpha += _alpha(truth, sample, number, stops)
         images.append(sample.image)
     if video is not None and sample is not None and sample.frame is not None:
         for judged, sums in zip(_judged(found), video.add(sample.frame, truth.image, images), strict=True):
@@ -164,6 +170,33 @@ def _measure(
     return values
 
 
+WHITE, GREY = 1.0, 0.18  # linear light of what a picture is laid over
+
+
+def _alpha(truth: _Picture, test: _Picture, number: int, stops: float) -> list[dict[str, float]]:
+    """The errors of alpha, and of premultiplied colour over white and grey: over black it is what is judged anyway.
+
+    Nothing where one of the two has no alpha.
+    """
+    if truth.alpha is None or test.alpha is None:
+        return []
+    where: dict[str, Any] = {"path": test.path, "truth_path": truth.path, "frame": number}
+    masks = np.repeat(test.alpha[..., None], 3, -1), np.repeat(truth.alpha[..., None], 3, -1)
+    values = {"mse": measure(masks[0], masks[1], [METRICS["mse-linear"]], **where)["mse-linear"]}
+    values["worst"] = float(np.abs(masks[0] - masks[1]).max())
+    for name, ground in (("white", WHITE), ("grey", GREY)):
+        one, other = (
+            picture.image + (1 - mask) * np.float32(ground) for picture, mask in zip((test, truth), masks, strict=True)
+        )
+        values[f"psnr-{name}"] = measure(one, other, [METRICS["psnr"]], stops, **where)["psnr"]
+    return [values]
+
+
+def alpha_of(judged: Judged) -> dict[str, float]:
+    """The errors of alpha over all frames: means, and the worst."""
+    return mean(judged.alpha) | {"worst": max(frame["worst"] for frame in judged.alpha)}
+
+
 def _reads(
     comparisons: Sequence[Comparison], capture: FrameSequence | None, yardsticks: Sequence[int]
 ) -> Iterator[Task[_Picture]]:
@@ -179,9 +212,12 @@ def _reads(
 
 
 def _read(images: ImageSequence, number: int, part: Part) -> _Picture:
-    return _Picture(images.image(number)[part], images.path(number))
+    image = images.image(number, alpha=True)[part]
+    alpha = image[..., 3] if image.shape[2] == 4 else None
+    return _Picture(image[..., :3], images.path(number), alpha=alpha)
 
 
 def _read_sample(capture: FrameSequence, number: int, part: Part) -> _Picture:
     frame = capture.frame(number)
-    return _Picture(finite(frame.colour[part]), capture.path(number), frame)
+    alpha = None if frame.alpha is None else finite(frame.alpha[part])
+    return _Picture(finite(frame.colour[part]), capture.path(number), frame, alpha)

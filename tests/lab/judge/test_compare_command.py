@@ -155,7 +155,7 @@ def test_bad_input(capsys: pytest.CaptureFixture[str], capture: Path, resolved: 
     assert "unknown metric lpips; known metrics: mse," in refusal(capsys, 64, resolved, capture, "--metrics", "lpips")
     assert "'2..3' is no range of frames" in refusal(capsys, 2, resolved, capture, "--frames", "2..3")
     assert "no such frame" in refusal(capsys, 64, resolved, capture, "--frames", "2-9")
-    assert "file is missing" in refusal(capsys, 66, tmp_path / "nowhere", capture)
+    assert "folder is missing" in refusal(capsys, 66, tmp_path / "nowhere", capture)
     truth = capture / "reference"
     assert "--video needs the capture" in refusal(capsys, 64, resolved, truth, "--video")
     (tmp_path / "file").touch()

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cltaa.cli import main
 from cltaa.errors import InputMissing
+from cltaa.io.display import to_display
+from cltaa.io.exr_write import write_image
 from cltaa.io.sequence import open_sequence
 from tests.lab.judge.test_compare_command import refusal, run_json
 from tests.sequence_factory import make_frame, write_images, write_sequence
@@ -83,3 +86,38 @@ def test_frames_that_lack_between_those_that_are_asked_for_are_told(
 def test_no_frame_in_common(capsys: pytest.CaptureFixture[str], resolved: Path, tmp_path: Path) -> None:
     other = write_images(tmp_path / "other", [make_frame().colour] * 2, first=10)
     assert "no frame number in common: number them alike" in refusal(capsys, 66, resolved, other)
+
+
+def write_alpha(folder: Path, alpha: float, *, layer: str = "") -> Path:
+    """Two frames that are black, with alpha in a corner: over black nobody sees it."""
+    folder.mkdir()
+    for number in range(2):
+        mask = np.zeros((16, 16), np.float32)
+        mask[:8, :8] = alpha
+        planes = {f"{layer}{name}": np.zeros((16, 16), np.float32) for name in "RGB"} | {f"{layer}A": mask}
+        write_image(folder / f"a.{number:04d}.exr", planes)
+    return folder
+
+
+@pytest.mark.parametrize("layer", ["", "beauty."])
+def test_alpha_that_stays_behind_is_seen(capsys: pytest.CaptureFixture[str], tmp_path: Path, layer: str) -> None:
+    ghost, truth = write_alpha(tmp_path / "ghost", 0.6, layer=layer), write_alpha(tmp_path / "truth", 0.0)
+    found = run_json(capsys, ghost, truth, "--metrics", "mse")
+    assert found["mean"]["mse"] == 0.0  # over black
+    assert found["alpha"]["mse"] == pytest.approx(0.36 / 4, rel=1e-6)
+    assert found["alpha"]["worst"] == pytest.approx(0.6)
+    assert found["frames"][1]["alpha"] == found["alpha"]
+    # White through 0.6 of a quarter: 1 against sRGB of 0.4; grey against sRGB of 0.4 x 0.18.
+    apart = {name: to_display(np.full((1, 1, 3), 0.4 * v)) - to_display(np.full((1, 1, 3), v)) for name, v in GROUNDS}
+    for name, difference in apart.items():
+        expected = -10 * np.log10(float(np.mean(difference**2)) / 4)
+        assert found["alpha"][f"psnr-{name}"] == pytest.approx(expected, abs=1e-3)
+    assert main(["compare", str(ghost), str(truth)]) == 0
+    assert "alpha: mse 0.09, worst 0.6; PSNR over white " in capsys.readouterr().out
+    again = run_json(capsys, truth, truth, "--metrics", "mse")["alpha"]
+    assert (again["worst"], again["psnr-white"]) == (0.0, None)
+    plain = write_images(tmp_path / "plain", [np.zeros((16, 16, 3), np.float32)] * 2)
+    assert "alpha" not in run_json(capsys, ghost, plain, "--metrics", "mse")
+
+
+GROUNDS = (("white", 1.0), ("grey", 0.18))
