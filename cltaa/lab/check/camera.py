@@ -12,12 +12,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cltaa.camera import is_still, sky_inverse_depth
 from cltaa.core.frame_checks import check_camera
 from cltaa.errors import DataError
 from cltaa.frame import Camera, Frame
-from cltaa.lab.check.hypotheses import COMBINED, MEANINGS, Affine, Change, Finding, affine_maps, regress, spoken
+from cltaa.lab.check.hypotheses import SURE, COMBINED, MEANINGS, Affine, Change, Finding, affine_maps, regress, spoken, sureness
 from cltaa.lab.check.registration import COVERED, LEAST_POINTS, Pair, Shot, Vector, fit_shift, residual_of
 
 MOST_PAIRS, MOST_POINTS = 6, 8000  # looked at for each of a dozen meanings; more only cost time
@@ -49,11 +50,10 @@ def check_structure(frames: Sequence[Frame]) -> tuple[list[Finding], Change | No
         evidence = f"last rows {row} and {clip} as read, of a camera only when {name.replace('-', ' ')}"
         if alike:
             evidence += f"; or {', '.join(alike)}, under which the pictures match about as well"
-        confidence = 0.95 / (1 + len(alike))
         finding = Finding(
             name=f"camera-{name}",
             mistake=True,
-            confidence=confidence,
+            confidence=0.95,
             what=what,
             evidence=evidence,
             fix={"camera": fix},
@@ -118,7 +118,7 @@ def check_travel(shot: Shot) -> list[Finding]:
     if winner.mean() > CLEARLY_BETTER * declared.mean() or not _wins(winner, declared):
         return []
     evidence = f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, over {len(pairs)} pairs"
-    confidence = float(np.clip(1.0 - (winner.mean() / declared.mean()) ** 2, 0.3, 0.99))
+    confidence = sureness(declared, winner)
     return [
         Finding(
             name=f"camera-{best}",
@@ -161,11 +161,7 @@ def _wins(winner: Vector, declared: Vector) -> bool:
 def camera_residual(pair: Pair, motion: Vector) -> float:
     """How badly the previous frame, fetched through ``motion`` [2, n] and the best shift, matches; 0 to 1."""
     there = ~np.isfinite(pair.own).all(0) & pair.usable
-    if there.sum() < LEAST_POINTS:
-        there = pair.usable
-    chosen = np.flatnonzero(there)[:: max(1, -(-int(there.sum()) // MOST_POINTS))]
-    x, y = pair.x[chosen] + motion[0, chosen], pair.y[chosen] + motion[1, chosen]
-    return fit_shift(pair.now[chosen], pair.before, x, y, pair.scale).residual
+    return _mismatch_at(pair, there if there.sum() >= LEAST_POINTS else pair.usable, motion)
 
 
 def _centre(camera: Camera) -> Vector:
@@ -177,6 +173,7 @@ def _centre(camera: Camera) -> Vector:
 
 MOST_VECTORS = 800  # of a pair: each must agree by itself
 LEAST_MOTION_PX = 0.02  # of the camera, in the middle of the picture's points
+APART_PX = 0.1  # middle difference that is worth a word
 AGREE, DISAGREE = 0.1, 0.25  # middle difference over middle motion; a wrong jitter alone makes 0.05
 ALIKE = 0.01  # differences nearer than that decide nothing: the plainer reading is taken
 SCALES = (1.0, 0.01, 100.0, 0.1, 10.0, 0.001, 1000.0)  # of depth
@@ -218,6 +215,71 @@ def check_agreement(shot: Shot) -> list[Finding]:
     nearest = min(reading.apart / reading.moved for reading in agreeing)
     alike = [reading for reading in agreeing if reading.apart / reading.moved < nearest + ALIKE]
     return _findings(_seen(alike, moving_pairs(shot), maps), declared, maps, len(pairs))
+
+
+ZEROES = 0.5  # share of the vectors that are nothing where the camera moves the picture
+
+
+def check_zeroes(shot: Shot) -> list[Finding]:
+    """Find vectors of nothing where the camera moves what rests: it alone is meant, or nothing was written."""
+    where = [_unmoved(pair) for pair in moving_pairs(shot)] if shot.has_camera and shot.has_depth else []
+    found = [(pair, points) for pair, points in zip(moving_pairs(shot), where, strict=False) if points.sum() >= LEAST_POINTS]
+    if not found:
+        return []
+    share = float(np.mean([points.sum() / np.isfinite(pair.own).all(0).sum() for pair, points in found]))
+    if share < ZEROES:
+        return []
+    declared, winner = np.array(
+        [[_mismatch_at(pair, points, motion) for motion in (pair.own, pair.camera_motion())] for pair, points in found]
+    ).T
+    evidence = f"{share:.0%} of the vectors are 0 where the camera moves by "
+    evidence += f"{np.mean([middle_length(pair.camera_motion()[:, points]) for pair, points in found]):.2g} px; residual "
+    evidence += f"{winner.mean():.3f} by matrices and depth, {declared.mean():.3f} as declared"
+    return [
+        Finding(
+            name="motion-zero-is-camera",
+            mistake=True,
+            confidence=sureness(declared, winner),
+            what="the motion vectors are 0 where the camera alone moves the picture",
+            evidence=evidence,
+            fix={"motion": {"zero": "camera"}},
+        )
+    ]
+
+
+def _unmoved(pair: Pair) -> NDArray[np.bool_]:
+    """Points whose vector is nothing and that the camera moves."""
+    there = (pair.own == 0.0).all(0) & pair.usable
+    return np.asarray(there & (np.hypot(*pair.camera_motion()) > LEAST_MOTION_PX))
+
+
+def check_disagreement(shot: Shot) -> list[Finding]:
+    """Find vectors that are not what matrices and depth say of most of the picture, and that the pixels do not bear out."""
+    pairs = [pair for pair in shot.pairs if np.isfinite(pair.own).all(0).mean() >= COVERED]
+    if not (pairs and shot.has_camera and shot.has_depth):
+        return []
+    pairs = pairs[:: max(1, -(-len(pairs) // MOST_PAIRS))]
+    apart = float(np.mean([middle_length(pair.own - pair.camera_motion()) for pair in pairs]))
+    moved = float(np.mean([middle_length(pair.own) for pair in pairs]))
+    if apart < max(DISAGREE * moved, APART_PX):
+        return []
+    residuals = [[_mismatch_at(p, p.usable, motion) for motion in (p.own, p.camera_motion())] for p in pairs]
+    declared, winner = np.array(residuals).T
+    if sureness(winner, declared) >= SURE:  # most of the picture moves by itself
+        return []
+    sure = sureness(declared, winner) if winner.mean() < CLEARLY_BETTER * declared.mean() else 0.5
+    evidence = f"they are {apart:.2g} px apart in the middle, of {moved:.2g}; residual {winner.mean():.3f} by matrices and "
+    evidence += f"depth, {declared.mean():.3f} by the vectors"
+    what = "the motion vectors are not those of matrices and depth"
+    return [Finding(name="motion-disagrees", mistake=True, confidence=sure, what=what, evidence=evidence)]
+
+
+def _mismatch_at(pair: Pair, points: NDArray[np.bool_], motion: Vector) -> float:
+    """How badly the previous frame, fetched through ``motion`` [2, n] and the best shift, matches at ``points``."""
+    chosen = np.flatnonzero(points)
+    chosen = chosen[:: max(1, -(-len(chosen) // MOST_POINTS))]
+    x, y = pair.x[chosen] + motion[0, chosen], pair.y[chosen] + motion[1, chosen]
+    return fit_shift(pair.now[chosen], pair.before, x, y, pair.scale).residual
 
 
 def tells_map(shot: Shot, meant: Affine) -> bool:
