@@ -18,7 +18,18 @@ from cltaa.camera import is_still, sky_inverse_depth
 from cltaa.core.frame_checks import check_camera
 from cltaa.errors import DataError
 from cltaa.frame import Camera, Frame
-from cltaa.lab.check.hypotheses import SURE, COMBINED, MEANINGS, Affine, Change, Finding, affine_maps, regress, spoken, sureness
+from cltaa.lab.check.hypotheses import (
+    COMBINED,
+    MEANINGS,
+    SURE,
+    Affine,
+    Change,
+    Finding,
+    affine_maps,
+    regress,
+    spoken,
+    sureness,
+)
 from cltaa.lab.check.registration import COVERED, LEAST_POINTS, Pair, Shot, Vector, fit_shift, residual_of
 
 MOST_PAIRS, MOST_POINTS = 6, 8000  # looked at for each of a dozen meanings; more only cost time
@@ -222,8 +233,8 @@ ZEROES = 0.5  # share of the vectors that are nothing where the camera moves the
 
 def check_zeroes(shot: Shot) -> list[Finding]:
     """Find vectors of nothing where the camera moves what rests: it alone is meant, or nothing was written."""
-    where = [_unmoved(pair) for pair in moving_pairs(shot)] if shot.has_camera and shot.has_depth else []
-    found = [(pair, points) for pair, points in zip(moving_pairs(shot), where, strict=False) if points.sum() >= LEAST_POINTS]
+    pairs = moving_pairs(shot) if shot.has_camera and shot.has_depth else []
+    found = [(pair, points) for pair in pairs if (points := _unmoved(pair)).sum() >= LEAST_POINTS]
     if not found:
         return []
     share = float(np.mean([points.sum() / np.isfinite(pair.own).all(0).sum() for pair, points in found]))
@@ -232,8 +243,8 @@ def check_zeroes(shot: Shot) -> list[Finding]:
     declared, winner = np.array(
         [[_mismatch_at(pair, points, motion) for motion in (pair.own, pair.camera_motion())] for pair, points in found]
     ).T
-    evidence = f"{share:.0%} of the vectors are 0 where the camera moves by "
-    evidence += f"{np.mean([middle_length(pair.camera_motion()[:, points]) for pair, points in found]):.2g} px; residual "
+    moved = np.mean([middle_length(pair.camera_motion()[:, points]) for pair, points in found])
+    evidence = f"{share:.0%} of the vectors are 0 where the camera moves by {moved:.2g} px; residual "
     evidence += f"{winner.mean():.3f} by matrices and depth, {declared.mean():.3f} as declared"
     return [
         Finding(
@@ -254,7 +265,7 @@ def _unmoved(pair: Pair) -> NDArray[np.bool_]:
 
 
 def check_disagreement(shot: Shot) -> list[Finding]:
-    """Find vectors that are not what matrices and depth say of most of the picture, and that the pixels do not bear out."""
+    """Find vectors that are not what matrices and depth say of most of the picture, where no pixels bear them out."""
     pairs = [pair for pair in shot.pairs if np.isfinite(pair.own).all(0).mean() >= COVERED]
     if not (pairs and shot.has_camera and shot.has_depth):
         return []
@@ -268,7 +279,11 @@ def check_disagreement(shot: Shot) -> list[Finding]:
     if sureness(winner, declared) >= SURE:  # most of the picture moves by itself
         return []
     sure = sureness(declared, winner) if winner.mean() < CLEARLY_BETTER * declared.mean() else 0.5
-    evidence = f"they are {apart:.2g} px apart in the middle, of {moved:.2g}; residual {winner.mean():.3f} by matrices and "
+    if sure < SURE and not moving_pairs(shot):  # as of a belt that fills the picture
+        return []
+    evidence = (
+        f"they are {apart:.2g} px apart in the middle, of {moved:.2g}; residual {winner.mean():.3f} by matrices and "
+    )
     evidence += f"depth, {declared.mean():.3f} by the vectors"
     what = "the motion vectors are not those of matrices and depth"
     return [Finding(name="motion-disagrees", mistake=True, confidence=sure, what=what, evidence=evidence)]

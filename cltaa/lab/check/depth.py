@@ -55,8 +55,12 @@ def check_depth(frames: Sequence[Frame], rule: Depth = AS_DECLARED) -> list[Find
         evidence = f"of the pixels that tell, {shares[kind]:.1%} lie on planes as {kind} and "
         evidence += f"{1.0 - shares[kind]:.1%} as {read} depth"
         if kind == "reciprocal":
-            return [_reciprocal(frames, depth, finite, evidence, shares[kind])]
-        return [_finding(f"depth-{kind}", f"depth is the distance along {ALONG[kind]}", evidence, shares[kind], {"kind": kind})]
+            return [_reciprocal(depth, finite, evidence, shares[kind])]
+        return [
+            _finding(
+                f"depth-{kind}", f"depth is the distance along {ALONG[kind]}", evidence, shares[kind], {"kind": kind}
+            )
+        ]
     if read == "planar" and _looks_like_device(finite):
         evidence = f"all values within {finite.min():.4g} and {finite.max():.4g}, their middle {np.median(finite):.4g}"
         return [_finding("depth-device", DEVICE, evidence, 0.85, {"kind": "device"})]
@@ -161,9 +165,7 @@ def _is_flat(lines: Plane, step: float) -> NDArray[np.bool_]:
         return np.asarray(np.abs(left - 2 * middle + right) <= ROUNDING * step * np.abs(middle))
 
 
-def _reciprocal(
-    frames: Sequence[Frame], stored: Sequence[Plane], finite: Vector, evidence: str, confidence: float
-) -> Finding:
+def _reciprocal(stored: Sequence[Plane], finite: Vector, evidence: str, confidence: float) -> Finding:
     """Tell 1/Z from device depth, and its direction, by range and by what the sky and the lower rows hold."""
     bounded = finite.max() <= 1.0 and finite.min() >= 0.0
     sky_at_one, sky_at_zero = float((finite == 1.0).mean()), float((finite == 0.0).mean())

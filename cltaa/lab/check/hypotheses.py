@@ -14,7 +14,6 @@ from cltaa.inputs.convert import mended_camera
 from cltaa.inputs.profile import Cameras
 from cltaa.lab.check.registration import Vector
 
-
 SURE = 0.8  # confidence of a mistake; less is a question
 
 
@@ -111,7 +110,7 @@ class Affine(NamedTuple):
 
     def is_near(self, found: Vector) -> bool:
         """True where a ``found`` [2, 2] is this matrix, but for what aliasing and noise take from it."""
-        return bool(np.linalg.norm(found - self.matrix) <= NEAR * max(np.linalg.norm(self.matrix), 1.0))
+        return bool(np.linalg.norm(found - self.matrix) <= NEAR * max(float(np.linalg.norm(self.matrix)), 1.0))
 
     @property
     def fix(self) -> dict[str, object]:

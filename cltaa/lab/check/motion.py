@@ -239,9 +239,7 @@ def _named(best: str, meant: Affine, declared: Vector, winner: Vector) -> Findin
     )
 
 
-def _finer(
-    scenes: Sequence[Observed], judges: Sequence[Observed], maps: Mapping[str, Vector]
-) -> list[Finding]:
+def _finer(scenes: Sequence[Observed], judges: Sequence[Observed], maps: Mapping[str, Vector]) -> list[Finding]:
     """Mistakes smaller than an edge is wide: factors of slow vectors, and jitter left in them."""
     model = fit_model(scenes)
     distances = explanations(model, maps)
@@ -262,8 +260,8 @@ def _finer(
             mistake=True,
             confidence=sureness(declared, winner),
             what="the vectors contain the change of jitter" if held else f"the motion vectors are {spoken(best)}",
-            evidence=f"true vectors = {gain} x declared + {leak} x change of jitter, over {len(scenes)} pairs; residual "
-            f"of other pixels {winner.mean():.3f} against {declared.mean():.3f}",
+            evidence=f"true vectors = {gain} x declared + {leak} x change of jitter, over {len(scenes)} pairs; "
+            f"residual of other pixels {winner.mean():.3f} against {declared.mean():.3f}",
             fix={"motion": fix},
         )
     ]

@@ -142,14 +142,15 @@ def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
 
 
 def _excused(shot: Shot, found: Sequence[Finding]) -> list[Finding]:
-    """``found``, but that vectors that are all one are no mistake where they are right, and no word if read otherwise."""
+    """``found``; vectors that are all one are no mistake where they are right, and not told where they are mended."""
     if not any(finding.name == "motion-constant" for finding in found):
         return list(found)
     if any(finding.name.startswith("motion-") and finding.fix for finding in found):
         return [finding for finding in found if finding.name != "motion-constant"]
-    right = _bears_out(shot)
+    right, told = _bears_out(shot), shot.has_camera and shot.has_depth
+    change = {"mistake": False} if right else {} if told else {"confidence": 0.5}
     return [
-        msgspec.structs.replace(finding, mistake=False) if right and finding.name == "motion-constant" else finding
+        msgspec.structs.replace(finding, **change) if finding.name == "motion-constant" else finding
         for finding in found
     ]
 

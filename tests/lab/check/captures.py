@@ -1,4 +1,4 @@
-"""Captures that ``check`` is judged by: every scene under other seeds, and models made of primitives, all of them right.
+"""Captures that ``check`` is judged by, all of them right: every scene under other seeds, and models of primitives.
 
 Each is small and its place in the list decides everything about it, so that the table in ``docs/inputs.md`` can be made
 again. Margins are set on ``TUNING``; ``COUNTED`` are looked at for the table alone.
@@ -25,7 +25,9 @@ COUNTS = (6, 8, 12)
 KINDS: tuple[Callable[[np.random.Generator], trimesh.Trimesh], ...] = (
     lambda rng: trimesh.creation.box(rng.uniform(0.3, 1.5, 3)),
     lambda rng: trimesh.creation.icosphere(subdivisions=int(rng.integers(0, 4)), radius=rng.uniform(0.3, 1.0)),
-    lambda rng: trimesh.creation.cylinder(rng.uniform(0.1, 0.8), rng.uniform(0.2, 2.0), sections=int(rng.integers(3, 32))),
+    lambda rng: trimesh.creation.cylinder(
+        rng.uniform(0.1, 0.8), rng.uniform(0.2, 2.0), sections=int(rng.integers(3, 32))
+    ),
     lambda rng: trimesh.creation.cone(rng.uniform(0.2, 0.9), rng.uniform(0.3, 2.0), sections=int(rng.integers(3, 32))),
     lambda rng: trimesh.creation.capsule(rng.uniform(0.3, 1.5), rng.uniform(0.1, 0.6)),
     lambda rng: trimesh.creation.torus(rng.uniform(0.6, 1.2), rng.uniform(0.05, 0.4)),
@@ -54,8 +56,15 @@ class Capture(NamedTuple):
         if self.model is not None:
             scene, motion = f"file:{model(self.model, folder)}", self.scene
         drawn = Request(
-            scene, output, frames=self.frames, width=WIDTH, height=HEIGHT, jitter=self.jitter,
-            motion=motion, fps=self.fps, seed=self.seed,
+            scene,
+            output,
+            frames=self.frames,
+            width=WIDTH,
+            height=HEIGHT,
+            jitter=self.jitter,
+            motion=motion,
+            fps=self.fps,
+            seed=self.seed,
         )
         capture_sequence(drawn)
         return list(open_sequence(output))
@@ -64,7 +73,7 @@ class Capture(NamedTuple):
 def model(seed: int, folder: Path) -> Path:
     """Write one primitive or a heap of them: plain, coloured by face or by corner, lying any way."""
     rng = np.random.default_rng(seed)
-    parts = []
+    parts: list[trimesh.Trimesh] = []
     kind = KINDS[seed % len(KINDS)]
     heap = 1 if rng.random() < 0.6 else int(rng.integers(2, 14))
     colours = ("none", "face", "corner")[int(rng.integers(0, 3))]
@@ -75,15 +84,19 @@ def model(seed: int, folder: Path) -> Path:
             mesh.apply_translation(rng.uniform(-1.5, 1.5, 3))
         if colours == "face":
             mesh.unmerge_vertices()
-            mesh.visual.face_colors = rng.integers(20, 255, (len(mesh.faces), 4)).astype(np.uint8) | [0, 0, 0, 255]
+            mesh.visual = trimesh.visual.ColorVisuals(mesh, face_colors=_any_colours(rng, len(mesh.faces)))
         if colours == "corner":
             mesh = mesh.subdivide() if len(mesh.faces) < 500 else mesh
-            mesh.visual.vertex_colors = rng.integers(20, 255, (len(mesh.vertices), 4)).astype(np.uint8) | [0, 0, 0, 255]
+            mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=_any_colours(rng, len(mesh.vertices)))
         parts.append(mesh)
     path = folder / f"model-{seed}.{'obj' if colours == 'none' else 'glb'}"
     if not path.exists():
         trimesh.util.concatenate(parts).export(path)  # type: ignore[no-untyped-call]
     return path
+
+
+def _any_colours(rng: np.random.Generator, count: int) -> np.ndarray:
+    return rng.integers(20, 255, (count, 4)).astype(np.uint8) | np.array([0, 0, 0, 255], np.uint8)
 
 
 def _captures(first: int, seeds: int, models: int) -> list[Capture]:
