@@ -32,7 +32,7 @@ from cltaa.lab.check.hypotheses import (
 )
 from cltaa.lab.check.registration import COVERED, LEAST_POINTS, Pair, Shot, Vector, fit_shift, residual_of
 
-MOST_PAIRS, MOST_POINTS = 6, 8000  # looked at for each of a dozen meanings; more only cost time
+MOST_PAIRS, MOST_POINTS = 6, 3000  # looked at for each of a dozen meanings; more only cost time
 CLEARLY_BETTER = 0.85  # residual of the winner over that of the declaration
 
 

@@ -77,7 +77,7 @@ def sample(images: NDArray[np.float32], x: Vector, y: Vector) -> Vector:
     return np.where(inside, upper * (1 - fy) + lower * fy, np.nan)
 
 
-ITERATIONS = 8
+ITERATIONS, LEAST_STEP_PX = 8, 4e-3
 FARTHEST_PX = 2.0  # a left-over shift beyond this is no jitter
 LEAST_POINTS = 60  # fewer decide nothing
 
@@ -122,14 +122,15 @@ def fit_shift(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) 
     for _ in range(ITERATIONS):
         left, slope, weight = _linear(now, before, x + shift[0], y + shift[1], scale)
         information = (slope * weight) @ slope.T
-        if len(left) < LEAST_POINTS or np.linalg.cond(information) > 1e6:
+        trace, determinant = float(np.trace(information)), float(np.linalg.det(information))
+        if len(left) < LEAST_POINTS or trace**2 >= 1e6 * determinant:  # that over this is about the condition
             break
         step = np.linalg.solve(information, (slope * weight) @ left)
         shift += np.clip(step, -0.5, 0.5)
         if np.abs(shift).max() > FARTHEST_PX:
             shift = np.clip(shift, -FARTHEST_PX, FARTHEST_PX)
             break
-        if np.abs(step).max() < 1e-3:
+        if np.abs(step).max() < LEAST_STEP_PX:
             break
     found = residual_of(now, before, x + shift[0], y + shift[1], scale)
     noise = max(found, 1e-3) * scale
