@@ -33,6 +33,7 @@ from cltaa.lab.check.hypotheses import (
 from cltaa.lab.check.registration import COVERED, LEAST_POINTS, Pair, Shot, Vector, fit_shift, residual_of
 
 MOST_PAIRS, MOST_POINTS = 6, 3000  # looked at for each of a dozen meanings; more only cost time
+LARGEST_MISMATCH = 0.5  # residual of a meaning that is named
 CLEARLY_BETTER = 0.85  # residual of the winner over that of the declaration
 
 
@@ -112,34 +113,33 @@ def check_travel(shot: Shot) -> list[Finding]:
     if len(pairs) < 2 or not shot.has_camera:
         return []
     declared = np.array([camera_residual(pair, pair.camera_motion()) for pair in pairs])
-    candidates: dict[str, tuple[str, dict[str, object], Vector]] = {}
-    for name, meant in MEANINGS.items():
-        change = meant.change
-        if all(sound(frame, change) for frame in shot.frames):
-            scores = [
-                camera_residual(pair, pair.camera_motion(change(pair.frame.camera), change(pair.previous.camera)))
-                for pair in pairs
-            ]
-            candidates[name] = (meant.what, meant.fix, np.array(scores))
-    candidates |= dict(_late(shot, pairs))
-    if not candidates:
-        return []
+    able = {name: meant for name, meant in MEANINGS.items() if all(sound(f, meant.change) for f in shot.frames)}
+    candidates = dict(_late(shot, pairs))
+    if able:
+        few = screened(pairs)
+        best = min(able, key=lambda name: _under(few, able[name].change).mean())
+        candidates[best] = (able[best].what, able[best].fix, _under(pairs, able[best].change))
     best = min(candidates, key=lambda name: candidates[name][2].mean())
     what, fix, winner = candidates[best]
-    if winner.mean() > CLEARLY_BETTER * declared.mean() or not _wins(winner, declared):
+    if winner.mean() > min(CLEARLY_BETTER * declared.mean(), LARGEST_MISMATCH) or not _wins(winner, declared):
         return []
     evidence = f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, over {len(pairs)} pairs"
-    confidence = sureness(declared, winner)
+    sure = sureness(declared, winner)
     return [
-        Finding(
-            name=f"camera-{best}",
-            mistake=True,
-            confidence=confidence,
-            what=what,
-            evidence=evidence,
-            fix={"camera": fix},
-        )
+        Finding(name=f"camera-{best}", mistake=True, confidence=sure, what=what, evidence=evidence, fix={"camera": fix})
     ]
+
+
+def screened(pairs: Sequence[Pair]) -> Sequence[Pair]:
+    """About three of ``pairs``, by which the best of many meanings is chosen."""
+    return pairs[:: max(1, len(pairs) // 3)]
+
+
+def _under(pairs: Sequence[Pair], change: Change) -> Vector:
+    """How badly each pair matches with its cameras changed so."""
+    return np.array(
+        [camera_residual(p, p.camera_motion(change(p.frame.camera), change(p.previous.camera))) for p in pairs]
+    )
 
 
 def _late(shot: Shot, pairs: Sequence[Pair]) -> Iterator[tuple[str, tuple[str, dict[str, object], Vector]]]:
@@ -237,7 +237,8 @@ def check_zeroes(shot: Shot) -> list[Finding]:
     found = [(pair, points) for pair in pairs if (points := _unmoved(pair)).sum() >= LEAST_POINTS]
     if not found:
         return []
-    share = float(np.mean([points.sum() / np.isfinite(pair.own).all(0).sum() for pair, points in found]))
+    able = [np.isfinite(pair.own).all(0) & pair.usable & _moved(pair) for pair, _ in found]
+    share = float(np.mean([points.sum() / there.sum() for (_, points), there in zip(found, able, strict=True)]))
     if share < ZEROES:
         return []
     declared, winner = np.array(
@@ -260,8 +261,11 @@ def check_zeroes(shot: Shot) -> list[Finding]:
 
 def _unmoved(pair: Pair) -> NDArray[np.bool_]:
     """Points whose vector is nothing and that the camera moves."""
-    there = (pair.own == 0.0).all(0) & pair.usable
-    return np.asarray(there & (np.hypot(*pair.camera_motion()) > LEAST_MOTION_PX))
+    return np.asarray((pair.own == 0.0).all(0) & pair.usable & _moved(pair))
+
+
+def _moved(pair: Pair) -> NDArray[np.bool_]:
+    return np.asarray(np.hypot(*pair.camera_motion()) > LEAST_MOTION_PX)
 
 
 def check_disagreement(shot: Shot) -> list[Finding]:
@@ -352,6 +356,7 @@ def _sparse(pair: Pair) -> Pair:
         now=pair.now[chosen],
         inverse_depth=pair.inverse_depth[chosen],
         own=pair.own[:, chosen],
+        lit=pair.lit[chosen],
         usable=pair.usable[chosen],
     )
 

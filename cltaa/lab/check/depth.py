@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from cltaa.frame import Frame
 from cltaa.inputs.convert import device_planes, planes_of, ray_length
 from cltaa.inputs.profile import Depth, DepthKind
-from cltaa.lab.check.camera import CLEARLY_BETTER, camera_residual, moving_pairs
+from cltaa.lab.check.camera import CLEARLY_BETTER, LARGEST_MISMATCH, camera_residual, moving_pairs, screened
 from cltaa.lab.check.hypotheses import Finding, sureness
 from cltaa.lab.check.registration import Pair, Shot, Vector
 
@@ -92,8 +92,10 @@ def check_depth_scale(shot: Shot) -> list[Finding]:
     if len(pairs) < 2 or not (shot.has_depth and shot.has_camera) or shot.frames[0].camera.orthographic:
         return []
     declared = np.array([camera_residual(pair, pair.camera_motion()) for pair in pairs])
-    best, winner = min(((scale, _residuals(pairs, scale)) for scale in SCALES), key=lambda tried: tried[1].mean())
-    if winner.mean() > CLEARLY_BETTER * declared.mean() or (winner < declared).mean() < 0.7:
+    few = screened(pairs)
+    best = min(SCALES, key=lambda scale: _residuals(few, scale).mean())
+    winner = _residuals(pairs, best)
+    if winner.mean() > min(CLEARLY_BETTER * declared.mean(), LARGEST_MISMATCH) or (winner < declared).mean() < 0.7:
         return []
     for step in STEPS:
         tried = [(best * by, _residuals(pairs, best * by)) for by in (1 / step, step)]

@@ -14,7 +14,7 @@ from cltaa.inputs.convert import mended_camera
 from cltaa.inputs.profile import Cameras
 from cltaa.lab.check.registration import Vector
 
-SURE = 0.8  # confidence of a mistake; less is a question
+SURE, ASKED = 0.8, 0.5  # confidence of a mistake; less is a question, and still less not worth one
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
@@ -107,10 +107,6 @@ class Affine(NamedTuple):
     def __call__(self, declared: Vector) -> Vector:
         """The true vectors [2, n]."""
         return np.asarray(self.matrix @ (declared - self.offset), np.float64)
-
-    def is_near(self, found: Vector) -> bool:
-        """True where a ``found`` [2, 2] is this matrix, but for what aliasing and noise take from it."""
-        return bool(np.linalg.norm(found - self.matrix) <= NEAR * max(float(np.linalg.norm(self.matrix)), 1.0))
 
     @property
     def fix(self) -> dict[str, object]:

@@ -117,7 +117,7 @@ def _normal_equations(pair: Observed, unknown: Vector) -> tuple[Vector, Vector]:
 CLEARLY_BETTER, BETTER = 0.8, 0.93  # residual of the winner over that of the declaration
 CLEARLY_NEARER = 0.45  # squared distance from the model, likewise
 LARGEST_RESIDUAL = 0.445  # of the winner: 0.42 is the most seen of vectors that are right, 0.467 the least of chance
-ALIKE = 1.03  # residuals over the least; among such the plainest is taken, as of half the vectors and all of them
+ALIKE = 1.1  # residuals over the least; among such the plainest is taken, as of half the vectors and all of them
 LEAST_EFFECT_PX = 0.08  # a mistake that moves the vectors by less is not worth a word
 MOST_POINTS = 8000  # looked at for each of two dozen maps; more only cost time
 LEAST_PAIRS = 6  # of them four second differences are left, for two gains an axis
@@ -169,7 +169,8 @@ def _effect(scenes: Sequence[Observed], meant: Affine) -> float:
 
 def _stays(scenes: Sequence[Observed], meant: Affine) -> bool:
     """True where a fit that starts from the vectors that are meant stays near them."""
-    return _is_near(_from(scenes, meant), np.eye(2), np.zeros((2, 2)))
+    started = [scene._replace(own=meant(scene.own)) for scene in scenes]
+    return _is_near(fit_model(started), started, np.eye(2), None, _effect(scenes, meant))
 
 
 def _borne_out(scenes: Sequence[Observed], meant: Affine) -> bool:
@@ -186,12 +187,14 @@ def _from(scenes: Sequence[Observed], meant: Affine) -> Model:
     return fit_model([scene._replace(own=meant(scene.own)) for scene in scenes])
 
 
-def _is_near(model: Model, gain: Vector, leak: Vector) -> bool:
-    """True where each number that was found is that of the explanation, or is not told and stays as declared."""
-    found = np.stack([model.gain, model.leak])
-    meant, start = np.stack([gain, leak]), np.stack([np.eye(2), np.zeros((2, 2))])
-    apart = np.minimum(np.abs(found - meant), np.abs(found - start))
-    return bool(apart.max() <= NEAR * max(1.0, float(np.abs(gain).max())))
+def _is_near(model: Model, scenes: Sequence[Observed], gain: Vector, leak: float | None, effect: float) -> bool:
+    """True where what was found moves the picture as ``gain`` does, to a part of the mistake's ``effect`` in pixels.
+
+    Of a ``leak`` as well, but for None. Where the vectors and the jitter do not go nothing is asked of the fit.
+    """
+    off = (model.gain - gain, np.zeros((2, 2)) if leak is None else model.leak - leak * np.eye(2))
+    apart = [(off[0] @ scene.own + (off[1] @ scene.jitter_change)[:, None]) ** 2 for scene in scenes]
+    return float(np.mean([np.sqrt(squared.sum(0).mean()) for squared in apart])) <= NEAR * effect
 
 
 def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> tuple[list[Observed], list[Observed]]:
@@ -249,7 +252,8 @@ def _finer(scenes: Sequence[Observed], judges: Sequence[Observed], maps: Mapping
     held = {"jittered": 1, "jittered-reversed": -1}.get(best, 0)
     matrix = np.eye(2) if held else maps[best]
     effect = np.array([_difference(scene, matrix, bool(held)) for scene in scenes])
-    if float(effect.mean()) < LEAST_EFFECT_PX or not _is_near(model, matrix, -held * np.eye(2)):
+    moved = float(effect.mean())
+    if moved < LEAST_EFFECT_PX or not _is_near(model, scenes, matrix, -held or None, moved):
         return []
     fix: dict[str, object] = {"jittered": held} if held else linear_fix(matrix)
     gain, leak = model.gain.round(2).tolist(), model.leak.round(2).tolist()

@@ -178,7 +178,8 @@ class Pair:
     scale: float
     inverse_depth: Vector  # as declared; the sky's where there is no depth
     own: Vector  # [2, n], NaN where no vector was given
-    usable: NDArray[np.bool_]  # opaque, seen before too, neither reactive nor NaN
+    lit: Mask  # neither reactive nor NaN
+    usable: Mask  # and opaque, and seen before too
 
     @property
     def moving(self) -> NDArray[np.bool_]:
@@ -267,11 +268,10 @@ def _pair(frame: Frame, previous: Frame, now: Picture, before: Picture) -> Pair:
     own = np.full((2, len(x)), np.nan)
     if frame.motion is not None:
         own = frame.motion[y, x].T.astype(np.float64)
-    usable: NDArray[np.bool_] = np.asarray(np.isfinite(frame.colour[y, x]).all(-1))
+    lit: Mask = np.asarray(np.isfinite(frame.colour[y, x]).all(-1))
     if frame.reactive is not None:
-        usable &= ~(frame.reactive[y, x] > 0.1)
-    if frame.alpha is not None:
-        usable &= frame.alpha[y, x] >= OPAQUE
+        lit &= ~(frame.reactive[y, x] > 0.1)
+    usable = lit if frame.alpha is None else lit & (frame.alpha[y, x] >= OPAQUE)
     seen = usable & ~_uncovered(frame.depth)[y, x]
     usable = seen if seen.sum() >= MOST_UNCOVERED * usable.sum() else usable
     signal = now.signal[y, x].astype(np.float64)
@@ -285,6 +285,7 @@ def _pair(frame: Frame, previous: Frame, now: Picture, before: Picture) -> Pair:
         scale=max(2.0 * float(np.std(signal)), 1e-6),
         inverse_depth=planar_inverse_depth(frame.depth[y, x], frame.camera),
         own=own,
+        lit=lit,
         usable=usable,
     )
 

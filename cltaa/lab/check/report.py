@@ -33,7 +33,7 @@ from cltaa.lab.check.camera import (
 )
 from cltaa.lab.check.colour import check_channels, check_colour, check_exposure
 from cltaa.lab.check.depth import AS_DECLARED, check_depth, check_depth_scale, tell_device
-from cltaa.lab.check.hypotheses import Finding
+from cltaa.lab.check.hypotheses import ASKED, Finding
 from cltaa.lab.check.jitter import check_jitter
 from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
 from cltaa.lab.check.registration import Shot, measure_shifts
@@ -112,7 +112,8 @@ def check_frames(
     shot = Shot(frames, window, has_camera=has_camera, has_depth=has_depth, has_jitter=has_jitter)
     two_planes = ("depth-inverse", "depth-device")
     found = [tell_device(shot, finding, depth) if finding.name in two_planes else finding for finding in found]
-    return [finding.settled for finding in _excused(shot, found + _check_motions(shot, found))]
+    found = _excused(shot, found + _check_motions(shot, found))
+    return [finding.settled for finding in found if finding.confidence >= ASKED or not finding.mistake]
 
 
 def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
