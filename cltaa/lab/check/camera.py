@@ -20,6 +20,7 @@ from cltaa.errors import DataError
 from cltaa.frame import Camera, Frame
 from cltaa.lab.check.hypotheses import (
     COMBINED,
+    DOUBTFUL,
     MEANINGS,
     SURE,
     Affine,
@@ -282,7 +283,7 @@ def check_disagreement(shot: Shot) -> list[Finding]:
     declared, winner = np.array(residuals).T
     if sureness(winner, declared) >= SURE:  # most of the picture moves by itself
         return []
-    sure = sureness(declared, winner) if winner.mean() < CLEARLY_BETTER * declared.mean() else 0.5
+    sure = sureness(declared, winner) if winner.mean() < CLEARLY_BETTER * declared.mean() else DOUBTFUL
     if sure < SURE and not moving_pairs(shot):  # as of a belt that fills the picture
         return []
     evidence = (

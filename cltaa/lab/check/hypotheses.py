@@ -14,7 +14,7 @@ from cltaa.inputs.convert import mended_camera
 from cltaa.inputs.profile import Cameras
 from cltaa.lab.check.registration import Vector
 
-SURE, ASKED = 0.8, 0.5  # confidence of a mistake; less is a question, and still less not worth one
+SURE, ASKED, DOUBTFUL = 0.8, 0.55, 0.6  # confidence of a mistake; less is a question, and still less not worth one
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
@@ -67,7 +67,6 @@ _SPOKEN = {
     "scaled-0.5": "twice the right size",
     "scaled-2": "half the right size",
     "swapped": "y before x",
-    "zero-is-camera": "0 where the camera alone moves the picture",
     "units-uv": "fractions of the picture",
     "units-ndc": "halves of the picture, y up",
     "centred-on-half": "around 0.5",

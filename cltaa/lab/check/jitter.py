@@ -21,7 +21,17 @@ import numpy as np
 
 from cltaa.camera import is_still
 from cltaa.frame import Frame
-from cltaa.lab.check.hypotheses import NEAR, Finding, left_over, linear_fix, linear_maps, regress, spoken, sureness
+from cltaa.lab.check.hypotheses import (
+    DOUBTFUL,
+    NEAR,
+    Finding,
+    left_over,
+    linear_fix,
+    linear_maps,
+    regress,
+    spoken,
+    sureness,
+)
 from cltaa.lab.check.registration import LEAST_ANCHORS, Fit, Shot, Vector, squeezed_light
 from cltaa.printable import counted
 
@@ -252,7 +262,7 @@ def _mean(shot: Shot) -> list[Finding]:
         Finding(
             name="jitter-biased",
             mistake=True,
-            confidence=0.9 if one_sided and (beyond or not varies) else 0.5,
+            confidence=0.9 if one_sided and (beyond or not varies) else DOUBTFUL,
             what="the jitter is not centred: the resolved picture is shifted by its mean, for good",
             evidence=f"mean ({mean[0]:.3f}, {mean[1]:.3f}) px over {counted(len(offsets), 'frame')}",
             fix={"jitter": {"offset": [round(float(-centre[0]), 4), round(float(-centre[1]), 4)]}},

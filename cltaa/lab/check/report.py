@@ -33,7 +33,7 @@ from cltaa.lab.check.camera import (
 )
 from cltaa.lab.check.colour import check_channels, check_colour, check_exposure
 from cltaa.lab.check.depth import AS_DECLARED, check_depth, check_depth_scale, tell_device
-from cltaa.lab.check.hypotheses import ASKED, Finding
+from cltaa.lab.check.hypotheses import ASKED, DOUBTFUL, Finding
 from cltaa.lab.check.jitter import check_jitter
 from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
 from cltaa.lab.check.registration import Shot, measure_shifts
@@ -149,7 +149,7 @@ def _excused(shot: Shot, found: Sequence[Finding]) -> list[Finding]:
     if any(finding.name.startswith("motion-") and finding.fix for finding in found):
         return [finding for finding in found if finding.name != "motion-constant"]
     right, told = _bears_out(shot), shot.has_camera and shot.has_depth
-    change = {"mistake": False} if right else {} if told else {"confidence": 0.5}
+    change = {"mistake": False} if right else {} if told else {"confidence": DOUBTFUL}
     return [
         msgspec.structs.replace(finding, **change) if finding.name == "motion-constant" else finding
         for finding in found

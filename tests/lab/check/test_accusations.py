@@ -291,7 +291,6 @@ WIDE = 1.25  # residual under the mistake over that without it: less can hardly 
 MATCHED = 0.4  # residual of right frames, of a mistake that takes two of them
 ALONE = ("camera-transposed", "camera-z-forward")  # seen in the matrices
 PLANES = ("depth-inverse", "depth-device", "depth-ray")
-ALWAYS = ("depth-negative", "colour-encoded")
 
 
 def residual(frames: Frames, where: Frames) -> float:
@@ -320,7 +319,9 @@ def can_show(mistake: str, frames: Frames) -> bool:
         return False
     if mistake in ("jitter-biased", "camera-jittered"):
         return mistake != "jitter-biased" or len(frames) >= 8
-    if mistake in ALWAYS or mistake.startswith(ALONE):
+    if mistake == "colour-encoded":  # where light was cut off at white
+        return bool(np.mean([(frame.colour > 1.0).any(-1).mean() for frame in frames[:4]]) > 0.001)
+    if mistake == "depth-negative" or mistake.startswith(ALONE):
         return True
     if mistake in PLANES:
         return tells_kind(frames)
