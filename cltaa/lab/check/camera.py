@@ -279,8 +279,12 @@ def check_disagreement(shot: Shot) -> list[Finding]:
     moved = float(np.mean([middle_length(pair.own) for pair in pairs]))
     if apart < max(DISAGREE * moved, APART_PX):
         return []
-    residuals = [[_mismatch_at(p, p.usable, motion) for motion in (p.own, p.camera_motion())] for p in pairs]
-    declared, winner = np.array(residuals).T
+    there = [pair.usable & np.isfinite(pair.own).all(0) for pair in pairs]
+    motions = [(pair.own, pair.camera_motion()) for pair in pairs]
+    declared, winner = (
+        np.array([_mismatch_at(pair, at, by[which]) for pair, at, by in zip(pairs, there, motions, strict=True)])
+        for which in (0, 1)
+    )
     if sureness(winner, declared) >= SURE:  # most of the picture moves by itself
         return []
     sure = sureness(declared, winner) if winner.mean() < CLEARLY_BETTER * declared.mean() else DOUBTFUL

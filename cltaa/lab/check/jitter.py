@@ -170,7 +170,12 @@ def _by_likeness(shot: Shot, likeness: Likeness) -> list[Finding] | None:
     evidence = f"differences of all samples are a function of distance but for {scatter[best]:.0%} so, "
     evidence += f"{scatter['']:.0%} as declared, over {counted(len(declared), 'frame')}"
     what, fix = _meaning(best, maps[best])
-    return [_finding(_key(best), what, evidence, likeness.sureness(declared, declared @ maps[best].T), fix)]
+    sure = likeness.sureness(declared, declared @ maps[best].T)
+    # Half or twice the size only where it is far better than any that keeps it, as of shifts (``_plainest``).
+    whole = min(left for name, left in scatter.items() if not name.startswith(HALVES))
+    if best.startswith(HALVES) and scatter[best] > CLEARLY_SCALED * whole:
+        sure = min(sure, DOUBTFUL)
+    return [_finding(_key(best), what, evidence, sure, fix)]
 
 
 def _plainest_smooth(scatter: Mapping[str, float]) -> str:
