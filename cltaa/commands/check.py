@@ -43,8 +43,8 @@ def check(
 ) -> None:
     """Find wrong conventions in SEQUENCE from its pixels: jitter, motion, depth, matrices, colour.
 
-    Each finding comes with its confidence, the evidence, and the option of cltaa resolve that mends it. The exit code
-    is 0 where no mistake is found, else 65.
+    Each finding comes with its confidence, the evidence, and the option of cltaa resolve that mends it. One below 80 %
+    is a question, and prescribes nothing. The exit code is 0 where no mistake is found, else 65.
     """
     if fix is not None:
         check_creatable(fix)  # told before the work, not after it
@@ -59,6 +59,8 @@ def check(
     else:
         options = report.options if fix is None else profile_options(str(fix), reading["side_file"], reading["step"])
         _print(report, selection_of(named).words, options)
+        if fix is not None and not any(finding.fix for finding in report.mistakes):
+            print_line(f"{shown(str(fix))} mends nothing: it reads the sequence as it was read")
     if report.mistakes:
         ctx.exit(DataError.exit_code)
 
@@ -68,7 +70,7 @@ def _print(report: Report, words: tuple[str, ...], options: str) -> None:
     for line in report.reading[:2]:
         print_line(shown(line), "dim")
     for finding in report.findings:
-        sign = "[red]✗[/]" if finding.mistake else "[yellow]·[/]"
+        sign = "[red]✗[/]" if finding.mistake else "[yellow]?[/]" if finding.question else "[yellow]·[/]"
         text = f"{sign} [bold]{finding.name}[/] ({finding.confidence:.0%}): {shown(finding.what)}"
         print_line(text)
         print_line(f"    {shown(finding.evidence)}", "dim")
@@ -76,7 +78,9 @@ def _print(report: Report, words: tuple[str, ...], options: str) -> None:
             print_line(f"    {shown(finding.option)}")
     for line in report.untold:
         print_line(f"[yellow]?[/] cannot tell {shown(line)}")
-    if not report.mistakes:
+    if report.questions and not report.mistakes:
+        print_line(f"no mistake is certain in {counted(report.frames, 'frame')}; look at what is asked")
+    elif not report.mistakes:
         print_line(f"[green]✓[/] no mistake found in {counted(report.frames, 'frame')}")
     elif any(finding.fix for finding in report.mistakes):
         text = f"cltaa resolve {shlex.join(words)} {options}"

@@ -51,6 +51,8 @@ def correct(profile: Profile, fix: Mapping[str, Mapping[str, Any]]) -> Profile:
                 values[section][name] = (
                     before + change if name == "delay" else [a + b for a, b in zip(before, change, strict=True)]
                 )
+            elif name == "jittered" and section == "motion":  # what was taken out is put back
+                values[section][name] = max(-1, min(1, before + change))
             elif isinstance(change, bool):
                 values[section][name] = before != change
             elif before == change and name in TURNED:
@@ -81,13 +83,15 @@ def jitter_px(declared: Offset, rule: Jitter) -> Offset:
 
 
 def motion_px(stored: Image, rule: Motion, now: Offset, before: Offset, size: tuple[int, int]) -> Image:
-    """Motion [H, W, 2] to the previous frame in pixels, y down, without the jitter of the two frames.
+    """Motion [H, W, 2] to the previous frame in pixels, y down, without the jitter of the two frames; NaN: by depth.
 
     ``size`` is the width and height of the display window, whose fractions vectors may be.
     """
     width, height = size
     unit = {Units.PIXELS: (1.0, 1.0), Units.UV: (width, height), Units.NDC: (width / 2, -height / 2)}[rule.units]
     vectors = stored.astype(np.float64) - rule.offset
+    if rule.zero == "camera":
+        vectors[(vectors == 0.0).all(-1)] = np.nan
     vectors = (vectors[..., ::-1] if rule.swap else vectors) * rule.scale * unit
     vectors = vectors - rule.jittered * np.subtract(now, before)
     return np.asarray(vectors, np.float32)
@@ -170,10 +174,15 @@ def still_camera(width: int, height: int) -> Camera:
 
 def _device_inverse_depth(device: NDArray[np.float64], rule: Depth, camera: Camera) -> NDArray[np.float64]:
     """1 / planar depth, which is linear in device depth."""
-    near, far = planes_of(camera.view_to_clip)
-    near, far = 1.0 / rule.near if rule.near else near, 1.0 / rule.far if rule.far else far
+    near, far = device_planes(rule, camera)
     at_near = device if rule.kind is DepthKind.DEVICE_REVERSED else 1.0 - device
     return np.asarray(far + at_near * (near - far))
+
+
+def device_planes(rule: Depth, camera: Camera) -> tuple[float, float]:
+    """Inverse depth of the near and the far plane of device depth."""
+    near, far = planes_of(camera.view_to_clip)
+    return 1.0 / rule.near if rule.near else near, 1.0 / rule.far if rule.far else far
 
 
 def planes_of(projection: Matrix, *, from_zero: bool = False) -> tuple[float, float]:

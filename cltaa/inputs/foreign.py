@@ -207,6 +207,8 @@ class ForeignSequence(FrameSequence):
         depth = np.full(colour.shape[:2], np.inf, np.float32)
         if "depth" in planes:
             depth = planar_depth(planes["depth"][..., 0], profile.depth, outline.camera, outline.jitter_px)
+            if not self._strict:  # for who looks for it; the resolve takes it for sky
+                depth[np.isnan(planes["depth"][..., 0])] = np.nan
         motion = None
         if "motion" in planes:
             motion = motion_px(

@@ -105,7 +105,8 @@ class Depth(msgspec.Struct, frozen=True, kw_only=True):
 class Motion(msgspec.Struct, frozen=True, kw_only=True):
     """Motion to the previous frame, in pixels, y down = ``scale`` x unit x (swapped channels - ``offset``).
 
-    ``jittered`` 1: the vectors contain this frame's jitter minus the previous one's; -1: the opposite of it.
+    ``jittered`` 1: the vectors contain this frame's jitter minus the previous one's; -1: the opposite of it. ``zero``
+    camera: a vector of nothing says that the camera alone moves the pixel, as of engines that draw objects' vectors.
     """
 
     channels: tuple[Names, ...] = (("backward.u", "backward.v"),)
@@ -114,6 +115,7 @@ class Motion(msgspec.Struct, frozen=True, kw_only=True):
     offset: Pair = (0.0, 0.0)
     swap: bool = False
     jittered: int = 0
+    zero: Literal["still", "camera"] = "still"
 
 
 class Jitter(msgspec.Struct, frozen=True, kw_only=True):

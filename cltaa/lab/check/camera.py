@@ -12,15 +12,29 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cltaa.camera import is_still, sky_inverse_depth
 from cltaa.core.frame_checks import check_camera
 from cltaa.errors import DataError
 from cltaa.frame import Camera, Frame
-from cltaa.lab.check.hypotheses import COMBINED, MEANINGS, Affine, Change, Finding, affine_maps, regress, spoken
+from cltaa.lab.check.hypotheses import (
+    COMBINED,
+    DOUBTFUL,
+    MEANINGS,
+    SURE,
+    Affine,
+    Change,
+    Finding,
+    affine_maps,
+    regress,
+    spoken,
+    sureness,
+)
 from cltaa.lab.check.registration import COVERED, LEAST_POINTS, Pair, Shot, Vector, fit_shift, residual_of
 
-MOST_PAIRS, MOST_POINTS = 6, 8000  # looked at for each of a dozen meanings; more only cost time
+MOST_PAIRS, MOST_POINTS = 6, 3000  # looked at for each of a dozen meanings; more only cost time
+LARGEST_MISMATCH = 0.5  # residual of a meaning that is named
 CLEARLY_BETTER = 0.85  # residual of the winner over that of the declaration
 
 
@@ -49,11 +63,10 @@ def check_structure(frames: Sequence[Frame]) -> tuple[list[Finding], Change | No
         evidence = f"last rows {row} and {clip} as read, of a camera only when {name.replace('-', ' ')}"
         if alike:
             evidence += f"; or {', '.join(alike)}, under which the pictures match about as well"
-        confidence = 0.95 / (1 + len(alike))
         finding = Finding(
             name=f"camera-{name}",
             mistake=True,
-            confidence=confidence,
+            confidence=0.95,
             what=what,
             evidence=evidence,
             fix={"camera": fix},
@@ -101,34 +114,33 @@ def check_travel(shot: Shot) -> list[Finding]:
     if len(pairs) < 2 or not shot.has_camera:
         return []
     declared = np.array([camera_residual(pair, pair.camera_motion()) for pair in pairs])
-    candidates: dict[str, tuple[str, dict[str, object], Vector]] = {}
-    for name, meant in MEANINGS.items():
-        change = meant.change
-        if all(sound(frame, change) for frame in shot.frames):
-            scores = [
-                camera_residual(pair, pair.camera_motion(change(pair.frame.camera), change(pair.previous.camera)))
-                for pair in pairs
-            ]
-            candidates[name] = (meant.what, meant.fix, np.array(scores))
-    candidates |= dict(_late(shot, pairs))
-    if not candidates:
-        return []
+    able = {name: meant for name, meant in MEANINGS.items() if all(sound(f, meant.change) for f in shot.frames)}
+    candidates = dict(_late(shot, pairs))
+    if able:
+        few = screened(pairs)
+        best = min(able, key=lambda name: _under(few, able[name].change).mean())
+        candidates[best] = (able[best].what, able[best].fix, _under(pairs, able[best].change))
     best = min(candidates, key=lambda name: candidates[name][2].mean())
     what, fix, winner = candidates[best]
-    if winner.mean() > CLEARLY_BETTER * declared.mean() or not _wins(winner, declared):
+    if winner.mean() > min(CLEARLY_BETTER * declared.mean(), LARGEST_MISMATCH) or not _wins(winner, declared):
         return []
     evidence = f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, over {len(pairs)} pairs"
-    confidence = float(np.clip(1.0 - (winner.mean() / declared.mean()) ** 2, 0.3, 0.99))
+    sure = sureness(declared, winner)
     return [
-        Finding(
-            name=f"camera-{best}",
-            mistake=True,
-            confidence=confidence,
-            what=what,
-            evidence=evidence,
-            fix={"camera": fix},
-        )
+        Finding(name=f"camera-{best}", mistake=True, confidence=sure, what=what, evidence=evidence, fix={"camera": fix})
     ]
+
+
+def screened(pairs: Sequence[Pair]) -> Sequence[Pair]:
+    """About three of ``pairs``, by which the best of many meanings is chosen."""
+    return pairs[:: max(1, len(pairs) // 3)]
+
+
+def _under(pairs: Sequence[Pair], change: Change) -> Vector:
+    """How badly each pair matches with its cameras changed so."""
+    return np.array(
+        [camera_residual(p, p.camera_motion(change(p.frame.camera), change(p.previous.camera))) for p in pairs]
+    )
 
 
 def _late(shot: Shot, pairs: Sequence[Pair]) -> Iterator[tuple[str, tuple[str, dict[str, object], Vector]]]:
@@ -161,11 +173,7 @@ def _wins(winner: Vector, declared: Vector) -> bool:
 def camera_residual(pair: Pair, motion: Vector) -> float:
     """How badly the previous frame, fetched through ``motion`` [2, n] and the best shift, matches; 0 to 1."""
     there = ~np.isfinite(pair.own).all(0) & pair.usable
-    if there.sum() < LEAST_POINTS:
-        there = pair.usable
-    chosen = np.flatnonzero(there)[:: max(1, -(-int(there.sum()) // MOST_POINTS))]
-    x, y = pair.x[chosen] + motion[0, chosen], pair.y[chosen] + motion[1, chosen]
-    return fit_shift(pair.now[chosen], pair.before, x, y, pair.scale).residual
+    return _mismatch_at(pair, there if there.sum() >= LEAST_POINTS else pair.usable, motion)
 
 
 def _centre(camera: Camera) -> Vector:
@@ -177,6 +185,7 @@ def _centre(camera: Camera) -> Vector:
 
 MOST_VECTORS = 800  # of a pair: each must agree by itself
 LEAST_MOTION_PX = 0.02  # of the camera, in the middle of the picture's points
+APART_PX = 0.1  # middle difference that is worth a word
 AGREE, DISAGREE = 0.1, 0.25  # middle difference over middle motion; a wrong jitter alone makes 0.05
 ALIKE = 0.01  # differences nearer than that decide nothing: the plainer reading is taken
 SCALES = (1.0, 0.01, 100.0, 0.1, 10.0, 0.001, 1000.0)  # of depth
@@ -218,6 +227,83 @@ def check_agreement(shot: Shot) -> list[Finding]:
     nearest = min(reading.apart / reading.moved for reading in agreeing)
     alike = [reading for reading in agreeing if reading.apart / reading.moved < nearest + ALIKE]
     return _findings(_seen(alike, moving_pairs(shot), maps), declared, maps, len(pairs))
+
+
+ZEROES = 0.5  # share of the vectors that are nothing where the camera moves the picture
+
+
+def check_zeroes(shot: Shot) -> list[Finding]:
+    """Find vectors of nothing where the camera moves what rests: it alone is meant, or nothing was written."""
+    pairs = moving_pairs(shot) if shot.has_camera and shot.has_depth else []
+    found = [(pair, points) for pair in pairs if (points := _unmoved(pair)).sum() >= LEAST_POINTS]
+    if not found:
+        return []
+    able = [np.isfinite(pair.own).all(0) & pair.usable & _moved(pair) for pair, _ in found]
+    share = float(np.mean([points.sum() / there.sum() for (_, points), there in zip(found, able, strict=True)]))
+    if share < ZEROES:
+        return []
+    declared, winner = np.array(
+        [[_mismatch_at(pair, points, motion) for motion in (pair.own, pair.camera_motion())] for pair, points in found]
+    ).T
+    moved = np.mean([middle_length(pair.camera_motion()[:, points]) for pair, points in found])
+    evidence = f"{share:.0%} of the vectors are 0 where the camera moves by {moved:.2g} px; residual "
+    evidence += f"{winner.mean():.3f} by matrices and depth, {declared.mean():.3f} as declared"
+    return [
+        Finding(
+            name="motion-zero-is-camera",
+            mistake=True,
+            confidence=sureness(declared, winner),
+            what="the motion vectors are 0 where the camera alone moves the picture",
+            evidence=evidence,
+            fix={"motion": {"zero": "camera"}},
+        )
+    ]
+
+
+def _unmoved(pair: Pair) -> NDArray[np.bool_]:
+    """Points whose vector is nothing and that the camera moves."""
+    return np.asarray((pair.own == 0.0).all(0) & pair.usable & _moved(pair))
+
+
+def _moved(pair: Pair) -> NDArray[np.bool_]:
+    return np.asarray(np.hypot(*pair.camera_motion()) > LEAST_MOTION_PX)
+
+
+def check_disagreement(shot: Shot) -> list[Finding]:
+    """Find vectors that are not what matrices and depth say of most of the picture, where no pixels bear them out."""
+    pairs = [pair for pair in shot.pairs if np.isfinite(pair.own).all(0).mean() >= COVERED]
+    if not (pairs and shot.has_camera and shot.has_depth):
+        return []
+    pairs = pairs[:: max(1, -(-len(pairs) // MOST_PAIRS))]
+    apart = float(np.mean([middle_length(pair.own - pair.camera_motion()) for pair in pairs]))
+    moved = float(np.mean([middle_length(pair.own) for pair in pairs]))
+    if apart < max(DISAGREE * moved, APART_PX):
+        return []
+    there = [pair.usable & np.isfinite(pair.own).all(0) for pair in pairs]
+    motions = [(pair.own, pair.camera_motion()) for pair in pairs]
+    declared, winner = (
+        np.array([_mismatch_at(pair, at, by[which]) for pair, at, by in zip(pairs, there, motions, strict=True)])
+        for which in (0, 1)
+    )
+    if sureness(winner, declared) >= SURE:  # most of the picture moves by itself
+        return []
+    sure = sureness(declared, winner) if winner.mean() < CLEARLY_BETTER * declared.mean() else DOUBTFUL
+    if sure < SURE and not moving_pairs(shot):  # as of a belt that fills the picture
+        return []
+    evidence = (
+        f"they are {apart:.2g} px apart in the middle, of {moved:.2g}; residual {winner.mean():.3f} by matrices and "
+    )
+    evidence += f"depth, {declared.mean():.3f} by the vectors"
+    what = "the motion vectors are not those of matrices and depth"
+    return [Finding(name="motion-disagrees", mistake=True, confidence=sure, what=what, evidence=evidence)]
+
+
+def _mismatch_at(pair: Pair, points: NDArray[np.bool_], motion: Vector) -> float:
+    """How badly the previous frame, fetched through ``motion`` [2, n] and the best shift, matches at ``points``."""
+    chosen = np.flatnonzero(points)
+    chosen = chosen[:: max(1, -(-len(chosen) // MOST_POINTS))]
+    x, y = pair.x[chosen] + motion[0, chosen], pair.y[chosen] + motion[1, chosen]
+    return fit_shift(pair.now[chosen], pair.before, x, y, pair.scale).residual
 
 
 def tells_map(shot: Shot, meant: Affine) -> bool:
@@ -275,6 +361,7 @@ def _sparse(pair: Pair) -> Pair:
         now=pair.now[chosen],
         inverse_depth=pair.inverse_depth[chosen],
         own=pair.own[:, chosen],
+        lit=pair.lit[chosen],
         usable=pair.usable[chosen],
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 from cltaa.camera import is_still
 from cltaa.frame import Frame
 from cltaa.io.display import encoded
-from cltaa.lab.check.hypotheses import Finding
+from cltaa.lab.check.hypotheses import DOUBTFUL, Finding
 from cltaa.lab.check.registration import Vector
 from cltaa.printable import counted
 
@@ -20,6 +20,7 @@ SHADOWS = 0.005  # quantile that stands for the dark end; sub-pixel glints and h
 MOST_FRAMES, MOST_PIXELS = 4, 250_000  # looked at, and of each frame
 LEVELS = 255
 ON_LEVELS = 0.98  # share of values on 8-bit steps; of float values about 2 in 1000 are, by chance
+JUST_WHITE, LEAST_CUT = 1.0 - 1e-6, 1e-4  # to the curve's rounding; share of the pixels that are
 HALF = 0.5  # a vector of nothing, in pictures that hold no negative numbers
 HALF_STEPS = 1e-3  # nearness to a step of 8 bits, in steps
 
@@ -42,8 +43,9 @@ def check_colour(frames: Sequence[Frame]) -> list[Finding]:
         what = "colour was made linear from 8 bits: its dark steps are coarse and nothing is brighter than white"
         return [Finding(name="colour-8-bit", mistake=False, confidence=0.95, what=what, evidence=numbers)]
     if bright <= 1.0 and dark > DARKEST_ENCODED and middle > MIDDLE_ENCODED:
-        confidence = float(min(0.9, 0.5 + 2 * (dark - DARKEST_ENCODED)))
-        return [_encoded("colour looks encoded for a display (a guess)", numbers, confidence)]
+        # Light that was cut off at white was made for a display; without any a pale model looks so too.
+        cut = float((lit > JUST_WHITE).any(1).mean())
+        return [_encoded("colour looks encoded for a display (a guess)", numbers, 0.9 if cut > LEAST_CUT else DOUBTFUL)]
     return []
 
 
@@ -60,17 +62,27 @@ def _channels(frames: Sequence[Frame], has_camera: bool, has_depth: bool) -> Ite
     if np.isfinite(colour).any() and np.nanmin(colour) == np.nanmax(colour):
         yield _channel("colour-constant", True, f"every value is {np.nanmin(colour):g}", "colour")
     if len(frames) > 1 and all(np.array_equal(frame.colour, frames[0].colour) for frame in frames[1:]):
-        yield _channel("colour-repeated", True, f"all {len(frames)} frames are the same picture", "colour")
+        yield _channel("colour-repeated", _changes_declared(frames), f"all {len(frames)} frames are one", "colour")
     if has_depth:
         depth = np.stack([frame.depth for frame in frames])
         if wrong := float(np.isnan(depth).mean()):  # infinity is the sky
             yield _channel("depth-not-a-number", wrong > 0.001, f"{wrong:.2%} of depth is NaN", "depth")
+        wrong = float((depth < 0.0).mean())
+        if 0.0 < wrong < 0.9 * float(np.isfinite(depth).mean()) and not frames[0].camera.orthographic:
+            yield _channel("depth-negative-in-part", wrong > 0.001, f"{wrong:.2%} of depth is negative", "depth")
         finite = depth[np.isfinite(depth)]
         if len(finite) and np.ptp(finite) == 0.0 and len(finite) > 0.5 * depth.size:
             yield _channel("depth-constant", True, f"every depth is {finite[0]:g}", "depth")
     vectors = [frame.motion for frame in frames[1:] if frame.motion is not None]
     if vectors:
-        given = np.concatenate([v[np.isfinite(v).all(-1)] for v in vectors])
+        every = np.concatenate([v.reshape(-1, 2) for v in vectors])
+        if wrong := float(np.isinf(every).mean()):
+            yield _channel("motion-not-finite", wrong > 0.001, f"{wrong:.2%} of motion is infinite", "motion")
+        wrong = float(np.isnan(every).mean())  # the camera's, where depth and matrices say it
+        if wrong and not (has_camera and has_depth):
+            text = f"{wrong:.2%} of motion is NaN, and there are no matrices and depth that stand in for it"
+            yield _channel("motion-not-a-number", False, text, "motion")
+        given = every[np.isfinite(every).all(-1)]
         if len(given) and not np.ptp(given, axis=0).any():
             text = f"every vector of {counted(len(vectors), 'frame')} is ({given[0, 0]:g}, {given[0, 1]:g})"
             rests = has_camera and all(is_still(f.camera, frames[0].camera) for f in frames)
@@ -87,9 +99,20 @@ def _channels(frames: Sequence[Frame], has_camera: bool, has_depth: bool) -> Ite
                 yield _channel("motion-constant", not rests or bool(given.any()), text, "motion")
 
 
+def _changes_declared(frames: Sequence[Frame]) -> bool:
+    """True where a camera, a jitter or vectors say that the picture changes."""
+    vectors = (frame.motion for frame in frames[1:] if frame.motion is not None)
+    moves = any(np.nan_to_num(motion).any() for motion in vectors)
+    return moves or any(f.jitter_px != frames[0].jitter_px or not is_still(f.camera, frames[0].camera) for f in frames)
+
+
 def _channel(name: str, mistake: bool, evidence: str, channel: str) -> Finding:
     what = f"{channel} carries no information" if name.endswith(("constant", "repeated")) else f"{channel} is damaged"
-    return Finding(name=name, mistake=mistake, confidence=0.99, what=what, evidence=evidence)
+    asked = not mistake and not name.endswith(
+        ("constant", "repeated")
+    )  # a few wrong numbers may be meant, and deserve no tick
+    confidence = DOUBTFUL if asked else 0.99
+    return Finding(name=name, mistake=mistake, confidence=confidence, what=what, evidence=evidence, question=asked)
 
 
 def _encoded(what: str, evidence: str, confidence: float) -> Finding:

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.frame import Frame
-from cltaa.inputs.convert import planes_of, ray_length
-from cltaa.lab.check.camera import CLEARLY_BETTER, camera_residual, moving_pairs
-from cltaa.lab.check.hypotheses import Finding
+from cltaa.inputs.convert import device_planes, planes_of, ray_length
+from cltaa.inputs.profile import Depth, DepthKind
+from cltaa.lab.check.camera import CLEARLY_BETTER, LARGEST_MISMATCH, camera_residual, moving_pairs, screened
+from cltaa.lab.check.hypotheses import Finding, sureness
 from cltaa.lab.check.registration import Pair, Shot, Vector
 
 Plane = NDArray[np.float64]
@@ -26,15 +27,21 @@ CLEARLY_MORE = 0.8  # share of the pixels that tell two readings apart
 LEAST_PIXELS = 200
 MOST_FRAMES = 3  # a kind of depth is the same in all; more only cost time
 DEVICE = "depth is a device depth, 0 near to 1 far"
+AS_DECLARED = Depth()
+READ_AS = {DepthKind.PLANAR: "planar", DepthKind.RAY: "ray"}  # the others are linear over a plane, as 1/Z is
+ALONG = {"planar": "the view axis, not along the ray", "ray": "the ray, not along the view axis"}
 SCALES = (0.001, 0.01, 0.1, 0.2, 0.5, 2.0, 5.0, 10.0, 100.0, 1000.0)  # tried first; the best is then made exact
 STEPS = (2.0**0.5, 2.0**0.25, 2.0**0.125, 2.0**0.0625)  # up and down from there, to about 4 %
 ROUND_NUMBER = 0.1  # how near to a power of ten is meant to be one
 
 
-def check_depth(frames: Sequence[Frame]) -> list[Finding]:
-    """Findings about the kind and direction of depth, from single frames."""
+def check_depth(frames: Sequence[Frame], rule: Depth = AS_DECLARED) -> list[Finding]:
+    """Findings about the kind and direction of depth, from single frames that were read by ``rule``.
+
+    What is stored is judged, whatever it was read as: each kind is a hypothesis like the others.
+    """
     frames = frames[:MOST_FRAMES]
-    depth = [frame.depth.astype(np.float64) for frame in frames]
+    depth = [_stored(frame, frame.depth.astype(np.float64), rule) for frame in frames]
     finite = np.concatenate([plane[np.isfinite(plane)] for plane in depth])
     if not len(finite):
         return []
@@ -42,19 +49,36 @@ def check_depth(frames: Sequence[Frame]) -> list[Finding]:
         evidence = f"{(finite < 0).mean():.0%} of the depths are negative"
         what = "depth is negative in front of the camera"
         return [_finding("depth-negative", what, evidence, 0.99, {"scale": -1.0})]
-    shares = _flat_shares(frames, depth)
-    wrong = {kind: share for kind, share in shares.items() if share[kind] > CLEARLY_MORE}
-    for kind, share in wrong.items():
-        evidence = f"of the pixels that tell, {share[kind]:.1%} lie on planes as {kind} and "
-        evidence += f"{share['planar']:.1%} as planar depth"
-        if kind == "ray":
-            what = "depth is the distance along the ray, not along the view axis"
-            return [_finding("depth-ray", what, evidence, share[kind], {"kind": "ray"})]
-        return [_reciprocal(frames, finite, evidence, share[kind])]
-    if _looks_like_device(finite):
+    read = READ_AS.get(rule.kind, "reciprocal")
+    shares = {kind: share for kind, share in _flat_shares(frames, depth, read).items() if share > CLEARLY_MORE}
+    for kind in sorted(shares, key=lambda kind: -shares[kind])[:1]:
+        evidence = f"of the pixels that tell, {shares[kind]:.1%} lie on planes as {kind} and "
+        evidence += f"{1.0 - shares[kind]:.1%} as {read} depth"
+        if kind == "reciprocal":
+            return [_reciprocal(depth, finite, evidence, shares[kind])]
+        return [
+            _finding(
+                f"depth-{kind}", f"depth is the distance along {ALONG[kind]}", evidence, shares[kind], {"kind": kind}
+            )
+        ]
+    if read == "planar" and _looks_like_device(finite):
         evidence = f"all values within {finite.min():.4g} and {finite.max():.4g}, their middle {np.median(finite):.4g}"
-        return [_finding("depth-device", DEVICE, evidence, 0.7, {"kind": "device"})]
+        return [_finding("depth-device", DEVICE, evidence, 0.85, {"kind": "device"})]
     return []
+
+
+def _stored(frame: Frame, planar: Plane, rule: Depth) -> Plane:
+    """What was stored of depth that was read by ``rule``, but for its scale."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if rule.kind is DepthKind.RAY:
+            return planar * ray_length(planar.shape, frame.camera, frame.jitter_px)
+        if rule.kind is DepthKind.INVERSE:
+            return np.asarray(1.0 / planar, np.float64)
+        if rule.kind in (DepthKind.DEVICE, DepthKind.DEVICE_REVERSED):
+            near, far = device_planes(rule, frame.camera)
+            at_near = (rule.scale / planar - far) / (near - far)
+            return np.asarray(at_near if rule.kind is DepthKind.DEVICE_REVERSED else 1.0 - at_near, np.float64)
+    return planar
 
 
 def _looks_like_device(finite: Vector) -> bool:
@@ -68,8 +92,10 @@ def check_depth_scale(shot: Shot) -> list[Finding]:
     if len(pairs) < 2 or not (shot.has_depth and shot.has_camera) or shot.frames[0].camera.orthographic:
         return []
     declared = np.array([camera_residual(pair, pair.camera_motion()) for pair in pairs])
-    best, winner = min(((scale, _residuals(pairs, scale)) for scale in SCALES), key=lambda tried: tried[1].mean())
-    if winner.mean() > CLEARLY_BETTER * declared.mean() or (winner < declared).mean() < 0.7:
+    few = screened(pairs)
+    best = min(SCALES, key=lambda scale: _residuals(few, scale).mean())
+    winner = _residuals(pairs, best)
+    if winner.mean() > min(CLEARLY_BETTER * declared.mean(), LARGEST_MISMATCH) or (winner < declared).mean() < 0.7:
         return []
     for step in STEPS:
         tried = [(best * by, _residuals(pairs, best * by)) for by in (1 / step, step)]
@@ -77,7 +103,7 @@ def check_depth_scale(shot: Shot) -> list[Finding]:
     decade = 10.0 ** round(np.log10(best))
     scale = decade if abs(best / decade - 1) < ROUND_NUMBER else float(f"{best:.2g}")
     evidence = f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, over {len(pairs)} pairs"
-    confidence = float(np.clip(1.0 - (winner.mean() / declared.mean()) ** 2, 0.3, 0.99))
+    confidence = sureness(declared, winner)
     what = f"depth and matrices have different units: depth times {scale:g} fits"
     return [_finding("depth-scaled", what, evidence, confidence, {"scale": scale})]
 
@@ -89,14 +115,16 @@ def _residuals(pairs: Sequence[Pair], scale: float) -> Vector:
     )
 
 
-def tells_kind(frames: Sequence[Frame]) -> bool:
+def tells_kind(frames: Sequence[Frame], rule: Depth = AS_DECLARED) -> bool:
     """True where planes in view lie aslant, so that 1/Z and Z differ over them."""
     frames = frames[:MOST_FRAMES]
-    return "reciprocal" in _flat_shares(frames, [frame.depth.astype(np.float64) for frame in frames])
+    depth = [_stored(frame, frame.depth.astype(np.float64), rule) for frame in frames]
+    read = READ_AS.get(rule.kind, "reciprocal")
+    return ("planar" if read == "reciprocal" else "reciprocal") in _flat_shares(frames, depth, read)
 
 
-def _flat_shares(frames: Sequence[Frame], depth: Sequence[Plane]) -> dict[str, dict[str, float]]:
-    """Share of pixels on planes under each other reading and under planar depth, where the two differ."""
+def _flat_shares(frames: Sequence[Frame], depth: Sequence[Plane], read: str) -> dict[str, float]:
+    """For each other reading the share of pixels that lie on planes so, of those that it and ``read`` tell apart."""
     flat: dict[str, list[NDArray[np.bool_]]] = {"planar": [], "ray": [], "reciprocal": []}
     for frame, raw in zip(frames, depth, strict=True):
         usable = np.isfinite(raw) & (raw > 0) & (raw < 1e9)
@@ -106,11 +134,10 @@ def _flat_shares(frames: Sequence[Frame], depth: Sequence[Plane]) -> dict[str, d
             flat[kind] += [_is_flat(lines, step)[_is_known(lines)] for lines in (inverse_depth, inverse_depth.T)]
     table = {kind: np.concatenate(planes) for kind, planes in flat.items()}
     shares = {}
-    for kind in ("ray", "reciprocal"):
-        telling = table[kind] != table["planar"]
+    for kind in table:
+        telling = table[kind] != table[read]
         if telling.sum() >= LEAST_PIXELS:
-            share = float(table[kind][telling].mean())
-            shares[kind] = {kind: share, "planar": 1.0 - share}
+            shares[kind] = float(table[kind][telling].mean())
     return shares
 
 
@@ -140,11 +167,11 @@ def _is_flat(lines: Plane, step: float) -> NDArray[np.bool_]:
         return np.asarray(np.abs(left - 2 * middle + right) <= ROUNDING * step * np.abs(middle))
 
 
-def _reciprocal(frames: Sequence[Frame], finite: Vector, evidence: str, confidence: float) -> Finding:
+def _reciprocal(stored: Sequence[Plane], finite: Vector, evidence: str, confidence: float) -> Finding:
     """Tell 1/Z from device depth, and its direction, by range and by what the sky and the lower rows hold."""
     bounded = finite.max() <= 1.0 and finite.min() >= 0.0
     sky_at_one, sky_at_zero = float((finite == 1.0).mean()), float((finite == 0.0).mean())
-    depth = np.stack([frame.depth for frame in frames])
+    depth = np.stack(stored)
     rows = depth.shape[1]
     lower, upper = (_middle(part) for part in (depth[:, -(-rows * 5 // 6) :], depth[:, : rows // 2]))
     nearer_is_smaller = sky_at_one > sky_at_zero if max(sky_at_one, sky_at_zero) > 0.01 else bool(lower < upper)
@@ -156,12 +183,12 @@ def _reciprocal(frames: Sequence[Frame], finite: Vector, evidence: str, confiden
     )
 
 
-def _middle(values: NDArray[np.float32]) -> float:
+def _middle(values: Plane) -> float:
     finite = values[np.isfinite(values)]
     return float(np.median(finite)) if finite.size else np.inf
 
 
-def tell_device(shot: Shot, found: Finding) -> Finding:
+def tell_device(shot: Shot, found: Finding, rule: Depth = AS_DECLARED) -> Finding:
     """Tell reversed device depth (near / Z) from 1/Z, and which near plane device depth has.
 
     A projection that falls with distance says so itself. Else the two differ by a factor, which the parallax of a
@@ -175,7 +202,8 @@ def tell_device(shot: Shot, found: Finding) -> Finding:
     near, other = (planes_of(clip, from_zero=from_zero)[0] for from_zero in (False, True))
     if len(pairs) < 2 or near <= 0.0 or (reverse and near == 1.0):
         return found
-    raw = [pair.frame.depth[pair.y.astype(int), pair.x.astype(int)].astype(np.float64) for pair in pairs]
+    planes = [_stored(pair.frame, pair.frame.depth.astype(np.float64), rule) for pair in pairs]
+    raw = [plane[pair.y.astype(int), pair.x.astype(int)] for plane, pair in zip(planes, pairs, strict=True)]
     stored = raw if reverse else [1.0 - values for values in raw]
     plain, changed = (
         np.array(

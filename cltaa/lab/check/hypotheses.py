@@ -14,9 +14,11 @@ from cltaa.inputs.convert import mended_camera
 from cltaa.inputs.profile import Cameras
 from cltaa.lab.check.registration import Vector
 
+SURE, ASKED, DOUBTFUL = 0.8, 0.55, 0.6  # confidence of a mistake; less is a question, and still less not worth one
+
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """One thing that is wrong (``mistake``), or worth knowing and not wrong (a note).
+    """One thing that is wrong (``mistake``), that may be (``question``), or that is worth knowing (a note).
 
     ``confidence`` is 0 to 1; ``evidence`` the numbers behind it; ``fix`` the keys of a reader profile that mend it,
     relative to how the frames were read, empty where only rendering again helps; ``option`` the same on a command
@@ -30,6 +32,32 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
     evidence: str
     fix: dict[str, dict[str, Any]] = {}
     option: str = ""
+    question: bool = False
+
+    @property
+    def settled(self) -> Finding:
+        """A mistake that is less than sure is a question, and prescribes nothing."""
+        if not self.mistake or self.confidence >= SURE:
+            return self
+        return msgspec.structs.replace(self, mistake=False, question=True, fix={})
+
+
+SMALLEST_SPREAD = 0.05  # of the mean: pairs of one shot are never as independent as they look
+
+
+def sureness(declared: Vector, winner: Vector) -> float:
+    """How sure it is that ``winner`` [n] is the less of two residuals, from n pairs; 0 to 0.99.
+
+    By Cantelli's inequality, which holds whatever the distribution: a mean t standard errors above 0 comes of a
+    distribution about 0 with a chance of 1 / (1 + t^2) at most.
+    """
+    gain = declared - winner
+    mean = float(gain.mean())
+    if mean <= 0.0:
+        return 0.0
+    spread = max(float(gain.std(ddof=1)) if len(gain) > 1 else mean, SMALLEST_SPREAD * mean)
+    squared = (mean / spread) ** 2 * len(gain)
+    return min(squared / (1.0 + squared), 0.99)
 
 
 _SPOKEN = {
@@ -99,6 +127,9 @@ def linear_fix(matrix: Vector) -> dict[str, object]:
     swap = bool(matrix[0, 0] == 0.0)
     scale = [float(matrix[0, 1]), float(matrix[1, 0])] if swap else [float(matrix[0, 0]), float(matrix[1, 1])]
     return {"scale": scale, "swap": True} if swap else {"scale": scale}
+
+
+NEAR = 0.35  # of the map: a fit that lies farther from it is no evidence of it, however much farther others lie
 
 
 class Regression(NamedTuple):

@@ -13,7 +13,7 @@ and a least-squares map from one to the other names the mistake.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -21,7 +21,17 @@ import numpy as np
 
 from cltaa.camera import is_still
 from cltaa.frame import Frame
-from cltaa.lab.check.hypotheses import Finding, left_over, linear_fix, linear_maps, regress, spoken
+from cltaa.lab.check.hypotheses import (
+    DOUBTFUL,
+    NEAR,
+    Finding,
+    left_over,
+    linear_fix,
+    linear_maps,
+    regress,
+    spoken,
+    sureness,
+)
 from cltaa.lab.check.registration import LEAST_ANCHORS, Fit, Shot, Vector, squeezed_light
 from cltaa.printable import counted
 
@@ -48,16 +58,29 @@ class Likeness(NamedTuple):
 
         Frames whose jitter is NaN are left out; infinite where too few remain.
         """
+        errors, spread = self._errors(jitter)
+        return float(np.nanmean(errors**2) / spread) if errors.size else np.inf
+
+    def sureness(self, declared: Vector, winner: Vector) -> float:
+        """How sure it is that ``winner`` makes the smoother function, frame by frame."""
+        errors = [self._errors(jitter)[0] ** 2 for jitter in (declared, winner)]
+        frames = np.unique(self.now[np.isfinite(errors).all(0)])
+        return sureness(*(np.array([np.nanmean(error[self.now == frame]) for frame in frames]) for error in errors))
+
+    def _errors(self, jitter: Vector) -> tuple[Vector, float]:
+        """What each difference is beside the smooth function, NaN where unknown, and the variance of all."""
         right, down = (self.apart - (jitter[self.now] - jitter[self.before])).T
         known = np.isfinite(right + down)
         if known.sum() < LEAST_ROWS:
-            return np.inf
-        right, down, measured = right[known], down[known], self.difference[known]
+            return np.empty(0), 1.0
         # Even in both, as likeness is, but for the term of a slant.
+        right, down, measured = right[known], down[known], self.difference[known]
         waves = [np.cos(WAVE * m * right) * np.cos(WAVE * n * down) for m, n in ORDERS]
         terms = np.stack([*waves, np.sin(right) * np.sin(down)])
         fitted, *_ = np.linalg.lstsq(terms.T, measured, rcond=None)
-        return float(((measured - fitted @ terms) ** 2).mean() / max(float(measured.var()), 1e-12))
+        errors = np.full(len(known), np.nan)
+        errors[known] = measured - fitted @ terms
+        return errors, max(float(measured.var()), 1e-12)
 
 
 def measure_likeness(shot: Shot) -> Likeness | None:
@@ -88,9 +111,9 @@ def measure_likeness(shot: Shot) -> Likeness | None:
 
 
 def _resting(shot: Shot) -> tuple[Vector, Vector]:
-    """Rows and columns of points that rest in every pair, with neighbours all around."""
+    """Rows and columns of points that rest in every pair, with neighbours all around; what shines through rests too."""
     first = shot.pairs[0]
-    rests = np.logical_and.reduce([pair.usable & ~pair.moving for pair in shot.pairs[: MOST_FRAMES - 1]])
+    rests = np.logical_and.reduce([pair.lit & ~pair.moving for pair in shot.pairs[: MOST_FRAMES - 1]])
     height, width = first.frame.height, first.frame.width
     inside = (first.x >= 1) & (first.y >= 1) & (first.x < width - 1) & (first.y < height - 1)
     chosen = rests & inside
@@ -104,12 +127,16 @@ def declared_jitter(frames: Sequence[Frame]) -> Vector:
 
 LEAST_PAIRS = 4  # two unknown gains an axis, and something left to tell signal from noise
 LEAST_SHIFT_PX = 0.1  # root mean square; less is no jitter
+LEAST_JITTER_PX, MOST_APART = 0.2, 0.5  # of a jitter that nothing declares; two halves of the picture, over the shift
 MOST_LEFT_PX = 0.45  # root mean square; where more is left, jitter is not what moved the picture
 CLEARLY_BETTER = 0.85  # what is left under another map, over what is left as declared
+CENTRED_PX = 0.55  # the farthest that a centred jitter goes
 LARGEST_MEAN_PX = 0.15  # a centred jitter of at least 8 samples stays below, even where the period is cut
 CLEARLY_SCALED = 0.6  # what is left under half or twice, over what is left without: aliasing makes shifts too small
 DELAYS = (-2, -1, 1, 2)
-MOST_SCATTER = 0.45  # of the likeness; where more is left over, distance is not what makes samples differ
+HALVES = ("scaled", "units-ndc")
+SMOOTH_ALIKE = 1.1  # scatter over the least
+MOST_SCATTER = 0.4  # of the likeness; where more is left over, distance is not what makes samples differ
 CLEARLY_SMOOTHER = 0.87  # scatter under another map of the same size, over that as declared
 
 
@@ -126,7 +153,7 @@ def _by_likeness(shot: Shot, likeness: Likeness) -> list[Finding] | None:
     declared = declared_jitter(shot.frames)
     maps = linear_maps(*shot.window) | {"absent": np.zeros((2, 2))}
     scatter = {name: likeness.scatter(declared @ matrix.T) for name, matrix in maps.items()}
-    best = min(scatter, key=lambda name: scatter[name])
+    best = _plainest_smooth(scatter)
     by_delay = {delay: _delayed(shot, declared, delay) for delay in DELAYS}
     late = min(by_delay, key=lambda delay: likeness.scatter(by_delay[delay]))
     known = np.isfinite(by_delay[late])
@@ -135,7 +162,7 @@ def _by_likeness(shot: Shot, likeness: Likeness) -> list[Finding] | None:
     if left < min(MOST_SCATTER, CLEARLY_SMOOTHER * min(plain, other)):
         evidence = f"differences of all samples are a function of distance but for {left:.0%} with the jitter of "
         evidence += f"{_frames(late)}, {plain:.0%} as declared"
-        return [_late(late, evidence, left, plain)]
+        return [_late(late, evidence, likeness.sureness(np.where(known, declared, np.nan), by_delay[late]))]
     if scatter[best] > MOST_SCATTER:
         return None
     if scatter[best] > CLEARLY_SMOOTHER * scatter[""]:
@@ -143,7 +170,19 @@ def _by_likeness(shot: Shot, likeness: Likeness) -> list[Finding] | None:
     evidence = f"differences of all samples are a function of distance but for {scatter[best]:.0%} so, "
     evidence += f"{scatter['']:.0%} as declared, over {counted(len(declared), 'frame')}"
     what, fix = _meaning(best, maps[best])
-    return [_finding(_key(best), what, evidence, scatter[best], scatter[""], fix)]
+    sure = likeness.sureness(declared, declared @ maps[best].T)
+    # Half or twice the size only where it is far better than any that keeps it, as of shifts (``_plainest``).
+    whole = min(left for name, left in scatter.items() if not name.startswith(HALVES))
+    if best.startswith(HALVES) and scatter[best] > CLEARLY_SCALED * whole:
+        sure = min(sure, DOUBTFUL)
+    return [_finding(_key(best), what, evidence, sure, fix)]
+
+
+def _plainest_smooth(scatter: Mapping[str, float]) -> str:
+    """Of the maps that leave about as little scatter as any the one declared, else one that keeps the size."""
+    most = SMOOTH_ALIKE * min(scatter.values())
+    alike = [name for name in scatter if scatter[name] <= most]
+    return min(alike, key=lambda name: (name != "", len(name.split()) + name.startswith(HALVES), scatter[name]))
 
 
 def _delayed(shot: Shot, declared: Vector, delay: int) -> Vector:
@@ -157,37 +196,49 @@ def _by_shifts(shot: Shot, shifts: Sequence[Fit | None]) -> list[Finding]:
     known = [place for place, fit in enumerate(shifts) if fit is not None]
     if len(known) < LEAST_PAIRS:
         return []
-    measured = np.array([shifts[place].shift for place in known])  # type: ignore[union-attr]
+    fits = [fit for fit in shifts if fit is not None]
+    measured = np.array([fit.shift for fit in fits])
     declared = np.array([shot.pairs[place].jitter_change for place in known])
-    weights = _weights([shifts[place] for place in known])  # type: ignore[misc]
+    weights = _weights(fits)
     present = float(np.sqrt((measured**2).sum(1).mean()))
     if not declared.any():
-        return _undeclared(shot, measured, present)
+        return _undeclared(shot, fits, measured, present)
     as_declared = left_over(measured, declared, np.eye(2), weights)
     maps = linear_maps(*shot.window) | {"absent": np.zeros((2, 2))}
     left = {name: left_over(measured, declared, matrix, weights) for name, matrix in maps.items()}
     best = _plainest(left)
-    delay, delayed = _best_delay(shot, known, measured, weights)
+    delay, delayed, rows, later = _best_delay(shot, known, measured, weights)
     if delayed < CLEARLY_BETTER * min(left[best], as_declared) and left[best] > LEAST_SHIFT_PX:
         evidence = f"shifts of {len(known)} pairs fit the jitter of {_frames(delay)} to {delayed:.2f} px rms, "
         evidence += f"as declared only to {as_declared:.2f} px"
-        return [_late(delay, evidence, delayed, as_declared)]
+        sure = _sureness([fits[row] for row in rows], declared[rows], later)
+        return [_late(delay, evidence, sure)]
     if not best or as_declared < LEAST_SHIFT_PX or left[best] > min(CLEARLY_BETTER * as_declared, MOST_LEFT_PX):
+        return []
+    # What the shifts do not tell, as of an axis on which the jitter hardly changes, no gain is asked of.
+    size = left_over(0.0 * measured, declared, np.eye(2) if best == "absent" else maps[best], weights)
+    if left[best] > NEAR * size:
         return []
     gain = regress(measured, declared, weights).matrix
     evidence = f"measured shift = [[{gain[0, 0]:.3g}, {gain[0, 1]:.3g}], [{gain[1, 0]:.3g}, {gain[1, 1]:.3g}]] x "
     evidence += f"declared change over {len(known)} pairs; {left[best]:.2f} px rms left, {as_declared:.2f} as declared"
     what, fix = _meaning(best, maps[best])
-    return [_finding(_key(best), what, evidence, left[best], as_declared, fix)]
+    return [_finding(_key(best), what, evidence, _sureness(fits, declared, declared @ maps[best].T), fix)]
+
+
+def _sureness(fits: Sequence[Fit], declared: Vector, winner: Vector) -> float:
+    """How sure it is that the pixels that were held back lie better under shifts ``winner`` [n, 2]."""
+    pairs = zip(fits, declared, winner, strict=True)
+    residuals = np.array([(fit.judge(*one), fit.judge(*other)) for fit, one, other in pairs])
+    return sureness(*residuals.T)
 
 
 def _plainest(left: dict[str, float]) -> str:
     """The map that leaves least, one of half or twice the size only where it is far better than that without."""
     best = min(left, key=lambda name: left[name])
-    halves = ("scaled", "units-ndc")
-    if not best.startswith(halves):
+    if not best.startswith(HALVES):
         return best
-    whole = min((name for name in left if not name.startswith(halves)), key=lambda name: left[name])
+    whole = min((name for name in left if not name.startswith(HALVES)), key=lambda name: left[name])
     return best if left[best] < CLEARLY_SCALED * left[whole] else whole
 
 
@@ -199,63 +250,75 @@ def _weights(fits: Sequence[Fit]) -> Vector:
 
 
 def _mean(shot: Shot) -> list[Finding]:
+    """Find a jitter about another place than the centre; a part of a pattern's period is seldom centred either."""
     offsets = np.array([frame.jitter_px for frame in shot.frames])
-    if len(offsets) < 8 or not np.ptp(offsets, axis=0).any():
-        constant = len(offsets) > 1 and offsets[0].any() and not np.ptp(offsets, axis=0).any()
-        mean = offsets[0]
-        if not constant:
-            return []
-    else:
-        mean = offsets.mean(0)
+    varies = np.ptp(offsets, axis=0).any()
+    if len(offsets) < (8 if varies else 2):
+        return []
+    mean = offsets.mean(0)
     if np.abs(mean).max() <= LARGEST_MEAN_PX:
         return []
     # From the pixel's corner, and seldom any other place: a mean of few frames is off by more than its digits tell.
-    centre = np.where(np.abs(np.abs(mean) - 0.5) < LARGEST_MEAN_PX, np.copysign(0.5, mean), mean)
-    text = f"{mean[0]:.3f}, {mean[1]:.3f}"
+    corner = np.abs(np.abs(mean) - 0.5) < LARGEST_MEAN_PX
+    centre = np.where(corner, np.copysign(0.5, mean), mean)
+    beyond = np.abs(offsets).max() > CENTRED_PX  # where no centred jitter of a pixel's width goes
+    one_sided = (np.abs(np.sign(offsets[:, corner]).sum(0)) >= len(offsets) - 1).any()
     return [
         Finding(
             name="jitter-biased",
             mistake=True,
-            confidence=0.9,
+            confidence=0.9 if one_sided and (beyond or not varies) else DOUBTFUL,
             what="the jitter is not centred: the resolved picture is shifted by its mean, for good",
-            evidence=f"mean ({text}) px over {counted(len(offsets), 'frame')}",
+            evidence=f"mean ({mean[0]:.3f}, {mean[1]:.3f}) px over {counted(len(offsets), 'frame')}",
             fix={"jitter": {"offset": [round(float(-centre[0]), 4), round(float(-centre[1]), 4)]}},
         )
     ]
 
 
-def _undeclared(shot: Shot, measured: Vector, present: float) -> list[Finding]:
+def _undeclared(shot: Shot, fits: Sequence[Fit], measured: Vector, present: float) -> list[Finding]:
     if present < LEAST_SHIFT_PX:
         note = f"still regions move by {present:.3f} px rms between frames"
         what = "no jitter is declared and none is seen: there is nothing to accumulate but noise"
         return [Finding(name="jitter-none", mistake=False, confidence=0.8, what=what, evidence=note)]
-    if not shot.has_jitter or not any(np.any(frame.jitter_px) for frame in shot.frames):
-        drift = -measured.mean(0)  # of the picture; what is measured is where the earlier one lies
-        apart = float(np.sqrt(((measured + drift) ** 2).sum(1).mean()))
-        if apart < LEAST_SHIFT_PX:  # jitter goes to and fro
-            return [
-                Finding(
-                    name="motion-missing",
-                    mistake=True,
-                    confidence=float(min(0.99, present / (present + apart))),
-                    what="the picture moves on and nothing says so: give motion vectors, or matrices and depth",
-                    evidence=f"by ({drift[0]:.2f}, {drift[1]:.2f}) px from frame to frame, within {apart:.2f} px",
-                )
-            ]
-        evidence = f"still regions move by {present:.2f} px rms between frames, first by "
-        evidence += ", ".join(f"({x:.2f}, {y:.2f})" for x, y in measured[:4])
-        what = "the pixels are jittered and no jitter is declared: give jitter_px of each frame with --camera FILE"
-        confidence = float(min(0.99, present / (present + 0.05)))
-        return [
-            Finding(name="jitter-missing", mistake=True, confidence=confidence, what=what, evidence=evidence, fix={})
-        ]
-    return []
+    if any(np.any(frame.jitter_px) for frame in shot.frames):
+        return []
+    # Noise and aliasing move each part of the picture another way; jitter moves all of it alike.
+    halves = np.array([fit.halves for fit in fits])
+    sure = _sureness(fits, 0.0 * measured, halves[:, 0])
+    apart = float(np.sqrt((np.diff(halves, axis=1) ** 2).sum(2).mean()))
+    if present < LEAST_JITTER_PX or apart > MOST_APART * present:
+        return []
+    drift = -measured.mean(0)  # of the picture; what is measured is where the earlier one lies
+    spread = float(np.sqrt(((measured + drift) ** 2).sum(1).mean()))
+    if spread < LEAST_SHIFT_PX:  # jitter goes to and fro
+        evidence = f"by ({drift[0]:.2f}, {drift[1]:.2f}) px from frame to frame, within {spread:.2f} px"
+        given = [f"{name} do not" for name, there in _given(shot).items() if there]
+        what = "the picture moves on and nothing says so: give motion vectors, or matrices and depth"
+        if given:
+            what = f"the picture moves on and {', '.join(given)} say so"
+        name = "motion-disagrees" if given else "motion-missing"
+        return [Finding(name=name, mistake=True, confidence=sure, what=what, evidence=evidence)]
+    evidence = f"still regions move by {present:.2f} px rms between frames, first by "
+    evidence += ", ".join(f"({x:.2f}, {y:.2f})" for x, y in measured[:4])
+    what = "the pixels are jittered and no jitter is declared: give jitter_px of each frame with --camera FILE"
+    return [Finding(name="jitter-missing", mistake=True, confidence=sure, what=what, evidence=evidence)]
 
 
-def _best_delay(shot: Shot, known: Sequence[int], measured: Vector, weights: Vector) -> tuple[int, float]:
-    """The delay in frames whose jitter fits best and what it leaves; only pairs that every delay has are compared."""
+def _given(shot: Shot) -> dict[str, bool]:
+    """What says where the picture moves, and whether there is any."""
+    vectors = any(frame.motion is not None for frame in shot.frames)
+    return {"matrices and depth": shot.has_camera and shot.has_depth, "vectors": vectors}
+
+
+def _best_delay(
+    shot: Shot, known: Sequence[int], measured: Vector, weights: Vector
+) -> tuple[int, float, list[int], Vector]:
+    """The delay in frames whose jitter fits best, what it leaves, the pairs that have it, and its changes there.
+
+    Only pairs that every delay has are compared.
+    """
     by_index = {frame.index: np.array(frame.jitter_px) for frame in shot.frames}
-    best = (0, np.inf)
+    best: tuple[int, float, list[int], Vector] = (0, np.inf, [], np.empty((0, 2)))
     for delay in DELAYS:
         rows, targets = [], []
         for row, place in enumerate(known):
@@ -268,7 +331,7 @@ def _best_delay(shot: Shot, known: Sequence[int], measured: Vector, weights: Vec
             continue
         left = left_over(measured[rows], np.array(targets), np.eye(2), weights[rows])
         if left < best[1]:
-            best = (delay, left)
+            best = (delay, left, rows, np.array(targets))
     return best
 
 
@@ -276,14 +339,14 @@ def _frames(delay: int) -> str:
     return f"{counted(abs(delay), 'frame')} {'later' if delay > 0 else 'earlier'}"
 
 
-def _finding(name: str, what: str, evidence: str, left: float, declared: float, fix: dict[str, object]) -> Finding:
-    confidence = float(np.clip(1.0 - left / declared, 0.0, 0.99))
+def _finding(name: str, what: str, evidence: str, confidence: float, fix: dict[str, object]) -> Finding:
     return Finding(name=name, mistake=True, confidence=confidence, what=what, evidence=evidence, fix={"jitter": fix})
 
 
-def _late(delay: int, evidence: str, left: float, declared: float) -> Finding:
-    what = f"the jitter declared for a frame is that of {_frames(delay)}"
-    return _finding("jitter-late", what, evidence, left, declared, {"delay": delay})
+def _late(delay: int, evidence: str, confidence: float) -> Finding:
+    """``delay`` is how much later the frame is that declares a frame's jitter."""
+    what = f"the jitter declared for a frame is that of {_frames(-delay)}"
+    return _finding("jitter-late", what, evidence, confidence, {"delay": delay})
 
 
 def _key(best: str) -> str:

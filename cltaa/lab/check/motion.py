@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cltaa.lab.check.hypotheses import (
+    NEAR,
     Affine,
     Finding,
     affine_maps,
@@ -24,6 +25,7 @@ from cltaa.lab.check.hypotheses import (
     linear_maps,
     regress,
     spoken,
+    sureness,
 )
 from cltaa.lab.check.registration import (
     COVERED,
@@ -115,7 +117,7 @@ def _normal_equations(pair: Observed, unknown: Vector) -> tuple[Vector, Vector]:
 CLEARLY_BETTER, BETTER = 0.8, 0.93  # residual of the winner over that of the declaration
 CLEARLY_NEARER = 0.45  # squared distance from the model, likewise
 LARGEST_RESIDUAL = 0.445  # of the winner: 0.42 is the most seen of vectors that are right, 0.467 the least of chance
-ALIKE = 1.03  # residuals over the least; among such the plainest is taken, as of half the vectors and all of them
+ALIKE = 1.1  # residuals over the least; among such the plainest is taken, as of half the vectors and all of them
 LEAST_EFFECT_PX = 0.08  # a mistake that moves the vectors by less is not worth a word
 MOST_POINTS = 8000  # looked at for each of two dozen maps; more only cost time
 LEAST_PAIRS = 6  # of them four second differences are left, for two gains an axis
@@ -127,27 +129,27 @@ def check_motion(
 ) -> list[Finding]:
     """Findings about the motion channel; ``shifts`` were measured without it where ``anchored``.
 
-    ``maps`` are the meanings that it may have, the declared one under the empty name; all unless given.
+    ``maps`` are the meanings that it may have, the declared one under the empty name; all unless given. A meaning is
+    chosen and fitted by one half of the pixels and judged by the other.
     """
-    scenes = _scenes(shot, shifts, anchored)
+    scenes, judges = _scenes(shot, shifts, anchored)
     if not any(scene.own.any() for scene in scenes):
         return _resting_leak(shot)
     width, height = shot.window
     maps = maps or affine_maps(width, height)
-    scores = {name: _score(scenes, meant) for name, meant in maps.items()}
-    best = _plainest({name: float(score.mean()) for name, score in scores.items()})
+    best = _plainest({name: float(_score(scenes, meant).mean()) for name, meant in maps.items()})
     if _effect(scenes, maps[best]) < LEAST_EFFECT_PX:
         best = ""
-    declared, winner = scores[""], scores[best]
+    declared, winner = (_score(judges, maps[name]) for name in ("", best))
     wins = winner.mean() < LARGEST_RESIDUAL and (winner < declared).mean() > 0.7
     ratio = float(winner.mean() / declared.mean()) if wins else 1.0
-    coarse = [_named(best, maps[best], declared, winner)] if best else []
-    if best and ratio < CLEARLY_BETTER:
+    coarse = [_named(best, maps[best], declared, winner)] if best and ratio < 1.0 and _stays(scenes, maps[best]) else []
+    if coarse and ratio < CLEARLY_BETTER:
         return coarse
-    finer = (_finer(scenes, linear_maps(width, height)) if anchored else []) or _resting_leak(shot)
-    if best and ratio < BETTER and not any("jittered" in finding.name for finding in finer):
+    finer = (_finer(scenes, judges, linear_maps(width, height)) if anchored else []) or _resting_leak(shot)
+    if coarse and ratio < BETTER and not any("jittered" in finding.name for finding in finer):
         return coarse
-    if best and ratio < 1.0 and anchored and not finer and _borne_out(scenes, maps[best]):
+    if coarse and anchored and not finer and _borne_out(scenes, maps[best]):
         return coarse
     return finer
 
@@ -165,45 +167,59 @@ def _effect(scenes: Sequence[Observed], meant: Affine) -> float:
     return float(np.mean([np.sqrt(((meant(scene.own) - scene.own) ** 2).sum(0).mean()) for scene in scenes]))
 
 
+def _stays(scenes: Sequence[Observed], meant: Affine) -> bool:
+    """True where a fit that starts from the vectors that are meant stays near them."""
+    started = [scene._replace(own=meant(scene.own)) for scene in scenes]
+    return _is_near(fit_model(started), started, np.eye(2), None, _effect(scenes, meant))
+
+
 def _borne_out(scenes: Sequence[Observed], meant: Affine) -> bool:
-    """True where the model, started from the vectors that are meant, stays there.
+    """True where the model, started from the vectors that are meant, stays there and not near the declared ones.
 
     From fractions of a picture, which say that nothing moves, it never comes so far.
     """
-    vectors = [meant(scene.own) for scene in scenes]
-    model = fit_model([scene._replace(own=own) for own, scene in zip(vectors, scenes, strict=True)])
+    model = _from(scenes, meant)
     declared, no_leak = np.asarray(np.linalg.inv(meant.matrix), np.float64), np.zeros((2, 2))
     return model.distance(np.eye(2), no_leak) < CLEARLY_NEARER * model.distance(declared, no_leak)
 
 
-def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> list[Observed]:
-    scenes = []
+def _from(scenes: Sequence[Observed], meant: Affine) -> Model:
+    return fit_model([scene._replace(own=meant(scene.own)) for scene in scenes])
+
+
+def _is_near(model: Model, scenes: Sequence[Observed], gain: Vector, leak: float | None, effect: float) -> bool:
+    """True where what was found moves the picture as ``gain`` does, to a part of the mistake's ``effect`` in pixels.
+
+    Of a ``leak`` as well, but for None. Where the vectors and the jitter do not go nothing is asked of the fit.
+    """
+    off = (model.gain - gain, np.zeros((2, 2)) if leak is None else model.leak - leak * np.eye(2))
+    apart = [(off[0] @ scene.own + (off[1] @ scene.jitter_change)[:, None]) ** 2 for scene in scenes]
+    return float(np.mean([np.sqrt(squared.sum(0).mean()) for squared in apart])) <= NEAR * effect
+
+
+def _scenes(shot: Shot, shifts: Sequence[Fit | None], anchored: bool) -> tuple[list[Observed], list[Observed]]:
+    """What the vectors of each pair are fitted by, and what they are judged by; the same where there is little."""
+    fitted, judging = list[Observed](), list[Observed]()
     for pair, fit in zip(shot.pairs, shifts, strict=True):
         there = pair.moving & pair.usable
         if there.sum() < LEAST_POINTS or (anchored and fit is None):
             continue
-        chosen = np.flatnonzero(there)[:: max(1, -(-int(there.sum()) // MOST_POINTS))]
         shift = fit.shift if anchored and fit is not None else None
-        scenes.append(
-            Observed(
-                pair.own[:, chosen],
-                pair.x[chosen],
-                pair.y[chosen],
-                pair.now[chosen],
-                pair.before,
-                pair.scale,
-                shift,
-                pair.jitter_change,
-            )
-        )
-    return scenes
+        halves = [there & ~pair.held_back, there & pair.held_back]
+        if min(half.sum() for half in halves) < 2 * LEAST_POINTS:
+            halves = [there, there]
+        for half, into in zip(halves, (fitted, judging), strict=True):
+            chosen = np.flatnonzero(half)[:: max(1, -(-int(half.sum()) // MOST_POINTS))]
+            own, x, y, now = pair.own[:, chosen], pair.x[chosen], pair.y[chosen], pair.now[chosen]
+            into.append(Observed(own, x, y, now, pair.before, pair.scale, shift, pair.jitter_change))
+    return fitted, judging
 
 
-def _score(scenes: Sequence[Observed], meant: Affine) -> Vector:
-    """Residual of each pair under the vectors that are meant."""
+def _score(scenes: Sequence[Observed], meant: Affine, leak: float = 0.0) -> Vector:
+    """Residual of each pair under the vectors that are meant, of which ``leak`` x the change of jitter is taken."""
     residuals = []
     for scene in scenes:
-        u, v = meant(scene.own)
+        u, v = meant(scene.own) - leak * scene.jitter_change[:, None]
         x, y = scene.x + u, scene.y + v
         if scene.shift is None:
             residuals.append(fit_shift(scene.now, scene.before, x, y, scene.scale).residual)
@@ -218,7 +234,7 @@ def _named(best: str, meant: Affine, declared: Vector, winner: Vector) -> Findin
     return Finding(
         name="motion-" + best.replace(" ", "-"),
         mistake=True,
-        confidence=float(np.clip(1.0 - (winner.mean() / declared.mean()) ** 2, 0.3, 0.99)),
+        confidence=sureness(declared, winner),
         what=f"the motion vectors are {spoken(best)}",
         evidence=f"residual {winner.mean():.3f} against {declared.mean():.3f} as declared, better in {wins} of "
         f"{len(declared)} pairs",
@@ -226,29 +242,30 @@ def _named(best: str, meant: Affine, declared: Vector, winner: Vector) -> Findin
     )
 
 
-def _finer(scenes: Sequence[Observed], maps: Mapping[str, Vector]) -> list[Finding]:
+def _finer(scenes: Sequence[Observed], judges: Sequence[Observed], maps: Mapping[str, Vector]) -> list[Finding]:
     """Mistakes smaller than an edge is wide: factors of slow vectors, and jitter left in them."""
     model = fit_model(scenes)
     distances = explanations(model, maps)
     best = min(distances, key=lambda name: distances[name])
     if not best or distances[best] > CLEARLY_NEARER * distances[""]:
         return []
-    jittered = best.startswith("jittered")
-    matrix = np.eye(2) if jittered else maps[best]
-    effect = np.array([_difference(scene, matrix, jittered) for scene in scenes])
-    if float(effect.mean()) < LEAST_EFFECT_PX:
+    held = {"jittered": 1, "jittered-reversed": -1}.get(best, 0)
+    matrix = np.eye(2) if held else maps[best]
+    effect = np.array([_difference(scene, matrix, bool(held)) for scene in scenes])
+    moved = float(effect.mean())
+    if moved < LEAST_EFFECT_PX or not _is_near(model, scenes, matrix, -held or None, moved):
         return []
-    fix: dict[str, object] = {"jittered": 1 if best == "jittered" else -1}
-    if not jittered:
-        fix = linear_fix(matrix)
+    fix: dict[str, object] = {"jittered": held} if held else linear_fix(matrix)
     gain, leak = model.gain.round(2).tolist(), model.leak.round(2).tolist()
+    declared, winner = _score(judges, Affine(np.eye(2))), _score(judges, Affine(matrix), held)
     return [
         Finding(
             name="motion-" + best.replace(" ", "-"),
             mistake=True,
-            confidence=float(np.clip(1.0 - distances[best] / distances[""], 0.3, 0.99)),
-            what="the vectors contain the change of jitter" if jittered else f"the motion vectors are {spoken(best)}",
-            evidence=f"true vectors = {gain} x declared + {leak} x change of jitter, over {len(scenes)} pairs",
+            confidence=sureness(declared, winner),
+            what="the vectors contain the change of jitter" if held else f"the motion vectors are {spoken(best)}",
+            evidence=f"true vectors = {gain} x declared + {leak} x change of jitter, over {len(scenes)} pairs; "
+            f"residual of other pixels {winner.mean():.3f} against {declared.mean():.3f}",
             fix={"motion": fix},
         )
     ]

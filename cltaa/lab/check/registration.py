@@ -5,7 +5,7 @@ The method is that of Lucas and Kanade (1981, An iterative image registration te
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -77,7 +77,7 @@ def sample(images: NDArray[np.float32], x: Vector, y: Vector) -> Vector:
     return np.where(inside, upper * (1 - fy) + lower * fy, np.nan)
 
 
-ITERATIONS = 8
+ITERATIONS, LEAST_STEP_PX = 8, 4e-3
 FARTHEST_PX = 2.0  # a left-over shift beyond this is no jitter
 LEAST_POINTS = 60  # fewer decide nothing
 
@@ -100,12 +100,17 @@ def _slope(signal: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
 
 
 class Fit(NamedTuple):
-    """The shift [2] of the earlier picture, the information about it [2, 2] (inverse covariance), and the residual."""
+    """The shift [2] of the earlier picture, the information about it [2, 2] (inverse covariance), and the residual.
+
+    ``halves`` [2, 2] are the shifts of two halves of the points, and ``judge`` is the residual of the second under any.
+    """
 
     shift: Vector
     information: Vector
     residual: float  # 0: the pictures agree; 1: as different as unrelated ones
     points: int
+    halves: Vector = np.zeros((2, 2))
+    judge: Callable[[float, float], float] = lambda _x, _y: 0.0
 
 
 def fit_shift(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) -> Fit:
@@ -117,14 +122,15 @@ def fit_shift(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) 
     for _ in range(ITERATIONS):
         left, slope, weight = _linear(now, before, x + shift[0], y + shift[1], scale)
         information = (slope * weight) @ slope.T
-        if len(left) < LEAST_POINTS or np.linalg.cond(information) > 1e6:
+        trace, determinant = float(np.trace(information)), float(np.linalg.det(information))
+        if len(left) < LEAST_POINTS or trace**2 >= 1e6 * determinant:  # that over this is about the condition
             break
         step = np.linalg.solve(information, (slope * weight) @ left)
         shift += np.clip(step, -0.5, 0.5)
         if np.abs(shift).max() > FARTHEST_PX:
             shift = np.clip(shift, -FARTHEST_PX, FARTHEST_PX)
             break
-        if np.abs(step).max() < 1e-3:
+        if np.abs(step).max() < LEAST_STEP_PX:
             break
     found = residual_of(now, before, x + shift[0], y + shift[1], scale)
     noise = max(found, 1e-3) * scale
@@ -149,7 +155,13 @@ def _linear(now: Vector, before: Picture, x: Vector, y: Vector, scale: float) ->
     return left, slope, weight
 
 
+Mask = NDArray[np.bool_]
+
 COVERED = 0.5  # share of the points
+OPAQUE = 0.99  # alpha; what shines through moves otherwise
+UNCOVERED_PX, IN_FRONT = 2, 0.9  # from an edge of depth; of the depth behind it
+MOST_UNCOVERED = 0.5  # where so few would be left edges are everywhere, and say as much as the rest
+BLOCK = 8  # pixels: of a chequer of such blocks one colour is fitted and the other judges
 AS_FAST = 1e-3  # of the fastest: what moves less rests, but for the rounding of halves
 
 
@@ -166,7 +178,8 @@ class Pair:
     scale: float
     inverse_depth: Vector  # as declared; the sky's where there is no depth
     own: Vector  # [2, n], NaN where no vector was given
-    usable: NDArray[np.bool_]  # neither reactive nor NaN
+    lit: Mask  # neither reactive nor NaN
+    usable: Mask  # and opaque, and seen before too
 
     @property
     def moving(self) -> NDArray[np.bool_]:
@@ -179,6 +192,11 @@ class Pair:
         beyond = np.hypot(*(self.own - np.median(self.own[:, given], axis=1)[:, None]))
         apart: NDArray[np.bool_] = np.asarray(given & (beyond > AS_FAST * np.max(beyond[given])))
         return apart if apart.mean() < COVERED else given
+
+    @property
+    def held_back(self) -> Mask:
+        """Points that no fit has seen, in blocks, so that they share neither noise nor edges with those that it did."""
+        return np.asarray((self.x // BLOCK + self.y // BLOCK) % 2 == 1)
 
     @property
     def jitter_change(self) -> Vector:
@@ -250,9 +268,12 @@ def _pair(frame: Frame, previous: Frame, now: Picture, before: Picture) -> Pair:
     own = np.full((2, len(x)), np.nan)
     if frame.motion is not None:
         own = frame.motion[y, x].T.astype(np.float64)
-    usable: NDArray[np.bool_] = np.asarray(np.isfinite(frame.colour[y, x]).all(-1))
+    lit: Mask = np.asarray(np.isfinite(frame.colour[y, x]).all(-1))
     if frame.reactive is not None:
-        usable &= ~(frame.reactive[y, x] > 0.1)
+        lit &= ~(frame.reactive[y, x] > 0.1)
+    usable = lit if frame.alpha is None else lit & (frame.alpha[y, x] >= OPAQUE)
+    seen = usable & ~_uncovered(frame.depth)[y, x]
+    usable = seen if seen.sum() >= MOST_UNCOVERED * usable.sum() else usable
     signal = now.signal[y, x].astype(np.float64)
     return Pair(
         frame=frame,
@@ -264,11 +285,21 @@ def _pair(frame: Frame, previous: Frame, now: Picture, before: Picture) -> Pair:
         scale=max(2.0 * float(np.std(signal)), 1e-6),
         inverse_depth=planar_inverse_depth(frame.depth[y, x], frame.camera),
         own=own,
+        lit=lit,
         usable=usable,
     )
 
 
-Mask = NDArray[np.bool_]
+def _uncovered(depth: NDArray[np.float32]) -> Mask:
+    """Pixels [H, W] that lie behind something within UNCOVERED_PX: whatever moves may just have uncovered them."""
+    nearest = np.where(np.isfinite(depth), np.abs(depth), np.float32(np.inf))
+    for axis in (0, 1):
+        size = depth.shape[axis]
+        padded = np.pad(nearest, [(UNCOVERED_PX, UNCOVERED_PX) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
+        shifted = [np.take(padded, range(k, k + size), axis=axis) for k in range(2 * UNCOVERED_PX + 1)]
+        nearest = np.minimum.reduce(shifted)
+    return np.asarray(np.isfinite(nearest) & ~(np.abs(depth) * IN_FRONT <= nearest))
+
 
 LEAST_ANCHORS = 4 * LEAST_POINTS  # that rest in a pair; on fewer the whole picture says more
 LARGEST_RESIDUAL = 0.6  # above it the pictures do not match and a shift means nothing
@@ -291,6 +322,14 @@ def _shift(pair: Pair, there: Mask, anchored: bool) -> Fit | None:
     there = there & np.isfinite(motion).all(0)
     if there.sum() < LEAST_POINTS:
         return None
-    x, y = pair.x[there] + motion[0, there], pair.y[there] + motion[1, there]
-    fit = fit_shift(pair.now[there], pair.before, x, y, pair.scale)
-    return fit if fit.residual < LARGEST_RESIDUAL else None
+    x, y, now = pair.x + motion[0], pair.y + motion[1], pair.now
+    fit = fit_shift(now[there], pair.before, x[there], y[there], pair.scale)
+    if fit.residual >= LARGEST_RESIDUAL:
+        return None
+    back = there & pair.held_back
+    halves = [fit_shift(now[part], pair.before, x[part], y[part], pair.scale) for part in (there & ~back, back)]
+
+    def judge(right: float, down: float) -> float:
+        return residual_of(now[back], pair.before, x[back] + right, y[back] + down, pair.scale)
+
+    return fit._replace(halves=np.array([half.shift for half in halves]), judge=judge)

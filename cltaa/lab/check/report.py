@@ -17,7 +17,7 @@ from cltaa.inputs.convert import correct
 from cltaa.inputs.foreign import ForeignSequence
 from cltaa.inputs.intake import OPAQUE, Damaged, Intake, damaged_files, intake_lines, open_with_gaps
 from cltaa.inputs.parts import read_any_header
-from cltaa.inputs.profile import Profile, assignments_of, differences, load_profile, option_text
+from cltaa.inputs.profile import Depth, Profile, assignments_of, differences, load_profile, option_text
 from cltaa.inputs.roles import file_sets, shown_name
 from cltaa.io.exr_layout import LOSSLESS
 from cltaa.io.names import Named, selection_of
@@ -25,14 +25,16 @@ from cltaa.io.numbered import FrameRange, Problems, ranges
 from cltaa.io.pixel_statistics import is_opaque
 from cltaa.lab.check.camera import (
     check_agreement,
+    check_disagreement,
     check_projection_jitter,
     check_structure,
     check_travel,
     check_upside_down,
+    check_zeroes,
 )
 from cltaa.lab.check.colour import check_channels, check_colour, check_exposure
-from cltaa.lab.check.depth import check_depth, check_depth_scale, tell_device
-from cltaa.lab.check.hypotheses import Finding
+from cltaa.lab.check.depth import AS_DECLARED, check_depth, check_depth_scale, tell_device
+from cltaa.lab.check.hypotheses import ASKED, DOUBTFUL, Finding
 from cltaa.lab.check.jitter import check_jitter
 from cltaa.lab.check.motion import LEAST_EFFECT_PX, check_motion
 from cltaa.lab.check.registration import Shot, measure_shifts
@@ -86,10 +88,12 @@ def check_frames(
     has_camera: bool = True,
     has_depth: bool = True,
     has_jitter: bool = True,
+    depth: Depth = AS_DECLARED,
 ) -> list[Finding]:
     """Findings about frames read as their profile says; ``has_*`` is False for what the reader had to fill in.
 
-    ``window`` is the width and height of the display window where the frames show a region of it.
+    ``window`` is the width and height of the display window where the frames show a region of it; ``depth`` is how
+    their depth was read.
 
     A later check rests on an earlier one, so where the matrices or the depth are wrong the rest is looked at only as
     far as it does not need them.
@@ -104,45 +108,71 @@ def check_frames(
         elif mend is not None:
             frames = [replace(frame, camera=mend(frame.camera)) for frame in frames]
     if has_depth and has_camera:
-        found += check_depth(frames)
+        found += check_depth(frames, depth)
     window = window or (frames[0].width, frames[0].height)
     shot = Shot(frames, window, has_camera=has_camera, has_depth=has_depth, has_jitter=has_jitter)
-    found = [_excused(shot, finding) if finding.name == "motion-constant" else finding for finding in found]
     two_planes = ("depth-inverse", "depth-device")
-    found = [tell_device(shot, finding) if finding.name in two_planes else finding for finding in found]
-    wrong_depth = any(finding.name.startswith("depth-") for finding in found)
-    if has_camera:
-        jittered = check_projection_jitter(shot)
-        found += jittered
-        if jittered:
+    found = [tell_device(shot, finding, depth) if finding.name in two_planes else finding for finding in found]
+    found = _excused(shot, found + _check_motions(shot, found))
+    return [finding.settled for finding in found if finding.confidence >= ASKED or not finding.mistake]
+
+
+def _check_motions(shot: Shot, before: Sequence[Finding]) -> list[Finding]:
+    """Findings about what takes two frames, in the order in which they rest on each other."""
+    wrong = {finding.name.partition("-")[0] for finding in before if finding.mistake}
+    found = list[Finding]()
+    if shot.has_camera:
+        if found := check_projection_jitter(shot):
             return found
-        if not wrong_depth and (agreed := check_agreement(shot)):
-            # The rest is looked at once it is read so. Vectors that can be read are no empty channel.
-            readable = any(finding.name.startswith("motion-") for finding in agreed)
-            return [one for one in found if not (readable and one.name == "motion-constant")] + agreed
-        if not wrong_depth:
+        if "depth" not in wrong:
+            # The rest is looked at once it is read so.
+            if found := check_zeroes(shot) or check_agreement(shot):
+                return found
             # A wrong camera and a wrong scale of depth both spoil the parallax; the camera's mistakes are the cruder.
-            found += check_travel(shot) or check_upside_down(shot) or (check_depth_scale(shot) if has_depth else [])
-    shifts, anchored = measure_shifts(shot)
-    if not any(finding.name.startswith(("camera-", "depth-")) and finding.mistake for finding in found):
+            found = check_travel(shot) or check_upside_down(shot) or (check_depth_scale(shot) if shot.has_depth else [])
+    wrong |= {finding.name.partition("-")[0] for finding in found if finding.settled.mistake}
+    if not wrong & {"camera", "depth"}:
+        shifts, anchored = measure_shifts(shot)
         wrong_vectors = check_motion(shot, shifts, anchored)
         found += wrong_vectors
         # Shifts that were measured through wrong vectors tell nothing of the jitter.
         if anchored or not wrong_vectors:
             found += check_jitter(shot, shifts)
+        if not wrong_vectors:
+            found += check_disagreement(shot)
     return found
 
 
-def _excused(shot: Shot, finding: Finding) -> Finding:
-    """No mistake where matrices and depth say the same, as of a plane that the camera moves along."""
-    if not (shot.has_camera and shot.has_depth and shot.pairs):
-        return finding
-    apart = np.concatenate([np.abs(pair.own - pair.camera_motion()) for pair in shot.pairs], axis=1)
-    apart = apart[:, np.isfinite(apart).all(0)]
-    alike = apart.size > 0 and float(np.median(apart)) < LEAST_EFFECT_PX
-    return msgspec.structs.replace(finding, mistake=False) if alike else finding
+def _excused(shot: Shot, found: Sequence[Finding]) -> list[Finding]:
+    """``found``; vectors that are all one are no mistake where they are right, and not told where they are mended."""
+    if not any(finding.name == "motion-constant" for finding in found):
+        return list(found)
+    if any(finding.name.startswith("motion-") and finding.fix for finding in found):
+        return [finding for finding in found if finding.name != "motion-constant"]
+    right, told = _bears_out(shot), shot.has_camera and shot.has_depth
+    change = {"mistake": False} if right else {} if told else {"confidence": DOUBTFUL}
+    return [
+        msgspec.structs.replace(finding, **change) if finding.name == "motion-constant" else finding
+        for finding in found
+    ]
 
 
+def _bears_out(shot: Shot) -> bool:
+    """True where matrices and depth say the same as the vectors, as of a plane that the camera moves along; without
+    them where the pictures lie on each other so.
+    """
+    if not shot.pairs:
+        return False
+    if shot.has_camera and shot.has_depth:
+        apart = np.concatenate([np.abs(pair.own - pair.camera_motion()) for pair in shot.pairs], axis=1)
+        apart = apart[:, np.isfinite(apart).all(0)]
+        return apart.size > 0 and float(np.median(apart)) < LEAST_EFFECT_PX
+    fits, _ = measure_shifts(shot)
+    left = [np.abs(fit.shift - pair.jitter_change).max() for fit, pair in zip(fits, shot.pairs, strict=True) if fit]
+    return len(left) == len(fits) and max(left) < (STEADY_PX if shot.has_jitter else 1.0)
+
+
+STEADY_PX = 0.3  # what is left of the picture's shift where vectors are right
 FRAMES = 12  # looked at unless asked otherwise: 11 pairs tell a gain of jitter to a few hundredths
 ROUNDS = 6  # of looking and reading again: matrices, depth, its unit, vectors and jitter, then nothing
 
@@ -165,6 +195,11 @@ class Report(msgspec.Struct, kw_only=True):
     def mistakes(self) -> list[Finding]:
         """Findings that are mistakes."""
         return [finding for finding in self.findings if finding.mistake]
+
+    @property
+    def questions(self) -> list[Finding]:
+        """Findings that may be mistakes: nothing is prescribed, and nothing is called right."""
+        return [finding for finding in self.findings if finding.question]
 
 
 def check_folder(
@@ -277,7 +312,12 @@ def _look(intake: Intake, folder: Path, count: int | None, wrong: Problems) -> t
         has_jitter=intake.has_jitter,
     )
     found = check_frames(
-        read, known.window, has_depth=known.has_depth, has_camera=known.has_camera, has_jitter=known.has_jitter
+        read,
+        known.window,
+        has_depth=known.has_depth,
+        has_camera=known.has_camera,
+        has_jitter=known.has_jitter,
+        depth=intake.profile.depth,
     )
     if all(is_opaque(frame.alpha) for frame in read):
         evidence = counted(len(read), "frame")
@@ -286,7 +326,6 @@ def _look(intake: Intake, folder: Path, count: int | None, wrong: Problems) -> t
 
 
 def _with_option(finding: Finding, profile: Profile) -> Finding:
-    if not finding.fix:
-        return finding
+    """``finding`` with the option that mends it; none where what it names is set already."""
     option = option_text(differences(correct(profile, finding.fix), profile))
-    return msgspec.structs.replace(finding, option=option)
+    return msgspec.structs.replace(finding, option=option, fix=finding.fix if option else {})

@@ -154,7 +154,7 @@ def _shows_vectors(shot: Shot, name: str, shifts: Sequence[Fit | None], anchored
     spoilt = copy(shot)
     spoilt.pairs = [replace(p, own=wrong(p.own) + leak * p.jitter_change[:, None]) for p in shot.pairs]
     maps = {"": Affine(np.eye(2))} | ({} if leak else {name: meant})
-    return bool(check_motion(spoilt, shifts, anchored, maps))
+    return any(finding.settled.mistake for finding in check_motion(spoilt, shifts, anchored, maps))
 
 
 def _jitter(shot: Shot) -> Iterator[str]:
