@@ -197,7 +197,9 @@ def _screen(seed: int) -> Family:
     at = np.random.default_rng(seed).uniform(0, 6.28)
     pixel = 2 * FIELD * 5.0 / 90  # one pixel of 90 rows at the screen's distance
     first = Body(lambda _t: placed(-1.3, 1.6, 0.0), stripes(9.0, pixel), extent=(1.1, 0.8), emits=True)
-    second = Body(lambda _t: placed(1.4, 1.6, 0.0), stripes(5.0 + 0.1 * at, -0.6 * pixel), extent=(1.0, 0.8), emits=True)
+    second = Body(
+        lambda _t: placed(1.4, 1.6, 0.0), stripes(5.0 + 0.1 * at, -0.6 * pixel), extent=(1.0, 0.8), emits=True
+    )
     return Family("Two screens show text that scrolls, which no vector tells of", [FLOOR, WALL, first, second], [SUN])
 
 
@@ -229,13 +231,17 @@ def _cut(seed: int) -> Family:
 
 def _discs(seed: int) -> Family:
     rng = np.random.default_rng(seed)
-    places = [(x + rng.uniform(-0.1, 0.1), y + rng.uniform(-0.1, 0.1)) for y in (0.6, 1.5, 2.4) for x in (-2.2, 0.0, 2.2)]
+    places = [
+        (x + rng.uniform(-0.1, 0.1), y + rng.uniform(-0.1, 0.1)) for y in (0.6, 1.5, 2.4) for x in (-2.2, 0.0, 2.2)
+    ]
 
     def glow(radiance: float) -> Texture:
         return lambda p, _t: np.where((p**2).sum(-1, keepdims=True) < 0.03**2, radiance, 0.02) * np.ones(3)
 
     discs = [
-        Body(lambda _t, x=x, y=y: placed(x, y, 0.0), glow(10.0 ** (k % 3 + (k % 3 == 2))), extent=(0.6, 0.4), emits=True)
+        Body(
+            lambda _t, x=x, y=y: placed(x, y, 0.0), glow(10.0 ** (k % 3 + (k % 3 == 2))), extent=(0.6, 0.4), emits=True
+        )
         for k, (x, y) in enumerate(places)
     ]
     return Family("Discs smaller than a pixel of radiance 1, 10 and 1000", [WALL, *discs], [SUN])
@@ -364,7 +370,7 @@ def _ndc(size: tuple[int, int], at: Array) -> Array:
 
 
 def _pixels(size: tuple[int, int], at: Array) -> Array:
-    return (at + [1, -1]) / [2, -2] * np.array(size)
+    return (at + np.array([1, -1])) / [2, -2] * np.array(size)
 
 
 def _directions(pose: Pose, size: tuple[int, int], at: Array) -> Array:
