@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cltaa.commands.options import FILE_PATH, SIZE
-from cltaa.errors import UsageError, known
 from cltaa.frame import Camera, Frame
 from cltaa.io.atomic import make_folder
 from cltaa.io.exr_write import write_frame, write_image
@@ -34,12 +33,17 @@ def turn(axis: tuple[float, float, float], angle: float) -> Array:
     """The rotation [3, 3] about ``axis`` by ``angle`` radians (Rodrigues)."""
     x, y, z = np.array(axis) / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross))
 
 
 def placed(x: float, y: float, z: float, rotation: Array | None = None) -> Pose:
     """A pose at that place."""
     return (np.eye(3) if rotation is None else rotation), np.array([x, y, z])
+
+
+def stands(x: float, y: float, z: float) -> Callable[[float], Pose]:
+    """The pose of what does not move."""
+    return lambda _t: placed(x, y, z)
 
 
 @dataclass(frozen=True)
@@ -103,7 +107,7 @@ def stripes(scale: float, speed: float = 0.0) -> Texture:
 
 FLOOR_CHECKS = checks(1.3, (0.75, 0.7, 0.6), (0.22, 0.24, 0.3))
 FLOOR = Body(lambda _t: placed(0, 0, 0, turn((1, 0, 0), -np.pi / 2)), FLOOR_CHECKS)
-WALL = Body(lambda _t: placed(0, 0, -6), checks(0.9, (0.6, 0.35, 0.3), (0.3, 0.45, 0.5)))
+WALL = Body(stands(0, 0, -6), checks(0.9, (0.6, 0.35, 0.3), (0.3, 0.45, 0.5)))
 SUN = Lamp(lambda _t: np.array([0.5, 0.8, 0.45]), (0.9, 0.85, 0.75))
 
 
@@ -137,14 +141,14 @@ def _lights(seed: int) -> Family:
 
         return Lamp(at, colour, sun=False)
 
-    balls = [_ball(lambda _t, x=x: placed(x, 0.7, -1.0), 0.7, seed + k, 0.6) for k, x in enumerate((-2.0, 0.0, 2.0))]
+    balls = [_ball(stands(x, 0.7, -1.0), 0.7, seed + k, 0.6) for k, x in enumerate((-2.0, 0.0, 2.0))]
     lamps = [lamp(0, (2.4, 1.2, 0.8)), lamp(1, (0.6, 1.8, 2.2)), lamp(2, (1.6, 0.5, 1.9))]
     return Family("Three lamps of their own colours circle over still balls", [FLOOR, WALL, *balls], lamps, ambient=0.1)
 
 
 def _fog(seed: int) -> Family:
     phase = np.random.default_rng(seed).uniform(0, 6.28)
-    balls = [_ball(lambda _t, x=x: placed(x, 0.8, -2 * abs(x)), 0.8, seed + k) for k, x in enumerate((-1.8, 0.2, 2.1))]
+    balls = [_ball(stands(x, 0.8, -2 * abs(x)), 0.8, seed + k) for k, x in enumerate((-1.8, 0.2, 2.1))]
     return Family(
         "A camera walks into fog that thickens and clears",
         [FLOOR, WALL, *balls],
@@ -158,7 +162,7 @@ def _grain(seed: int) -> Family:
     still = _rolling(seed)
     return Family(
         "A slow pan on film with grain",
-        [FLOOR, WALL, *[_ball(lambda _t, x=x: placed(x, 0.8, 0.0), 0.8, seed + k) for k, x in enumerate((-1.5, 1.2))]],
+        [FLOOR, WALL, *[_ball(stands(x, 0.8, 0.0), 0.8, seed + k) for k, x in enumerate((-1.5, 1.2))]],
         still.lamps,
         eye=lambda t: placed(0.0, 1.5, 5.0, turn((0, 1, 0), 0.004 * t) @ turn((1, 0, 0), -0.15)),
         grain=0.08,
@@ -196,10 +200,8 @@ def _shadows(seed: int) -> Family:
 def _screen(seed: int) -> Family:
     at = np.random.default_rng(seed).uniform(0, 6.28)
     pixel = 2 * FIELD * 5.0 / 90  # one pixel of 90 rows at the screen's distance
-    first = Body(lambda _t: placed(-1.3, 1.6, 0.0), stripes(9.0, pixel), extent=(1.1, 0.8), emits=True)
-    second = Body(
-        lambda _t: placed(1.4, 1.6, 0.0), stripes(5.0 + 0.1 * at, -0.6 * pixel), extent=(1.0, 0.8), emits=True
-    )
+    first = Body(stands(-1.3, 1.6, 0.0), stripes(9.0, pixel), extent=(1.1, 0.8), emits=True)
+    second = Body(stands(1.4, 1.6, 0.0), stripes(5.0 + 0.1 * at, -0.6 * pixel), extent=(1.0, 0.8), emits=True)
     return Family("Two screens show text that scrolls, which no vector tells of", [FLOOR, WALL, first, second], [SUN])
 
 
@@ -212,10 +214,10 @@ def _water(seed: int) -> Family:
             for a, b, c, d in zip((3, -2, 5, 1), (2, 4, -3, 6), (0.3, 0.2, 0.4, 0.25), phase, strict=True)
         )
         shine = 0.25 + 0.2 * np.tanh(1.5 * bend) + 2.0 * np.exp(-8 * (bend - 2.2) ** 2)
-        return shine[:, None] * np.array([0.55, 0.8, 1.0])
+        return np.asarray(shine[:, None] * np.array([0.55, 0.8, 1.0]))
 
     pool = Body(FLOOR.pose, surface, emits=True)
-    ball = _ball(lambda _t: placed(0.3, 0.9, 0.5), 0.6, seed)
+    ball = _ball(stands(0.3, 0.9, 0.5), 0.6, seed)
     return Family("Waves glitter on water around a ball, which no vector tells of", [pool, WALL, ball], [SUN])
 
 
@@ -223,7 +225,7 @@ def _cut(seed: int) -> Family:
     views = [placed(0, 1.5, 5, turn((1, 0, 0), -0.15)), placed(3, 2.5, 3, turn((0, 1, 0), 0.7)), placed(-2, 1, 2)]
     return Family(
         "Three cameras, cut from one to the next, and nobody says so",
-        [FLOOR, WALL, *[_ball(lambda _t, x=x: placed(x, 0.8, -1.0), 0.8, seed + k) for k, x in enumerate((-1.5, 1.2))]],
+        [FLOOR, WALL, *[_ball(stands(x, 0.8, -1.0), 0.8, seed + k) for k, x in enumerate((-1.5, 1.2))]],
         [SUN],
         eye=lambda t: views[int(t // 12) % len(views)],
     )
@@ -239,9 +241,7 @@ def _discs(seed: int) -> Family:
         return lambda p, _t: np.where((p**2).sum(-1, keepdims=True) < 0.03**2, radiance, 0.02) * np.ones(3)
 
     discs = [
-        Body(
-            lambda _t, x=x, y=y: placed(x, y, 0.0), glow(10.0 ** (k % 3 + (k % 3 == 2))), extent=(0.6, 0.4), emits=True
-        )
+        Body(stands(x, y, 0.0), glow(10.0 ** (k % 3 + (k % 3 == 2))), extent=(0.6, 0.4), emits=True)
         for k, (x, y) in enumerate(places)
     ]
     return Family("Discs smaller than a pixel of radiance 1, 10 and 1000", [WALL, *discs], [SUN])
@@ -308,7 +308,9 @@ def cast(family: Family, t: float, origin: Array, direction: Array) -> Hit:
 def _shadowed(family: Family, t: float, origin: Array, way: Array, length: float) -> NDArray[np.bool_]:
     """Whether a ball stands between ``origin`` and ``length`` times ``way``."""
     balls = [body for body in family.bodies if body.radius]
-    return np.any([_reach(ball, ball.pose(t), origin, way) < length for ball in balls] or [np.zeros(len(way), bool)], 0)
+    return np.asarray(
+        np.any([_reach(ball, ball.pose(t), origin, way) < length for ball in balls] or [np.zeros(len(way), bool)], 0)
+    )
 
 
 def shade(family: Family, t: float, hit: Hit, direction: Array, rng: np.random.Generator) -> Array:
@@ -350,7 +352,7 @@ def shade(family: Family, t: float, hit: Hit, direction: Array, rng: np.random.G
     if thick:
         clear = np.exp(-thick * np.where(np.isfinite(hit.depth), hit.depth, 60.0))[:, None]
         colour = clear * colour + (1 - clear) * np.array([0.62, 0.66, 0.7])
-    return colour
+    return np.asarray(colour)
 
 
 def camera_of(pose: Pose, aspect: float) -> Camera:
@@ -366,11 +368,11 @@ def camera_of(pose: Pose, aspect: float) -> Camera:
 
 def _ndc(size: tuple[int, int], at: Array) -> Array:
     """Normalised device coordinates [N, 2], y up, of pixel places [N, 2], y down."""
-    return at / np.array(size) * [2, -2] + [-1, 1]
+    return np.asarray(at / np.array(size) * [2, -2] + [-1, 1])
 
 
 def _pixels(size: tuple[int, int], at: Array) -> Array:
-    return (at + np.array([1, -1])) / [2, -2] * np.array(size)
+    return np.asarray((at + np.array([1, -1])) / [2, -2] * np.array(size))
 
 
 def _directions(pose: Pose, size: tuple[int, int], at: Array) -> Array:
@@ -449,11 +451,11 @@ def truth_of(family: Family, index: int, size: tuple[int, int], samples: int, se
         off = (np.array(divmod(cell, side)) + rng.random((width * height, 2))) / side
         ways = _directions(pose, size, np.stack([x, y], -1) + off)
         total += shade(family, index, cast(family, index, pose[1], ways), ways, rng)
-    return (total / side**2).reshape(height, width, 3)
+    return np.asarray((total / side**2).reshape(height, width, 3))
 
 
 @click.command(short_help="Draw a scene of formulas, which declares nothing.")
-@click.argument("family")
+@click.argument("family", type=click.Choice(sorted(FAMILIES)))
 @click.option("-o", "--output", type=FILE_PATH, required=True, help="Folder of the sequence; made if need be.")
 @click.option("--frames", type=click.IntRange(1), default=48, show_default=True, help="Number of frames.")
 @click.option("--size", type=SIZE, default="320x180", show_default=True, help="Size of a frame in pixels.")
@@ -463,12 +465,10 @@ def truth_of(family: Family, index: int, size: tuple[int, int], samples: int, se
 def raycast(
     family: str, output: Path, frames: int, size: tuple[int, int], period: int, reference: int, seed: int
 ) -> None:
-    """Draw FAMILY (see below) as a jittered EXR sequence that declares no effects.
+    """Draw FAMILY as a jittered EXR sequence that declares no effects, with exact depth and motion vectors.
 
-    Depth and motion are exact.
+    What a resolve makes of it is what it makes of a stranger's frames.
     """
-    if family not in FAMILIES:
-        raise UsageError(f"unknown family {family}", cure=known(family, FAMILIES, "families"))
     scene = FAMILIES[family](seed)
     make_folder(output / "reference" if reference else output)
     with shown_progress(family) as progress:

@@ -169,7 +169,7 @@ def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
     column, row = (np.where(valid, np.floor(p), 0).astype(int) for p in (u, v))
     fx, fy = np.where(valid, u - np.floor(u), 0), np.where(valid, v - np.floor(v), 0)
 
-    def past(plane: Array, dx: int, dy: int) -> Array:
+    def past(plane: Array, dx: Any, dy: Any) -> Array:
         rows, columns = (Y + dy).astype(int) + row, (X + dx).astype(int) + column
         texels: Array = plane[np.clip(rows, 0, HEIGHT - 1), np.clip(columns, 0, WIDTH - 1)]
         return texels
@@ -186,15 +186,15 @@ def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
     n = count
     change = np.zeros_like(q)
     if case.tests:
-        right, down = (np.where(f >= 0.5, 1, 0) for f in (fx, fy))
+        across, below = (np.where(f >= 0.5, 1, 0) for f in (fx, fy))
         now, differences = around(to_ycocg(colour)), []
         for (dy, dx), own in now.items():
-            differences.append(own - to_ycocg(past(left.colour, right + dx, down + dy)))
+            differences.append(own - to_ycocg(past(left.colour, across + dx, below + dy)))
         mean, deviation = np.mean(differences, 0), np.std(differences, 0)
         level = np.mean([np.abs(own[..., 0]) for own in now.values()], 0)
         t = mean / (deviation / 3 + LIGHT_FLOOR * level[..., None])
         signed = np.where(t[..., 0] < 0, -1, 1) * np.abs(t).max(-1)
-        change = signed + LIGHT_DECAY * past(left.change, right, down)
+        change = signed + LIGHT_DECAY * past(left.change, across, below)
         n = count / np.maximum(1, np.abs(change) / LIGHT_T) ** 2
     clipped = np.zeros_like(q)
     gamma = MOVING + np.maximum(0, 1 - np.maximum(np.abs(u), np.abs(v))) * (STATIC - MOVING)
