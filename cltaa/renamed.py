@@ -19,8 +19,6 @@ KEYS = {
     "history_of": "history",
     "frames_kept": "history_frames",
     "light_change": "illumination",
-    "changing_cost": "illumination_resampling_penalty",
-    "changing_gamma": "illumination_box_scale",
     "change_t": "illumination_t",
     "change_kept": "illumination_decay",
     "change_floor": "illumination_floor",

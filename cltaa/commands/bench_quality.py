@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 import click
@@ -128,7 +129,7 @@ from cltaa.printable import json_of, printable, shown
     metavar="DIR",
     help="Write a picture of each preset's worst place beside the truth, where it is worse than the default's.",
 )
-@measured_options
+@partial(measured_options, effects="all")
 @json_option
 def quality(
     scenes: tuple[str, ...],
@@ -156,7 +157,8 @@ def quality(
 
     Missing captures are drawn by cltaa capture. All presets resolve the same frames. Cells that are finished are kept
     and measured again only where sequence, preset or code changed, so that a run can be cut short and go on. Runs of
-    other scenes may share --work at the same time.
+    other scenes may share --work at the same time. No sequence declares its effects, as most files do not; with
+    --effects auto captures do.
     """
     import_judges()  # this and the next before what may take hours
     if page is not None:
@@ -167,9 +169,9 @@ def quality(
     cases = [(Case(folder.name, GIVEN, folder), 0) for folder in folders]
     if scenes or not folders:
         cases += _planned(scenes, seeds, shape, work)
-    if reading != DEFAULT_READING and not folders:
+    if msgspec.structs.replace(reading, effects="auto") != DEFAULT_READING and not folders:
         what, cure = (
-            "profile, input, camera, step, truth and effects are of frames that are there",
+            "profile, input, camera, step and truth are of frames that are there",
             "name them: --sequence",
         )
         raise UsageError(what, cure=cure)
@@ -178,7 +180,7 @@ def quality(
     judged: list[tuple[Case, dict[str, Judged]]] = []
     for number, (case, seed) in enumerate(cases, start=1):
         click.echo(f"{number} of {len(cases)}: {printable(case.key)}", err=True)
-        sequence = sequences.get(case.key) or open_case(case) or capture(case, seed, shape)
+        sequence = sequences.get(case.key) or _captured(case, seed, shape, reading.effects)
         sequences[case.key] = sequence
         cells = Cells(work / "cells" / case.key, sequence, settled, flip_every, any_code=any_code)
         judged.append((case, _judge(sequence, chosen, cells, launcher, settled, flip_every)))
@@ -207,6 +209,12 @@ def _opened(folders: tuple[Path, ...], settled: int, reading: Reading) -> dict[s
     for sequence in opened.values():
         check_judged(sequence, settled)
     return {folder.name: sequence for folder, sequence in opened.items()}
+
+
+def _captured(case: Case, seed: int, shape: Shape, effects: str) -> FrameSequence:
+    """The capture of a case, drawn if need be, with ``effects`` declared in place of what the scene declares."""
+    sequence = open_case(case) or capture(case, seed, shape)
+    return sequence if effects == "auto" else Reading(effects=effects).open(case.folder)
 
 
 def _planned(scenes: tuple[str, ...], seeds: dict[int, str], shape: Shape, work: Path) -> list[tuple[Case, int]]:

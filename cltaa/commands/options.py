@@ -281,14 +281,21 @@ verify_option = click.option(
 device_option = click.option(
     "--device", metavar="NAME", help="OpenCL device: its index or a part of its name; see cltaa doctor."
 )
-effects_option = click.option(
-    "--effects",
-    type=EFFECT_LIST,
-    metavar="LIST",
-    default="auto",
-    show_default=True,
-    help="auto (as declared), all, or a comma-separated list.",
-)
+
+
+def effects_option_of(default: str) -> Callable[[Command], Command]:
+    """``--effects`` with that default."""
+    return click.option(
+        "--effects",
+        type=EFFECT_LIST,
+        metavar="LIST",
+        default=default,
+        show_default=True,
+        help="auto (as declared), all (as if nothing was declared), or a comma-separated list.",
+    )
+
+
+effects_option = effects_option_of("auto")
 step_option = click.option(
     "--step",
     type=click.IntRange(min=1),
@@ -332,7 +339,7 @@ def input_options(command: Command) -> Command:
     return command
 
 
-def reading_options(command: Command) -> Command:
+def reading_options(command: Command, effects: str = "auto") -> Command:
     """Add ``--effects`` and ``input_options``, all as one argument ``reading``, to what measures."""
 
     @wraps(command)
@@ -344,10 +351,10 @@ def reading_options(command: Command) -> Command:
         told = {name: others.pop(name) for name in ("profile", "assignments", "effects", "step")}
         return command(reading=Reading(**told, **files), **others)
 
-    return input_options(effects_option(read))
+    return input_options(effects_option_of(effects)(read))
 
 
-def measured_options(command: Command) -> Command:
+def measured_options(command: Command, effects: str = "auto") -> Command:
     """Add ``--truth`` and ``reading_options``, all as one argument ``reading``, to what judges by a truth."""
     truth = click.option(
         "--truth",
@@ -355,7 +362,7 @@ def measured_options(command: Command) -> Command:
         metavar="DIR",
         help="Where the truth is, as B of cltaa compare.  [default: reference/ of each sequence]",
     )
-    return reading_options(truth(command))
+    return reading_options(truth(command), effects)
 
 
 def open_each(folders: Iterable[Path], reading: Reading) -> dict[Path, FrameSequence]:

@@ -117,16 +117,9 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
     sample_limit: Annotated[
         float, _number("most samples that the history counts for", 1.0, 2.0**20, "samples", "measured")
     ] = 24.0
-    illumination_resampling_penalty: Annotated[
-        float, _number("resampling_penalty, where light is declared to change", 0.0, 16.0, "1", "measured")
-    ] = 0.0
-    illumination_box_scale: Annotated[
-        float,
-        _number("box_scale_static, where an illumination change is tested for", 0.0, 64.0, "the same", "measured"),
-    ] = 1.0
     illumination_t: Annotated[
         float, _number("Student's t of the 3x3 from which light that goes on has changed", 0.125, 1e6, "1", "measured")
-    ] = 2.3
+    ] = 2.6
     illumination_decay: Annotated[
         float, _number("share of such a t that is added to that of the next frame", 0.0, 1.0, "1", "measured")
     ] = 0.72
@@ -176,8 +169,6 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, cache_hash=True, forbi
 # What the host alone looks at: it does not reach the kernels' struct.
 HOST_SETTINGS = frozenset(
     {
-        "illumination_resampling_penalty",
-        "illumination_box_scale",
         "filter_falloff",
         "history_frames",
         "look_ahead",
@@ -322,7 +313,8 @@ class Illumination(Choice):
     """What becomes of history whose light has changed since."""
 
     STATIC = "static", "its box alone tells"
-    TEST = "test", "the more the 3x3 of now differs from that of the history all one way, the less it counts"
+    TEST = "test", "the more the 3x3 of now differs from that of the history all one way, the less it counts; of "
+    "gathered samples: window"
     WINDOW = "window", "the temporal window that agrees with the latest samples; without gathered samples: test"
 
 

@@ -29,7 +29,7 @@ from cltaa.core.parameters import (
     Weighting,
 )
 from cltaa.core.presets import Preset
-from cltaa.frame import Camera, Effect, Frame
+from cltaa.frame import Camera, Effect, Frame, format_effects
 
 
 class Reason(NamedTuple):
@@ -48,6 +48,8 @@ LIGHT = "illumination change"
 CHANGING = frozenset(
     {Effect.CAMERA, Effect.MOTION, Effect.DISOCCLUSION, Effect.ILLUMINATION, Effect.REACTIVE, Effect.EXPOSURE}
 )
+# Those that make history wrong of a surface that depth takes for the same.
+CHANGING_LIGHT = frozenset({Effect.ILLUMINATION, Effect.MOTION, Effect.REACTIVE, Effect.THIN})
 
 
 def estimate(
@@ -55,20 +57,19 @@ def estimate(
 ) -> tuple[Choices, Settings, list[Reason]]:
     """The choices of ``preset`` and ``settings`` as the declared effects ask for, with a reason for each decision."""
     choices, reasons = preset.choices, []
-    if choices.history is HistoryKind.FRAMES:
-        choices, reason = _gathered(choices, declared)
-        reasons.append(reason)
     # A published resolve does what it does whether the scene calls for it or not.
     free = not preset.published
     still = nothing_changes(declared)
     if free and still:
         choices, settings = plain_mean(choices, settings)
-    elif free and _illumination_may_change(declared):
-        settings = for_changing_illumination(choices, settings, declared)
     choices, reason = _testing_illumination(preset, choices, declared)
     reasons.append(reason)
+    if choices.illumination is Illumination.STATIC and _illumination_may_change(declared) and free:
+        settings = with_narrow_box(settings)
+    if preset.choices.history is HistoryKind.FRAMES:
+        reasons.append(_gathered(choices, still=still))
     rectified = choices.rectify is not Rectify.NONE
-    reasons.append(Reason(RECTIFICATION, rectified, _why_rectified(preset, rectified, free and still)))
+    reasons.append(Reason(RECTIFICATION, rectified, _why_rectified(preset, rectified)))
     choices, reason = _rejecting(preset, choices, declared)
     reasons.append(reason)
     if free and declared is not None and Effect.HDR not in declared:
@@ -99,29 +100,21 @@ def plain_mean(choices: Choices, settings: Settings) -> tuple[Choices, Settings]
     return choices, msgspec.structs.replace(settings, sample_limit=2.0**20)
 
 
-def for_changing_illumination(choices: Choices, settings: Settings, declared: frozenset[Effect] | None) -> Settings:
-    """Light that changes without motion: where a change is declared and tested for, the test tells of what stands, and
-    the box there may be wide; else the box alone tells, and is no wider than the 3x3."""
-    tested = declared is not None and choices.illumination is not Illumination.STATIC
-    still = (
-        max(settings.box_scale_static, settings.illumination_box_scale)
-        if tested
-        else min(settings.box_scale_static, 1.0)
+def with_narrow_box(settings: Settings) -> Settings:
+    """Light may change and nothing tests for it: the box alone tells, and is no wider than the 3x3."""
+    return msgspec.structs.replace(
+        settings,
+        box_scale_static=min(settings.box_scale_static, 1.0),
+        box_scale_moving=min(settings.box_scale_moving, 1.0),
     )
-    changed = {"box_scale_static": still, "box_scale_moving": min(settings.box_scale_moving, 1.0)}
-    if declared is not None:
-        changed["resampling_penalty"] = max(settings.resampling_penalty, settings.illumination_resampling_penalty)
-    return msgspec.structs.replace(settings, **changed)
 
 
-def _why_rectified(preset: Preset, rectified: bool, still: bool) -> str:
+def _why_rectified(preset: Preset, rectified: bool) -> str:
     if rectified:
         return "as published" if preset.published else "something may make history wrong"
     if preset.choices.rectify is Rectify.NONE:
         return "the preset says rectify = none"
-    return (
-        "declared still: plain mean of all samples" if still else "samples in the ring are chosen, not moved into a box"
-    )
+    return "declared still: plain mean of all samples"
 
 
 def _illumination_may_change(declared: frozenset[Effect] | None) -> bool:
@@ -131,30 +124,31 @@ def _illumination_may_change(declared: frozenset[Effect] | None) -> bool:
 def _testing_illumination(
     preset: Preset, choices: Choices, declared: frozenset[Effect] | None
 ) -> tuple[Choices, Reason]:
-    """Where no illumination change is declared there is none to test for."""
+    """Light changes, what moves turns in the light, and depth misses what is thinner than a pixel: history is wrong.
+
+    Where, as declared, a camera moves past what is solid there is none of it to test for.
+    """
     if why := declined(preset, "illumination", Illumination.TEST, Illumination.WINDOW):
         return choices, Reason(LIGHT, False, why)
+    if choices.history is HistoryKind.FRAMES:  # which windows test in their own way
+        choices = msgspec.structs.replace(choices, illumination=Illumination.WINDOW)
     if preset.published:
         return choices, Reason(LIGHT, True, "as published")
-    if declared is not None and _illumination_may_change(declared):
-        return choices, Reason(LIGHT, True, "effect illumination or reactive is declared")
-    why = "neither effect illumination nor reactive is declared"
+    if declared is None:
+        return choices, Reason(LIGHT, True, declared_or_not(Effect.ILLUMINATION, declared))
+    if found := declared & CHANGING_LIGHT:
+        return choices, Reason(LIGHT, True, f"declared: {format_effects(found)}")
+    why = "none of illumination, motion, reactive and thin is declared"
     return msgspec.structs.replace(choices, illumination=Illumination.STATIC), Reason(LIGHT, False, why)
 
 
-def _gathered(choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choices, Reason]:
-    """What gathering samples asks of a sequence: old samples say nothing of light that has changed since, so that
-    several temporal windows have to be told apart, or the resolved image has to do, which forgets faster."""
-    if declared is None:
-        return choices, Reason(GATHERING, True, "the sequence declares no effects: the past is held in its box")
-    if _illumination_may_change(declared) and choices.illumination is not Illumination.WINDOW:
-        why = "light changes without motion: the resolved image forgets faster than samples do"
-        return msgspec.structs.replace(choices, history=HistoryKind.ACCUMULATED), Reason(GATHERING, False, why)
-    if _illumination_may_change(declared):
-        why = "light changes without motion: each pixel from the temporal window that agrees with its latest samples"
-        return msgspec.structs.replace(choices, rectify=Rectify.NONE), Reason(GATHERING, True, why)
-    why = "no illumination change is declared: samples of the same surface stand"
-    return msgspec.structs.replace(choices, rectify=Rectify.NONE), Reason(GATHERING, True, why)
+def _gathered(choices: Choices, *, still: bool) -> Reason:
+    """Why samples are gathered, or not."""
+    if still:
+        return Reason(GATHERING, False, "declared still: plain mean of all samples")
+    if choices.illumination is Illumination.WINDOW:
+        return Reason(GATHERING, True, "each pixel from the temporal window that agrees with its latest samples")
+    return Reason(GATHERING, True, "light stands: all samples of the same surface count")
 
 
 def _rejecting(preset: Preset, choices: Choices, declared: frozenset[Effect] | None) -> tuple[Choices, Reason]:
@@ -207,6 +201,7 @@ CHOICE_OF_STEP: dict[str, tuple[str, StrEnum, StrEnum]] = {
     GATHERING: ("history", HistoryKind.ACCUMULATED, HistoryKind.FRAMES),
     LIGHT: ("illumination", Illumination.STATIC, Illumination.TEST),
     WEIGHTS: ("weighting", Weighting.NONE, Weighting.LUMINANCE),
+    RECTIFICATION: ("rectify", Rectify.NONE, Rectify.CLAMP),
 }
 
 
@@ -234,10 +229,6 @@ def plan_frame(preset: Preset, frame: Frame, previous: Camera | None, *, every: 
 def toggled(plan: Plan, preset: Preset, step: str) -> Plan:
     """``plan`` with one of the steps that its reasons name turned on where it is off, and off where it is on."""
     on = next(reason.on for reason in plan.reasons if reason.step == step)
-    if step == RECTIFICATION:
-        whole = msgspec.structs.replace(preset.choices, weighting=plan.choices.weighting), preset.settings
-        choices, settings = plain_mean(plan.choices, plan.settings) if on else whole
-        return plan._replace(choices=choices, settings=settings)
     if step in CHOICE_OF_STEP:
         field, off, runs = CHOICE_OF_STEP[step]
         if (own := getattr(preset.choices, field)) is not off:

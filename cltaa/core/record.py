@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from math import exp
 from typing import NamedTuple
 
-import msgspec
 import numpy as np
 
 from cltaa.camera import displacement_rows, is_still, sky_inverse_depth
 from cltaa.core.build import FRAME_DTYPE, Record
-from cltaa.core.parameters import Choices, CurrentFilter, FilterUse, OnCameraMove, RayThrough, Settings
+from cltaa.core.parameters import Choices, CurrentFilter, OnCameraMove, RayThrough, Settings
 from cltaa.core.plan import Plan
 from cltaa.core.planes import Layout
 from cltaa.frame import Camera, Frame
@@ -86,11 +85,7 @@ def frame_record(frame: Frame, previous: Past | None, layout: Layout, plan: Plan
     ratio = 1.0 if previous is None else frame.exposure / previous.exposure
     weights: tuple[float, ...] = (0.0,) * 4
     if plan is not None:
-        choices = plan.choices
-        if previous is None and not frame.cut and choices.filter_use is FilterUse.FEW:
-            # A first frame is what was drawn, to the bit. After a cut it is one of a film, and as aliased as that.
-            choices = msgspec.structs.replace(choices, current_filter=CurrentFilter.NONE)
-        weights = (*axis_weights(across, choices, plan.settings), *axis_weights(down, choices, plan.settings))
+        weights = (*axis_weights(across, plan.choices, plan.settings), *axis_weights(down, plan.choices, plan.settings))
     # In the order of FRAME_FIELDS, and by one call: a frame waits for this, and a name for each costs a third of it.
     values = (
         layout.width,

@@ -96,9 +96,9 @@ def illumination_test(
     """``held`` [H, W] samples of a history, divided by how much light changes.
 
     The change is Student's t of the channel that changed most, negative where luminance falls, and
-    ``illumination_decay`` of the change that the frame before left; its size over ``illumination_t`` divides, where it
-    is more than 1. ``current`` [3, rows, stride], ``history`` [3 or 4, rows, stride] and ``history_change`` [rows,
-    stride], which that frame left, are padded planes.
+    ``illumination_decay`` of the change that the frame before left; the square of its size over ``illumination_t``
+    divides, where it is more than 1. ``current`` [3, rows, stride], ``history`` [3 or 4, rows, stride] and
+    ``history_change`` [rows, stride], which that frame left, are padded planes.
     """
     real: Any = f.fx.dtype
     colour = repaired_planes(current, layout).astype(real)
@@ -132,4 +132,4 @@ def illumination_test(
     before = history_change[row, column].astype(real)
     change = np.where(ta < number(0.0, level), -t, t) + number(settings["illumination_decay"], level) * before
     by = greater(np.abs(change) / number(settings["illumination_t"], level), number(1.0, level))
-    return IlluminationResult(held / by, stored_change(change))
+    return IlluminationResult(held / (by * by), stored_change(change))

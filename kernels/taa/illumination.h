@@ -224,8 +224,9 @@ typedef struct
 } lit_t;
 
 // The `held` samples of a history, divided by how much light changes. The change: Student's t of the channel that
-// changed most, with the sign of the first one, luminance, and illumination_decay of what the frame before left. Its
-// size over illumination_t divides, where that is more than 1. The jitter moves all nine differences one way in one
+// changed most, with the sign of the first one, luminance, and illumination_decay of what the frame before left. The
+// square of its size over illumination_t divides, where that is more than 1: an error of one standard error is worth
+// what one sample is, and one of k as little as k^2 samples fewer. The jitter moves all nine differences one way in one
 // frame and another way in the next, light that changes goes on: so what the jitter does stays small in the sum. `next`
 // is the row below the pixel's.
 STAGE lit_t illumination_test(real held, plane_in current, boxed_row next, history_in history, plane_in count,
@@ -249,5 +250,5 @@ STAGE lit_t illumination_test(real held, plane_in current, boxed_row next, histo
     const real before = nearest_change(count + history_plane_size(frame), n, row_stride(frame));
     const real change = (ta < SPLAT(0.0) ? -t : t) + K(settings.illumination_decay) * before;
     const real by = greater(quotient(absolute(change), SPLAT(settings.illumination_t)), SPLAT(1.0));
-    return (lit_t) { quotient(held, by), stored_change(change) };
+    return (lit_t) { quotient(held, by * by), stored_change(change) };
 }

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cltaa.core.parameters import HistoryKind, Rectify
+from cltaa.core.parameters import HistoryKind, Illumination
 from cltaa.core.plan import plan_frame
 from cltaa.core.presets import Preset, load_preset, override
 from cltaa.core.resolver import Resolver
@@ -115,18 +115,17 @@ def test_a_cut_forgets_all_samples() -> None:
 @pytest.mark.parametrize(
     ("effects", "expected"),
     [
-        (None, (HistoryKind.FRAMES, Rectify.CLAMP)),
-        ({Effect.CAMERA}, (HistoryKind.FRAMES, Rectify.NONE)),
-        ({Effect.MOTION, Effect.DISOCCLUSION}, (HistoryKind.FRAMES, Rectify.NONE)),
-        ({Effect.CAMERA, Effect.ILLUMINATION}, (HistoryKind.ACCUMULATED, Rectify.CLAMP)),
-        ({Effect.REACTIVE}, (HistoryKind.ACCUMULATED, Rectify.CLAMP)),
-        (set(), (HistoryKind.ACCUMULATED, Rectify.NONE)),
+        (None, (HistoryKind.FRAMES, Illumination.WINDOW)),
+        ({Effect.CAMERA}, (HistoryKind.FRAMES, Illumination.STATIC)),
+        ({Effect.MOTION, Effect.DISOCCLUSION}, (HistoryKind.FRAMES, Illumination.WINDOW)),
+        ({Effect.REACTIVE}, (HistoryKind.FRAMES, Illumination.WINDOW)),
+        (set(), (HistoryKind.ACCUMULATED, Illumination.STATIC)),
     ],
 )
-def test_samples_are_gathered_where_no_light_changes(effects: set[Effect] | None, expected: tuple[Any, Any]) -> None:
+def test_samples_are_gathered_where_something_changes(effects: set[Effect] | None, expected: tuple[Any, Any]) -> None:
     frame = still(1, None if effects is None else frozenset(effects))
     plan = plan_frame(gathering(), frame, frame.camera)
-    assert (plan.choices.history, plan.choices.rectify) == expected
+    assert (plan.choices.history, plan.choices.illumination) == expected
     assert ("gathering" in {reason.step for reason in plan.reasons}) is True
 
 
@@ -134,7 +133,7 @@ def test_a_thin_thing_that_speeds_up_leaves_no_trace() -> None:
     # The pixels beside the bar follow its motion; they must follow the bar itself, wherever it was, and not their own
     # old samples, which lie on the wall and tell no motion.
     places = [4, 5, 7, 10, 14, 19, 25]
-    resolver = Resolver(gathering(weighting="none"))
+    resolver = Resolver(gathering(weighting="none", illumination="static"))
     for index, x in enumerate(places):
         frame = make_frame(
             index, motion=True, camera=make_camera(), effects=frozenset({Effect.MOTION, Effect.DISOCCLUSION})

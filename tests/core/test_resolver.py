@@ -18,8 +18,9 @@ UNIT_ROUNDOFF = 2.0**-24
 
 
 @pytest.mark.parametrize("blur", [0.0, 1.0])  # of what appears amid pixels with a past
-def test_first_frame_is_the_current_one(blur: float) -> None:
-    frame, preset = still_frame(0), override(load_preset(), {"disocclusion_blur": blur})
+def test_without_a_filter_a_first_frame_is_what_was_drawn(blur: float) -> None:
+    frame = still_frame(0)
+    preset = override(load_preset(), {"disocclusion_blur": blur, "current_filter": "none"})
     assert np.array_equal(bits(Resolver(preset).resolve(frame)), bits(frame.colour))
 
 
@@ -46,8 +47,7 @@ def test_constant_image_keeps_its_bits(effects: frozenset[Effect] | None) -> Non
 
 @pytest.mark.parametrize("change", ["cut", "gap", "reset", "size", "lens"])
 def test_history_starts_anew(change: str) -> None:
-    # After a cut the default filters what was drawn; without its filter that is the frame itself, as for the others.
-    resolver = Resolver(override(load_preset(), {"current_filter": "none"}) if change == "cut" else "default")
+    resolver = Resolver(override(load_preset(), {"current_filter": "none"}))
     for index in range(3):
         resolver.resolve(still_frame(index))
     frame = still_frame(3, cut=True) if change == "cut" else still_frame(9 if change == "gap" else 3)

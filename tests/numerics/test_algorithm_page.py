@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 import cltaa
 from cltaa.core.parameters import Choices, Settings
+from cltaa.core.presets import override
 
 PAGE = Path(__file__).parents[2] / "docs" / "algorithm.md"
 LINKED = re.compile(r"\[`[^`]+`\]\(([^)#]+)\)")
@@ -25,27 +26,30 @@ HEIGHT, WIDTH, FRAMES = 24, 40, 6
 # Colours up to 2.4. The oracle computes in float32 and carries its own roundings through six frames: worst seen 5.8e-7.
 TOLERANCE = 1e-6
 KNEE, FALLOFF, FILTER_SAMPLES, SAMPLE_LIMIT = 4.0, 1.5, 8.0, 24.0
+LIGHT_T, LIGHT_DECAY, LIGHT_FLOOR, MOST_CHANGE = 2.6, 0.72, 0.03, 8.0
 EDGE, DEPTH, CLIP_PENALTY, RESAMPLING_PENALTY, BOX_FLOOR = 0.03, 0.05, 0.5, 1.0, 2.0**-10
 AROUND = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1)]
 Y, X = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
 
 
 class Case(NamedTuple):
-    """What is declared, and what the page's table says of it."""
+    """What is declared, what the page's tables say of it, and what is set beside the default."""
 
     effects: frozenset[cltaa.Effect] | None
-    static: float
-    moving: float
-    rejects: bool
+    tests: bool  # light and depth
     weighs: bool
     reactive: bool = False
+    boxed: bool = False  # rectified as step 8 says
 
 
 CASES = {
-    "nothing-declared": Case(None, 1.0, 1.0, rejects=True, weighs=True),
-    "nothing-declared-reactive": Case(None, 1.0, 1.0, rejects=True, weighs=True, reactive=True),
-    "camera-declared": Case(frozenset({cltaa.Effect.CAMERA}), 1.5, 1.25, rejects=False, weighs=False),
+    "nothing-declared": Case(None, tests=True, weighs=True),
+    "nothing-declared-reactive": Case(None, tests=True, weighs=True, reactive=True),
+    "camera-declared": Case(frozenset({cltaa.Effect.CAMERA}), tests=False, weighs=False),
+    "rectified": Case(frozenset({cltaa.Effect.CAMERA}), tests=False, weighs=False, boxed=True),
 }
+STATIC, MOVING = 1.5, 1.25
+BOXED = {"rectify": "clamp", "clip_penalty": CLIP_PENALTY, "box_scale_static": STATIC, "box_scale_moving": MOVING}
 
 
 class Left(NamedTuple):
@@ -53,6 +57,7 @@ class Left(NamedTuple):
 
     colour: Array
     samples: Array
+    change: Array
     inverse_depth: Array
     camera: cltaa.Camera
 
@@ -145,6 +150,15 @@ def filtered(colour: Array, jitter: tuple[float, float]) -> Array:
     return total
 
 
+def begun(frame: cltaa.Frame, case: Case) -> Array:
+    """Step 9 without history."""
+    colour = repaired(frame)
+    soft = filtered(colour, frame.jitter_px)
+    share = (KNEE / (KNEE + to_ycocg(soft)[..., :1])) ** 2 if case.weighs else 1.0
+    started: Array = colour + share * (soft - colour)
+    return started
+
+
 def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
     """One frame by the ten steps of the page."""
     colour, q = repaired(frame), 1 / frame.depth.astype(np.float64)
@@ -155,12 +169,12 @@ def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
     column, row = (np.where(valid, np.floor(p), 0).astype(int) for p in (u, v))
     fx, fy = np.where(valid, u - np.floor(u), 0), np.where(valid, v - np.floor(v), 0)
 
-    def past(plane: Array, dx: int, dy: int) -> Array:
+    def past(plane: Array, dx: Any, dy: Any) -> Array:
         rows, columns = (Y + dy).astype(int) + row, (X + dx).astype(int) + column
         texels: Array = plane[np.clip(rows, 0, HEIGHT - 1), np.clip(columns, 0, WIDTH - 1)]
         return texels
 
-    if case.rejects:
+    if case.tests:
         slack = DEPTH * np.maximum(np.abs(near * scale), np.abs(far * scale))
         four = [past(left.inverse_depth, dx, dy) for dx in (0, 1) for dy in (0, 1)]
         valid &= np.any([(t >= far * scale - slack) & (t <= near * scale + slack) for t in four], 0)
@@ -169,16 +183,31 @@ def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
     linear = ((wx * wy, dx, dy) for dx, wx in ((0, 1 - fx), (1, fx)) for dy, wy in ((0, 1 - fy), (1, fy)))
     count = sum((w * past(left.samples, dx, dy) for w, dx, dy in linear), np.zeros_like(q))
 
-    gamma = case.moving + np.maximum(0, 1 - np.maximum(np.abs(u), np.abs(v))) * (case.static - case.moving)
+    n = count
+    change = np.zeros_like(q)
+    if case.tests:
+        across, below = (np.where(f >= 0.5, 1, 0) for f in (fx, fy))
+        now, differences = around(to_ycocg(colour)), []
+        for (dy, dx), own in now.items():
+            differences.append(own - to_ycocg(past(left.colour, across + dx, below + dy)))
+        mean, deviation = np.mean(differences, 0), np.std(differences, 0)
+        level = np.mean([np.abs(own[..., 0]) for own in now.values()], 0)
+        t = mean / (deviation / 3 + LIGHT_FLOOR * level[..., None])
+        signed = np.where(t[..., 0] < 0, -1, 1) * np.abs(t).max(-1)
+        change = signed + LIGHT_DECAY * past(left.change, across, below)
+        n = count / np.maximum(1, np.abs(change) / LIGHT_T) ** 2
+    clipped = np.zeros_like(q)
+    gamma = MOVING + np.maximum(0, 1 - np.maximum(np.abs(u), np.abs(v))) * (STATIC - MOVING)
     low, high = (pick(list(box.values()), 0) for pick in (np.min, np.max))
     centre, extent = (low + high) / 2, gamma[..., None] * (high - low) / 2
-    change = np.clip(to_ycocg(history), centre - extent, centre + extent) - to_ycocg(history)
-    history = history + from_ycocg(change)
-    clipped = np.abs(change[..., 0]) / np.maximum(extent[..., 0], BOX_FLOOR * np.abs(centre[..., 0]))
+    if case.boxed:
+        moved = np.clip(to_ycocg(history), centre - extent, centre + extent) - to_ycocg(history)
+        history = history + from_ycocg(moved)
+        clipped = np.abs(moved[..., 0]) / np.maximum(extent[..., 0], BOX_FLOOR * np.abs(centre[..., 0]))
 
     reactivity = np.zeros_like(q) if frame.reactive is None else frame.reactive.astype(np.float64)
     limit = 1 / (1 / SAMPLE_LIMIT + RESAMPLING_PENALTY * (fx * (1 - fx) + fy * (1 - fy)))
-    n = np.minimum(count / (1 + CLIP_PENALTY * clipped), limit) * (1 - reactivity)
+    n = np.minimum(n / (1 + CLIP_PENALTY * clipped), limit) * (1 - reactivity)
     soft = filtered(colour, frame.jitter_px)
     share = np.where(valid, np.minimum(1 / (n + 1), FILTER_SAMPLES / (n + 1) ** 2), 1)
     if case.weighs:
@@ -191,15 +220,17 @@ def resolve(frame: cltaa.Frame, left: Left, case: Case) -> Left:
     blended = history + (now / (now + before))[..., None] * (sample - history)
     out = np.where(valid[..., None], blended, sample)
     stored = np.maximum(out, np.minimum(sample, 0))
-    return Left(stored, np.where(valid, n + 1, 1), q, frame.camera)
+    kept = np.where(valid, np.clip(change, -MOST_CHANGE, MOST_CHANGE), 0)
+    return Left(stored, np.where(valid, n + 1, 1), kept, q, frame.camera)
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 def test_the_equations_of_the_page_are_those_of_the_default(case: Case) -> None:
-    resolver = cltaa.Resolver("default", device="numpy")
+    resolver = cltaa.Resolver(override(cltaa.load_preset(), BOXED if case.boxed else {}), device="numpy")
     first, *others = frames(case)
-    assert np.array_equal(resolver.resolve(first), first.colour)
-    left = Left(repaired(first), np.ones((HEIGHT, WIDTH)), 1 / first.depth.astype(np.float64), first.camera)
+    none = np.zeros((HEIGHT, WIDTH))
+    left = Left(begun(first, case), none + 1, none, 1 / first.depth.astype(np.float64), first.camera)
+    assert np.abs(resolver.resolve(first) - left.colour).max() < TOLERANCE
     for frame in others:
         left = resolve(frame, left, case)
         assert np.abs(resolver.resolve(frame) - left.colour).max() < TOLERANCE

@@ -11,8 +11,8 @@ from msgspec.structs import asdict
 
 import cltaa
 from cltaa.cli import main
-from cltaa.core.parameters import Illumination, Rectify
-from cltaa.core.plan import CHOICE_OF_STEP, LIGHT, RECTIFICATION, STEP_NAMES, plan_frame, toggled
+from cltaa.core.parameters import Illumination
+from cltaa.core.plan import CHOICE_OF_STEP, LIGHT, STEP_NAMES, plan_frame, toggled
 from cltaa.core.presets import load_preset
 from cltaa.frame import Effect
 from cltaa.io.exr_write import write_frame
@@ -55,7 +55,7 @@ def running(plan: SequencePlan) -> list[tuple[int, int, bool, set[str]]]:
 
 def test_a_camera_that_stops_and_a_cut_make_spans(walk: Path) -> None:
     plan = cltaa.plan(cltaa.open_sequence(walk), device="numpy", rounds=0)
-    moving = {"reprojection", "reactive", "illumination change", "rectification"}
+    moving = {"reprojection", "reactive", "illumination change"}
     assert running(plan) == [(0, 2, True, moving), (3, 4, False, moving - {"reprojection"}), (5, 6, True, moving)]
     assert plan.kernels == 2
     assert all([step.name for step in section.steps] == STEPS for section in plan.sections)
@@ -85,8 +85,6 @@ def test_no_other_step_is_turned_with_one(name: str, effects: frozenset[Effect] 
         if step in CHOICE_OF_STEP:
             field, off, _ = CHOICE_OF_STEP[step]
             assert (turned, [*chosen], chosen[field] is off) == ({}, [field], on)
-        elif step == RECTIFICATION:
-            assert (turned, other.choices.rectify is Rectify.NONE) == ({}, on)
         else:
             assert chosen == {}
             assert [(STEP_NAMES[field], value) for field, value in turned.items()] == [(step, not on)]
@@ -95,9 +93,10 @@ def test_no_other_step_is_turned_with_one(name: str, effects: frozenset[Effect] 
 @pytest.mark.parametrize(
     ("preset", "on", "why"),
     [
-        ("default", True, "something may make history wrong"),
+        ("basic", True, "something may make history wrong"),
+        ("default", False, "the preset says rectify = none"),
         ("accumulate", False, "the preset says rectify = none"),
-        ("gather-48", False, "samples in the ring are chosen, not moved into a box"),
+        ("gather-48", False, "the preset says rectify = none"),
         ("karis", True, "as published"),
         ("babylon-accumulate", False, "the preset says rectify = none"),
     ],
@@ -113,7 +112,7 @@ def test_rectification_runs_where_the_kernel_has_it(walk: Path, preset: str, on:
     [
         ("accumulate", {"reproject", "rectify", "reject", "weighting", "illumination"}),
         ("fast", {"reject", "illumination"}),
-        ("default", set()),
+        ("default", {"rectify"}),
         ("vireo-source", {"reject", "weighting", "illumination", "exposure_change", "reactive_mask"}),
     ],
 )
@@ -127,10 +126,10 @@ def test_a_step_that_a_preset_does_without_is_laid_to_the_preset(walk: Path, pre
 def test_all_and_named_effects(walk: Path) -> None:
     sequence = cltaa.open_sequence(walk)
     (first, second) = cltaa.plan(sequence, device="numpy", rounds=0, effects="all").sections
-    assert all(step.on != (step.name == "illumination change") for section in (first, second) for step in section.steps)
+    assert all(step.on != (step.name == "rectification") for section in (first, second) for step in section.steps)
     assert (first.first, first.last, second.first, second.last) == (0, 4, 5, 6)
     named = cltaa.plan(sequence, device="numpy", rounds=0, effects=frozenset({Effect.CAMERA}))
-    assert running(named)[0] == (0, 2, True, {"reprojection", "rectification"})
+    assert running(named)[0] == (0, 2, True, {"reprojection"})
 
 
 def test_every_step_is_timed_on_and_off(walk: Path) -> None:
