@@ -210,8 +210,8 @@ STAGE int has_edges(layers_t l) { return GATHER_FIT == GATHER_FIT_LAYERS && any_
 #define NEARER 0
 #define FARTHER 1
 
-// The nearer or the farther surface of a pixel on its way through the frames in the ring: where it is now, where its own
-// motion has led so far, and the sums of the samples on it.
+// The nearer or the farther surface of a pixel on its way through the frames in the ring: where it is now, where its
+// own motion has led so far, and the sums of the samples on it.
 typedef struct
 {
     side_t side;

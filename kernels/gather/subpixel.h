@@ -13,9 +13,9 @@ typedef struct
     real off, inverse_depth;
 } subpixel_feature;
 
-// Of the surfaces that the 3x3 of the latest frames in the ring, and of the next ones, show in front of all that the 3x3 of now shows of `s`,
-// the one that now lies nearest to the pixel's centre, if that is within SUBPIXEL_REACH. What filled more of that 3x3
-// than a line does is not missed now but gone.
+// Of the surfaces that the 3x3 of the latest frames in the ring, and of the next ones, show in front of all that the
+// 3x3 of now shows of `s`, the one that now lies nearest to the pixel's centre, if that is within SUBPIXEL_REACH. What
+// filled more of that 3x3 than a line does is not missed now but gone.
 STAGE subpixel_feature search_subpixel_feature(mask open, surface s, plane_in ring, frame_records past, int frames,
     int x, int y, frame_t frame, settings_t settings)
 {

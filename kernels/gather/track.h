@@ -107,9 +107,9 @@ STAGE void follow(track_t* t, surface s, motion_t m, plane_in p, footprint there
 }
 
 // One step ahead, to the place in frame `then` from which the motion drawn there leads back to where the surface was.
-// That is a fixed point: no vector of a frame says where its samples go. The search begins where the surface would be if
-// it went on as before; with a step's change of d pixels a pixel it errs by d times as much after each round. A surface
-// is lost in this frame and all behind it where that place does not close, and as on a step back.
+// That is a fixed point: no vector of a frame says where its samples go. The search begins where the surface would be
+// if it went on as before; with a step's change of d pixels a pixel it errs by d times as much after each round. A
+// surface is lost in this frame and all behind it where that place does not close, and as on a step back.
 STAGE void lead(track_t* t, surface s, plane_in p, real x, real y, uint at, size_t plane, frame_t then, frame_t frame,
     settings_t settings)
 {
