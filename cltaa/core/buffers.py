@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -198,8 +199,8 @@ class FrameRing:
         return self._windows
 
     def standing(self, frame: Frame) -> int:
-        """How many of the latest frames in the ring were seen by the camera of ``frame``."""
-        told = [past for past in self._told(frame) if past.index < frame.index]
+        """How many of the nearest frames in the ring were seen by the camera of ``frame``."""
+        told = self._told(frame)
         return next((place for place, past in enumerate(told) if not is_still(frame.camera, past.camera)), len(told))
 
     def describe(self, frame: Frame, plan: Plan) -> int:
@@ -215,10 +216,11 @@ class FrameRing:
         return len(told)
 
     def _told(self, frame: Frame) -> list[Past]:
-        """The frames of the ring that ``frame`` is gathered from: the latest before it first, and then those ahead."""
+        """The frames of the ring that ``frame`` is gathered from: the nearest first, those before and ahead in turn."""
         before = [past for past in self.past if past.index < frame.index]
         later = [past for past in reversed(self.past) if past.index > frame.index]
-        return before[: self._count] + later[: self._ahead]
+        in_turn = zip_longest(before[: self._count], later[: self._ahead])
+        return [past for pair in in_turn for past in pair if past is not None]
 
     def keep(self, frame: Frame, buffers: Buffers, steps: Steps) -> None:
         """Copy what was uploaded of ``frame`` into the ring, in the place of the oldest."""

@@ -255,7 +255,7 @@ def gather_samples(
     recent: int = 0,
 ) -> Gathered:
     """``g`` and the samples of ``now`` on ``s`` in the frames in the ring [slots, planes, rows, stride] of ``past``,
-    latest first, those ahead behind them.
+    latest first, the next ones in turn with them.
 
     ``track`` is where own motion had led in the ``before`` frames before them, and is led on; samples of the first
     ``recent`` frames are summed on their own too.
@@ -269,13 +269,12 @@ def gather_samples(
     for k, then in enumerate(past):
         planes = ring[int(then["slot"])]
         ahead = int(then["ahead"]) if build.steps.look_ahead else 0
+        way = track.ahead_of(s, build) if ahead else track
         if own_motion and ahead:
-            if ahead == 1:
-                track.turn_ahead(s)
-            track.lead(followed, planes, build, layout, then, settings)
-        m, stretch = _way_back(track, s, layers, build, layout, frame, then)
-        nearest, v = _view(planes, m, on_screen(m, layout) & ~track.lost, stretch, reach, layout, then)
-        v = v._replace(recent=k < recent, stands=~track.own if own_motion and ahead else None)
+            way.lead(followed, planes, build, layout, then, settings)
+        m, stretch = _way_back(way, s, layers, build, layout, frame, then)
+        nearest, v = _view(planes, m, on_screen(m, layout) & ~way.lost, stretch, reach, layout, then)
+        v = v._replace(recent=k < recent, stands=~way.own if own_motion and ahead else None)
         for right, down in steps:
             gather_sample(g, v, right, down, now, s, layers, build, layout, settings, far_only=far_only)
         if own_motion and not ahead:

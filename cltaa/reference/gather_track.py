@@ -60,7 +60,8 @@ class Track:
     v: Array
     shift: Array
     lost: Mask
-    step: tuple[Array, Array]  # the latest one ahead
+    step: tuple[Array, Array]  # the latest one
+    ahead: Track | None = None  # the way to the frames ahead, once it has begun
 
     @classmethod
     def of(cls, s: Surface, build: Build) -> Track:
@@ -70,11 +71,13 @@ class Track:
         own = ~no_motion_vector(s.u, s.v) if build.steps.own_motion else none
         return cls(own, s.u, s.v, zero, none, (zero, zero))
 
-    def turn_ahead(self, s: Surface) -> None:
-        """Begin the way ahead, whose first step will be as long as that on which the surface came."""
-        zero = np.zeros_like(s.centre)
-        self.u = self.v = self.shift = zero
-        self.step, self.lost = (-s.u, -s.v), np.zeros(zero.shape, bool)
+    def ahead_of(self, s: Surface, build: Build) -> Track:
+        """The way ahead, whose first step will be as long as that on which the surface came."""
+        if self.ahead is None:
+            zero = np.zeros_like(s.centre)
+            self.ahead = Track.of(s, build)
+            self.ahead.u, self.ahead.v, self.ahead.step = zero, zero, (-s.u, -s.v)
+        return self.ahead
 
     def motion(self, m: Motion) -> Motion:
         """``m`` where the camera alone moves a surface, the track elsewhere."""

@@ -215,7 +215,7 @@ STAGE int has_edges(layers_t l) { return GATHER_FIT == GATHER_FIT_LAYERS && any_
 typedef struct
 {
     side_t side;
-    track_t track;
+    track_t track, ahead;
     gathered sums;
     int far; // NEARER or FARTHER
 } way_t;
@@ -223,11 +223,13 @@ typedef struct
 STAGE way_t begin_way(surface s, layers_t l, int far, pixel_t p, plane_in current, plane_in inverse_depth,
     plane_in motion, int x, int y, frame_t frame, settings_t settings)
 {
-    way_t way = { { s, l }, first_step(s), begin_layer(s, l, far, sample_share(p.own, settings), frame), far };
+    way_t way = { { s, l }, first_step(s), first_step_ahead(s),
+        begin_layer(s, l, far, sample_share(p.own, settings), frame), far };
     if (!has_edges(l))
         return way;
     way.side = side_of(s, l, far, p.own, current, inverse_depth, motion, x, y, frame, settings);
     way.track = first_step(way.side.s);
+    way.ahead = first_step_ahead(way.side.s);
     if (far)
         add_side(&way.sums, way.side, p.own, settings);
     return way;
@@ -243,7 +245,6 @@ STAGE void gather_samples(way_t* way, plane_in ring, frame_records past, int fro
 {
     const surface s = way->side.s;
     const layers_t l = way->side.l;
-    track_t* t = &way->track;
     const size_t plane = plane_size(frame);
     const uint at = texel_offset(frame, x, y);
     const real px = LANE_INDEX + K(x), py = SPLAT(y), reach = reach_of(to + 1, settings);
@@ -254,13 +255,13 @@ STAGE void gather_samples(way_t* way, plane_in ring, frame_records past, int fro
         stretch_t stretch;
         view_t v;
         v.planes = ring + (size_t)then.slot * RING_PLANES * plane;
+        track_t t = ahead ? way->ahead : way->track;
         if (OWN_MOTION & (ahead > 0)) {
-            if (ahead == 1)
-                *t = first_step_ahead(s);
-            lead(t, followed, v.planes, px, py, at, plane, then, frame, settings);
+            lead(&t, followed, v.planes, px, py, at, plane, then, frame, settings);
+            way->ahead = t;
         }
-        v.m = motion_to_frame(&stretch, *t, s, l, px, py, frame, then);
-        v.seen = on_screen(v.m, px, py, frame) & !t->lost;
+        v.m = motion_to_frame(&stretch, t, s, l, px, py, frame, then);
+        v.seen = on_screen(v.m, px, py, frame) & !t.lost;
         motion_t nearest = v.m;
         nearest.u = v.m.u + (K(0.5) - K(then.jitter_x));
         nearest.v = v.m.v + (K(0.5) - K(then.jitter_y));
@@ -270,7 +271,7 @@ STAGE void gather_samples(way_t* way, plane_in ring, frame_records past, int fro
         v.places = places_now(SPLAT(0.5) - v.f.fx, SPLAT(0.5) - v.f.fy, stretch);
         v.reach = reach;
         v.recent = k < recent;
-        v.stands = ahead ? !t->own : t->own & !t->own;
+        v.stands = ahead ? !t.own : t.own & !t.own;
         if (GATHER_FIT == GATHER_FIT_MEAN)
             gather_sample(&way->sums, v, 0, 0, now, s, l, way->far, then, frame, settings);
         else
@@ -280,7 +281,8 @@ STAGE void gather_samples(way_t* way, plane_in ring, frame_records past, int fro
             motion_t place = nearest;
             place.u += s.x;
             place.v += s.y;
-            follow(t, followed, v.m, v.planes, footprint_of(place, v.seen, at, frame), v.seen, plane, then, settings);
+            follow(&way->track, followed, v.m, v.planes, footprint_of(place, v.seen, at, frame), v.seen, plane, then,
+                settings);
         }
     }
 }

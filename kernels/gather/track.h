@@ -13,7 +13,7 @@
 #define RING_REACTIVE (RING_ALPHA + ALPHA)
 #define RING_PLANES (RING_REACTIVE + REACTIVE)
 
-// Of the frames of the ring: the latest first, and behind them those ahead, the next one first.
+// Of the frames of the ring: the latest first, and the next ones in turn with them.
 typedef __global const frame_t* restrict frame_records;
 
 // The texel at the whole part of a footprint.
