@@ -211,7 +211,7 @@ class FrameRing:
                 record = frame_record(frame, past, self.layout, plan)
                 record["jitter_x"], record["jitter_y"] = past.jitter_px
                 record["slot"] = past.index // frame.step % self._slots
-                record["ahead"] = max(0, past.index - frame.index) // frame.step
+                record["ahead"] = (past.index - frame.index) // frame.step
                 records[place] = record
         return len(told)
 

@@ -172,7 +172,7 @@ FRAME_FIELDS: dict[str, tuple[str, str]] = {
     "jitter_x": ("float", "the frame's sample, in pixels right of the pixel's centre"),
     "jitter_y": ("float", "the same, below it"),
     "slot": ("int", "where the frame is kept"),
-    "ahead": ("int", "frames by which it comes after the one in work; 0: it came before"),
+    "ahead": ("int", "frames by which it comes after the one in work; below 0: before"),
     "left_weight": ("float", "weight of the left column in the current filter"),
     "right_weight": ("float", "weight of the right column"),
     "above_weight": ("float", "weight of the row above"),

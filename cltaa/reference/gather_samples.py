@@ -268,7 +268,7 @@ def gather_samples(
     reach = reach_of(before + len(past) + 1, settings, zero)
     for k, then in enumerate(past):
         planes = ring[int(then["slot"])]
-        ahead = int(then["ahead"]) if build.steps.look_ahead else 0
+        ahead = build.steps.look_ahead and then["ahead"] > 0
         way = track.ahead_of(s, build) if ahead else track
         if own_motion and ahead:
             way.lead(followed, planes, build, layout, then, settings)

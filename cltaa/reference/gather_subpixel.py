@@ -39,7 +39,9 @@ def find_subpixel_feature(
     zero, half = np.zeros_like(s.centre), number(0.5, s.centre)
     open_here = ~layers.edge & no_motion_vector(s.u, s.v) if build.steps.own_motion else ~layers.edge
     wanted = int(settings["subpixel_frames"])
-    latest = past[: 2 * wanted if build.steps.look_ahead else wanted]
+    latest = past[:wanted]
+    if build.steps.look_ahead:
+        latest = [then for then in past if abs(int(then["ahead"])) <= wanted]
     feature = search_subpixel_feature(open_here, s, ring, latest, build, layout, settings)
     slope_x, slope_y = (np.where(feature.found, zero, slope) for slope in layers.slope)
     cut = np.where(feature.found, half * (feature.inverse_depth + s.nearest), layers.cut)

@@ -251,7 +251,7 @@ STAGE void gather_samples(way_t* way, plane_in ring, frame_records past, int fro
     const surface followed = GATHER_FIT == GATHER_FIT_LAYERS ? range_of_side(s, l, way->far) : s;
     for (int k = from; k < to; ++k) {
         const frame_t then = past[k];
-        const int ahead = LOOK_AHEAD ? then.ahead : 0;
+        const int ahead = LOOK_AHEAD ? then.ahead > 0 : 0;
         stretch_t stretch;
         view_t v;
         v.planes = ring + (size_t)then.slot * RING_PLANES * plane;

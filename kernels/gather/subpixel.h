@@ -22,11 +22,13 @@ STAGE subpixel_feature search_subpixel_feature(mask open, surface s, plane_in ri
     const size_t plane = plane_size(frame);
     const uint at = texel_offset(frame, x, y);
     const int stride = row_stride(frame), wanted = (int)settings.subpixel_frames,
-              each = LOOK_AHEAD ? 2 * wanted : wanted, count = each < frames ? each : frames;
+              count = LOOK_AHEAD || frames < wanted ? frames : wanted;
     const real px = LANE_INDEX + K(x), py = SPLAT(y);
     subpixel_feature feature = { open & !open, SPLAT(SUBPIXEL_REACH), s.inverse_depth };
     for (int k = 0; k < count; ++k) {
         const frame_t then = past[k];
+        if (LOOK_AHEAD && (then.ahead > wanted || then.ahead < -wanted))
+            continue;
         const motion_t m = motion_from_depth(s, px, py, then);
         const mask seen = open & on_screen(m, px, py, frame);
         motion_t nearest = m;
