@@ -62,7 +62,7 @@ def test_what_is_allocated_is_what_the_formula_says(storage: Storage, channels: 
     launcher = Counting()
     resolver = Resolver(device=launcher, storage=storage)
     for index in range(2):
-        frame = make_frame(index, width=50, height=31, effects=None, **channels)  # type: ignore[arg-type]
+        frame = make_frame(index, width=50, height=31, **channels)  # type: ignore[arg-type]
         resolver.resolve(frame, half=half)
     assert resolver.plan is not None
     assert launcher.allocated == device_bytes(50, 31, DevicePlanes(resolver.plan.steps, storage, half=half))
@@ -90,7 +90,7 @@ def test_what_is_reserved_is_what_a_frame_takes(alpha: bool) -> None:
 def test_the_ring_of_kept_frames_is_in_the_formula() -> None:
     launcher = Counting()
     resolver = Resolver(override(load_preset(), {"history": "frames", "history_frames": 3}), launcher)
-    resolver.resolve(make_frame(0, width=50, height=31, effects=None))
+    resolver.resolve(make_frame(0, width=50, height=31))
     assert resolver.plan is not None
     told = device_bytes(50, 31, DevicePlanes(resolver.plan.steps, history_frames=3))
     # Beside the planes the device holds three records of 140 bytes.
