@@ -21,7 +21,6 @@ from cltaa.commands.options import (
 )
 from cltaa.commands.printing import print_line, print_table, three_digits
 from cltaa.errors import LONGEST_VALUE, UsageError
-from cltaa.inputs.foreign import is_png
 from cltaa.io.atomic import make_folder
 from cltaa.io.names import name_of, number_of, selection_of
 from cltaa.io.numbered import even_step, named_frames, ranges
@@ -299,7 +298,7 @@ def _warn(name: str, comparison: Comparison, lacking: list[int], in_time: bool, 
     if heatmap is not None:
         make_folder(heatmap)
         for images in (comparison.test, comparison.reference):
-            if is_png(images.path(images.first)) and images.folder.samefile(heatmap):
+            if images.path(images.first).suffix == ".png" and images.folder.samefile(heatmap):
                 what = "--heatmap: maps have the names of the pictures there"
                 raise UsageError(what, path=heatmap, cure="name another folder")
         warnings += stale_maps(heatmap, comparison.test)

@@ -367,11 +367,12 @@ def measured_options(command: Command, effects: str = "auto") -> Command:
 
 def open_each(folders: Iterable[Path], reading: Reading) -> dict[Path, FrameSequence]:
     """Open sequences as they are asked to be read; says on standard error what was decided about another tool's."""
-    from cltaa.inputs.open import readings
+    from cltaa.inputs.open import is_own, readings
 
     opened = {folder: how.open(folder) for folder, how in readings(folders, reading).items()}
+    asked = (reading.profile, reading.assignments, reading.side_file) != ("auto", (), None)
     for folder, sequence in opened.items():
-        if sequence.notes:
+        if sequence.notes and (asked or not is_own(folder)):  # of own frames other effects decide nothing that is told
             click.echo(printable(f"{folder}: {'; '.join(sequence.notes)}"), err=True)
     return opened
 

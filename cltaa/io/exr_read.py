@@ -70,10 +70,9 @@ def read_frame_and_header(
     path: Path, *, sha256: str | None = None, picture: Window | None = None
 ) -> tuple[Frame, ImageHeader]:
     """The same, and the header of its file, which was parsed for it; ``picture`` is another window than the data's."""
-    with _loaded(path, sha256, picture) as (layout, content):
+    with _loaded(path, sha256) as (layout, content):
         names = frame_channels(layout)
-        pixels, attributes = decode_all(layout, content)
-        layout, pixels = _in_picture(layout, pixels, picture)
+        layout, pixels, attributes = _shown(layout, content, picture)
         size = (layout.height, layout.width)
         # Each group in a block of its own: what is freed fits what is needed next.
         groups = {group: empty_haloed(len(group), *size) for group in GROUPS if group[0] in names}
@@ -109,9 +108,8 @@ def read_image(
     path: Path, *, sha256: str | None = None, picture: Window | None = None
 ) -> tuple[dict[str, Pixels], dict[str, object]]:
     """Read every channel ``[H, W]`` in its own type, and the attributes that describe the picture; errors as above."""
-    with _loaded(path, sha256, picture) as (layout, content):
-        pixels, attributes = decode_all(layout, content)
-        _, pixels = _in_picture(layout, pixels, picture)
+    with _loaded(path, sha256) as (layout, content):
+        _, pixels, attributes = _shown(layout, content, picture)
     return pixels, {name: value for name, value in attributes.items() if name not in STRUCTURAL}
 
 
@@ -130,10 +128,9 @@ def read_colour(path: Path, *, sha256: str | None = None, picture: Window | None
 
     Errors and other options as ``read_frame``.
     """
-    with _loaded(path, sha256, picture) as (layout, content):
+    with _loaded(path, sha256) as (layout, content):
         check_float_channels(layout, COLOUR)
-        pixels, _ = decode_all(layout, content)
-        layout, pixels = _in_picture(layout, pixels, picture)
+        layout, pixels, _ = _shown(layout, content, picture)
     names = (*COLOUR, "A") if alpha and layout.channels.get("A", "uint") != "uint" else COLOUR
     return np.moveaxis(np.stack([pixels[name] for name in names]).astype(np.float32, copy=False), 0, -1)
 
@@ -155,25 +152,29 @@ def loaded_parts(path: Path, sha256: str | None, *, one: bool = False) -> Iterat
         yield outline, content
 
 
-def _in_picture(layout: Layout, pixels: dict[str, Pixels], picture: Window | None) -> tuple[Layout, dict[str, Pixels]]:
-    """Layout and channels of a picture that may have another window than the file's data."""
-    if picture is None or picture == layout.data_window:
-        return layout, pixels
-    window = layout.data_window
+def _shown(
+    layout: Layout, content: FileCopy, picture: Window | None
+) -> tuple[Layout, dict[str, Pixels], dict[str, object]]:
+    """Layout, channels and attributes of a picture, which may have another window than the file's data."""
+    window, path = layout.data_window, layout.path
+    if picture is None:
+        layout.refuse_outside()
+    if picture is None or picture == window:
+        return layout, *decode_all(layout, content)
+    shown = replace(layout, data_window=picture)
+    check_memory(path, layout.decoded_bytes + content.size + shown.decoded_bytes)
+    pixels, attributes = decode_all(layout, content)
     made = {name: placed(plane, window, picture, OUTSIDE.get(name, 0.0)) for name, plane in pixels.items()}
-    return replace(layout, data_window=picture), made
+    return shown, made, attributes
 
 
 @contextmanager
-def _loaded(path: Path, sha256: str | None, picture: Window | None = None) -> Iterator[tuple[Layout, FileCopy]]:
-    """The same of a file of one part, whose pixels fit into memory, as those of another window do."""
+def _loaded(path: Path, sha256: str | None) -> Iterator[tuple[Layout, FileCopy]]:
+    """The same of a file of one part, whose pixels fit into memory."""
     with loaded_parts(path, sha256, one=True) as (outline, content):
         layout = outline.layout
-        if picture is None:
-            layout.refuse_outside()
         # Beside the pixels stands the packed file first, and then the one channel that is being moved into the frame.
-        shown = 0 if picture is None else replace(layout, data_window=picture).decoded_bytes
-        check_memory(path, layout.decoded_bytes + max(content.size, 4 * layout.width * layout.height, shown))
+        check_memory(path, layout.decoded_bytes + max(content.size, 4 * layout.width * layout.height))
         yield layout, content
 
 
