@@ -173,7 +173,7 @@ def _by_likeness(shot: Shot, likeness: Likeness) -> list[Finding] | None:
     sure = likeness.sureness(declared, declared @ maps[best].T)
     # Half or twice the size only where it is far better than any that keeps it, as of shifts (``_plainest``).
     whole = min(left for name, left in scatter.items() if not name.startswith(HALVES))
-    if best.startswith(HALVES) and scatter[best] > CLEARLY_SCALED * whole:
+    if best.startswith("scaled") and scatter[best] > CLEARLY_SCALED * whole:
         sure = min(sure, DOUBTFUL)
     return [_finding(_key(best), what, evidence, sure, fix)]
 

@@ -115,6 +115,7 @@ def _normal_equations(pair: Observed, unknown: Vector) -> tuple[Vector, Vector]:
 
 
 CLEARLY_BETTER, BETTER = 0.8, 0.93  # residual of the winner over that of the declaration
+FAR_BETTER = 0.7  # likewise; of a model without a pattern, whose outline alone moves, no fit is asked then
 CLEARLY_NEARER = 0.45  # squared distance from the model, likewise
 LARGEST_RESIDUAL = 0.445  # of the winner: 0.42 is the most seen of vectors that are right, 0.467 the least of chance
 ALIKE = 1.1  # residuals over the least; among such the plainest is taken, as of half the vectors and all of them
@@ -143,7 +144,8 @@ def check_motion(
     declared, winner = (_score(judges, maps[name]) for name in ("", best))
     wins = winner.mean() < LARGEST_RESIDUAL and (winner < declared).mean() > 0.7
     ratio = float(winner.mean() / declared.mean()) if wins else 1.0
-    coarse = [_named(best, maps[best], declared, winner)] if best and ratio < 1.0 and _stays(scenes, maps[best]) else []
+    near = ratio < FAR_BETTER or (ratio < 1.0 and _stays(scenes, maps[best]))
+    coarse = [_named(best, maps[best], declared, winner)] if best and near else []
     if coarse and ratio < CLEARLY_BETTER:
         return coarse
     finer = (_finer(scenes, judges, linear_maps(width, height)) if anchored else []) or _resting_leak(shot)

@@ -242,9 +242,11 @@ def test_each_kind_of_depth_is_a_hypothesis_like_the_others(
     kind: str, stored: str, scene: Scene, tmp_path: Path
 ) -> None:
     """And no cure names what is set."""
-    made = {"planar": lambda f: f.depth, "ray": lambda f: ray_distance(f, f.depth), "inverse": lambda f: 1 / f.depth}
-    with np.errstate(divide="ignore"):
-        frames = [replace(f, depth=np.asarray(made[stored](f), np.float32)) for f in scene("corridor")]
+    frames = []
+    for frame in scene("corridor"):
+        with np.errstate(divide="ignore"):
+            made = {"planar": frame.depth, "ray": ray_distance(frame, frame.depth), "inverse": 1 / frame.depth}
+        frames.append(replace(frame, depth=made[stored].astype(np.float32)))
     write_own(tmp_path, frames)
     report, mending = check_folder(tmp_path, assignments=[f"depth.kind={kind}"])
     found = [finding for finding in report.findings if finding.name.startswith("depth-") and finding.mistake]
@@ -332,6 +334,14 @@ def can_show(mistake: str, frames: Frames) -> bool:
     return right < MATCHED and residual(spoilt, frames) > WIDE * right
 
 
+def names_it(finding: Finding, mistake: str) -> bool:
+    """True for its name, for one of two that the finding names, and for a sign that nothing shows on the other axis."""
+    if mistake == "depth-device-reversed" and finding.name == "depth-inverse":  # 1/Z, or a reversed device depth
+        return True
+    alike = mistake.startswith("motion-") and finding.name == "motion-negated" and "negated" in mistake
+    return finding.name == mistake or alike or mistake.removeprefix("camera-") in finding.evidence
+
+
 def variants(name: str, frames: Frames) -> Iterator[tuple[str, Frames, dict[str, Any]]]:
     """A capture as it is, and for a part of them as other tools would write it."""
     kind, filled = zlib.crc32(name.encode()), full_motion(frames)
@@ -361,7 +371,7 @@ def test_the_table(tmp_path: Path) -> None:
             if can_show(mistake, frames):
                 found = check_frames(MISTAKES[mistake].plant(frames))
                 shown[mistake] += 1
-                named[mistake] += any(f.mistake and (f.name == mistake or mistake[7:] in f.evidence) for f in found)
+                named[mistake] += any(f.mistake and names_it(f, mistake) for f in found)
     for variant in checked:
         print(f"{variant}: {checked[variant]} checked, {asked[variant]} asked")
     for mistake in shown:
