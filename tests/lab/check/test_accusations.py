@@ -91,20 +91,22 @@ def model(seed: int, folder: Path) -> Path:
     parts: list[trimesh.Trimesh] = []
     kind = KINDS[seed % len(KINDS)]
     heap = 1 if rng.random() < 0.6 else int(rng.integers(2, 14))
-    colours = ("none", "face", "corner")[int(rng.integers(0, 3))]
+    painted = ("none", "face", "corner")[int(rng.integers(0, 3))]
     for _ in range(heap):
         mesh = kind(rng)
         mesh.apply_transform(trimesh.transformations.random_rotation_matrix(rng.random(3)))
         if heap > 1:
             mesh.apply_translation(rng.uniform(-1.5, 1.5, 3))
-        if colours == "face":
+        if painted == "face":
             mesh.unmerge_vertices()
-            mesh.visual = trimesh.visual.ColorVisuals(mesh, face_colors=_any_colours(rng, len(mesh.faces)))
-        if colours == "corner":
+            colours = _any_colours(rng, len(mesh.faces))
+            mesh.visual = trimesh.visual.ColorVisuals(mesh, face_colors=colours)  # type: ignore[no-untyped-call]
+        if painted == "corner":
             mesh = mesh.subdivide() if len(mesh.faces) < 500 else mesh
-            mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=_any_colours(rng, len(mesh.vertices)))
+            colours = _any_colours(rng, len(mesh.vertices))
+            mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=colours)  # type: ignore[no-untyped-call]
         parts.append(mesh)
-    path = folder / f"model-{seed}.{'obj' if colours == 'none' else 'glb'}"
+    path = folder / f"model-{seed}.{'obj' if painted == 'none' else 'glb'}"
     if not path.exists():
         trimesh.util.concatenate(parts).export(path)  # type: ignore[no-untyped-call]
     return path
