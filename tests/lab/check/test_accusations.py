@@ -100,15 +100,15 @@ def model(seed: int, folder: Path) -> Path:
         if painted == "face":
             mesh.unmerge_vertices()
             colours = _any_colours(rng, len(mesh.faces))
-            mesh.visual = trimesh.visual.ColorVisuals(mesh, face_colors=colours)  # type: ignore[no-untyped-call]
+            mesh.visual = trimesh.visual.ColorVisuals(mesh, face_colors=colours)
         if painted == "corner":
             mesh = mesh.subdivide() if len(mesh.faces) < 500 else mesh
             colours = _any_colours(rng, len(mesh.vertices))
-            mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=colours)  # type: ignore[no-untyped-call]
+            mesh.visual = trimesh.visual.ColorVisuals(mesh, vertex_colors=colours)
         parts.append(mesh)
     path = folder / f"model-{seed}.{'obj' if painted == 'none' else 'glb'}"
     if not path.exists():
-        trimesh.util.concatenate(parts).export(path)  # type: ignore[no-untyped-call]
+        trimesh.util.concatenate(parts).export(path)
     return path
 
 
@@ -246,9 +246,8 @@ def test_each_kind_of_depth_is_a_hypothesis_like_the_others(
     """And no cure names what is set."""
     frames = []
     for frame in scene("corridor"):
-        with np.errstate(divide="ignore"):
-            made = {"planar": frame.depth, "ray": ray_distance(frame, frame.depth), "inverse": 1 / frame.depth}
-        frames.append(replace(frame, depth=made[stored].astype(np.float32)))
+        made = {"planar": frame.depth, "ray": ray_distance(frame, frame.depth), "inverse": np.reciprocal(frame.depth)}
+        frames.append(replace(frame, depth=np.asarray(made[stored], np.float32)))
     write_own(tmp_path, frames)
     report, mending = check_folder(tmp_path, assignments=[f"depth.kind={kind}"])
     found = [finding for finding in report.findings if finding.name.startswith("depth-") and finding.mistake]
