@@ -108,7 +108,7 @@ def model(seed: int, folder: Path) -> Path:
         parts.append(mesh)
     path = folder / f"model-{seed}.{'obj' if painted == 'none' else 'glb'}"
     if not path.exists():
-        trimesh.util.concatenate(parts).export(path)
+        trimesh.util.concatenate(parts).export(path)  # type: ignore[no-untyped-call]
     return path
 
 
