@@ -194,7 +194,7 @@ def test_a_plane_that_the_camera_moves_along_has_one_vector(small: Scene) -> Non
     frames = full_motion(small("charts_drift"))
     assert mistakes(frames) == []
     assert mistakes(MISTAKES["motion-negated"].plant(frames)) == ["motion-negated"]
-    assert "motion-constant" in mistakes([replace(frame, motion=np.zeros_like(frame.motion)) for frame in frames])
+    assert "motion-zero-is-camera" in mistakes([replace(frame, motion=np.zeros_like(frame.motion)) for frame in frames])
     assert any("the unit of depth" in line for line in told(frames))  # no perspective
 
 
