@@ -135,6 +135,7 @@ LARGEST_MEAN_PX = 0.15  # a centred jitter of at least 8 samples stays below, ev
 CLEARLY_SCALED = 0.6  # what is left under half or twice, over what is left without: aliasing makes shifts too small
 DELAYS = (-2, -1, 1, 2)
 HALVES = ("scaled", "units-ndc")
+SURE_OF_HALF = 0.95  # where half or twice the jitter is not far better than all of it
 SMOOTH_ALIKE = 1.1  # scatter over the least
 MOST_SCATTER = 0.4  # of the likeness; where more is left over, distance is not what makes samples differ
 CLEARLY_SMOOTHER = 0.87  # scatter under another map of the same size, over that as declared
@@ -173,7 +174,7 @@ def _by_likeness(shot: Shot, likeness: Likeness) -> list[Finding] | None:
     sure = likeness.sureness(declared, declared @ maps[best].T)
     # Half or twice the size only where it is far better than any that keeps it, as of shifts (``_plainest``).
     whole = min(left for name, left in scatter.items() if not name.startswith(HALVES))
-    if best.startswith(HALVES) and scatter[best] > CLEARLY_SCALED * whole:
+    if best.startswith("scaled") and scatter[best] > CLEARLY_SCALED * whole and sure < SURE_OF_HALF:
         sure = min(sure, DOUBTFUL)
     return [_finding(_key(best), what, evidence, sure, fix)]
 

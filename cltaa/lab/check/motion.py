@@ -115,8 +115,10 @@ def _normal_equations(pair: Observed, unknown: Vector) -> tuple[Vector, Vector]:
 
 
 CLEARLY_BETTER, BETTER = 0.8, 0.93  # residual of the winner over that of the declaration
+FAR_BETTER = 0.7  # likewise; of a model without a pattern, whose outline alone moves, no fit is asked then
 CLEARLY_NEARER = 0.45  # squared distance from the model, likewise
 LARGEST_RESIDUAL = 0.445  # of the winner: 0.42 is the most seen of vectors that are right, 0.467 the least of chance
+AS_DECLARED = 1.03  # residual as declared over the least; slow vectors gain little by a map of any kind
 ALIKE = 1.1  # residuals over the least; among such the plainest is taken, as of half the vectors and all of them
 LEAST_EFFECT_PX = 0.08  # a mistake that moves the vectors by less is not worth a word
 MOST_POINTS = 8000  # looked at for each of two dozen maps; more only cost time
@@ -143,7 +145,8 @@ def check_motion(
     declared, winner = (_score(judges, maps[name]) for name in ("", best))
     wins = winner.mean() < LARGEST_RESIDUAL and (winner < declared).mean() > 0.7
     ratio = float(winner.mean() / declared.mean()) if wins else 1.0
-    coarse = [_named(best, maps[best], declared, winner)] if best and ratio < 1.0 and _stays(scenes, maps[best]) else []
+    near = ratio < FAR_BETTER or (ratio < 1.0 and _stays(scenes, maps[best]))
+    coarse = [_named(best, maps[best], declared, winner)] if best and near else []
     if coarse and ratio < CLEARLY_BETTER:
         return coarse
     finer = (_finer(scenes, judges, linear_maps(width, height)) if anchored else []) or _resting_leak(shot)
@@ -156,9 +159,10 @@ def check_motion(
 
 def _plainest(residuals: Mapping[str, float]) -> str:
     """Of the maps whose residual is about the least, the one of the fewest words."""
-    most = ALIKE * min(residuals.values())
+    least = min(residuals.values())
     return min(
-        (name for name in residuals if residuals[name] <= most), key=lambda name: (len(name.split()), residuals[name])
+        (name for name in residuals if residuals[name] <= (ALIKE if name else AS_DECLARED) * least),
+        key=lambda name: (len(name.split()), residuals[name]),
     )
 
 

@@ -329,7 +329,11 @@ def _shift(pair: Pair, there: Mask, anchored: bool) -> Fit | None:
     back = there & pair.held_back
     halves = [fit_shift(now[part], pair.before, x[part], y[part], pair.scale) for part in (there & ~back, back)]
 
+    # No shift that is compared leads out of the picture, where a residual counts in full.
+    inside = (x >= FARTHEST_PX) & (x < pair.frame.width - 1 - FARTHEST_PX)
+    judging = back & inside & (y >= FARTHEST_PX) & (y < pair.frame.height - 1 - FARTHEST_PX)
+
     def judge(right: float, down: float) -> float:
-        return residual_of(now[back], pair.before, x[back] + right, y[back] + down, pair.scale)
+        return residual_of(now[judging], pair.before, x[judging] + right, y[judging] + down, pair.scale)
 
     return fit._replace(halves=np.array([half.shift for half in halves]), judge=judge)
