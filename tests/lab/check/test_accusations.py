@@ -242,7 +242,11 @@ def test_each_kind_of_depth_is_a_hypothesis_like_the_others(
     kind: str, stored: str, scene: Scene, tmp_path: Path
 ) -> None:
     """And no cure names what is set."""
-    made = {"planar": lambda f: f.depth, "ray": lambda f: ray_distance(f, f.depth), "inverse": lambda f: 1 / f.depth}
+    made: dict[str, Callable[[Frame], Any]] = {
+        "planar": lambda f: f.depth,
+        "ray": lambda f: ray_distance(f, f.depth),
+        "inverse": lambda f: 1 / f.depth,
+    }
     with np.errstate(divide="ignore"):
         frames = [replace(f, depth=np.asarray(made[stored](f), np.float32)) for f in scene("corridor")]
     write_own(tmp_path, frames)
